@@ -1,0 +1,27 @@
+"""What can go wrong, each with the exit code that the command line gives it."""
+
+from __future__ import annotations
+
+
+class SoftnessError(Exception):
+    """Base of every error that the toolkit raises on purpose."""
+
+    exit_code = 1
+
+
+class InputError(SoftnessError, ValueError):
+    """A file, option or argument is not what was expected; the message says which, where and what was."""
+
+    exit_code = 2
+
+
+class NumericalError(SoftnessError, ArithmeticError):
+    """A computation gave a value that cannot be trusted; the message names the parameters."""
+
+    exit_code = 4
+
+
+class LockedError(SoftnessError):
+    """Another run holds the output directory."""
+
+    exit_code = 5
