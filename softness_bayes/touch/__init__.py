@@ -1,0 +1,1 @@
+"""The forward model: from fabric to firing, pure NumPy and SciPy."""

@@ -1,0 +1,272 @@
+"""Fabric, skin and their contact: moduli, contact radius, force (model.md 1-3)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from softness_bayes.errors import InputError, NumericalError
+
+Array = NDArray[np.float64]
+
+PLATE_LENGTH = 1e-3
+"""Length l [m] that turns a rigidity into a modulus, E_fab = D / l³ (the paper's number implies 1 mm)."""
+
+
+@dataclass(frozen=True)
+class Finger:
+    """The fingertip: its shape, its Poisson ratio, where its receptors lie and where it is touched.
+
+    Parameters
+    ----------
+    radius
+        Fingertip radius R [m]; the fabric is flat, so it is also the contact's relative radius.
+    poisson_ratio
+        Poisson ratio of the skin [-].
+    receptor_depth
+        Depth z of the SAI receptors [m]; the literature has 0.5-0.9 mm.
+    pad_length, pad_width
+        Extent of the pad along the finger (distal to proximal) and across it [m].
+    contact_centre
+        Where the contact's axis meets the pad, (x, y) [m].
+    """
+
+    radius: float = 8e-3
+    poisson_ratio: float = 0.48
+    receptor_depth: float = 0.7e-3
+    pad_length: float = 30e-3
+    pad_width: float = 20e-3
+    contact_centre: tuple[float, float] = (12e-3, 10e-3)
+
+    def __post_init__(self) -> None:
+        for name in ("radius", "pad_length", "pad_width"):
+            if not (np.isfinite(getattr(self, name)) and getattr(self, name) > 0):
+                raise InputError(f"finger: {name} is {getattr(self, name)}, expected a positive length in m")
+        if not (np.isfinite(self.receptor_depth) and self.receptor_depth >= 0):
+            raise InputError(f"finger: receptor_depth is {self.receptor_depth}, expected 0 or a length in m")
+        if not -1 < self.poisson_ratio <= 0.5:
+            raise InputError(f"finger: poisson_ratio is {self.poisson_ratio}, expected a value in (-1, 0.5]")
+        x, y = self.contact_centre
+        if not (0 <= x <= self.pad_length and 0 <= y <= self.pad_width):
+            raise InputError(
+                f"finger: contact_centre is ({x}, {y}) m, expected a point of the pad, "
+                f"0-{self.pad_length} m by 0-{self.pad_width} m"
+            )
+
+
+@dataclass(frozen=True)
+class SkinDisplacement:
+    """A reading of the skin's compression u at the contact centre (model.md 2).
+
+    u = (a^power / R) / (1 + k E_skin), with k = (1 - nu_fab²) / ((1 - nu_skin²) E_fab).
+    """
+
+    name: str
+    power: int
+    exponent_unit: str
+
+
+STRAIN = SkinDisplacement("printed", power=1, exponent_unit="–")
+DISPLACEMENT = SkinDisplacement("displacement", power=2, exponent_unit="1/m")
+
+
+@dataclass(frozen=True)
+class FabricModulus:
+    """A reading of the fabric's bending rigidity D [N m] (model.md 1)."""
+
+    name: str
+    power: int
+
+    def rigidity(self, tensile_modulus: Array, thickness: Array, poisson_ratio: Array) -> Array:
+        """Return D = E_ten h³ / (12 (1 - nu^power)) [N m] from E_ten [Pa], h [m] and nu [-]."""
+        return tensile_modulus * thickness**3 / (12.0 * (1.0 - poisson_ratio**self.power))
+
+
+PRINTED_RIGIDITY = FabricModulus("printed", power=1)
+PLATE_RIGIDITY = FabricModulus("plate", power=2)
+
+
+@dataclass(frozen=True, order=True)
+class Indentation:
+    """A touch at a held indentation (approach) `depth` [m]."""
+
+    depth: float
+
+    def __post_init__(self) -> None:
+        if not (np.isfinite(self.depth) and self.depth > 0):
+            raise InputError(f"indentation is {self.depth} m, expected a positive length")
+
+    def __str__(self) -> str:
+        return f"{self.depth * 1e3:.12g} mm"
+
+    def compression(self, finger: Finger, displacement: SkinDisplacement) -> tuple[float, float]:
+        """Return (ln C, p) of `skin_modulus`: the contact radius is given, so p = 0."""
+        return displacement.power * 0.5 * np.log(finger.radius * self.depth) - np.log(finger.radius), 0.0
+
+    def close(self, reduced_modulus: Array, finger: Finger) -> Closure:
+        """Return contact radius, indentation and Hertz's force for E_star [Pa]."""
+        radius = np.full_like(reduced_modulus, np.sqrt(finger.radius * self.depth))
+        depth = np.full_like(reduced_modulus, self.depth)
+        return Closure(radius, depth, hertz_force(reduced_modulus, radius, finger))
+
+
+@dataclass(frozen=True, order=True)
+class Force:
+    """A touch at a held contact force `newton` [N]."""
+
+    newton: float
+
+    def __post_init__(self) -> None:
+        if not (np.isfinite(self.newton) and self.newton > 0):
+            raise InputError(f"force is {self.newton} N, expected a positive force")
+
+    def __str__(self) -> str:
+        return f"{self.newton:.12g} N"
+
+    def compression(self, finger: Finger, displacement: SkinDisplacement) -> tuple[float, float]:
+        """Return (ln C, p) of `skin_modulus`: a³ = 3 R F / (4 E_star) makes p = power / 3."""
+        softness = 1.0 - finger.poisson_ratio**2
+        p = displacement.power / 3.0
+        return p * np.log(0.75 * finger.radius * self.newton * softness) - np.log(finger.radius), p
+
+    def close(self, reduced_modulus: Array, finger: Finger) -> Closure:
+        """Return contact radius, indentation and force for E_star [Pa]."""
+        radius = np.cbrt(0.75 * finger.radius * self.newton / reduced_modulus)
+        return Closure(radius, radius**2 / finger.radius, np.full_like(reduced_modulus, self.newton))
+
+
+Load = Indentation | Force
+
+
+class Closure(NamedTuple):
+    """What a load leaves to the reduced modulus: radius [m], indentation [m], force [N]."""
+
+    radius: Array
+    indentation: Array
+    force: Array
+
+
+class Contact(NamedTuple):
+    """The state of the contact, every field of one broadcast shape."""
+
+    skin_modulus: Array
+    """E_skin [Pa]."""
+    reduced_modulus: Array
+    """E_star [Pa]."""
+    radius: Array
+    """Contact radius a [m]."""
+    indentation: Array
+    """Approach delta [m]."""
+    force: Array
+    """Hertz's force F [N]."""
+
+
+def hertz_force(reduced_modulus: Array, radius: Array, finger: Finger) -> Array:
+    """Return F = 4 E_star a³ / (3 R) [N] (model.md 3)."""
+    return 4.0 * reduced_modulus * radius**3 / (3.0 * finger.radius)
+
+
+def log_compliance_ratio(fabric_modulus: ArrayLike, fabric_poisson: ArrayLike, finger: Finger) -> Array:
+    """Return ln k, k = (1 - nu_fab²) / ((1 - nu_skin²) E_fab) [1/Pa] (model.md 2)."""
+    modulus, poisson = np.asarray(fabric_modulus, float), np.asarray(fabric_poisson, float)
+    return np.log1p(-(poisson**2)) - np.log1p(-(finger.poisson_ratio**2)) - np.log(modulus)
+
+
+def skin_modulus(log_scale: ArrayLike, p: ArrayLike, log_k: ArrayLike, b: ArrayLike, m: ArrayLike) -> Array:
+    """Solve E = b exp(m u), u = C E^-p (1 + k E)^(p-1), for the skin's modulus E [Pa].
+
+    With v = m u and w = ln v the equation reads
+    w + p e^w + (1-p) softplus(ln(k b) + e^w) = ln(m C) - p ln b. The left side rises and is convex
+    in w, so Newton's method started above the root descends to it from every positive input,
+    without a bracket. The start is the smaller of two upper bounds, one sharp for a soft and one
+    for a stiff fabric; four steps are usual.
+
+    Parameters
+    ----------
+    log_scale, p
+        ln C and p of a load's `compression`.
+    log_k
+        `log_compliance_ratio` [ln 1/Pa].
+    b, m
+        Modulus at rest [Pa] and stiffening exponent, m >= 0. All arguments broadcast.
+
+    Raises
+    ------
+    InputError
+        If b is not positive or m is negative: the paper's skin stiffens (model.md 2).
+    """
+    b, m, p = np.asarray(b, float), np.asarray(m, float), np.asarray(p, float)
+    if not (b > 0).all() or not (m >= 0).all():
+        raise InputError("skin: expected b > 0 and m >= 0")
+    log_b = np.log(b)
+    # m = 0 leaves v = 0; the smallest positive number says the same in logarithms
+    target = np.asarray(log_scale, float) + np.log(np.maximum(m, 1e-300)) - p * log_b
+    offset = np.asarray(log_k, float) + log_b
+    q = 1.0 - p
+    stiff = np.maximum(target - q * offset, 1.0)
+    w = np.minimum(
+        target - q * np.logaddexp(0.0, offset),
+        np.where(stiff > 1.0, np.log(stiff - np.log(stiff - np.log(stiff))), target - q * offset),
+    )
+    for _ in range(100):
+        v = np.exp(w)
+        ratio = offset + v
+        # logistic(x) = exp(x - softplus(x)) never overflows
+        softplus = np.logaddexp(0.0, ratio)
+        excess = w + p * v + q * softplus - target
+        step = excess / (1.0 + v * (p + q * np.exp(ratio - softplus)))
+        w = w - step
+        if (np.abs(step) * np.maximum(v, 1.0) <= 1e-9).all():  # the next error is of the square of this
+            break
+    else:
+        raise NumericalError("skin: the modulus did not converge")  # pragma: no cover - convexity forbids it
+    return b * np.exp(np.minimum(np.exp(w), 600.0))
+
+
+def reduced_modulus(
+    skin: Array, fabric_modulus: ArrayLike, fabric_poisson: ArrayLike, finger: Finger
+) -> Array:
+    """Return E_star [Pa], 1/E_star = (1-nu_skin²)/E_skin + (1-nu_fab²)/E_fab (model.md 3)."""
+    fabric, poisson = np.asarray(fabric_modulus, float), np.asarray(fabric_poisson, float)
+    return 1.0 / ((1.0 - finger.poisson_ratio**2) / skin + (1.0 - poisson**2) / fabric)
+
+
+def solve_contact(
+    fabric_modulus: ArrayLike,
+    fabric_poisson: ArrayLike,
+    load: Load,
+    b: ArrayLike,
+    m: ArrayLike,
+    finger: Finger = Finger(),  # noqa: B008 - frozen
+    displacement: SkinDisplacement = STRAIN,
+) -> Contact:
+    """Bring a finger and a fabric into contact under one load (model.md 2-3).
+
+    Parameters
+    ----------
+    fabric_modulus, fabric_poisson
+        E_fab [Pa] and nu_fab [-].
+    load
+        `Indentation` or `Force`.
+    b, m
+        Skin modulus at rest [Pa] and its exponent ([-] or [1/m], as `displacement` has it).
+
+    Returns
+    -------
+    Contact
+        Fields of the broadcast shape of the four arrays.
+
+    Raises
+    ------
+    InputError
+        If a modulus or b is not positive, or m is negative.
+    """
+    if not (np.asarray(fabric_modulus) > 0).all():
+        raise InputError("fabric: expected a positive modulus")
+    log_scale, p = load.compression(finger, displacement)
+    skin = skin_modulus(log_scale, p, log_compliance_ratio(fabric_modulus, fabric_poisson, finger), b, m)
+    reduced = reduced_modulus(skin, fabric_modulus, fabric_poisson, finger)
+    return Contact(skin, reduced, *load.close(reduced, finger))

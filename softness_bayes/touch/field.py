@@ -1,0 +1,228 @@
+"""The stress field of one load as a smooth one-parameter family, tabulated once (model.md 5).
+
+For a given load the stress at receptor depth depends on fabric and skin only through E_star: the
+contact radius and the pressure's shape are functions of it. What the population needs is the
+inverse: how far from the axis a stress sigma is still reached. If the stress falls like rho^-n far
+away, then with y = (sigma / sigma_peak)^(2/n)
+
+    rho² = Q(y; E_star) (1 - y) / y
+
+and Q has no singularity left at either end of y: a short Chebyshev series in y and in
+ln(E_star + shift) represents it. The series is cut where its own coefficients fall under the tolerance.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.polynomial import chebyshev
+from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
+
+from softness_bayes.errors import NumericalError
+from softness_bayes.touch.contact import Finger, Load
+from softness_bayes.touch.readings import Readings
+from softness_bayes.touch.receptors import kink_distances
+from softness_bayes.touch.stress import unit_stress
+
+Array = NDArray[np.float64]
+
+SHAPE_NODES = 65
+"""Chebyshev nodes in y at which the field is inverted before its series is cut."""
+
+
+class Profile(NamedTuple):
+    """The field at a batch of reduced moduli, ready to be evaluated at any stress."""
+
+    peak: Array
+    """Stress on the axis [Pa], shape (...)."""
+    shape: Array
+    """Coefficients of Q [m²] in T_k of y scaled to its range, shape (..., order)."""
+    y_least: Array
+    """Lower end of that range, of a shape that broadcasts with the peak's."""
+
+    def take(self, rows: tuple[NDArray[np.intp], ...]) -> Profile:
+        """Return the profile of some elements of the batch."""
+        return Profile(
+            self.peak[rows], self.shape[rows], np.broadcast_to(self.y_least, self.peak.shape)[rows]
+        )
+
+    def squared_distance(self, y: Array) -> Array:
+        """Return rho² [m²] where the stress is y^(1/root) of its peak; `y` has one axis more than the batch."""
+        least = self.y_least[..., None]
+        return clenshaw(self.shape, (2.0 * y - (1.0 + least)) * (1.0 / (1.0 - least))) * (1.0 - y) / y
+
+    @classmethod
+    def join(cls, profiles: Sequence[Profile], columns: Sequence[NDArray[np.intp]]) -> Profile:
+        """Put the profiles of several loads, shape (batch, fabrics), side by side in the given columns."""
+        if len(profiles) == 1 and (np.diff(columns[0]) == 1).all():
+            return profiles[0]
+        batch, size = profiles[0].peak.shape[0], sum(len(c) for c in columns)
+        order = max(profile.shape.shape[-1] for profile in profiles)
+        peak, y_least = np.empty((batch, size)), np.empty(size)
+        shape = np.zeros((batch, size, order))
+        for profile, where in zip(profiles, columns, strict=True):
+            peak[:, where], y_least[where] = profile.peak, profile.y_least
+            shape[:, where, : profile.shape.shape[-1]] = profile.shape
+        return cls(peak, shape, y_least)
+
+
+class StressField:
+    """Stress against distance under one load, inverted, for any reduced modulus.
+
+    Parameters
+    ----------
+    load
+        The load that holds.
+    finger, readings
+        Geometry and the readings of pressure, kernel and component.
+    modulus_range
+        Reduced moduli [Pa] that the table covers. Others are answered exactly and slowly.
+    tolerance
+        Error allowed in rho² relative to the largest of the table, and in the peak.
+
+    Attributes
+    ----------
+    root : float
+        2/n, the power of sigma / sigma_peak that gives y.
+    reached : float
+        The size of the last coefficients, an estimate of the table's error on the tolerance's scale.
+    """
+
+    def __init__(
+        self,
+        load: Load,
+        finger: Finger,
+        readings: Readings,
+        modulus_range: tuple[float, float],
+        tolerance: float,
+    ) -> None:
+        self.load, self.finger, self.readings = load, finger, readings
+        component, kernel = readings.stress_component, readings.stress_kernel
+        self.root = 2.0 / (component.far_power or kernel.far_power)
+        low, high = modulus_range
+        self.shift = self._shift(high)
+        # where the family has a limit for soft fabrics the table starts there, at E_star = 0
+        self.log_range = np.log(self.shift) if self.shift > 0 else np.log(low), np.log(high + self.shift)
+        self.farthest = float(kink_distances(finger)[-1])
+        moduli = np.geomspace(1e-3 * low, 1e3 * high, 13)
+        self.y_least = 0.95 * float(self._relative_root(np.full(13, self.farthest), moduli).min())
+        self._fit(tolerance)
+
+    def _shift(self, high: float) -> float:
+        """Return the modulus at which the pressure's decay is 1, if the contact radius is held, else 0."""
+        radius = self.load.close(np.array([0.5, 1.0]) * high, self.finger).radius
+        if radius[0] != radius[1]:
+            return 0.0
+        decay = float(self.readings.pressure.decay(np.array(high), radius[1], self.finger))
+        return high / decay if decay > 1e-3 else 1e3 * high
+
+    def _unit(self, rho: Array, modulus: Array) -> Array:
+        radius = self.load.close(modulus, self.finger).radius
+        decay = self.readings.pressure.decay(modulus, radius, self.finger)
+        kernel, component = self.readings.stress_kernel, self.readings.stress_component
+        return unit_stress(rho, self.finger.receptor_depth, radius, decay, kernel, component)
+
+    def _relative_root(self, rho: Array, modulus: Array) -> Array:
+        return (self._unit(rho, modulus) / self._unit(np.zeros_like(modulus), modulus)) ** self.root
+
+    def _distance(self, y: Array, modulus: Array, tolerance: float) -> Array:
+        """Invert the field: distances [m] at which it is y^(1/root) of its peak; (n, len(y)) from (n,)."""
+        modulus = modulus[:, None]
+        radius = self.load.close(modulus, self.finger).radius
+        # beyond ten contact radii or the pad the field is its own power law: a few nodes suffice
+        near, far = 1e-4 * (self.finger.receptor_depth + radius), 10.0 * (self.farthest + radius)
+        grid = np.geomspace(near[:, 0], far[:, 0], 80, axis=-1)
+        log_grid, known = np.log(grid), np.log(self._relative_root(grid, modulus))
+        log_y = np.log(y)
+        log_rho, slope = np.empty((modulus.size, y.size)), np.empty((modulus.size, y.size))
+        for row in range(modulus.size):
+            falling = np.concatenate([np.diff(known[row]) < -1e-13, [True]])
+            inverse = CubicSpline(known[row][falling][::-1], log_grid[row][falling][::-1])
+            log_rho[row], slope[row] = inverse(log_y), inverse(log_y, 1)
+        for _ in range(12):  # the spline's slope serves Newton's method: each step gains about three digits
+            excess = slope * (np.log(self._relative_root(np.exp(log_rho), modulus)) - log_y)
+            log_rho = log_rho - np.clip(excess, -1.0, 1.0)
+            if np.abs(excess).max() < 1e-2 * tolerance:
+                break
+        return np.exp(log_rho)
+
+    def _rows(self, modulus: Array, tolerance: float) -> Array:
+        """Compute [unit peak, coefficients of Q in T_k(y)] without the table, for moduli of shape (n,)."""
+        y = 0.5 * (1 + self.y_least) + 0.5 * (1 - self.y_least) * chebyshev.chebpts1(SHAPE_NODES)
+        values = self._distance(y, modulus, tolerance) ** 2 * y / (1 - y)
+        peak = self._unit(np.zeros_like(modulus), modulus)
+        return np.column_stack([peak, values @ _values_to_coefficients(SHAPE_NODES).T])
+
+    def _fit(self, tolerance: float) -> None:
+        low, high = self.log_range
+        for order in (24, 48, 96, 160):
+            nodes = 0.5 * (low + high) + 0.5 * (high - low) * chebyshev.chebpts1(order)
+            rows = self._rows(np.exp(nodes) - self.shift, tolerance)
+            scale = np.concatenate(
+                [[rows[:, 0].max()], np.full(SHAPE_NODES, np.abs(rows[:, 1:]).sum(axis=1).max())]
+            )
+            table = _values_to_coefficients(order) @ rows
+            size = np.abs(table) / scale
+            by_modulus = size.max(axis=1)[::-1].cumsum()[::-1]
+            if by_modulus[-4] <= tolerance:
+                break
+        by_shape = size[:, 1:].max(axis=0)[::-1].cumsum()[::-1]
+        keep_modulus = max(int((by_modulus > 0.5 * tolerance).sum()), 2)
+        keep_shape = max(int((by_shape > 0.5 * tolerance).sum()), 2)
+        self.reached = float(max(by_modulus[-4], by_shape[-4]))
+        self.table = np.ascontiguousarray(table[:keep_modulus, : 1 + keep_shape])
+        self.tolerance = tolerance
+
+    def profile(self, modulus: Array) -> Profile:
+        """Return the field for reduced moduli [Pa] of any shape.
+
+        Raises
+        ------
+        NumericalError
+            If a modulus is not a positive finite number.
+        """
+        if not ((modulus > 0) & np.isfinite(modulus)).all():
+            raise NumericalError("stress field: a reduced modulus is not positive and finite")
+        low, high = self.log_range
+        x = (2.0 * np.log(modulus.ravel() + self.shift) - (low + high)) * (1.0 / (high - low))
+        rows = _chebyshev_basis(np.clip(x, -1, 1), self.table.shape[0]) @ self.table
+        outside = np.flatnonzero(np.abs(x) > 1 + 1e-12)
+        if outside.size:
+            rows[outside] = self._rows(modulus.ravel()[outside], self.tolerance)[:, : rows.shape[1]]
+        rows = rows.reshape(*modulus.shape, -1)
+        radius = self.load.close(modulus, self.finger).radius
+        amplitude = self.readings.pressure.amplitude(modulus, radius, self.finger)
+        return Profile(amplitude * rows[..., 0], rows[..., 1:], np.array(self.y_least))
+
+
+def _values_to_coefficients(order: int) -> Array:
+    """Return the matrix from values at the Chebyshev nodes of the first kind to coefficients."""
+    matrix = chebyshev.chebvander(chebyshev.chebpts1(order), order - 1).T * (2.0 / order)
+    matrix[0] *= 0.5
+    return matrix
+
+
+def _chebyshev_basis(x: Array, order: int) -> Array:
+    """Return T_k(x), k < order, along a new last axis."""
+    basis = np.empty((order, x.size))
+    basis[0], basis[1] = 1.0, x
+    twice = 2.0 * x
+    for k in range(2, order):
+        np.multiply(twice, basis[k - 1], out=basis[k])
+        basis[k] -= basis[k - 2]
+    return basis.T
+
+
+def clenshaw(coefficients: Array, x: Array) -> Array:
+    """Return sum_k coefficients[..., k] T_k(x), x with one axis more than the coefficients' batch."""
+    twice = 2.0 * x
+    ahead, further = np.zeros_like(x), np.zeros_like(x)
+    for k in range(coefficients.shape[-1] - 1, 0, -1):
+        # b_k = c_k + 2x b_{k+1} - b_{k+2}, in the place of b_{k+2}
+        np.subtract(coefficients[..., k, None], further, out=further)
+        further += twice * ahead
+        ahead, further = further, ahead
+    return coefficients[..., 0, None] + x * ahead - further

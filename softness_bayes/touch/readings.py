@@ -1,0 +1,103 @@
+"""The named alternatives of the model, as values in tables, composed into one frozen `Readings`."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, fields, replace
+from types import MappingProxyType
+from typing import Any
+
+from softness_bayes.errors import InputError
+from softness_bayes.touch.contact import (
+    DISPLACEMENT,
+    PLATE_RIGIDITY,
+    PRINTED_RIGIDITY,
+    STRAIN,
+    FabricModulus,
+    SkinDisplacement,
+)
+from softness_bayes.touch.membrane import CONNOR_STEVENS, HODGKIN_HUXLEY, Membrane
+from softness_bayes.touch.membrane import PRINTED as PRINTED_MEMBRANE
+from softness_bayes.touch.receptors import CONSISTENT, PRINTED_DENSITY, Density
+from softness_bayes.touch.stress import (
+    ATTENUATED,
+    AXISYMMETRIC,
+    HERTZ,
+    LINE,
+    PRINCIPAL,
+    PRINTED_KERNEL,
+    PRINTED_PRESSURE,
+    VERTICAL,
+    Component,
+    Kernel,
+    Pressure,
+)
+
+
+@dataclass(frozen=True)
+class Readings:
+    """One choice for every place where the paper admits several (model.md 1-8)."""
+
+    fabric_modulus: FabricModulus = PRINTED_RIGIDITY
+    skin_displacement: SkinDisplacement = STRAIN
+    pressure: Pressure = ATTENUATED
+    stress_kernel: Kernel = LINE
+    stress_component: Component = VERTICAL
+    membrane: Membrane = CONNOR_STEVENS
+    receptor_density: Density = CONSISTENT
+
+    def __post_init__(self) -> None:
+        if self.stress_component.needs_plane and not self.stress_kernel.two_sided:
+            raise InputError(
+                f"readings: stress_component={self.stress_component.name} needs a plane stress state, "
+                f"which stress_kernel={self.stress_kernel.name} does not give; use vertical"
+            )
+
+    @property
+    def names(self) -> dict[str, str]:
+        """The chosen name for each place."""
+        return {field.name: getattr(self, field.name).name for field in fields(self)}
+
+    def override(self, choices: Mapping[str, str]) -> Readings:
+        """Return these readings with some places given another named alternative.
+
+        Raises
+        ------
+        InputError
+            If a place or a name does not exist, or the result does not compose.
+        """
+        return replace(self, **{place: alternative(place, name) for place, name in choices.items()})
+
+
+ALTERNATIVES: Mapping[str, Mapping[str, Any]] = MappingProxyType(
+    {
+        place: MappingProxyType({value.name: value for value in values})
+        for place, values in {
+            "fabric_modulus": (PRINTED_RIGIDITY, PLATE_RIGIDITY),
+            "skin_displacement": (STRAIN, DISPLACEMENT),
+            "pressure": (ATTENUATED, HERTZ, PRINTED_PRESSURE),
+            "stress_kernel": (LINE, PRINTED_KERNEL, AXISYMMETRIC),
+            "stress_component": (VERTICAL, PRINCIPAL),
+            "membrane": (CONNOR_STEVENS, HODGKIN_HUXLEY, PRINTED_MEMBRANE),
+            "receptor_density": (CONSISTENT, PRINTED_DENSITY),
+        }.items()
+    }
+)
+"""Every alternative of every place, by name; the first of each is the default."""
+
+
+def alternative(place: str, name: str) -> Any:
+    """Return the named alternative of a place.
+
+    Raises
+    ------
+    InputError
+        If the place or the name does not exist; the message lists those that do.
+    """
+    if place not in ALTERNATIVES:
+        raise InputError(f"reading: no place '{place}'; expected one of {', '.join(ALTERNATIVES)}")
+    if name not in ALTERNATIVES[place]:
+        raise InputError(
+            f"reading: {place} has no '{name}'; expected one of {', '.join(ALTERNATIVES[place])}"
+        )
+    return ALTERNATIVES[place][name]

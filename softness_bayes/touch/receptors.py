@@ -1,0 +1,149 @@
+"""Transduction, the density of SAI receptors over the pad, and how many lie within a distance (model.md 6, 8)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.polynomial import chebyshev
+from numpy.typing import ArrayLike, NDArray
+from scipy.special import expit
+
+from softness_bayes.touch.contact import Finger
+
+Array = NDArray[np.float64]
+
+
+def receptor_current(stress: ArrayLike, alpha: ArrayLike, beta: ArrayLike, sigma_0: ArrayLike) -> Array:
+    """Return I_c = alpha / (1 + exp(beta (sigma_0 - sigma))) [µA/cm²] (paper eq. 3).
+
+    Parameters
+    ----------
+    stress, sigma_0
+        Compressive stress at the receptor and the stress of half response [Pa].
+    alpha, beta
+        Largest current [µA/cm²] and steepness [1/Pa]. All broadcast; no finite input overflows.
+    """
+    with np.errstate(over="ignore"):  # an infinite argument is the right one for expit
+        steepness = np.asarray(beta, float) * (np.asarray(stress, float) - np.asarray(sigma_0, float))
+    return np.asarray(alpha, float) * expit(steepness)
+
+
+@dataclass(frozen=True)
+class Density:
+    """A reading of the receptor density along the finger (paper eq. 5; model.md 8)."""
+
+    name: str
+    at: Callable[[Array], Array]
+    """Receptors per area [1/m²] at distance x [m] from the fingertip's end."""
+
+
+def _consistent(x: Array) -> Array:
+    return 1e4 * (7.95 + 62.275 * np.exp(-0.5 * (x / 13.25e-3) ** 2))
+
+
+def _printed(x: Array) -> Array:
+    width_cm = 0.0965
+    return 1e4 * (
+        19.9993 + 12.1534 / (width_cm * np.sqrt(2 * np.pi)) * np.exp(-0.5 * (100 * x / width_cm) ** 2)
+    )
+
+
+CONSISTENT = Density("consistent", _consistent)
+"""The only half-Gaussian with all three of the paper's densities: largest, smallest and mean."""
+PRINTED_DENSITY = Density("printed", _printed)
+"""The paper's printed constants; their mean is 22.0 per cm², not the stated 41.605."""
+
+
+def kink_distances(finger: Finger) -> Array:
+    """Return the distances [m] from the contact's axis to the pad's edges and corners, rising, without 0.
+
+    The number of receptors within a distance is smooth between them and nowhere else (model.md 8).
+    """
+    x, y = finger.contact_centre
+    along = np.array([x, finger.pad_length - x])
+    across = np.array([y, finger.pad_width - y])
+    corners = np.hypot(along[:, None], across[None, :]).ravel()
+    distances = np.unique(np.round(np.concatenate([along, across, corners]), 12))
+    return distances[distances > 0]
+
+
+def receptors_within(distance: ArrayLike, finger: Finger, density: Density = CONSISTENT) -> Array:
+    """Count the receptors of the pad within `distance` [m] of the contact's axis, in the mean.
+
+    The area integral of the density over disc and pad, as one integral along the finger: at
+    x = x_c + r sin(psi) the chord is clipped by the pad's sides where r cos(psi) passes them, so the
+    range of psi is cut there and Gauss's rule sees smooth pieces only.
+    """
+    r = np.atleast_1d(np.asarray(distance, float))
+    x_c, y_c = finger.contact_centre
+    sides = np.array([y_c, finger.pad_width - y_c])
+    with np.errstate(divide="ignore", invalid="ignore"):
+        ends = np.arcsin(np.clip(np.stack([-x_c / r, (finger.pad_length - x_c) / r]), -1, 1))
+        clips = np.arccos(np.clip(sides[:, None] / r, 0, 1))
+    ends, clips = np.where(r > 0, ends, 0.0), np.where(r > 0, clips, 0.0)
+    cuts = np.sort(np.clip(np.concatenate([ends, clips, -clips]), ends[0], ends[1]), axis=0)
+    node, weight = np.polynomial.legendre.leggauss(48)
+    half = 0.5 * np.diff(cuts, axis=0)[..., None]
+    psi = half * node + 0.5 * (cuts[1:] + cuts[:-1])[..., None]
+    reach = r[:, None] * np.cos(psi)
+    chord = np.minimum(reach, sides[0]) + np.minimum(reach, sides[1])
+    integrand = density.at(x_c + r[:, None] * np.sin(psi)) * chord * reach
+    return (half * weight * integrand).sum(axis=(0, -1)).reshape(np.shape(distance))
+
+
+class ReceptorCount:
+    """`receptors_within` as polynomials, one for each interval between the pad's kinks.
+
+    On the first interval the count is a smooth function of the squared distance (of the distance
+    itself where the axis stands on the pad's edge); beyond a kink at d it is smooth in
+    sqrt(r² - d²), because the arc that the edge cuts off opens like a square root.
+
+    Parameters
+    ----------
+    finger, density
+        The pad, where it is touched, and the density reading.
+    tolerance
+        Largest error allowed, in receptors.
+    """
+
+    def __init__(self, finger: Finger, density: Density, tolerance: float = 1e-9) -> None:
+        self.kinks = kink_distances(finger)
+        starts = np.concatenate([[0.0], self.kinks[:-1]])
+        self.total = float(receptors_within(self.kinks[-1], finger, density))
+        x, y = finger.contact_centre
+        on_edge = min(x, y, finger.pad_length - x, finger.pad_width - y) == 0
+        self.interval_is_even = tuple(not on_edge and start == 0 for start in starts)
+        self.start_squared = starts**2
+        self.span = np.sqrt(self.kinks**2 - starts**2)
+        self.coefficients = []
+        for start, span, even in zip(starts, self.span, self.interval_is_even, strict=True):
+
+            def count(node: Array, start: float = start, span: float = span, even: bool = even) -> Array:
+                part = 0.5 * (node + 1)
+                return receptors_within(
+                    np.sqrt(start**2 + span**2 * (part if even else part**2)), finger, density
+                )
+
+            full = chebyshev.chebinterpolate(count, 40)
+            tail = np.abs(full)[::-1].cumsum()[::-1]
+            self.coefficients.append(chebyshev.cheb2poly(full[: max(int((tail > tolerance).sum()), 1)]))
+
+    def __call__(self, squared_distance: Array, interval: int = 0) -> Array:
+        """Return the count for squared distances [m²] that lie in the given interval between kinks."""
+        part = (squared_distance - self.start_squared[interval]) * (1.0 / self.span[interval] ** 2)
+        if not self.interval_is_even[interval]:
+            part = np.sqrt(np.maximum(part, 0.0))
+        return horner(self.coefficients[interval], 2.0 * part - 1.0)
+
+
+def horner(coefficients: ArrayLike, x: Array) -> Array:
+    """Return sum_k coefficients[..., k] x^k, evaluated in place: one pass over memory for each operation."""
+    c = np.asarray(coefficients)
+    result = np.empty_like(x)
+    result[...] = c[..., -1]
+    for k in range(c.shape[-1] - 2, -1, -1):
+        result *= x
+        result += c[..., k]
+    return result

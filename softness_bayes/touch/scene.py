@@ -1,0 +1,287 @@
+"""A scene: fabrics and loads on one finger, compiled once; the response of a whole batch in one call."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from softness_bayes.errors import InputError
+from softness_bayes.touch.contact import (
+    Contact,
+    Finger,
+    Load,
+    log_compliance_ratio,
+    reduced_modulus,
+    skin_modulus,
+)
+from softness_bayes.touch.field import Profile, StressField
+from softness_bayes.touch.firing import RateCurve, exact_curve
+from softness_bayes.touch.membrane import CONNOR_STEVENS, PAPER_CHANNELS, Channels, Membrane
+from softness_bayes.touch.parameters import TouchParameters
+from softness_bayes.touch.population import Drive, Population, Sums
+from softness_bayes.touch.readings import Readings
+from softness_bayes.touch.receptors import ReceptorCount
+
+Array = NDArray[np.float64]
+
+LEAST_SKIN_MODULUS = 1e3
+"""Softest skin [Pa] that the tables of force-controlled loads cover; softer skin is computed without them."""
+
+CHUNK = 1 << 17
+"""Quadrature nodes handled at once: large enough for array speed, small enough for the cache."""
+
+
+class Firing(Protocol):
+    """Where a scene takes its rate curves from: fixed channels, or a surface over the channels."""
+
+    def curves(self, parameters: TouchParameters) -> RateCurve:
+        """Return the rate curve of each parameter vector, of batch shape (batch,) or ()."""
+
+
+class FixedChannels:
+    """One rate curve for all parameter vectors, whose channel multipliers are not looked at.
+
+    Parameters
+    ----------
+    channels, membrane
+        Multipliers and membrane of the curve.
+    max_current
+        Largest current [µA/cm²] of the first curve; a larger alpha makes a longer one.
+    """
+
+    def __init__(
+        self,
+        channels: Channels = PAPER_CHANNELS,
+        membrane: Membrane = CONNOR_STEVENS,
+        max_current: float = 40.0,
+    ) -> None:
+        self.channels, self.membrane = channels, membrane
+        self.curve = exact_curve(channels, membrane, max_current)
+
+    def curves(self, parameters: TouchParameters) -> RateCurve:
+        """Return the one curve, of batch shape (), long enough for the largest alpha."""
+        largest = float(np.max(parameters.alpha, initial=0.0))
+        if largest > self.curve.max_current:
+            return exact_curve(self.channels, self.membrane, 1.25 * largest)
+        return self.curve
+
+
+@dataclass(frozen=True)
+class Discretisation:
+    """How finely a scene is resolved; the defaults leave errors near 1e-5 of the peak response."""
+
+    nodes: int = 14
+    """Gauss nodes of the population integral for each condition."""
+    saturation: float = 14.0
+    """How far the integral follows the sigmoid, in units of its exponent beyond the rheobase."""
+    field_tolerance: float = 1e-6
+    """Error allowed in the tabulated stress field."""
+
+
+class Response(NamedTuple):
+    """The population's response, each field of shape (..., conditions)."""
+
+    total_rate: Array
+    """Sum of the receptors' firing rates [spikes/s]."""
+    responding: Array
+    """Receptors that fire."""
+    mean_rate: Array
+    """Mean rate of those [Hz]; NaN where none fires."""
+    mean_interval: Array
+    """Mean inter-spike interval of those [s]; NaN where none fires."""
+    peak_stress: Array
+    """Stress at receptor depth on the contact's axis [Pa]."""
+    contact: Contact
+    """State of the contact."""
+
+
+class Scene:
+    """Fabrics × loads × pad, compiled once.
+
+    Parameters
+    ----------
+    fabric_modulus, fabric_poisson
+        E_fab [Pa] and nu_fab [-] of each fabric, shape (fabrics,).
+    loads
+        The loads.
+    firing
+        Source of the rate curves.
+    fabric, load
+        Indices of each condition's fabric and load, shape (conditions,). Left out, the conditions
+        are all pairs, load by load.
+    finger, readings, discretisation
+        Geometry, readings and resolution.
+
+    Raises
+    ------
+    InputError
+        If a modulus is not positive and finite, a Poisson ratio is outside (-1, 0.5], there is no
+        condition, or an index points nowhere.
+    """
+
+    def __init__(
+        self,
+        fabric_modulus: ArrayLike,
+        fabric_poisson: ArrayLike,
+        loads: Sequence[Load],
+        firing: Firing,
+        fabric: ArrayLike | None = None,
+        load: ArrayLike | None = None,
+        finger: Finger = Finger(),  # noqa: B008 - frozen
+        readings: Readings = Readings(),  # noqa: B008 - frozen
+        discretisation: Discretisation = Discretisation(),  # noqa: B008 - frozen
+    ) -> None:
+        moduli, poisson = np.broadcast_arrays(
+            np.atleast_1d(np.asarray(fabric_modulus, float)), np.asarray(fabric_poisson, float)
+        )
+        if not ((moduli > 0) & np.isfinite(moduli)).all():
+            raise InputError("scene: every fabric modulus must be positive and finite [Pa]")
+        if not ((poisson > -1) & (poisson <= 0.5)).all():
+            raise InputError("scene: every fabric's Poisson ratio must lie in (-1, 0.5]")
+        if fabric is None or load is None:
+            fabric = np.tile(np.arange(moduli.size), len(loads))
+            load = np.repeat(np.arange(len(loads)), moduli.size)
+        self.fabric, self.load = _indices(fabric, moduli.size, "fabric"), _indices(load, len(loads), "load")
+        if self.fabric.size == 0 or self.fabric.shape != self.load.shape:
+            raise InputError(
+                "scene: expected one fabric and one load index for each of at least one condition"
+            )
+        self.loads, self.firing = tuple(loads), firing
+        self.finger, self.readings, self.discretisation = finger, readings, discretisation
+        self.modulus, self.poisson = _frozen(moduli[self.fabric]), _frozen(poisson[self.fabric])
+        self._log_k = log_compliance_ratio(self.modulus, self.poisson, finger)
+        compression = np.array([held.compression(finger, readings.skin_displacement) for held in loads])
+        self._log_scale, self._skin_power = compression[self.load].T
+        self.count = ReceptorCount(finger, readings.receptor_density)
+        used = [index for index in range(len(self.loads)) if (self.load == index).any()]
+        self._columns = [np.flatnonzero(self.load == index) for index in used]
+        self._fields = [self._field(self.loads[index]) for index in used]
+        self._population = Population(
+            self._fields[0].root, self.count, discretisation.nodes, discretisation.saturation
+        )
+
+    def _field(self, load: Load) -> StressField:
+        softness, least = 1.0 - self.finger.poisson_ratio**2, self.modulus.argmin()
+        high = float((self.modulus / (1.0 - self.poisson**2)).max())
+        fabric = (1.0 - self.poisson[least] ** 2) / self.modulus[least]
+        low = float(1.0 / (softness / LEAST_SKIN_MODULUS + fabric))
+        tolerance = self.discretisation.field_tolerance
+        return StressField(load, self.finger, self.readings, (min(low, 0.5 * high), high), tolerance)
+
+    @property
+    def n_conditions(self) -> int:
+        """Number of conditions."""
+        return self.fabric.size
+
+    @property
+    def n_receptors(self) -> float:
+        """Receptors on the pad, in the mean (N_ref of the rating model is one spike per second for each)."""
+        return self.count.total
+
+    def total_rate(self, parameters: TouchParameters) -> Array:
+        """Return the total rate [spikes/s] of every condition for a batch of parameter vectors.
+
+        Parameters
+        ----------
+        parameters
+            Arrays of one batch shape (...), or scalars.
+
+        Returns
+        -------
+        ndarray
+            Shape (..., conditions).
+
+        Raises
+        ------
+        InputError
+            If a parameter is not finite, b, alpha or beta is not positive, or m is negative.
+        """
+        shape, chunks = self._chunks(parameters)
+        rates = [self._sums(chunk, contact, intervals=False)[0].rate for chunk, contact in chunks]
+        return np.concatenate(rates).reshape(*shape, self.n_conditions)
+
+    def respond(self, parameters: TouchParameters) -> Response:
+        """Return everything a condition's response has, for a batch of parameter vectors.
+
+        Parameters and errors as in `total_rate`.
+        """
+        shape, chunks = self._chunks(parameters)
+        parts = []
+        for chunk, contact in chunks:
+            sums, peak = self._sums(chunk, contact, intervals=True)
+            with np.errstate(invalid="ignore"):
+                mean_rate, mean_interval = sums.rate / sums.responding, sums.interval / sums.responding
+            parts.append((sums.rate, sums.responding, mean_rate, mean_interval, peak, *contact))
+        fields = [
+            np.concatenate(part).reshape(*shape, self.n_conditions) for part in zip(*parts, strict=True)
+        ]
+        return Response(*fields[:5], Contact(*fields[5:]))
+
+    def contact(self, parameters: TouchParameters) -> Contact:
+        """Return the state of the contact alone, fields of shape (..., conditions)."""
+        shape, chunks = self._chunks(parameters)
+        fields = zip(*(contact for _, contact in chunks), strict=True)
+        return Contact(*(np.concatenate(part).reshape(*shape, self.n_conditions) for part in fields))
+
+    def _chunks(
+        self, parameters: TouchParameters
+    ) -> tuple[tuple[int, ...], list[tuple[TouchParameters, Contact]]]:
+        values = np.broadcast_arrays(*(np.asarray(value, float) for value in parameters))
+        shape = values[0].shape
+        flat = TouchParameters(*(value.reshape(-1) for value in values))
+        _check(flat)
+        rows = max(1, CHUNK // (self.n_conditions * self.discretisation.nodes))
+        chunks = []
+        for start in range(0, flat[0].size, rows):
+            chunk = TouchParameters(*(value[start : start + rows] for value in flat))
+            chunks.append((chunk, self._contact(chunk)))
+        return shape, chunks
+
+    def _contact(self, parameters: TouchParameters) -> Contact:
+        b, m = np.asarray(parameters.b)[:, None], np.asarray(parameters.m)[:, None]
+        skin = skin_modulus(self._log_scale, self._skin_power, self._log_k, b, m)
+        reduced = reduced_modulus(skin, self.modulus, self.poisson, self.finger)
+        closure = np.empty((3, *reduced.shape))
+        for columns, field in zip(self._columns, self._fields, strict=True):
+            closure[:, :, columns] = field.load.close(reduced[:, columns], self.finger)
+        return Contact(skin, reduced, *closure)
+
+    def _sums(self, parameters: TouchParameters, contact: Contact, intervals: bool) -> tuple[Sums, Array]:
+        column = [np.asarray(value)[:, None] for value in parameters]
+        named = TouchParameters(*column)
+        drive = Drive(named.alpha, named.beta, named.sigma_0, self.firing.curves(parameters))
+        moduli = contact.reduced_modulus
+        profiles = [
+            field.profile(moduli[:, columns])
+            for columns, field in zip(self._columns, self._fields, strict=True)
+        ]
+        profile = Profile.join(profiles, self._columns)
+        return self._population.sums(profile, drive, intervals), profile.peak
+
+
+def _frozen(values: ArrayLike) -> Array:
+    array = np.array(values, dtype=float)
+    array.flags.writeable = False
+    return array
+
+
+def _indices(values: ArrayLike, size: int, what: str) -> NDArray[np.intp]:
+    array = np.array(values, dtype=np.intp)
+    if array.size and not ((array >= 0) & (array < size)).all():
+        raise InputError(f"scene: a {what} index lies outside 0 to {size - 1}")
+    array.flags.writeable = False
+    return array
+
+
+def _check(parameters: TouchParameters) -> None:
+    for name, value in parameters._asdict().items():
+        if not np.isfinite(value).all():
+            raise InputError(f"parameters: {name} is not finite")
+    for name in ("b", "alpha", "beta", "c_Na", "c_K", "c_L", "c_A"):
+        value = np.asarray(getattr(parameters, name))
+        if not (value > 0).all():
+            raise InputError(f"parameters: {name} is {value.min()}, expected a positive number")

@@ -1,0 +1,242 @@
+"""Pressure under the fingerpad and the stress it makes at receptor depth (model.md 4-5)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.special import ellipe, ellipkm1
+
+from softness_bayes.touch.contact import Finger, hertz_force
+
+Array = NDArray[np.float64]
+
+ATTENUATION = 2.67e-3
+"""kappa of the attenuated pressure [N m]: the paper's 2.67 with the unit it needs, N mm."""
+
+GAUSS_DENSITY = 9.0
+"""Gauss nodes per unit of the graded variable of the stress integral; 9 reach 1e-12 at every depth."""
+
+
+@dataclass(frozen=True)
+class Pressure:
+    """A reading of the contact pressure, p(r) = amplitude sqrt(1 - r²/a²) exp(-decay r²/a²) for r <= a.
+
+    Both numbers depend on the touch only through E_star and a; that is what lets a scene tabulate
+    the stress field of a load as a one-parameter family.
+    """
+
+    name: str
+    amplitude: Callable[[Array, Array, Finger], Array]
+    """Pressure at the centre [Pa] from E_star [Pa], a [m] and the finger."""
+    decay: Callable[[Array, Array, Finger], Array]
+    """Dimensionless decay from the same."""
+
+    def __call__(self, r: ArrayLike, reduced_modulus: ArrayLike, radius: ArrayLike, finger: Finger) -> Array:
+        """Return the pressure [Pa] at distance `r` [m] from the axis; 0 outside the contact."""
+        modulus, a = np.asarray(reduced_modulus, float), np.asarray(radius, float)
+        x2 = (np.asarray(r, float) / a) ** 2
+        inside = np.sqrt(np.maximum(1.0 - x2, 0.0)) * np.exp(
+            -self.decay(modulus, a, finger) * np.minimum(x2, 1.0)
+        )
+        return self.amplitude(modulus, a, finger) * inside
+
+
+def _hertz_amplitude(modulus: Array, a: Array, finger: Finger) -> Array:
+    return 2.0 * modulus * a / (np.pi * finger.radius)
+
+
+def _hertz_decay(modulus: Array, a: Array, finger: Finger) -> Array:
+    return 0.0 * modulus * a
+
+
+def _attenuated_decay(modulus: Array, a: Array, finger: Finger) -> Array:
+    return hertz_force(modulus, a, finger) * a / ATTENUATION
+
+
+def _printed_amplitude(modulus: Array, a: Array, finger: Finger) -> Array:
+    return 2.0 * modulus * a / finger.radius
+
+
+def _printed_decay(modulus: Array, a: Array, finger: Finger) -> Array:
+    # numbers in mm-N-MPa, as the paper has them: F = 4 a⁴ E_star / 3 and r² F / (2.67 a)
+    a_mm, modulus_mpa = a * 1e3, modulus * 1e-6
+    return a_mm * (4.0 * a_mm**4 * modulus_mpa / 3.0) / 2.67
+
+
+ATTENUATED = Pressure("attenuated", _hertz_amplitude, _attenuated_decay)
+"""Hertz's pressure attenuated by exp(-r² F / (kappa a)); integrates to less than F."""
+HERTZ = Pressure("hertz", _hertz_amplitude, _hertz_decay)
+PRINTED_PRESSURE = Pressure("printed", _printed_amplitude, _printed_decay)
+
+
+@dataclass(frozen=True)
+class Kernel:
+    """A reading of how pressure at distance s makes stress at depth z and distance rho (model.md 5).
+
+    `influence(rho, s, z)` returns the stresses (sigma_x, sigma_z, tau_xz) per unit pressure and
+    length [1/m]; `centre(rho, z)` is where along s the influence peaks; `two_sided` tells whether s
+    runs over [-a, a] (a line) or [0, a] (rings).
+    """
+
+    name: str
+    influence: Callable[[Array, Array, float], tuple[Array, Array, Array]]
+    centre: Callable[[Array, float], Array]
+    two_sided: bool
+    far_power: float
+    """n, where the vertical stress falls like rho^-n far from the contact."""
+
+
+def _line_influence(rho: Array, s: Array, z: float) -> tuple[Array, Array, Array]:
+    gap = rho - s
+    common = 2.0 * z / np.pi / (gap**2 + z**2) ** 2
+    return common * gap**2, common * z**2, common * z * gap
+
+
+def _line_centre(rho: Array, z: float) -> Array:
+    return rho
+
+
+def _printed_influence(rho: Array, s: Array, z: float) -> tuple[Array, Array, Array]:
+    gap = rho - s
+    common = 2.0 * z / np.pi / ((np.hypot(rho, z) - s) ** 2 + z**2) ** 2
+    return common * gap**2, common * z**2, common * z * gap
+
+
+def _printed_centre(rho: Array, z: float) -> Array:
+    return np.hypot(rho, z)
+
+
+def _ring_influence(rho: Array, s: Array, z: float) -> tuple[Array, Array, Array]:
+    # the ring of radius s: 3 z³/(2 pi) s times the integral of d^-5 over its angle, by elliptic integrals
+    near, far = (rho - s) ** 2 + z**2, (rho + s) ** 2 + z**2
+    complement = near / far
+    k, e = ellipkm1(complement), ellipe(1.0 - complement)
+    angle = 4.0 / (3.0 * near**2 * far**1.5) * (2.0 * (near + far) * e - near * k)
+    vertical = 1.5 * z**3 / np.pi * s * angle
+    nothing = np.zeros_like(vertical)
+    return nothing, vertical, nothing
+
+
+LINE = Kernel("line", _line_influence, _line_centre, two_sided=True, far_power=4.0)
+"""Johnson's line load in the plane of the axis and the receptor."""
+PRINTED_KERNEL = Kernel("printed", _printed_influence, _printed_centre, two_sided=True, far_power=4.0)
+"""The line load with rho replaced by sqrt(rho² + z²) in the denominators, as the paper prints it."""
+AXISYMMETRIC = Kernel("axisymmetric", _ring_influence, _line_centre, two_sided=False, far_power=5.0)
+"""Boussinesq's point loads summed over the contact disc."""
+
+
+@dataclass(frozen=True)
+class Component:
+    """A reading of which stress drives the receptor, from (sigma_x, sigma_z, tau_xz)."""
+
+    name: str
+    select: Callable[[Array, Array, Array], Array]
+    needs_plane: bool
+    """Whether all three plane stresses enter, which the axisymmetric kernel does not give."""
+    far_power: float | None
+    """n, where the stress falls like rho^-n far from the contact; None where the kernel says it."""
+
+
+def _vertical(sigma_x: Array, sigma_z: Array, tau_xz: Array) -> Array:
+    return sigma_z
+
+
+def _principal(sigma_x: Array, sigma_z: Array, tau_xz: Array) -> Array:
+    return 0.5 * (sigma_x + sigma_z) + np.hypot(0.5 * (sigma_x - sigma_z), tau_xz)
+
+
+VERTICAL = Component("vertical", _vertical, needs_plane=False, far_power=None)
+PRINCIPAL = Component("principal", _principal, needs_plane=True, far_power=2.0)
+"""The largest compressive principal stress of the plane state."""
+
+
+def _graded(lower: Array, upper: Array, centre: Array, scale: Array, density: float) -> tuple[Array, Array]:
+    """Gauss nodes and weights on [lower, upper], crowded around `centre` within `scale` (a sinh map)."""
+    u0, u1 = np.arcsinh((lower - centre) / scale), np.arcsinh((upper - centre) / scale)
+    x, weight = np.polynomial.legendre.leggauss(int(28 + density * np.max(u1 - u0, initial=0.0)))
+    half = 0.5 * (u1 - u0)[..., None]
+    u = half * x + 0.5 * (u0 + u1)[..., None]
+    return centre[..., None] + scale[..., None] * np.sinh(u), half * weight * scale[..., None] * np.cosh(u)
+
+
+def unit_stress(
+    rho: ArrayLike,
+    depth: float,
+    radius: ArrayLike,
+    decay: ArrayLike,
+    kernel: Kernel = LINE,
+    component: Component = VERTICAL,
+    density: float = GAUSS_DENSITY,
+) -> Array:
+    """Stress at a receptor under a pressure of amplitude 1, sqrt(1 - s²/a²) exp(-decay s²/a²).
+
+    The substitution s = a sin(phi) removes the square-root edges. Two length scales remain: the
+    receptor's depth around the influence's centre, and the width of the attenuation around the
+    axis. Where they are apart the range is cut between them, and each piece is graded towards its
+    own centre, so the number of nodes grows only with the logarithm of the scales' ratio as the
+    depth goes to 0 or the decay to infinity.
+
+    Parameters
+    ----------
+    rho
+        Distance of the receptor from the contact's axis [m].
+    depth
+        Receptor depth z [m]; at 0 the stress is the pressure itself.
+    radius, decay
+        Contact radius a [m] and the pressure's decay; both broadcast with `rho`.
+    kernel, component, density
+        The readings, and the Gauss nodes per unit of the graded variable.
+
+    Returns
+    -------
+    ndarray
+        Stress over the pressure's amplitude, of the broadcast shape.
+    """
+    rho, a, q = np.broadcast_arrays(
+        np.asarray(rho, float), np.asarray(radius, float), np.asarray(decay, float)
+    )
+    if depth == 0:
+        x2 = (rho / a) ** 2
+        return np.where(x2 < 1, np.sqrt(np.maximum(1 - x2, 0)) * np.exp(-q * np.minimum(x2, 1)), 0.0)
+    pole = np.arcsin((kernel.centre(rho, depth) + 1j * depth) / a)
+    centre, scale = pole.real, pole.imag
+    # past exp(-42) the pressure is nothing
+    edge = np.arcsin(np.minimum(6.5 / np.sqrt(np.maximum(q, 1e-300)), 1.0))
+    lower = -edge if kernel.two_sided else np.zeros_like(edge)
+    width = 1.0 / np.sqrt(1.0 + 2.0 * q)
+    cut = np.where(width < 0.5 * centre, np.minimum(0.5 * centre, edge), lower)
+    axis = _graded(lower, cut, np.zeros_like(edge), width, density)
+    around = _graded(cut, edge, centre, scale, density)
+    phi, weight = (np.concatenate(pair, axis=-1) for pair in zip(axis, around, strict=True))
+    sine = np.sin(phi)
+    share = weight * a[..., None] * np.cos(phi) ** 2 * np.exp(-q[..., None] * sine**2)
+    stresses = kernel.influence(rho[..., None], a[..., None] * sine, depth)
+    return component.select(*(np.einsum("...i,...i", share, part) for part in stresses))
+
+
+def stress(
+    rho: ArrayLike,
+    reduced_modulus: ArrayLike,
+    radius: ArrayLike,
+    finger: Finger = Finger(),  # noqa: B008 - frozen
+    pressure: Pressure = ATTENUATED,
+    kernel: Kernel = LINE,
+    component: Component = VERTICAL,
+) -> Array:
+    """Compressive stress [Pa] at receptor depth, distance `rho` [m] from the contact's axis.
+
+    Parameters
+    ----------
+    rho
+        Distance from the axis [m].
+    reduced_modulus, radius
+        E_star [Pa] and contact radius a [m] of a `Contact`; all three broadcast.
+    finger, pressure, kernel, component
+        Geometry (the depth is `finger.receptor_depth`) and readings (model.md 4-5).
+    """
+    modulus, a = np.asarray(reduced_modulus, float), np.asarray(radius, float)
+    amplitude, decay = pressure.amplitude(modulus, a, finger), pressure.decay(modulus, a, finger)
+    return amplitude * unit_stress(rho, finger.receptor_depth, a, decay, kernel, component)
