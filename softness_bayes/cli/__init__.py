@@ -1,0 +1,56 @@
+"""The command line: one file per verb, imported when the verb is called."""
+
+from __future__ import annotations
+
+import importlib
+from collections.abc import Mapping
+from typing import Any
+
+import click
+
+from softness_bayes import __version__
+from softness_bayes.errors import SoftnessError
+
+VERBS: Mapping[str, str] = {
+    "check": "Validate data files and say what was understood.",
+}
+"""Verb -> its one-line help; `softness_bayes.cli.<verb>` holds the click command `command`."""
+
+
+class VerbGroup(click.Group):
+    """A group that imports a verb only to run it, and turns errors into a message and an exit code."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        """Return the verbs in the order of their table."""
+        return list(VERBS)
+
+    def get_command(self, ctx: click.Context, name: str) -> click.Command | None:
+        """Import a verb."""
+        if name not in VERBS:
+            return None
+        command: click.Command = importlib.import_module(f"{__name__}.{name}").command
+        return command
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """Write the verbs and their one-line helps."""
+        with formatter.section("Commands"):
+            formatter.write_dl(list(VERBS.items()))
+
+    def invoke(self, ctx: click.Context) -> Any:
+        """Run a verb."""
+        try:
+            return super().invoke(ctx)
+        except SoftnessError as error:
+            click.echo(f"error: {error}", err=True)
+            ctx.exit(error.exit_code)
+
+
+@click.group(
+    cls=VerbGroup, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110}
+)
+@click.version_option(__version__, prog_name="softness-bayes")
+def main() -> None:
+    """Infer how skin and touch receptors turn fabrics into softness, from ratings.
+
+    Exit codes: 0 done, 2 input, 3 not converged, 4 numerical stop, 5 locked by another run.
+    """

@@ -1,0 +1,89 @@
+"""`softness-bayes check`: validate data files and say what was understood."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import click
+
+from softness_bayes.cli.options import DataFiles, data_files
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from softness_bayes.data import Experiment
+
+
+@click.command()
+@data_files
+def command(files: DataFiles) -> None:
+    """Validate data files and say what was understood.
+
+    Ratings are one row each: participant, fabric, rating, and indentation_mm or force_n; trial if there are
+    any. Fabrics are one row each, in their own table, or columns of the ratings: fabric, and
+    effective_modulus_kpa, or bending_rigidity_n_m, or tensile_modulus_mpa and thickness_mm; poisson_ratio
+    where known. Errors name file, row, column and value. E_fab is shown in the default reading.
+    """
+    experiment = files.read()
+    for line in (*_summary(experiment), "", *_fabric_table(experiment)):
+        click.echo(line)
+    for note in experiment.notes:
+        click.echo(f"note: {note}")
+    experiment.ratings.require_positive()
+
+
+def _summary(experiment: Experiment) -> list[str]:
+    """Return lines that say who rated what, under which loads."""
+    import numpy as np
+
+    ratings = experiment.ratings
+    each = np.bincount(ratings.participant)
+    modulus = experiment.fabrics.modulus() / 1e3
+    loads = zip(ratings.loads, np.bincount(ratings.load), strict=True)
+    conditions = ratings.conditions
+    pairs = len(ratings.fabrics) * len(ratings.loads)
+    rated = len(set(zip(ratings.participant.tolist(), conditions.of_rating.tolist(), strict=True)))
+    several = len(ratings.participants) > 1
+    lines = {
+        "ratings": f"{len(ratings)}, from {ratings.rating.min():g} to {ratings.rating.max():g}; "
+        f"{ratings.n_missing} missing",
+        "participants": f"{_span(ratings.participants)}, {_extent(each)} ratings each",
+        "fabrics": f"{_span(ratings.fabrics)}, E_fab {modulus.min():.4g} to {modulus.max():.4g} kPa",
+        "loads": ", ".join(f"{load} ({count} ratings)" for load, count in loads),
+        "conditions": f"{len(conditions.fabric)} of {pairs} pairs of fabric and load; "
+        f"{rated} of {len(ratings.participants) * pairs} with each participant",
+        "tau": "participants' own moduli can be told apart: their spread tau can be estimated"
+        if several
+        else "one participant: the spread tau of participants' own moduli cannot be estimated",
+    }
+    return [f"{name:14}{text}" for name, text in lines.items()]
+
+
+def _fabric_table(experiment: Experiment) -> list[str]:
+    """Return a table of the fabrics: modulus, what it is from, Poisson ratio, number of ratings."""
+    import numpy as np
+
+    ratings, fabrics = experiment.ratings, experiment.fabrics
+    width = max(map(len, ("fabric", *fabrics.names)))
+    lines = [f"{'fabric':{width}}  E_fab (kPa)  Poisson ratio  ratings  modulus from"]
+    for name, modulus, poisson, count, basis in zip(
+        fabrics.names,
+        fabrics.modulus() / 1e3,
+        fabrics.poisson_ratio,
+        np.bincount(ratings.fabric),
+        fabrics.basis,
+        strict=True,
+    ):
+        lines.append(f"{name:{width}}  {modulus:11.4g}  {poisson:13g}  {count:7}  {basis}")
+    return lines
+
+
+def _span(names: tuple[str, ...]) -> str:
+    """Return how many names there are, and the first and last of them."""
+    return f"{len(names)} ({' … '.join(dict.fromkeys((names[0], names[-1])))})"
+
+
+def _extent(counts: NDArray[np.intp]) -> str:
+    """Return the least and the greatest of some counts."""
+    return " to ".join(dict.fromkeys((str(counts.min()), str(counts.max()))))

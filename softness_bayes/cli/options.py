@@ -1,0 +1,252 @@
+"""Options that several verbs share, each declared once; decorators that hand a verb what they amount to."""
+
+from __future__ import annotations
+
+import functools
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeVar
+
+import click
+
+from softness_bayes.errors import InputError
+
+if TYPE_CHECKING:
+    from softness_bayes.data import Experiment, Fabrics
+    from softness_bayes.inference.priors import Prior
+    from softness_bayes.touch.contact import Load
+
+Value = TypeVar("Value")
+Verb = Callable[..., Any]
+Decorator = Callable[[Verb], Verb]
+
+
+def named(convert: Callable[[str], Value]) -> Callable[..., dict[str, Value]]:
+    """Return the click callback that turns repeated `name=value` into a dictionary.
+
+    Parameters
+    ----------
+    convert
+        Makes a value of its text; raises ValueError saying what it expected.
+    """
+
+    def callback(ctx: click.Context, param: click.Parameter, texts: tuple[str, ...]) -> dict[str, Value]:
+        values: dict[str, Value] = {}
+        for text in texts:
+            name, _, value = (part.strip() for part in text.partition("="))
+            if not (name and value):
+                raise click.BadParameter(f"expected NAME=VALUE, got {text!r}")
+            if name in values:
+                raise click.BadParameter(f"{name!r} is given twice")
+            try:
+                values[name] = convert(value)
+            except ValueError as error:
+                raise click.BadParameter(f"{name}: {error}") from None
+        return values
+
+    return callback
+
+
+def _number(text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise ValueError(f"expected a finite number, got {text!r}")
+    return value
+
+
+def _prior(text: str) -> Prior:
+    from softness_bayes.inference.priors import parse_prior
+
+    return parse_prior(text)
+
+
+def _named_option(flag: str, convert: Callable[[str], Any], metavar: str, text: str) -> Decorator:
+    return click.option(flag, multiple=True, callback=named(convert), metavar=metavar, help=text)
+
+
+_FILE = click.Path(path_type=Path)
+
+_column = click.option(
+    "--column",
+    "columns",
+    multiple=True,
+    callback=named(str),
+    metavar="NAME=ACTUAL",
+    help="What a column is called in the files, as in rating=softness. Repeatable.",
+)
+
+
+def _fabrics(required: bool, text: str) -> Decorator:
+    return click.option("--fabrics", type=_FILE, metavar="FILE", required=required, help=text)
+
+
+def _loads(multiple: bool, text: str) -> Decorator:
+    """Declare the two load options, for one load or any number of them."""
+
+    def decorate(verb: Verb) -> Verb:
+        for flag, noun, unit in (
+            ("--force-n", "Contact force", "N"),
+            ("--indentation-mm", "Indentation", "mm"),
+        ):
+            verb = click.option(
+                flag, type=float, multiple=multiple, metavar=unit, help=f"{noun} [{unit}] {text}"
+            )(verb)
+        return verb
+
+    return decorate
+
+
+@dataclass(frozen=True)
+class DataFiles:
+    """The files of an experiment and how to read them, as asked for on the command line."""
+
+    data: Path
+    fabrics: Path | None
+    columns: Mapping[str, str]
+    indentation_mm: float | None
+    force_n: float | None
+
+    def read(self) -> Experiment:
+        """Return the ratings and their fabrics."""
+        from softness_bayes.data import read_experiment
+
+        return read_experiment(
+            self.data,
+            self.fabrics,
+            columns=self.columns,
+            indentation_mm=self.indentation_mm,
+            force_n=self.force_n,
+        )
+
+
+def data_files(verb: Verb) -> Verb:
+    """Give a verb the options that name an experiment; it receives `files`, a `DataFiles`."""
+
+    @click.option("--data", type=_FILE, metavar="FILE", required=True, help="Table of ratings (CSV).")
+    @_fabrics(False, "Fabric table (CSV); by default columns of the ratings, or a fabrics.csv beside them.")
+    @_column
+    @_loads(False, "of all ratings, where the table has no column for it.")
+    @functools.wraps(verb)
+    def wrapped(
+        data: Path,
+        fabrics: Path | None,
+        columns: dict[str, str],
+        indentation_mm: float | None,
+        force_n: float | None,
+        **others: Any,
+    ) -> Any:
+        return verb(files=DataFiles(data, fabrics, columns, indentation_mm, force_n), **others)
+
+    return wrapped
+
+
+@dataclass(frozen=True)
+class Touches:
+    """Fabrics and the loads to touch them under, as asked for on the command line."""
+
+    fabrics: Path
+    columns: Mapping[str, str]
+    indentation_mm: tuple[float, ...]
+    force_n: tuple[float, ...]
+
+    def read(self) -> tuple[Fabrics, tuple[Load, ...]]:
+        """Return the fabrics and the distinct loads.
+
+        Raises
+        ------
+        InputError
+            If no load was asked for.
+        """
+        from softness_bayes.data import Fabrics, loads_of
+
+        loads = loads_of(self.indentation_mm, self.force_n)
+        if not loads:
+            raise InputError("no load: give at least one --indentation-mm or --force-n")
+        return Fabrics.read(self.fabrics, columns=self.columns), loads
+
+
+def touches(verb: Verb) -> Verb:
+    """Give a verb the options that name fabrics and loads; it receives `touches`, a `Touches`."""
+
+    @_fabrics(True, "Fabric table (CSV).")
+    @_column
+    @_loads(True, "of the touch. Repeatable.")
+    @functools.wraps(verb)
+    def wrapped(
+        fabrics: Path,
+        columns: dict[str, str],
+        indentation_mm: tuple[float, ...],
+        force_n: tuple[float, ...],
+        **others: Any,
+    ) -> Any:
+        return verb(touches=Touches(fabrics, columns, indentation_mm, force_n), **others)
+
+    return wrapped
+
+
+set_values = click.option(
+    "--set",
+    "values",
+    multiple=True,
+    callback=named(_number),
+    metavar="NAME=VALUE",
+    help="Value of a parameter, as in b=80; the others are the medians of their priors. Repeatable.",
+)
+"""Gives a verb `values`, name -> number."""
+
+fix = click.option(
+    "--fix",
+    "fixed",
+    multiple=True,
+    callback=named(_number),
+    metavar="NAME=VALUE",
+    help="Hold a parameter at a value, as in m=2. Repeatable.",
+)
+"""Gives a verb `fixed`, name -> number."""
+
+prior = click.option(
+    "--prior",
+    "priors",
+    multiple=True,
+    callback=named(_prior),
+    metavar="NAME=PRIOR",
+    help="Prior of a parameter, as in b='lognormal(100,0.5)' (median, sd of the log). Repeatable.",
+)
+"""Gives a verb `priors`, name -> `Prior`."""
+
+prior_set = click.option(
+    "--priors",
+    "prior_set",
+    default="default",
+    show_default=True,
+    metavar="SET",
+    help="Named set of priors that --prior departs from: default or in-vivo.",
+)
+"""Gives a verb `prior_set`, the name of one of the sets."""
+
+seed = click.option(
+    "--seed",
+    type=click.IntRange(min=0),
+    default=0,
+    show_default=True,
+    help="Seed of the random numbers: equal seeds, equal results.",
+)
+"""Gives a verb `seed`."""
+
+out = click.option(
+    "--out",
+    type=_FILE,
+    metavar="DIR",
+    default=Path("results"),
+    show_default=True,
+    help="Directory to write to; one that is not empty is refused.",
+)
+"""Gives a verb `out`."""
+
+force = click.option("--force", is_flag=True, help="Replace what --out holds.")
+"""Gives a verb `force`."""

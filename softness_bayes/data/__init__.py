@@ -1,0 +1,135 @@
+"""Ratings and fabrics from CSV files, checked and in SI units; and back."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+from softness_bayes.data.columns import LABELS, MODULUS_SOURCES, NUMBERS, RATING, THICKNESS, Column
+from softness_bayes.data.fabrics import USUAL_POISSON_RATIO, Fabrics
+from softness_bayes.data.ratings import LOAD_COLUMNS, Conditions, LoadColumn, Ratings, loads_of
+from softness_bayes.data.tables import check_renames, listing, read_table
+from softness_bayes.errors import InputError
+
+__all__ = [
+    "LABELS",
+    "LOAD_COLUMNS",
+    "NUMBERS",
+    "USUAL_POISSON_RATIO",
+    "Column",
+    "Conditions",
+    "Experiment",
+    "Fabrics",
+    "LoadColumn",
+    "Ratings",
+    "loads_of",
+    "read_experiment",
+    "write_fabrics",
+    "write_ratings",
+]
+
+FABRICS_BESIDE = "fabrics.csv"
+"""The fabric table that is looked for beside the ratings."""
+
+
+class Experiment(NamedTuple):
+    """Ratings, and the fabrics that they are of, in the order of `ratings.fabrics`."""
+
+    ratings: Ratings
+    fabrics: Fabrics
+    notes: tuple[str, ...]
+    """What was assumed, left out or found on the way."""
+
+
+def read_experiment(
+    ratings_path: str | Path,
+    fabrics_path: str | Path | None = None,
+    *,
+    columns: Mapping[str, str] | None = None,
+    indentation_mm: float | None = None,
+    force_n: float | None = None,
+) -> Experiment:
+    """Read ratings and their fabrics.
+
+    The fabrics come from `fabrics_path`, else from columns of the ratings table itself, else from a
+    `fabrics.csv` beside it. Only those rated are kept, in the order of their table (of their names, where
+    that is the table of ratings).
+
+    Parameters
+    ----------
+    ratings_path, fabrics_path
+        CSV files; their columns are those of `Ratings.read` and `Fabrics.read`.
+    columns
+        Name of a column here -> name in either file, where they differ.
+    indentation_mm, force_n
+        The load of every row [mm] or [N], where the table of ratings has no column for it.
+
+    Raises
+    ------
+    InputError
+        Naming file, row, column and value.
+    """
+    columns = columns or {}
+    table = read_table(ratings_path, columns)
+    own = [column.name for column in MODULUS_SOURCES if column.name in table]
+    beside = table.path.with_name(FABRICS_BESIDE)
+    notes: list[str] = []
+    if fabrics_path is not None:
+        fabric_table = read_table(fabrics_path, columns)
+        if own:
+            notes.append(
+                f"{table.path.name}: {listing(own)} not used, the fabrics are those of {fabrics_path}"
+            )
+    elif own:
+        fabric_table = table
+    elif beside.is_file():
+        fabric_table = read_table(beside, columns)
+        notes.append(f"the fabrics are those of {beside}, found beside the ratings")
+    else:
+        raise InputError(
+            f"{table.path}: nothing is known of the fabrics: name their table with --fabrics, put a "
+            f"{FABRICS_BESIDE} beside the ratings, or give these a column of "
+            f"{', '.join(column.name for column in MODULUS_SOURCES)} (the last with {THICKNESS.name})"
+        )
+    check_renames(columns, table, fabric_table)
+    fabrics = Fabrics.from_table(fabric_table, repeated=fabric_table is table)
+    ratings = Ratings.from_table(table, fabrics, indentation_mm, force_n)
+    unrated = [name for name in fabrics.names if name not in set(ratings.fabrics)]
+    if unrated:
+        notes.append(f"fabrics without a rating, left out: {listing(unrated)}")
+    return Experiment(
+        ratings, fabrics.take(ratings.fabrics), tuple(dict.fromkeys((*ratings.notes, *fabrics.notes, *notes)))
+    )
+
+
+def write_fabrics(path: str | Path, fabrics: Fabrics) -> None:
+    """Write a fabric table that reads back to the same values, every bit of them."""
+    _write(path, {"fabric": fabrics.names, **fabrics.cells()})
+
+
+def write_ratings(path: str | Path, ratings: Ratings, fabrics: Fabrics | None = None) -> None:
+    """Write ratings to a table that reads back to the same values, with the columns of `fabrics` if given."""
+    touches = [ratings.loads[i] for i in ratings.load]
+    names = [ratings.fabrics[i] for i in ratings.fabric]
+    columns: dict[str, Sequence[str]] = {
+        "participant": [ratings.participants[i] for i in ratings.participant],
+        "fabric": names,
+    }
+    for column, kind, value in LOAD_COLUMNS:
+        filled = [column.write(value(load)) if isinstance(load, kind) else "" for load in touches]
+        if any(filled):
+            columns[column.name] = filled
+    columns[RATING.name] = [RATING.write(value) for value in ratings.rating]
+    if fabrics is not None:
+        place = [fabrics.names.index(name) for name in names]
+        columns |= {name: [texts[i] for i in place] for name, texts in fabrics.cells().items()}
+    _write(path, columns)
+
+
+def _write(path: str | Path, columns: Mapping[str, Sequence[str]]) -> None:
+    with open(path, "w", encoding="utf-8", newline="") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(columns)
+        writer.writerows(zip(*columns.values(), strict=True))

@@ -1,0 +1,107 @@
+"""The columns that files may have: names, units, bounds; the only conversion between their units and SI."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from decimal import Decimal
+
+_NUMBER = re.compile(r"([+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+))(?:[eE]([+-]?[0-9]{1,9}))?")
+
+
+@dataclass(frozen=True)
+class Column:
+    """A column of numbers: its name in files, its words in print, its unit, and what it may hold.
+
+    Parameters
+    ----------
+    name
+        Name in a CSV header; the unit is part of it.
+    label, unit
+        Words for axes and tables.
+    power
+        The unit is 10^power SI units. Reading and writing shift the decimal point of the digits and
+        never multiply, so that a value written and read again keeps every bit.
+    low, high
+        Values v [SI] are finite, low < v <= high.
+    """
+
+    name: str
+    label: str
+    unit: str
+    power: int = 0
+    low: float = -math.inf
+    high: float = math.inf
+
+    @property
+    def factor(self) -> float:
+        """SI units in one unit of the column."""
+        return 10.0**self.power
+
+    @property
+    def axis(self) -> str:
+        """Label of an axis."""
+        return f"{self.label} ({self.unit})" if self.unit else self.label
+
+    @property
+    def expected(self) -> str:
+        """What the column may hold, in words."""
+        above = f" above {self.low:g}" if self.low > -math.inf else ""
+        most = f" and at most {self.high:g}" if self.high < math.inf else ""
+        return f"a finite number{above}{most}"
+
+    def holds(self, value: float) -> bool:
+        """Whether `value` [SI] may stand in the column."""
+        return math.isfinite(value) and self.low < value <= self.high
+
+    def parse(self, text: str) -> float:
+        """Return the value [SI] of a number as filed.
+
+        Raises
+        ------
+        ValueError
+            If the text is no number or out of bounds; the message says what was expected.
+        """
+        match = _NUMBER.fullmatch(text)
+        value = float(f"{match[1]}e{int(match[2] or 0) + self.power}") if match else math.nan
+        if not self.holds(value):
+            raise ValueError(f"expected {self.expected}, got {text!r}")
+        return value
+
+    def write(self, value: float) -> str:
+        """Return the text that `parse` turns into exactly `value` [SI]; NaN is an empty cell."""
+        if math.isnan(value):
+            return ""
+        number = Decimal(repr(float(value))).scaleb(-self.power).normalize()
+        return f"{number:f}" if -6 < number.adjusted() < 16 else str(number)
+
+
+INDENTATION = Column("indentation_mm", "indentation", "mm", power=-3, low=0.0)
+FORCE = Column("force_n", "force", "N", low=0.0)
+RATING = Column("rating", "rating", "")
+TENSILE_MODULUS = Column("tensile_modulus_mpa", "tensile modulus", "MPa", power=6, low=0.0)
+THICKNESS = Column("thickness_mm", "thickness", "mm", power=-3, low=0.0)
+POISSON_RATIO = Column("poisson_ratio", "Poisson ratio", "", low=-1.0, high=0.5)
+BENDING_RIGIDITY = Column("bending_rigidity_n_m", "bending rigidity", "N m", low=0.0)
+EFFECTIVE_MODULUS = Column("effective_modulus_kpa", "effective modulus", "kPa", power=3, low=0.0)
+
+LABELS = ("participant", "fabric", "trial")
+"""The columns of names."""
+NUMBERS: Mapping[str, Column] = {
+    column.name: column
+    for column in (
+        INDENTATION,
+        FORCE,
+        RATING,
+        TENSILE_MODULUS,
+        THICKNESS,
+        POISSON_RATIO,
+        BENDING_RIGIDITY,
+        EFFECTIVE_MODULUS,
+    )
+}
+"""The columns of numbers, by name."""
+MODULUS_SOURCES = (EFFECTIVE_MODULUS, BENDING_RIGIDITY, TENSILE_MODULUS)
+"""What a fabric's modulus may come from; the first that it has wins (tensile modulus needs thickness)."""

@@ -1,0 +1,315 @@
+"""Ratings of fabrics under loads."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from operator import attrgetter
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from softness_bayes.data.columns import FORCE, INDENTATION, RATING, Column
+from softness_bayes.data.fabrics import Fabrics
+from softness_bayes.data.tables import (
+    FloatArray,
+    IntArray,
+    Table,
+    check_renames,
+    guess,
+    natural,
+    read_only,
+    read_table,
+)
+from softness_bayes.errors import InputError
+from softness_bayes.touch.contact import Force, Indentation, Load
+
+SOLE_PARTICIPANT = "participant"
+"""Name of the participant of a table that has no column of participants."""
+
+
+class LoadColumn(NamedTuple):
+    """A way to hold a touch: its column, its type, and how its value [SI] is read from it."""
+
+    column: Column
+    kind: type[Indentation] | type[Force]
+    value: attrgetter[float]
+
+
+LOAD_COLUMNS = (
+    LoadColumn(INDENTATION, Indentation, attrgetter("depth")),
+    LoadColumn(FORCE, Force, attrgetter("newton")),
+)
+
+
+def loads_of(indentation_mm: Iterable[float] = (), force_n: Iterable[float] = ()) -> tuple[Load, ...]:
+    """Return the distinct loads of some indentations [mm] and forces [N]: indentations first, each rising.
+
+    Raises
+    ------
+    InputError
+        If a value is not positive and finite.
+    """
+    distinct: set[Load] = set()
+    for (column, kind, _), given in zip(LOAD_COLUMNS, (indentation_mm, force_n), strict=True):
+        try:
+            distinct |= {kind(column.parse(repr(float(value)))) for value in given}
+        except ValueError as error:
+            raise InputError(f"{column.name}: {error}") from None
+    return tuple(sorted(distinct, key=_rank))
+
+
+def _rank(load: Load) -> tuple[int, float]:
+    """Return the key that orders loads: indentations first, each rising."""
+    return next(
+        (k, entry.value(load)) for k, entry in enumerate(LOAD_COLUMNS) if isinstance(load, entry.kind)
+    )
+
+
+class Conditions(NamedTuple):
+    """The distinct pairs of fabric and load that were rated, by fabric, then load."""
+
+    fabric: IntArray
+    """Index (n_c,) of each condition's fabric."""
+    load: IntArray
+    """Index (n_c,) of each condition's load."""
+    of_rating: IntArray
+    """Index (n,) of each rating's condition."""
+
+
+@dataclass(frozen=True, eq=False)
+class Ratings:
+    """A long table of ratings, missing ones left out.
+
+    Parameters
+    ----------
+    participants, fabrics, loads
+        What the indices point to; loads are distinct, indentations first, each rising.
+    participant, fabric, load
+        Indices (n,) of each rating.
+    rating
+        Ratings (n,) as filed.
+    rows
+        Line (n,) of each rating in its file.
+    n_missing
+        Rows without a rating.
+    source, rating_column, digest, notes
+        File, name of the ratings' column in it, SHA-256 of its bytes, and what its reader should be told.
+    """
+
+    participants: tuple[str, ...]
+    fabrics: tuple[str, ...]
+    loads: tuple[Load, ...]
+    participant: IntArray
+    fabric: IntArray
+    load: IntArray
+    rating: FloatArray
+    rows: IntArray
+    n_missing: int = 0
+    source: str = "ratings"
+    rating_column: str = RATING.name
+    digest: str = ""
+    notes: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        arrays = {"participant": int, "fabric": int, "load": int, "rating": float, "rows": int}
+        for name, kind in arrays.items():
+            object.__setattr__(self, name, read_only(getattr(self, name), kind))
+        if len({getattr(self, name).shape for name in arrays}) > 1:
+            raise InputError(f"{self.source}: {', '.join(arrays)} differ in length")
+
+    def __len__(self) -> int:
+        return len(self.rating)
+
+    @property
+    def conditions(self) -> Conditions:
+        """The fabrics and loads that were rated, and which of them each rating is of."""
+        pairs, of_rating = np.unique(self.fabric * len(self.loads) + self.load, return_inverse=True)
+        return Conditions(*np.divmod(pairs, len(self.loads)), of_rating)
+
+    def require_positive(self) -> None:
+        """Refuse ratings that have no logarithm: magnitude estimates are above 0 (model.md 9).
+
+        Raises
+        ------
+        InputError
+            Naming the first rating that is zero or negative, and what can be done.
+        """
+        wrong = np.flatnonzero(self.rating <= 0)
+        if wrong.size:
+            i = wrong[0]
+            raise InputError(
+                f"{self.source}: row {self.rows[i]}, column {self.rating_column!r}: expected a magnitude "
+                f"estimate above 0, got '{self.rating[i]:g}' ({wrong.size} of {len(self)} ratings are zero "
+                "or negative and have no logarithm); leave the cell of a missing rating empty, and give "
+                "ratings as filed, not standardised"
+            )
+
+    @classmethod
+    def crossed(
+        cls, participants: Sequence[str], fabrics: Sequence[str], loads: Sequence[Load], rating: ArrayLike
+    ) -> Ratings:
+        """Return the ratings that everyone gave everything.
+
+        Parameters
+        ----------
+        participants, fabrics, loads
+            Who rated, what, and how it was touched.
+        rating
+            Ratings (n_participants, n_fabrics, n_loads), NaN where missing.
+        """
+        filed = np.asarray(rating, dtype=float)
+        participant, fabric, load = np.nonzero(~np.isnan(filed))
+        return cls(
+            tuple(participants),
+            tuple(fabrics),
+            tuple(loads),
+            participant,
+            fabric,
+            load,
+            rating=filed[participant, fabric, load],
+            rows=np.arange(2, 2 + len(participant)),
+            n_missing=int(np.isnan(filed).sum()),
+        )
+
+    @classmethod
+    def read(
+        cls,
+        path: str | Path,
+        fabrics: Fabrics | None = None,
+        *,
+        columns: Mapping[str, str] | None = None,
+        indentation_mm: float | None = None,
+        force_n: float | None = None,
+    ) -> Ratings:
+        """Read a long table of ratings.
+
+        Columns: `participant` (without it all rows are one participant's), `fabric`, `rating` (empty where
+        missing), `indentation_mm` or `force_n` (each row fills exactly one), `trial` if there is one.
+
+        Parameters
+        ----------
+        path
+            CSV file.
+        fabrics
+            The fabrics that may occur; by default all that the table names.
+        columns
+            Name above -> name in the file, where they differ.
+        indentation_mm, force_n
+            The load of every row [mm] or [N], where the table has no column for it.
+
+        Raises
+        ------
+        InputError
+            Naming file, row, column and value.
+        """
+        table = read_table(path, columns or {})
+        check_renames(columns or {}, table)
+        return cls.from_table(table, fabrics, indentation_mm, force_n)
+
+    @classmethod
+    def from_table(
+        cls,
+        table: Table,
+        fabrics: Fabrics | None = None,
+        indentation_mm: float | None = None,
+        force_n: float | None = None,
+    ) -> Ratings:
+        """Return the ratings of a table; the arguments are those of `read`."""
+        table.require(RATING.name)
+        filed = table.numbers(RATING)
+        rated = np.flatnonzero(~np.isnan(filed))
+        if not rated.size:
+            raise InputError(
+                f"{table.path}: column {table.titles[RATING.name]!r}: there is no rating in any row"
+            )
+        notes = [*table.notes]
+        if rated.size < len(table):
+            notes.append(f"{len(table) - rated.size} of {len(table)} ratings are missing")
+        table = table.take(rated)
+        if "participant" in table:
+            by = table.labels("participant")
+        else:
+            by = [SOLE_PARTICIPANT] * len(table)
+            notes.append("no column 'participant': all ratings are taken as those of one participant")
+        what = _fabrics_in(table, fabrics)
+        touches = _loads_in(table, indentation_mm, force_n)
+        notes += _repeats(table, by, what, touches)
+
+        participants = natural(by)
+        names = natural(what) if fabrics is None else [name for name in fabrics.names if name in set(what)]
+        distinct = sorted(set(touches), key=_rank)
+        return cls(
+            tuple(participants),
+            tuple(names),
+            tuple(distinct),
+            participant=_index(by, participants),
+            fabric=_index(what, names),
+            load=_index(touches, distinct),
+            rating=filed[rated],
+            rows=table.rows,
+            n_missing=len(filed) - rated.size,
+            source=str(table.path),
+            rating_column=table.titles[RATING.name],
+            digest=table.digest,
+            notes=tuple(f"{table.path.name}: {note}" for note in notes),
+        )
+
+
+def _index(values: Sequence[object], distinct: Sequence[object]) -> IntArray:
+    place = {value: i for i, value in enumerate(distinct)}
+    return np.array([place[value] for value in values], dtype=np.intp)
+
+
+def _fabrics_in(table: Table, fabrics: Fabrics | None) -> Sequence[str]:
+    """Return each row's fabric, all of them known."""
+    labels = table.labels("fabric")
+    if fabrics is not None:
+        known = set(fabrics.names)
+        for i, name in enumerate(labels):
+            if name not in known:
+                problem = f"{name!r} is not a fabric of {fabrics.source}{guess(name, fabrics.names)}"
+                raise table.error(i, "fabric", problem)
+    return labels
+
+
+def _loads_in(table: Table, indentation_mm: float | None, force_n: float | None) -> list[Load]:
+    """Return each row's load, from its columns or the same for all."""
+    filed = {entry: table.numbers(entry.column) for entry in LOAD_COLUMNS if entry.column.name in table}
+    given = loads_of(*([] if value is None else [value] for value in (indentation_mm, force_n)))
+    if not filed:
+        if len(given) != 1:
+            raise InputError(
+                f"{table.path}: no load column ({INDENTATION.name} or {FORCE.name}); give the load of all "
+                "ratings by one of --indentation-mm and --force-n, or name its column with --column"
+            )
+        return list(given) * len(table)
+    if given:
+        raise InputError(
+            f"{table.path}: --indentation-mm and --force-n are for tables without a load column; this one "
+            f"has {' and '.join(repr(table.titles[entry.column.name]) for entry in filed)}"
+        )
+    touches: list[Load] = []
+    for i in range(len(table)):
+        values = {entry: float(values[i]) for entry, values in filed.items() if not np.isnan(values[i])}
+        if len(values) != 1:
+            last = next(reversed(filed)).column.name
+            found = " and ".join(repr(table.cells[entry.column.name][i]) for entry in filed)
+            expected = "a load" if len(filed) == 1 else "one load, an indentation or a force"
+            raise table.error(i, last, f"expected {expected}, got {found}")
+        touches += [entry.kind(value) for entry, value in values.items()]
+    return touches
+
+
+def _repeats(table: Table, *keys: Sequence[object]) -> list[str]:
+    """Say how many ratings repeat a participant, fabric and load (and trial, where trials are told apart)."""
+    trials = "trial" in table
+    cells = set(zip(*keys, *([table.cells["trial"]] if trials else []), strict=True))
+    repeated = len(table) - len(cells)
+    if not repeated:
+        return []
+    if trials:
+        return [f"{repeated} ratings repeat a participant, fabric, load and trial: are rows copied?"]
+    return [f"{repeated} ratings repeat a participant, fabric and load: taken as further trials"]

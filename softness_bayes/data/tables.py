@@ -1,0 +1,253 @@
+"""CSV files as named columns of text: encodings, separators, decimal marks; errors that name the place."""
+
+from __future__ import annotations
+
+import difflib
+import hashlib
+import io
+import re
+import warnings
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from softness_bayes.data.columns import LABELS, NUMBERS, Column
+from softness_bayes.errors import InputError
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.intp]
+
+MISSING = frozenset({"", "na", "n/a", "nan", "null", "none"})
+"""What stands for a missing number, in any case. A name is missing only if empty: NA may be initials."""
+
+_COMMA_NUMBER = re.compile(r"[+-]?[0-9]*,[0-9]+(?:[eE][+-]?[0-9]+)?")
+_CONTROL = re.compile(rb"[\x00-\x08\x0e-\x1f]")
+
+
+@dataclass(frozen=True)
+class Table:
+    """The columns of a file that the project knows, as stripped text under their own names."""
+
+    path: Path
+    digest: str
+    """SHA-256 of the file's bytes."""
+    cells: Mapping[str, Sequence[str]]
+    titles: Mapping[str, str]
+    """Name of a column here -> its name in the file's header."""
+    rows: IntArray
+    """Line of each row in the file; the header stands in line 1."""
+    decimal: str
+    notes: tuple[str, ...]
+
+    def __len__(self) -> int:
+        return len(self.rows)
+
+    def __contains__(self, name: str) -> bool:
+        return name in self.cells
+
+    def error(self, i: int, name: str, problem: str) -> InputError:
+        """Return the error that names file, row and column of a cell."""
+        return InputError(f"{self.path}: row {self.rows[i]}, column {self.titles[name]!r}: {problem}")
+
+    def take(self, index: IntArray) -> Table:
+        """Return the rows at `index`."""
+        cells = {name: [texts[i] for i in index] for name, texts in self.cells.items()}
+        return replace(self, cells=cells, rows=self.rows[index])
+
+    def require(self, name: str) -> None:
+        """Refuse a table without the column `name`."""
+        if name not in self:
+            raise InputError(
+                f"{self.path}: no column {name!r}, and no --column {name}=... says which it is; "
+                + "; ".join([f"known columns: {', '.join(self.titles) or 'none'}", *self.notes])
+            )
+
+    def labels(self, name: str) -> Sequence[str]:
+        """Return a column of names, none of them empty."""
+        self.require(name)
+        for i, text in enumerate(self.cells[name]):
+            if not text:
+                raise self.error(i, name, "expected a name, got ''")
+        return self.cells[name]
+
+    def numbers(self, column: Column) -> FloatArray:
+        """Return a column of numbers [SI], NaN where the cell or the whole column is missing."""
+        values = np.full(len(self), np.nan)
+        for i, text in enumerate(self.cells.get(column.name, ())):
+            if text.casefold() in MISSING:
+                continue
+            if self.decimal == "," and "." in text:
+                expected = "expected a decimal comma, as elsewhere in this file"
+                raise self.error(i, column.name, f"{expected}, got {text!r}")
+            try:
+                values[i] = column.parse(text.replace(self.decimal, "."))
+            except ValueError as error:
+                raise self.error(i, column.name, str(error)) from None
+        return values
+
+
+def read_table(path: str | Path, renames: Mapping[str, str]) -> Table:
+    """Read the known columns of a CSV file.
+
+    Understood are commas, semicolons and tabs between cells; decimal commas where commas do not
+    separate cells; UTF-8 with or without a byte-order mark, UTF-16 with one, and Latin-1; quoted
+    cells; blank lines. Names of columns may differ in case. Other columns are left out, with a note.
+
+    Parameters
+    ----------
+    path
+        The file.
+    renames
+        Name of a column here -> its name in the file; those that the file lacks are ignored
+        (`check_renames` refuses those that no file has).
+
+    Raises
+    ------
+    InputError
+        If the file is not a table with at least one row; the message names file and row.
+    """
+    path = Path(path)
+    try:
+        content = path.read_bytes()
+    except OSError as error:
+        raise InputError(f"{path}: {error.strerror}") from None
+    text, notes = _decode(path, content)
+    separator = _separator(text)
+    header, body, rows = _records(path, text, separator)
+
+    where = {title.casefold(): j for j, title in enumerate(header) if title}
+    at: dict[str, int] = {}
+    for name in (*LABELS, *NUMBERS):
+        for title in (renames.get(name, name).casefold(), name):
+            if title in where:
+                at.setdefault(name, where[title])
+    cells = {name: [record[j] for record in body] for name, j in at.items()}
+    unused = [title for j, title in enumerate(header) if title and j not in at.values()]
+    if unused:
+        notes.append(f"unused columns: {listing(unused)}")
+    numbers = (text for name in NUMBERS for text in cells.get(name, ()))
+    return Table(
+        path=path,
+        digest=hashlib.sha256(content).hexdigest(),
+        cells=cells,
+        titles={name: header[j] for name, j in at.items()},
+        rows=np.array(rows, dtype=np.intp),
+        decimal="," if separator != "," and any(map(_COMMA_NUMBER.fullmatch, numbers)) else ".",
+        notes=tuple(notes),
+    )
+
+
+def check_renames(renames: Mapping[str, str], *tables: Table) -> None:
+    """Refuse to rename what means nothing here, or what none of the tables has."""
+    for name, actual in renames.items():
+        if name not in (*LABELS, *NUMBERS):
+            known = (*LABELS, *NUMBERS)
+            raise InputError(
+                f"--column {name}={actual}: no column is called {name!r} here{guess(name, known)}; "
+                f"expected one of {', '.join(known)}"
+            )
+        if all(table.titles.get(name, "").casefold() != actual.casefold() for table in tables):
+            files = " or ".join(dict.fromkeys(str(table.path) for table in tables))
+            raise InputError(f"--column {name}={actual}: there is no column {actual!r} in {files}")
+
+
+def natural(names: Iterable[str]) -> list[str]:
+    """Return distinct names with the numbers in them in numerical order: P2 before P10."""
+
+    def key(name: str) -> tuple[str, str]:
+        return re.sub("[0-9]+", lambda digits: digits[0].zfill(20), name), name
+
+    return sorted(set(names), key=key)
+
+
+def listing(names: Sequence[str], most: int = 8) -> str:
+    """Return names for a message, the first few of many."""
+    return ", ".join(names[:most]) + (f", … ({len(names)} in all)" if len(names) > most else "")
+
+
+def guess(name: str, known: Iterable[str]) -> str:
+    """Return ' (did you mean ...?)' where one of the known names is near."""
+    near = difflib.get_close_matches(name, list(known), 1)
+    return f" (did you mean {near[0]!r}?)" if near else ""
+
+
+def read_only(values: ArrayLike, kind: type) -> NDArray:
+    """Return a copy of `values` that cannot be written to."""
+    array: NDArray = np.array(values, dtype=kind)
+    array.setflags(write=False)
+    return array
+
+
+def _decode(path: Path, content: bytes) -> tuple[str, list[str]]:
+    """Return the text of a file, each newline one character, and what was noticed."""
+    notes: list[str] = []
+    wide = content[:2] in (b"\xff\xfe", b"\xfe\xff")
+    if not wide and _CONTROL.search(content):
+        raise InputError(f"{path}: not a text file, expected a table saved as CSV")
+    try:
+        text = content.decode("utf-16" if wide else "utf-8-sig")
+    except UnicodeDecodeError as error:
+        if wide:
+            raise InputError(f"{path}: {error.reason} in UTF-16, expected a table saved as CSV") from None
+        text = content.decode("latin-1")
+        notes.append("not UTF-8: read as Latin-1")
+    if not text.strip():
+        raise InputError(f"{path}: the file is empty, expected a header and rows")
+    return text.replace("\r\n", "\n").replace("\r", "\n"), notes
+
+
+def _separator(text: str) -> str:
+    """Return what separates the cells of the header."""
+    header = re.sub(r'"[^"]*"', "", text.lstrip().partition("\n")[0])
+    return max(",;\t", key=header.count)
+
+
+def _records(path: Path, text: str, separator: str) -> tuple[list[str], list[list[str]], list[int]]:
+    """Return the header, the rows that are not blank, and the line where each of these starts."""
+    import pandas as pd
+
+    # as many columns as any line could have: pandas then takes every row, and the check below names it
+    unquoted = re.sub(r'"[^"]*"', "", text)
+    width = 1 + max(line.count(separator) for line in f"{text}\n{unquoted}".split("\n"))
+    try:
+        with warnings.catch_warnings(action="error", category=pd.errors.ParserWarning):
+            frame = pd.read_csv(
+                io.StringIO(text),
+                sep=separator,
+                header=None,
+                names=range(width),
+                index_col=False,
+                dtype=str,
+                na_filter=False,
+                skip_blank_lines=False,
+                skipinitialspace=True,
+            )
+    except (pd.errors.ParserError, pd.errors.ParserWarning) as error:
+        raise InputError(f"{path}: {error} (is a quotation mark never closed?)") from None
+    records: list[list[str]] = []
+    rows: list[int] = []
+    line = 1
+    for record in frame.to_numpy(dtype=object).tolist():
+        cells = [cell.strip() for cell in record]
+        if any(cells):
+            records.append(cells)
+            rows.append(line)
+        line += 1 + sum(cell.count("\n") for cell in record)
+    header, body = records[0] if records else [], records[1:]
+    if not body:
+        raise InputError(f"{path}: there is no row below the header")
+    for title, count in Counter(title.casefold() for title in header if title).items():
+        if count > 1:
+            raise InputError(f"{path}: row {rows[0]}: {count} columns are called {title!r}, expected one")
+    used = max(j + 1 for j, title in enumerate(header) if title)
+    for record, row in zip(body, rows[1:], strict=True):
+        beyond = [cell for cell in record[used:] if cell]
+        if beyond:
+            raise InputError(
+                f"{path}: row {row}: {beyond[-1]!r} stands beyond the {used} columns of the header"
+            )
+    return header, body, rows[1:]
