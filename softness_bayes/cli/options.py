@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from softness_bayes.data import Experiment, Fabrics
     from softness_bayes.inference.priors import Prior
     from softness_bayes.touch.contact import Load
+    from softness_bayes.touch.readings import Readings
 
 Value = TypeVar("Value")
 Verb = Callable[..., Any]
@@ -228,6 +229,53 @@ prior_set = click.option(
     help="Named set of priors that --prior departs from: default or in-vivo.",
 )
 """Gives a verb `prior_set`, the name of one of the sets."""
+
+_READING = click.option(
+    "--reading",
+    "overrides",
+    multiple=True,
+    callback=named(str),
+    metavar="PLACE=NAME",
+    help="Another reading of one place of the model, as in pressure=hertz. Repeatable.",
+)
+_READING_SET = click.option(
+    "--readings",
+    "reading_set",
+    metavar="SET",
+    help="Named set of readings that --reading departs from: mended (the default), printed or hertz.",
+)
+
+
+@dataclass(frozen=True)
+class ReadingChoice:
+    """The readings asked for on the command line."""
+
+    set_name: str | None
+    overrides: Mapping[str, str]
+
+    @property
+    def is_default(self) -> bool:
+        """Whether nothing was asked for."""
+        return self.set_name is None and not self.overrides
+
+    def resolve(self) -> Readings:
+        """Return the readings; without a named set those departed from are the default ones."""
+        from softness_bayes.touch.readings import readings_named
+
+        return readings_named(self.set_name or "mended", self.overrides)
+
+
+def readings(verb: Verb) -> Verb:
+    """Give a verb the options that choose readings; it receives `choice`, a `ReadingChoice`."""
+
+    @_READING_SET
+    @_READING
+    @functools.wraps(verb)
+    def wrapped(reading_set: str | None, overrides: dict[str, str], **others: Any) -> Any:
+        return verb(choice=ReadingChoice(reading_set, overrides), **others)
+
+    return wrapped
+
 
 seed = click.option(
     "--seed",

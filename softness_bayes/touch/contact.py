@@ -240,7 +240,7 @@ def solve_contact(
     load: Load,
     b: ArrayLike,
     m: ArrayLike,
-    finger: Finger = Finger(),  # noqa: B008 - frozen
+    finger: Finger = Finger(),
     displacement: SkinDisplacement = STRAIN,
 ) -> Contact:
     """Bring a finger and a fabric into contact under one load (model.md 2-3).

@@ -21,15 +21,15 @@ from numpy.polynomial import chebyshev
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
-from softness_bayes.errors import NumericalError
+from softness_bayes.errors import InputError, NumericalError
 from softness_bayes.touch.contact import Finger, Load
 from softness_bayes.touch.readings import Readings
 from softness_bayes.touch.receptors import kink_distances
-from softness_bayes.touch.stress import unit_stress
+from softness_bayes.touch.stress import GAUSS_DENSITY, unit_stress
 
 Array = NDArray[np.float64]
 
-SHAPE_NODES = 65
+SHAPE_NODES = 81
 """Chebyshev nodes in y at which the field is inverted before its series is cut."""
 
 
@@ -99,7 +99,10 @@ class StressField:
         modulus_range: tuple[float, float],
         tolerance: float,
     ) -> None:
-        self.load, self.finger, self.readings = load, finger, readings
+        self.load, self.finger, self.readings, self.tolerance = load, finger, readings, tolerance
+        self.density = GAUSS_DENSITY if tolerance < 1e-7 else 0.5 * GAUSS_DENSITY
+        if not finger.receptor_depth > 0:
+            raise InputError("finger: receptor_depth is 0, expected a positive depth for a stress field")
         component, kernel = readings.stress_component, readings.stress_kernel
         self.root = 2.0 / (component.far_power or kernel.far_power)
         low, high = modulus_range
@@ -109,7 +112,7 @@ class StressField:
         self.farthest = float(kink_distances(finger)[-1])
         moduli = np.geomspace(1e-3 * low, 1e3 * high, 13)
         self.y_least = 0.95 * float(self._relative_root(np.full(13, self.farthest), moduli).min())
-        self._fit(tolerance)
+        self._fit()
 
     def _shift(self, high: float) -> float:
         """Return the modulus at which the pressure's decay is 1, if the contact radius is held, else 0."""
@@ -123,18 +126,20 @@ class StressField:
         radius = self.load.close(modulus, self.finger).radius
         decay = self.readings.pressure.decay(modulus, radius, self.finger)
         kernel, component = self.readings.stress_kernel, self.readings.stress_component
-        return unit_stress(rho, self.finger.receptor_depth, radius, decay, kernel, component)
+        return unit_stress(rho, self.finger.receptor_depth, radius, decay, kernel, component, self.density)
 
     def _relative_root(self, rho: Array, modulus: Array) -> Array:
         return (self._unit(rho, modulus) / self._unit(np.zeros_like(modulus), modulus)) ** self.root
 
-    def _distance(self, y: Array, modulus: Array, tolerance: float) -> Array:
+    def _distance(self, y: Array, modulus: Array) -> Array:
         """Invert the field: distances [m] at which it is y^(1/root) of its peak; (n, len(y)) from (n,)."""
         modulus = modulus[:, None]
         radius = self.load.close(modulus, self.finger).radius
-        # beyond ten contact radii or the pad the field is its own power law: a few nodes suffice
-        near, far = 1e-4 * (self.finger.receptor_depth + radius), 10.0 * (self.farthest + radius)
-        grid = np.geomspace(near[:, 0], far[:, 0], 80, axis=-1)
+        depth = self.finger.receptor_depth
+        # from deep under the contact to where the field is its own power law, and finely across the edge
+        everywhere = np.geomspace(1e-4 * (depth + radius), 10.0 * (self.farthest + radius), 70, axis=-1)[:, 0]
+        edge = radius + depth * np.sinh(np.linspace(-1, 1, 51) * np.arcsinh(0.9 * radius / depth))
+        grid = np.sort(np.concatenate([everywhere, edge], axis=-1), axis=-1)
         log_grid, known = np.log(grid), np.log(self._relative_root(grid, modulus))
         log_y = np.log(y)
         log_rho, slope = np.empty((modulus.size, y.size)), np.empty((modulus.size, y.size))
@@ -145,22 +150,23 @@ class StressField:
         for _ in range(12):  # the spline's slope serves Newton's method: each step gains about three digits
             excess = slope * (np.log(self._relative_root(np.exp(log_rho), modulus)) - log_y)
             log_rho = log_rho - np.clip(excess, -1.0, 1.0)
-            if np.abs(excess).max() < 1e-2 * tolerance:
+            if np.abs(excess).max() < 1e-2 * self.tolerance:
                 break
         return np.exp(log_rho)
 
-    def _rows(self, modulus: Array, tolerance: float) -> Array:
+    def _rows(self, modulus: Array) -> Array:
         """Compute [unit peak, coefficients of Q in T_k(y)] without the table, for moduli of shape (n,)."""
         y = 0.5 * (1 + self.y_least) + 0.5 * (1 - self.y_least) * chebyshev.chebpts1(SHAPE_NODES)
-        values = self._distance(y, modulus, tolerance) ** 2 * y / (1 - y)
+        values = self._distance(y, modulus) ** 2 * y / (1 - y)
         peak = self._unit(np.zeros_like(modulus), modulus)
         return np.column_stack([peak, values @ _values_to_coefficients(SHAPE_NODES).T])
 
-    def _fit(self, tolerance: float) -> None:
+    def _fit(self) -> None:
+        tolerance = self.tolerance
         low, high = self.log_range
         for order in (24, 48, 96, 160):
             nodes = 0.5 * (low + high) + 0.5 * (high - low) * chebyshev.chebpts1(order)
-            rows = self._rows(np.exp(nodes) - self.shift, tolerance)
+            rows = self._rows(np.exp(nodes) - self.shift)
             scale = np.concatenate(
                 [[rows[:, 0].max()], np.full(SHAPE_NODES, np.abs(rows[:, 1:]).sum(axis=1).max())]
             )
@@ -174,7 +180,6 @@ class StressField:
         keep_shape = max(int((by_shape > 0.5 * tolerance).sum()), 2)
         self.reached = float(max(by_modulus[-4], by_shape[-4]))
         self.table = np.ascontiguousarray(table[:keep_modulus, : 1 + keep_shape])
-        self.tolerance = tolerance
 
     def profile(self, modulus: Array) -> Profile:
         """Return the field for reduced moduli [Pa] of any shape.
@@ -191,7 +196,7 @@ class StressField:
         rows = _chebyshev_basis(np.clip(x, -1, 1), self.table.shape[0]) @ self.table
         outside = np.flatnonzero(np.abs(x) > 1 + 1e-12)
         if outside.size:
-            rows[outside] = self._rows(modulus.ravel()[outside], self.tolerance)[:, : rows.shape[1]]
+            rows[outside] = self._rows(modulus.ravel()[outside])[:, : rows.shape[1]]
         rows = rows.reshape(*modulus.shape, -1)
         radius = self.load.close(modulus, self.finger).radius
         amplitude = self.readings.pressure.amplitude(modulus, radius, self.finger)

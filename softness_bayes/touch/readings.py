@@ -86,6 +86,38 @@ ALTERNATIVES: Mapping[str, Mapping[str, Any]] = MappingProxyType(
 """Every alternative of every place, by name; the first of each is the default."""
 
 
+MENDED = Readings()
+"""The paper's model with its misprints mended: the default."""
+AS_PRINTED = Readings(
+    pressure=PRINTED_PRESSURE,
+    stress_kernel=PRINTED_KERNEL,
+    stress_component=PRINCIPAL,
+    membrane=PRINTED_MEMBRANE,
+    receptor_density=PRINTED_DENSITY,
+)
+"""Everything as the paper prints it, in mm-N-MPa."""
+CLASSICAL = Readings(fabric_modulus=PLATE_RIGIDITY, pressure=HERTZ, stress_kernel=AXISYMMETRIC)
+"""Classical mechanics throughout: thin-plate rigidity, Hertz's pressure, Boussinesq's stress."""
+
+NAMED_READINGS: Mapping[str, Readings] = MappingProxyType(
+    {"mended": MENDED, "printed": AS_PRINTED, "hertz": CLASSICAL}
+)
+"""The named sets of readings; the first is the default."""
+
+
+def readings_named(name: str, overrides: Mapping[str, str] | None = None) -> Readings:
+    """Return a named set of readings, with single places overridden by name.
+
+    Raises
+    ------
+    InputError
+        If there is no such set, place or alternative, or the result does not compose.
+    """
+    if name not in NAMED_READINGS:
+        raise InputError(f"readings: no set '{name}'; expected one of {', '.join(NAMED_READINGS)}")
+    return NAMED_READINGS[name].override(overrides or {})
+
+
 def alternative(place: str, name: str) -> Any:
     """Return the named alternative of a place.
 

@@ -99,6 +99,15 @@ class Response(NamedTuple):
     """State of the contact."""
 
 
+class BeyondHertz(NamedTuple):
+    """Shares of draws × conditions with a large contact (model.md 3)."""
+
+    questionable: float
+    """Share with a > 0.5 R."""
+    meaningless: float
+    """Share with a >= R."""
+
+
 class Scene:
     """Fabrics × loads × pad, compiled once.
 
@@ -131,9 +140,9 @@ class Scene:
         firing: Firing,
         fabric: ArrayLike | None = None,
         load: ArrayLike | None = None,
-        finger: Finger = Finger(),  # noqa: B008 - frozen
-        readings: Readings = Readings(),  # noqa: B008 - frozen
-        discretisation: Discretisation = Discretisation(),  # noqa: B008 - frozen
+        finger: Finger = Finger(),
+        readings: Readings = Readings(),
+        discretisation: Discretisation = Discretisation(),
     ) -> None:
         moduli, poisson = np.broadcast_arrays(
             np.atleast_1d(np.asarray(fabric_modulus, float)), np.asarray(fabric_poisson, float)
@@ -226,6 +235,11 @@ class Scene:
         shape, chunks = self._chunks(parameters)
         fields = zip(*(contact for _, contact in chunks), strict=True)
         return Contact(*(np.concatenate(part).reshape(*shape, self.n_conditions) for part in fields))
+
+    def beyond_hertz(self, parameters: TouchParameters) -> BeyondHertz:
+        """Return the shares of draws × conditions whose contact leaves the range of Hertz's geometry."""
+        radius = self.contact(parameters).radius / self.finger.radius
+        return BeyondHertz(float((radius > 0.5).mean()), float((radius >= 1.0).mean()))
 
     def _chunks(
         self, parameters: TouchParameters

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -153,10 +154,17 @@ PRINCIPAL = Component("principal", _principal, needs_plane=True, far_power=2.0)
 """The largest compressive principal stress of the plane state."""
 
 
+@lru_cache(maxsize=64)
+def _gauss(nodes: int) -> tuple[Array, Array]:
+    x, weight = np.polynomial.legendre.leggauss(nodes)
+    x.flags.writeable = weight.flags.writeable = False
+    return x, weight
+
+
 def _graded(lower: Array, upper: Array, centre: Array, scale: Array, density: float) -> tuple[Array, Array]:
     """Gauss nodes and weights on [lower, upper], crowded around `centre` within `scale` (a sinh map)."""
     u0, u1 = np.arcsinh((lower - centre) / scale), np.arcsinh((upper - centre) / scale)
-    x, weight = np.polynomial.legendre.leggauss(int(28 + density * np.max(u1 - u0, initial=0.0)))
+    x, weight = _gauss(int(28 + density * np.max(u1 - u0, initial=0.0)))
     half = 0.5 * (u1 - u0)[..., None]
     u = half * x + 0.5 * (u0 + u1)[..., None]
     return centre[..., None] + scale[..., None] * np.sinh(u), half * weight * scale[..., None] * np.cosh(u)
@@ -221,7 +229,7 @@ def stress(
     rho: ArrayLike,
     reduced_modulus: ArrayLike,
     radius: ArrayLike,
-    finger: Finger = Finger(),  # noqa: B008 - frozen
+    finger: Finger = Finger(),
     pressure: Pressure = ATTENUATED,
     kernel: Kernel = LINE,
     component: Component = VERTICAL,

@@ -1,0 +1,87 @@
+"""`softness-bayes predict`: the forward model as a table."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from softness_bayes.cli.options import ReadingChoice, Touches, prior_set, readings, set_values, touches
+from softness_bayes.errors import InputError
+
+if TYPE_CHECKING:
+    from softness_bayes.touch.parameters import TouchParameters
+    from softness_bayes.touch.scene import Scene
+
+DRAWS = 400
+"""Posterior draws that a table of credible limits is made of."""
+
+
+@click.command()
+@touches
+@set_values
+@prior_set
+@readings
+@click.option(
+    "--posterior",
+    type=click.Path(path_type=Path),
+    metavar="DIR",
+    help="A finished run: parameters are draws of its posterior, and each quantity gets its median and, as "
+    "NAME_low and NAME_high, the limits of its 90 % credible interval.",
+)
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path, dir_okay=False),
+    metavar="FILE",
+    help="CSV file to write; by default the table is printed.",
+)
+def command(
+    touches: Touches,
+    values: dict[str, float],
+    prior_set: str,
+    choice: ReadingChoice,
+    posterior: Path | None,
+    out: Path | None,
+) -> None:
+    """Predict contact, stress and firing for fabrics under loads.
+
+    One row for each fabric and load. Parameters are the medians of their priors; --set changes single
+    ones, --posterior takes the draws of a run instead.
+    """
+    from softness_bayes.predict import prediction_table
+    from softness_bayes.study import scene_of, touch_parameters, usual_values
+
+    fabrics, loads = touches.read()
+    if posterior is None:
+        chosen = choice.resolve()
+        named = dict(usual_values(chosen, prior_set, values))
+    else:
+        from softness_bayes.result import Result
+
+        if values or not choice.is_default or prior_set != "default":
+            raise InputError("--posterior brings its own parameters and readings: leave out --set and the like")
+        result = Result.load(posterior)
+        chosen, named = result.readings, result.values(DRAWS)
+    parameters = touch_parameters(named)
+    scene = scene_of(fabrics, loads, named, chosen)
+    table = prediction_table(fabrics, scene, parameters)
+    if out is None:
+        table.to_csv(sys.stdout, index=False)
+    else:
+        table.to_csv(out, index=False)
+        click.echo(f"{out}: {len(table)} rows", err=True)
+    if note := _geometry_note(scene, parameters):
+        click.echo(f"note: {note}", err=True)
+
+
+def _geometry_note(scene: Scene, parameters: TouchParameters) -> str:
+    """Say how often the contact leaves the range of Hertz's geometry (model.md 3)."""
+    beyond = scene.beyond_hertz(parameters)
+    if not beyond.questionable:
+        return ""
+    return (
+        f"the contact radius exceeds R/2, where Hertz's geometry is questionable, in {beyond.questionable:.1%} "
+        f"of the rows' draws, and R, where it is meaningless, in {beyond.meaningless:.1%}"
+    )

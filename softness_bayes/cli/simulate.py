@@ -1,0 +1,114 @@
+"""`softness-bayes simulate`: ratings from stated parameters."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from softness_bayes import __version__
+from softness_bayes.cli.options import (
+    ReadingChoice,
+    Touches,
+    force,
+    out,
+    prior_set,
+    readings,
+    seed,
+    set_values,
+    touches,
+)
+
+if TYPE_CHECKING:
+    from softness_bayes.study import Simulation
+    from softness_bayes.touch.contact import Load
+
+
+@click.command()
+@touches
+@set_values
+@prior_set
+@readings
+@click.option(
+    "--participants", type=click.IntRange(min=1), default=30, show_default=True, help="Number of raters."
+)
+@click.option(
+    "--missing",
+    type=click.FloatRange(0, 1, max_open=True),
+    default=0.0,
+    show_default=True,
+    help="Share of ratings left out at random.",
+)
+@click.option("--typical-rating", type=float, metavar="Y", help="exp(mu), by default its prior's centre.")
+@seed
+@out
+@force
+def command(
+    touches: Touches,
+    values: dict[str, float],
+    prior_set: str,
+    choice: ReadingChoice,
+    participants: int,
+    missing: float,
+    typical_rating: float | None,
+    seed: int,
+    out: Path,
+    force: bool,
+) -> None:
+    """Simulate magnitude estimates of fabrics from stated parameters.
+
+    Every participant rates every fabric under every load once. Writes ratings.csv (with the fabrics'
+    columns), fabrics.csv and truth.json, which holds the parameters behind them.
+    """
+    import numpy as np
+
+    from softness_bayes.data import write_fabrics, write_ratings
+    from softness_bayes.errors import InputError
+    from softness_bayes.study import simulate_ratings, usual_values
+
+    fabrics, loads = touches.read()
+    chosen = choice.resolve()
+    if typical_rating is not None and not (math.isfinite(typical_rating) and typical_rating > 0):
+        raise InputError(f"--typical-rating is {typical_rating}, expected a positive number")
+    mu = None if typical_rating is None else math.log(typical_rating)
+    simulation = simulate_ratings(
+        np.random.default_rng(seed),
+        fabrics,
+        loads,
+        usual_values(chosen, prior_set, values),
+        chosen,
+        participants,
+        missing,
+        mu,
+    )
+    made = ("ratings.csv", "fabrics.csv", "truth.json")
+    present = [name for name in made if (out / name).exists()]
+    if present and not force:
+        raise InputError(f"{out}: {', '.join(present)} exists; choose another --out, or --force to replace it")
+    out.mkdir(parents=True, exist_ok=True)
+    write_fabrics(out / "fabrics.csv", fabrics)
+    write_ratings(out / "ratings.csv", simulation.ratings, fabrics)
+    story = _truth(simulation, fabrics.names, loads)
+    story |= {"seed": seed, "readings": chosen.names, "version": __version__, "simulated": True}
+    (out / "truth.json").write_text(json.dumps(story, indent=1) + "\n", encoding="utf-8")
+    click.echo(f"{out}: {len(simulation.ratings)} simulated ratings of {len(fabrics)} fabrics")
+    silent = float((simulation.total_rate == 0).mean())
+    if silent:
+        click.echo(f"note: no receptor fires in {silent:.0%} of the conditions", err=True)
+
+
+def _truth(simulation: Simulation, names: tuple[str, ...], loads: tuple[Load, ...]) -> dict[str, Any]:
+    """Return what the ratings were made of, as JSON holds it."""
+    return {
+        "truth": simulation.truth,
+        "total_rate": {
+            str(load): dict(zip(names, simulation.total_rate[:, k].tolist(), strict=True))
+            for k, load in enumerate(loads)
+        },
+        "participant_effect": dict(
+            zip(simulation.ratings.participants, simulation.participant_effect.tolist(), strict=True)
+        ),
+    }

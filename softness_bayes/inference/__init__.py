@@ -1,0 +1,1 @@
+"""Bayes: priors, parameters, likelihood, sampling and diagnostics."""

@@ -1,0 +1,94 @@
+"""Coordinates in which walkers move: the whole line for every parameter, whatever its support."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import expit, log_expit, logit
+
+FloatArray = NDArray[np.float64]
+
+
+class Coordinate(Protocol):
+    """A smooth rising map from the line z to the open support of a parameter x, element by element."""
+
+    def natural(self, z: FloatArray) -> FloatArray:
+        """Parameter value x at ``z``."""
+
+    def coordinate(self, x: FloatArray) -> FloatArray:
+        """The inverse: z at ``x``."""
+
+    def log_slope(self, z: FloatArray) -> FloatArray:
+        """Log of dx/dz at ``z``, so that log p(z) = log p(x) + log_slope(z)."""
+
+
+@dataclass(frozen=True)
+class Line:
+    """x = z, for a quantity of either sign."""
+
+    def natural(self, z: FloatArray) -> FloatArray:
+        """Return x = z."""
+        return z
+
+    def coordinate(self, x: FloatArray) -> FloatArray:
+        """Return z = x."""
+        return x
+
+    def log_slope(self, z: FloatArray) -> FloatArray:
+        """Zero."""
+        return np.zeros_like(z)
+
+
+@dataclass(frozen=True)
+class HalfLine:
+    """x = low + exp z, for a quantity above ``low``."""
+
+    low: float = 0.0
+
+    def natural(self, z: FloatArray) -> FloatArray:
+        """Return x = low + exp z; infinite where exp overflows, which every prior gives no weight."""
+        with np.errstate(over="ignore"):
+            return self.low + np.exp(z)
+
+    def coordinate(self, x: FloatArray) -> FloatArray:
+        """Return z = log(x - low)."""
+        return np.log(x - self.low)
+
+    def log_slope(self, z: FloatArray) -> FloatArray:
+        """Log of exp z."""
+        return z
+
+
+@dataclass(frozen=True)
+class Interval:
+    """x = low + (high - low)/(1 + exp -z), for a quantity between two bounds."""
+
+    low: float
+    high: float
+
+    def natural(self, z: FloatArray) -> FloatArray:
+        """Parameter value at ``z``."""
+        return self.low + (self.high - self.low) * expit(z)
+
+    def coordinate(self, x: FloatArray) -> FloatArray:
+        """Log odds of the share of the interval below ``x``."""
+        return logit((x - self.low) / (self.high - self.low))
+
+    def log_slope(self, z: FloatArray) -> FloatArray:
+        """log((high - low) s (1 - s)), s the share of the interval below x."""
+        return math.log(self.high - self.low) + log_expit(z) + log_expit(-z)
+
+
+def coordinate_for(support: tuple[float, float]) -> Coordinate:
+    """The coordinate that suits a support (low, high).
+
+    A support bounded only from above is turned into `Line`: no prior of the toolkit has one.
+    """
+    low, high = support
+    if math.isinf(low):
+        return Line()
+    return HalfLine(low) if math.isinf(high) else Interval(low, high)

@@ -1,0 +1,159 @@
+"""The response against the fabric's modulus, draw by draw, and where it turns over (model.md 11)."""
+
+from __future__ import annotations
+
+from enum import IntEnum
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from softness_bayes.touch.parameters import TouchParameters
+from softness_bayes.touch.scene import Scene
+
+Array = NDArray[np.float64]
+
+LEAST_DROP = 0.02
+"""A maximum counts as interior if it exceeds both ends of the range by this share of itself."""
+
+RANGE_FACTOR = 10.0
+"""The range of an inflection: from a tenth of the smallest fabric to ten times the largest."""
+
+
+class Outcome(IntEnum):
+    """What the response of one draw under one load does over the range of fabrics."""
+
+    NONE = 0
+    """No interior maximum."""
+    INTERIOR = 1
+    """An interior maximum: the response turns over."""
+    SILENT = 2
+    """No receptor fires anywhere."""
+
+
+class Curves(NamedTuple):
+    """The chain along a grid of fabric moduli, for every draw and load."""
+
+    modulus: Array
+    """E_fab [Pa], shape (points,), rising by a constant factor."""
+    total_rate: Array
+    """Response [spikes/s], shape (draws, loads, points)."""
+    skin_modulus: Array
+    """E_skin [Pa], same shape."""
+    force: Array
+    """Hertz's force [N], same shape."""
+    radius: Array
+    """Contact radius [m], same shape."""
+
+
+class Inflection(NamedTuple):
+    """Where the response turns over, every field of shape (draws, loads)."""
+
+    outcome: NDArray[np.int8]
+    """An `Outcome` for each draw and load."""
+    modulus: Array
+    """E_fab at the maximum [Pa]; NaN unless the outcome is interior. So are the next three."""
+    ratio: Array
+    """E_fab / E_skin there [-]."""
+    force: Array
+    """Hertz's force there [N]."""
+    drop: Array
+    """Fall from the maximum to the stiff end of the range, as a share of the maximum [-]."""
+    inside: NDArray[np.bool_]
+    """Whether an interior maximum lies within the moduli of the fabrics themselves."""
+
+
+def curve_scene(scene: Scene, points: int = 161) -> Scene:
+    """Return the scene whose fabrics are a logarithmic grid over the inflection's range.
+
+    Loads, finger, readings and resolution are those of `scene`; the Poisson ratio is the median of
+    its fabrics.
+    """
+    low, high = scene.modulus.min() / RANGE_FACTOR, scene.modulus.max() * RANGE_FACTOR
+    return Scene(
+        np.geomspace(low, high, points),
+        float(np.median(scene.poisson)),
+        scene.loads,
+        scene.firing,
+        finger=scene.finger,
+        readings=scene.readings,
+        discretisation=scene.discretisation,
+    )
+
+
+def response_curves(grid: Scene, parameters: TouchParameters) -> Curves:
+    """Evaluate a scene made by `curve_scene` for a batch of draws, shape (draws,)."""
+    points = grid.n_conditions // len(grid.loads)
+    rate, contact = grid.total_rate(parameters), grid.contact(parameters)
+
+    def by_load(values: Array) -> Array:
+        return values.reshape(*values.shape[:-1], len(grid.loads), points)
+
+    return Curves(
+        grid.modulus[:points],
+        by_load(rate),
+        by_load(contact.skin_modulus),
+        by_load(contact.force),
+        by_load(contact.radius),
+    )
+
+
+def find_inflection(curves: Curves, error: float, data_range: tuple[float, float]) -> Inflection:
+    """Locate the maximum of every curve and say what it is.
+
+    The largest point of the grid is refined by the quartic through it and its four neighbours in
+    ln E_fab. It counts as interior only if it exceeds the response at both ends by `LEAST_DROP` of
+    itself and by three times the numerical error.
+
+    Parameters
+    ----------
+    curves
+        From `response_curves`.
+    error
+        Numerical error of the response relative to its peak [-].
+    data_range
+        Smallest and largest modulus of the fabrics themselves [Pa].
+    """
+    rate, log_modulus = curves.total_rate, np.log(curves.modulus)
+    points = log_modulus.size
+    top = np.clip(rate.argmax(axis=-1), 2, points - 3)
+    offset, peak = _refine(
+        np.stack([np.take_along_axis(rate, (top + k)[..., None], -1)[..., 0] for k in _STENCIL], -1)
+    )
+    place = top + offset
+    silent = rate.max(axis=-1) == 0
+    margin = max(LEAST_DROP, 3.0 * error) * peak
+    interior = ~silent & (peak - rate[..., 0] >= margin) & (peak - rate[..., -1] >= margin)
+    outcome = np.where(silent, Outcome.SILENT, np.where(interior, Outcome.INTERIOR, Outcome.NONE)).astype(
+        np.int8
+    )
+
+    def at_peak(values: Array) -> Array:
+        below = np.floor(place).astype(int)
+        left, right = (np.take_along_axis(np.log(values), (below + k)[..., None], -1)[..., 0] for k in (0, 1))
+        return np.where(interior, np.exp(left + (place - below) * (right - left)), np.nan)
+
+    modulus = np.where(interior, np.exp(np.interp(place, np.arange(points), log_modulus)), np.nan)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        drop = np.where(interior, 1.0 - rate[..., -1] / peak, np.nan)
+        inside = interior & (modulus >= data_range[0]) & (modulus <= data_range[1])
+    return Inflection(
+        outcome, modulus, modulus / at_peak(curves.skin_modulus), at_peak(curves.force), drop, inside
+    )
+
+
+_STENCIL = (-2, -1, 0, 1, 2)
+
+
+def _refine(values: Array) -> tuple[Array, Array]:
+    """Return offset and height of the maximum of the quartic through five values, near the middle one."""
+    c = values @ np.linalg.inv(np.vander(np.array(_STENCIL, float), increasing=True)).T
+    x = np.zeros(values.shape[:-1])
+    for _ in range(4):
+        slope = c[..., 1] + x * (2 * c[..., 2] + x * (3 * c[..., 3] + x * 4 * c[..., 4]))
+        bend = 2 * c[..., 2] + x * (6 * c[..., 3] + x * 12 * c[..., 4])
+        with np.errstate(divide="ignore", invalid="ignore"):
+            step = np.where(bend < 0, -slope / bend, 0.0)
+        x = np.clip(x + np.nan_to_num(step, posinf=0.0, neginf=0.0), -1.0, 1.0)
+    height = c[..., 0] + x * (c[..., 1] + x * (c[..., 2] + x * (c[..., 3] + x * c[..., 4])))
+    return x, np.maximum(height, values.max(axis=-1))

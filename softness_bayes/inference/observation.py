@@ -1,0 +1,206 @@
+"""From the response to ratings: magnitude estimates as a log-linear model with free moduli (model.md 9)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from softness_bayes.errors import InputError
+from softness_bayes.inference.random_effects import Design, Effects, LeaveOneOut, RandomEffects, Spreads
+
+FloatArray = NDArray[np.float64]
+
+_LOG_ROOT_TWO_PI = 0.5 * math.log(2.0 * math.pi)
+
+
+class RatingParameters(NamedTuple):
+    """The parameters of the rating model, each a number or an array of the batch shape (...)."""
+
+    gamma: ArrayLike
+    """Exponent of the rating [-]."""
+    tau: ArrayLike
+    """Standard deviation of participants' log moduli [-]."""
+    varsigma: ArrayLike
+    """Standard deviation of a rating's log about its participant's [-]."""
+    omega: ArrayLike = 0.0
+    """Standard deviation of fabrics' own deviations in the log [-]."""
+    eps: ArrayLike = 0.1
+    """Rate added to a silent fabric's [Hz]."""
+
+
+@dataclass(frozen=True)
+class RatingDirection:
+    """A reading of what is rated: softness rises (+1) or falls (-1) with the response."""
+
+    name: str
+    sign: float
+
+
+SOFTNESS = RatingDirection("softness", +1.0)
+INVERSE = RatingDirection("inverse", -1.0)
+RATING_DIRECTIONS: Mapping[str, RatingDirection] = MappingProxyType(
+    {direction.name: direction for direction in (SOFTNESS, INVERSE)}
+)
+"""The readings of the rating's direction, by name; the first is the default."""
+
+
+@dataclass(frozen=True)
+class RatingModel:
+    """log y = mu + s_participant ± gamma (x - mean x over the rows) + f_fabric + e, x = log(N/N_ref + eps).
+
+    s ~ N(0, tau²), f ~ N(0, omega²), e ~ N(0, varsigma²), mu ~ N(log centre, spread²). N/N_ref is the pad's
+    mean rate [Hz], the total rate over the number of receptors.
+
+    Parameters
+    ----------
+    direction
+        The sign of gamma.
+    centre, spread
+        Median of the prior of exp mu, and the standard deviation of mu.
+    """
+
+    direction: RatingDirection = SOFTNESS
+    centre: float = 20.0
+    spread: float = 3.0
+
+    def drive(self, design: Design, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
+        """What the response adds to the log rating in each condition of a design.
+
+        Parameters
+        ----------
+        design
+            Who rated what: the rows over which x is centred.
+        mean_rate
+            N/N_ref [Hz] of each condition, shape (..., conditions).
+        parameters
+            Values of batch shape (...).
+
+        Returns
+        -------
+        ndarray, shape (..., conditions)
+        """
+        return self.drive_at(mean_rate, design, mean_rate, parameters)
+
+    def drive_at(
+        self, elsewhere: FloatArray, design: Design, mean_rate: FloatArray, parameters: RatingParameters
+    ) -> FloatArray:
+        """As `drive`, at other mean rates [Hz], shape (..., k), centred as the rows of the design are."""
+        eps = np.asarray(parameters.eps, float)[..., None]
+        centre = (np.log(mean_rate + eps) @ design.weight)[..., None]
+        gamma = np.asarray(parameters.gamma, float)[..., None]
+        return self.direction.sign * gamma * (np.log(elsewhere + eps) - centre)
+
+    def draw_effects(
+        self,
+        rng: np.random.Generator,
+        parameters: RatingParameters,
+        shape: tuple[int, ...],
+        n_participants: int,
+        n_fabrics: int,
+        mu: ArrayLike | None = None,
+    ) -> Effects:
+        """Effects of new participants and new fabrics, of batch ``shape``; mu from its prior unless given."""
+        if mu is None:
+            mu = math.log(self.centre) + self.spread * rng.standard_normal(shape)
+        tau, omega = (np.asarray(value, float)[..., None] for value in (parameters.tau, parameters.omega))
+        participant = tau * rng.standard_normal((*shape, n_participants))
+        fabric = omega * rng.standard_normal((*shape, n_fabrics))
+        return Effects(np.broadcast_to(np.asarray(mu, float), shape), participant, fabric)
+
+    def draw_ratings(
+        self,
+        rng: np.random.Generator,
+        design: Design,
+        drive: FloatArray,
+        parameters: RatingParameters,
+        effects: Effects,
+    ) -> FloatArray:
+        """One rating for every row of a design, shape (..., rows), given the effects and `drive`."""
+        log_rating = (
+            effects.mu[..., None] + (drive + effects.fabric[..., design.fabric])[..., design.condition]
+        )
+        log_rating = log_rating + effects.participant[..., design.participant]
+        noise = rng.standard_normal(log_rating.shape)
+        return np.exp(log_rating + np.asarray(parameters.varsigma, float)[..., None] * noise)
+
+
+class LogRatings:
+    """Positive ratings under a `RatingModel`, with mu, participants and fabrics integrated out.
+
+    All densities are of the ratings as filed, not of their logarithms (- log y for each).
+
+    Parameters
+    ----------
+    ratings
+        y of every row of the design, shape (rows,).
+    design
+        Who rated what.
+    model
+        The rating model.
+
+    Raises
+    ------
+    InputError
+        If a rating is not a positive finite number, or their number is not that of the design's rows.
+    """
+
+    def __init__(self, ratings: ArrayLike, design: Design, model: RatingModel = RatingModel()) -> None:
+        self.ratings = np.array(ratings, dtype=float)
+        self.ratings.flags.writeable = False
+        if self.ratings.shape != (design.n_rows,):
+            raise InputError(
+                f"ratings: shape {self.ratings.shape}, expected one for each of {design.n_rows} rows"
+            )
+        wrong = ~(np.isfinite(self.ratings) & (self.ratings > 0))
+        if wrong.any():
+            raise InputError(
+                f"ratings: {wrong.sum()} of {wrong.size} are not positive numbers, the first is "
+                f"{self.ratings[wrong][0]}; magnitude estimates have no zeros or negatives"
+            )
+        self.design, self.model = design, model
+        self._log = np.log(self.ratings)
+        self._effects = RandomEffects(design, self._log, math.log(model.centre), model.spread)
+
+    def log_likelihood(self, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
+        """Log density of all ratings together.
+
+        Parameters
+        ----------
+        mean_rate
+            N/N_ref [Hz] of each condition, shape (..., conditions).
+        parameters
+            Values of batch shape (...).
+
+        Returns
+        -------
+        ndarray, shape (...)
+        """
+        drive = self.model.drive(self.design, mean_rate, parameters)
+        return self._effects.log_density(drive, _spreads(parameters)) - self._log.sum()
+
+    def leave_one_out(self, mean_rate: FloatArray, parameters: RatingParameters) -> LeaveOneOut:
+        """The normal law of each log rating given all the others, arrays of shape (..., rows)."""
+        drive = self.model.drive(self.design, mean_rate, parameters)
+        return self._effects.leave_one_out(drive, _spreads(parameters))
+
+    def log_likelihood_loo(self, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
+        """Log density of each rating given all the others, shape (..., rows)."""
+        mean, sd = self.leave_one_out(mean_rate, parameters)
+        return -0.5 * ((self._log - mean) / sd) ** 2 - np.log(sd) - _LOG_ROOT_TWO_PI - self._log
+
+    def draw_effects(
+        self, rng: np.random.Generator, mean_rate: FloatArray, parameters: RatingParameters
+    ) -> Effects:
+        """Exact draws of mu, participants and fabrics given the ratings, one for each point of the batch."""
+        drive = self.model.drive(self.design, mean_rate, parameters)
+        return self._effects.draw_effects(rng, drive, _spreads(parameters))
+
+
+def _spreads(parameters: RatingParameters) -> Spreads:
+    return Spreads(parameters.tau, parameters.varsigma, parameters.omega)

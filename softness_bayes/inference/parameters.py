@@ -1,0 +1,249 @@
+"""The parameters, each declared once, and the space of those that are sampled (model.md 10)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, replace
+from types import MappingProxyType
+
+import numpy as np
+from numpy.typing import NDArray
+
+from softness_bayes.errors import InputError
+from softness_bayes.inference.coordinates import Coordinate, coordinate_for
+from softness_bayes.inference.priors import HalfNormal, LogNormal, Prior
+from softness_bayes.touch.contact import DISPLACEMENT, STRAIN, SkinDisplacement
+from softness_bayes.touch.parameters import TouchParameters
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One parameter of the model, as every chain, file, plot, table and help text names it.
+
+    Parameters
+    ----------
+    name, symbol, unit, meaning
+        Name in files and options, LaTeX symbol, natural unit, and what it is.
+    si
+        SI units (or the neuron's own) in one natural unit.
+    prior
+        Default prior, in natural units.
+    vanishing
+        Whether it may be held at 0; all other values must be positive.
+    """
+
+    name: str
+    symbol: str
+    unit: str
+    meaning: str
+    prior: Prior
+    si: float = 1.0
+    vanishing: bool = False
+
+    @property
+    def label(self) -> str:
+        """Symbol with its unit, for an axis."""
+        return f"{self.symbol} [{self.unit}]" if self.unit != "–" else self.symbol
+
+
+PARAMETERS: Mapping[str, Parameter] = MappingProxyType(
+    {
+        parameter.name: parameter
+        for parameter in (
+            Parameter("b", r"$b$", "kPa", "skin modulus at rest", LogNormal(100, 0.5), si=1e3),
+            Parameter("m", r"$m$", "–", "stiffening of the skin", LogNormal(2, 0.3), vanishing=True),
+            Parameter("alpha", r"$\alpha$", "µA/cm²", "largest receptor current", LogNormal(20.3, 0.1)),
+            Parameter("beta", r"$\beta$", "1/kPa", "steepness of transduction", LogNormal(0.6, 0.3), si=1e-3),
+            Parameter("sigma_0", r"$\sigma_0$", "kPa", "stress at half current", LogNormal(9, 0.4), si=1e3),
+            Parameter("c_Na", r"$c_{Na}$", "–", "sodium conductance multiplier", LogNormal(1.05, 0.03, 0.1)),
+            Parameter("c_K", r"$c_K$", "–", "potassium conductance multiplier", LogNormal(1.16, 0.03, 0.1)),
+            Parameter("c_L", r"$c_L$", "–", "leak conductance multiplier", LogNormal(1.0, 0.03, 0.1)),
+            Parameter("c_A", r"$c_A$", "–", "A-current conductance multiplier", LogNormal(1.5, 0.03, 0.1)),
+            Parameter("gamma", r"$\gamma$", "–", "exponent of the rating", LogNormal(1, 0.3)),
+            Parameter("tau", r"$\tau$", "–", "spread of participants", HalfNormal(1), vanishing=True),
+            Parameter("varsigma", r"$\varsigma$", "–", "spread of a participant's ratings", HalfNormal(0.5)),
+            Parameter("omega", r"$\omega$", "–", "spread between fabrics", HalfNormal(0.5), vanishing=True),
+            Parameter("eps", r"$\epsilon$", "Hz", "rate added to a silent fabric's", LogNormal(0.1, 1)),
+        )
+    }
+)
+"""Every parameter by name, in the order of files and tables."""
+
+HELD: Mapping[str, float] = MappingProxyType(
+    {"c_Na": 1.05, "c_K": 1.16, "c_L": 1.0, "c_A": 1.5, "omega": 0.0, "eps": 0.1}
+)
+"""Parameters that are held at a value unless they are freed or given a prior."""
+
+PRIOR_SETS: Mapping[str, Mapping[SkinDisplacement, Mapping[str, Prior]]] = MappingProxyType(
+    {
+        "default": {STRAIN: {}, DISPLACEMENT: {"m": LogNormal(707, 0.3)}},
+        "in-vivo": {
+            STRAIN: {"b": LogNormal(7.5, 0.25), "m": LogNormal(3.9, 0.1)},
+            DISPLACEMENT: {"b": LogNormal(15.8, 0.2), "m": LogNormal(630, 0.1)},
+        },
+    }
+)
+"""Named prior sets: what differs from the parameters' own priors under each reading of the skin."""
+
+
+@dataclass(frozen=True)
+class ParameterSpace:
+    """The sampled parameters, in order, and the values of the held ones.
+
+    A point theta is an array in natural units whose last axis runs over `sampled`; z is the same
+    point in the coordinates of the sampler, unbounded on every axis.
+    """
+
+    sampled: tuple[Parameter, ...]
+    held: Mapping[str, float]
+    _coordinates: tuple[Coordinate, ...] = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "held", MappingProxyType(dict(self.held)))
+        coordinates = tuple(coordinate_for(p.prior.support) for p in self.sampled)
+        object.__setattr__(self, "_coordinates", coordinates)
+
+    def __reduce__(self) -> tuple[type, tuple[tuple[Parameter, ...], dict[str, float]]]:
+        return type(self), (self.sampled, dict(self.held))  # a mapping proxy cannot travel to a worker
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the sampled parameters."""
+        return tuple(p.name for p in self.sampled)
+
+    @property
+    def dimension(self) -> int:
+        """Number of sampled parameters."""
+        return len(self.sampled)
+
+    def natural(self, z: FloatArray) -> FloatArray:
+        """Points theta [natural units] at sampler coordinates ``z``, both of shape (..., dimension)."""
+        return _columnwise([c.natural(z[..., k]) for k, c in enumerate(self._coordinates)], z)
+
+    def coordinates(self, theta: FloatArray) -> FloatArray:
+        """Sampler coordinates z at points ``theta``, the inverse of `natural`."""
+        return _columnwise([c.coordinate(theta[..., k]) for k, c in enumerate(self._coordinates)], theta)
+
+    def log_jacobian(self, z: FloatArray) -> FloatArray:
+        """Log of the volume of theta per volume of z at ``z``, shape (...)."""
+        slopes = [c.log_slope(z[..., k]) for k, c in enumerate(self._coordinates)]
+        return np.sum(slopes, axis=0) if slopes else np.zeros(z.shape[:-1])
+
+    def log_prior(self, theta: FloatArray) -> FloatArray:
+        """Log prior density of each parameter [1/natural unit], shape (..., dimension).
+
+        It is -inf outside the open interval of a support: the sampler's coordinates never reach the
+        ends except by rounding.
+        """
+        return _columnwise(
+            [_open_log_density(p.prior, theta[..., k]) for k, p in enumerate(self.sampled)], theta
+        )
+
+    def draw_prior(self, rng: np.random.Generator, size: int) -> FloatArray:
+        """Independent draws from the prior, shape (size, dimension)."""
+        return _columnwise([p.prior.draw(rng, size) for p in self.sampled], np.empty((size, self.dimension)))
+
+    @property
+    def median(self) -> FloatArray:
+        """The point of the priors' medians, shape (dimension,)."""
+        return np.array([p.prior.median for p in self.sampled])
+
+    def values(self, theta: FloatArray) -> dict[str, FloatArray | float]:
+        """Every parameter by name in natural units: sampled ones of shape (...), held ones a float."""
+        sampled = {p.name: theta[..., k] for k, p in enumerate(self.sampled)}
+        return {name: sampled[name] if name in sampled else self.held[name] for name in PARAMETERS}
+
+    def touch(self, theta: FloatArray) -> TouchParameters:
+        """The parameters of the forward model in SI at points ``theta``."""
+        values = self.values(theta)
+        return TouchParameters(*(values[n] * PARAMETERS[n].si for n in TouchParameters._fields))
+
+
+def parameter_space(
+    free: Iterable[str] = (),
+    fix: Mapping[str, float] | None = None,
+    priors: Mapping[str, Prior] | None = None,
+    prior_set: str = "default",
+    skin_displacement: SkinDisplacement = STRAIN,
+    n_participants: int | None = None,
+) -> ParameterSpace:
+    """Decide which parameters are sampled, under which priors, and where the others are held.
+
+    Parameters
+    ----------
+    free
+        Parameters to sample that are `HELD` by default.
+    fix
+        Parameters to hold, with their values in natural units.
+    priors
+        Priors in place of the declared ones; a `HELD` parameter with a prior is freed.
+    prior_set
+        A name of `PRIOR_SETS`.
+    skin_displacement
+        Reading of the skin's displacement, which decides unit and prior of m.
+    n_participants
+        With one, tau cannot be told from mu and is held at 0.
+
+    Raises
+    ------
+    InputError
+        If a name is unknown, a parameter is both held and sampled, or a value or a prior's support
+        leaves the values that a parameter can take.
+    """
+    fix, priors = dict(fix or {}), dict(priors or {})
+    freed = set(free) | set(priors)
+    for name in (*fix, *freed):
+        _declared(name)
+    if clash := sorted(freed & fix.keys()):
+        raise InputError(f"{clash[0]} is both fixed and given a prior or freed; choose one")
+    if prior_set not in PRIOR_SETS:
+        raise InputError(f"prior set '{prior_set}': expected one of {', '.join(PRIOR_SETS)}")
+    if n_participants == 1:
+        if "tau" in freed:
+            raise InputError(
+                "tau cannot be sampled: there is one participant only, so fix it or leave it out"
+            )
+        fix.setdefault("tau", 0.0)
+    held = {name: value for name, value in HELD.items() if name not in freed} | fix
+    for name, value in held.items():
+        _require_value(PARAMETERS[name], value)
+    chosen = {**PRIOR_SETS[prior_set][skin_displacement], **priors}
+    units = {"m": skin_displacement.exponent_unit}
+    sampled = tuple(
+        replace(p, prior=_suitable(p, chosen.get(name, p.prior)), unit=units.get(name, p.unit))
+        for name, p in PARAMETERS.items()
+        if name not in held
+    )
+    return ParameterSpace(sampled, held)
+
+
+def _declared(name: str) -> Parameter:
+    if name not in PARAMETERS:
+        raise InputError(f"no parameter '{name}'; expected one of {', '.join(PARAMETERS)}")
+    return PARAMETERS[name]
+
+
+def _require_value(parameter: Parameter, value: float) -> None:
+    if not (np.isfinite(value) and (value > 0 or (parameter.vanishing and value == 0))):
+        expected = "0 or a positive number" if parameter.vanishing else "a positive number"
+        raise InputError(f"{parameter.name} is {value}, expected {expected} [{parameter.unit}]")
+
+
+def _suitable(parameter: Parameter, prior: Prior) -> Prior:
+    if prior.support[0] < 0:
+        raise InputError(
+            f"prior of {parameter.name}: {prior} allows negative values, which {parameter.name} cannot take; "
+            "expected lognormal, halfnormal or uniform above 0"
+        )
+    return prior
+
+
+def _open_log_density(prior: Prior, x: FloatArray) -> FloatArray:
+    low, high = prior.support
+    return np.where((x > low) & (x < high), prior.log_density(x), -np.inf)
+
+
+def _columnwise(columns: list[FloatArray], like: FloatArray) -> FloatArray:
+    return np.stack(columns, axis=-1) if columns else np.empty_like(like)

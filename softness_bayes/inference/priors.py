@@ -1,0 +1,314 @@
+"""Prior laws: frozen values with a normalised density, and the reading of their written form."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from types import MappingProxyType
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.special import ndtr, ndtri
+
+from softness_bayes.errors import InputError
+
+FloatArray = NDArray[np.float64]
+
+_LOG_ROOT_TWO_PI = 0.5 * math.log(2.0 * math.pi)
+
+
+class Prior(Protocol):
+    """A law of one real quantity; a new one is a frozen dataclass with these members, entered in `LAWS`."""
+
+    @property
+    def median(self) -> float:
+        """Median of the law; of a truncated one, the median before truncation."""
+
+    @property
+    def support(self) -> tuple[float, float]:
+        """Smallest and largest value with positive density."""
+
+    def log_density(self, x: ArrayLike) -> FloatArray:
+        """Log of the normalised density at ``x``, same shape; -inf outside the support."""
+
+    def cumulative(self, x: ArrayLike) -> FloatArray:
+        """Probability of a value up to ``x``, same shape."""
+
+    def quantile(self, p: ArrayLike) -> FloatArray:
+        """Value up to which the probability is ``p``, same shape: the inverse of `cumulative`."""
+
+    def draw(self, rng: np.random.Generator, size: int | tuple[int, ...]) -> FloatArray:
+        """Independent draws of shape ``size``."""
+
+
+class Law:
+    """What all laws share: draws by inversion, and a written form that `parse_prior` reads."""
+
+    def quantile(self, p: ArrayLike) -> FloatArray:
+        """Value up to which the probability is ``p``."""
+        raise NotImplementedError
+
+    def draw(self, rng: np.random.Generator, size: int | tuple[int, ...]) -> FloatArray:
+        """Independent draws of shape ``size``."""
+        return self.quantile(rng.uniform(np.finfo(float).tiny, 1.0, size))
+
+    def __str__(self) -> str:
+        arguments = (getattr(self, field.name) for field in fields(self))  # type: ignore[arg-type]
+        return f"{_name_of(type(self))}({','.join(_written(a) for a in arguments if a is not None)})"
+
+
+@dataclass(frozen=True)
+class Normal(Law):
+    """Normal law, log p = -(x - mean)²/(2 sd²) - log(sd √(2π)).
+
+    Raises
+    ------
+    InputError
+        If ``sd`` is not positive or a number is not finite.
+    """
+
+    mean: float
+    sd: float
+
+    def __post_init__(self) -> None:
+        _require_finite(self)
+        _require(self, "sd", self.sd > 0, "a positive number")
+
+    @property
+    def support(self) -> tuple[float, float]:
+        """The real line."""
+        return -math.inf, math.inf
+
+    @property
+    def median(self) -> float:
+        """The mean."""
+        return self.mean
+
+    def log_density(self, x: ArrayLike) -> FloatArray:
+        """Log density at ``x``."""
+        return _standard_normal((np.asarray(x, float) - self.mean) / self.sd) - math.log(self.sd)
+
+    def cumulative(self, x: ArrayLike) -> FloatArray:
+        """Probability up to ``x``."""
+        return np.asarray(ndtr((np.asarray(x, float) - self.mean) / self.sd))
+
+    def quantile(self, p: ArrayLike) -> FloatArray:
+        """Value at probability ``p``."""
+        return self.mean + self.sd * np.asarray(ndtri(np.asarray(p, float)))
+
+
+@dataclass(frozen=True)
+class HalfNormal(Law):
+    """Absolute value of a centred normal law, log p = log 2 - x²/(2 scale²) - log(scale √(2π)) for x >= 0.
+
+    Raises
+    ------
+    InputError
+        If ``scale`` is not positive and finite.
+    """
+
+    scale: float
+
+    def __post_init__(self) -> None:
+        _require_finite(self)
+        _require(self, "scale", self.scale > 0, "a positive number")
+
+    @property
+    def support(self) -> tuple[float, float]:
+        """From 0 upwards."""
+        return 0.0, math.inf
+
+    @property
+    def median(self) -> float:
+        """0.6745 times the scale."""
+        return float(self.quantile(0.5))
+
+    def log_density(self, x: ArrayLike) -> FloatArray:
+        """Log density at ``x``."""
+        x = np.asarray(x, float)
+        inside = _standard_normal(x / self.scale) + math.log(2.0 / self.scale)
+        return np.where(x >= 0, inside, -np.inf)
+
+    def cumulative(self, x: ArrayLike) -> FloatArray:
+        """Probability up to ``x``."""
+        return 2.0 * np.asarray(ndtr(np.maximum(np.asarray(x, float), 0.0) / self.scale)) - 1.0
+
+    def quantile(self, p: ArrayLike) -> FloatArray:
+        """Value at probability ``p``."""
+        return self.scale * np.asarray(ndtri(0.5 + 0.5 * np.asarray(p, float)))
+
+
+@dataclass(frozen=True)
+class Uniform(Law):
+    """Uniform law between two bounds, log p = -log(high - low).
+
+    Raises
+    ------
+    InputError
+        If the bounds are not finite and in increasing order.
+    """
+
+    low: float
+    high: float
+
+    def __post_init__(self) -> None:
+        _require_finite(self)
+        _require(self, "high", self.high > self.low, f"a number above {self.low:g}")
+
+    @property
+    def support(self) -> tuple[float, float]:
+        """The bounds."""
+        return self.low, self.high
+
+    @property
+    def median(self) -> float:
+        """Midway between the bounds."""
+        return 0.5 * (self.low + self.high)
+
+    def log_density(self, x: ArrayLike) -> FloatArray:
+        """Log density at ``x``."""
+        x = np.asarray(x, float)
+        return np.where((x >= self.low) & (x <= self.high), -math.log(self.high - self.low), -np.inf)
+
+    def cumulative(self, x: ArrayLike) -> FloatArray:
+        """Probability up to ``x``."""
+        return np.clip((np.asarray(x, float) - self.low) / (self.high - self.low), 0.0, 1.0)
+
+    def quantile(self, p: ArrayLike) -> FloatArray:
+        """Value at probability ``p``."""
+        return self.low + (self.high - self.low) * np.asarray(p, float)
+
+
+@dataclass(frozen=True)
+class LogNormal(Law):
+    """Law whose logarithm is normal, optionally truncated on both sides of its median.
+
+    log p = -log x - (log x - log median)²/(2 sd_log²) - log(sd_log √(2π)) - log Z, with Z the
+    probability of the untruncated law between median (1 - bound) and median (1 + bound).
+
+    Parameters
+    ----------
+    median
+        Median before truncation, in the unit of x.
+    sd_log
+        Standard deviation of log x before truncation.
+    bound
+        Half-width of the support relative to the median, between 0 and 1; none without truncation.
+
+    Raises
+    ------
+    InputError
+        If the median or ``sd_log`` is not positive and finite or ``bound`` is not within (0, 1).
+    """
+
+    median: float
+    sd_log: float
+    bound: float | None = None
+
+    def __post_init__(self) -> None:
+        _require_finite(self)
+        _require(self, "median", self.median > 0, "a positive number")
+        _require(self, "sd_log", self.sd_log > 0, "a positive number")
+        _require(self, "bound", self.bound is None or 0 < self.bound < 1, "a fraction between 0 and 1")
+
+    @property
+    def support(self) -> tuple[float, float]:
+        """From 0 upwards, or the bounds of the truncation."""
+        if self.bound is None:
+            return 0.0, math.inf
+        return self.median * (1.0 - self.bound), self.median * (1.0 + self.bound)
+
+    def log_density(self, x: ArrayLike) -> FloatArray:
+        """Log density at ``x``."""
+        x = np.asarray(x, float)
+        low, high = self.support
+        below, above = self._mass_limits
+        inside = (x > 0) & (x >= low) & (x <= high) & (x < math.inf)
+        log_x = np.log(np.where(inside, x, self.median))
+        normalisation = math.log(self.sd_log * (above - below))
+        return np.where(inside, _standard_normal(self._standardised(log_x)) - log_x - normalisation, -np.inf)
+
+    def cumulative(self, x: ArrayLike) -> FloatArray:
+        """Probability up to ``x``."""
+        below, above = self._mass_limits
+        inside = np.clip(np.asarray(x, float), *self.support)
+        with np.errstate(divide="ignore"):
+            return (np.asarray(ndtr(self._standardised(np.log(inside)))) - below) / (above - below)
+
+    def quantile(self, p: ArrayLike) -> FloatArray:
+        """Value at probability ``p``."""
+        below, above = self._mass_limits
+        deviate = np.asarray(ndtri(below + (above - below) * np.asarray(p, float)))
+        # rounding in ndtri must not carry a draw past the truncation
+        return np.clip(self.median * np.exp(self.sd_log * deviate), *self.support)
+
+    @property
+    def _mass_limits(self) -> tuple[float, float]:
+        low, high = self.support
+        below = 0.0 if low == 0.0 else float(ndtr(self._standardised(np.asarray(math.log(low)))))
+        return below, float(ndtr(self._standardised(np.asarray(math.log(high)))))
+
+    def _standardised(self, log_x: FloatArray) -> FloatArray:
+        return (log_x - math.log(self.median)) / self.sd_log
+
+
+LAWS: Mapping[str, type] = MappingProxyType(
+    {"lognormal": LogNormal, "halfnormal": HalfNormal, "normal": Normal, "uniform": Uniform}
+)
+"""Every law by the name it is written with."""
+
+
+def parse_prior(text: str) -> Prior:
+    """Read a prior from its written form, such as ``lognormal(100,0.5)``: the inverse of ``str``.
+
+    A third number of ``lognormal`` truncates it at that fraction on both sides of its median.
+
+    Raises
+    ------
+    InputError
+        If the text is not a known law with the numbers it takes.
+    """
+    match = re.fullmatch(r"\s*([A-Za-z]+)\s*\(([^()]*)\)\s*", text)
+    if match is None or match[1].lower() not in LAWS:
+        raise InputError(f"prior '{text}': expected {' or '.join(_form(law) for law in LAWS.values())}")
+    law = LAWS[match[1].lower()]
+    try:
+        numbers = [float(part) for part in match[2].split(",")]
+        prior: Prior = law(*numbers)
+    except (ValueError, TypeError) as error:
+        reason = f" ({error})" if isinstance(error, InputError) else ""
+        raise InputError(f"prior '{text}': expected {_form(law)} with numbers{reason}") from None
+    return prior
+
+
+def _form(law: type) -> str:
+    names = [f.name if f.default is not None else f"[{f.name}]" for f in fields(law)]
+    return f"{_name_of(law)}({', '.join(names)})"
+
+
+def _name_of(law: type) -> str:
+    return law.__name__.lower()
+
+
+def _written(number: float) -> str:
+    return repr(float(number)).removesuffix(".0")
+
+
+def _standard_normal(deviate: FloatArray) -> FloatArray:
+    # far in the tail the square overflows to inf and the density is rightly zero
+    with np.errstate(over="ignore"):
+        return -0.5 * deviate**2 - _LOG_ROOT_TWO_PI
+
+
+def _require_finite(prior: Law) -> None:
+    for field in fields(prior):  # type: ignore[arg-type]
+        value = getattr(prior, field.name)
+        _require(prior, field.name, value is None or math.isfinite(value), "a finite number")
+
+
+def _require(prior: Law, name: str, holds: bool, expected: str) -> None:
+    if not holds:
+        raise InputError(f"{_name_of(type(prior))}: {name} is {getattr(prior, name)}, expected {expected}")

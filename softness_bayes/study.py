@@ -1,0 +1,170 @@
+"""Puts fabrics, loads, readings and parameters together into the model of one experiment."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from softness_bayes.data import Fabrics, Ratings
+from softness_bayes.errors import InputError
+from softness_bayes.inference.observation import SOFTNESS, RatingDirection, RatingModel, RatingParameters
+from softness_bayes.inference.parameters import PARAMETERS, parameter_space
+from softness_bayes.inference.random_effects import Design
+from softness_bayes.touch.contact import Load
+from softness_bayes.touch.membrane import Channels, Membrane
+from softness_bayes.touch.parameters import TouchParameters
+from softness_bayes.touch.readings import MENDED, Readings
+from softness_bayes.touch.scene import Discretisation, FixedChannels, Scene
+
+
+def touch_parameters(values: Mapping[str, ArrayLike]) -> TouchParameters:
+    """Convert named values in natural units to what a `Scene` takes, in SI.
+
+    Parameters
+    ----------
+    values
+        Name -> number or array of one batch shape; names that the chain does not have are left out.
+    """
+    return TouchParameters(
+        *(np.asarray(values[name], float) * PARAMETERS[name].si for name in TouchParameters._fields)
+    )
+
+
+def usual_values(
+    readings: Readings, prior_set: str = "default", given: Mapping[str, float] | None = None
+) -> dict[str, float]:
+    """Return every parameter's value: those given, else the medians of their priors, in natural units.
+
+    Raises
+    ------
+    InputError
+        If a given name is unknown or its value not one that the parameter can take.
+    """
+    space = parameter_space(fix=given, prior_set=prior_set, skin_displacement=readings.skin_displacement)
+    return {name: float(value) for name, value in space.values(space.median).items()}
+
+
+def firing_of(values: Mapping[str, ArrayLike], membrane: Membrane) -> FixedChannels:
+    """Return the firing of the channel multipliers in `values`, which are numbers."""
+    return FixedChannels(Channels(*(float(np.asarray(values[name])) for name in Channels._fields)), membrane)
+
+
+def scene_of(
+    fabrics: Fabrics,
+    loads: tuple[Load, ...],
+    values: Mapping[str, ArrayLike],
+    readings: Readings,
+    fabric: ArrayLike | None = None,
+    load: ArrayLike | None = None,
+    discretisation: Discretisation = Discretisation(),
+) -> Scene:
+    """Compile the scene of some fabrics under some loads.
+
+    Parameters
+    ----------
+    fabrics, loads
+        What is touched, and how.
+    values
+        Named parameters; the channel multipliers among them are fixed in the scene.
+    readings
+        Readings of the model.
+    fabric, load
+        Indices of the conditions; left out, all pairs.
+    discretisation
+        Resolution.
+    """
+    modulus = fabrics.modulus(readings.fabric_modulus)
+    firing = firing_of(values, readings.membrane)
+    return Scene(
+        modulus,
+        fabrics.poisson_ratio,
+        loads,
+        firing,
+        fabric,
+        load,
+        readings=readings,
+        discretisation=discretisation,
+    )
+
+
+class Simulation(NamedTuple):
+    """Simulated ratings and all that they were made of."""
+
+    ratings: Ratings
+    truth: dict[str, float]
+    """Every parameter in natural units, and mu."""
+    participant_effect: NDArray[np.float64]
+    """Log modulus of each participant, shape (participants,)."""
+    total_rate: NDArray[np.float64]
+    """Response [spikes/s], shape (fabrics, loads)."""
+
+
+def simulate_ratings(
+    rng: np.random.Generator,
+    fabrics: Fabrics,
+    loads: tuple[Load, ...],
+    values: Mapping[str, float],
+    readings: Readings = MENDED,
+    participants: int = 30,
+    missing: float = 0.0,
+    mu: float | None = None,
+    direction: RatingDirection = SOFTNESS,
+) -> Simulation:
+    """Let simulated participants rate every fabric under every load once.
+
+    Parameters
+    ----------
+    rng
+        Source of the participants' moduli, the noise and the gaps.
+    fabrics, loads
+        What is rated.
+    values
+        Every parameter, in natural units (see `usual_values`).
+    readings
+        Readings of the model.
+    participants
+        Their number.
+    missing
+        Share of ratings left out at random.
+    mu
+        Mean log rating; by default the centre of its prior.
+    direction
+        Whether softness rises or falls with the response.
+
+    Raises
+    ------
+    InputError
+        If there is no participant or the share of gaps is not in [0, 1).
+    """
+    if participants < 1 or not 0 <= missing < 1:
+        raise InputError(
+            f"simulate: {participants} participants with a share {missing} of gaps; "
+            "expected at least 1, and a share in [0, 1)"
+        )
+    scene = scene_of(fabrics, loads, values, readings)
+    rate = scene.total_rate(touch_parameters(values))
+    n_conditions = scene.n_conditions
+    design = Design(
+        np.tile(np.arange(n_conditions), participants),
+        np.repeat(np.arange(participants), n_conditions),
+        scene.fabric,
+        participants,
+    )
+    model = RatingModel(direction)
+    parameters = RatingParameters(**{name: values[name] for name in RatingParameters._fields})
+    centre = math.log(model.centre) if mu is None else mu
+    effects = model.draw_effects(rng, parameters, (), participants, design.n_fabrics, centre)
+    drive = model.drive(design, rate / scene.n_receptors, parameters)
+    filed = model.draw_ratings(rng, design, drive, parameters, effects)
+    filed[rng.random(filed.size) < missing] = np.nan
+    # conditions run load by load
+    table = filed.reshape(participants, len(loads), len(fabrics)).transpose(0, 2, 1)
+    width = len(str(participants))
+    names = [f"P{i:0{width}d}" for i in range(1, participants + 1)]
+    ratings = Ratings.crossed(names, fabrics.names, loads, table)
+    truth = {**values, "mu": float(effects.mu)}
+    return Simulation(ratings, truth, effects.participant, rate.reshape(len(loads), len(fabrics)).T)

@@ -1,0 +1,297 @@
+"""The rating model against the dense multivariate normal, and its draws by moments."""
+
+import mpmath
+import numpy as np
+import pytest
+from scipy.stats import kstest, multivariate_normal, norm
+
+from softness_bayes.errors import InputError
+from softness_bayes.inference.observation import (
+    INVERSE,
+    RATING_DIRECTIONS,
+    SOFTNESS,
+    LogRatings,
+    RatingModel,
+    RatingParameters,
+)
+from softness_bayes.inference.random_effects import Design
+
+DEFAULT = RatingModel()
+
+
+def lab(rng, participants=5, fabrics=4, loads=2, rows=60):
+    """Ratings of an unbalanced design, with mean rates some of which are zero."""
+    conditions = fabrics * loads
+    design = Design(
+        rng.integers(conditions, size=rows),
+        rng.integers(participants, size=rows),
+        np.tile(np.arange(fabrics), loads),
+        participants,
+    )
+    rate = rng.gamma(1, 10, conditions) * (rng.random(conditions) > 0.2)
+    ratings = np.exp(rng.normal(3, 1, participants)[design.participant] + rng.normal(0, 0.5, rows))
+    return ratings, design, rate
+
+
+def dense(ratings, design, rate, p, model=DEFAULT):
+    """Mean and covariance of the log ratings, written out row by row."""
+    x = np.log(rate + p.eps)[design.condition]
+    mean = np.log(model.centre) + model.direction.sign * p.gamma * (x - x.mean())
+    same_person = design.participant[:, None] == design.participant
+    fabric = design.fabric[design.condition]
+    covariance = model.spread**2 + p.tau**2 * same_person + p.omega**2 * (fabric[:, None] == fabric)
+    return mean, covariance + p.varsigma**2 * np.eye(x.size)
+
+
+def dense_log_likelihood(ratings, design, rate, p, model=DEFAULT):
+    mean, covariance = dense(ratings, design, rate, p, model)
+    return (
+        multivariate_normal(mean, covariance, allow_singular=False).logpdf(np.log(ratings))
+        - np.log(ratings).sum()
+    )
+
+
+def dense_leave_one_out(ratings, design, rate, p):
+    mean, covariance = dense(ratings, design, rate, p)
+    y, result = np.log(ratings), []
+    for i in range(y.size):
+        rest = np.arange(y.size) != i
+        gain = np.linalg.solve(covariance[np.ix_(rest, rest)], covariance[rest, i])
+        expected = mean[i] + gain @ (y[rest] - mean[rest])
+        variance = covariance[i, i] - gain @ covariance[rest, i]
+        result.append(norm(expected, np.sqrt(variance)).logpdf(y[i]) - y[i])
+    return np.array(result)
+
+
+POINTS = {
+    "plain": RatingParameters(1.0, 0.8, 0.3),
+    "fabrics deviate": RatingParameters(0.7, 0.8, 0.3, 0.2, 0.5),
+    "no spread of participants": RatingParameters(1.3, 0.0, 0.4),
+    "fabrics alone deviate": RatingParameters(1.3, 0.0, 0.4, 0.6),
+    "wide participants": RatingParameters(1.0, 50.0, 0.1),
+    "small error": RatingParameters(1.0, 0.5, 2e-3),
+    "small error and fabrics": RatingParameters(1.0, 0.5, 1e-2, 1.0),
+    "small exponent": RatingParameters(1e-12, 0.5, 0.3, 0.1),
+    "silent fabrics far away": RatingParameters(2.0, 0.5, 0.3, 0.0, 1e-9),
+}
+
+SHAPES = {
+    "usual": {},
+    "one participant": {"participants": 1},
+    "one fabric": {"fabrics": 1, "loads": 3},
+    "one condition": {"fabrics": 1, "loads": 1},
+    "one rating": {"rows": 1},
+    "one rating each": {"participants": 40, "rows": 12},
+    "participants without ratings": {"participants": 30, "rows": 25},
+}
+
+
+@pytest.mark.parametrize("point", POINTS.values(), ids=POINTS)
+@pytest.mark.parametrize("shape", SHAPES.values(), ids=SHAPES)
+def test_likelihood_is_the_dense_normal_law(shape, point):
+    ratings, design, rate = lab(np.random.default_rng(1), **shape)
+    expected = dense_log_likelihood(ratings, design, rate, point)
+    observed = LogRatings(ratings, design).log_likelihood(rate, point)
+    # the dense law itself loses digits with the condition of its matrix; the closed form does not (next test)
+    lost = 1e-15 * np.linalg.cond(dense(ratings, design, rate, point)[1])
+    assert observed == pytest.approx(expected, rel=max(1e-9, lost))
+
+
+@pytest.mark.parametrize("omega", [0.0, 0.3])
+def test_likelihood_where_double_precision_is_too_short_for_the_dense_law(omega):
+    ratings, design, rate = lab(np.random.default_rng(1), participants=3, rows=12)
+    point = RatingParameters(1.0, 20.0, 1e-5, omega)
+    mean, covariance = dense(ratings, design, rate, point)
+    with mpmath.workdps(50):
+        exact = mpmath.matrix((covariance - np.diag(np.full(12, point.varsigma**2))).tolist())
+        exact += mpmath.mpf(point.varsigma) ** 2 * mpmath.eye(12)
+        residual = mpmath.matrix((np.log(ratings) - mean).tolist())
+        quadratic = (residual.T * mpmath.lu_solve(exact, residual))[0]
+        expected = -(12 * mpmath.log(2 * mpmath.pi) + mpmath.log(mpmath.det(exact)) + quadratic) / 2
+    observed = LogRatings(ratings, design).log_likelihood(rate, point) + np.log(ratings).sum()
+    assert observed == pytest.approx(float(expected), rel=1e-9)
+
+
+def random_points(rng, size):
+    return RatingParameters(
+        rng.lognormal(0, 0.5, size),
+        rng.lognormal(-0.5, 1, size),
+        rng.lognormal(-1, 0.5, size),
+        rng.lognormal(-1.5, 1, size) * (rng.random(size) > 0.3),
+        rng.lognormal(-2, 1, size),
+    )
+
+
+@pytest.mark.parametrize("direction", RATING_DIRECTIONS.values(), ids=RATING_DIRECTIONS)
+def test_a_batch_is_its_points_one_by_one(direction):
+    rng = np.random.default_rng(2)
+    ratings, design, _ = lab(rng)
+    model, points = RatingModel(direction), random_points(rng, 100)
+    rates = rng.gamma(0.5, 20, (100, design.n_conditions))
+    batch = LogRatings(ratings, design, model).log_likelihood(rates, points)
+    for k in range(100):
+        point = RatingParameters(*(value[k] for value in points))
+        assert batch[k] == pytest.approx(
+            dense_log_likelihood(ratings, design, rates[k], point, model), rel=1e-10
+        )
+
+
+def test_direction_changes_the_sign_of_the_exponent():
+    """Negative control too: ratings made under one reading are improbable under the other."""
+    rng = np.random.default_rng(3)
+    _, design, _ = lab(rng)
+    rate = np.geomspace(1, 100, design.n_conditions)
+    point = RatingParameters(1.0, 0.3, 0.1)
+    for direction, other in ((SOFTNESS, INVERSE), (INVERSE, SOFTNESS)):
+        model = RatingModel(direction)
+        effects = model.draw_effects(rng, point, (), design.n_participants, design.n_fabrics)
+        ratings = model.draw_ratings(rng, design, model.drive(design, rate, point), point, effects)
+        likelihood = [
+            LogRatings(ratings, design, RatingModel(d)).log_likelihood(rate, point)
+            for d in (direction, other)
+        ]
+        assert likelihood[0] > likelihood[1] + 100
+
+
+def test_silence_everywhere_leaves_the_exponent_without_effect():
+    ratings, design, rate = lab(np.random.default_rng(4))
+    observed = LogRatings(ratings, design)
+    low, high = (observed.log_likelihood(0 * rate, RatingParameters(g, 0.5, 0.3)) for g in (0.1, 10))
+    assert low == pytest.approx(high, rel=1e-12)
+
+
+def test_extreme_spreads_stay_numbers():
+    ratings, design, rate = lab(np.random.default_rng(5))
+    observed = LogRatings(ratings, design)
+    for tau in (0.0, 1e-300, 1e100):
+        for varsigma in (1e-300, 1e-8, 1e100):
+            for omega in (0.0, 1e-200, 1e3):
+                value = observed.log_likelihood(rate, RatingParameters(1.0, tau, varsigma, omega))
+                assert np.isfinite(value)
+
+
+def test_a_perfect_fit_with_a_tiny_error_keeps_its_digits():
+    """Where a difference of sums of squares would lose them: r'r is 1e12 times what is left."""
+    rng = np.random.default_rng(6)
+    _, design, rate = lab(rng)
+    for tau, omega in ((0.0, 0.0), (0.5, 0.0), (0.5, 0.4)):
+        point = RatingParameters(1.0, tau, 1e-6, omega)
+        model = RatingModel()
+        effects = model.draw_effects(rng, point, (), design.n_participants, design.n_fabrics)
+        ratings = model.draw_ratings(rng, design, model.drive(design, rate, point), point, effects)
+        value = LogRatings(ratings, design).log_likelihood(rate, point)
+        # in units of varsigma the residuals are standard normal: their sum of squares is about the rows
+        scaled = value + design.n_rows * np.log(1e-6) + np.log(ratings).sum()
+        assert abs(scaled) < 10 * design.n_rows
+
+
+@pytest.mark.parametrize("point", POINTS.values(), ids=POINTS)
+@pytest.mark.parametrize("shape", [s for k, s in SHAPES.items() if k != "one rating"])
+def test_leave_one_out_is_that_of_the_dense_law(shape, point):
+    ratings, design, rate = lab(np.random.default_rng(7), **shape)
+    expected = dense_leave_one_out(ratings, design, rate, point)
+    observed = LogRatings(ratings, design).log_likelihood_loo(rate, point)
+    np.testing.assert_allclose(observed, expected, rtol=1e-6, atol=1e-6)
+
+
+def test_leave_one_out_of_a_batch_and_of_one_rating():
+    rng = np.random.default_rng(8)
+    ratings, design, _ = lab(rng)
+    points, rates = random_points(rng, 7), rng.gamma(1, 20, (7, design.n_conditions))
+    batch = LogRatings(ratings, design).log_likelihood_loo(rates, points)
+    assert batch.shape == (7, design.n_rows)
+    for k in range(7):
+        point = RatingParameters(*(value[k] for value in points))
+        np.testing.assert_allclose(batch[k], dense_leave_one_out(ratings, design, rates[k], point), rtol=1e-8)
+    alone = Design([0], [0], [0], 1)
+    single = LogRatings([17.0], alone)
+    point = RatingParameters(1.0, 0.4, 1e-4, 0.1)
+    expected = single.log_likelihood(np.array([3.0]), point)
+    assert single.log_likelihood_loo(np.array([3.0]), point)[0] == pytest.approx(expected, rel=1e-9)
+
+
+@pytest.mark.parametrize("point", [POINTS["plain"], POINTS["fabrics deviate"]])
+def test_effects_given_the_ratings_have_the_dense_moments(point):
+    rng = np.random.default_rng(9)
+    ratings, design, rate = lab(rng, participants=3, rows=30)
+    draws = LogRatings(ratings, design).draw_effects(
+        rng, np.tile(rate, (40_000, 1)), RatingParameters(*(np.full(40_000, v) for v in point))
+    )
+    mean, covariance = dense(ratings, design, rate, point)
+    fabric = np.eye(design.n_fabrics)[design.fabric[design.condition]]
+    loadings = np.hstack([np.ones((30, 1)), np.eye(3)[design.participant], fabric])
+    prior = np.array([9.0] + 3 * [point.tau**2] + design.n_fabrics * [point.omega**2])
+    gain = (prior[:, None] * loadings.T) @ np.linalg.inv(covariance)
+    expected = gain @ (np.log(ratings) - mean)
+    expected[0] += np.log(20)
+    spread = np.diag(prior) - gain @ loadings * prior
+    drawn = np.hstack([draws.mu[:, None], draws.participant, draws.fabric])
+    scale = np.sqrt(np.diag(spread)) + 1e-12
+    np.testing.assert_allclose((drawn.mean(0) - expected) / scale, 0, atol=0.03)
+    np.testing.assert_allclose((np.cov(drawn.T) - spread) / np.outer(scale, scale), 0, atol=0.03)
+
+
+def test_new_participants_and_ratings_follow_the_model():
+    rng = np.random.default_rng(10)
+    _, design, rate = lab(rng, rows=6)
+    point, model = RatingParameters(1.2, 0.7, 0.3, 0.2), RatingModel()
+    drive = model.drive(design, rate, point)
+    effects = model.draw_effects(rng, point, (20_000,), design.n_participants, design.n_fabrics)
+    ratings = model.draw_ratings(rng, design, drive, point, effects)
+    mean, covariance = dense(ratings[0], design, rate, point)
+    scale = np.sqrt(np.diag(covariance))
+    np.testing.assert_allclose((np.log(ratings).mean(0) - mean) / scale, 0, atol=0.03)
+    np.testing.assert_allclose(
+        (np.cov(np.log(ratings).T) - covariance) / np.outer(scale, scale), 0, atol=0.04
+    )
+    fixed = model.draw_effects(rng, point, (5,), 2, 2, mu=1.5)
+    np.testing.assert_array_equal(fixed.mu, np.full(5, 1.5))
+
+
+def test_leave_one_out_is_calibrated_on_ratings_of_the_model():
+    """Each rating's place in its law is uniform; with a wrong error spread it is not."""
+    rng = np.random.default_rng(11)
+    _, design, rate = lab(rng, rows=400)
+    point, model = RatingParameters(1.2, 0.7, 0.3), RatingModel()
+    effects = model.draw_effects(rng, point, (), design.n_participants, design.n_fabrics)
+    observed = LogRatings(
+        model.draw_ratings(rng, design, model.drive(design, rate, point), point, effects), design
+    )
+    y = np.log(observed.ratings)
+    for varsigma, calibrated in ((0.3, True), (0.6, False)):
+        law = observed.leave_one_out(rate, point._replace(varsigma=varsigma))
+        assert (kstest(norm.cdf((y - law.mean) / law.sd), "uniform").pvalue > 1e-3) == calibrated
+
+
+def test_drive_elsewhere_shares_the_centre_of_the_rows():
+    _, design, rate = lab(np.random.default_rng(12))
+    model, point = RatingModel(), RatingParameters(np.array([0.5, 2.0]), 0.5, 0.3)
+    rates = np.stack([rate, 2 * rate])
+    np.testing.assert_allclose(
+        model.drive_at(rates[:, ::-1], design, rates, point), model.drive(design, rates, point)[:, ::-1]
+    )
+    rows = model.drive(design, rates, point)[:, design.condition]
+    np.testing.assert_allclose(rows.mean(axis=1), 0, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("ratings", "message"),
+    [
+        ([1.0, 0.0], "not positive"),
+        ([1.0, -2.0], "not positive"),
+        ([np.nan, 1.0], "not positive"),
+        ([1.0], "shape"),
+    ],
+)
+def test_ratings_that_are_none_are_refused(ratings, message):
+    with pytest.raises(InputError, match=message):
+        LogRatings(ratings, Design([0, 0], [0, 0], [0], 1))
+
+
+def test_designs_that_make_no_sense_are_refused():
+    with pytest.raises(InputError, match="no rating at all"):
+        Design([], [], [0], 1)
+    with pytest.raises(InputError, match="condition index lies outside 0 to 0"):
+        Design([1], [0], [0], 1)
+    with pytest.raises(InputError, match="participant index lies outside"):
+        Design([0], [-1], [0], 1)

@@ -1,0 +1,152 @@
+"""The declaration of the parameters and the space of the sampled ones."""
+
+import pickle
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from softness_bayes.errors import InputError
+from softness_bayes.inference.coordinates import HalfLine, Interval, Line, coordinate_for
+from softness_bayes.inference.parameters import HELD, PARAMETERS, PRIOR_SETS, parameter_space
+from softness_bayes.inference.priors import HalfNormal, LogNormal, Normal, Uniform
+from softness_bayes.touch.contact import DISPLACEMENT, STRAIN
+from softness_bayes.touch.parameters import TouchParameters
+
+EVERYTHING = parameter_space(free=HELD)
+
+
+def test_names_and_order_are_those_of_the_files():
+    contract = "b m alpha beta sigma_0 c_Na c_K c_L c_A gamma tau varsigma omega eps"
+    assert " ".join(PARAMETERS) == contract
+    assert EVERYTHING.names == tuple(PARAMETERS)
+    assert parameter_space().names == ("b", "m", "alpha", "beta", "sigma_0", "gamma", "tau", "varsigma")
+    assert set(TouchParameters._fields) < set(PARAMETERS)
+
+
+def test_held_multipliers_are_the_medians_of_their_priors():
+    assert all(HELD[name] == PARAMETERS[name].prior.median for name in HELD if name.startswith("c_"))
+    assert (HELD["omega"], HELD["eps"]) == (0.0, 0.1)
+
+
+def test_prior_sets():
+    b, m = parameter_space(prior_set="in-vivo").sampled[:2]
+    assert (b.prior, m.prior, m.unit) == (LogNormal(7.5, 0.25), LogNormal(3.9, 0.1), "–")
+    m = parameter_space(skin_displacement=DISPLACEMENT).sampled[1]
+    assert (m.prior, m.unit) == (LogNormal(707, 0.3), "1/m")
+    for priors in PRIOR_SETS.values():
+        assert set(priors) == {STRAIN, DISPLACEMENT}
+
+
+def test_choices_of_the_user():
+    space = parameter_space(free=["omega"], fix={"b": 80}, priors={"eps": LogNormal(0.2, 0.5)})
+    assert space.names == ("m", "alpha", "beta", "sigma_0", "gamma", "tau", "varsigma", "omega", "eps")
+    assert space.held["b"] == 80
+    assert space.sampled[-1].prior == LogNormal(0.2, 0.5)
+    assert parameter_space(n_participants=1).held["tau"] == 0
+    assert parameter_space(n_participants=1, fix={"tau": 0.3}).held["tau"] == 0.3
+    assert "tau" in parameter_space(n_participants=2).names
+    nothing = parameter_space(fix=dict.fromkeys(PARAMETERS, 1.0))
+    assert (nothing.dimension, nothing.draw_prior(np.random.default_rng(0), 3).shape) == (0, (3, 0))
+
+
+@pytest.mark.parametrize(
+    ("choice", "message"),
+    [
+        ({"fix": {"B": 1}}, "no parameter 'B'; expected one of b, m"),
+        ({"free": ["kappa"]}, "no parameter 'kappa'"),
+        ({"priors": {"betta": HalfNormal(1)}}, "no parameter 'betta'"),
+        ({"fix": {"b": -1}}, "b is -1, expected a positive number"),
+        ({"fix": {"varsigma": 0}}, "expected a positive number"),
+        ({"fix": {"m": float("nan")}}, "expected 0 or a positive number"),
+        ({"fix": {"eps": 1}, "free": ["eps"]}, "eps is both fixed"),
+        ({"priors": {"b": Normal(100, 50)}}, "allows negative values"),
+        ({"prior_set": "in-vitro"}, "expected one of default, in-vivo"),
+        ({"n_participants": 1, "free": ["tau"]}, "one participant"),
+    ],
+)
+def test_wrong_choices_are_refused(choice, message):
+    with pytest.raises(InputError, match=message):
+        parameter_space(**choice)
+
+
+def test_coordinates_follow_the_support():
+    assert coordinate_for(Normal(0, 1).support) == Line()
+    assert coordinate_for(LogNormal(1, 1).support) == HalfLine(0.0)
+    assert coordinate_for(Uniform(1, 2).support) == Interval(1, 2)
+
+
+SPACES = {
+    "default": parameter_space(),
+    "everything": EVERYTHING,
+    "other priors": parameter_space(
+        priors={"b": Uniform(20, 300), "m": HalfNormal(2), "c_K": Uniform(1.1, 1.2)}
+    ),
+}
+
+
+@pytest.mark.parametrize("space", SPACES.values(), ids=SPACES)
+def test_coordinates_invert_and_have_the_stated_jacobian(space):
+    rng = np.random.default_rng(3)
+    theta = space.draw_prior(rng, 50)
+    z = space.coordinates(theta)
+    np.testing.assert_allclose(space.natural(z), theta, rtol=1e-12)
+    step = 1e-6
+    columns = np.eye(space.dimension) * step
+    numerical = sum(
+        np.log((space.natural(z + h)[:, k] - space.natural(z - h)[:, k]) / (2 * step))
+        for k, h in enumerate(columns)
+    )
+    np.testing.assert_allclose(space.log_jacobian(z), numerical, rtol=1e-6, atol=1e-6)
+    # negative control: without the logarithms' part the Jacobian is far off
+    assert np.abs(numerical).max() > 1
+
+
+@pytest.mark.parametrize("space", SPACES.values(), ids=SPACES)
+def test_density_in_sampler_coordinates_integrates_to_one(space):
+    """On each axis, the others held: the sum over a grid of z wide enough for every law."""
+    grid = np.linspace(-60, 60, 24_001)
+    base = space.coordinates(space.median)
+    for k in range(space.dimension):
+        z = np.tile(base, (grid.size, 1))
+        z[:, k] = grid
+        own_slope = space.log_jacobian(z) - space.log_jacobian(base) + _slope_at(space, base, k)
+        density = np.exp(space.log_prior(space.natural(z))[:, k] + own_slope)
+        assert np.trapezoid(density, grid) == pytest.approx(1, abs=1e-6)
+
+
+def _slope_at(space, z, k):
+    step = np.eye(space.dimension)[k] * 1e-6
+    return np.log((space.natural(z + step)[k] - space.natural(z - step)[k]) / 2e-6)
+
+
+def test_prior_draws_and_density_by_parameter():
+    theta = EVERYTHING.draw_prior(np.random.default_rng(1), 4000)
+    assert np.isfinite(EVERYTHING.log_prior(theta)).all()
+    for k, parameter in enumerate(EVERYTHING.sampled):
+        assert stats.kstest(theta[:, k], parameter.prior.cumulative).pvalue > 1e-3
+
+
+def test_far_coordinates_have_no_prior_and_give_no_warning():
+    for far in (-1e4, -750.0, 750.0, 1e4):
+        z = np.full((1, EVERYTHING.dimension), far)
+        total = EVERYTHING.log_prior(EVERYTHING.natural(z)).sum(-1) + EVERYTHING.log_jacobian(z)
+        assert total == -np.inf
+
+
+def test_values_by_name_in_natural_units_and_si():
+    space = parameter_space(fix={"m": 2.5})
+    theta = np.stack([space.median, 2 * space.median])
+    values = space.values(theta)
+    assert list(values) == list(PARAMETERS)
+    assert values["m"] == 2.5
+    np.testing.assert_array_equal(values["b"], [100, 200])
+    touch = space.touch(theta)
+    np.testing.assert_allclose(touch.b, [1e5, 2e5])
+    np.testing.assert_allclose(touch.beta, [6e-4, 12e-4])
+    np.testing.assert_allclose(touch.sigma_0, [9e3, 18e3])
+    assert (touch.m, touch.c_K) == (2.5, 1.16)
+
+
+def test_a_space_travels_to_a_worker():
+    assert pickle.loads(pickle.dumps(EVERYTHING)) == EVERYTHING
