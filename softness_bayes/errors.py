@@ -15,6 +15,12 @@ class InputError(SoftnessError, ValueError):
     exit_code = 2
 
 
+class NotConvergedError(SoftnessError):
+    """A run ended before it had converged; what it has is written, and the message says how far it is."""
+
+    exit_code = 3
+
+
 class NumericalError(SoftnessError, ArithmeticError):
     """A computation gave a value that cannot be trusted; the message names the parameters."""
 

@@ -1,11 +1,8 @@
-"""A finished run: its groups of draws and tables, written to a directory and read back (the files of a result)."""
+"""A finished run: its draws, predictions and provenance, in memory and in its directory."""
 
 from __future__ import annotations
 
-import json
-import os
 import shutil
-from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -13,8 +10,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from softness_bayes import arviz_bridge
 from softness_bayes.errors import InputError
-from softness_bayes.inference.curves import Outcome
+from softness_bayes.inference.curves import Curves, Inflection, Outcome
+from softness_bayes.touch.contact import Force, Indentation, Load
+from softness_bayes.touch.readings import ALTERNATIVES, Readings
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -27,20 +27,8 @@ SCHEMA = 1
 
 POSTERIOR, SUMMARY = "posterior.nc", "summary.csv"
 
-GROUPS = (
-    "posterior",
-    "log_prior",
-    "sample_stats",
-    "log_likelihood",
-    "log_likelihood_loo",
-    "posterior_predictive",
-    "predictions",
-    "prior",
-    "prior_predictive",
-    "observed_data",
-    "constant_data",
-)
-"""ArviZ groups of a result, in the order in which they are written."""
+PERCENTS = (0.05, 0.5, 0.95)
+"""Lower limit, middle and upper limit of what tables say of an inflection."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,82 +37,130 @@ class Result:
 
     Parameters
     ----------
-    groups
-        ArviZ group -> its dataset.
+    tree
+        The groups of ``posterior.nc``, provenance in its attributes.
     table
         The summary, one row per parameter.
-    attributes
-        Provenance: schema, versions, command, seed, digests, readings, verdict.
     """
 
-    groups: Mapping[str, xr.Dataset]
+    tree: xr.DataTree
     table: pd.DataFrame
-    attributes: Mapping[str, Any]
 
     @property
-    def posterior(self) -> xr.Dataset:
-        """Posterior draws, dims chain (every walker) and draw."""
-        return self.groups["posterior"]
+    def attributes(self) -> dict[str, Any]:
+        """Provenance: schema, versions, command, seed, digests, readings, verdict."""
+        return dict(self.tree.attrs)
+
+    def group(self, name: str) -> xr.Dataset:
+        """Return one group of ``posterior.nc`` as a dataset.
+
+        Raises
+        ------
+        InputError
+            If the result has no such group.
+        """
+        if name not in self.tree.children:
+            raise InputError(f"result: no group '{name}'; it has {', '.join(self.tree.children)}")
+        return self.tree[name].to_dataset()
+
+    @property
+    def readings(self) -> Readings:
+        """The readings that the run was made with."""
+        return Readings().override({place: str(self.attributes[f"reading_{place}"]) for place in ALTERNATIVES})
+
+    @property
+    def loads(self) -> tuple[Load, ...]:
+        """The loads of the data."""
+        constant = self.group("constant_data")
+        return tuple(
+            Indentation(float(depth) * 1e-3) if np.isfinite(depth) else Force(float(newton))
+            for depth, newton in zip(constant["indentation_mm"].values, constant["force_n"].values, strict=True)
+        )
 
     def summary(self) -> pd.DataFrame:
         """Return mean, spread, interval and sampling error of every parameter."""
         return self.table.copy()
+
+    def values(self, size: int | None = None) -> dict[str, Array]:
+        """Return every parameter of the model by name, in natural units: draws, or the held value.
+
+        Parameters
+        ----------
+        size
+            Number of draws, evenly spaced over the run; by default all.
+        """
+        names = [name for name, variable in self.group("posterior").items() if variable.dims == ("chain", "draw")]
+        # draws of all chains side by side in time, so that evenly spaced ones cover the whole run
+        columns = {str(name): self.group("posterior")[name].values.T.ravel() for name in names}
+        total = next(iter(columns.values())).size
+        pick = np.arange(total) if size is None or size >= total else np.linspace(0, total - 1, size).astype(int)
+        held = self.group("constant_data")
+        constant = {str(name): held[name].values for name in held.data_vars if held[name].ndim == 0}
+        return {**constant, **{name: column[pick] for name, column in columns.items()}}
+
+    def curves(self) -> Curves:
+        """Return the response against E_fab that the run stored, draw by draw."""
+        stored = self.group("predictions").isel(chain=0)
+        return Curves(
+            stored["e_fab_kpa"].values * 1e3,
+            stored["total_rate"].values,
+            stored["e_skin_kpa"].values * 1e3,
+            stored["contact_force_n"].values,
+            stored["contact_radius_mm"].values * 1e-3,
+        )
+
+    def inflections(self) -> Inflection:
+        """Return where the response turns over, draw by draw."""
+        stored = self.group("predictions").isel(chain=0)
+        return Inflection(
+            stored["inflection_outcome"].values,
+            stored["inflection_e_fab_kpa"].values * 1e3,
+            stored["inflection_ratio"].values,
+            stored["inflection_force_n"].values,
+            stored["inflection_drop"].values,
+            stored["inflection_inside"].values.astype(bool),
+        )
 
     def inflection(self) -> pd.DataFrame:
         """Return where the response turns over, one row per load.
 
         Columns: probabilities of the three outcomes (interior, none, silent) and of an interior
         maximum inside the fabrics' own range; then median and 5-95 % limits of E_fab [kPa],
-        E_fab / E_skin and Hertz's force [N] at the maximum over the draws that have one.
+        E_fab / E_skin, Hertz's force [N] and the drop beyond it, over the draws that have one.
         """
         import pandas as pd
 
-        predictions = self.groups["predictions"]
+        draws = self.inflections()
         rows = []
-        for load in predictions["load"].values:
-            chosen = predictions.sel(load=load)
-            outcome = chosen["inflection_outcome"].values
+        for k, load in enumerate(self.loads):
             row: dict[str, Any] = {"load": str(load)}
             for kind in (Outcome.INTERIOR, Outcome.NONE, Outcome.SILENT):
-                row[f"p_{kind.name.lower()}"] = float((outcome == kind).mean())
-            row["p_inside"] = float(chosen["inflection_inside"].values.mean())
-            for name in ("e_fab_kpa", "ratio", "force_n"):
-                values = chosen[f"inflection_{name}"].values
-                known = values[~np.isnan(values)]
-                limits = np.quantile(known, [0.05, 0.5, 0.95]) if known.size else np.full(3, np.nan)
+                row[f"p_{kind.name.lower()}"] = float((draws.outcome[:, k] == kind).mean())
+            row["p_inside"] = float(draws.inside[:, k].mean())
+            for name, values in (
+                ("e_fab_kpa", draws.modulus * 1e-3),
+                ("ratio", draws.ratio),
+                ("force_n", draws.force),
+                ("drop", draws.drop),
+            ):
+                known = values[:, k][~np.isnan(values[:, k])]
+                limits = np.quantile(known, PERCENTS) if known.size else np.full(3, np.nan)
                 row[f"{name}_low"], row[name], row[f"{name}_high"] = limits
             rows.append(row)
         return pd.DataFrame(rows).set_index("load")
 
-    def draws(self, size: int | None = None) -> dict[str, Array]:
-        """Return the posterior's scalar parameters, flattened over chains; `size` evenly spaced ones."""
-        scalars = {str(n): v.values for n, v in self.posterior.items() if v.dims == ("chain", "draw")}
-        total = next(iter(scalars.values())).size
-        pick = np.arange(total) if size is None or size >= total else np.linspace(0, total - 1, size).astype(int)
-        # draws of all chains side by side in time, so that evenly spaced ones cover the whole run
-        return {name: values.T.reshape(-1)[pick] for name, values in scalars.items()}
-
     def save(self, directory: str | Path) -> None:
-        """Write `posterior.nc` and `summary.csv` into a directory; each appears whole or not at all."""
+        """Write ``posterior.nc`` and ``summary.csv`` into a directory; each appears whole or not at all."""
         directory = Path(directory)
         directory.mkdir(parents=True, exist_ok=True)
-        partial = directory / f".{POSTERIOR}.partial"
-        partial.unlink(missing_ok=True)
-        import xarray as xr
-
-        root = xr.Dataset(attrs={name: _attribute(value) for name, value in self.attributes.items()})
-        root.to_netcdf(partial, mode="w", engine="h5netcdf")
-        for name in GROUPS:
-            if name in self.groups:
-                self.groups[name].to_netcdf(partial, mode="a", group=name, engine="h5netcdf")
-        os.replace(partial, directory / POSTERIOR)
-        partial = directory / f".{SUMMARY}.partial"
-        self.table.to_csv(partial)
-        os.replace(partial, directory / SUMMARY)
+        arviz_bridge.write_netcdf(self.tree, directory / POSTERIOR)
+        part = directory / f"{SUMMARY}.part"
+        self.table.to_csv(part)
+        part.replace(directory / SUMMARY)
 
     @classmethod
     def load(cls, directory: str | Path) -> Result:
-        """Read a result from its directory, or from its `posterior.nc`.
+        """Read a result from its directory, or from its ``posterior.nc``.
 
         Raises
         ------
@@ -132,32 +168,25 @@ class Result:
             If there is no result, it cannot be read, or its schema is newer than this version knows.
         """
         import pandas as pd
-        import xarray as xr
 
         path = Path(directory)
         path = path / POSTERIOR if path.is_dir() else path
         if not path.is_file():
             raise InputError(f"{path}: no such file; expected the {POSTERIOR} of a run")
         try:
-            with xr.open_datatree(path, engine="h5netcdf") as tree:
-                attributes = dict(tree.attrs)
-                groups = {name: node.to_dataset().load() for name, node in tree.children.items()}
+            tree = arviz_bridge.read_netcdf(path)
         except (OSError, ValueError) as error:
             raise InputError(f"{path}: not a readable result ({error})") from None
-        if "posterior" not in groups or "schema_version" not in attributes:
-            raise InputError(f"{path}: not a result of softness-bayes: it has no posterior or no schema version")
-        if int(attributes["schema_version"]) > SCHEMA:
+        if "posterior" not in tree.children or "schema_version" not in tree.attrs:
+            raise InputError(f"{path}: not a result of softness-bayes: no posterior or no schema version")
+        if int(tree.attrs["schema_version"]) > SCHEMA:
             raise InputError(
-                f"{path}: schema {attributes['schema_version']} is newer than {SCHEMA}, the newest this version reads"
+                f"{path}: schema {tree.attrs['schema_version']} is newer than {SCHEMA}, the newest that is known"
             )
         table = path.with_name(SUMMARY)
-        summary = pd.read_csv(table, index_col="parameter") if table.is_file() else pd.DataFrame()
-        return cls(groups, summary, attributes)
-
-
-def _attribute(value: Any) -> Any:
-    """Return a value as netCDF attributes hold it: numbers and text as they are, the rest as JSON."""
-    return value if isinstance(value, str | int | float) else json.dumps(value)
+        if not table.is_file():
+            raise InputError(f"{table}: no such file; expected the {SUMMARY} beside {path.name}")
+        return cls(tree, pd.read_csv(table, index_col="parameter"))
 
 
 def prepare_directory(directory: Path, replace: bool) -> None:

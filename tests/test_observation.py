@@ -6,6 +6,7 @@ import pytest
 from scipy.stats import kstest, multivariate_normal, norm
 
 from softness_bayes.errors import InputError
+from softness_bayes.inference.design import Design
 from softness_bayes.inference.observation import (
     INVERSE,
     RATING_DIRECTIONS,
@@ -14,7 +15,6 @@ from softness_bayes.inference.observation import (
     RatingModel,
     RatingParameters,
 )
-from softness_bayes.inference.random_effects import Design
 
 DEFAULT = RatingModel()
 
@@ -101,10 +101,15 @@ def test_likelihood_is_the_dense_normal_law(shape, point):
 def test_likelihood_where_double_precision_is_too_short_for_the_dense_law(omega):
     ratings, design, rate = lab(np.random.default_rng(1), participants=3, rows=12)
     point = RatingParameters(1.0, 20.0, 1e-5, omega)
-    mean, covariance = dense(ratings, design, rate, point)
+    mean, _ = dense(ratings, design, rate, point)
+    fabric, person = design.fabric[design.condition], design.participant
     with mpmath.workdps(50):
-        exact = mpmath.matrix((covariance - np.diag(np.full(12, point.varsigma**2))).tolist())
-        exact += mpmath.mpf(point.varsigma) ** 2 * mpmath.eye(12)
+        tau, omega_squared = mpmath.mpf(point.tau) ** 2, mpmath.mpf(point.omega) ** 2
+        exact = mpmath.mpf(point.varsigma) ** 2 * mpmath.eye(12)
+        for i, j in np.ndindex(12, 12):
+            exact[i, j] += (
+                9 + tau * bool(person[i] == person[j]) + omega_squared * bool(fabric[i] == fabric[j])
+            )
         residual = mpmath.matrix((np.log(ratings) - mean).tolist())
         quadratic = (residual.T * mpmath.lu_solve(exact, residual))[0]
         expected = -(12 * mpmath.log(2 * mpmath.pi) + mpmath.log(mpmath.det(exact)) + quadratic) / 2

@@ -13,6 +13,7 @@ from softness_bayes.errors import SoftnessError
 
 VERBS: Mapping[str, str] = {
     "check": "Validate data files and say what was understood.",
+    "sample": "Sample the posterior of skin, transduction and rating parameters given ratings.",
     "simulate": "Simulate magnitude estimates of fabrics from stated parameters.",
     "predict": "Predict contact, stress and firing for fabrics under loads.",
 }
@@ -45,6 +46,9 @@ class VerbGroup(click.Group):
         except SoftnessError as error:
             click.echo(f"error: {error}", err=True)
             ctx.exit(error.exit_code)
+        except OSError as error:
+            click.echo(f"error: {error.filename or 'file'}: {error.strerror or error}", err=True)
+            ctx.exit(2)
 
 
 @click.group(

@@ -70,15 +70,7 @@ def curve_scene(scene: Scene, points: int = 161) -> Scene:
     its fabrics.
     """
     low, high = scene.modulus.min() / RANGE_FACTOR, scene.modulus.max() * RANGE_FACTOR
-    return Scene(
-        np.geomspace(low, high, points),
-        float(np.median(scene.poisson)),
-        scene.loads,
-        scene.firing,
-        finger=scene.finger,
-        readings=scene.readings,
-        discretisation=scene.discretisation,
-    )
+    return scene.on_grid(np.geomspace(low, high, points))
 
 
 def response_curves(grid: Scene, parameters: TouchParameters) -> Curves:

@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from softness_bayes.errors import InputError
-from softness_bayes.inference.random_effects import Design, Effects, LeaveOneOut, RandomEffects, Spreads
+from softness_bayes.inference.design import Design
+from softness_bayes.inference.random_effects import Effects, LeaveOneOut, RandomEffects, Spreads
 
 FloatArray = NDArray[np.float64]
 

@@ -9,16 +9,14 @@ on the number of rows; sums of squares are never differences of larger ones.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from softness_bayes.errors import InputError
+from softness_bayes.inference.design import Design
 
 FloatArray = NDArray[np.float64]
-IndexArray = NDArray[np.intp]
 
 _LEAST_VARIANCE = 1e-100  # far below any spread of ratings; the square of its inverse is still a number
 
@@ -50,67 +48,6 @@ class LeaveOneOut(NamedTuple):
 
     mean: FloatArray
     sd: FloatArray
-
-
-@dataclass(frozen=True)
-class Design:
-    """Who rated what: the condition and participant of every row, and the fabric of every condition.
-
-    Parameters
-    ----------
-    condition, participant
-        Index of each row's condition and participant, shape (rows,).
-    fabric
-        Index of each condition's fabric, shape (conditions,).
-    n_participants
-        Number of participants; those without rows are allowed.
-
-    Raises
-    ------
-    InputError
-        If there is no row, or an index is outside its range.
-    """
-
-    condition: IndexArray
-    participant: IndexArray
-    fabric: IndexArray
-    n_participants: int
-    cells: FloatArray = field(init=False, repr=False, compare=False)
-    """Number of rows of each participant and condition, shape (participants, conditions)."""
-
-    def __post_init__(self) -> None:
-        for name in ("condition", "participant", "fabric"):
-            index = np.array(getattr(self, name), dtype=np.intp)
-            index.flags.writeable = False
-            object.__setattr__(self, name, index)
-        if self.condition.size == 0:
-            raise InputError("no rating at all: there is nothing to learn from")
-        _require_range("condition", self.condition, self.n_conditions)
-        _require_range("participant", self.participant, self.n_participants)
-        cells = np.zeros((self.n_participants, self.n_conditions))
-        np.add.at(cells, (self.participant, self.condition), 1.0)
-        cells.flags.writeable = False
-        object.__setattr__(self, "cells", cells)
-
-    @property
-    def n_rows(self) -> int:
-        """Number of rows."""
-        return self.condition.size
-
-    @property
-    def n_conditions(self) -> int:
-        """Number of conditions."""
-        return self.fabric.size
-
-    @property
-    def n_fabrics(self) -> int:
-        """Number of fabrics."""
-        return int(self.fabric.max()) + 1
-
-    @property
-    def weight(self) -> FloatArray:
-        """Share of the rows in each condition, shape (conditions,)."""
-        return self.cells.sum(axis=0) / self.n_rows
 
 
 class _Levels(NamedTuple):
@@ -320,8 +257,3 @@ def _broadcast(offset: FloatArray, spreads: Spreads) -> list[FloatArray]:
     shape = np.broadcast_shapes(offset.shape[:-1], *(np.shape(s) for s in spreads))
     batch = [np.broadcast_to(np.asarray(s, float), shape) for s in spreads]
     return [np.broadcast_to(offset, (*shape, offset.shape[-1])), *batch]
-
-
-def _require_range(name: str, index: IndexArray, size: int) -> None:
-    if not ((index >= 0) & (index < size)).all():
-        raise InputError(f"design: a {name} index lies outside 0 to {size - 1}")

@@ -122,7 +122,7 @@ def _rising_root(
         newton = x - value / np.where(steepness == 0.0, 1.0, steepness)
         inside = (newton > low) & (newton < high)
         new = np.where(inside, newton, 0.5 * (low + high))
-        if np.abs(new - x).max() <= _VOLTAGE_ERROR:
+        if (np.abs(new - x) <= _VOLTAGE_ERROR).all():
             return new
         x = new
     return x

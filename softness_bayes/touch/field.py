@@ -54,20 +54,6 @@ class Profile(NamedTuple):
         least = self.y_least[..., None]
         return clenshaw(self.shape, (2.0 * y - (1.0 + least)) * (1.0 / (1.0 - least))) * (1.0 - y) / y
 
-    @classmethod
-    def join(cls, profiles: Sequence[Profile], columns: Sequence[NDArray[np.intp]]) -> Profile:
-        """Put the profiles of several loads, shape (batch, fabrics), side by side in the given columns."""
-        if len(profiles) == 1 and (np.diff(columns[0]) == 1).all():
-            return profiles[0]
-        batch, size = profiles[0].peak.shape[0], sum(len(c) for c in columns)
-        order = max(profile.shape.shape[-1] for profile in profiles)
-        peak, y_least = np.empty((batch, size)), np.empty(size)
-        shape = np.zeros((batch, size, order))
-        for profile, where in zip(profiles, columns, strict=True):
-            peak[:, where], y_least[where] = profile.peak, profile.y_least
-            shape[:, where, : profile.shape.shape[-1]] = profile.shape
-        return cls(peak, shape, y_least)
-
 
 class StressField:
     """Stress against distance under one load, inverted, for any reduced modulus.
@@ -154,7 +140,7 @@ class StressField:
                 break
         return np.exp(log_rho)
 
-    def _rows(self, modulus: Array) -> Array:
+    def exact_rows(self, modulus: Array) -> Array:
         """Compute [unit peak, coefficients of Q in T_k(y)] without the table, for moduli of shape (n,)."""
         y = 0.5 * (1 + self.y_least) + 0.5 * (1 - self.y_least) * chebyshev.chebpts1(SHAPE_NODES)
         values = self._distance(y, modulus) ** 2 * y / (1 - y)
@@ -166,7 +152,7 @@ class StressField:
         low, high = self.log_range
         for order in (24, 48, 96, 160):
             nodes = 0.5 * (low + high) + 0.5 * (high - low) * chebyshev.chebpts1(order)
-            rows = self._rows(np.exp(nodes) - self.shift)
+            rows = self.exact_rows(np.exp(nodes) - self.shift)
             scale = np.concatenate(
                 [[rows[:, 0].max()], np.full(SHAPE_NODES, np.abs(rows[:, 1:]).sum(axis=1).max())]
             )
@@ -181,26 +167,49 @@ class StressField:
         self.reached = float(max(by_modulus[-4], by_shape[-4]))
         self.table = np.ascontiguousarray(table[:keep_modulus, : 1 + keep_shape])
 
-    def profile(self, modulus: Array) -> Profile:
-        """Return the field for reduced moduli [Pa] of any shape.
-
-        Raises
-        ------
-        NumericalError
-            If a modulus is not a positive finite number.
-        """
-        if not ((modulus > 0) & np.isfinite(modulus)).all():
-            raise NumericalError("stress field: a reduced modulus is not positive and finite")
+    def scaled(self, modulus: Array) -> Array:
+        """Return ln(E_star + shift) scaled to [-1, 1] over the table's range."""
         low, high = self.log_range
-        x = (2.0 * np.log(modulus.ravel() + self.shift) - (low + high)) * (1.0 / (high - low))
-        rows = _chebyshev_basis(np.clip(x, -1, 1), self.table.shape[0]) @ self.table
-        outside = np.flatnonzero(np.abs(x) > 1 + 1e-12)
-        if outside.size:
-            rows[outside] = self._rows(modulus.ravel()[outside])[:, : rows.shape[1]]
-        rows = rows.reshape(*modulus.shape, -1)
-        radius = self.load.close(modulus, self.finger).radius
-        amplitude = self.readings.pressure.amplitude(modulus, radius, self.finger)
-        return Profile(amplitude * rows[..., 0], rows[..., 1:], np.array(self.y_least))
+        return (2.0 * np.log(modulus + self.shift) - (low + high)) * (1.0 / (high - low))
+
+
+def profiles(
+    fields: Sequence[StressField], columns: Sequence[NDArray[np.intp]], modulus: Array, radius: Array
+) -> Profile:
+    """Return the fields of several loads at reduced moduli, side by side.
+
+    Parameters
+    ----------
+    fields
+        One for each load.
+    columns
+        The conditions under each load.
+    modulus, radius
+        E_star [Pa] and contact radius [m], shape (batch, conditions).
+
+    Raises
+    ------
+    NumericalError
+        If a modulus is not a positive finite number.
+    """
+    if not ((modulus > 0) & np.isfinite(modulus)).all():
+        raise NumericalError("stress field: a reduced modulus is not positive and finite")
+    x = np.empty_like(modulus)
+    for field, where in zip(fields, columns, strict=True):
+        x[:, where] = field.scaled(modulus[:, where])
+    basis = _chebyshev_basis(np.clip(x, -1, 1), max(field.table.shape[0] for field in fields))
+    order = max(field.table.shape[1] for field in fields) - 1
+    shape, unit, y_least = np.zeros((*x.shape, order)), np.empty_like(x), np.empty(x.shape[1])
+    for field, where in zip(fields, columns, strict=True):
+        terms, width = field.table.shape
+        rows = np.tensordot(basis[:terms, :, where], field.table, axes=(0, 0))
+        outside = np.abs(x[:, where]) > 1 + 1e-12
+        if outside.any():
+            rows[outside] = field.exact_rows(modulus[:, where][outside])[:, :width]
+        unit[:, where], shape[:, where, : width - 1] = rows[..., 0], rows[..., 1:]
+        y_least[where] = field.y_least
+    first = fields[0]
+    return Profile(first.readings.pressure.amplitude(modulus, radius, first.finger) * unit, shape, y_least)
 
 
 def _values_to_coefficients(order: int) -> Array:
@@ -211,14 +220,14 @@ def _values_to_coefficients(order: int) -> Array:
 
 
 def _chebyshev_basis(x: Array, order: int) -> Array:
-    """Return T_k(x), k < order, along a new last axis."""
-    basis = np.empty((order, x.size))
+    """Return T_k(x), k < order, along a new first axis."""
+    basis = np.empty((order, *x.shape))
     basis[0], basis[1] = 1.0, x
     twice = 2.0 * x
     for k in range(2, order):
         np.multiply(twice, basis[k - 1], out=basis[k])
         basis[k] -= basis[k - 2]
-    return basis.T
+    return basis
 
 
 def clenshaw(coefficients: Array, x: Array) -> Array:

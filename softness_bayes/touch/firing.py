@@ -11,7 +11,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from softness_bayes.errors import InputError
 from softness_bayes.touch.membrane import CONNOR_STEVENS, PAPER_CHANNELS, Channels, Membrane
-from softness_bayes.touch.rate import firing_rate, onset
+from softness_bayes.touch.onset import onset
+from softness_bayes.touch.rate import firing_rate
 
 FloatArray = NDArray[np.float64]
 

@@ -9,13 +9,14 @@ count as firing.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from softness_bayes.errors import NumericalError
 from softness_bayes.touch.cells import ArrowJacobian, Cells
-from softness_bayes.touch.rosenbrock import ORDER, ArrowSolver, step
+from softness_bayes.touch.rosenbrock import FIRST_LENGTH, ArrowSolver, local_error, next_length, step
 
 FloatArray = NDArray[np.float64]
 
@@ -26,18 +27,33 @@ TOLERANCE = 2e-9
 """Largest local error of a step, relative to 100 mV and to a fully open gate; periods come out within 3e-8, except
 where the membrane lingers beside the place of a lost equilibrium: there errors count in proportion to the stay."""
 
+AGREEMENT = 1e-8
+"""Agreement of successive periods, and of the states at successive spikes, at which an orbit counts as periodic."""
+
 _REARM = 1.0  # mV below the spike voltage before another spike can count
 _LOCATED = 1e-6  # mV from the spike voltage at which a spike counts as found
-_RETURN = 2e-8  # scaled distance between the states at successive spikes of a periodic orbit
-_AGREEMENT = 1e-8  # relative difference between successive estimates of the period
-_SETTLED = (1e-3, 1e-5)  # mV and gate distance from a stable equilibrium that is silence
+_SETTLED = (2e-2, 2e-4)  # mV and gate distance from a stable equilibrium that is silence
 _SETTLED_CHECK = 16  # steps between looks for settled cells
-_MAX_SUBTHRESHOLD = 1000  # voltage peaks without a spike that are silence: a steady subthreshold oscillation
+_MAX_SUBTHRESHOLD = 150  # voltage peaks without a spike that are silence: a steady subthreshold oscillation
 _MAX_STEPS = 400_000
 
 
-def steady_rate(cells: Cells, state: FloatArray, tolerance: FloatArray | float = TOLERANCE) -> FloatArray:
-    """Steady firing rates of cells that start from given states.
+class Orbit(NamedTuple):
+    """What cells end on."""
+
+    rate: FloatArray
+    """Rates [Hz], shape (n,); exactly 0 where a cell settles or oscillates below the spike voltage"""
+    spike_state: FloatArray
+    """State on the orbit at the instant of a spike, shape (1 + gates, n); NaN where the rate is 0"""
+
+
+def steady_orbit(
+    cells: Cells,
+    state: FloatArray,
+    tolerance: FloatArray | float = TOLERANCE,
+    agreement: float = AGREEMENT,
+) -> Orbit:
+    """Follow cells that start from given states to the periodic orbit or equilibrium that they end on.
 
     Parameters
     ----------
@@ -47,30 +63,28 @@ def steady_rate(cells: Cells, state: FloatArray, tolerance: FloatArray | float =
         Their states when the currents begin.
     tolerance : float or ndarray, shape (n,)
         Largest local error of a step, as :data:`TOLERANCE`.
-
-    Returns
-    -------
-    ndarray, shape (n,)
-        Rates [Hz]; exactly 0 where the cell settles on a stable equilibrium or oscillates below the spike voltage.
+    agreement : float
+        Relative difference of successive periods, and scaled distance of successive spikes, that ends the search.
 
     Raises
     ------
     NumericalError
         If a cell neither settles nor repeats itself.
     """
-    rate = np.zeros(len(cells))
+    rate, spike_state = np.zeros(len(cells)), np.full_like(state, np.nan)
     orbits = _Orbits.start(cells, state, tolerance)
     for count in range(_MAX_STEPS):
+        if not len(orbits.lane):
+            return Orbit(rate, spike_state)
         orbits.advance()
-        period = orbits.period()
+        period = orbits.period(agreement)
         done = period > 0.0
         rate[orbits.lane[done]] = 1000.0 / period[done]
+        spike_state[:, orbits.lane[done]] = orbits.spike_state[:, done]
         if count % _SETTLED_CHECK == 0:
             done |= orbits.settled() | (orbits.peaks > _MAX_SUBTHRESHOLD)
         if done.any():
             orbits = orbits.take(np.flatnonzero(~done))
-            if not len(orbits.lane):
-                return rate
     lane = orbits.lane[0]
     raise NumericalError(
         f"the membrane {cells.membrane.name} neither settles nor repeats itself at {cells.current[lane]:.9g} µA/cm² "
@@ -95,7 +109,7 @@ class _Orbits:
     low: FloatArray  # step lengths around the spike, (length [ms], voltage above the spike voltage [mV])
     high: FloatArray
     intervals: FloatArray  # the last four, newest last; NaN where there is none yet
-    section: FloatArray  # state at the last spike
+    spike_state: FloatArray  # at the last spike
     returned: FloatArray  # scaled distance between the last two such states
 
     @classmethod
@@ -106,8 +120,8 @@ class _Orbits:
             lane=np.arange(n),
             tolerance=np.broadcast_to(np.asarray(tolerance, dtype=float), (n,)),
             state=state.copy(),
-            stride=np.full(n, 0.01),
-            length=np.full(n, 0.01),
+            stride=np.full(n, FIRST_LENGTH),
+            length=np.full(n, FIRST_LENGTH),
             elapsed=np.full(n, np.nan),
             armed=state[0] < SPIKE_VOLTAGE - _REARM,
             rising=np.zeros(n, dtype=bool),
@@ -115,7 +129,7 @@ class _Orbits:
             low=np.zeros((2, n)),
             high=np.zeros((2, n)),
             intervals=np.full((4, n), np.nan),
-            section=np.full_like(state, np.nan),
+            spike_state=np.full_like(state, np.nan),
             returned=np.full(n, np.inf),
         )
 
@@ -129,8 +143,7 @@ class _Orbits:
     def advance(self) -> None:
         """Try one step of every trajectory."""
         after, error, slope = step(self.cells, self.state, self.length)
-        size = np.maximum(np.abs(error[0]) / 100.0, np.abs(error[1:]).max(axis=0)) / self.tolerance
-        size = np.where(np.isfinite(size), size, 1e9)
+        size = local_error(error) / self.tolerance
         locating = self.high[0] > 0.0
         accepted = (size <= 1.0) & ~locating
         gap = after[0] - SPIKE_VOLTAGE
@@ -140,9 +153,7 @@ class _Orbits:
         rising = slope[0] > 0.0
         self.peaks += self.rising & ~rising
         self.rising = rising
-        self.stride = np.where(
-            locating, self.stride, self.length * np.clip(0.9 * np.maximum(size, 1e-9) ** (-1.0 / ORDER), 0.2, 5.0)
-        )
+        self.stride = np.where(locating, self.stride, next_length(self.length, size))
         moved = (accepted & ~crossing) | spiking
         self.state = np.where(moved, after, self.state)
         self.elapsed = np.where(moved, self.elapsed + self.length, self.elapsed)
@@ -173,14 +184,14 @@ class _Orbits:
     def _record(self, spiking: NDArray[np.intp]) -> None:
         """Note the intervals that end with the spikes just found."""
         self.intervals[:, spiking] = np.vstack([self.intervals[1:, spiking], self.elapsed[spiking]])
-        change = np.abs(self.state[:, spiking] - self.section[:, spiking])
+        change = np.abs(self.state[:, spiking] - self.spike_state[:, spiking])
         change[0] /= 100.0
         self.returned[spiking] = change.max(axis=0)
-        self.section[:, spiking] = self.state[:, spiking]
+        self.spike_state[:, spiking] = self.state[:, spiking]
         self.elapsed[spiking] = 0.0
         self.peaks[spiking] = 0
 
-    def period(self) -> FloatArray:
+    def period(self, agreement: float) -> FloatArray:
         """Periods of the trajectories that repeat themselves [ms], 0 for the others."""
         fresh = self.elapsed == 0.0
         if not fresh.any():
@@ -188,15 +199,15 @@ class _Orbits:
         first, second, third, last = self.intervals
         with np.errstate(invalid="ignore", divide="ignore"):
             older, newer = _aitken(first, second, third), _aitken(second, third, last)
-            converged = np.abs(newer - older) <= _AGREEMENT * last
-        repeated = self.returned <= _RETURN
+            converged = np.abs(newer - older) <= agreement * last
+        repeated = self.returned <= 2.0 * agreement
         return np.where(fresh & repeated, last, np.where(fresh & converged, newer, 0.0))
 
     def settled(self) -> NDArray[np.bool_]:
         """Which trajectories have come to rest on a stable equilibrium."""
         settled = np.zeros(len(self.lane), dtype=bool)
         slope = self.cells.slope(self.state)
-        slow = np.flatnonzero(np.abs(slope).max(axis=0) < 1e-2)
+        slow = np.flatnonzero(np.abs(slope).max(axis=0) < 1e-1)
         if slow.size:
             jacobian = self.cells.take(slow).linearise(self.state[:, slow])
             distance = np.abs(ArrowSolver(jacobian, np.zeros(slow.size))(slope[:, slow]))

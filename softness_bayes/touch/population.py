@@ -69,7 +69,9 @@ class Population:
     def __init__(self, root: float, count: ReceptorCount, nodes: int, saturation: float) -> None:
         self.root, self.count, self.saturation = root, count, saturation
         x, weight = np.polynomial.legendre.leggauss(nodes)
-        self.part, self.weight = 0.5 * (x + 1.0), 0.5 * weight
+        # both ends ride along without weight: what fires at all, and what remains beyond saturation
+        self.part = np.concatenate([[0.0], 0.5 * (x + 1.0), [1.0]])
+        self.weight = np.concatenate([[0.0], 0.5 * weight, [0.0]])
 
     def sums(self, profile: Profile, drive: Drive, intervals: bool = False) -> Sums:
         """Integrate over the receptors for a batch of parameter vectors and all conditions.
@@ -84,86 +86,113 @@ class Population:
             Whether the sum of inter-spike intervals is wanted, which costs half as much again.
         """
         onset = _Onset.of(drive, profile.peak)
-        reach = np.maximum(drive.beta * (profile.peak - onset.stress), 0.0)
-        reach = np.where(onset.fires, reach, 0.0)
-        top = np.sqrt(np.minimum(reach, self.saturation))
-        silent = top == 0
-        y_onset = self._y(profile, onset.stress)
-        extent = profile.squared_distance(y_onset[..., None])[..., 0]
+        reach = np.where(onset.fires, np.maximum(drive.beta * (profile.peak - onset.stress), 0.0), 0.0)
+        top = np.sqrt(np.minimum(reach, self.saturation))[..., None]
+        nodes = _Nodes(top * self.part, top * self.weight)
+        extent, sums = self._inner(profile, onset, drive.beta, reach, nodes, None, intervals)
+        silent = reach == 0
         crossing = (extent > self.count.kinks[0] ** 2) & ~silent
-        responding = np.where(silent, 0.0, self.count(np.minimum(extent, self.count.kinks[0] ** 2)))
-        bottom = np.zeros_like(top)
         if crossing.any():
-            beyond = self._beyond(profile, drive, onset, top, crossing, intervals)
-            bottom[crossing], responding[crossing] = beyond.bottom, beyond.sums.responding
-        t = bottom[..., None] + (top - bottom)[..., None] * self.part
-        weight = (top - bottom)[..., None] * self.weight
-        within = self._count(profile, drive, onset, t)
-        gain = weight * onset.gain(t)
-        at_top, at_peak = onset.rate(top), onset.rate(np.sqrt(reach))
-        rest = np.where(
-            reach > self.saturation, self._count(profile, drive, onset, top[..., None])[..., 0], 0.0
-        )
-        rate = np.einsum("...i,...i", gain, within)
-        rate += onset.rate_0 * responding + rest * (at_peak - at_top)
+            rows = np.nonzero(crossing)
+            beyond = self._crossing(
+                profile.take(rows),
+                onset.take(rows, crossing.shape),
+                np.broadcast_to(drive.beta, crossing.shape)[rows],
+                reach[rows],
+                intervals,
+            )
+            for whole, part in zip(sums, beyond, strict=True):
+                whole[rows] = part
+        return Sums(*(np.where(silent, 0.0, value) for value in sums))
+
+    def _inner(
+        self,
+        profile: Profile,
+        onset: _Onset,
+        beta: Array,
+        reach: Array,
+        nodes: _Nodes,
+        responding: Array | None,
+        intervals: bool,
+    ) -> tuple[Array, Sums]:
+        """Integrate from the first node to the peak, where the patch lies within the pad's first kink.
+
+        Returns the squared distance at the first node and the sums; the number of responding receptors
+        is that within the distance unless it is known.
+        """
+        t = nodes.t
+        stress = onset.stress[..., None] + t * t / beta[..., None]
+        extent = profile.squared_distance(self._y(_over_nodes(profile), stress))
+        within = self.count(extent)
+        gain = nodes.weight * onset.gain(t)
+        saturated, rest = reach > self.saturation, np.zeros_like(reach)
+        rest[saturated] = self.count.anywhere(extent[..., -1][saturated])
+        at_top, at_peak = np.moveaxis(onset.rate(np.stack([t[..., -1], np.sqrt(reach)], axis=-1)), -1, 0)
+        rate = np.einsum("...i,...i", gain, within) + rest * (at_peak - at_top)
+        if responding is None:
+            responding = within[..., 0]
+            rate += onset.rate_0 * responding
         interval = np.zeros_like(rate)
         if intervals:
             with np.errstate(divide="ignore", invalid="ignore"):
-                missing = responding[..., None] - within
-                interval = np.einsum("...i,...i", gain, missing / onset.rate(t) ** 2)
+                missing = (responding[..., None] - within)[..., 1:-1] / onset.rate(t[..., 1:-1]) ** 2
+                interval = np.einsum("...i,...i", gain[..., 1:-1], missing)
                 interval += (responding - rest) / at_top + rest / at_peak
-        if crossing.any():
-            rate[crossing] += beyond.sums.rate
-            interval[crossing] += beyond.sums.interval
-        return Sums(*(np.where(silent, 0.0, value) for value in (rate, responding, interval)))
+        return extent[..., 0], Sums(rate, responding, interval)
 
     def _y(self, profile: Profile, stress: Array) -> Array:
         relative = np.maximum(stress, 0.0) / profile.peak
         power = np.sqrt(relative) if self.root == 0.5 else relative**self.root
         return np.clip(power, profile.y_least, 1.0)
 
-    def _count(self, profile: Profile, drive: Drive, onset: _Onset, t: Array) -> Array:
-        """Receptors above the stress at t, on the pad's inner interval."""
-        stress = onset.stress[..., None] + t * t / drive.beta[..., None]
-        return self.count(profile.squared_distance(self._y(_over_nodes(profile), stress)))
-
-    def _beyond(
-        self, profile: Profile, drive: Drive, onset: _Onset, top: Array, crossing: Array, intervals: bool
-    ) -> _Beyond:
-        """Integrate over t where the patch reaches past the pad's first kink, one interval after another."""
-        rows = np.nonzero(crossing)
-        picked = profile.take(rows)
-        onset = onset.take(rows, crossing.shape)
-        beta = np.broadcast_to(drive.beta, crossing.shape)[rows]
-        t_kinks = [self._t_at(picked, onset, beta, distance) for distance in self.count.kinks]
-        responding = np.full(rows[0].size, self.count.total)
-        for k, t_outer in list(enumerate(t_kinks))[:0:-1]:
-            inside = t_outer <= 0
-            y = self._y(picked, onset.stress)[inside, None]
-            extent = picked.take((np.flatnonzero(inside),)).squared_distance(y)[:, 0]
-            responding[inside] = self.count(
-                np.clip(extent, self.count.kinks[k - 1] ** 2, self.count.kinks[k] ** 2), k
-            )
-        bottom = np.minimum(t_kinks[0], top[rows])
-        rate, interval = np.zeros_like(bottom), np.zeros_like(bottom)
+    def _crossing(self, profile: Profile, onset: _Onset, beta: Array, reach: Array, intervals: bool) -> Sums:
+        """Integrate where the patch reaches past the pad's first kink, one interval after another."""
+        kinks = self.count.kinks
+        t_kinks = [
+            np.minimum(self._t_at(profile, onset, beta, distance), np.sqrt(reach)) for distance in kinks
+        ]
+        y_onset = self._y(profile, onset.stress)
+        responding = self.count.anywhere(profile.squared_distance(y_onset[:, None])[:, 0])
+        # where saturation comes first the integral ends there
+        top = np.sqrt(np.minimum(reach, self.saturation))
+        bottom = np.minimum(t_kinks[0], top)
+        nodes = self._stretched(onset, beta, bottom, top)
+        _, inner = self._inner(profile, onset, beta, reach, nodes, responding, intervals)
         # from the outermost inwards: below its t every receptor of the pad fires
-        rate += self.count.total * (onset.rate(np.minimum(t_kinks[-1], bottom)) - onset.rate_0)
-        for k in range(1, len(t_kinks)):
-            outer, inner = np.minimum(t_kinks[k], bottom), np.minimum(t_kinks[k - 1], bottom)
+        whole = onset.rate(np.minimum(t_kinks[-1], bottom)) - onset.rate_0
+        rate = inner.rate + onset.rate_0 * responding + self.count.total * whole
+        interval = inner.interval
+        for k in range(1, len(kinks)):
+            outer, near = np.minimum(t_kinks[k], bottom), np.minimum(t_kinks[k - 1], bottom)
             # just outside a kink the count opens like a square root: x² smooths it
-            t = inner[:, None] - (inner - outer)[:, None] * self.part**2
-            weight = (inner - outer)[:, None] * 2.0 * self.part * self.weight
+            t = near[:, None] - (near - outer)[:, None] * self.part**2
+            weight = (near - outer)[:, None] * 2.0 * self.part * self.weight
             stress = onset.stress[:, None] + t * t / beta[:, None]
-            y = self._y(_over_nodes(picked), stress)
-            low, high = self.count.kinks[k - 1] ** 2, self.count.kinks[k] ** 2
-            within = self.count(np.clip(picked.squared_distance(y), low, high), k)
+            extent = profile.squared_distance(self._y(_over_nodes(profile), stress))
+            within = self.count(np.clip(extent, kinks[k - 1] ** 2, kinks[k] ** 2), k)
             gain = weight * onset.gain(t)
-            rate += np.einsum("ni,ni->n", gain, within)
+            rate = rate + np.einsum("ni,ni->n", gain, within)
             if intervals:
                 with np.errstate(divide="ignore", invalid="ignore"):
                     part = gain * (responding[:, None] - within) / onset.rate(t) ** 2
-                interval += np.where(weight > 0, part, 0.0).sum(axis=-1)
-        return _Beyond(bottom, Sums(rate, responding, interval))
+                interval = interval + np.where(weight > 0, part, 0.0).sum(axis=-1)
+        return Sums(rate, responding, interval)
+
+    def _stretched(self, onset: _Onset, beta: Array, bottom: Array, top: Array) -> _Nodes:
+        """Return nodes from bottom to top for a wide patch, even in the logarithm of the stress.
+
+        The count has a pole at stress 0, to which a wide patch comes close. With h² = beta (stress -
+        max(onset stress, 0)) it lies at h = ±i sqrt(beta onset stress) or 0: a sinh map leads away from it.
+        """
+        below = beta * np.maximum(-onset.stress, 0.0)
+        low, high = (np.sqrt(np.maximum(end**2 - below, 0.0)) for end in (bottom, top))
+        scale = np.sqrt(np.maximum(beta * onset.stress, 0.25 * low**2)) + 1e-150
+        start, stop = np.arcsinh(low / scale), np.arcsinh(high / scale)
+        w = start[:, None] + (stop - start)[:, None] * self.part
+        height = scale[:, None] * np.sinh(w)
+        t = np.clip(np.sqrt(height**2 + below[:, None]), bottom[:, None], top[:, None])
+        weight = (stop - start)[:, None] * self.weight * scale[:, None] * np.cosh(w)
+        return _Nodes(t, weight * height / np.maximum(t, 1e-300))
 
     def _t_at(self, profile: Profile, onset: _Onset, beta: Array, distance: float) -> Array:
         """Return t where the stress is that at `distance` from the axis; 0 if the patch does not reach it."""
@@ -174,6 +203,13 @@ class Population:
             low, high = np.where(outside, middle, low), np.where(outside, high, middle)
         stress = profile.peak * (0.5 * (low + high)) ** (1.0 / self.root)
         return np.sqrt(np.maximum(beta * (stress - onset.stress), 0.0))
+
+
+class _Nodes(NamedTuple):
+    """Nodes in t and their weights, with the two ends, which have weight 0."""
+
+    t: Array
+    weight: Array
 
 
 def _over_nodes(profile: Profile) -> Profile:
@@ -252,11 +288,3 @@ class _Onset(NamedTuple):
         lost = -np.expm1(-t * t)
         s = np.sqrt(at.excess * lost / (1.0 + at.odds * (1.0 - lost)))
         return at.rate_0 + s * horner(at.level, at.scale * s - 1.0)
-
-
-class _Beyond(NamedTuple):
-    """What lies past the pad's first kink."""
-
-    bottom: Array
-    """t at the first kink, where the inner interval starts."""
-    sums: Sums

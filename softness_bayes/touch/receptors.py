@@ -14,6 +14,9 @@ from softness_bayes.touch.contact import Finger
 
 Array = NDArray[np.float64]
 
+DIGITS = 12
+"""Decimals [m] to which distances to the pad's edges count: rounding must not make two kinks of one."""
+
 
 def receptor_current(stress: ArrayLike, alpha: ArrayLike, beta: ArrayLike, sigma_0: ArrayLike) -> Array:
     """Return I_c = alpha / (1 + exp(beta (sigma_0 - sigma))) [µA/cm²] (paper eq. 3).
@@ -25,9 +28,10 @@ def receptor_current(stress: ArrayLike, alpha: ArrayLike, beta: ArrayLike, sigma
     alpha, beta
         Largest current [µA/cm²] and steepness [1/Pa]. All broadcast; no finite input overflows.
     """
-    with np.errstate(over="ignore"):  # an infinite argument is the right one for expit
-        steepness = np.asarray(beta, float) * (np.asarray(stress, float) - np.asarray(sigma_0, float))
-    return np.asarray(alpha, float) * expit(steepness)
+    # half the difference cannot overflow; what may become infinite then is the right argument for expit
+    excess = 0.5 * np.asarray(stress, float) - 0.5 * np.asarray(sigma_0, float)
+    with np.errstate(over="ignore"):
+        return np.asarray(alpha, float) * expit(2.0 * (np.asarray(beta, float) * excess))
 
 
 @dataclass(frozen=True)
@@ -65,7 +69,7 @@ def kink_distances(finger: Finger) -> Array:
     along = np.array([x, finger.pad_length - x])
     across = np.array([y, finger.pad_width - y])
     corners = np.hypot(along[:, None], across[None, :]).ravel()
-    distances = np.unique(np.round(np.concatenate([along, across, corners]), 12))
+    distances = np.unique(np.round(np.concatenate([along, across, corners]), DIGITS))
     return distances[distances > 0]
 
 
@@ -96,16 +100,18 @@ def receptors_within(distance: ArrayLike, finger: Finger, density: Density = CON
 class ReceptorCount:
     """`receptors_within` as polynomials, one for each interval between the pad's kinks.
 
-    On the first interval the count is a smooth function of the squared distance (of the distance
-    itself where the axis stands on the pad's edge); beyond a kink at d it is smooth in
-    sqrt(r² - d²), because the arc that the edge cuts off opens like a square root.
+    On the first interval the count is the squared distance times a smooth function of it (of the
+    distance itself where the axis stands on the pad's edge), so that it stays relatively accurate
+    for the smallest patch; beyond a kink at d it is smooth in sqrt(r² - d²), because the arc that
+    the edge cuts off opens like a square root.
 
     Parameters
     ----------
     finger, density
         The pad, where it is touched, and the density reading.
     tolerance
-        Largest error allowed, in receptors.
+        Where the series are cut, in receptors. Their 40 terms reach it except with the axis within
+        a millimetre of an edge or corner, where up to 1e-4 receptors remain.
     """
 
     def __init__(self, finger: Finger, density: Density, tolerance: float = 1e-9) -> None:
@@ -113,7 +119,7 @@ class ReceptorCount:
         starts = np.concatenate([[0.0], self.kinks[:-1]])
         self.total = float(receptors_within(self.kinks[-1], finger, density))
         x, y = finger.contact_centre
-        on_edge = min(x, y, finger.pad_length - x, finger.pad_width - y) == 0
+        on_edge = np.round(min(x, y, finger.pad_length - x, finger.pad_width - y), DIGITS) == 0
         self.interval_is_even = tuple(not on_edge and start == 0 for start in starts)
         self.start_squared = starts**2
         self.span = np.sqrt(self.kinks**2 - starts**2)
@@ -122,12 +128,12 @@ class ReceptorCount:
 
             def count(node: Array, start: float = start, span: float = span, even: bool = even) -> Array:
                 part = 0.5 * (node + 1)
-                return receptors_within(
-                    np.sqrt(start**2 + span**2 * (part if even else part**2)), finger, density
-                )
+                squared = start**2 + span**2 * (part if even else part**2)
+                within = receptors_within(np.sqrt(squared), finger, density)
+                return within if start else within / squared
 
             full = chebyshev.chebinterpolate(count, 40)
-            tail = np.abs(full)[::-1].cumsum()[::-1]
+            tail = np.abs(full)[::-1].cumsum()[::-1] * (1.0 if start else span**2)
             self.coefficients.append(chebyshev.cheb2poly(full[: max(int((tail > tolerance).sum()), 1)]))
 
     def __call__(self, squared_distance: Array, interval: int = 0) -> Array:
@@ -135,7 +141,17 @@ class ReceptorCount:
         part = (squared_distance - self.start_squared[interval]) * (1.0 / self.span[interval] ** 2)
         if not self.interval_is_even[interval]:
             part = np.sqrt(np.maximum(part, 0.0))
-        return horner(self.coefficients[interval], 2.0 * part - 1.0)
+        count = horner(self.coefficients[interval], 2.0 * part - 1.0)
+        return count if interval else count * squared_distance
+
+    def anywhere(self, squared_distance: Array) -> Array:
+        """Return the count for squared distances [m²] of any size, shape (n,)."""
+        within = np.minimum(squared_distance, self.kinks[-1] ** 2)
+        interval = np.searchsorted(self.kinks**2, within)
+        count = np.empty_like(within)
+        for k in np.unique(interval):
+            count[interval == k] = self(within[interval == k], k)
+        return count
 
 
 def horner(coefficients: ArrayLike, x: Array) -> Array:

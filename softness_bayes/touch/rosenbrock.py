@@ -16,6 +16,9 @@ FloatArray = NDArray[np.float64]
 
 ORDER = 5
 
+FIRST_LENGTH = 0.01
+"""Length of a first step [ms]."""
+
 _GAMMA = 0.21193756319429014
 _A = (
     (3.0,),
@@ -69,12 +72,45 @@ def step(cells: Cells, state: FloatArray, length: FloatArray) -> tuple[FloatArra
     stages = np.empty((len(_STAGES) + 1, rows * n))
     slope = cells.slope(state)
     stages[0] = solver(slope).ravel()
-    for i, weights in enumerate(_STAGES, start=1):
-        offset, memory = (weights @ stages[:i]).reshape(2, rows, n)
-        within = state + offset
-        stages[i] = solver(cells.slope(within) + memory / length).ravel()
+    with np.errstate(over="ignore", invalid="ignore"):  # of a step that is far too long, hence rejected
+        for i, weights in enumerate(_STAGES, start=1):
+            offset, memory = (weights @ stages[:i]).reshape(2, rows, n)
+            within = state + offset
+            stages[i] = solver(cells.slope(within) + memory / length).ravel()
     error = stages[-1].reshape(rows, n)
     return within + error, error, slope
+
+
+def local_error(error: FloatArray) -> FloatArray:
+    """Size of the error estimate of a step, relative to 100 mV and to a fully open gate, shape (n,)."""
+    size = np.maximum(np.abs(error[0]) / 100.0, np.abs(error[1:]).max(axis=0))
+    return np.where(np.isfinite(size), size, 1.0)
+
+
+def next_length(length: FloatArray, size: FloatArray) -> FloatArray:
+    """Length of the next step [ms] after a step whose error was ``size`` times the tolerance."""
+    return length * np.clip(0.9 * np.maximum(size, 1e-9) ** (-1.0 / ORDER), 0.2, 5.0)
+
+
+def travel(cells: Cells, state: FloatArray, duration: FloatArray, tolerance: float) -> FloatArray:
+    """State of every cell after its own duration [ms], shapes as in :func:`step`."""
+    state, left = state.copy(), duration.copy()
+    length = np.minimum(FIRST_LENGTH, duration)
+    under_way = np.flatnonzero(left > 0.0)
+    moving = cells.take(under_way)
+    while under_way.size:
+        attempt = np.minimum(length[under_way], left[under_way])
+        after, error, _ = step(moving, state[:, under_way], attempt)
+        size = local_error(error) / tolerance
+        accepted = size <= 1.0
+        done = under_way[accepted]
+        state[:, done] = after[:, accepted]
+        left[done] -= attempt[accepted]
+        length[under_way] = next_length(attempt, size)
+        if (left[done] <= 0.0).any():
+            under_way = under_way[left[under_way] > 0.0]
+            moving = cells.take(under_way)
+    return state
 
 
 class ArrowSolver:

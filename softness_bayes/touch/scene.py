@@ -9,7 +9,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from softness_bayes.errors import InputError
+from softness_bayes.errors import InputError, NumericalError
 from softness_bayes.touch.contact import (
     Contact,
     Finger,
@@ -18,7 +18,7 @@ from softness_bayes.touch.contact import (
     reduced_modulus,
     skin_modulus,
 )
-from softness_bayes.touch.field import Profile, StressField
+from softness_bayes.touch.field import StressField, profiles
 from softness_bayes.touch.firing import RateCurve, exact_curve
 from softness_bayes.touch.membrane import CONNOR_STEVENS, PAPER_CHANNELS, Channels, Membrane
 from softness_bayes.touch.parameters import TouchParameters
@@ -30,6 +30,9 @@ Array = NDArray[np.float64]
 
 LEAST_SKIN_MODULUS = 1e3
 """Softest skin [Pa] that the tables of force-controlled loads cover; softer skin is computed without them."""
+
+LARGEST_CURRENT = 150.0
+"""Largest alpha [µA/cm²] that is answered: depolarisation block starts at 154-210 (model.md 7)."""
 
 CHUNK = 1 << 17
 """Quadrature nodes handled at once: large enough for array speed, small enough for the cache."""
@@ -50,7 +53,7 @@ class FixedChannels:
     channels, membrane
         Multipliers and membrane of the curve.
     max_current
-        Largest current [µA/cm²] of the first curve; a larger alpha makes a longer one.
+        Largest current [µA/cm²] of the usual curve. Larger alphas get a longer one, made once.
     """
 
     def __init__(
@@ -61,24 +64,38 @@ class FixedChannels:
     ) -> None:
         self.channels, self.membrane = channels, membrane
         self.curve = exact_curve(channels, membrane, max_current)
+        self._longer: RateCurve | None = None
 
     def curves(self, parameters: TouchParameters) -> RateCurve:
-        """Return the one curve, of batch shape (), long enough for the largest alpha."""
+        """Return the one curve, of batch shape (), long enough for the largest alpha.
+
+        Raises
+        ------
+        NumericalError
+            If an alpha exceeds `LARGEST_CURRENT`.
+        """
         largest = float(np.max(parameters.alpha, initial=0.0))
-        if largest > self.curve.max_current:
-            return exact_curve(self.channels, self.membrane, 1.25 * largest)
-        return self.curve
+        if largest <= self.curve.max_current:
+            return self.curve
+        if largest > LARGEST_CURRENT:
+            raise NumericalError(
+                f"alpha = {largest:.6g} µA/cm² lies beyond {LARGEST_CURRENT:g}, where the membrane is near "
+                "depolarisation block and no rate curve is kept"
+            )
+        if self._longer is None:
+            self._longer = exact_curve(self.channels, self.membrane, LARGEST_CURRENT, nodes=28)
+        return self._longer
 
 
 @dataclass(frozen=True)
 class Discretisation:
     """How finely a scene is resolved; the defaults leave errors near 1e-5 of the peak response."""
 
-    nodes: int = 14
+    nodes: int = 12
     """Gauss nodes of the population integral for each condition."""
-    saturation: float = 14.0
+    saturation: float = 12.0
     """How far the integral follows the sigmoid, in units of its exponent beyond the rheobase."""
-    field_tolerance: float = 1e-6
+    field_tolerance: float = 3e-6
     """Error allowed in the tabulated stress field."""
 
 
@@ -236,6 +253,37 @@ class Scene:
         fields = zip(*(contact for _, contact in chunks), strict=True)
         return Contact(*(np.concatenate(part).reshape(*shape, self.n_conditions) for part in fields))
 
+    def refined(self) -> Scene:
+        """Return the same scene resolved more finely, to measure this one's error against."""
+        d = self.discretisation
+        finer = Discretisation(d.nodes + 12, d.saturation + 8.0, 1e-2 * d.field_tolerance)
+        return self._with(self.modulus, self.poisson, np.arange(self.n_conditions), self.load, finer)
+
+    def on_grid(self, modulus: Array) -> Scene:
+        """Return the scene of fabrics of the given moduli [Pa] and the median Poisson ratio under all loads."""
+        poisson = np.full(modulus.size, np.median(self.poisson))
+        return self._with(modulus, poisson, None, None, self.discretisation)
+
+    def _with(
+        self,
+        modulus: Array,
+        poisson: Array,
+        fabric: ArrayLike | None,
+        load: ArrayLike | None,
+        discretisation: Discretisation,
+    ) -> Scene:
+        return Scene(
+            modulus,
+            poisson,
+            self.loads,
+            self.firing,
+            fabric,
+            load,
+            finger=self.finger,
+            readings=self.readings,
+            discretisation=discretisation,
+        )
+
     def beyond_hertz(self, parameters: TouchParameters) -> BeyondHertz:
         """Return the shares of draws × conditions whose contact leaves the range of Hertz's geometry."""
         radius = self.contact(parameters).radius / self.finger.radius
@@ -268,12 +316,7 @@ class Scene:
         column = [np.asarray(value)[:, None] for value in parameters]
         named = TouchParameters(*column)
         drive = Drive(named.alpha, named.beta, named.sigma_0, self.firing.curves(parameters))
-        moduli = contact.reduced_modulus
-        profiles = [
-            field.profile(moduli[:, columns])
-            for columns, field in zip(self._columns, self._fields, strict=True)
-        ]
-        profile = Profile.join(profiles, self._columns)
+        profile = profiles(self._fields, self._columns, contact.reduced_modulus, contact.radius)
         return self._population.sums(profile, drive, intervals), profile.peak
 
 

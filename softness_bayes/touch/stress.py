@@ -210,12 +210,14 @@ def unit_stress(
         x2 = (rho / a) ** 2
         return np.where(x2 < 1, np.sqrt(np.maximum(1 - x2, 0)) * np.exp(-q * np.minimum(x2, 1)), 0.0)
     pole = np.arcsin((kernel.centre(rho, depth) + 1j * depth) / a)
-    centre, scale = pole.real, pole.imag
+    centre = pole.real
     # past exp(-42) the pressure is nothing
     edge = np.arcsin(np.minimum(6.5 / np.sqrt(np.maximum(q, 1e-300)), 1.0))
     lower = -edge if kernel.two_sided else np.zeros_like(edge)
     width = 1.0 / np.sqrt(1.0 + 2.0 * q)
-    cut = np.where(width < 0.5 * centre, np.minimum(0.5 * centre, edge), lower)
+    apart = width < 0.5 * centre
+    cut = np.where(apart, np.minimum(0.5 * centre, edge), lower)
+    scale = np.where(apart, pole.imag, np.minimum(pole.imag, width))
     axis = _graded(lower, cut, np.zeros_like(edge), width, density)
     around = _graded(cut, edge, centre, scale, density)
     phi, weight = (np.concatenate(pair, axis=-1) for pair in zip(axis, around, strict=True))

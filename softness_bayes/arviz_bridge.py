@@ -1,0 +1,159 @@
+"""The only place that knows ArviZ: its 0.23 and 1.x lines behind one face, and files both of them read.
+
+A result is an `xarray.DataTree` whose children are the groups. It is written and read by xarray alone, so
+that a file does not depend on the line that is installed; `for_arviz` turns it into what that line works on.
+ArviZ and xarray are imported inside the functions: they take seconds, and most commands never need them.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+if TYPE_CHECKING:
+    import xarray
+
+FloatArray = NDArray[np.float64]
+
+GROUPS = (
+    "posterior",
+    "sample_stats",
+    "log_prior",
+    "log_likelihood",
+    "log_likelihood_loo",
+    "posterior_predictive",
+    "predictions",
+    "prior",
+    "prior_predictive",
+    "observed_data",
+    "constant_data",
+)
+"""The groups of a result, in the order of the file."""
+
+SAMPLE_DIMS = ("chain", "draw")
+"""Leading dimensions of every group but those of `_WITHOUT_DRAWS`."""
+
+ENSEMBLE = "ensemble"
+"""Coordinate that says which ensemble a chain, a walker, belongs to."""
+
+_WITHOUT_DRAWS = ("observed_data", "constant_data")
+
+
+def r_hat(chains: ArrayLike) -> float:
+    """Rank-normalised, split and folded R-hat of an array (chains, draws)."""
+    return float(_arviz().rhat(_chains(chains)))
+
+
+def ess_bulk(chains: ArrayLike) -> float:
+    """Bulk effective sample size of an array (chains, draws)."""
+    return float(_arviz().ess(_chains(chains)))
+
+
+def mcse_mean(chains: ArrayLike) -> float:
+    """Monte-Carlo standard error of the mean of an array (chains, draws)."""
+    return float(_arviz().mcse(_chains(chains), method="mean"))
+
+
+def mcse_sd(chains: ArrayLike) -> float:
+    """Monte-Carlo standard error of the standard deviation of an array (chains, draws)."""
+    return float(_arviz().mcse(_chains(chains), method="sd"))
+
+
+def hdi(draws: ArrayLike, probability: float) -> tuple[float, float]:
+    """Shortest interval (low, high) that holds a probability of the draws, an array of any shape."""
+    flat = np.ravel(np.asarray(draws, float))
+    name = "prob" if _next_line() else "hdi_prob"
+    low, high = np.asarray(_arviz().hdi(flat, **{name: probability}))
+    return float(low), float(high)
+
+
+def to_tree(
+    groups: Mapping[str, Mapping[str, ArrayLike]],
+    dims: Mapping[str, Sequence[str]] | None = None,
+    coords: Mapping[str, ArrayLike] | None = None,
+    attrs: Mapping[str, Any] | None = None,
+    variable_attrs: Mapping[str, Mapping[str, Any]] | None = None,
+) -> xarray.DataTree:
+    """Assemble groups of arrays into a result.
+
+    Parameters
+    ----------
+    groups
+        Arrays by group and name. In groups with draws the first two axes are chain and draw.
+    dims
+        Names of a variable's further axes; those of an array that is not listed must have none.
+    coords
+        Coordinates by name, each along the dimension of its name; `ENSEMBLE` runs along the chains of
+        the groups that have as many.
+    attrs
+        Attributes of the whole result: numbers and text.
+    variable_attrs
+        Attributes of variables by name, wherever they occur, such as their units.
+    """
+    import xarray
+
+    dims, coords, variable_attrs = dims or {}, coords or {}, variable_attrs or {}
+    children = {}
+    for group in [*(g for g in GROUPS if g in groups), *(g for g in groups if g not in GROUPS)]:
+        leading = () if group in _WITHOUT_DRAWS else SAMPLE_DIMS
+        variables = {
+            name: ((*leading, *dims.get(name, ())), np.asarray(values), dict(variable_attrs.get(name, {})))
+            for name, values in groups[group].items()
+        }
+        sizes = {d: n for along, v, _ in variables.values() for d, n in zip(along, v.shape, strict=True)}
+        axes = {d: (d, np.arange(sizes[d])) for d in leading if d in sizes and d not in coords}
+        for name, values in coords.items():
+            labels = np.asarray(values)
+            if name == ENSEMBLE and sizes.get("chain") == labels.size:
+                axes[name] = ("chain", labels)
+            elif name in sizes:
+                axes[name] = (name, labels)
+        children[f"/{group}"] = xarray.Dataset(variables, axes)
+    children["/"] = xarray.Dataset(attrs=dict(attrs or {}))
+    return xarray.DataTree.from_dict(children)
+
+
+def write_netcdf(tree: xarray.DataTree, path: str | os.PathLike[str]) -> None:
+    """Write a result to a NetCDF file that both lines of ArviZ read; an existing file is replaced whole."""
+    path = Path(path)
+    part = path.with_name(path.name + ".part")
+    tree.to_netcdf(part, engine="h5netcdf")
+    part.replace(path)
+
+
+def read_netcdf(path: str | os.PathLike[str]) -> xarray.DataTree:
+    """Read a result into memory, so that the file is free again."""
+    import xarray
+
+    with xarray.open_datatree(path, engine="h5netcdf") as tree:
+        return tree.load()
+
+
+def for_arviz(tree: xarray.DataTree) -> Any:
+    """Turn a result into what the installed line works on: InferenceData (0.23) or the tree itself (1.x)."""
+    if _next_line():
+        return tree
+    groups = {name: child.to_dataset() for name, child in tree.children.items()}
+    return _arviz().InferenceData(attrs=dict(tree.attrs), **groups)
+
+
+def _arviz() -> Any:
+    import arviz
+
+    return arviz
+
+
+def _next_line() -> bool:
+    return not _arviz().__version__.startswith("0.")
+
+
+def _chains(values: ArrayLike) -> FloatArray:
+    array = np.asarray(values, float)
+    if array.ndim != 2:
+        raise ValueError(f"expected an array (chains, draws), got shape {array.shape}")
+    return array

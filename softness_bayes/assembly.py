@@ -1,0 +1,297 @@
+"""From the draws of a run to its result: predictions, replicates, checks, tables and provenance."""
+
+from __future__ import annotations
+
+import platform
+from collections.abc import Mapping
+from importlib.metadata import version
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from softness_bayes import arviz_bridge
+from softness_bayes.data import Experiment
+from softness_bayes.data.columns import EFFECTIVE_MODULUS, POISSON_RATIO
+from softness_bayes.data.ratings import LOAD_COLUMNS
+from softness_bayes.inference.chains import Chains
+from softness_bayes.inference.checks import FabricCheck, check_fabrics
+from softness_bayes.inference.curves import curve_scene, find_inflection, response_curves
+from softness_bayes.inference.diagnostics import Verdict
+from softness_bayes.inference.observation import LogRatings, RatingParameters
+from softness_bayes.inference.parameters import PARAMETERS
+from softness_bayes.inference.posterior import Posterior
+from softness_bayes.inference.random_effects import Effects
+from softness_bayes.inference.summary import summarise
+from softness_bayes.touch.scene import Scene
+
+if TYPE_CHECKING:
+    import pandas as pd
+    import xarray as xr
+
+Array = NDArray[np.float64]
+
+DRAWS_PER_WALKER = 250
+"""Draws of each walker that the file keeps, evenly thinned; convergence is judged on all."""
+
+CURVES = 400
+"""Posterior draws whose response curves are stored."""
+
+REPLICATES = 500
+"""Draws with replicated ratings, and with what each rating is given all the others."""
+
+PRIOR_DRAWS = 1000
+"""Draws of the prior."""
+
+ERROR_DRAWS = 32
+"""Posterior draws at which the scene is compared with a finer one."""
+
+LIBRARIES = ("softness-bayes", "numpy", "scipy", "emcee", "arviz", "xarray")
+
+
+class Variable(NamedTuple):
+    """A variable of a group: values (chain, draw first in groups with draws), further axes, unit."""
+
+    values: Array
+    dims: tuple[str, ...] = ()
+    units: str = ""
+
+
+class Draws(NamedTuple):
+    """Some draws, one axis for all of them."""
+
+    theta: Array
+    mean_rate: Array
+    parameters: RatingParameters
+    effects: Effects
+
+
+class Assembly:
+    """All that is computed from the draws of one run.
+
+    Parameters
+    ----------
+    experiment, posterior
+        The data, and the density that was sampled.
+    chains, verdict
+        The draws, and whether they have converged.
+    rng
+        Source of everything drawn afterwards.
+    """
+
+    def __init__(
+        self,
+        experiment: Experiment,
+        posterior: Posterior,
+        chains: Chains,
+        verdict: Verdict,
+        rng: np.random.Generator,
+    ) -> None:
+        if not isinstance(posterior.scene, Scene) or not isinstance(posterior.observation, LogRatings):
+            raise TypeError("a result is assembled from a compiled scene and log ratings")
+        self.experiment, self.posterior, self.verdict, self.rng = experiment, posterior, verdict, rng
+        self.scene, self.ratings = posterior.scene, posterior.observation
+        self.kept = chains.kept(verdict.burn_in, DRAWS_PER_WALKER)
+        self.theta = self.kept.by_walker(posterior.natural(self.kept.coordinates))
+        self.mean_rate = posterior.mean_rate(self.theta)
+        self.parameters = posterior.rating_parameters(self.theta)
+        self.effects = self.ratings.draw_effects(rng, self.mean_rate, self.parameters)
+        self.grid = curve_scene(self.scene)
+        self.prior = posterior.space.draw_prior(rng, PRIOR_DRAWS)
+        self.error = self._error()
+
+    def tree(self, attributes: Mapping[str, Any]) -> xr.DataTree:
+        """Return the groups of the result, with `attributes` as their provenance."""
+        check = self._fabric_check()
+        groups = {
+            **self._posterior_groups(),
+            **self._predictive_groups(),
+            **self._prior_groups(),
+            "predictions": self._predictions(),
+            "observed_data": {"rating": Variable(self.experiment.ratings.rating, ("rating_row",))},
+            "constant_data": self._constants(),
+        }
+        found = {
+            "numerical_error": self.error,
+            "fabric_check": check.sentence,
+            "fabric_p_value": check.p_value,
+            **self._shares(),
+        }
+        every = {name: variable for group in groups.values() for name, variable in group.items()}
+        return arviz_bridge.to_tree(
+            {group: {name: v.values for name, v in variables.items()} for group, variables in groups.items()},
+            {name: v.dims for name, v in every.items()},
+            self._coordinates(),
+            {**attributes, **found},
+            {name: {"units": v.units} for name, v in every.items() if v.units},
+        )
+
+    def summary(self) -> pd.DataFrame:
+        """Return the table of the parameters and mu, from the draws that are kept."""
+        ensembles, stored, walkers = self.kept.log_density.shape
+        draws = np.concatenate([self.theta, self.effects.mu[..., None]], axis=-1)
+        apart = draws.reshape(ensembles, walkers, stored, -1).swapaxes(1, 2)
+        return summarise((*self.posterior.names, "mu"), apart)
+
+    def _pick(self, size: int) -> Draws:
+        """Return evenly spaced draws over the whole run."""
+        chains, stored = self.effects.mu.shape
+        flat = np.linspace(0, chains * stored - 1, min(size, chains * stored)).astype(int)
+        # draws of all walkers side by side in time
+        index = flat % chains, flat // chains
+        return Draws(
+            self.theta[index],
+            self.mean_rate[index],
+            self.posterior.rating_parameters(self.theta[index]),
+            Effects(*(effect[index] for effect in self.effects)),
+        )
+
+    def _error(self) -> float:
+        """Return the largest difference to a finer scene, relative to each draw's peak response."""
+        touch = self.posterior.space.touch(self._pick(ERROR_DRAWS).theta)
+        fine = self.scene.refined().total_rate(touch)
+        peak = fine.max(axis=-1, keepdims=True)
+        difference = np.abs(self.scene.total_rate(touch) - fine)
+        return float((difference / np.where(peak > 0, peak, 1.0)).max())
+
+    def _fabric_check(self) -> FabricCheck:
+        draws = self._pick(REPLICATES)
+        return check_fabrics(self.ratings, draws.mean_rate, draws.parameters, draws.effects)
+
+    def _posterior_groups(self) -> dict[str, dict[str, Variable]]:
+        space, kept = self.posterior.space, self.kept
+        log_prior = space.log_prior(self.theta)
+        density = kept.by_walker(kept.log_density)
+        jacobian = space.log_jacobian(kept.by_walker(kept.coordinates))
+        acceptance = np.broadcast_to(kept.accepted.reshape(-1, 1), density.shape)
+        drawn = {"mu": Variable(self.effects.mu), "participant_effect": self._by("participant")}
+        if "omega" in space.names:
+            drawn["fabric_effect"] = self._by("fabric")
+        return {
+            "posterior": {**self._named(self.theta), **drawn},
+            "sample_stats": {"lp": Variable(density), "acceptance_rate": Variable(acceptance)},
+            "log_prior": {name: Variable(log_prior[..., k]) for k, name in enumerate(space.names)},
+            "log_likelihood": {"ratings": Variable(density - jacobian - log_prior.sum(axis=-1))},
+        }
+
+    def _by(self, what: str) -> Variable:
+        return Variable(getattr(self.effects, what), (what,))
+
+    def _named(self, theta: Array) -> dict[str, Variable]:
+        space = self.posterior.space
+        return {p.name: Variable(theta[..., k], units=p.unit) for k, p in enumerate(space.sampled)}
+
+    def _predictive_groups(self) -> dict[str, dict[str, Variable]]:
+        """Return replicated ratings of the same participants, and each rating given all the others."""
+        few, design, model = self._pick(REPLICATES), self.ratings.design, self.ratings.model
+        drive = model.drive(design, few.mean_rate, few.parameters)
+        again = model.draw_ratings(self.rng, design, drive, few.parameters, few.effects)
+        alone = self.ratings.log_likelihood_loo(few.mean_rate, few.parameters)
+        rows = ("rating_row",)
+        return {
+            "posterior_predictive": {"rating": Variable(again[None], rows)},
+            "log_likelihood_loo": {"rating": Variable(alone[None], rows)},
+        }
+
+    def _prior_groups(self) -> dict[str, dict[str, Variable]]:
+        """Return draws of the prior, and ratings that they make of new participants."""
+        design, model = self.ratings.design, self.ratings.model
+        theta = self.prior[:REPLICATES]
+        rate, parameters = self.posterior.mean_rate(theta), self.posterior.rating_parameters(theta)
+        effects = model.draw_effects(
+            self.rng, parameters, theta.shape[:1], design.n_participants, design.n_fabrics
+        )
+        drive = model.drive(design, rate, parameters)
+        made = model.draw_ratings(self.rng, design, drive, parameters, effects)
+        return {
+            "prior": self._named(self.prior[None]),
+            "prior_predictive": {"rating": Variable(made[None], ("rating_row",))},
+        }
+
+    def _predictions(self) -> dict[str, Variable]:
+        """Return response and rating against E_fab under each load, and where they turn over."""
+        draws = self._pick(CURVES)
+        curves = response_curves(self.grid, self.posterior.space.touch(draws.theta))
+        fabrics = float(self.scene.modulus.min()), float(self.scene.modulus.max())
+        turn = find_inflection(curves, self.error, fabrics)
+        model, shape = self.ratings.model, curves.total_rate.shape
+        everywhere = curves.total_rate.reshape(shape[0], -1) / self.scene.n_receptors
+        drive = model.drive_at(everywhere, self.ratings.design, draws.mean_rate, draws.parameters)
+        typical = np.exp(draws.effects.mu[:, None] + drive).reshape(shape)
+        lines = {
+            "total_rate": (curves.total_rate, "Hz"),
+            "typical_rating": (typical, ""),
+            "e_skin_kpa": (curves.skin_modulus * 1e-3, "kPa"),
+            "contact_radius_mm": (curves.radius * 1e3, "mm"),
+            "contact_force_n": (curves.force, "N"),
+        }
+        points = {
+            "inflection_outcome": (turn.outcome, ""),
+            "inflection_e_fab_kpa": (turn.modulus * 1e-3, "kPa"),
+            "inflection_ratio": (turn.ratio, ""),
+            "inflection_force_n": (turn.force, "N"),
+            "inflection_drop": (turn.drop, ""),
+            "inflection_inside": (turn.inside.astype(np.int8), ""),
+        }
+        along, at = ("load", "e_fab_kpa"), ("load",)
+        return {
+            **{n: Variable(v[None].astype(np.float32), along, unit) for n, (v, unit) in lines.items()},
+            **{n: Variable(v[None], at, unit) for n, (v, unit) in points.items()},
+            **{f"at_{n}": v for n, v in self._named(draws.theta[None]).items()},
+        }
+
+    def _constants(self) -> dict[str, Variable]:
+        """Return the held parameters, the fabrics, the loads, and what each rating is of."""
+        ratings, fabrics = self.experiment.ratings, self.experiment.fabrics
+        held = self.posterior.space.held
+        modulus = fabrics.modulus(self.scene.readings.fabric_modulus) / EFFECTIVE_MODULUS.factor
+        return {
+            **{n: Variable(np.array(value), units=PARAMETERS[n].unit) for n, value in held.items()},
+            EFFECTIVE_MODULUS.name: Variable(modulus, ("fabric",), EFFECTIVE_MODULUS.unit),
+            POISSON_RATIO.name: Variable(fabrics.poisson_ratio, ("fabric",)),
+            **{
+                column.name: Variable(
+                    np.array([value(x) / column.factor if isinstance(x, kind) else np.nan for x in ratings.loads]),
+                    ("load",),
+                    column.unit,
+                )
+                for column, kind, value in LOAD_COLUMNS
+            },
+            **{
+                f"{what}_index": Variable(getattr(ratings, what), ("rating_row",))
+                for what in ("participant", "fabric", "load")
+            },
+        }
+
+    def _coordinates(self) -> dict[str, Array]:
+        ratings = self.experiment.ratings
+        points = self.grid.n_conditions // len(self.grid.loads)
+        return {
+            arviz_bridge.ENSEMBLE: self.kept.ensemble,
+            "participant": np.array(ratings.participants),
+            "fabric": np.array(ratings.fabrics),
+            "load": np.array([str(load) for load in ratings.loads]),
+            "rating_row": ratings.rows,
+            "e_fab_kpa": self.grid.modulus[:points] * 1e-3,
+        }
+
+    def _shares(self) -> dict[str, float]:
+        """Return how often the model is silent, and how often the contact leaves Hertz's range."""
+        prior = self.posterior.mean_rate(self.prior)
+        beyond = self.scene.beyond_hertz(self.posterior.space.touch(self._pick(CURVES).theta))
+        return {
+            "prior_silent_everywhere": float((prior == 0).all(axis=-1).mean()),
+            "prior_silent_conditions": float((prior == 0).mean()),
+            "posterior_silent_everywhere": float((self.mean_rate == 0).all(axis=-1).mean()),
+            "posterior_silent_conditions": float((self.mean_rate == 0).mean()),
+            "contact_beyond_half_radius": beyond.questionable,
+            "contact_beyond_radius": beyond.meaningless,
+        }
+
+
+def versions() -> dict[str, str]:
+    """Return the versions of what the numbers depend on, as attributes of a result."""
+    return {
+        "version_python": platform.python_version(),
+        **{f"version_{name.replace('-', '_')}": version(name) for name in LIBRARIES},
+    }

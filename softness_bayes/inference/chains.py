@@ -1,0 +1,100 @@
+"""What ensembles of walkers have drawn so far."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+
+
+class Segment(NamedTuple):
+    """Some consecutive steps of one ensemble."""
+
+    coordinates: FloatArray
+    """Sampler coordinates z, shape (steps, walkers, dimension)."""
+    log_density: FloatArray
+    """Log density in those coordinates, shape (steps, walkers)."""
+    accepted: NDArray[np.int64]
+    """Accepted proposals of each walker, shape (walkers,)."""
+
+    @staticmethod
+    def join(parts: Iterable[Segment]) -> Segment:
+        """The steps of several segments of one ensemble, in order."""
+        coordinates, log_density, accepted = zip(*parts, strict=True)
+        return Segment(np.concatenate(coordinates), np.concatenate(log_density), np.sum(accepted, axis=0))
+
+    def every(self, stride: int) -> Segment:
+        """Every ``stride``-th stored step, from the last of the first ``stride``."""
+        return Segment(
+            self.coordinates[stride - 1 :: stride], self.log_density[stride - 1 :: stride], self.accepted
+        )
+
+
+@dataclass(frozen=True)
+class Chains:
+    """All stored steps of all ensembles, every ``stride``-th step of the walk being stored.
+
+    Parameters
+    ----------
+    coordinates
+        Sampler coordinates z, shape (ensembles, stored, walkers, dimension).
+    log_density
+        Log density in those coordinates, shape (ensembles, stored, walkers).
+    accepted
+        Share of accepted proposals of each walker, shape (ensembles, walkers).
+    steps
+        Steps walked.
+    stride
+        Steps of the walk for one stored.
+    """
+
+    coordinates: FloatArray
+    log_density: FloatArray
+    accepted: FloatArray
+    steps: int
+    stride: int = 1
+
+    @classmethod
+    def of(cls, segments: Iterable[Segment], steps: int, stride: int) -> Chains:
+        """The chains of which each ensemble has drawn one segment."""
+        coordinates, log_density, accepted = zip(*segments, strict=True)
+        share = np.array(accepted) / max(steps, 1)
+        return cls(np.stack(coordinates), np.stack(log_density), share, steps, stride)
+
+    def kept(self, burn_in: int, draws_per_walker: int | None = None) -> Chains:
+        """The chains without the first ``burn_in`` steps, thinned evenly.
+
+        Parameters
+        ----------
+        burn_in
+            Steps of the walk to drop.
+        draws_per_walker
+            Upper limit to the stored steps that are left; the last is always one of them.
+        """
+        first = -(-burn_in // self.stride)
+        left = self.log_density.shape[1] - first
+        every = 1 if draws_per_walker is None else max(1, -(-left // draws_per_walker))
+        picked = np.arange(self.log_density.shape[1] - 1, first - 1, -every)[::-1]
+        return Chains(
+            self.coordinates[:, picked],
+            self.log_density[:, picked],
+            self.accepted,
+            self.steps,
+            self.stride * every,
+        )
+
+    def by_walker(self, values: FloatArray) -> FloatArray:
+        """Turn values (ensembles, stored, walkers, ...) into (chains, draws, ...), one chain per walker."""
+        swapped = np.swapaxes(values, 1, 2)
+        return swapped.reshape(-1, *swapped.shape[2:])
+
+    @property
+    def ensemble(self) -> NDArray[np.intp]:
+        """Which ensemble each chain of `by_walker` belongs to, shape (chains,)."""
+        ensembles, _, walkers = self.log_density.shape
+        return np.repeat(np.arange(ensembles), walkers)

@@ -1,0 +1,278 @@
+"""Whether ensembles of walkers have converged, in numbers and in one sentence."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from softness_bayes import arviz_bridge
+from softness_bayes.inference.autocorrelation import autocorrelation_time, indicator_time
+
+FloatArray = NDArray[np.float64]
+
+LOG_POSTERIOR = "log posterior"
+"""Name of the log density where it is judged beside the parameters."""
+
+_TAILS = (0.05, 0.95)
+_ESS_STRIDE = 10  # draws closer than tau over this carry nothing that the bulk ESS would miss
+_R_HAT_DRAWS = 8000  # of each ensemble: R-hat needs no more
+
+
+@dataclass(frozen=True)
+class Goal:
+    """When a run counts as converged.
+
+    Parameters
+    ----------
+    lengths
+        Kept steps of each ensemble, in autocorrelation times of its worst quantity.
+    tau_change
+        Largest relative change of that time since the look before.
+    r_hat
+        Largest R-hat between ensembles.
+    ess
+        Smallest effective sample size, bulk and tail.
+    looks
+        Successive looks at which all of this must hold.
+    burn_in
+        Steps dropped at the start, in autocorrelation times of the run's second half; never more
+        than half of the run.
+    """
+
+    lengths: float = 50.0
+    tau_change: float = 0.03
+    r_hat: float = 1.01
+    ess: float = 400.0
+    looks: int = 2
+    burn_in: float = 10.0
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What one look at the chains found.
+
+    Parameters
+    ----------
+    names
+        Judged quantities: the parameters and the log posterior.
+    steps, burn_in, kept
+        Steps walked by each ensemble, dropped at the start, and left.
+    walkers
+        Walkers of each ensemble.
+    tau
+        Autocorrelation time in steps of each ensemble and quantity, shape (ensembles, quantities).
+    tau_change
+        Relative change of the worst quantity's time since the look before; infinite at the first.
+    r_hat
+        R-hat between ensembles, shape (quantities,).
+    ess_bulk, ess_tail
+        Effective sample sizes, shape (quantities,); NaN while the length or R-hat still fails.
+    acceptance
+        Share of accepted proposals.
+    stuck
+        Walkers that never moved after the burn-in.
+    looks_passed
+        Successive looks, this one included, at which the goal was met.
+    goal
+        What was asked.
+    """
+
+    names: tuple[str, ...]
+    steps: int
+    burn_in: int
+    kept: int
+    walkers: int
+    tau: FloatArray
+    tau_change: float
+    r_hat: FloatArray
+    ess_bulk: FloatArray
+    ess_tail: FloatArray
+    acceptance: float
+    stuck: int
+    looks_passed: int
+    goal: Goal
+
+    @property
+    def converged(self) -> bool:
+        """Whether the goal was met at enough successive looks."""
+        return self.looks_passed >= self.goal.looks
+
+    @property
+    def worst(self) -> int:
+        """Index of the quantity with the longest autocorrelation time of any ensemble."""
+        return int(self.tau.max(axis=0).argmax())
+
+    @property
+    def lengths(self) -> float:
+        """Kept steps in the longest autocorrelation time."""
+        return self.kept / float(self.tau.max())
+
+    @property
+    def more_steps(self) -> int:
+        """Estimate of the steps that are still missing; 0 when converged."""
+        if self.converged:
+            return 0
+        goal, tau = self.goal, float(self.tau.max())
+        if not math.isfinite(tau):
+            return self.steps
+        needs = [
+            1.02 * (goal.lengths + goal.burn_in) * tau - self.steps,
+            self.kept * (goal.ess / float(np.nanmin([*self.ess_bulk, *self.ess_tail, math.inf])) - 1.0),
+            # between ensembles that share a target, R-hat² - 1 falls as one over the length
+            self.kept * ((float(self.r_hat.max()) ** 2 - 1.0) / (goal.r_hat**2 - 1.0) - 1.0),
+            0.1 * self.steps,
+        ]
+        return math.ceil(min(max(needs), 20.0 * self.steps))
+
+    def sentence(self) -> str:
+        """The verdict in one line, with what is missing and about how many steps would supply it."""
+        ensembles = self.tau.shape[0]
+        head = f"after {self.steps} steps of {ensembles} x {self.walkers} walkers"
+        worst = self.names[self.worst]
+        if self.converged:
+            return (
+                f"Converged {head}: {self.lengths:.0f} tau kept (tau {self.tau.max():.0f}, {worst}), "
+                f"R-hat <= {self.r_hat.max():.3f}, ESS >= {self.ess_bulk.min():.0f} (bulk) and "
+                f"{self.ess_tail.min():.0f} (tail)."
+            )
+        return f"Not converged {head}: {'; '.join(self._shortfalls())}; about {self.more_steps} more steps."
+
+    def _shortfalls(self) -> list[str]:
+        goal, found = self.goal, []
+        if self.stuck:
+            found.append(f"{self.stuck} walkers never moved")
+        if not self.lengths >= goal.lengths and not self.stuck:
+            worst = self.names[self.worst]
+            found.append(
+                f"{self.lengths:.0f} of {goal.lengths:.0f} tau kept (tau {self.tau.max():.0f}, {worst})"
+            )
+        if not self.r_hat.max() <= goal.r_hat:
+            apart = self.names[int(self.r_hat.argmax())]
+            found.append(f"ensembles disagree about {apart} (R-hat {self.r_hat.max():.2f})")
+        for kind, ess in (("bulk", self.ess_bulk), ("tail", self.ess_tail)):
+            if ess.min() < goal.ess:
+                found.append(
+                    f"{kind} ESS of {self.names[int(ess.argmin())]} is {ess.min():.0f} of {goal.ess:.0f}"
+                )
+        if not found and not self.tau_change <= goal.tau_change:
+            change = (
+                "not yet compared" if math.isinf(self.tau_change) else f"changed by {self.tau_change:.0%}"
+            )
+            found.append(f"tau of {self.names[self.worst]} {change}")
+        return found or ["the goal was met at this look only"]
+
+
+def look(
+    names: tuple[str, ...],
+    values: FloatArray,
+    stride: int = 1,
+    acceptance: float = math.nan,
+    before: Verdict | None = None,
+    goal: Goal = Goal(),
+) -> Verdict:
+    """Judge the chains as they are now.
+
+    Parameters
+    ----------
+    names
+        Quantities to judge.
+    values
+        Their stored values from the first step on, shape (ensembles, stored, walkers, quantities).
+    stride
+        Steps of the walk for one stored.
+    acceptance
+        Share of accepted proposals, for the record.
+    before
+        Verdict of the look before this one.
+    goal
+        When the run counts as converged.
+    """
+    _, stored, walkers, _ = values.shape
+    walks = np.moveaxis(values, -1, 1)
+    late = autocorrelation_time(walks[..., stored // 2 :, :])
+    reach = np.where(np.isfinite(late), late, np.inf).max()
+    first = int(min(math.ceil(goal.burn_in * min(reach, stored)), stored // 2))
+    walks = walks[..., first:, :]
+    tau = autocorrelation_time(walks)
+    kept = stored - first
+    worst = int(tau.max(axis=0).argmax())
+    r_hat = r_hat_between(walks)
+    missing = np.full(len(names), math.nan)
+    ess = (missing, missing)
+    fits = kept >= goal.lengths * tau.max() and r_hat.max() <= goal.r_hat
+    if fits:
+        ess = (_bulk(walks, tau), ess_tail(walks))
+    change = math.inf
+    if before is not None and np.isfinite(tau).all():
+        mean = tau[:, worst].mean() * stride
+        change = float(abs(mean / before.tau[:, worst].mean() - 1.0))
+    passed = bool(fits and change <= goal.tau_change and min(ess[0].min(), ess[1].min()) >= goal.ess)
+    moved = (np.ptp(walks, axis=-2) > 0).any(axis=1)
+    return Verdict(
+        names=names,
+        steps=stored * stride,
+        burn_in=first * stride,
+        kept=kept * stride,
+        walkers=walkers,
+        tau=tau * stride,
+        tau_change=change,
+        r_hat=r_hat,
+        ess_bulk=ess[0],
+        ess_tail=ess[1],
+        acceptance=acceptance,
+        stuck=int((~moved).sum()),
+        looks_passed=(before.looks_passed if before is not None else 0) + 1 if passed else 0,
+        goal=goal,
+    )
+
+
+def r_hat_between(walks: FloatArray) -> FloatArray:
+    """R-hat between ensembles, each one chain with its walkers interleaved in time order.
+
+    Parameters
+    ----------
+    walks
+        Values of shape (ensembles, quantities, steps, walkers).
+
+    Returns
+    -------
+    ndarray, shape (quantities,)
+        Infinite for a quantity that never moves.
+    """
+    ensembles, _, steps, walkers = walks.shape
+    every = max(1, steps * walkers // _R_HAT_DRAWS)
+    thinned = walks[..., ::every, :]
+    chains = [thinned[:, k].reshape(ensembles, -1) for k in range(walks.shape[1])]
+    return np.array([arviz_bridge.r_hat(c) if np.ptp(c) > 0 and c.shape[1] > 3 else math.inf for c in chains])
+
+
+def ess_tail(walks: FloatArray) -> FloatArray:
+    """Effective number of draws in the tails, from tau of the indicators of the 5 % and 95 % quantiles.
+
+    Parameters
+    ----------
+    walks
+        Values of shape (ensembles, quantities, steps, walkers).
+
+    Returns
+    -------
+    ndarray, shape (quantities,)
+        The smaller of the two tails.
+    """
+    ensembles, _, steps, walkers = walks.shape
+    thresholds = np.quantile(walks, _TAILS, axis=(0, 2, 3))
+    times = [indicator_time(walks, np.broadcast_to(t, walks.shape[:2])).mean(axis=0) for t in thresholds]
+    return ensembles * steps * walkers / np.max(times, axis=0)
+
+
+def _bulk(walks: FloatArray, tau: FloatArray) -> FloatArray:
+    """Bulk ESS by ArviZ with one chain per walker, of every so many draws: a lower limit, much faster."""
+    sizes = []
+    for k in range(walks.shape[1]):
+        every = max(1, int(tau[:, k].min() / _ESS_STRIDE))
+        chains = np.swapaxes(walks[:, k, ::every], 1, 2)
+        sizes.append(arviz_bridge.ess_bulk(chains.reshape(-1, chains.shape[-1])))
+    return np.array(sizes)

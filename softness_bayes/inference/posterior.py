@@ -1,0 +1,129 @@
+"""The posterior density of the sampled parameters, for whole batches of points."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from softness_bayes.errors import InputError, NumericalError
+from softness_bayes.inference.observation import RatingParameters
+from softness_bayes.inference.parameters import ParameterSpace
+from softness_bayes.touch.parameters import TouchParameters
+
+FloatArray = NDArray[np.float64]
+
+LEAST_FIRING = 3
+"""Conditions in which a starting point must fire, or all if there are fewer."""
+
+NEGLIGIBLE = -200.0
+"""Log prior density of a single parameter below which a point is taken to have none."""
+
+_ATTEMPTS = 50
+
+
+class ForwardModel(Protocol):
+    """What the posterior asks of a scene."""
+
+    @property
+    def n_receptors(self) -> float:
+        """Mean number of receptors of the pad."""
+
+    def total_rate(self, parameters: TouchParameters) -> FloatArray:
+        """Total rate [spikes/s] of every condition, shape (..., conditions)."""
+
+
+class Observation(Protocol):
+    """What the posterior asks of the ratings."""
+
+    def log_likelihood(self, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
+        """Log density of all ratings, shape (...), from the pad's mean rate [Hz] in every condition."""
+
+
+@dataclass(frozen=True)
+class Posterior:
+    """log p(theta | ratings) = log p(theta) + log p(ratings | theta), up to a constant.
+
+    Called with sampler coordinates z it returns the density in z, Jacobian included.
+    """
+
+    space: ParameterSpace
+    scene: ForwardModel
+    observation: Observation
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the sampled parameters."""
+        return self.space.names
+
+    def natural(self, z: FloatArray) -> FloatArray:
+        """Points theta [natural units] at sampler coordinates ``z``."""
+        return self.space.natural(z)
+
+    def log_prior(self, theta: FloatArray) -> FloatArray:
+        """Log prior density at points theta (..., dimension), shape (...)."""
+        return self.space.log_prior(theta).sum(axis=-1)
+
+    def mean_rate(self, theta: FloatArray) -> FloatArray:
+        """The pad's mean rate N/N_ref [Hz] at points theta, shape (..., conditions)."""
+        return self.scene.total_rate(self.space.touch(theta)) / self.scene.n_receptors
+
+    def rating_parameters(self, theta: FloatArray) -> RatingParameters:
+        """The parameters of the rating model at points theta."""
+        values = self.space.values(theta)
+        return RatingParameters(*(values[name] for name in RatingParameters._fields))
+
+    def log_likelihood(self, theta: FloatArray) -> FloatArray:
+        """Log density of the ratings at points theta (..., dimension), shape (...).
+
+        Raises
+        ------
+        NumericalError
+            If it is not a finite number somewhere; the message names the point.
+        """
+        value = self.observation.log_likelihood(self.mean_rate(theta), self.rating_parameters(theta))
+        value = np.broadcast_to(value, theta.shape[:-1])
+        if not np.isfinite(value).all():
+            wrong = ~np.isfinite(value)
+            point = ", ".join(f"{n}={x!r}" for n, x in zip(self.names, theta[wrong][0].tolist(), strict=True))
+            raise NumericalError(f"the log-likelihood is {value[wrong][0]} at {point}")
+        return value
+
+    def __call__(self, z: FloatArray) -> FloatArray:
+        """Log posterior density in sampler coordinates, shape (points,) for ``z`` (points, dimension).
+
+        The likelihood is asked only where no parameter's prior density is `NEGLIGIBLE`: proposals reach
+        arbitrarily far, where the chain is not made to be evaluated.
+        """
+        theta = self.space.natural(z)
+        log_prior = self.space.log_prior(theta)
+        value = log_prior.sum(axis=-1) + self.space.log_jacobian(z)
+        inside = (log_prior > NEGLIGIBLE).all(axis=-1)
+        if inside.all():
+            return value + self.log_likelihood(theta)
+        value = np.where(inside, value, -np.inf)
+        if inside.any():
+            value[inside] += self.log_likelihood(theta[inside])
+        return value
+
+    def draw_start(self, rng: np.random.Generator, size: int) -> FloatArray:
+        """Prior draws that fire in at least `LEAST_FIRING` conditions, in sampler coordinates.
+
+        Raises
+        ------
+        InputError
+            If the prior hardly ever fires.
+        """
+        found: list[FloatArray] = []
+        for _ in range(_ATTEMPTS):
+            theta = self.space.draw_prior(rng, size)
+            rate = np.broadcast_to(self.mean_rate(theta), (size, self.mean_rate(theta[:1]).shape[-1]))
+            found.extend(theta[(rate > 0).sum(axis=-1) >= min(LEAST_FIRING, rate.shape[-1])])
+            if len(found) >= size:
+                return self.space.coordinates(np.array(found[:size]))
+        raise InputError(
+            f"only {len(found)} of {_ATTEMPTS * size} prior draws make receptors fire in {LEAST_FIRING} "
+            "conditions: check the units of fabrics and loads, and the priors of alpha, beta and sigma_0"
+        )

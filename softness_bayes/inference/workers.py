@@ -1,0 +1,90 @@
+"""Tasks on one resident object, in this process or in several; the results do not depend on which."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+from multiprocessing import get_context
+from types import TracebackType
+from typing import Any, Self, TypeVar
+
+from threadpoolctl import threadpool_limits
+
+from softness_bayes.errors import SoftnessError
+
+Result = TypeVar("Result")
+
+
+def available_processors() -> int:
+    """Processors that this process may use."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
+class Workers:
+    """Processes that each hold one object and work on it; a context manager.
+
+    New processes are spawned, not forked: a fork of a process with threads may hang. A script that samples
+    with more than one process therefore needs the guard ``if __name__ == "__main__":``.
+
+    Parameters
+    ----------
+    resident
+        What the tasks work on; sent to each process once.
+    processes
+        Number of processes; with one, the tasks run in this one.
+    """
+
+    def __init__(self, resident: Any, processes: int) -> None:
+        self._resident, self._pool = resident, None
+        if processes > 1:
+            self._pool = ProcessPoolExecutor(processes, get_context("spawn"), _settle, (resident,))
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if self._pool is not None:
+            self._pool.shutdown(wait=True, cancel_futures=True)
+
+    def map(self, work: Callable[..., Result], tasks: Sequence[tuple[Any, ...]]) -> list[Result]:
+        """Return ``work(resident, *task)`` of every task, in order; ``work`` is a function of a module.
+
+        Raises
+        ------
+        SoftnessError
+            If a process died.
+        """
+        if self._pool is None:
+            return [_on_one_thread(work, self._resident, task) for task in tasks]
+        try:
+            futures = [self._pool.submit(_in_worker, work, task) for task in tasks]
+            return [future.result() for future in futures]
+        except BrokenProcessPool:
+            raise SoftnessError(
+                "a worker process died. In a script, the call must stand under "
+                "'if __name__ == \"__main__\":'; with processes=1 no worker is needed"
+            ) from None
+
+
+_resident: Any = None
+
+
+def _settle(resident: Any) -> None:
+    global _resident
+    _resident = resident
+
+
+def _in_worker(work: Callable[..., Result], task: tuple[Any, ...]) -> Result:
+    return _on_one_thread(work, _resident, task)
+
+
+def _on_one_thread(work: Callable[..., Result], resident: Any, task: tuple[Any, ...]) -> Result:
+    """Run a task with one BLAS thread: more would compete, and their number could change the last bits."""
+    with threadpool_limits(1):
+        return work(resident, *task)

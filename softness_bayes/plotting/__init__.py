@@ -1,0 +1,31 @@
+"""Figures: each function draws arrays that it is given and returns a matplotlib ``Figure``.
+
+None runs the model. matplotlib is imported when a figure is made, not here. The artists carry their data:
+each has a ``gid`` of the form ``what/load``, as in ``median/1 mm``.
+"""
+
+from softness_bayes.plotting.chains import rank_figure, trace_figure
+from softness_bayes.plotting.figures import FIGURES, draw_figures
+from softness_bayes.plotting.inflection import inflection_figure
+from softness_bayes.plotting.parameters import corner_figure, prior_figure
+from softness_bayes.plotting.rating import Observed, observed_ratings, rating_figure
+from softness_bayes.plotting.response import ratio_figure, response_figure
+from softness_bayes.plotting.style import USUAL, Style, save
+
+__all__ = [
+    "FIGURES",
+    "USUAL",
+    "Observed",
+    "Style",
+    "corner_figure",
+    "draw_figures",
+    "inflection_figure",
+    "observed_ratings",
+    "prior_figure",
+    "rank_figure",
+    "rating_figure",
+    "ratio_figure",
+    "response_figure",
+    "save",
+    "trace_figure",
+]

@@ -1,0 +1,159 @@
+"""What the figures share: panels, credible bands, the fabrics' marks, axes with units."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from softness_bayes.errors import InputError
+from softness_bayes.plotting.style import Style
+from softness_bayes.touch.contact import Load
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.axis import Axis
+    from matplotlib.figure import Figure
+
+Array = NDArray[np.float64]
+
+LEVELS = (0.5, 0.95)
+"""Credible levels of bands and regions."""
+
+TINTS = (0.5, 0.22)
+"""Strength of colour of each of them."""
+
+MODULUS_LABEL = r"fabric modulus $E_\mathrm{fab}$ [kPa]"
+RATIO_LABEL = r"$E_\mathrm{fab}\,/\,E_\mathrm{skin}$ [–]"
+RATE_LABEL = "total rate [spikes/s]"
+
+
+def title(load: Load) -> str:
+    """Return a load's heading, as in 'Indentation 1 mm'."""
+    return f"{type(load).__name__} {load}"
+
+
+def check_loads(loads: Sequence[Load], count: int) -> None:
+    """Raise an `InputError` unless there is one load for each of `count` curves, and at least one."""
+    if len(loads) != count or not count:
+        raise InputError(f"figure: {len(loads)} loads for {count} sets of curves")
+
+
+class Grid(NamedTuple):
+    """A figure of panels with common axes."""
+
+    figure: Figure
+    panels: list[Axes]
+    heads: list[Axes]
+    """What stands on top of each panel and takes its title: its margin, or the panel itself."""
+
+
+def grid_of_panels(count: int, xlabel: str, ylabel: str, style: Style, margin: float = 0.0) -> Grid:
+    """Return a figure of `count` panels with common axes, at most four beside each other.
+
+    Rows balance their panels; a single panel takes one column of a page. A `margin`, as a share of
+    a panel's height, is an axes of its own above each.
+    """
+    from matplotlib.figure import Figure
+
+    rows = -(-count // 4)
+    columns = -(-count // rows)
+    ratios = [margin, 1.0] * rows if margin else [1.0] * rows
+    width, height = style.column if count == 1 else style.page, 2.0 * (1.0 + margin)
+    figure = Figure(figsize=(width, height * rows + 0.5), layout="constrained")
+    cells = figure.subplots(len(ratios), columns, sharex=True, squeeze=False, height_ratios=ratios)
+    step = len(ratios) // rows
+    heads, panels = cells[::step].ravel(), cells[step - 1 :: step].ravel()
+    for spare in {*heads[count:], *panels[count:]}:
+        spare.remove()
+    for place, axes in enumerate(panels[:count]):
+        if place:
+            axes.sharey(panels[0])
+        if place % columns:
+            axes.tick_params(which="both", labelleft=False)
+        else:
+            axes.set_ylabel(ylabel)
+        if place + columns >= count:
+            axes.tick_params(labelbottom=True)
+            axes.set_xlabel(xlabel)
+    return Grid(figure, list(panels[:count]), list(heads[:count]))
+
+
+def free_panels(
+    count: int, style: Style, columns: int, height: float, sharex: bool = False, sharey: bool = False
+) -> tuple[Figure, list[Axes]]:
+    """Return a figure of `count` panels over a page, for axes that have units of their own."""
+    from matplotlib.figure import Figure
+
+    rows = -(-count // columns)
+    figure = Figure(figsize=(style.page, height * rows + 0.5), layout="constrained")
+    cells = figure.subplots(rows, columns, sharex=sharex, sharey=sharey, squeeze=False).ravel()
+    for spare in cells[count:]:
+        spare.remove()
+    return figure, list(cells[:count])
+
+
+def check_draws(draws: ArrayLike, labels: Sequence[str]) -> Array:
+    """Return draws, shape (draws, parameters), or raise an `InputError` if labels or values do not fit."""
+    values = np.asarray(draws, float)
+    if values.ndim != 2 or values.shape[1] != len(labels) or not values.size:
+        raise InputError(f"figure: draws of shape {values.shape} for {len(labels)} labels")
+    if not np.isfinite(values).all():
+        raise InputError("figure: a draw of a parameter is not finite")
+    return values
+
+
+def draw_bands(axes: Axes, x: Array, draws: Array, colour: str, style: Style, gid: str) -> None:
+    """Draw the median and the central credible bands of curves, shape (draws, points), along x.
+
+    A point where a draw is NaN leaves a gap: a failed prediction is not drawn over.
+    """
+    axes.plot(x, np.median(draws, axis=0), color=colour, label="median", gid=f"median/{gid}")
+    for level, strength, order in zip(LEVELS, TINTS, (1.5, 1.0), strict=True):
+        low, high = np.quantile(draws, [(1 - level) / 2, (1 + level) / 2], axis=0)
+        band = axes.fill_between(x, low, high, color=style.tint(colour, strength), linewidth=0, zorder=order)
+        band.set(label=f"{100 * level:.0f} % credible", gid=f"band{100 * level:.0f}/{gid}")
+
+
+def draw_rug(axes: Axes, x: Array, style: Style, gid: str) -> None:
+    """Mark the fabrics of the data along the foot of the panel."""
+    axes.plot(
+        x,
+        np.full(np.shape(x), 0.03),
+        linestyle="none",
+        marker="|",
+        markersize=5,
+        markeredgewidth=0.7,
+        color=style.data,
+        transform=axes.get_xaxis_transform(),
+        label="fabrics of the data",
+        gid=f"fabrics/{gid}",
+    )
+
+
+def number_ticks(axis: Axis) -> None:
+    """Write the ticks of a logarithmic axis, its limits set, as plain numbers where those are short."""
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+
+    low, high = axis.get_view_interval()
+    decades = np.log10(high / low)
+    marks = (1, 2, 3, 4, 6, 8) if decades < 1 else (1, 2, 5) if decades < 2 else (1,)
+    axis.set_major_locator(LogLocator(subs=marks, numticks=9))
+    axis.set_major_formatter(FuncFormatter(_number))
+    axis.set_minor_formatter(NullFormatter())
+
+
+def _number(value: float, _: int | None = None) -> str:
+    return f"{value:g}" if 0.01 <= value < 10000 else rf"$10^{{{np.log10(value):.0f}}}$"
+
+
+def legend_below(figure: Figure, axes: Sequence[Axes]) -> None:
+    """Collect the panels' labelled artists, each label once, into a legend below them."""
+    handles: dict[str, Any] = {}
+    for panel in axes:
+        for handle, label in zip(*panel.get_legend_handles_labels(), strict=True):
+            handles.setdefault(label, handle)
+    columns = 2 if len(axes) == 1 else len(handles)
+    figure.legend(list(handles.values()), list(handles), loc="outside lower center", ncols=columns)

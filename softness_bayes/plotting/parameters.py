@@ -1,0 +1,185 @@
+"""Parameters: their posterior by pairs, and each against its prior."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from softness_bayes.errors import InputError
+from softness_bayes.plotting.panels import LEVELS, TINTS, Array, check_draws, free_panels, legend_below
+from softness_bayes.plotting.style import USUAL, Style
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+MOST_DRAWS = 5000
+"""Draws that a corner plot takes; more of them cost time and change nothing that is seen."""
+
+FEWEST_DRAWS_FOR_CONTOURS = 400
+"""With fewer draws the corner plot shows them as points."""
+
+
+def corner_figure(draws: ArrayLike, labels: Sequence[str], *, style: Style = USUAL) -> Figure:
+    """Draw every parameter's and every pair's posterior, with 50 % and 95 % regions.
+
+    Parameters
+    ----------
+    draws
+        Shape (draws, parameters); thinned evenly to at most `MOST_DRAWS`.
+    labels
+        Symbol and unit of each parameter.
+    style
+        How it looks.
+
+    Returns
+    -------
+    Figure
+        Axes named ``corner/row/column``.
+
+    Raises
+    ------
+    InputError
+        If labels and draws disagree, a draw is not finite, a parameter does not vary, or there are
+        fewer draws than parameters.
+    """
+    values = _thinned(check_draws(draws, labels))
+    count, dimension = values.shape
+    if count <= dimension:
+        raise InputError(f"corner plot: {count} draws of {dimension} parameters, expected more draws")
+    still = [label for label, column in zip(labels, values.T, strict=True) if np.ptp(column) == 0]
+    if still:
+        raise InputError(f"corner plot: {', '.join(still)} does not vary")
+
+    import corner
+    from matplotlib.figure import Figure
+    from matplotlib.patches import Patch
+
+    contours = count >= FEWEST_DRAWS_FOR_CONTOURS
+    tints = [style.tint(style.posterior, strength) for strength in TINTS]
+    with style.applied():
+        width = style.page if dimension > 3 else style.column
+        figure = Figure(figsize=(width, width))
+        figure.subplots(dimension, dimension, squeeze=False)
+        corner.corner(
+            values,
+            bins=24,
+            range=_ranges(values, 0.05),
+            labels=[_stacked(label) for label in labels],
+            color=style.posterior,
+            smooth=1.0 if contours else None,
+            levels=LEVELS,
+            plot_density=False,
+            plot_datapoints=not contours,
+            plot_contours=contours,
+            fill_contours=contours,
+            max_n_ticks=3 if dimension <= 6 else 2,
+            fig=figure,
+            contour_kwargs={"linewidths": 0.6},
+            contourf_kwargs={"colors": ["white", *tints[::-1]]},
+            hist_kwargs={"linewidth": 0.8},
+            data_kwargs={"alpha": 0.5},
+        )
+        _tidy(figure, dimension, width)
+        if contours and dimension > 1:
+            patches = [
+                Patch(facecolor=tint, edgecolor=style.posterior, label=f"{100 * level:.0f} % credible region")
+                for level, tint in zip(LEVELS, tints, strict=True)
+            ]
+            figure.legend(handles=patches, loc="upper right")
+    return figure
+
+
+def _tidy(figure: Figure, dimension: int, width: float) -> None:
+    """Fit corner's margins, ticks and labels, made for wide panels, to a page."""
+    margin, gap = 0.64, 0.05  # in
+    panel = (width - margin - 0.1) / dimension
+    figure.subplots_adjust(
+        left=margin / width,
+        bottom=margin / width,
+        right=1 - 0.1 / width,
+        top=1 - 0.1 / width,
+        wspace=gap / (panel - gap),
+        hspace=gap / (panel - gap),
+    )
+    for place, axes in enumerate(figure.axes):
+        row, column = divmod(place, dimension)
+        axes.set_gid(f"corner/{row}/{column}")
+        axes.tick_params(length=2)
+        axes.xaxis.set_label_coords(0.5, -0.32 / panel)
+        axes.yaxis.set_label_coords(-0.32 / panel, 0.5)
+
+
+def _ranges(values: Array, beyond: float) -> list[tuple[float, float]]:
+    """Return limits around the central 99.8 % of each column: a stray draw must not shrink a panel.
+
+    They reach `beyond` these draws by that share of their range.
+    """
+    low, high = np.quantile(values, [0.001, 0.999], axis=0)
+    low, high = np.where(high > low, low, values.min(0)), np.where(high > low, high, values.max(0))
+    return [
+        (float(a - beyond * (b - a)), float(b + beyond * (b - a))) for a, b in zip(low, high, strict=True)
+    ]
+
+
+def prior_figure(
+    posterior: ArrayLike, prior: ArrayLike, labels: Sequence[str], *, style: Style = USUAL
+) -> Figure:
+    """Draw prior and posterior density of each parameter.
+
+    Parameters
+    ----------
+    posterior, prior
+        Draws, shapes (draws, parameters) and (prior draws, parameters).
+    labels
+        Symbol and unit of each parameter.
+    style
+        How it looks.
+
+    Returns
+    -------
+    Figure
+        Artists named ``posterior/k`` and ``prior/k`` (step patches of densities), k the column.
+
+    Raises
+    ------
+    InputError
+        If labels and draws disagree or a draw is not finite.
+    """
+    after, before = check_draws(posterior, labels), check_draws(prior, labels)
+    with style.applied():
+        figure, panels = free_panels(len(labels), style, columns=4, height=1.1)
+        for place, (axes, label) in enumerate(zip(panels, labels, strict=True)):
+            kinds = (
+                ("posterior", after[:, place], {"fill": True, "color": style.tint(style.posterior, 0.5)}),
+                ("prior", before[:, place], {"color": style.prior}),
+            )
+            for name, values, look in kinds:
+                height, edges = _histogram(values)
+                axes.stairs(height, edges, label=name, **look).set_gid(f"{name}/{place}")
+            axes.set(xlabel=label, yticks=(), ylim=(0.0, None))
+            if place % 4 == 0:
+                axes.set_ylabel("density")
+        legend_below(figure, panels)
+    return figure
+
+
+def _histogram(values: Array) -> tuple[Array, Array]:
+    """Return density and edges over the central 99.8 % of draws, counted against all of them."""
+    ((low, high),) = _ranges(values[:, None], 0.0)
+    if low == high:  # one draw, or a parameter that does not vary
+        low, high = low - 0.5 * (abs(low) or 1.0), high + 0.5 * (abs(high) or 1.0)
+    bins = int(np.clip(2.0 * values.size ** (1 / 3), 10, 40))
+    edges = np.linspace(low, high, bins + 1)
+    return np.histogram(values, edges)[0] / (values.size * np.diff(edges)), edges
+
+
+def _stacked(label: str) -> str:
+    """Put the unit of a label under its symbol."""
+    return label.replace(" [", "\n[")
+
+
+def _thinned(values: Array) -> Array:
+    return values[np.linspace(0, len(values) - 1, min(len(values), MOST_DRAWS)).round().astype(int)]

@@ -1,0 +1,163 @@
+"""Ratings against the fabric's modulus, predicted and observed, under each load (model.md 9)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from softness_bayes.errors import InputError
+from softness_bayes.plotting.panels import (
+    MODULUS_LABEL,
+    Array,
+    check_loads,
+    draw_bands,
+    grid_of_panels,
+    legend_below,
+    number_ticks,
+    title,
+)
+from softness_bayes.plotting.style import USUAL, Style
+from softness_bayes.touch.contact import Load
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+class Observed(NamedTuple):
+    """Ratings of each condition in short, every field of shape (conditions,)."""
+
+    modulus: Array
+    """E_fab [Pa]."""
+    load: NDArray[np.intp]
+    """Index of the load."""
+    mean: Array
+    """Geometric mean over the participants; NaN where nobody rated."""
+    low: Array
+    """Mean divided by one geometric standard deviation between participants; NaN for fewer than two."""
+    high: Array
+    """Mean times that; NaN for fewer than two participants."""
+    participants: NDArray[np.intp]
+    """Number of participants who rated the condition."""
+
+
+def observed_ratings(
+    rating: ArrayLike,
+    condition: ArrayLike,
+    participant: ArrayLike,
+    modulus: ArrayLike,
+    load: ArrayLike,
+) -> Observed:
+    """Summarise ratings by condition, each participant's own modulus removed.
+
+    log y = c_condition + s_participant + e is solved by least squares with the s summing to zero, so
+    that neither the scale on which a participant answers nor a missing rating shifts a condition.
+    exp(c) is then the geometric mean, and the spread is that of exp(log y - s): what participants
+    disagree about once their scales agree. A participant's repeated ratings count as their geometric
+    mean.
+
+    Parameters
+    ----------
+    rating
+        Ratings, positive or NaN where missing, shape (ratings,).
+    condition, participant
+        Indices of each rating's condition and participant, shape (ratings,).
+    modulus, load
+        E_fab [Pa] and index of the load of each condition, shape (conditions,).
+
+    Raises
+    ------
+    InputError
+        If a rating is not positive.
+    """
+    rating, condition = np.asarray(rating, float), np.asarray(condition, np.intp)
+    modulus, load = np.asarray(modulus, float), np.asarray(load, np.intp)
+    known = ~np.isnan(rating)
+    if not (rating[known] > 0).all():
+        raise InputError("observed ratings: expected positive ratings; a geometric mean needs them")
+    _, participant = np.unique(np.asarray(participant), return_inverse=True)
+    shape = (modulus.size, int(participant.max(initial=-1)) + 1)
+    total, trials = np.zeros(shape), np.zeros(shape)
+    np.add.at(total, (condition[known], participant[known]), np.log(rating[known]))
+    np.add.at(trials, (condition[known], participant[known]), 1.0)
+    rows, columns = np.nonzero(trials)
+    value = total[rows, columns] / trials[rows, columns]
+    design = np.zeros((rows.size, sum(shape)))
+    design[np.arange(rows.size), rows] = 1.0
+    design[np.arange(rows.size), shape[0] + columns] = 1.0
+    effect = np.linalg.lstsq(design, value, rcond=None)[0][shape[0] :]
+    present = np.unique(columns)
+    aligned = value - (effect - effect[present].mean() if present.size else effect)[columns]
+    count = np.bincount(rows, minlength=shape[0])
+    with np.errstate(invalid="ignore", divide="ignore"):
+        mean = np.bincount(rows, aligned, shape[0]) / count
+        variance = np.bincount(rows, (aligned - mean[rows]) ** 2, shape[0]) / (count - 1)
+    spread = np.sqrt(np.where(count > 1, variance, np.nan))
+    return Observed(modulus, load, np.exp(mean), np.exp(mean - spread), np.exp(mean + spread), count)
+
+
+def rating_figure(
+    modulus: ArrayLike,
+    rating: ArrayLike,
+    observed: Observed,
+    loads: Sequence[Load],
+    *,
+    logarithmic: bool = True,
+    style: Style = USUAL,
+) -> Figure:
+    """Draw predicted and observed ratings against E_fab, one panel per load.
+
+    The bands are credible intervals of the rating that a typical participant (s = 0) gives on
+    average: the noise of single ratings and the participants' scales are not in them. The points
+    are as `observed_ratings` has them.
+
+    Parameters
+    ----------
+    modulus
+        Grid of E_fab [Pa], shape (points,).
+    rating
+        Draws of the predicted rating, shape (draws, loads, points).
+    observed
+        The data.
+    loads
+        The load of each panel.
+    logarithmic
+        Whether the axis of ratings is: for magnitude estimates, not for z-scores.
+    style
+        How it looks.
+
+    Returns
+    -------
+    Figure
+        Artists named ``median/1 mm``, ``band95/1 mm``, ``band50/1 mm``, ``ratings/1 mm`` (points) and
+        ``spread/1 mm`` (bars); E_fab in kPa.
+
+    Raises
+    ------
+    InputError
+        If there is not one load for each set of curves.
+    """
+    kilopascal, draws = np.asarray(modulus, float) / 1e3, np.asarray(rating, float)
+    check_loads(loads, draws.shape[1])
+    ylabel = "softness rating" if logarithmic else "softness rating [sd]"
+    with style.applied():
+        figure, panels, _ = grid_of_panels(len(loads), MODULUS_LABEL, ylabel, style)
+        for index, (axes, load) in enumerate(zip(panels, loads, strict=True)):
+            draw_bands(axes, kilopascal, draws[:, index], style.posterior, style, str(load))
+            here = (observed.load == index) & np.isfinite(observed.mean)
+            x, mean = observed.modulus[here] / 1e3, observed.mean[here]
+            low, high = observed.low[here], observed.high[here]
+            spread = axes.vlines(x, low, high, color=style.tint(style.data, 0.6), linewidth=0.8)
+            spread.set(label="± 1 sd between participants", gid=f"spread/{load}", zorder=2)
+            points = axes.plot(x, mean, "o", color=style.data, markersize=3, gid=f"ratings/{load}")[0]
+            points.set(label="geometric mean" if logarithmic else "mean", zorder=3)
+            axes.set(xscale="log", yscale="log" if logarithmic else "linear", title=title(load))
+        for axes in panels:
+            axes.set_xlim(kilopascal.min(), kilopascal.max())
+            number_ticks(axes.xaxis)
+            if logarithmic:
+                number_ticks(axes.yaxis)
+        legend_below(figure, panels)
+    return figure

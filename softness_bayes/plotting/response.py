@@ -1,0 +1,143 @@
+"""The response against the fabric's modulus, under each load (model.md 8 and 11)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from softness_bayes.plotting.inflection import MARGIN, draw_margin
+from softness_bayes.plotting.panels import (
+    MODULUS_LABEL,
+    RATE_LABEL,
+    RATIO_LABEL,
+    Array,
+    check_loads,
+    draw_bands,
+    draw_rug,
+    grid_of_panels,
+    legend_below,
+    number_ticks,
+    title,
+)
+from softness_bayes.plotting.style import USUAL, Style
+from softness_bayes.touch.contact import Load
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+    from softness_bayes.inference.curves import Curves, Inflection
+
+HERTZ_LIMIT = 0.5
+"""Contact radius over fingertip radius beyond which Hertz's contact is in question (model.md 11)."""
+
+
+def response_figure(
+    curves: Curves,
+    loads: Sequence[Load],
+    fabric_modulus: ArrayLike,
+    *,
+    inflection: Inflection | None = None,
+    finger_radius: float | None = None,
+    style: Style = USUAL,
+) -> Figure:
+    """Draw the total rate against E_fab: median, 50 % and 95 % credible bands, one panel per load.
+
+    Parameters
+    ----------
+    curves
+        Draws of the response, as `inference.curves.response_curves` gives them.
+    loads
+        The load of each panel.
+    fabric_modulus
+        E_fab of the fabrics of the data [Pa], marked along the foot of each panel.
+    inflection
+        If given, its posterior stands along the top of each panel, with the probability that there
+        is one.
+    finger_radius
+        Radius R of the fingertip [m]. If given, a hatched strip along the top marks where the contact
+        of the draws' median exceeds a/R = 0.5.
+    style
+        How it looks.
+
+    Returns
+    -------
+    Figure
+        Artists named ``median/1 mm``, ``band95/1 mm``, ``band50/1 mm``, ``fabrics/1 mm``, and, where
+        drawn, ``hertz/1 mm``, ``density/1 mm`` and ``probability/1 mm``; E_fab in kPa.
+
+    Raises
+    ------
+    InputError
+        If there is not one load for each set of curves.
+    """
+    check_loads(loads, curves.total_rate.shape[1])
+    kilopascal = curves.modulus / 1e3
+    with style.applied():
+        margin = MARGIN if inflection is not None else 0.0
+        figure, panels, heads = grid_of_panels(len(loads), MODULUS_LABEL, RATE_LABEL, style, margin)
+        for index, (axes, load) in enumerate(zip(panels, loads, strict=True)):
+            draw_bands(axes, kilopascal, curves.total_rate[:, index], style.posterior, style, str(load))
+            draw_rug(axes, np.asarray(fabric_modulus) / 1e3, style, str(load))
+            if finger_radius is not None:
+                _mark_hertz(axes, kilopascal, curves.radius[:, index], finger_radius, str(load))
+        _finish(figure, panels, kilopascal, _top(curves.total_rate))
+        for index, (head, load) in enumerate(zip(heads, loads, strict=True)):
+            if inflection is not None:
+                draw_margin(head, inflection, index, style, str(load))
+            head.set_title(title(load))
+    return figure
+
+
+def ratio_figure(
+    curves: Curves, loads: Sequence[Load], fabric_modulus: ArrayLike, *, style: Style = USUAL
+) -> Figure:
+    """Draw the total rate against E_fab / E_skin, else as `response_figure`.
+
+    E_skin differs from draw to draw. Every draw's curve is interpolated in the logarithm of its own
+    ratio to a common grid, which spans what all draws reach. The fabrics of the data stand at the
+    medians of their ratios.
+    """
+    check_loads(loads, curves.total_rate.shape[1])
+    log_modulus, log_fabric = np.log(curves.modulus), np.log(np.asarray(fabric_modulus, float))
+    log_ratio = log_modulus - np.log(curves.skin_modulus)
+    ends = log_ratio[..., 0].max(axis=0), log_ratio[..., -1].min(axis=0)
+    with style.applied():
+        figure, panels, _ = grid_of_panels(len(loads), RATIO_LABEL, RATE_LABEL, style)
+        for index, (axes, load) in enumerate(zip(panels, loads, strict=True)):
+            own, rate = log_ratio[:, index], curves.total_rate[:, index]
+            grid = np.linspace(ends[0][index], ends[1][index], log_modulus.size)
+            common = np.stack([np.interp(grid, x, y) for x, y in zip(own, rate, strict=True)])
+            fabrics = [np.interp(log_fabric, log_modulus, x) for x in own]
+            draw_bands(axes, np.exp(grid), common, style.posterior, style, str(load))
+            draw_rug(axes, np.exp(np.median(fabrics, axis=0)), style, str(load))
+            axes.set_title(title(load))
+        _finish(figure, panels, np.exp(ends), _top(curves.total_rate))
+    return figure
+
+
+def _mark_hertz(axes: Axes, x: Array, radius: Array, finger_radius: float, gid: str) -> None:
+    beyond = np.median(radius, axis=0) / finger_radius > HERTZ_LIMIT
+    if beyond.any():
+        strip = axes.fill_between(
+            x, 0.96, 1.0, where=list(beyond), transform=axes.get_xaxis_transform(), facecolor="none"
+        )
+        strip.set(hatch="/////", edgecolor="#808080", linewidth=0.0, label="contact beyond $a/R$ = 0.5")
+        strip.set_gid(f"hertz/{gid}")
+
+
+def _top(rate: Array) -> float:
+    """Return the upper end of the axis of rates: 1 spike/s where everything is silent."""
+    upper = np.quantile(rate, 0.975, axis=0)
+    return 1.12 * float(upper[np.isfinite(upper)].max(initial=0.0)) or 1.0
+
+
+def _finish(figure: Figure, panels: Sequence[Axes], x: Array, top: float) -> None:
+    for axes in panels:
+        axes.set_xscale("log")
+        axes.set(xlim=(x.min(), x.max()), ylim=(0.0, top))
+        number_ticks(axes.xaxis)
+    legend_below(figure, panels)

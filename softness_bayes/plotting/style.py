@@ -1,0 +1,147 @@
+"""How figures look, and how they are written: one frozen value that a user can replace."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any
+
+from softness_bayes.errors import InputError
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+BLUE, ORANGE, GREEN, VERMILION = "#0072B2", "#E69F00", "#009E73", "#D55E00"
+PURPLE, SKY, YELLOW, BLACK = "#CC79A7", "#56B4E9", "#F0E442", "#000000"
+
+METADATA: Mapping[str, Mapping[str, str | None]] = MappingProxyType(
+    {
+        "png": {"Software": None},
+        "pdf": {"CreationDate": None, "Creator": None, "Producer": None},
+        "svg": {"Date": None, "Creator": None},
+    }
+)
+"""What each format would record of the day and the program: left out, equal figures are equal files."""
+
+RC: Mapping[str, Any] = MappingProxyType(
+    {
+        "font.family": "sans-serif",
+        "font.sans-serif": ["DejaVu Sans"],  # ships with matplotlib, so that figures agree between machines
+        "mathtext.fontset": "dejavusans",
+        "font.size": 8,
+        "axes.titlesize": 8,
+        "axes.labelsize": 8,
+        "xtick.labelsize": 7,
+        "ytick.labelsize": 7,
+        "legend.fontsize": 7,
+        "axes.linewidth": 0.6,
+        "xtick.major.width": 0.6,
+        "ytick.major.width": 0.6,
+        "xtick.minor.width": 0.4,
+        "ytick.minor.width": 0.4,
+        "xtick.major.size": 3,
+        "ytick.major.size": 3,
+        "xtick.minor.size": 1.5,
+        "ytick.minor.size": 1.5,
+        "lines.linewidth": 1.2,
+        "hatch.linewidth": 0.5,
+        "axes.spines.top": False,
+        "axes.spines.right": False,
+        "axes.titlelocation": "left",
+        "legend.frameon": False,
+        "legend.handlelength": 1.6,
+        "figure.dpi": 150,
+        "savefig.dpi": 300,
+        "pdf.fonttype": 42,  # text stays text, as journals ask
+        "svg.hashsalt": "softness-bayes",
+    }
+)
+"""matplotlib's settings of the usual style, over its own defaults."""
+
+
+@dataclass(frozen=True)
+class Style:
+    """Colours, widths and matplotlib's settings of every figure; `dataclasses.replace` makes another.
+
+    Parameters
+    ----------
+    posterior, prior, data, inflection, absent
+        Colours of what was inferred, assumed and measured, of the inflection point and of its absence.
+    ensembles
+        Colours of the independent ensembles, taken in turn.
+    column, page
+        Width of a figure of one column and of a full page [in].
+    small
+        Size of the words inside panels [pt].
+    rc
+        Settings of matplotlib, applied over its defaults.
+    """
+
+    posterior: str = BLUE
+    prior: str = "#8C8C8C"
+    data: str = VERMILION
+    inflection: str = GREEN
+    absent: str = "#8C8C8C"
+    ensembles: Sequence[str] = (BLUE, ORANGE, GREEN, VERMILION, PURPLE, SKY)
+    column: float = 3.5
+    page: float = 7.2
+    small: float = 7.0
+    rc: Mapping[str, Any] = field(default_factory=lambda: RC)
+
+    @contextmanager
+    def applied(self) -> Iterator[None]:
+        """Let matplotlib draw in this style inside a ``with`` block."""
+        from matplotlib import style
+
+        with style.context(["default", dict(self.rc)]):
+            yield
+
+    def tint(self, colour: str, strength: float) -> tuple[float, float, float]:
+        """Return a colour thinned with white, opaque so that every format shows it alike."""
+        from matplotlib.colors import to_rgb
+
+        red, green, blue = (1.0 - strength * (1.0 - channel) for channel in to_rgb(colour))
+        return red, green, blue
+
+
+USUAL = Style()
+"""The style of every figure unless another is given."""
+
+
+def save(
+    figure: Figure, path: str | Path, formats: Sequence[str] = ("png", "pdf"), style: Style = USUAL
+) -> list[Path]:
+    """Write a figure once per format, the same bytes for the same figure.
+
+    Parameters
+    ----------
+    figure
+        What to write.
+    path
+        Where, without a suffix.
+    formats
+        Suffixes out of `METADATA`.
+    style
+        Resolution and fonts of the files.
+
+    Returns
+    -------
+    list of Path
+        The files written.
+
+    Raises
+    ------
+    InputError
+        If a format is unknown.
+    """
+    unknown = [name for name in formats if name not in METADATA]
+    if unknown:
+        raise InputError(f"figure: unknown format {unknown[0]!r}, expected one of {', '.join(METADATA)}")
+    paths = [Path(f"{path}.{name}") for name in formats]
+    with style.applied():
+        for name, target in zip(formats, paths, strict=True):
+            figure.savefig(target, format=name, metadata=dict(METADATA[name]))
+    return paths

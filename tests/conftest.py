@@ -1,0 +1,69 @@
+"""What the tests share: the random seed, the reference data beside the project, and a firing rate without a membrane."""
+
+from __future__ import annotations
+
+import os
+import zlib
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from softness_bayes.touch.firing import CurveError, RateCurve
+from softness_bayes.touch.parameters import TouchParameters
+
+SEED = int(os.environ.get("SOFTNESS_BAYES_SEED", "20240611"))
+
+
+def pytest_report_header() -> str:
+    return f"random seed: {SEED} (set SOFTNESS_BAYES_SEED to change it)"
+
+
+@pytest.fixture
+def rng(request: pytest.FixtureRequest) -> np.random.Generator:
+    """A generator of the test's own: the same numbers whichever tests run beside it."""
+    return np.random.default_rng([SEED, zlib.crc32(request.node.nodeid.encode())])
+
+
+@pytest.fixture(scope="session")
+def shared() -> Path:
+    path = Path(__file__).resolve().parents[2] / "shared"
+    if not path.is_dir():
+        pytest.skip("the shared reference data are not beside the project")
+    return path
+
+
+@dataclass(frozen=True)
+class OneCurve:
+    """A source of rate curves that has a single one, chosen by hand."""
+
+    curve: RateCurve
+
+    def curves(self, parameters: TouchParameters) -> RateCurve:
+        return self.curve
+
+
+@pytest.fixture(scope="session")
+def smooth_firing():
+    """Return a firing rate that rises from its rheobase like a root, with a jump there if wanted."""
+
+    def make(rheobase: float = 18.0, onset_rate: float = 0.0) -> OneCurve:
+        coefficients = np.array([14.0, 4.0, -0.8, 0.3])
+        unmeasured = CurveError(0.0, 0.0)
+        return OneCurve(
+            RateCurve(np.array(rheobase), np.array(onset_rate), coefficients, 60.0, unmeasured)
+        )
+
+    return make
+
+
+@pytest.fixture(scope="session")
+def paper():
+    """Return the medians of the priors as parameters of the chain, with some of them replaced."""
+
+    def make(**changed: float) -> TouchParameters:
+        median = TouchParameters(1e5, 2.0, 20.3, 0.6e-3, 9e3, 1.05, 1.16, 1.0, 1.5)
+        return median._replace(**changed)
+
+    return make

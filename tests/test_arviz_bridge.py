@@ -1,0 +1,95 @@
+"""The bridge on whichever line of ArviZ is installed; files read back by either."""
+
+import os
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from softness_bayes import arviz_bridge
+
+RNG_SEED = 3
+
+
+@pytest.fixture
+def tree():
+    rng = np.random.default_rng(RNG_SEED)
+    draws = {"b": rng.lognormal(4, 0.1, (8, 50)), "participant_effect": rng.normal(size=(8, 50, 3))}
+    groups = {
+        "observed_data": {"rating": np.array([1.0, 2.0])},
+        "posterior": draws,
+        "log_prior": {"b": rng.normal(size=(8, 50))},
+        "sample_stats": {"lp": rng.normal(size=(8, 50))},
+        "log_likelihood": {"joint": rng.normal(size=(8, 50))},
+        "log_likelihood_loo": {"rating": rng.normal(size=(8, 50, 2))},
+        "prior": {"b": rng.lognormal(4, 0.5, (1, 20))},
+        "constant_data": {"omega": np.array(0.0)},
+    }
+    return arviz_bridge.to_tree(
+        groups,
+        dims={"participant_effect": ["participant"], "rating": ["row"]},
+        coords={"participant": ["Änne", "Bo", "Cy"], "ensemble": np.repeat([0, 1], 4)},
+        attrs={"schema": 1, "command": "softness-bayes sample"},
+        variable_attrs={"b": {"units": "kPa"}},
+    )
+
+
+def test_a_tree_has_the_groups_in_the_order_of_the_file_with_their_coordinates(tree):
+    assert list(tree.children) == [g for g in arviz_bridge.GROUPS if g in tree.children]
+    assert tree["posterior"]["b"].dims == ("chain", "draw")
+    assert tree["posterior"]["b"].attrs["units"] == tree["prior"]["b"].attrs["units"] == "kPa"
+    assert tree["posterior"]["participant_effect"].sel(participant="Änne").shape == (8, 50)
+    assert tree["posterior"]["b"].coords["ensemble"].values.tolist() == [0] * 4 + [1] * 4
+    assert tree["observed_data"]["rating"].dims == ("row",)
+    assert "ensemble" not in tree["prior"].coords  # its one chain is no walker's
+    assert tree["constant_data"]["omega"].dims == ()
+
+
+def test_files_read_back_identically(tree, tmp_path):
+    path = tmp_path / "posterior.nc"
+    arviz_bridge.write_netcdf(tree, path)
+    again = arviz_bridge.read_netcdf(path)
+    assert again.identical(tree)
+    assert [p.name for p in tmp_path.iterdir()] == ["posterior.nc"]
+    # reading leaves the file free: it can be replaced while the result is in use
+    arviz_bridge.write_netcdf(again, path)
+    assert arviz_bridge.read_netcdf(path).identical(tree)
+
+
+def test_arviz_itself_reads_the_file_and_works_on_it(tree, tmp_path):
+    import arviz
+
+    path = tmp_path / "posterior.nc"
+    arviz_bridge.write_netcdf(tree, path)
+    from_file, converted = arviz.from_netcdf(path), arviz_bridge.for_arviz(tree)
+    for data in (from_file, converted):
+        np.testing.assert_array_equal(data["posterior"]["b"].values, tree["posterior"]["b"].values)
+        np.testing.assert_array_equal(data["log_prior"]["b"].values, tree["log_prior"]["b"].values)
+        assert data.attrs["command"] == "softness-bayes sample"
+        assert np.isfinite(float(arviz.ess(data)["b"]))
+
+
+def test_diagnostics_of_independent_draws():
+    chains = np.random.default_rng(1).normal(size=(4, 2000))
+    assert arviz_bridge.r_hat(chains) < 1.01
+    assert arviz_bridge.ess_bulk(chains) == pytest.approx(8000, rel=0.15)
+    assert arviz_bridge.mcse_mean(chains) == pytest.approx(8000**-0.5, rel=0.1)
+    assert arviz_bridge.mcse_sd(chains) == pytest.approx(16000**-0.5, rel=0.1)
+    assert arviz_bridge.hdi(chains, 0.9) == pytest.approx((-1.645, 1.645), abs=0.15)
+    assert arviz_bridge.hdi(chains, 0.5) == pytest.approx((-0.674, 0.674), abs=0.2)
+    # negative control: chains about different means
+    assert arviz_bridge.r_hat(chains + np.arange(4)[:, None]) > 1.2
+
+
+def test_diagnostics_refuse_other_shapes():
+    with pytest.raises(ValueError, match=r"\(chains, draws\)"):
+        arviz_bridge.r_hat(np.zeros(10))
+
+
+def test_importing_the_bridge_imports_neither_arviz_nor_xarray():
+    code = "import sys, softness_bayes.arviz_bridge; print({'arviz', 'xarray'} & set(sys.modules))"
+    out = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True, env=os.environ
+    )
+    assert out.stdout.strip() == "set()"

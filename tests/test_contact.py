@@ -1,0 +1,234 @@
+from __future__ import annotations
+
+import json
+import math
+
+import mpmath
+import numpy as np
+import pytest
+
+from softness_bayes.errors import InputError
+from softness_bayes.touch.contact import (
+    DISPLACEMENT,
+    PLATE_LENGTH,
+    PLATE_RIGIDITY,
+    PRINTED_RIGIDITY,
+    STRAIN,
+    Finger,
+    Force,
+    Indentation,
+    hertz_force,
+    log_compliance_ratio,
+    reduced_modulus,
+    skin_modulus,
+    solve_contact,
+)
+
+FINGER = Finger()
+DISPLACEMENTS = [STRAIN, DISPLACEMENT]
+LOADS = [Indentation(1e-6), Indentation(1e-3), Indentation(2e-2), Force(1e-6), Force(1.0), Force(100.0)]
+
+
+def ids(values):
+    return [getattr(value, "name", str(value)) for value in values]
+
+
+def exact_skin_modulus(fabric, poisson, load, b, m, finger, displacement):
+    """E_skin by bisection of ln E in 50 digits, written from model.md 2-3 and not from the code."""
+    with mpmath.workdps(50):
+        skin_part = 1 - mpmath.mpf(finger.poisson_ratio) ** 2
+        fabric_part = (1 - mpmath.mpf(poisson) ** 2) / mpmath.mpf(fabric)
+        radius = mpmath.mpf(finger.radius)
+
+        def compression(modulus):
+            reduced = 1 / (skin_part / modulus + fabric_part)
+            if isinstance(load, Indentation):
+                a = mpmath.sqrt(radius * load.depth)
+            else:
+                a = mpmath.cbrt(3 * radius * load.newton / (4 * reduced))
+            closing = a if displacement is STRAIN else a**2
+            return skin_part / modulus * reduced / (2 * radius * a) * (2 * a * closing)
+
+        low = mpmath.log(mpmath.mpf(b))
+        high = low + m * compression(mpmath.mpf(b))
+        for _ in range(160):
+            middle = (low + high) / 2
+            rises = middle - mpmath.log(mpmath.mpf(b)) < m * compression(mpmath.exp(middle))
+            low, high = (middle, high) if rises else (low, middle)
+        return float(mpmath.exp(low))
+
+
+def test_agrees_with_thirty_digit_reference(shared):
+    rows = json.loads((shared / "reference" / "mechanics.json").read_text())["rows"]
+    assert any(row["hard"] for row in rows)
+    for row in rows:
+        finger = Finger(radius=row["R"], poisson_ratio=row["nu_skin"])
+        held = Indentation(row["indentation"]) if row["control"] == "indentation" else Force(row["force"])
+        found = solve_contact(row["E_fab"], row["nu_fab"], held, row["b"], row["m"], finger)
+        for name, key in [
+            ("skin_modulus", "E_skin"),
+            ("reduced_modulus", "E_star"),
+            ("radius", "contact_radius"),
+            ("indentation", "indentation"),
+            ("force", "force"),
+        ]:
+            assert getattr(found, name) == pytest.approx(row[key], rel=1e-9), name
+
+
+@pytest.mark.parametrize("displacement", DISPLACEMENTS, ids=ids(DISPLACEMENTS))
+@pytest.mark.parametrize("control", [Indentation, Force])
+def test_skin_modulus_over_all_orders_of_magnitude(control, displacement, rng):
+    for _ in range(60):
+        fabric, b = 10 ** rng.uniform(-2, 12), 10 ** rng.uniform(1, 7)
+        poisson, finger = rng.uniform(-0.5, 0.5), Finger(poisson_ratio=rng.uniform(0, 0.5))
+        load = control(10 ** (rng.uniform(-6, -1.5) if control is Indentation else rng.uniform(-6, 2)))
+        softest = solve_contact(fabric, poisson, load, b, 0.0, finger, displacement)
+        largest = softest.radius**displacement.power / finger.radius
+        m = 10 ** rng.uniform(-2, math.log10(60)) / largest  # m times the rigid compression, up to 60
+        found = solve_contact(fabric, poisson, load, b, m, finger, displacement)
+        exact = exact_skin_modulus(fabric, poisson, load, b, m, finger, displacement)
+        assert found.skin_modulus == pytest.approx(exact, rel=1e-11)
+
+
+def test_batch_has_the_broadcast_shape_and_the_single_values(rng):
+    fabric, b, m = 10 ** rng.uniform(0, 9, 5), 10 ** rng.uniform(3, 6, (7, 1)), rng.uniform(0, 300, (7, 1))
+    for load in (Indentation(2e-3), Force(0.5)):
+        batch = solve_contact(fabric, 0.3, load, b, m)
+        for field in batch:
+            assert field.shape == (7, 5)
+        single = [[solve_contact(f, 0.3, load, x[0], y[0]).skin_modulus for f in fabric] for x, y in zip(b, m, strict=True)]
+        np.testing.assert_allclose(batch.skin_modulus, single, rtol=1e-13)
+
+
+@pytest.mark.parametrize("displacement", DISPLACEMENTS, ids=ids(DISPLACEMENTS))
+@pytest.mark.parametrize("load", LOADS, ids=ids(LOADS))
+class TestIdentities:
+    fabric = np.geomspace(1e-2, 1e12, 57)
+    b = 1e5
+
+    def test_skin_that_does_not_stiffen(self, load, displacement):
+        found = solve_contact(self.fabric, 0.3, load, self.b, 0.0, FINGER, displacement)
+        np.testing.assert_allclose(found.skin_modulus, self.b, rtol=1e-14)
+
+    def test_skin_stiffens_up_to_the_rigid_limit_and_more_under_stiffer_fabric(self, load, displacement):
+        rigid_radius = solve_contact(1e300, 0.3, load, self.b, 0.0, FINGER, displacement).radius
+        m = 3.0 * FINGER.radius / rigid_radius**displacement.power
+        skin = solve_contact(self.fabric, 0.3, load, self.b, m, FINGER, displacement).skin_modulus
+        softest = solve_contact(self.fabric[0], 0.3, load, self.b, 0.0, FINGER, displacement).radius
+        assert (skin >= self.b * (1 - 1e-14)).all()
+        if isinstance(load, Indentation):
+            assert (skin <= self.b * np.exp(m * softest**displacement.power / FINGER.radius) * (1 + 1e-12)).all()
+            assert (np.diff(skin) >= -1e-12 * skin[1:]).all()
+
+    def test_skin_stiffens_with_its_exponent(self, load, displacement):
+        m = np.geomspace(1e-3, 1e4, 40)
+        for fabric in (1.0, 1e5, 1e10):
+            skin = solve_contact(fabric, 0.3, load, self.b, m, FINGER, displacement).skin_modulus
+            assert (np.diff(skin) > -1e-13 * skin[1:]).all()
+
+    def test_load_is_held_and_hertz_closes(self, load, displacement):
+        found = solve_contact(self.fabric, 0.3, load, self.b, 2.0, FINGER, displacement)
+        held = found.indentation if isinstance(load, Indentation) else found.force
+        value = load.depth if isinstance(load, Indentation) else load.newton
+        np.testing.assert_allclose(held, value, rtol=1e-14)
+        np.testing.assert_allclose(found.radius**2, FINGER.radius * found.indentation, rtol=1e-13)
+        np.testing.assert_allclose(
+            found.force, hertz_force(found.reduced_modulus, found.radius, FINGER), rtol=1e-13
+        )
+
+    def test_force_undoes_indentation(self, load, displacement):
+        one = solve_contact(self.fabric, 0.3, load, self.b, 2.0, FINGER, displacement)
+        for k in range(0, self.fabric.size, 8):
+            other = (
+                Force(float(one.force[k]))
+                if isinstance(load, Indentation)
+                else Indentation(float(one.indentation[k]))
+            )
+            two = solve_contact(self.fabric[k], 0.3, other, self.b, 2.0, FINGER, displacement)
+            for name in one._fields:
+                assert getattr(two, name) == pytest.approx(getattr(one, name)[k], rel=1e-9), name
+
+
+def test_rigid_fabric_leaves_the_skin_alone():
+    found = solve_contact(1e300, 0.3, Indentation(1e-3), 1e5, 2.0)
+    rigid = 1e5 * math.exp(2.0 * math.sqrt(8e-3 * 1e-3) / 8e-3)
+    assert found.skin_modulus == pytest.approx(rigid, rel=1e-14)
+    assert found.reduced_modulus == pytest.approx(rigid / (1 - 0.48**2), rel=1e-14)
+
+
+def test_softest_fabric_takes_all_the_compression():
+    found = solve_contact(1e-2, 0.3, Indentation(1e-3), 1e5, 2.0)
+    assert found.skin_modulus == pytest.approx(1e5, rel=1e-6)
+    assert found.reduced_modulus == pytest.approx(1e-2 / (1 - 0.3**2), rel=1e-6)
+
+
+def test_paper_force_at_one_millimetre():
+    # with the priors' medians, one newton at one millimetre (model.md 10)
+    assert solve_contact(1e9, 0.3, Indentation(1e-3), 1e5, 2.0).force == pytest.approx(1.0, rel=0.02)
+
+
+@pytest.mark.parametrize("m", [0.0, 1e-320, 1e-12, 1e3, 1e6, 1e12, 1e300])
+def test_no_exponent_overflows(m):
+    for load in LOADS:
+        found = solve_contact(np.geomspace(1e-2, 1e12, 15), 0.3, load, np.array([[1e-3], [1e5], [1e12]]), m)
+        for field in found:
+            assert np.isfinite(field).all()
+            assert (field > 0).all()
+
+
+def test_reduced_modulus_is_the_softer_partner_twice_as_soft_at_equality():
+    equal = reduced_modulus(np.array(2e5), 2e5, 0.48, FINGER)
+    assert equal == pytest.approx(2e5 / (1 - 0.48**2) / 2, rel=1e-14)
+
+
+def test_compliance_ratio_stays_finite_where_its_exponential_does_not():
+    assert log_compliance_ratio(1e-300, 0.3, FINGER) == pytest.approx(300 * math.log(10), rel=1e-2)
+
+
+@pytest.mark.parametrize(("reading", "denominator"), [(PRINTED_RIGIDITY, 1 - 0.3), (PLATE_RIGIDITY, 1 - 0.09)])
+def test_rigidity_of_a_fabric(reading, denominator):
+    rigidity = reading.rigidity(np.array(20e6), np.array(0.5e-3), np.array(0.3))
+    assert rigidity == pytest.approx(20e6 * 0.5e-3**3 / (12 * denominator), rel=1e-14)
+    # a rigidity in N mm is read as a modulus in MPa
+    assert rigidity / PLATE_LENGTH**3 * 1e-6 == pytest.approx(rigidity * 1e3, rel=1e-14)
+
+
+@pytest.mark.parametrize("bad", [0.0, -1e-3, math.nan, math.inf])
+def test_loads_must_be_positive(bad):
+    with pytest.raises(InputError, match="indentation"):
+        Indentation(bad)
+    with pytest.raises(InputError, match="force"):
+        Force(bad)
+
+
+@pytest.mark.parametrize(
+    ("change", "name"),
+    [
+        ({"radius": 0.0}, "radius"),
+        ({"radius": math.nan}, "radius"),
+        ({"poisson_ratio": 0.6}, "poisson_ratio"),
+        ({"poisson_ratio": math.nan}, "poisson_ratio"),
+        ({"receptor_depth": -1e-3}, "receptor_depth"),
+        ({"pad_width": math.inf}, "pad_width"),
+        ({"contact_centre": (0.012, 0.021)}, "contact_centre"),
+        ({"contact_centre": (math.nan, 0.0)}, "contact_centre"),
+    ],
+)
+def test_finger_refuses_what_no_finger_has(change, name):
+    with pytest.raises(InputError, match=name):
+        Finger(**change)
+
+
+@pytest.mark.parametrize(
+    ("fabric", "b", "m"),
+    [(0.0, 1e5, 2.0), (-1.0, 1e5, 2.0), (math.nan, 1e5, 2.0), (1e5, 0.0, 2.0), (1e5, 1e5, -0.1)]
+    + [(1e5, math.nan, 2.0), (1e5, 1e5, math.nan)],
+)
+def test_contact_refuses_what_is_not_positive(fabric, b, m):
+    with pytest.raises(InputError):
+        solve_contact(fabric, 0.3, Indentation(1e-3), b, m)
+
+
+def test_skin_modulus_refuses_softening():
+    with pytest.raises(InputError, match="m >= 0"):
+        skin_modulus(0.0, 0.0, 0.0, 1e5, np.array([1.0, -1e-9]))

@@ -1,0 +1,122 @@
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from softness_bayes.errors import InputError, NumericalError
+from softness_bayes.touch.contact import Finger, Force, Indentation
+from softness_bayes.touch.field import StressField, clenshaw, profiles
+from softness_bayes.touch.readings import ALTERNATIVES, Readings
+from softness_bayes.touch.stress import ATTENUATED, HERTZ, stress
+
+FINGER = Finger()
+RANGE = (1e3, 1e7)
+READINGS = [
+    Readings(pressure=pressure, stress_kernel=kernel, stress_component=component)
+    for pressure in ALTERNATIVES["pressure"].values()
+    for kernel in ALTERNATIVES["stress_kernel"].values()
+    for component in ALTERNATIVES["stress_component"].values()
+    if kernel.two_sided or not component.needs_plane
+]
+DEFAULT_LOADS = [Indentation(1e-4), Indentation(3e-3), Indentation(12e-3), Force(0.05), Force(4.0)]
+
+
+def reading_id(readings):
+    return "-".join(readings.names[place] for place in ("pressure", "stress_kernel", "stress_component"))
+
+
+def profile_of(field, modulus, finger=FINGER):
+    radius = field.load.close(modulus, finger).radius
+    return profiles([field], [np.arange(modulus.size)], modulus[None], radius[None])
+
+
+def worst_error(field, modulus, finger=FINGER):
+    """Largest error of the stress that the table says is felt at a distance, against the peak; and of the peak."""
+    profile = profile_of(field, modulus, finger)
+    farthest = math.hypot(18e-3, 10e-3)
+    fraction = np.linspace(0.003, 1.0, 60)[None, None]
+    y = profile.y_least[..., None] + (1 - profile.y_least[..., None]) * fraction**2
+    distance = np.sqrt(profile.squared_distance(np.broadcast_to(y, (1, modulus.size, 60))))[0]
+    r, radius = field.readings, field.load.close(modulus, finger).radius
+    readings = (r.pressure, r.stress_kernel, r.stress_component)
+    peak = stress(0.0, modulus, radius, finger, *readings)
+    felt = stress(distance, modulus[:, None], radius[:, None], finger, *readings) / peak[:, None]
+    on_pad = distance <= farthest
+    error = np.abs(felt - (y[0] ** (1 / field.root)))[on_pad]
+    return error.max(), np.abs(profile.peak[0] / peak - 1).max()
+
+
+@pytest.mark.parametrize("readings", READINGS, ids=reading_id)
+@pytest.mark.parametrize("load", [Indentation(2e-3), Force(1.0)], ids=str)
+def test_table_answers_like_the_field_itself(load, readings, rng):
+    field = StressField(load, FINGER, readings, RANGE, 1e-6)
+    felt, peak = worst_error(field, 10 ** rng.uniform(3, 7, 12))
+    assert felt < 2e-4
+    assert peak < 2e-6
+
+
+@pytest.mark.parametrize("load", DEFAULT_LOADS, ids=str)
+def test_tolerance_is_what_the_table_keeps(load, rng):
+    modulus = 10 ** rng.uniform(3, 7, 30)
+    for tolerance, allowed in ((1e-4, 5e-3), (1e-8, 1e-6)):
+        field = StressField(load, FINGER, Readings(), RANGE, tolerance)
+        felt, peak = worst_error(field, modulus)
+        assert felt < allowed
+        assert peak < 3 * tolerance
+    assert field.reached < 2e-6
+
+
+@pytest.mark.parametrize("load", [Indentation(3e-3), Force(1.0)], ids=str)
+def test_outside_its_range_the_table_is_not_used(load):
+    field = StressField(load, FINGER, Readings(), RANGE, 1e-6)
+    felt, peak = worst_error(field, np.array([1e-2, 1.0, 100.0, 3e8, 1e12]))
+    assert felt < 1e-3
+    assert peak < 2e-5
+
+
+@pytest.mark.parametrize("depth", [1e-5, 1e-4, 0.5e-3, 0.9e-3, 1e-2])
+@pytest.mark.parametrize("pressure", [ATTENUATED, HERTZ], ids=lambda pressure: pressure.name)
+def test_every_depth(depth, pressure, rng):
+    finger = Finger(receptor_depth=depth)
+    for load in (Indentation(2e-3), Force(1.0)):
+        field = StressField(load, finger, Readings(pressure=pressure), RANGE, 1e-6)
+        felt, peak = worst_error(field, 10 ** rng.uniform(3, 7, 8), finger)
+        assert felt < 1e-3
+        assert peak < 2e-6
+
+
+def test_receptors_at_the_surface_have_no_field():
+    with pytest.raises(InputError, match="receptor_depth"):
+        StressField(Indentation(1e-3), Finger(receptor_depth=0.0), Readings(), RANGE, 1e-6)
+
+
+@pytest.mark.parametrize("bad", [0.0, -1.0, math.nan, math.inf])
+def test_a_modulus_that_is_none_is_refused(bad):
+    field = StressField(Indentation(1e-3), FINGER, Readings(), RANGE, 1e-4)
+    moduli = np.array([[1e5, bad]])
+    with pytest.raises(NumericalError, match="modulus"):
+        profiles([field], [np.arange(2)], moduli, np.full((1, 2), 3e-3))
+
+
+def test_loads_side_by_side_are_the_loads_alone():
+    fields = [StressField(load, FINGER, Readings(), RANGE, 1e-6) for load in (Indentation(1e-3), Force(1.0))]
+    modulus = np.array([1e4, 2e5, 3e5, 5e6])
+    columns = [np.array([0, 3]), np.array([1, 2])]
+    radius = np.empty((1, 4))
+    for field, where in zip(fields, columns, strict=True):
+        radius[0, where] = field.load.close(modulus[where], FINGER).radius
+    together = profiles(fields, columns, modulus[None], radius)
+    y = np.full((1, 4, 1), 0.7)
+    for field, where in zip(fields, columns, strict=True):
+        alone = profile_of(field, modulus[where])
+        np.testing.assert_allclose(together.peak[:, where], alone.peak, rtol=1e-14)
+        distance = together.squared_distance(y)[:, where]
+        np.testing.assert_allclose(distance, alone.squared_distance(y[:, where]), rtol=1e-13)
+
+
+def test_clenshaw(rng):
+    coefficients, x = rng.normal(size=(2, 3, 9)), rng.uniform(-1, 1, (2, 3, 5))
+    exact = [[np.polynomial.chebyshev.chebval(x[i, j], coefficients[i, j]) for j in range(3)] for i in range(2)]
+    np.testing.assert_allclose(clenshaw(coefficients, x), exact, rtol=1e-12, atol=1e-13)

@@ -1,0 +1,201 @@
+"""The population integral against the adaptive reference, at the places where it could go wrong."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from softness_bayes.touch.contact import Finger, Force, Indentation
+from softness_bayes.touch.readings import ALTERNATIVES, Readings
+from softness_bayes.touch.receptors import PRINTED_DENSITY
+from softness_bayes.touch.reference import reference_response
+from softness_bayes.touch.scene import Discretisation, Scene
+
+FABRICS = np.array([2e3, 3e4, 4e5, 1e7])
+LOADS = [Indentation(1e-3), Indentation(3e-3), Force(1.0)]
+FINE = Discretisation(nodes=40, saturation=30.0, field_tolerance=1e-9)
+RHEOBASE = 18.0
+
+
+def scene(firing, finger=Finger(), loads=LOADS, fabrics=FABRICS, **choices):
+    return Scene(fabrics, 0.3, loads, firing, finger=finger, **choices)
+
+
+def assert_close(found, exact, share, floor=1e-3):
+    """Rates within a share of the largest response; the other means where enough receptors fire to have one."""
+    largest = max(exact.total_rate.max(), 1e-9)
+    np.testing.assert_allclose(found.total_rate, exact.total_rate, atol=share * largest, rtol=0)
+    np.testing.assert_allclose(found.responding, exact.responding, atol=20 * share * max(exact.responding.max(), 1))
+    np.testing.assert_allclose(found.peak_stress, exact.peak_stress, rtol=max(share, 1e-9))
+    many = exact.responding > floor * exact.responding.max()
+    np.testing.assert_allclose(found.mean_rate[many], exact.mean_rate[many], rtol=100 * share)
+    np.testing.assert_allclose(found.mean_interval[many], exact.mean_interval[many], rtol=100 * share)
+    for name in exact.contact._fields:
+        np.testing.assert_allclose(getattr(found.contact, name), getattr(exact.contact, name), rtol=1e-12)
+
+
+@pytest.fixture(scope="module")
+def default_scene(smooth_firing):
+    return scene(smooth_firing())
+
+
+@pytest.fixture(scope="module")
+def fine_scene(smooth_firing):
+    return scene(smooth_firing(), discretisation=FINE)
+
+
+SITUATIONS = {
+    "medians": {},
+    "faint": {"sigma_0": 15e3},
+    "small threshold stress": {"sigma_0": 300.0},
+    "threshold below any stress": {"sigma_0": -2e3, "alpha": 30.0},
+    "threshold far below any stress": {"sigma_0": -1e6},
+    "threshold below zero by little": {"sigma_0": 4e3, "alpha": 55.0},
+    "step": {"beta": 1.0},
+    "almost a step": {"beta": 0.02},
+    "step below any stress": {"beta": 1.0, "sigma_0": -10.0},
+    "step far below any stress": {"beta": 1.0, "sigma_0": -1e5},
+    "flat and above the rheobase": {"beta": 1e-12, "alpha": 50.0},
+    "flat": {"beta": 1e-6, "alpha": 35.9},
+    "skin that does not stiffen": {"m": 0.0},
+    "very stiff skin": {"b": 1e9, "m": 6.0},
+    "very soft skin": {"b": 300.0, "m": 0.5, "sigma_0": 100.0},
+    "large current": {"alpha": 59.0, "sigma_0": 2e3},
+    "large current and soft threshold": {"alpha": 39.0, "sigma_0": 500.0, "beta": 3e-3},
+}
+
+
+@pytest.mark.parametrize("situation", SITUATIONS)
+def test_situations(situation, default_scene, fine_scene, paper):
+    parameters = paper(**SITUATIONS[situation])
+    exact = reference_response(fine_scene, parameters, fine_scene.firing.curve, rtol=1e-10)
+    assert exact.total_rate.max() > 0
+    assert_close(default_scene.respond(parameters), exact, 2e-4)
+    # where the whole pad fires the rate falls with distance like a power: the nodes converge slowly
+    assert_close(fine_scene.respond(parameters), exact, 1e-6 if exact.responding.max() < 200 else 3e-5)
+
+
+def test_current_just_above_and_below_the_rheobase(default_scene, paper):
+    curve = default_scene.firing.curve
+    for excess in (1e-9, 1e-6, 1e-3):
+        above = default_scene.respond(paper(alpha=RHEOBASE * (1 + excess), beta=1e-3))
+        exact = reference_response(default_scene, paper(alpha=RHEOBASE * (1 + excess), beta=1e-3), curve)
+        assert (above.total_rate > 0).any()
+        np.testing.assert_allclose(above.total_rate, exact.total_rate, atol=2e-4 * exact.total_rate.max())
+        below = default_scene.respond(paper(alpha=RHEOBASE * (1 - excess), beta=1e-3))
+        assert (below.total_rate == 0).all()
+    assert (default_scene.total_rate(paper(alpha=RHEOBASE)) == 0).all()
+
+
+def test_threshold_at_the_peak_stress(default_scene, paper):
+    beta, odds = 0.6e-3, 20.3 / RHEOBASE - 1
+    peak = default_scene.respond(paper()).peak_stress
+    for condition in (1, 5, 10):
+        for shift in (0.0, 1e-16, 1e-14, 1e-10, 1e-6):
+            for sign in (-1, 1):
+                sigma_0 = peak[condition] * (1 + sign * shift) + math.log(odds) / beta
+                found = default_scene.respond(paper(sigma_0=sigma_0))
+                rate, responding = found.total_rate[condition], found.responding[condition]
+                assert 0 <= rate <= 1e-3
+                assert 0 <= responding <= 1e-3
+                if sign * shift > 1e-14:
+                    assert rate == 0
+                if sign * shift < -1e-14:
+                    assert rate > 0
+                    assert found.mean_interval[condition] * found.mean_rate[condition] >= 1 - 1e-6
+
+
+@pytest.mark.parametrize("onset_rate", [0.0, 10.0])
+@pytest.mark.parametrize(
+    "centre",
+    [(0.0, 10e-3), (0.0, 0.0), (30e-3, 20e-3), (30e-3, 3e-3), (1e-6, 10e-3), (0.3e-3, 10.1e-3), (27e-3, 19.9e-3)],
+    ids=str,
+)
+def test_contact_at_the_edges_of_the_pad(centre, onset_rate, smooth_firing, paper):
+    firing = smooth_firing(onset_rate=onset_rate)
+    touched = scene(firing, Finger(contact_centre=centre), [Indentation(2e-3)])
+    for changed in ({}, {"sigma_0": 300.0}, {"alpha": 39.0, "sigma_0": 500.0, "beta": 3e-3}, {"sigma_0": -1e4}):
+        exact = reference_response(touched, paper(**changed), firing.curve)
+        assert_close(touched.respond(paper(**changed)), exact, 2e-4)
+
+
+@pytest.mark.parametrize("load", [Indentation(12e-3), Indentation(30e-3), Force(50.0)], ids=str)
+def test_contact_larger_than_the_pad(load, smooth_firing, paper):
+    firing = smooth_firing()
+    touched = scene(firing, Finger(pad_length=10e-3, pad_width=6e-3, contact_centre=(2e-3, 1e-3)), [load])
+    for changed in ({"sigma_0": 300.0}, {"sigma_0": 4e3}, {"alpha": 50.0}):
+        exact = reference_response(touched, paper(**changed), firing.curve)
+        assert_close(touched.respond(paper(**changed)), exact, 2e-4)
+
+
+@pytest.mark.parametrize("depth", [1e-6, 1e-4, 0.5e-3, 1e-2])
+def test_every_depth(depth, smooth_firing, paper):
+    firing = smooth_firing()
+    touched = scene(firing, Finger(receptor_depth=depth), [Indentation(2e-3)])
+    for changed in ({}, {"sigma_0": 500.0}):
+        exact = reference_response(touched, paper(**changed), firing.curve)
+        assert_close(touched.respond(paper(**changed)), exact, 2e-4)
+
+
+def test_jump_at_the_onset(smooth_firing, paper):
+    smooth, jump = smooth_firing(), smooth_firing(onset_rate=12.0)
+    one, other = scene(smooth, loads=LOADS[1:]), scene(jump, loads=LOADS[1:])
+    for changed in SITUATIONS.values():
+        a, b = one.respond(paper(**changed)), other.respond(paper(**changed))
+        # every receptor that fires gains the jump, and no other
+        np.testing.assert_allclose(b.total_rate - a.total_rate, 12.0 * a.responding, rtol=1e-9, atol=1e-9)
+        np.testing.assert_allclose(b.responding, a.responding, rtol=1e-12)
+
+
+@pytest.mark.parametrize("kernel", ALTERNATIVES["stress_kernel"])
+@pytest.mark.parametrize("pressure", ALTERNATIVES["pressure"])
+def test_every_reading(pressure, kernel, smooth_firing, paper):
+    firing = smooth_firing()
+    for component in ALTERNATIVES["stress_component"]:
+        if component == "principal" and kernel == "axisymmetric":
+            continue
+        choices = {"pressure": pressure, "stress_kernel": kernel, "stress_component": component}
+        touched = scene(firing, loads=[Indentation(1.5e-3)], readings=Readings().override(choices))
+        for changed in ({}, {"sigma_0": 3e3}):
+            exact = reference_response(touched, paper(**changed), firing.curve)
+            assert_close(touched.respond(paper(**changed)), exact, 2e-4)
+
+
+def test_other_density_and_displacement(smooth_firing, paper):
+    firing = smooth_firing()
+    readings = Readings(receptor_density=PRINTED_DENSITY).override({"skin_displacement": "displacement"})
+    touched = scene(firing, readings=readings)
+    exact = reference_response(touched, paper(m=707.0), firing.curve)
+    assert exact.total_rate.max() > 10
+    assert_close(touched.respond(paper(m=707.0)), exact, 2e-4)
+
+
+def test_mean_interval_exceeds_the_mean_rates(default_scene, paper, rng):
+    # Jensen: the mean of 1/rate is at least 1 over the mean rate
+    parameters = paper(
+        b=1e5 * np.exp(0.5 * rng.normal(size=200)),
+        alpha=20.3 * np.exp(0.1 * rng.normal(size=200)),
+        beta=0.6e-3 * np.exp(0.3 * rng.normal(size=200)),
+        sigma_0=9e3 * np.exp(0.4 * rng.normal(size=200)),
+    )
+    found = default_scene.respond(parameters)
+    fires = found.responding > 0
+    assert fires.any()
+    assert not fires.all()
+    assert (found.mean_interval[fires] * found.mean_rate[fires] >= 1 - 1e-6).all()
+    assert np.isnan(found.mean_rate[~fires]).all()
+    assert np.isnan(found.mean_interval[~fires]).all()
+    assert (found.total_rate[~fires] == 0).all()
+
+
+def test_response_is_smooth_where_the_patch_reaches_an_edge(fine_scene, paper):
+    # sigma_0 moves the last responding receptor across the pad's first kinks
+    sigma_0 = np.linspace(-500.0, 1500.0, 2001)
+    rate = fine_scene.total_rate(paper(sigma_0=sigma_0, alpha=22.0))
+    extent = fine_scene.respond(paper(sigma_0=sigma_0, alpha=22.0)).responding
+    assert extent.min() < 40 < 200 < extent.max()
+    bend = np.diff(rate, 2, axis=0)
+    assert (np.diff(rate, axis=0) <= 1e-9 * rate.max()).all()
+    assert np.abs(np.diff(bend, axis=0)).max() < 2e-6 * rate.max()

@@ -1,0 +1,144 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from softness_bayes.touch.contact import Finger
+from softness_bayes.touch.readings import ALTERNATIVES
+from softness_bayes.touch.receptors import (
+    CONSISTENT,
+    PRINTED_DENSITY,
+    ReceptorCount,
+    horner,
+    kink_distances,
+    receptor_current,
+    receptors_within,
+)
+from softness_bayes.touch.reference import receptors_per_distance
+
+DENSITIES = list(ALTERNATIVES["receptor_density"].values())
+CENTRES = {
+    "paper": (12e-3, 10e-3),
+    "inside": (3e-3, 17.2e-3),
+    "distal edge": (0.0, 10e-3),
+    "proximal edge": (30e-3, 4e-3),
+    "side": (20e-3, 20e-3),
+    "corner": (0.0, 0.0),
+    "far corner": (30e-3, 20e-3),
+    "almost an edge": (1e-6, 10e-3),
+    "near an edge": (0.3e-3, 10.1e-3),
+    "almost a corner": (29.99e-3, 1e-7),
+}
+
+
+@pytest.fixture(params=CENTRES, ids=list(CENTRES))
+def finger(request):
+    return Finger(contact_centre=CENTRES[request.param])
+
+
+def brute_force(distance, finger, density):
+    """Receptors within a distance: the disc's chords across the pad, summed along it by the trapezium rule in
+    an angle that removes the ends' square root. The chord's kinks limit it to about 1e-6."""
+    x, y = finger.contact_centre
+    ends = np.clip([-x / max(distance, 1e-30), (finger.pad_length - x) / max(distance, 1e-30)], -1, 1)
+    psi = np.linspace(*np.arcsin(ends), 200_001)
+    along, half_chord = x + distance * np.sin(psi), distance * np.cos(psi)
+    chord = np.minimum(y + half_chord, finger.pad_width) - np.maximum(y - half_chord, 0)
+    return np.trapezoid(density.at(along) * chord * half_chord, psi)
+
+
+def test_densities_of_the_paper():
+    # the largest, smallest and mean density per square centimetre, and the number of receptors (model.md 8)
+    x = np.linspace(0, 30e-3, 100_001)
+    consistent, printed = CONSISTENT.at(x) * 1e-4, PRINTED_DENSITY.at(x) * 1e-4
+    assert consistent[0] == pytest.approx(70.225, abs=1e-12)
+    assert CONSISTENT.at(np.array(1.0)) * 1e-4 == pytest.approx(7.95, abs=1e-12)
+    assert np.trapezoid(consistent, x) / 30e-3 == pytest.approx(41.605, abs=0.01)
+    assert printed[0] == pytest.approx(70.225, abs=0.02)
+    assert np.trapezoid(printed, x) / 30e-3 == pytest.approx(22.0, abs=0.05)
+    assert (np.diff(consistent) < 0).all()
+
+
+def test_receptors_of_the_whole_pad(finger):
+    assert receptors_within(1.0, finger) == pytest.approx(249.66, abs=0.005)
+    assert receptors_within(1.0, finger, PRINTED_DENSITY) == pytest.approx(22.03 * 6, abs=0.5)
+    farthest = kink_distances(finger)[-1]
+    assert receptors_within(farthest, finger) == pytest.approx(float(receptors_within(1.0, finger)), rel=1e-12)
+
+
+@pytest.mark.parametrize("density", DENSITIES, ids=lambda density: density.name)
+def test_receptors_within_a_distance(finger, density):
+    distances = np.array([0.0, 1e-7, 0.2e-3, 1e-3, 4e-3, 9.9e-3, 10.1e-3, 14e-3, 19e-3, 23e-3, 33e-3, 40e-3])
+    found = receptors_within(distances, finger, density)
+    brute = [brute_force(distance, finger, density) for distance in distances]
+    np.testing.assert_allclose(found, brute, atol=2e-5)
+    assert found[0] == 0
+
+
+def test_receptors_within_agree_with_scattered_points(finger, rng):
+    points = rng.uniform([0, 0], [finger.pad_length, finger.pad_width], (200_000, 2))
+    number = CONSISTENT.at(points[:, 0]) * (finger.pad_length * finger.pad_width / len(points))
+    away = np.hypot(*(points - finger.contact_centre).T)
+    for distance in (3e-3, 11e-3, 21e-3):
+        inside = np.where(away <= distance, number, 0.0)
+        error = np.sqrt(len(points)) * inside.std()
+        assert abs(inside.sum() - receptors_within(distance, finger)) < 5 * error + 1e-9
+
+
+@pytest.mark.parametrize("density", DENSITIES, ids=lambda density: density.name)
+def test_arcs_add_up_to_the_count(finger, density):
+    # the reference's own weight, from arcs in closed form, is the derivative of the count
+    node, weight = np.polynomial.legendre.leggauss(60)
+    phi = 0.25 * np.pi * (node + 1)
+    starts = np.concatenate([[0.0], kink_distances(finger)])
+    total = 0.0
+    for start, end in zip(starts[:-1], starts[1:], strict=True):
+        rho = start + (end - start) * np.sin(phi) ** 2
+        step = (end - start) * np.sin(2 * phi) * 0.25 * np.pi * weight
+        total += step @ receptors_per_distance(rho, finger, density)
+        assert total == pytest.approx(float(receptors_within(end, finger, density)), abs=1e-8)
+
+
+@pytest.mark.parametrize("density", DENSITIES, ids=lambda density: density.name)
+def test_polynomials_of_the_count(finger, density):
+    count = ReceptorCount(finger, density)
+    starts = np.concatenate([[0.0], count.kinks[:-1]])
+    for interval, (start, end) in enumerate(zip(starts, count.kinks, strict=True)):
+        distance = start + (end - start) * np.concatenate([[0, 1e-12, 1e-6], np.linspace(1e-3, 1, 400)])
+        found = count(distance**2, interval)
+        np.testing.assert_allclose(found, receptors_within(distance, finger, density), atol=2e-5)
+    assert count.total == pytest.approx(float(receptors_within(1.0, finger, density)), rel=1e-13)
+
+
+def test_an_axis_on_the_edge_but_for_rounding():
+    on, beside = (ReceptorCount(Finger(contact_centre=(x, 4e-3)), CONSISTENT) for x in (30e-3, 30e-3 - 4e-18))
+    distance = np.linspace(0, 4e-3, 50)
+    np.testing.assert_array_equal(on.kinks, beside.kinks)
+    np.testing.assert_allclose(on(distance**2), beside(distance**2), atol=1e-9)
+
+
+def test_kinks_rise_and_omit_the_edge_under_the_axis():
+    assert kink_distances(Finger()) == pytest.approx([10e-3, 12e-3, np.hypot(10e-3, 12e-3), 18e-3, np.hypot(10e-3, 18e-3)])
+    assert kink_distances(Finger(contact_centre=(0.0, 0.0))) == pytest.approx([20e-3, 30e-3, np.hypot(20e-3, 30e-3)])
+
+
+def test_current_against_its_formula(rng):
+    sigma, sigma_0, beta = rng.uniform(0, 3e4, 50), rng.uniform(5e3, 15e3, 50), rng.uniform(1e-4, 1e-3, 50)
+    formula = 20.3 / (1 + np.exp(beta * (sigma_0 - sigma)))
+    np.testing.assert_allclose(receptor_current(sigma, 20.3, beta, sigma_0), formula, rtol=1e-12)
+    assert receptor_current(9e3, 20.3, 0.6e-3, 9e3) == 20.3 / 2
+
+
+def test_no_finite_input_overflows_the_current():
+    extreme = np.array([-1e308, -1e300, -1.0, 0.0, 1.0, 1e300, 1e308])
+    stress, sigma_0, beta = np.meshgrid(extreme, extreme, np.array([0.0, 1e-308, 1.0, 1e308]))
+    current = receptor_current(stress, 1.7e308, beta, sigma_0)
+    # equal huge stresses at beta = 1e308 are still half way, not an undefined product
+    assert np.isfinite(current).all()
+    assert ((current >= 0) & (current <= 1.7e308)).all()
+    assert receptor_current(np.float32(9e3), np.float32(20.3), np.float32(6e-4), np.float32(9e3)).dtype == np.float64
+
+
+def test_horner(rng):
+    coefficients, x = rng.normal(size=7), rng.uniform(-1, 1, (3, 4))
+    np.testing.assert_allclose(horner(coefficients, x), np.polynomial.polynomial.polyval(x, coefficients), rtol=1e-12)
