@@ -52,7 +52,7 @@ LIBRARIES = ("softness-bayes", "numpy", "scipy", "emcee", "arviz", "xarray")
 class Variable(NamedTuple):
     """A variable of a group: values (chain, draw first in groups with draws), further axes, unit."""
 
-    values: Array
+    values: NDArray[Any]
     dims: tuple[str, ...] = ()
     units: str = ""
 
@@ -198,9 +198,7 @@ class Assembly:
         design, model = self.ratings.design, self.ratings.model
         theta = self.prior[:REPLICATES]
         rate, parameters = self.posterior.mean_rate(theta), self.posterior.rating_parameters(theta)
-        effects = model.draw_effects(
-            self.rng, parameters, theta.shape[:1], design.n_participants, design.n_fabrics
-        )
+        effects = model.draw_effects(self.rng, parameters, theta.shape[:1], design.n_participants, design.n_fabrics)
         drive = model.drive(design, rate, parameters)
         made = model.draw_ratings(self.rng, design, drive, parameters, effects)
         return {
@@ -225,7 +223,7 @@ class Assembly:
             "contact_radius_mm": (curves.radius * 1e3, "mm"),
             "contact_force_n": (curves.force, "N"),
         }
-        points = {
+        points: dict[str, tuple[NDArray[Any], str]] = {
             "inflection_outcome": (turn.outcome, ""),
             "inflection_e_fab_kpa": (turn.modulus * 1e-3, "kPa"),
             "inflection_ratio": (turn.ratio, ""),

@@ -17,9 +17,7 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 
-def prediction_table(
-    fabrics: Fabrics, scene: Scene, parameters: TouchParameters, prob: float = 0.9
-) -> pd.DataFrame:
+def prediction_table(fabrics: Fabrics, scene: Scene, parameters: TouchParameters, prob: float = 0.9) -> pd.DataFrame:
     """Return the prediction for every condition of a scene.
 
     Parameters

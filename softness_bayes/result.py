@@ -49,7 +49,7 @@ class Result:
     @property
     def attributes(self) -> dict[str, Any]:
         """Provenance: schema, versions, command, seed, digests, readings, verdict."""
-        return dict(self.tree.attrs)
+        return {str(name): value for name, value in self.tree.attrs.items()}
 
     def group(self, name: str) -> xr.Dataset:
         """Return one group of ``posterior.nc`` as a dataset.
@@ -180,9 +180,7 @@ class Result:
         if "posterior" not in tree.children or "schema_version" not in tree.attrs:
             raise InputError(f"{path}: not a result of softness-bayes: no posterior or no schema version")
         if int(tree.attrs["schema_version"]) > SCHEMA:
-            raise InputError(
-                f"{path}: schema {tree.attrs['schema_version']} is newer than {SCHEMA}, the newest that is known"
-            )
+            raise InputError(f"{path}: schema {tree.attrs['schema_version']} is newer than {SCHEMA}, the last known")
         table = path.with_name(SUMMARY)
         if not table.is_file():
             raise InputError(f"{table}: no such file; expected the {SUMMARY} beside {path.name}")

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from softness_bayes.assembly import Assembly, versions
 from softness_bayes.data import Experiment
+from softness_bayes.inference.coordinates import Bent
 from softness_bayes.inference.design import Design
 from softness_bayes.inference.observation import SOFTNESS, LogRatings, RatingDirection, RatingModel
 from softness_bayes.inference.parameters import parameter_space
@@ -20,6 +21,10 @@ from softness_bayes.result import SCHEMA, Result
 from softness_bayes.study import scene_of
 from softness_bayes.touch.readings import MENDED, Readings
 from softness_bayes.touch.scene import Discretisation
+
+ALPHA_WIDTH = 0.3
+"""Distance from the rheobase [µA/cm²] beyond which alpha's coordinate turns logarithmic."""
+
 
 @dataclass(frozen=True)
 class RunOptions:
@@ -82,6 +87,9 @@ def posterior_of(experiment: Experiment, options: RunOptions) -> Posterior:
         conditions.load,
         options.discretisation,
     )
+    # the exponent's ridge with alpha is straight in the distance from the rheobase: tau falls by a third
+    bend = Bent(float(scene.firing.curves(space.touch(space.median)).rheobase), ALPHA_WIDTH)
+    space = replace(space, bent={"alpha": bend} if np.isfinite(bend.centre) else {})
     design = Design(conditions.of_rating, ratings.participant, conditions.fabric, len(ratings.participants))
     return Posterior(space, scene, LogRatings(ratings.rating, design, RatingModel(options.direction)))
 

@@ -29,9 +29,7 @@ def touch_parameters(values: Mapping[str, ArrayLike]) -> TouchParameters:
     values
         Name -> number or array of one batch shape; names that the chain does not have are left out.
     """
-    return TouchParameters(
-        *(np.asarray(values[name], float) * PARAMETERS[name].si for name in TouchParameters._fields)
-    )
+    return TouchParameters(*(np.asarray(values[name], float) * PARAMETERS[name].si for name in TouchParameters._fields))
 
 
 def usual_values(

@@ -50,10 +50,8 @@ def smooth_firing():
 
     def make(rheobase: float = 18.0, onset_rate: float = 0.0) -> OneCurve:
         coefficients = np.array([14.0, 4.0, -0.8, 0.3])
-        unmeasured = CurveError(0.0, 0.0)
-        return OneCurve(
-            RateCurve(np.array(rheobase), np.array(onset_rate), coefficients, 60.0, unmeasured)
-        )
+        unmeasured = CurveError(*np.zeros(len(CurveError._fields)))
+        return OneCurve(RateCurve(np.array(rheobase), np.array(onset_rate), coefficients, 60.0, unmeasured))
 
     return make
 

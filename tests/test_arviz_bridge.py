@@ -89,7 +89,5 @@ def test_diagnostics_refuse_other_shapes():
 
 def test_importing_the_bridge_imports_neither_arviz_nor_xarray():
     code = "import sys, softness_bayes.arviz_bridge; print({'arviz', 'xarray'} & set(sys.modules))"
-    out = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, check=True, env=os.environ
-    )
+    out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, env=os.environ)
     assert out.stdout.strip() == "set()"

@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from softness_bayes.data.columns import BENDING_RIGIDITY, NUMBERS, POISSON_RATIO, THICKNESS
 from softness_bayes.data import (
     Experiment,
     Fabrics,
@@ -18,6 +17,7 @@ from softness_bayes.data import (
     write_fabrics,
     write_ratings,
 )
+from softness_bayes.data.columns import BENDING_RIGIDITY, NUMBERS, POISSON_RATIO, THICKNESS
 from softness_bayes.errors import InputError
 from softness_bayes.touch.contact import PLATE_RIGIDITY, PRINTED_RIGIDITY, Force, Indentation
 
@@ -117,9 +117,7 @@ SEMICOLONS = RATINGS.replace(",", ";").replace(".", ",")
         pytest.param(RATINGS.replace(",", " , "), id="spaces"),
         pytest.param(RATINGS.replace("denim", '"denim"').replace("P2", ' "P2"'), id="quoted cells"),
         pytest.param(RATINGS.replace("\n", ",,\n"), id="empty columns at the end"),
-        pytest.param(
-            "\n".join(f"{i}," * (i >= 0) + line for i, line in enumerate(RATINGS.split("\n"))), id="index"
-        ),
+        pytest.param("\n".join(f"{i}," * (i >= 0) + line for i, line in enumerate(RATINGS.split("\n"))), id="index"),
     ],
 )
 def test_dialects_say_the_same(file, content):
@@ -182,9 +180,7 @@ def test_rows_choose_between_indentation_and_force(file):
     assert ratings.load.tolist() == [3, 1, 2, 0]
 
 
-@pytest.mark.parametrize(
-    ("given", "load"), [("indentation_mm", Indentation(0.0015)), ("force_n", Force(1.5))]
-)
+@pytest.mark.parametrize(("given", "load"), [("indentation_mm", Indentation(0.0015)), ("force_n", Force(1.5))])
 def test_one_load_for_a_table_without_any(file, given, load):
     assert Ratings.read(file("fabric,rating\na,1\n"), **{given: 1.5}).loads == (load,)
 
@@ -201,9 +197,7 @@ def test_columns_are_renamed(file):
     text = RATINGS.replace("rating", "Softness").replace("fabric", "cloth")
     columns = {"rating": "softness", "fabric": "cloth"}
     path = file(edited(text, 3, "7.25", "x"))
-    assert "row 3, column 'Softness': expected a finite number, got 'x'" in refusal(
-        Ratings.read, path, columns=columns
-    )
+    assert "row 3, column 'Softness': expected a finite number, got 'x'" in refusal(Ratings.read, path, columns=columns)
     assert Ratings.read(file(text), columns=columns).rating_column == "Softness"
 
 
@@ -383,9 +377,8 @@ def test_a_row_fills_one_load_column(file, cells):
 def test_a_point_in_a_file_of_decimal_commas_is_refused(file):
     """The point may separate thousands: 1.234 would be read a thousand times too small."""
     text = SEMICOLONS.replace(";5\n", ";1.234\n")
-    assert (
-        "row 2, column 'rating': expected a decimal comma, as elsewhere in this file, got '1.234'"
-        in refusal(Ratings.read, file(text))
+    assert "row 2, column 'rating': expected a decimal comma, as elsewhere in this file, got '1.234'" in refusal(
+        Ratings.read, file(text)
     )
 
 
@@ -400,18 +393,14 @@ def test_unknown_fabrics_are_named_with_a_guess(file):
 def test_renames_must_mean_something(file):
     path = file(RATINGS)
     assert "did you mean 'rating'?" in refusal(Ratings.read, path, columns={"ratng": "rating"})
-    assert f"there is no column 'softness' in {path}" in refusal(
-        Ratings.read, path, columns={"rating": "softness"}
-    )
+    assert f"there is no column 'softness' in {path}" in refusal(Ratings.read, path, columns={"rating": "softness"})
 
 
 @pytest.mark.parametrize("value", ["0", "-1.5"])
 def test_ratings_without_a_logarithm_are_refused_on_demand(file, value):
     ratings = Ratings.read(path := file(edited(RATINGS, 3, "7.25", value)))
     message = refusal(ratings.require_positive)
-    assert message.startswith(
-        f"{path}: row 3, column 'rating': expected a magnitude estimate above 0, got '{value}'"
-    )
+    assert message.startswith(f"{path}: row 3, column 'rating': expected a magnitude estimate above 0, got '{value}'")
     assert "1 of 3 ratings" in message
     assert "leave the cell" in message
     assert Ratings.read(file(RATINGS)).require_positive() is None
@@ -484,9 +473,7 @@ def test_fabrics_given_by_name_win_over_those_in_the_ratings(file):
     path = file("fabric,effective_modulus_kpa\na,10\nb,20\n", "cloth.csv")
     experiment = read_experiment(file(OWN), path)
     assert experiment.fabrics.modulus().tolist() == [10e3, 20e3]
-    assert any(
-        f"tensile_modulus_mpa not used, the fabrics are those of {path}" in n for n in experiment.notes
-    )
+    assert any(f"tensile_modulus_mpa not used, the fabrics are those of {path}" in n for n in experiment.notes)
 
 
 def test_without_fabrics_the_ways_to_give_them_are_named(file):

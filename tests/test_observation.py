@@ -45,10 +45,7 @@ def dense(ratings, design, rate, p, model=DEFAULT):
 
 def dense_log_likelihood(ratings, design, rate, p, model=DEFAULT):
     mean, covariance = dense(ratings, design, rate, p, model)
-    return (
-        multivariate_normal(mean, covariance, allow_singular=False).logpdf(np.log(ratings))
-        - np.log(ratings).sum()
-    )
+    return multivariate_normal(mean, covariance, allow_singular=False).logpdf(np.log(ratings)) - np.log(ratings).sum()
 
 
 def dense_leave_one_out(ratings, design, rate, p):
@@ -107,9 +104,7 @@ def test_likelihood_where_double_precision_is_too_short_for_the_dense_law(omega)
         tau, omega_squared = mpmath.mpf(point.tau) ** 2, mpmath.mpf(point.omega) ** 2
         exact = mpmath.mpf(point.varsigma) ** 2 * mpmath.eye(12)
         for i, j in np.ndindex(12, 12):
-            exact[i, j] += (
-                9 + tau * bool(person[i] == person[j]) + omega_squared * bool(fabric[i] == fabric[j])
-            )
+            exact[i, j] += 9 + tau * bool(person[i] == person[j]) + omega_squared * bool(fabric[i] == fabric[j])
         residual = mpmath.matrix((np.log(ratings) - mean).tolist())
         quadratic = (residual.T * mpmath.lu_solve(exact, residual))[0]
         expected = -(12 * mpmath.log(2 * mpmath.pi) + mpmath.log(mpmath.det(exact)) + quadratic) / 2
@@ -136,9 +131,7 @@ def test_a_batch_is_its_points_one_by_one(direction):
     batch = LogRatings(ratings, design, model).log_likelihood(rates, points)
     for k in range(100):
         point = RatingParameters(*(value[k] for value in points))
-        assert batch[k] == pytest.approx(
-            dense_log_likelihood(ratings, design, rates[k], point, model), rel=1e-10
-        )
+        assert batch[k] == pytest.approx(dense_log_likelihood(ratings, design, rates[k], point, model), rel=1e-10)
 
 
 def test_direction_changes_the_sign_of_the_exponent():
@@ -152,8 +145,7 @@ def test_direction_changes_the_sign_of_the_exponent():
         effects = model.draw_effects(rng, point, (), design.n_participants, design.n_fabrics)
         ratings = model.draw_ratings(rng, design, model.drive(design, rate, point), point, effects)
         likelihood = [
-            LogRatings(ratings, design, RatingModel(d)).log_likelihood(rate, point)
-            for d in (direction, other)
+            LogRatings(ratings, design, RatingModel(d)).log_likelihood(rate, point) for d in (direction, other)
         ]
         assert likelihood[0] > likelihood[1] + 100
 
@@ -246,9 +238,7 @@ def test_new_participants_and_ratings_follow_the_model():
     mean, covariance = dense(ratings[0], design, rate, point)
     scale = np.sqrt(np.diag(covariance))
     np.testing.assert_allclose((np.log(ratings).mean(0) - mean) / scale, 0, atol=0.03)
-    np.testing.assert_allclose(
-        (np.cov(np.log(ratings).T) - covariance) / np.outer(scale, scale), 0, atol=0.04
-    )
+    np.testing.assert_allclose((np.cov(np.log(ratings).T) - covariance) / np.outer(scale, scale), 0, atol=0.04)
     fixed = model.draw_effects(rng, point, (5,), 2, 2, mu=1.5)
     np.testing.assert_array_equal(fixed.mu, np.full(5, 1.5))
 
@@ -259,9 +249,7 @@ def test_leave_one_out_is_calibrated_on_ratings_of_the_model():
     _, design, rate = lab(rng, rows=400)
     point, model = RatingParameters(1.2, 0.7, 0.3), RatingModel()
     effects = model.draw_effects(rng, point, (), design.n_participants, design.n_fabrics)
-    observed = LogRatings(
-        model.draw_ratings(rng, design, model.drive(design, rate, point), point, effects), design
-    )
+    observed = LogRatings(model.draw_ratings(rng, design, model.drive(design, rate, point), point, effects), design)
     y = np.log(observed.ratings)
     for varsigma, calibrated in ((0.3, True), (0.6, False)):
         law = observed.leave_one_out(rate, point._replace(varsigma=varsigma))

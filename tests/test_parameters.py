@@ -1,13 +1,14 @@
 """The declaration of the parameters and the space of the sampled ones."""
 
 import pickle
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from scipy import stats
 
 from softness_bayes.errors import InputError
-from softness_bayes.inference.coordinates import HalfLine, Interval, Line, coordinate_for
+from softness_bayes.inference.coordinates import Bent, HalfLine, Interval, Line, coordinate_for
 from softness_bayes.inference.parameters import HELD, PARAMETERS, PRIOR_SETS, parameter_space
 from softness_bayes.inference.priors import HalfNormal, LogNormal, Normal, Uniform
 from softness_bayes.touch.contact import DISPLACEMENT, STRAIN
@@ -79,9 +80,8 @@ def test_coordinates_follow_the_support():
 SPACES = {
     "default": parameter_space(),
     "everything": EVERYTHING,
-    "other priors": parameter_space(
-        priors={"b": Uniform(20, 300), "m": HalfNormal(2), "c_K": Uniform(1.1, 1.2)}
-    ),
+    "other priors": parameter_space(priors={"b": Uniform(20, 300), "m": HalfNormal(2), "c_K": Uniform(1.1, 1.2)}),
+    "bent about the rheobase": replace(parameter_space(), bent={"alpha": Bent(17.99, 0.3)}),
 }
 
 
@@ -94,8 +94,7 @@ def test_coordinates_invert_and_have_the_stated_jacobian(space):
     step = 1e-6
     columns = np.eye(space.dimension) * step
     numerical = sum(
-        np.log((space.natural(z + h)[:, k] - space.natural(z - h)[:, k]) / (2 * step))
-        for k, h in enumerate(columns)
+        np.log((space.natural(z + h)[:, k] - space.natural(z - h)[:, k]) / (2 * step)) for k, h in enumerate(columns)
     )
     np.testing.assert_allclose(space.log_jacobian(z), numerical, rtol=1e-6, atol=1e-6)
     # negative control: without the logarithms' part the Jacobian is far off

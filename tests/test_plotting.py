@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+import pandas as pd
 import pytest
 from matplotlib.artist import Artist
 from matplotlib.figure import Figure
@@ -15,11 +16,13 @@ from matplotlib.text import Text
 from numpy.testing import assert_allclose
 
 from softness_bayes import plotting
+from softness_bayes.arviz_bridge import ENSEMBLE, to_tree
 from softness_bayes.errors import InputError
 from softness_bayes.inference.curves import Curves, Inflection, find_inflection
 from softness_bayes.plotting.chains import MOST_STEPS
 from softness_bayes.plotting.inflection import percent
 from softness_bayes.plotting.panels import number_ticks
+from softness_bayes.result import Result
 from softness_bayes.touch.contact import Force, Indentation, Load
 
 FINGER_RADIUS = 8e-3
@@ -70,10 +73,11 @@ def drawn(figure: Figure) -> Figure:
 def test_response_shows_the_quantiles_of_every_load(loads: tuple[Load, ...], draws: int) -> None:
     curves = invented_curves(loads, draws)
     inflection = find_inflection(curves, 0.0, (FABRICS.min(), FABRICS.max()))
-    figure = drawn(
-        plotting.response_figure(curves, loads, FABRICS, inflection=inflection, finger_radius=FINGER_RADIUS)
-    )
-    assert len(figure.axes) == len(loads)
+    figure = drawn(plotting.response_figure(curves, loads, FABRICS, inflection=inflection, finger_radius=FINGER_RADIUS))
+    panels = {artist(figure, f"median/{load}").axes for load in loads}
+    assert len(panels) == len(loads)
+    # each panel and its margin, nothing else
+    assert len(figure.axes) == 2 * len(loads)
     for index, load in enumerate(loads):
         rate = curves.total_rate[:, index]
         median = artist(figure, f"median/{load}")
@@ -126,7 +130,7 @@ def test_silence_is_drawn_without_an_inflection(loads: tuple[Load, ...]) -> None
     curves = invented_curves(loads, 3, loudness=0.0)
     inflection = find_inflection(curves, 0.0, (FABRICS.min(), FABRICS.max()))
     response = drawn(plotting.response_figure(curves, loads, FABRICS, inflection=inflection))
-    assert response.axes[0].get_ylim() == (0.0, 1.0)
+    assert artist(response, f"fabrics/{loads[0]}").axes.get_ylim() == (0.0, 1.0)
     figure = drawn(plotting.inflection_figure(inflection, loads, FABRICS))
     for load in loads:
         assert artist(figure, f"silent/{load}").get_width() == 100
@@ -295,6 +299,58 @@ def test_traces_and_ranks_tell_a_stray_ensemble() -> None:
     assert_allclose(heights[1:], 1.0, atol=0.2)
     with pytest.raises(InputError, match="walkers"):
         plotting.trace_figure(draws, ensemble[1:], labels)
+
+
+def finished_run() -> Result:
+    """Return a result of two parameters, three fabrics and two loads, as a run stores it."""
+    rng = np.random.default_rng(9)
+    loads = (Indentation(1e-3), Force(0.5))
+    curves = invented_curves(loads, 20)
+    turn = find_inflection(curves, 0.0, (FABRICS.min(), FABRICS.max()))
+    along, at, rows = ("load", "e_fab_kpa"), ("load",), ("rating_row",)
+    lines = {"total_rate": curves.total_rate, "typical_rating": 1.0 + curves.total_rate}
+    lines |= {"e_skin_kpa": curves.skin_modulus / 1e3, "contact_radius_mm": curves.radius * 1e3}
+    lines |= {"contact_force_n": curves.force}
+    points = {"outcome": turn.outcome, "e_fab_kpa": turn.modulus / 1e3, "ratio": turn.ratio}
+    points |= {"force_n": turn.force, "drop": turn.drop, "inside": turn.inside.astype(np.int8)}
+    places = {f"inflection_{name}": values for name, values in points.items()}
+    participant, fabric, load = (index.ravel() for index in np.indices((4, 3, 2)))
+    index = {"participant_index": participant, "fabric_index": fabric, "load_index": load}
+    tree = to_tree(
+        {
+            "posterior": {name: np.exp(rng.standard_normal((8, 60))) for name in ("b", "gamma", "mu")},
+            "prior": {name: np.exp(rng.standard_normal((1, 90))) for name in ("b", "gamma")},
+            "predictions": {name: values[None] for name, values in (lines | places).items()},
+            "observed_data": {"rating": np.exp(rng.standard_normal(24))},
+            "constant_data": {
+                "effective_modulus_kpa": FABRICS / 1e3,
+                "indentation_mm": [1.0, np.nan],
+                "force_n": [np.nan, 0.5],
+                **index,
+            },
+        },
+        {
+            **dict.fromkeys(lines, along),
+            **dict.fromkeys([*places, "indentation_mm", "force_n"], at),
+            **dict.fromkeys([*index, "rating"], rows),
+            "effective_modulus_kpa": ("fabric",),
+        },
+        {"e_fab_kpa": curves.modulus / 1e3, ENSEMBLE: np.repeat([0, 1], 4)},
+    )
+    return Result(tree, pd.DataFrame())
+
+
+def test_a_finished_run_has_all_its_figures(tmp_path) -> None:
+    result = finished_run()
+    paths = plotting.draw_figures(result, tmp_path / "figures", formats=("png",))
+    assert [path.stem for path in paths] == list(plotting.FIGURES)
+    assert all(path.stat().st_size > 5000 for path in paths)
+    rating = plotting.FIGURES["rating"](result, plotting.USUAL)
+    values = result.group("observed_data")["rating"].values.reshape(4, 3, 2)
+    assert_allclose(artist(rating, "ratings/0.5 N").get_xdata(), FABRICS / 1e3)
+    assert_allclose(artist(rating, "ratings/0.5 N").get_ydata(), np.exp(np.log(values[..., 1]).mean(axis=0)))
+    corner = plotting.FIGURES["corner"](result, plotting.USUAL)
+    assert [artist(corner, f"corner/1/{k}").get_xlabel() for k in (0, 1)] == ["$b$\n[kPa]", r"$\gamma$"]
 
 
 def test_saved_files_are_the_same_bytes_every_time(tmp_path) -> None:

@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 import pytest
 
@@ -92,7 +94,7 @@ def test_arcs_add_up_to_the_count(finger, density):
     phi = 0.25 * np.pi * (node + 1)
     starts = np.concatenate([[0.0], kink_distances(finger)])
     total = 0.0
-    for start, end in zip(starts[:-1], starts[1:], strict=True):
+    for start, end in itertools.pairwise(starts):
         rho = start + (end - start) * np.sin(phi) ** 2
         step = (end - start) * np.sin(2 * phi) * 0.25 * np.pi * weight
         total += step @ receptors_per_distance(rho, finger, density)
@@ -118,7 +120,9 @@ def test_an_axis_on_the_edge_but_for_rounding():
 
 
 def test_kinks_rise_and_omit_the_edge_under_the_axis():
-    assert kink_distances(Finger()) == pytest.approx([10e-3, 12e-3, np.hypot(10e-3, 12e-3), 18e-3, np.hypot(10e-3, 18e-3)])
+    assert kink_distances(Finger()) == pytest.approx(
+        [10e-3, 12e-3, np.hypot(10e-3, 12e-3), 18e-3, np.hypot(10e-3, 18e-3)]
+    )
     assert kink_distances(Finger(contact_centre=(0.0, 0.0))) == pytest.approx([20e-3, 30e-3, np.hypot(20e-3, 30e-3)])
 
 

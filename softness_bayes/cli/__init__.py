@@ -51,9 +51,7 @@ class VerbGroup(click.Group):
             ctx.exit(2)
 
 
-@click.group(
-    cls=VerbGroup, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110}
-)
+@click.group(cls=VerbGroup, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110})
 @click.version_option(__version__, prog_name="softness-bayes")
 def main() -> None:
     """Infer how skin and touch receptors turn fabrics into softness, from ratings.

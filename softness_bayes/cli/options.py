@@ -94,9 +94,7 @@ def _loads(multiple: bool, text: str) -> Decorator:
             ("--force-n", "Contact force", "N"),
             ("--indentation-mm", "Indentation", "mm"),
         ):
-            verb = click.option(
-                flag, type=float, multiple=multiple, metavar=unit, help=f"{noun} [{unit}] {text}"
-            )(verb)
+            verb = click.option(flag, type=float, multiple=multiple, metavar=unit, help=f"{noun} [{unit}] {text}")(verb)
         return verb
 
     return decorate

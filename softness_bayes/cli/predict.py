@@ -12,6 +12,10 @@ from softness_bayes.cli.options import ReadingChoice, Touches, prior_set, readin
 from softness_bayes.errors import InputError
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from numpy.typing import ArrayLike
+
     from softness_bayes.touch.parameters import TouchParameters
     from softness_bayes.touch.scene import Scene
 
@@ -56,12 +60,12 @@ def command(
     fabrics, loads = touches.read()
     if posterior is None:
         chosen = choice.resolve()
-        named = dict(usual_values(chosen, prior_set, values))
+        named: Mapping[str, ArrayLike] = usual_values(chosen, prior_set, values)
     else:
         from softness_bayes.result import Result
 
         if values or not choice.is_default or prior_set != "default":
-            raise InputError("--posterior brings its own parameters and readings: leave out --set and the like")
+            raise InputError("--posterior brings its own parameters and readings: leave out --set and others")
         result = Result.load(posterior)
         chosen, named = result.readings, result.values(DRAWS)
     parameters = touch_parameters(named)

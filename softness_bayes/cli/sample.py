@@ -111,7 +111,9 @@ def command(
         draw_figures(result, out / "figures")
     _report(result, out)
     if not result.attributes["converged"]:
-        raise NotConvergedError(str(result.attributes["verdict"]))
+        raise NotConvergedError(
+            f"not converged at --max-steps {max_steps}; what was drawn is in {out}, for inspection only"
+        )
 
 
 class _Bar:

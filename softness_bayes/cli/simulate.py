@@ -32,9 +32,7 @@ if TYPE_CHECKING:
 @set_values
 @prior_set
 @readings
-@click.option(
-    "--participants", type=click.IntRange(min=1), default=30, show_default=True, help="Number of raters."
-)
+@click.option("--participants", type=click.IntRange(min=1), default=30, show_default=True, help="Number of raters.")
 @click.option(
     "--missing",
     type=click.FloatRange(0, 1, max_open=True),

@@ -79,9 +79,7 @@ def read_experiment(
     if fabrics_path is not None:
         fabric_table = read_table(fabrics_path, columns)
         if own:
-            notes.append(
-                f"{table.path.name}: {listing(own)} not used, the fabrics are those of {fabrics_path}"
-            )
+            notes.append(f"{table.path.name}: {listing(own)} not used, the fabrics are those of {fabrics_path}")
     elif own:
         fabric_table = table
     elif beside.is_file():

@@ -140,8 +140,7 @@ class Fabrics:
     def cells(self) -> dict[str, list[str]]:
         """Return the columns that hold anything, as text for a file."""
         columns = {
-            column.name: [column.write(value) for value in getattr(self, name)]
-            for name, column in PROPERTIES.items()
+            column.name: [column.write(value) for value in getattr(self, name)] for name, column in PROPERTIES.items()
         }
         return {name: texts for name, texts in columns.items() if any(texts)}
 

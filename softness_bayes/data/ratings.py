@@ -63,9 +63,7 @@ def loads_of(indentation_mm: Iterable[float] = (), force_n: Iterable[float] = ()
 
 def _rank(load: Load) -> tuple[int, float]:
     """Return the key that orders loads: indentations first, each rising."""
-    return next(
-        (k, entry.value(load)) for k, entry in enumerate(LOAD_COLUMNS) if isinstance(load, entry.kind)
-    )
+    return next((k, entry.value(load)) for k, entry in enumerate(LOAD_COLUMNS) if isinstance(load, entry.kind))
 
 
 class Conditions(NamedTuple):
@@ -222,9 +220,7 @@ class Ratings:
         filed = table.numbers(RATING)
         rated = np.flatnonzero(~np.isnan(filed))
         if not rated.size:
-            raise InputError(
-                f"{table.path}: column {table.titles[RATING.name]!r}: there is no rating in any row"
-            )
+            raise InputError(f"{table.path}: column {table.titles[RATING.name]!r}: there is no rating in any row")
         notes = [*table.notes]
         if rated.size < len(table):
             notes.append(f"{len(table) - rated.size} of {len(table)} ratings are missing")

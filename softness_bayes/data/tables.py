@@ -247,7 +247,5 @@ def _records(path: Path, text: str, separator: str) -> tuple[list[str], list[lis
     for record, row in zip(body, rows[1:], strict=True):
         beyond = [cell for cell in record[used:] if cell]
         if beyond:
-            raise InputError(
-                f"{path}: row {row}: {beyond[-1]!r} stands beyond the {used} columns of the header"
-            )
+            raise InputError(f"{path}: row {row}: {beyond[-1]!r} stands beyond the {used} columns of the header")
     return header, body, rows[1:]

@@ -30,9 +30,7 @@ class Segment(NamedTuple):
 
     def every(self, stride: int) -> Segment:
         """Every ``stride``-th stored step, from the last of the first ``stride``."""
-        return Segment(
-            self.coordinates[stride - 1 :: stride], self.log_density[stride - 1 :: stride], self.accepted
-        )
+        return Segment(self.coordinates[stride - 1 :: stride], self.log_density[stride - 1 :: stride], self.accepted)
 
 
 @dataclass(frozen=True)

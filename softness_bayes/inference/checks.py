@@ -1,4 +1,4 @@
-"""Predictive checks: does the fitted model make data like those that were seen?"""
+"""Predictive checks: whether the fitted model makes data like those that were seen."""
 
 from __future__ import annotations
 
@@ -31,9 +31,9 @@ class FabricCheck(NamedTuple):
         if self.p_value >= NEEDED:
             return f"fabrics: no deviations of their own beyond noise (p = {self.p_value:.2g})"
         return (
-            f"fabrics: deviate from the response by about {self.deviation:.2g} in the log rating, more than noise "
-            f"explains (p = {self.p_value:.2g}); without an effect per fabric the intervals are too narrow: "
-            "add --prior omega='halfnormal(0.5)'"
+            f"fabrics: deviate from the response by about {self.deviation:.2g} in the log rating, more than "
+            f"noise explains (p = {self.p_value:.2g}); without an effect per fabric the intervals are too "
+            "narrow: add --prior omega='halfnormal(0.5)'"
         )
 
 

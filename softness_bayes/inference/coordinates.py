@@ -83,6 +83,32 @@ class Interval:
         return math.log(self.high - self.low) + log_expit(z) + log_expit(-z)
 
 
+@dataclass(frozen=True)
+class Bent:
+    """x = centre + width sinh z: linear near a centre, logarithmic far from it on either side.
+
+    Suits a quantity whose effect grows like a power of its distance from the centre, as that of the
+    largest receptor current grows above the rheobase: the ridges that it makes with exponents become
+    straight. It reaches every number, also those that a prior excludes.
+    """
+
+    centre: float
+    width: float
+
+    def natural(self, z: FloatArray) -> FloatArray:
+        """Return x = centre + width sinh z; infinite where sinh overflows."""
+        with np.errstate(over="ignore"):
+            return self.centre + self.width * np.sinh(z)
+
+    def coordinate(self, x: FloatArray) -> FloatArray:
+        """Return z = arsinh((x - centre) / width)."""
+        return np.arcsinh((x - self.centre) / self.width)
+
+    def log_slope(self, z: FloatArray) -> FloatArray:
+        """Log of width cosh z."""
+        return math.log(0.5 * self.width) + np.logaddexp(z, -z)
+
+
 def coordinate_for(support: tuple[float, float]) -> Coordinate:
     """The coordinate that suits a support (low, high).
 

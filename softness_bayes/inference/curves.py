@@ -109,16 +109,12 @@ def find_inflection(curves: Curves, error: float, data_range: tuple[float, float
     rate, log_modulus = curves.total_rate, np.log(curves.modulus)
     points = log_modulus.size
     top = np.clip(rate.argmax(axis=-1), 2, points - 3)
-    offset, peak = _refine(
-        np.stack([np.take_along_axis(rate, (top + k)[..., None], -1)[..., 0] for k in _STENCIL], -1)
-    )
+    offset, peak = _refine(np.stack([np.take_along_axis(rate, (top + k)[..., None], -1)[..., 0] for k in _STENCIL], -1))
     place = top + offset
     silent = rate.max(axis=-1) == 0
     margin = max(LEAST_DROP, 3.0 * error) * peak
     interior = ~silent & (peak - rate[..., 0] >= margin) & (peak - rate[..., -1] >= margin)
-    outcome = np.where(silent, Outcome.SILENT, np.where(interior, Outcome.INTERIOR, Outcome.NONE)).astype(
-        np.int8
-    )
+    outcome = np.where(silent, Outcome.SILENT, np.where(interior, Outcome.INTERIOR, Outcome.NONE)).astype(np.int8)
 
     def at_peak(values: Array) -> Array:
         below = np.floor(place).astype(int)
@@ -129,9 +125,7 @@ def find_inflection(curves: Curves, error: float, data_range: tuple[float, float
     with np.errstate(invalid="ignore", divide="ignore"):
         drop = np.where(interior, 1.0 - rate[..., -1] / peak, np.nan)
         inside = interior & (modulus >= data_range[0]) & (modulus <= data_range[1])
-    return Inflection(
-        outcome, modulus, modulus / at_peak(curves.skin_modulus), at_peak(curves.force), drop, inside
-    )
+    return Inflection(outcome, modulus, modulus / at_peak(curves.skin_modulus), at_peak(curves.force), drop, inside)
 
 
 _STENCIL = (-2, -1, 0, 1, 2)

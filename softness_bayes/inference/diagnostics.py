@@ -146,21 +146,15 @@ class Verdict:
             found.append(f"{self.stuck} walkers never moved")
         if not self.lengths >= goal.lengths and not self.stuck:
             worst = self.names[self.worst]
-            found.append(
-                f"{self.lengths:.0f} of {goal.lengths:.0f} tau kept (tau {self.tau.max():.0f}, {worst})"
-            )
+            found.append(f"{self.lengths:.0f} of {goal.lengths:.0f} tau kept (tau {self.tau.max():.0f}, {worst})")
         if not self.r_hat.max() <= goal.r_hat:
             apart = self.names[int(self.r_hat.argmax())]
             found.append(f"ensembles disagree about {apart} (R-hat {self.r_hat.max():.2f})")
         for kind, ess in (("bulk", self.ess_bulk), ("tail", self.ess_tail)):
             if ess.min() < goal.ess:
-                found.append(
-                    f"{kind} ESS of {self.names[int(ess.argmin())]} is {ess.min():.0f} of {goal.ess:.0f}"
-                )
+                found.append(f"{kind} ESS of {self.names[int(ess.argmin())]} is {ess.min():.0f} of {goal.ess:.0f}")
         if not found and not self.tau_change <= goal.tau_change:
-            change = (
-                "not yet compared" if math.isinf(self.tau_change) else f"changed by {self.tau_change:.0%}"
-            )
+            change = "not yet compared" if math.isinf(self.tau_change) else f"changed by {self.tau_change:.0%}"
             found.append(f"tau of {self.names[self.worst]} {change}")
         return found or ["the goal was met at this look only"]
 

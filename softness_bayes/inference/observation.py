@@ -123,9 +123,7 @@ class RatingModel:
         effects: Effects,
     ) -> FloatArray:
         """One rating for every row of a design, shape (..., rows), given the effects and `drive`."""
-        log_rating = (
-            effects.mu[..., None] + (drive + effects.fabric[..., design.fabric])[..., design.condition]
-        )
+        log_rating = effects.mu[..., None] + (drive + effects.fabric[..., design.fabric])[..., design.condition]
         log_rating = log_rating + effects.participant[..., design.participant]
         noise = rng.standard_normal(log_rating.shape)
         return np.exp(log_rating + np.asarray(parameters.varsigma, float)[..., None] * noise)
@@ -155,9 +153,7 @@ class LogRatings:
         self.ratings = np.array(ratings, dtype=float)
         self.ratings.flags.writeable = False
         if self.ratings.shape != (design.n_rows,):
-            raise InputError(
-                f"ratings: shape {self.ratings.shape}, expected one for each of {design.n_rows} rows"
-            )
+            raise InputError(f"ratings: shape {self.ratings.shape}, expected one for each of {design.n_rows} rows")
         wrong = ~(np.isfinite(self.ratings) & (self.ratings > 0))
         if wrong.any():
             raise InputError(
@@ -195,9 +191,7 @@ class LogRatings:
         mean, sd = self.leave_one_out(mean_rate, parameters)
         return -0.5 * ((self._log - mean) / sd) ** 2 - np.log(sd) - _LOG_ROOT_TWO_PI - self._log
 
-    def draw_effects(
-        self, rng: np.random.Generator, mean_rate: FloatArray, parameters: RatingParameters
-    ) -> Effects:
+    def draw_effects(self, rng: np.random.Generator, mean_rate: FloatArray, parameters: RatingParameters) -> Effects:
         """Exact draws of mu, participants and fabrics given the ratings, one for each point of the batch."""
         drive = self.model.drive(self.design, mean_rate, parameters)
         return self._effects.draw_effects(rng, drive, _spreads(parameters))

@@ -98,15 +98,21 @@ class ParameterSpace:
 
     sampled: tuple[Parameter, ...]
     held: Mapping[str, float]
+    bent: Mapping[str, Coordinate] = field(default_factory=dict)
+    """Coordinates of sampled parameters that differ from what their priors' supports suggest."""
     _coordinates: tuple[Coordinate, ...] = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "held", MappingProxyType(dict(self.held)))
-        coordinates = tuple(coordinate_for(p.prior.support) for p in self.sampled)
+        object.__setattr__(self, "bent", MappingProxyType(dict(self.bent)))
+        coordinates = tuple(self.bent.get(p.name) or coordinate_for(p.prior.support) for p in self.sampled)
         object.__setattr__(self, "_coordinates", coordinates)
 
-    def __reduce__(self) -> tuple[type, tuple[tuple[Parameter, ...], dict[str, float]]]:
-        return type(self), (self.sampled, dict(self.held))  # a mapping proxy cannot travel to a worker
+    def __reduce__(
+        self,
+    ) -> tuple[type, tuple[tuple[Parameter, ...], dict[str, float], dict[str, Coordinate]]]:
+        # a mapping proxy cannot travel to a worker
+        return type(self), (self.sampled, dict(self.held), dict(self.bent))
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -137,9 +143,7 @@ class ParameterSpace:
         It is -inf outside the open interval of a support: the sampler's coordinates never reach the
         ends except by rounding.
         """
-        return _columnwise(
-            [_open_log_density(p.prior, theta[..., k]) for k, p in enumerate(self.sampled)], theta
-        )
+        return _columnwise([_open_log_density(p.prior, theta[..., k]) for k, p in enumerate(self.sampled)], theta)
 
     def draw_prior(self, rng: np.random.Generator, size: int) -> FloatArray:
         """Independent draws from the prior, shape (size, dimension)."""
@@ -202,9 +206,7 @@ def parameter_space(
         raise InputError(f"prior set '{prior_set}': expected one of {', '.join(PRIOR_SETS)}")
     if n_participants == 1:
         if "tau" in freed:
-            raise InputError(
-                "tau cannot be sampled: there is one participant only, so fix it or leave it out"
-            )
+            raise InputError("tau cannot be sampled: there is one participant only, so fix it or leave it out")
         fix.setdefault("tau", 0.0)
     held = {name: value for name, value in HELD.items() if name not in freed} | fix
     for name, value in held.items():

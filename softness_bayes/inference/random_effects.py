@@ -136,7 +136,7 @@ class RandomEffects:
         fabric = np.zeros((*offset.shape[:-1], self.design.n_fabrics))
         if np.any(np.asarray(spreads.fabric) > 0):
             root, likely = self._fabric_posterior(offset, spreads, levels)
-            noise = rng.standard_normal(fabric.shape)[..., None]
+            noise = np.asarray(rng.standard_normal(fabric.shape))[..., None]
             fabric = _column(spreads.fabric) * (likely + np.linalg.solve(root, noise)[..., 0])
         means = self._residual_means(offset + fabric @ self._fabrics.T)
         spread = self.sd * np.sqrt(levels.shrinkage)
@@ -201,9 +201,7 @@ class RandomEffects:
         between = (levels.precision * (means - centre[..., None]) ** 2).sum(axis=-1)
         return within / variance + between + centre**2 * levels.total * levels.shrinkage
 
-    def _fabric_posterior(
-        self, offset: FloatArray, spreads: Spreads, levels: _Levels
-    ) -> tuple[FloatArray, FloatArray]:
+    def _fabric_posterior(self, offset: FloatArray, spreads: Spreads, levels: _Levels) -> tuple[FloatArray, FloatArray]:
         """Triangular R with R'R = I + omega² F' K F, and g, omega g being the most probable fabric effects.
 
         F is the fabrics' indicator and K the inverse covariance without them. A least-squares problem in

@@ -240,10 +240,7 @@ def _start(
     root = seed if isinstance(seed, np.random.SeedSequence) else np.random.SeedSequence(seed)
     # children by key, not by spawn(): the same seed gives the same draws however often it was spawned before
     seeds = [
-        [
-            np.random.SeedSequence(root.entropy, spawn_key=(*root.spawn_key, e, k))
-            for k in range(settings.optima + 2)
-        ]
+        [np.random.SeedSequence(root.entropy, spawn_key=(*root.spawn_key, e, k)) for k in range(settings.optima + 2)]
         for e in range(settings.ensembles)
     ]
     climbed = iter(workers.map(_climb, [(climb,) for own in seeds for climb in own[2:]]))

@@ -62,14 +62,10 @@ def find_optimum(target: Target, rng: np.random.Generator) -> Optimum:
     density = target(candidates)
     if not np.isfinite(density).any():
         raise NumericalError(f"all of {CANDIDATES} starting points have probability zero")
-    offsets = _STEP * np.vstack(
-        [np.zeros(len(target.names)), np.eye(len(target.names)), -np.eye(len(target.names))]
-    )
+    offsets = _STEP * np.vstack([np.zeros(len(target.names)), np.eye(len(target.names)), -np.eye(len(target.names))])
 
     def downhill(z: FloatArray) -> tuple[float, FloatArray]:
-        values = np.maximum(
-            target(z + offsets), -1e12
-        )  # a line search must come back from where density ends
+        values = np.maximum(target(z + offsets), -1e12)  # a line search must come back from where density ends
         forward, backward = np.split(values[1:], 2)
         return -values[0], (backward - forward) / (2.0 * _STEP)
 

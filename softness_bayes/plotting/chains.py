@@ -19,9 +19,7 @@ MOST_STEPS = 1000
 """Steps of a chain that a trace shows."""
 
 
-def trace_figure(
-    draws: ArrayLike, ensemble: ArrayLike, labels: Sequence[str], *, style: Style = USUAL
-) -> Figure:
+def trace_figure(draws: ArrayLike, ensemble: ArrayLike, labels: Sequence[str], *, style: Style = USUAL) -> Figure:
     """Draw the course of each ensemble: median, 5 % and 95 % of its walkers at every kept step.
 
     Parameters
@@ -53,9 +51,7 @@ def trace_figure(
             for turn, name in enumerate(np.unique(members)):
                 course = np.quantile(walkers[members == name][:, steps, place], [0.05, 0.5, 0.95], axis=0)
                 colour = style.ensembles[turn % len(style.ensembles)]
-                for kind, values, width in zip(
-                    ("low", "median", "high"), course, (0.4, 0.9, 0.4), strict=True
-                ):
+                for kind, values, width in zip(("low", "median", "high"), course, (0.4, 0.9, 0.4), strict=True):
                     line = axes.plot(steps, values, color=colour, linewidth=width)[0]
                     line.set_gid(f"{kind}/{place}/{name}")
                     line.set_label(f"ensemble {name}" if kind == "median" else None)

@@ -128,9 +128,7 @@ def _fabric_modulus(result: Result) -> Array:
 def _observed(result: Result) -> Observed:
     """Return the ratings by condition, a condition being a fabric under a load."""
     constant, modulus = result.group("constant_data"), _fabric_modulus(result)
-    participant, fabric, load = (
-        constant[f"{what}_index"].values for what in ("participant", "fabric", "load")
-    )
+    participant, fabric, load = (constant[f"{what}_index"].values for what in ("participant", "fabric", "load"))
     count = len(result.loads)
     return observed_ratings(
         result.group("observed_data")["rating"].values,

@@ -70,9 +70,7 @@ def inflection_figure(
     edges = bin_edges(limits, inflection.modulus / 1e3)
     with style.applied():
         figure = Figure(figsize=(style.page, 0.75 * len(loads) + 0.75), layout="constrained")
-        cells = figure.subplots(
-            len(loads), 2, sharex="col", sharey="col", squeeze=False, width_ratios=(2.4, 1)
-        )
+        cells = figure.subplots(len(loads), 2, sharex="col", sharey="col", squeeze=False, width_ratios=(2.4, 1))
         for index, ((left, right), load) in enumerate(zip(cells, loads, strict=True)):
             left.axvspan(fabrics.min(), fabrics.max(), color="#EFEFEF", linewidth=0, gid=f"fabrics/{load}")
             _draw_density(left, edges, inflection, index, style, str(load))
@@ -132,9 +130,7 @@ def draw_margin(margin: Axes, inflection: Inflection, index: int, style: Style, 
     margin.tick_params(which="both", left=False, bottom=False, labelleft=False, labelbottom=False)
 
 
-def _draw_density(
-    axes: Axes, edges: Array, inflection: Inflection, index: int, style: Style, gid: str
-) -> None:
+def _draw_density(axes: Axes, edges: Array, inflection: Inflection, index: int, style: Style, gid: str) -> None:
     places = inflection.modulus[:, index] / 1e3
     colour = style.inflection
     steps = axes.stairs(density(places, edges), edges, fill=True, color=style.tint(colour, 0.6))

@@ -119,14 +119,10 @@ def _ranges(values: Array, beyond: float) -> list[tuple[float, float]]:
     """
     low, high = np.quantile(values, [0.001, 0.999], axis=0)
     low, high = np.where(high > low, low, values.min(0)), np.where(high > low, high, values.max(0))
-    return [
-        (float(a - beyond * (b - a)), float(b + beyond * (b - a))) for a, b in zip(low, high, strict=True)
-    ]
+    return [(float(a - beyond * (b - a)), float(b + beyond * (b - a))) for a, b in zip(low, high, strict=True)]
 
 
-def prior_figure(
-    posterior: ArrayLike, prior: ArrayLike, labels: Sequence[str], *, style: Style = USUAL
-) -> Figure:
+def prior_figure(posterior: ArrayLike, prior: ArrayLike, labels: Sequence[str], *, style: Style = USUAL) -> Figure:
     """Draw prior and posterior density of each parameter.
 
     Parameters

@@ -92,9 +92,7 @@ def response_figure(
     return figure
 
 
-def ratio_figure(
-    curves: Curves, loads: Sequence[Load], fabric_modulus: ArrayLike, *, style: Style = USUAL
-) -> Figure:
+def ratio_figure(curves: Curves, loads: Sequence[Load], fabric_modulus: ArrayLike, *, style: Style = USUAL) -> Figure:
     """Draw the total rate against E_fab / E_skin, else as `response_figure`.
 
     E_skin differs from draw to draw. Every draw's curve is interpolated in the logarithm of its own

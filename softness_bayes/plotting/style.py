@@ -111,9 +111,7 @@ USUAL = Style()
 """The style of every figure unless another is given."""
 
 
-def save(
-    figure: Figure, path: str | Path, formats: Sequence[str] = ("png", "pdf"), style: Style = USUAL
-) -> list[Path]:
+def save(figure: Figure, path: str | Path, formats: Sequence[str] = ("png", "pdf"), style: Style = USUAL) -> list[Path]:
     """Write a figure once per format, the same bytes for the same figure.
 
     Parameters

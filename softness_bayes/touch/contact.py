@@ -226,9 +226,7 @@ def skin_modulus(log_scale: ArrayLike, p: ArrayLike, log_k: ArrayLike, b: ArrayL
     return b * np.exp(np.minimum(np.exp(w), 600.0))
 
 
-def reduced_modulus(
-    skin: Array, fabric_modulus: ArrayLike, fabric_poisson: ArrayLike, finger: Finger
-) -> Array:
+def reduced_modulus(skin: Array, fabric_modulus: ArrayLike, fabric_poisson: ArrayLike, finger: Finger) -> Array:
     """Return E_star [Pa], 1/E_star = (1-nu_skin²)/E_skin + (1-nu_fab²)/E_fab (model.md 3)."""
     fabric, poisson = np.asarray(fabric_modulus, float), np.asarray(fabric_poisson, float)
     return 1.0 / ((1.0 - finger.poisson_ratio**2) / skin + (1.0 - poisson**2) / fabric)

@@ -45,12 +45,10 @@ class Profile(NamedTuple):
 
     def take(self, rows: tuple[NDArray[np.intp], ...]) -> Profile:
         """Return the profile of some elements of the batch."""
-        return Profile(
-            self.peak[rows], self.shape[rows], np.broadcast_to(self.y_least, self.peak.shape)[rows]
-        )
+        return Profile(self.peak[rows], self.shape[rows], np.broadcast_to(self.y_least, self.peak.shape)[rows])
 
     def squared_distance(self, y: Array) -> Array:
-        """Return rho² [m²] where the stress is y^(1/root) of its peak; `y` has one axis more than the batch."""
+        """Return rho² [m²] where the stress is y^(1/root) of its peak; `y` has one axis more."""
         least = self.y_least[..., None]
         return clenshaw(self.shape, (2.0 * y - (1.0 + least)) * (1.0 / (1.0 - least))) * (1.0 - y) / y
 
@@ -153,9 +151,7 @@ class StressField:
         for order in (24, 48, 96, 160):
             nodes = 0.5 * (low + high) + 0.5 * (high - low) * chebyshev.chebpts1(order)
             rows = self.exact_rows(np.exp(nodes) - self.shift)
-            scale = np.concatenate(
-                [[rows[:, 0].max()], np.full(SHAPE_NODES, np.abs(rows[:, 1:]).sum(axis=1).max())]
-            )
+            scale = np.concatenate([[rows[:, 0].max()], np.full(SHAPE_NODES, np.abs(rows[:, 1:]).sum(axis=1).max())])
             table = _values_to_coefficients(order) @ rows
             size = np.abs(table) / scale
             by_modulus = size.max(axis=1)[::-1].cumsum()[::-1]
@@ -214,7 +210,7 @@ def profiles(
 
 def _values_to_coefficients(order: int) -> Array:
     """Return the matrix from values at the Chebyshev nodes of the first kind to coefficients."""
-    matrix = chebyshev.chebvander(chebyshev.chebpts1(order), order - 1).T * (2.0 / order)
+    matrix = np.asarray(chebyshev.chebvander(chebyshev.chebpts1(order), order - 1).T * (2.0 / order), float)
     matrix[0] *= 0.5
     return matrix
 

@@ -162,9 +162,7 @@ class Gating:
             opening[middle] *= total[middle]
         return opening, total
 
-    def _differentiate(
-        self, terms: _Terms, opening: FloatArray, total: FloatArray
-    ) -> tuple[FloatArray, FloatArray]:
+    def _differentiate(self, terms: _Terms, opening: FloatArray, total: FloatArray) -> tuple[FloatArray, FloatArray]:
         e, sigmoid, slopes = terms.exponential, terms.sigmoid, self._slopes
         gates = len(opening)
         plain = len(e) - len(sigmoid)

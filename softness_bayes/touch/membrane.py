@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -32,10 +32,10 @@ FloatArray = NDArray[np.float64]
 class Channels(NamedTuple):
     """Multipliers of the four maximal conductances [-]: floats, or arrays that broadcast."""
 
-    c_Na: ArrayLike
-    c_K: ArrayLike
-    c_L: ArrayLike
-    c_A: ArrayLike
+    c_Na: Any
+    c_K: Any
+    c_L: Any
+    c_A: Any
 
 
 PAPER_CHANNELS = Channels(c_Na=1.05, c_K=1.16, c_L=1.0, c_A=1.5)

@@ -31,8 +31,8 @@ _CLASSIFYING_TOLERANCE = 1e-7  # local error where only the kind of onset is ask
 _SECTIONS = 24  # currents tried side by side while a jump is bracketed
 _RUNGS = 2  # currents tried side by side, upwards, until one fires
 _RESOLUTION = 1e-7  # µA/cm², width of the final bracket around a jump
-_FAMILY = 7  # stable orbits from which a fold of orbits is extrapolated
-_FAMILY_REACH = 0.8  # µA/cm², width of the bracket from which that is tried
+_FAMILY = 5  # stable orbits from which a fold of orbits is extrapolated
+_FAMILY_REACH = 0.6  # µA/cm², width of the bracket from which that is tried
 _JUST_ABOVE = 3e-3  # µA/cm² above a fold of orbits at which firing is confirmed
 _PASSING = 1e-5  # agreement of periods that confirms it
 
@@ -46,6 +46,8 @@ class Onset(NamedTuple):
     """Rate just above the rheobase [Hz]: 0 at a fold of equilibria"""
     prefactor: FloatArray
     """Rate over the root of the excess current at a fold of equilibria [Hz/sqrt(µA/cm²)]; NaN at a jump"""
+    born: NDArray[np.bool_]
+    """Whether firing begins at a fold of periodic orbits, where the rate is smooth in that root"""
 
 
 def rheobase(channels: Channels = PAPER_CHANNELS, membrane: Membrane = CONNOR_STEVENS) -> FloatArray:
@@ -71,11 +73,16 @@ def onset(channels: Channels = PAPER_CHANNELS, membrane: Membrane = CONNOR_STEVE
     shape, multipliers = lanes(channels)
     distinct, lane = np.unique(np.array(multipliers), axis=1, return_inverse=True)
     folds = fold(Channels(*distinct), membrane)
-    current, rate, prefactor = folds.current.copy(), np.zeros(folds.current.size), folds.prefactor.copy()
-    for i in np.flatnonzero(~fires_through(folds, Channels(*distinct), membrane)):
-        current[i], rate[i] = _jump(distinct[:, i], folds.current[i], membrane)
-        prefactor[i] = np.nan
-    return Onset(*(x[lane.ravel()].reshape(shape) for x in (current, rate, prefactor)))
+    smooth = fires_through(folds, Channels(*distinct), membrane)
+    begin = Onset(
+        rheobase=folds.current.copy(),
+        rate=np.zeros(smooth.size),
+        prefactor=np.where(smooth, folds.prefactor, np.nan),
+        born=np.zeros(smooth.size, dtype=bool),
+    )
+    for i in np.flatnonzero(~smooth):
+        begin.rheobase[i], begin.rate[i], begin.born[i] = _jump(distinct[:, i], folds.current[i], membrane)
+    return Onset(*(x[lane.ravel()].reshape(shape) for x in begin))
 
 
 def fires_through(folds: Fold, channels: Channels, membrane: Membrane) -> NDArray[np.bool_]:
@@ -88,8 +95,8 @@ def fires_through(folds: Fold, channels: Channels, membrane: Membrane) -> NDArra
     return through
 
 
-def _jump(channels: FloatArray, fold_current: float, membrane: Membrane) -> tuple[float, float]:
-    """Current and rate at which firing begins abruptly, between the fold (0 without one) and the search limit."""
+def _jump(channels: FloatArray, fold_current: float, membrane: Membrane) -> tuple[float, float, bool]:
+    """Where firing begins abruptly between the fold (0 without one) and the limit, the rate, whether orbits fold."""
     low, high, rate_above = fold_current if np.isfinite(fold_current) else 0.0, np.inf, 0.0
     ladder = low + np.geomspace(2.0, SEARCH_LIMIT - low, _SECTIONS)
     born = None if np.isnan(fold_current) else (high, rate_above)
@@ -99,7 +106,7 @@ def _jump(channels: FloatArray, fold_current: float, membrane: Membrane) -> tupl
         else:
             currents, ladder = np.split(ladder, [_RUNGS])
         if not currents.size:
-            return np.inf, 0.0
+            return np.inf, 0.0, False
         rate = _orbits(currents, channels, membrane, fold_current).rate
         below, fires = np.append(low, currents), rate > 0.0
         if not fires.any():
@@ -110,8 +117,8 @@ def _jump(channels: FloatArray, fold_current: float, membrane: Membrane) -> tupl
         if born is None and high - low < _FAMILY_REACH:
             born = _birth(channels, membrane, low, high)
             if low < born[0] <= high:
-                return born
-    return high, rate_above
+                return *born, True
+    return high, rate_above, False
 
 
 def _orbits(currents: FloatArray, channels: FloatArray, membrane: Membrane, fold_current: float) -> Orbit:
@@ -121,7 +128,7 @@ def _orbits(currents: FloatArray, channels: FloatArray, membrane: Membrane, fold
 
 def _birth(channels: FloatArray, membrane: Membrane, low: float, high: float) -> tuple[float, float]:
     """Fold of orbits not above ``high``, and its rate; NaN if there is none or the membrane at rest misses it."""
-    currents = high + _FAMILY_REACH * np.linspace(0.0, 2.0, _FAMILY) ** 2
+    currents = high + _FAMILY_REACH * np.linspace(0.0, 1.3, _FAMILY) ** 2
     orbit = _orbits(currents, channels, membrane, np.nan)
     one = Channels(*(channels[:, None]))
     if not (orbit.rate > 0.0).all():

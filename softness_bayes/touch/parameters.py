@@ -2,29 +2,27 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
-from numpy.typing import ArrayLike
+from typing import Any, NamedTuple
 
 
 class TouchParameters(NamedTuple):
-    """One value, or one array of a common batch shape, for each parameter of the chain (model.md 10)."""
+    """One number, or one array of a common batch shape, for each parameter of the chain (model.md 10)."""
 
-    b: ArrayLike
+    b: Any
     """Skin modulus at rest [Pa]."""
-    m: ArrayLike
+    m: Any
     """Stiffening exponent of the skin [-] (under the ``displacement`` reading [1/m])."""
-    alpha: ArrayLike
+    alpha: Any
     """Largest receptor current [µA/cm²]."""
-    beta: ArrayLike
+    beta: Any
     """Steepness of the transduction [1/Pa]."""
-    sigma_0: ArrayLike
+    sigma_0: Any
     """Stress at half the largest current [Pa]."""
-    c_Na: ArrayLike
+    c_Na: Any
     """Multiplier of the sodium conductance [-]."""
-    c_K: ArrayLike
+    c_K: Any
     """Multiplier of the potassium conductance [-]."""
-    c_L: ArrayLike
+    c_L: Any
     """Multiplier of the leak conductance [-]."""
-    c_A: ArrayLike
+    c_A: Any
     """Multiplier of the A-current's conductance [-]."""

@@ -14,7 +14,7 @@ field; only where the responding patch crosses an edge or corner of the pad is t
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +24,9 @@ from softness_bayes.touch.firing import RateCurve
 from softness_bayes.touch.receptors import ReceptorCount, horner
 
 Array = NDArray[np.float64]
+
+WIDE = 0.02
+"""A patch that ends at a smaller share of the peak stress is wide: the count's pole at stress 0 comes close."""
 
 
 class Drive(NamedTuple):
@@ -91,13 +94,14 @@ class Population:
         nodes = _Nodes(top * self.part, top * self.weight)
         extent, sums = self._inner(profile, onset, drive.beta, reach, nodes, None, intervals)
         silent = reach == 0
-        crossing = (extent > self.count.kinks[0] ** 2) & ~silent
-        if crossing.any():
-            rows = np.nonzero(crossing)
-            beyond = self._crossing(
+        wide = (extent > self.count.kinks[0] ** 2) | (onset.stress < WIDE * profile.peak)
+        wide &= ~silent
+        if wide.any():
+            rows = np.nonzero(wide)
+            beyond = self._wide(
                 profile.take(rows),
-                onset.take(rows, crossing.shape),
-                np.broadcast_to(drive.beta, crossing.shape)[rows],
+                onset.take(rows, wide.shape),
+                np.broadcast_to(drive.beta, wide.shape)[rows],
                 reach[rows],
                 intervals,
             )
@@ -145,12 +149,10 @@ class Population:
         power = np.sqrt(relative) if self.root == 0.5 else relative**self.root
         return np.clip(power, profile.y_least, 1.0)
 
-    def _crossing(self, profile: Profile, onset: _Onset, beta: Array, reach: Array, intervals: bool) -> Sums:
-        """Integrate where the patch reaches past the pad's first kink, one interval after another."""
+    def _wide(self, profile: Profile, onset: _Onset, beta: Array, reach: Array, intervals: bool) -> Sums:
+        """Integrate where the patch may reach past the pad's first kink, one interval after another."""
         kinks = self.count.kinks
-        t_kinks = [
-            np.minimum(self._t_at(profile, onset, beta, distance), np.sqrt(reach)) for distance in kinks
-        ]
+        t_kinks = [np.minimum(self._t_at(profile, onset, beta, distance), np.sqrt(reach)) for distance in kinks]
         y_onset = self._y(profile, onset.stress)
         responding = self.count.anywhere(profile.squared_distance(y_onset[:, None])[:, 0])
         # where saturation comes first the integral ends there
@@ -227,7 +229,7 @@ class _Onset(NamedTuple):
     """alpha / I_rheobase - 1, which is exp(-u) at the rheobase."""
     stress: Array
     """The stress at which a receptor starts to fire [Pa]."""
-    fires: Array
+    fires: Any
     """Whether alpha exceeds the rheobase."""
     excess: Array
     """alpha - I_rheobase [µA/cm²]."""

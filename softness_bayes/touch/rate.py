@@ -98,9 +98,7 @@ class _Continuation(NamedTuple):
         return s / scaled
 
 
-def simulated(
-    current: FloatArray, channels: Channels, membrane: Membrane, excess: FloatArray
-) -> Orbit:
+def simulated(current: FloatArray, channels: Channels, membrane: Membrane, excess: FloatArray) -> Orbit:
     """What cells at rest end on, by integration alone; ``excess`` is the current above the fold, NaN without one."""
     closeness = np.where(excess > 0.0, np.sqrt(np.maximum(excess, 0.0)) / _SLOW, 1.0)
     tolerance = TOLERANCE * np.clip(closeness, CONTINUED / _SLOW, 1.0) ** 3

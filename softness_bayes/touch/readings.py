@@ -56,7 +56,7 @@ class Readings:
     @property
     def names(self) -> dict[str, str]:
         """The chosen name for each place."""
-        return {field.name: getattr(self, field.name).name for field in fields(self)}
+        return {field.name: str(getattr(self, field.name).name) for field in fields(self)}
 
     def override(self, choices: Mapping[str, str]) -> Readings:
         """Return these readings with some places given another named alternative.
@@ -69,19 +69,18 @@ class Readings:
         return replace(self, **{place: alternative(place, name) for place, name in choices.items()})
 
 
+_PLACES: dict[str, tuple[Any, ...]] = {
+    "fabric_modulus": (PRINTED_RIGIDITY, PLATE_RIGIDITY),
+    "skin_displacement": (STRAIN, DISPLACEMENT),
+    "pressure": (ATTENUATED, HERTZ, PRINTED_PRESSURE),
+    "stress_kernel": (LINE, PRINTED_KERNEL, AXISYMMETRIC),
+    "stress_component": (VERTICAL, PRINCIPAL),
+    "membrane": (CONNOR_STEVENS, HODGKIN_HUXLEY, PRINTED_MEMBRANE),
+    "receptor_density": (CONSISTENT, PRINTED_DENSITY),
+}
+
 ALTERNATIVES: Mapping[str, Mapping[str, Any]] = MappingProxyType(
-    {
-        place: MappingProxyType({value.name: value for value in values})
-        for place, values in {
-            "fabric_modulus": (PRINTED_RIGIDITY, PLATE_RIGIDITY),
-            "skin_displacement": (STRAIN, DISPLACEMENT),
-            "pressure": (ATTENUATED, HERTZ, PRINTED_PRESSURE),
-            "stress_kernel": (LINE, PRINTED_KERNEL, AXISYMMETRIC),
-            "stress_component": (VERTICAL, PRINCIPAL),
-            "membrane": (CONNOR_STEVENS, HODGKIN_HUXLEY, PRINTED_MEMBRANE),
-            "receptor_density": (CONSISTENT, PRINTED_DENSITY),
-        }.items()
-    }
+    {place: MappingProxyType({value.name: value for value in values}) for place, values in _PLACES.items()}
 )
 """Every alternative of every place, by name; the first of each is the default."""
 
@@ -99,9 +98,7 @@ AS_PRINTED = Readings(
 CLASSICAL = Readings(fabric_modulus=PLATE_RIGIDITY, pressure=HERTZ, stress_kernel=AXISYMMETRIC)
 """Classical mechanics throughout: thin-plate rigidity, Hertz's pressure, Boussinesq's stress."""
 
-NAMED_READINGS: Mapping[str, Readings] = MappingProxyType(
-    {"mended": MENDED, "printed": AS_PRINTED, "hertz": CLASSICAL}
-)
+NAMED_READINGS: Mapping[str, Readings] = MappingProxyType({"mended": MENDED, "printed": AS_PRINTED, "hertz": CLASSICAL})
 """The named sets of readings; the first is the default."""
 
 
@@ -129,7 +126,5 @@ def alternative(place: str, name: str) -> Any:
     if place not in ALTERNATIVES:
         raise InputError(f"reading: no place '{place}'; expected one of {', '.join(ALTERNATIVES)}")
     if name not in ALTERNATIVES[place]:
-        raise InputError(
-            f"reading: {place} has no '{name}'; expected one of {', '.join(ALTERNATIVES[place])}"
-        )
+        raise InputError(f"reading: {place} has no '{name}'; expected one of {', '.join(ALTERNATIVES[place])}")
     return ALTERNATIVES[place][name]

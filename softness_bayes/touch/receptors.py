@@ -49,9 +49,7 @@ def _consistent(x: Array) -> Array:
 
 def _printed(x: Array) -> Array:
     width_cm = 0.0965
-    return 1e4 * (
-        19.9993 + 12.1534 / (width_cm * np.sqrt(2 * np.pi)) * np.exp(-0.5 * (100 * x / width_cm) ** 2)
-    )
+    return 1e4 * (19.9993 + 12.1534 / (width_cm * np.sqrt(2 * np.pi)) * np.exp(-0.5 * (100 * x / width_cm) ** 2))
 
 
 CONSISTENT = Density("consistent", _consistent)
@@ -123,18 +121,17 @@ class ReceptorCount:
         self.interval_is_even = tuple(not on_edge and start == 0 for start in starts)
         self.start_squared = starts**2
         self.span = np.sqrt(self.kinks**2 - starts**2)
-        self.coefficients = []
+        self.coefficients: list[Array] = []
+        node = chebyshev.chebpts1(41)
         for start, span, even in zip(starts, self.span, self.interval_is_even, strict=True):
-
-            def count(node: Array, start: float = start, span: float = span, even: bool = even) -> Array:
-                part = 0.5 * (node + 1)
-                squared = start**2 + span**2 * (part if even else part**2)
-                within = receptors_within(np.sqrt(squared), finger, density)
-                return within if start else within / squared
-
-            full = chebyshev.chebinterpolate(count, 40)
+            part = 0.5 * (node + 1)
+            squared = start**2 + span**2 * (part if even else part**2)
+            within = receptors_within(np.sqrt(squared), finger, density)
+            # at the axis both vanish; their ratio, which is smooth, keeps the relative accuracy of small patches
+            full = np.asarray(chebyshev.chebfit(node, within if start else within / squared, 40))
             tail = np.abs(full)[::-1].cumsum()[::-1] * (1.0 if start else span**2)
-            self.coefficients.append(chebyshev.cheb2poly(full[: max(int((tail > tolerance).sum()), 1)]))
+            keep = max(int((tail > tolerance).sum()), 1)
+            self.coefficients.append(np.asarray(chebyshev.cheb2poly(full[:keep])))
 
     def __call__(self, squared_distance: Array, interval: int = 0) -> Array:
         """Return the count for squared distances [m²] that lie in the given interval between kinks."""

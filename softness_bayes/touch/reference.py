@@ -122,9 +122,7 @@ def reference_response(
 
     def stress_at(rho: Array, condition: Indices) -> Array:
         state = contact.reduced_modulus[condition], contact.radius[condition]
-        return stress(
-            rho, *state, finger, readings.pressure, readings.stress_kernel, readings.stress_component
-        )
+        return stress(rho, *state, finger, readings.pressure, readings.stress_kernel, readings.stress_component)
 
     def integrand(rho: Array, condition: Indices) -> Array:
         current = receptor_current(stress_at(rho, condition[:, None]), alpha, beta, sigma_0)
@@ -218,9 +216,7 @@ class _Pieces(NamedTuple):
         phi = 0.25 * np.pi * (node + 1.0)
         span = (self.upper - self.lower)[:, None]
         rho = self.lower[:, None] + span * np.sin(phi) ** 2
-        return np.einsum(
-            "knj,nj->kn", integrand(rho, self.condition), span * (0.25 * np.pi * weight * np.sin(2 * phi))
-        )
+        return np.einsum("knj,nj->kn", integrand(rho, self.condition), span * (0.25 * np.pi * weight * np.sin(2 * phi)))
 
     def halves(self) -> _Pieces:
         """Return the left halves, then the right ones."""
@@ -236,15 +232,11 @@ class _Pieces(NamedTuple):
     def cut(cls, condition: Indices, ends: list[float], kinks: list[Array]) -> _Pieces:
         """Return [0, end] of each condition, cut at its kinks."""
         cuts = [np.unique([0.0, *kink[kink < end], end]) for end, kink in zip(ends, kinks, strict=True)]
-        lower, upper = (
-            np.concatenate([np.empty(0), *(cut[part] for cut in cuts)]) for part in (np.s_[:-1], np.s_[1:])
-        )
+        lower, upper = (np.concatenate([np.empty(0), *(cut[part] for cut in cuts)]) for part in (np.s_[:-1], np.s_[1:]))
         return cls(lower, upper, np.repeat(condition, [cut.size - 1 for cut in cuts]))
 
 
-def _integrate(
-    integrand: Callable[[Array, Indices], Array], pieces: _Pieces, n_conditions: int, rtol: float
-) -> Array:
+def _integrate(integrand: Callable[[Array, Indices], Array], pieces: _Pieces, n_conditions: int, rtol: float) -> Array:
     """Sum the integrals of each condition's pieces, halving those that do not agree with their halves."""
     total = np.zeros((3, n_conditions))
     if not pieces.lower.size:

@@ -40,10 +40,7 @@ _C = (
 )  # fmt: skip
 # Stages 7 and 8 start where the stage before them ended (stiffly accurate), so that their rows of A are those of
 # stage 6 followed by ones.
-_STAGES = tuple(
-    np.array([a + (1.0,) * (len(c) - len(a)), c])
-    for a, c in zip((*_A, _A[-1], _A[-1]), _C, strict=True)
-)
+_STAGES = tuple(np.array([a + (1.0,) * (len(c) - len(a)), c]) for a, c in zip((*_A, _A[-1], _A[-1]), _C, strict=True))
 
 
 def step(cells: Cells, state: FloatArray, length: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:

@@ -173,9 +173,7 @@ class Scene:
             load = np.repeat(np.arange(len(loads)), moduli.size)
         self.fabric, self.load = _indices(fabric, moduli.size, "fabric"), _indices(load, len(loads), "load")
         if self.fabric.size == 0 or self.fabric.shape != self.load.shape:
-            raise InputError(
-                "scene: expected one fabric and one load index for each of at least one condition"
-            )
+            raise InputError("scene: expected one fabric and one load index for each of at least one condition")
         self.loads, self.firing = tuple(loads), firing
         self.finger, self.readings, self.discretisation = finger, readings, discretisation
         self.modulus, self.poisson = _frozen(moduli[self.fabric]), _frozen(poisson[self.fabric])
@@ -186,9 +184,7 @@ class Scene:
         used = [index for index in range(len(self.loads)) if (self.load == index).any()]
         self._columns = [np.flatnonzero(self.load == index) for index in used]
         self._fields = [self._field(self.loads[index]) for index in used]
-        self._population = Population(
-            self._fields[0].root, self.count, discretisation.nodes, discretisation.saturation
-        )
+        self._population = Population(self._fields[0].root, self.count, discretisation.nodes, discretisation.saturation)
 
     def _field(self, load: Load) -> StressField:
         softness, least = 1.0 - self.finger.poisson_ratio**2, self.modulus.argmin()
@@ -237,15 +233,15 @@ class Scene:
         """
         shape, chunks = self._chunks(parameters)
         parts = []
-        for chunk, contact in chunks:
-            sums, peak = self._sums(chunk, contact, intervals=True)
+        for chunk, touch in chunks:
+            sums, peak = self._sums(chunk, touch, intervals=True)
             with np.errstate(invalid="ignore"):
                 mean_rate, mean_interval = sums.rate / sums.responding, sums.interval / sums.responding
-            parts.append((sums.rate, sums.responding, mean_rate, mean_interval, peak, *contact))
-        fields = [
+            parts.append((sums.rate, sums.responding, mean_rate, mean_interval, peak, *touch))
+        rate, responding, mean_rate, mean_interval, peak, *contact_fields = (
             np.concatenate(part).reshape(*shape, self.n_conditions) for part in zip(*parts, strict=True)
-        ]
-        return Response(*fields[:5], Contact(*fields[5:]))
+        )
+        return Response(rate, responding, mean_rate, mean_interval, peak, Contact(*contact_fields))
 
     def contact(self, parameters: TouchParameters) -> Contact:
         """Return the state of the contact alone, fields of shape (..., conditions)."""
@@ -260,7 +256,7 @@ class Scene:
         return self._with(self.modulus, self.poisson, np.arange(self.n_conditions), self.load, finer)
 
     def on_grid(self, modulus: Array) -> Scene:
-        """Return the scene of fabrics of the given moduli [Pa] and the median Poisson ratio under all loads."""
+        """Return the scene of fabrics of these moduli [Pa] and the median Poisson ratio under all loads."""
         poisson = np.full(modulus.size, np.median(self.poisson))
         return self._with(modulus, poisson, None, None, self.discretisation)
 
@@ -289,9 +285,7 @@ class Scene:
         radius = self.contact(parameters).radius / self.finger.radius
         return BeyondHertz(float((radius > 0.5).mean()), float((radius >= 1.0).mean()))
 
-    def _chunks(
-        self, parameters: TouchParameters
-    ) -> tuple[tuple[int, ...], list[tuple[TouchParameters, Contact]]]:
+    def _chunks(self, parameters: TouchParameters) -> tuple[tuple[int, ...], list[tuple[TouchParameters, Contact]]]:
         values = np.broadcast_arrays(*(np.asarray(value, float) for value in parameters))
         shape = values[0].shape
         flat = TouchParameters(*(value.reshape(-1) for value in values))
@@ -304,7 +298,7 @@ class Scene:
         return shape, chunks
 
     def _contact(self, parameters: TouchParameters) -> Contact:
-        b, m = np.asarray(parameters.b)[:, None], np.asarray(parameters.m)[:, None]
+        b, m = parameters.b[:, None], parameters.m[:, None]
         skin = skin_modulus(self._log_scale, self._skin_power, self._log_k, b, m)
         reduced = reduced_modulus(skin, self.modulus, self.poisson, self.finger)
         closure = np.empty((3, *reduced.shape))
@@ -313,8 +307,7 @@ class Scene:
         return Contact(skin, reduced, *closure)
 
     def _sums(self, parameters: TouchParameters, contact: Contact, intervals: bool) -> tuple[Sums, Array]:
-        column = [np.asarray(value)[:, None] for value in parameters]
-        named = TouchParameters(*column)
+        named = TouchParameters(*(value[:, None] for value in parameters))
         drive = Drive(named.alpha, named.beta, named.sigma_0, self.firing.curves(parameters))
         profile = profiles(self._fields, self._columns, contact.reduced_modulus, contact.radius)
         return self._population.sums(profile, drive, intervals), profile.peak

@@ -39,9 +39,7 @@ class Pressure:
         """Return the pressure [Pa] at distance `r` [m] from the axis; 0 outside the contact."""
         modulus, a = np.asarray(reduced_modulus, float), np.asarray(radius, float)
         x2 = (np.asarray(r, float) / a) ** 2
-        inside = np.sqrt(np.maximum(1.0 - x2, 0.0)) * np.exp(
-            -self.decay(modulus, a, finger) * np.minimum(x2, 1.0)
-        )
+        inside = np.sqrt(np.maximum(1.0 - x2, 0.0)) * np.exp(-self.decay(modulus, a, finger) * np.minimum(x2, 1.0))
         return self.amplitude(modulus, a, finger) * inside
 
 
@@ -203,9 +201,7 @@ def unit_stress(
     ndarray
         Stress over the pressure's amplitude, of the broadcast shape.
     """
-    rho, a, q = np.broadcast_arrays(
-        np.asarray(rho, float), np.asarray(radius, float), np.asarray(decay, float)
-    )
+    rho, a, q = np.broadcast_arrays(np.asarray(rho, float), np.asarray(radius, float), np.asarray(decay, float))
     if depth == 0:
         x2 = (rho / a) ** 2
         return np.where(x2 < 1, np.sqrt(np.maximum(1 - x2, 0)) * np.exp(-q * np.minimum(x2, 1)), 0.0)

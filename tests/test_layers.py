@@ -1,0 +1,115 @@
+"""The order of the layers: a module imports only downwards, and heavy libraries only where they belong."""
+
+from __future__ import annotations
+
+import ast
+import subprocess
+import sys
+from graphlib import TopologicalSorter
+from pathlib import Path
+
+import pytest
+
+import softness_bayes
+
+ROOT = Path(softness_bayes.__file__).parent
+LAYERS = (
+    {"errors"},
+    {"touch"},
+    {"data"},
+    {"arviz_bridge"},
+    {"inference"},
+    {"study", "predict", "result", "storage"},
+    {"assembly", "run"},
+    {"plotting", "report"},
+    {"cli"},
+)
+RANK = {name: rank for rank, names in enumerate(LAYERS) for name in names}
+HOMES = {"arviz": {"arviz_bridge"}, "emcee": {"inference.sampling"}}
+"""Modules outside of which a library may not be imported."""
+
+
+def modules():
+    """Return every module below the package itself: dotted name (without the package's) and syntax tree."""
+    found = {}
+    for path in sorted(ROOT.rglob("*.py")):
+        parts = path.relative_to(ROOT).with_suffix("").parts
+        name = ".".join(part for part in parts if part != "__init__")
+        if name:
+            found[name] = ast.parse(path.read_text(encoding="utf-8"), str(path))
+    return found
+
+
+MODULES = modules()
+
+
+def imports(tree):
+    """Return every name that a module imports, anywhere in it, as absolute dotted names."""
+    names = set()
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            names |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0, "imports are absolute"
+            names |= {f"{node.module}.{alias.name}" for alias in node.names}
+    return names
+
+
+def own_imports(tree):
+    """Return the modules of this package that a module imports."""
+    names = {name.removeprefix("softness_bayes.") for name in imports(tree) if name.startswith("softness_bayes.")}
+    return {next((n for n in (name, name.rpartition(".")[0]) if n in MODULES), name) for name in names}
+
+
+@pytest.mark.parametrize("name", MODULES)
+def test_module_imports_only_downwards(name):
+    layer = name.split(".")[0]
+    assert layer in RANK, f"{layer} has no place in LAYERS"
+    for other in own_imports(MODULES[name]):
+        if other in MODULES:
+            assert RANK[other.split(".")[0]] <= RANK[layer], f"{name} imports {other}"
+
+
+def test_no_circles():
+    graph = {name: own_imports(tree) & MODULES.keys() - {name} for name, tree in MODULES.items()}
+    assert len(list(TopologicalSorter(graph).static_order())) >= len(MODULES)
+
+
+@pytest.mark.parametrize("library", HOMES)
+def test_library_has_one_home(library):
+    users = {name for name, tree in MODULES.items() if any(n.split(".")[0] == library for n in imports(tree))}
+    assert users <= HOMES[library]
+
+
+def test_forward_model_needs_numpy_and_scipy_only():
+    allowed = sys.stdlib_module_names | {"numpy", "scipy", "softness_bayes"}
+    for name, tree in MODULES.items():
+        if name.split(".")[0] == "touch":
+            assert {n.split(".")[0] for n in imports(tree)} <= allowed, name
+
+
+def test_inference_knows_no_file():
+    for name, tree in MODULES.items():
+        if name.split(".")[0] == "inference":
+            assert not any(n.split(".")[0] == "data" for n in own_imports(tree)), name
+
+
+def test_only_the_command_line_prints_or_exits():
+    for name, tree in MODULES.items():
+        calls = {ast.unparse(node.func) for node in ast.walk(tree) if isinstance(node, ast.Call)}
+        if name.split(".")[0] != "cli":
+            assert not calls & {"print", "exit", "quit", "sys.exit", "os._exit", "click.echo"}, name
+
+
+def test_only_the_command_line_uses_click():
+    for name, tree in MODULES.items():
+        if name.split(".")[0] != "cli":
+            assert not any(n.split(".")[0] == "click" for n in imports(tree)), name
+
+
+@pytest.mark.parametrize("module", ["softness_bayes", "softness_bayes.touch.scene", "softness_bayes.touch.reference"])
+def test_import_is_cheap(module):
+    heavy = ["pandas", "arviz", "emcee", "matplotlib", "xarray", "h5py"]
+    code = f"import sys, {module}; print([name for name in {heavy} if name in sys.modules])"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"

@@ -1,0 +1,374 @@
+"""The membrane: gating, folds and exact firing rates against independent computations."""
+
+from __future__ import annotations
+
+import csv
+import math
+from collections.abc import Callable
+from pathlib import Path
+
+import mpmath
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from softness_bayes.errors import InputError, NumericalError
+from softness_bayes.touch import limit_cycle
+from softness_bayes.touch.cells import Cells
+from softness_bayes.touch.equilibrium import fold, rest, steady_state
+from softness_bayes.touch.limit_cycle import steady_orbit
+from softness_bayes.touch.membrane import (
+    CONNOR_STEVENS,
+    HODGKIN_HUXLEY,
+    MEMBRANES,
+    PAPER_CHANNELS,
+    PRINTED,
+    Channels,
+    Membrane,
+    steady_current,
+)
+from softness_bayes.touch.onset import onset, rheobase
+from softness_bayes.touch.rate import firing_rate
+from softness_bayes.touch.rosenbrock import step, travel
+
+SHARED = Path(__file__).resolve().parents[2] / "shared"
+CORNER = Channels(0.945, 1.276, 0.9, 1.35)
+
+every_membrane = pytest.mark.parametrize("membrane", MEMBRANES.values(), ids=MEMBRANES.keys())
+
+
+# --- the membrane written a second time, one cell, plain Python: the oracle -----------------------------------------
+
+
+def _ratio(x: float, width: float) -> float:
+    return width if abs(x / width) < 1e-7 else x / -math.expm1(-x / width)
+
+
+def _connor_stevens_rates(v: float) -> list[tuple[float, float]]:
+    e = math.exp
+    return [
+        (0.38 * _ratio(v + 29.7, 10), 15.2 * e(-(v + 54.7) / 18)),
+        (0.266 * e(-(v + 48) / 20), 3.8 / (1 + e(-(v + 18) / 10))),
+        (0.019 * _ratio(v + 45.7, 10), 0.2375 * e(-(v + 55.7) / 80)),
+    ]
+
+
+def _hodgkin_huxley_rates(v: float) -> list[tuple[float, float]]:
+    e = math.exp
+    return [
+        (0.1 * _ratio(v + 40, 10), 4 * e(-(v + 65) / 18)),
+        (0.07 * e(-(v + 65) / 20), 1 / (1 + e(-(v + 35) / 10))),
+        (0.01 * _ratio(v + 55, 10), 0.125 * e(-(v + 65) / 80)),
+    ]
+
+
+def _a_current(v: float) -> list[tuple[float, float]]:
+    e = math.exp
+    a = (0.0761 * e((v + 94.22) / 31.84) / (1 + e((v + 1.17) / 28.93))) ** (1 / 3)
+    b = (1 / (1 + e((v + 53.3) / 14.54))) ** 4
+    return [(a, 0.3632 + 1.158 / (1 + e((v + 55.96) / 20.12))), (b, 1.24 + 2.678 / (1 + e((v + 50) / 16.027)))]
+
+
+ORACLES: dict[str, tuple[Callable[[float], list[tuple[float, float]]], tuple[float, ...], tuple[float, ...]]] = {
+    "connor-stevens": (_connor_stevens_rates, (120, 20, 0.3, 47.7), (55, -72, -17, -75)),
+    "hodgkin-huxley": (_hodgkin_huxley_rates, (120, 36, 0.3, 0), (50, -77, -54.387, -75)),
+    "printed": (_hodgkin_huxley_rates, (120, 36, 0.3, 47.7), (50, -77, -54.387, -75)),
+}
+
+
+def oracle_slope(name: str, channels: Channels, current: float) -> Callable[[float, np.ndarray], list[float]]:
+    rates, conductances, (e_na, e_k, e_l, e_a) = ORACLES[name]
+    g_na, g_k, g_l, g_a = (c * g for c, g in zip(channels, conductances, strict=True))
+
+    def slope(_t: float, y: np.ndarray) -> list[float]:
+        v, m, h, n, a, b = y
+        gates = [opening * (1 - x) - closing * x for x, (opening, closing) in zip((m, h, n), rates(v), strict=True)]
+        gates += [(limit - x) / tau for x, (limit, tau) in zip((a, b), _a_current(v), strict=True)]
+        total = g_na * m**3 * h * (e_na - v) + g_k * n**4 * (e_k - v) + g_l * (e_l - v) + g_a * a**3 * b * (e_a - v)
+        return [total + current, *gates]
+
+    return slope
+
+
+def oracle_rate(name: str, channels: Channels, current: float, duration: float) -> float:
+    """Steady rate [Hz] by DOP853 from rest, from the last interval between crossings of -20 mV; 0 if it settles."""
+    start = [-70.0, 0.05, 0.6, 0.3, 0.5, 0.3]
+    at_rest = solve_ivp(oracle_slope(name, channels, 0.0), (0, 2000), start, method="LSODA", rtol=1e-11, atol=1e-12)
+
+    def crossing(_t: float, y: np.ndarray) -> float:
+        return y[0] + 20.0
+
+    crossing.direction = 1.0  # type: ignore[attr-defined]
+    solution = solve_ivp(
+        oracle_slope(name, channels, current),
+        (0, duration),
+        at_rest.y[:, -1],
+        method="DOP853",
+        rtol=3e-12,
+        atol=1e-12,
+        events=crossing,
+    )
+    spikes = solution.t_events[0]
+    if spikes.size < 3 or duration - spikes[-1] > 3 * (spikes[-1] - spikes[-2]):
+        return 0.0
+    return float(1000.0 / (spikes[-1] - spikes[-2]))
+
+
+# --- gating ---------------------------------------------------------------------------------------------------------
+
+
+@every_membrane
+def test_gating_agrees_with_the_formulas(membrane: Membrane) -> None:
+    voltage = np.linspace(-110.0, 70.0, 181) + 0.123
+    opening, total = membrane.gating.rates(voltage)
+    row = {name: i for i, name in enumerate(membrane.gating.names)}
+    for i, v in enumerate(voltage):
+        for name, (a, b) in zip("mhn", ORACLES[membrane.name][0](v), strict=True):
+            assert opening[row[name], i] == pytest.approx(a, rel=1e-13)
+            assert total[row[name], i] == pytest.approx(a + b, rel=1e-13)
+        for name, (limit, tau) in zip("AB", _a_current(v), strict=True):
+            if name in row:
+                assert opening[row[name], i] == pytest.approx(limit / tau, rel=1e-13)
+                assert total[row[name], i] == pytest.approx(1 / tau, rel=1e-13)
+
+
+@every_membrane
+@pytest.mark.parametrize("offset", [0.0, 1e-300, -1e-14, 1e-9, -1e-5, 1e-3, 0.19, -0.21])
+def test_removable_singularities_are_exact(membrane: Membrane, offset: float) -> None:
+    kinetics = membrane.gating.kinetics
+    for row, rate in ((0, kinetics.m_open), (-1, kinetics.n_open)):
+        voltage = np.array([offset - rate.offset])
+        x = mpmath.mpf(float(voltage[0])) + mpmath.mpf(rate.offset)
+        with mpmath.workdps(40):
+            exact = rate.scale * (x / -mpmath.expm1(-x / rate.width) if x else rate.width)
+        opening, _ = membrane.gating.rates(voltage)
+        assert opening[row, 0] == pytest.approx(float(exact), rel=1e-14)
+
+
+@every_membrane
+def test_gating_is_finite_everywhere(membrane: Membrane) -> None:
+    voltage = np.array([-1e308, -1e6, -5e3, -1e3, 1e3, 5e3, 1e6, 1e308])
+    for rate in membrane.gating.rates_and_slopes(voltage):
+        assert np.isfinite(rate).all()
+    opening, total = membrane.gating.rates(voltage)
+    assert (opening >= 0.0).all()
+    assert (opening <= total).all()
+
+
+@every_membrane
+def test_gating_slopes(membrane: Membrane) -> None:
+    voltage = np.concatenate([np.linspace(-100.0, 60.0, 33), -np.array([29.7, 40.0, 45.7, 55.0]) + 1e-4])
+    rates = membrane.gating.rates_and_slopes(voltage)
+    up, down = membrane.gating.rates(voltage + 1e-4), membrane.gating.rates(voltage - 1e-4)
+    np.testing.assert_allclose(rates.opening_slope, (up[0] - down[0]) / 2e-4, rtol=1e-6, atol=1e-9)
+    np.testing.assert_allclose(rates.total_slope, (up[1] - down[1]) / 2e-4, rtol=1e-6, atol=1e-9)
+
+
+# --- the vector field and the step ----------------------------------------------------------------------------------
+
+
+def _one(channels: Channels = PAPER_CHANNELS) -> Channels:
+    return Channels(*(np.atleast_1d(np.asarray(c, dtype=float)) for c in channels))
+
+
+@every_membrane
+def test_slope_agrees_with_the_oracle(membrane: Membrane) -> None:
+    cells = Cells.of(membrane, _one(), np.array([20.3]))
+    gates = {"m": 0.3, "h": 0.4, "n": 0.45, "A": 0.6, "B": 0.2}
+    state = np.array([[-50.0], *([gates[name]] for name in membrane.gating.names)])
+    expected = oracle_slope(membrane.name, PAPER_CHANNELS, 20.3)(0.0, np.array([-50.0, *gates.values()]))
+    slope = cells.slope(state)[:, 0]
+    assert slope[0] == pytest.approx(expected[0], rel=1e-12)
+    for name, value in zip(membrane.gating.names, slope[1:], strict=True):
+        assert value == pytest.approx(expected[1 + list(gates).index(name)], rel=1e-12)
+
+
+@every_membrane
+def test_step_has_order_five(membrane: Membrane) -> None:
+    cells = Cells.of(membrane, _one(), np.array([60.0]))
+    state = steady_state(np.array([-60.0]), membrane)
+    exact = travel(cells, state, np.array([1.0]), 1e-14)
+    errors = []
+    for steps in (24, 48):
+        after = state
+        for _ in range(steps):
+            after, _, _ = step(cells, after, np.array([1.0 / steps]))
+        errors.append(np.abs(after - exact).max())
+    assert math.log2(errors[0] / errors[1]) == pytest.approx(5.0, abs=0.7)
+
+
+# --- rest and folds -------------------------------------------------------------------------------------------------
+
+
+@every_membrane
+def test_rest_is_an_equilibrium(membrane: Membrane) -> None:
+    channels = Channels(*(np.array(c) for c in ([1.05, 1.0], [1.16, 1.2], [1.0, 0.9], [1.5, 1.6])))
+    state = rest(channels, membrane)
+    assert np.abs(Cells.of(membrane, channels, np.zeros(2)).slope(state)).max() < 1e-10
+    np.testing.assert_allclose(steady_current(state[0], channels, membrane), 0.0, atol=1e-10)
+
+
+def test_fold_is_the_maximum_of_the_steady_current() -> None:
+    found = fold(_one(), CONNOR_STEVENS)
+    near = steady_current(found.voltage + np.linspace(-0.5, 0.5, 101))
+    assert near.argmax() == 50
+    assert found.current[0] == pytest.approx(near.max(), abs=1e-12)
+    assert found.prefactor[0] == pytest.approx(10.53, abs=0.005)
+    assert np.isnan(fold(_one(), HODGKIN_HUXLEY).current[0])
+
+
+def test_prefactor_is_the_limit_of_exact_rates() -> None:
+    found = fold(_one(), CONNOR_STEVENS)
+    s = np.array([0.04, 0.05, 0.06])
+    channels = Channels(*(np.full(3, c) for c in PAPER_CHANNELS))
+    rate = steady_orbit(Cells.of(CONNOR_STEVENS, channels, found.current + s**2), rest(channels, CONNOR_STEVENS)).rate
+    limit = np.polynomial.polynomial.polyfit(s, s / rate, 2)[0]
+    assert 1.0 / limit == pytest.approx(found.prefactor[0], rel=2e-4)
+
+
+def test_steady_current_refuses_nonsense() -> None:
+    with pytest.raises(InputError, match="voltage is not finite"):
+        steady_current([0.0, math.nan])
+    with pytest.raises(InputError, match="c_K is negative"):
+        steady_current(-60.0, PAPER_CHANNELS._replace(c_K=-1.0))
+
+
+# --- exact rates ----------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.skipif(not SHARED.is_dir(), reason="the reference values of other simulators are not here")
+@every_membrane
+def test_rates_of_other_simulators(membrane: Membrane) -> None:
+    with (SHARED / "reference" / "firing_rate.csv").open() as file:
+        rows = [row for row in csv.DictReader(file) if row["membrane"] == membrane.name]
+    column = {key: np.array([float(row[key]) for row in rows]) for key in rows[0] if key != "membrane"}
+    channels = Channels(*(column[key] for key in ("c_na", "c_k", "c_l", "c_a")))
+    rate = firing_rate(column["current_ua_cm2"], channels, membrane)
+    silent = column["rate_hz"] == 0.0
+    assert (rate[silent] == 0.0).all()
+    np.testing.assert_allclose(rate[~silent], column["rate_hz"][~silent], rtol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("membrane", "channels", "current", "duration"),
+    [
+        (CONNOR_STEVENS, PAPER_CHANNELS, 20.3, 250.0),
+        (CONNOR_STEVENS, Channels(1.1, 1.1, 0.95, 1.4), 38.0, 150.0),
+        (CONNOR_STEVENS, CORNER, 17.2, 450.0),
+        (HODGKIN_HUXLEY, PAPER_CHANNELS, 25.0, 250.0),
+        (PRINTED, PAPER_CHANNELS, 60.0, 300.0),
+    ],
+)
+def test_rate_agrees_with_tight_integration(
+    membrane: Membrane, channels: Channels, current: float, duration: float
+) -> None:
+    expected = oracle_rate(membrane.name, channels, current, duration)
+    assert expected > 0.0
+    assert firing_rate(current, channels, membrane) == pytest.approx(expected, rel=3e-7)
+
+
+@pytest.mark.parametrize(
+    ("membrane", "current"),
+    [
+        (CONNOR_STEVENS, 17.9),
+        (HODGKIN_HUXLEY, 9.0),  # one spike, then rest
+        (PRINTED, 49.0),  # several spikes, then rest
+        (CONNOR_STEVENS, 250.0),  # depolarisation block
+        (HODGKIN_HUXLEY, 250.0),
+        (PRINTED, 250.0),
+        (CONNOR_STEVENS, 0.0),
+        (CONNOR_STEVENS, -20.0),
+    ],
+)
+def test_silence_is_exactly_zero(membrane: Membrane, current: float) -> None:
+    assert firing_rate(current, membrane=membrane) == 0.0
+
+
+def test_firing_begins_arbitrarily_slowly_above_a_fold() -> None:
+    found = fold(_one(), CONNOR_STEVENS)
+    excess = np.array([1e-9, 1e-7, 1e-5, 1e-4, 3.9e-4, 4.1e-4, 1e-3])
+    ratio = firing_rate(found.current + excess) / np.sqrt(excess)
+    assert ratio[0] == pytest.approx(found.prefactor[0], rel=1e-4)
+    assert (np.diff(ratio) > 0.0).all()
+
+
+def test_continuation_agrees_with_waiting() -> None:
+    found = fold(_one(), CONNOR_STEVENS)
+    current = found.current + 0.0175**2
+    patient = steady_orbit(Cells.of(CONNOR_STEVENS, _one(), current), rest(_one(), CONNOR_STEVENS), 1e-11)
+    assert firing_rate(current)[0] == pytest.approx(patient.rate[0], rel=3e-7)
+
+
+def test_rates_broadcast() -> None:
+    current = np.array([10.0, 20.3, 30.0])
+    channels = PAPER_CHANNELS._replace(c_Na=np.array([[1.05], [1.0]]))
+    together = firing_rate(current, channels)
+    assert together.shape == (2, 3)
+    for i in range(2):
+        for j in range(3):
+            one = firing_rate(current[j], PAPER_CHANNELS._replace(c_Na=channels.c_Na[i, 0]))
+            assert one.shape == ()
+            assert together[i, j] == pytest.approx(one, rel=1e-9)
+    assert firing_rate(np.zeros((0, 4))).shape == (0, 4)
+
+
+@pytest.mark.parametrize("bad", [math.nan, math.inf, [20.0, math.nan]])
+def test_rates_refuse_currents_that_are_not_finite(bad: object) -> None:
+    with pytest.raises(InputError, match="current is not finite"):
+        firing_rate(bad)
+
+
+def test_the_a_current_does_not_touch_hodgkin_huxley() -> None:
+    rates = firing_rate(20.0, PAPER_CHANNELS._replace(c_A=np.array([0.0, 1.5])), HODGKIN_HUXLEY)
+    assert rates[0] == rates[1]
+
+
+def test_an_undecided_orbit_is_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(limit_cycle, "_MAX_STEPS", 100)
+    with pytest.raises(NumericalError, match=r"20\.3"):
+        firing_rate(20.3)
+
+
+# --- rheobase -------------------------------------------------------------------------------------------------------
+
+
+def test_rheobase_at_a_fold() -> None:
+    begin = onset()
+    assert begin.rheobase == pytest.approx(17.98653633, abs=1e-7)
+    assert begin.rate == 0.0
+    assert firing_rate(begin.rheobase - 1e-6) == 0.0
+    assert firing_rate(begin.rheobase + 1e-6) > 0.0
+    several = rheobase(PAPER_CHANNELS._replace(c_A=np.array([[1.5], [1.6], [1.5]])))
+    assert several.shape == (3, 1)
+    assert several[0, 0] == several[2, 0] == begin.rheobase
+    assert several[1, 0] > begin.rheobase
+
+
+def test_rheobase_above_a_fold_that_is_not_followed_by_firing() -> None:
+    begin = onset(CORNER)
+    assert begin.rheobase == pytest.approx(16.98716, abs=2e-5)
+    assert begin.rheobase > fold(_one(CORNER), CONNOR_STEVENS).current[0] + 0.4
+    assert 8.0 < begin.rate < 9.0
+    around = firing_rate(begin.rheobase + np.array([-1e-5, 1e-5]), CORNER)
+    assert around[0] == 0.0
+    assert around[1] > 8.0
+
+
+@pytest.mark.parametrize(
+    ("membrane", "channels", "current", "rate"),
+    [(HODGKIN_HUXLEY, Channels(1.0, 1.0, 1.0, 1.0), 6.2603, 50.33), (PRINTED, PAPER_CHANNELS, 49.8710, 42.41)],
+)
+def test_rheobase_at_a_fold_of_orbits(membrane: Membrane, channels: Channels, current: float, rate: float) -> None:
+    begin = onset(channels, membrane)
+    assert begin.born
+    assert begin.rheobase == pytest.approx(current, abs=1e-4)
+    assert begin.rate == pytest.approx(rate, abs=0.01)
+    around = firing_rate(begin.rheobase + np.array([-0.02, 0.02]), channels, membrane)
+    assert around[0] == 0.0
+    assert around[1] == pytest.approx(rate, rel=0.03)
+
+
+def test_a_membrane_without_sodium_never_fires() -> None:
+    begin = onset(PAPER_CHANNELS._replace(c_Na=0.0), HODGKIN_HUXLEY)
+    assert np.isinf(begin.rheobase)
+    assert begin.rate == 0.0

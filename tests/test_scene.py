@@ -1,0 +1,281 @@
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from softness_bayes.errors import InputError, SoftnessError
+from softness_bayes.touch.contact import Finger, Force, Indentation
+from softness_bayes.touch.parameters import TouchParameters
+from softness_bayes.touch.readings import Readings
+from softness_bayes.touch.reference import SimulatedRate, reference_response
+from softness_bayes.touch.scene import Discretisation, FixedChannels, Scene
+from softness_bayes.touch.stress import HERTZ
+
+FABRICS = np.array([2e3, 1.5e4, 6e4, 4e5, 1e7])
+POISSON = np.array([0.2, 0.3, 0.35, 0.45, 0.1])
+LOADS = (Indentation(1e-3), Force(1.0), Indentation(2.5e-3))
+
+
+@pytest.fixture(scope="module")
+def scene(smooth_firing):
+    return Scene(FABRICS, POISSON, LOADS, smooth_firing())
+
+
+def draws(rng, size, paper):
+    return paper(
+        b=1e5 * np.exp(0.5 * rng.normal(size=size)),
+        m=2.0 * np.exp(0.3 * rng.normal(size=size)),
+        alpha=20.3 * np.exp(0.1 * rng.normal(size=size)),
+        beta=0.6e-3 * np.exp(0.3 * rng.normal(size=size)),
+        sigma_0=9e3 * np.exp(0.4 * rng.normal(size=size)),
+    )
+
+
+def take(parameters, index):
+    return TouchParameters(*(np.broadcast_to(v, np.shape(parameters.b))[index] for v in parameters))
+
+
+def assert_same(found, other, rtol=1e-13):
+    for name in ("total_rate", "responding", "mean_rate", "mean_interval", "peak_stress"):
+        np.testing.assert_allclose(getattr(found, name), getattr(other, name), rtol=rtol, atol=1e-300, err_msg=name)
+    for one, two in zip(found.contact, other.contact, strict=True):
+        np.testing.assert_allclose(one, two, rtol=rtol)
+
+
+def part(response, index):
+    """The conditions at an index of a response."""
+    contact = response.contact._make(field[..., index] for field in response.contact)
+    return response._make([*(field[..., index] for field in response[:-1]), contact])
+
+
+def test_prior_draws_against_the_reference(scene, rng, paper):
+    parameters = draws(rng, 20, paper)
+    found = scene.respond(parameters)
+    for k in range(20):
+        exact = reference_response(scene, take(parameters, k), scene.firing.curve)
+        largest = max(exact.total_rate.max(), 1.0)
+        np.testing.assert_allclose(found.total_rate[k], exact.total_rate, atol=1e-4 * largest, rtol=0)
+        # what the likelihood sees: the logarithm of the pad's mean rate
+        seen = [np.log(r / scene.n_receptors + 0.1) for r in (found.total_rate[k], exact.total_rate)]
+        np.testing.assert_allclose(*seen, atol=2e-4)
+        np.testing.assert_allclose(found.responding[k], exact.responding, atol=2e-3)
+        for one, two in zip(part(found, np.s_[:]).contact, exact.contact, strict=True):
+            np.testing.assert_allclose(one[k], two, rtol=1e-12)
+
+
+def test_simulated_membrane_is_the_references_own_rate(paper):
+    small = Scene([6e4, 4e5], 0.3, [Indentation(1e-3)], FixedChannels())
+    exact = reference_response(small, paper(), rtol=1e-5)
+    found = small.respond(paper())
+    assert exact.total_rate[1] > 10
+    for name in ("total_rate", "responding", "mean_rate", "mean_interval"):
+        np.testing.assert_allclose(getattr(found, name), getattr(exact, name), rtol=2e-4, err_msg=name)
+    assert isinstance(SimulatedRate(small.firing.channels, small.firing.membrane).rheobase.item(), float)
+
+
+def test_batch_is_its_single_vectors(scene, rng, paper):
+    parameters = draws(rng, 37, paper)
+    together = scene.respond(parameters)
+    for k in range(37):
+        assert_same(part(together, np.s_[:])._make(
+            [*(f[k] for f in together[:-1]), together.contact._make(f[k] for f in together.contact)]
+        ), scene.respond(take(parameters, k)))
+    np.testing.assert_allclose(scene.total_rate(parameters), together.total_rate, rtol=1e-13)
+
+
+def test_any_batch_shape(scene, rng, paper):
+    parameters = draws(rng, (3, 4), paper)
+    found = scene.total_rate(parameters)
+    assert found.shape == (3, 4, 15)
+    flat = TouchParameters(*(np.broadcast_to(v, (3, 4)).ravel() for v in parameters))
+    np.testing.assert_allclose(found.reshape(12, 15), scene.total_rate(flat), rtol=1e-13)
+    assert scene.total_rate(paper()).shape == (15,)
+    assert scene.contact(paper(b=np.array([1e5, 2e5]))).radius.shape == (2, 15)
+
+
+def test_a_batch_may_be_empty(scene, paper):
+    empty = paper(b=np.empty(0))
+    assert scene.total_rate(empty).shape == (0, 15)
+    assert scene.respond(empty).mean_interval.shape == (0, 15)
+    assert scene.contact(empty).force.shape == (0, 15)
+
+
+def test_chunks_do_not_show(scene, rng, paper, monkeypatch):
+    parameters = draws(rng, 25, paper)
+    whole = scene.respond(parameters)
+    monkeypatch.setattr("softness_bayes.touch.scene.CHUNK", 4 * 15 * 12)
+    assert_same(scene.respond(parameters), whole)
+
+
+def test_conditions_in_any_order_and_number(scene, rng, paper):
+    parameters = draws(rng, 6, paper)
+    full = scene.respond(parameters)
+    fabric, load = np.tile(np.arange(5), 3), np.repeat(np.arange(3), 5)
+    for chosen in (rng.permutation(15), rng.permutation(15)[:4], np.array([7]), np.array([3, 3, 11, 3])):
+        sparse = Scene(FABRICS, POISSON, LOADS, scene.firing, fabric[chosen], load[chosen])
+        # the tables cover other ranges of moduli, so they agree to their tolerance only
+        wanted = part(full, chosen)
+        largest = full.total_rate.max()
+        np.testing.assert_allclose(sparse.total_rate(parameters), wanted.total_rate, atol=2e-4 * largest)
+        for one, two in zip(sparse.contact(parameters), wanted.contact, strict=True):
+            np.testing.assert_allclose(one, two, rtol=1e-13)
+
+
+def test_order_of_the_fabrics_does_not_show(scene, rng, paper):
+    parameters, order = draws(rng, 6, paper), rng.permutation(5)
+    shuffled = Scene(FABRICS[order], POISSON[order], LOADS, scene.firing)
+    where = (np.arange(3)[:, None] * 5 + order).ravel()
+    assert_same(shuffled.respond(parameters), part(scene.respond(parameters), where))
+
+
+def test_one_condition_is_enough(smooth_firing, paper):
+    one = Scene(4e5, 0.3, [Indentation(1e-3)], smooth_firing())
+    assert one.n_conditions == 1
+    assert one.total_rate(paper()).shape == (1,)
+    assert one.n_receptors == pytest.approx(249.66, abs=0.005)
+
+
+def test_all_silent(scene, paper):
+    for quiet in (paper(alpha=17.99), paper(sigma_0=1e9), paper(b=1e-3, m=0.0)):
+        found = scene.respond(quiet)
+        assert (found.total_rate == 0).all()
+        assert (found.responding == 0).all()
+        assert np.isnan(found.mean_rate).all()
+        assert np.isnan(found.mean_interval).all()
+        assert (found.peak_stress > 0).all()
+
+
+def test_membrane_that_never_fires(smooth_firing, paper):
+    silent = Scene(FABRICS, 0.3, LOADS, smooth_firing(rheobase=math.inf))
+    assert (silent.total_rate(paper(alpha=50.0)) == 0).all()
+    assert np.isnan(silent.respond(paper(alpha=50.0)).mean_rate).all()
+    exact = reference_response(silent, paper(alpha=50.0), silent.firing.curve)
+    assert (exact.total_rate == 0).all()
+
+
+def test_scaling_of_all_stresses_and_moduli(smooth_firing, paper):
+    # under Hertz's pressure nothing but ratios of stresses counts
+    readings = Readings(pressure=HERTZ)
+    factor = 7.3
+    one = Scene(FABRICS, 0.3, LOADS[:1], smooth_firing(), readings=readings)
+    other = Scene(factor * FABRICS, 0.3, LOADS[:1], smooth_firing(), readings=readings)
+    scaled = paper(b=factor * 1e5, beta=0.6e-3 / factor, sigma_0=factor * 9e3)
+    rate = one.total_rate(paper())
+    assert rate.max() > 100
+    np.testing.assert_allclose(other.total_rate(scaled), rate, atol=2e-5 * rate.max())
+
+
+def test_a_stiffer_fabric_is_felt_more_under_hertz(smooth_firing, paper):
+    # under indentation control Hertz's response is monotone (model.md 4)
+    fabrics = np.geomspace(1e2, 1e9, 200)
+    rising = Scene(fabrics, 0.3, [Indentation(1e-3)], smooth_firing(), readings=Readings(pressure=HERTZ))
+    rate = rising.total_rate(paper())
+    assert (np.diff(rate) >= -1e-6 * rate.max()).all()
+    turning = Scene(fabrics, 0.3, [Indentation(3e-3)], smooth_firing())
+    rate = turning.total_rate(paper(m=1.0))
+    assert 0 < rate.argmax() < 199
+
+
+def test_fourteen_decades_of_fabric(smooth_firing, paper):
+    wide = Scene(np.geomspace(1e-2, 1e12, 15), 0.3, [Indentation(1e-3), Force(0.5)], smooth_firing())
+    for changed in ({}, {"m": 50 / math.sqrt(8e-3 * 1e-3) * 8e-3}, {"b": 1e10}, {"b": 1.0, "sigma_0": 0.1, "beta": 50.0}):
+        exact = reference_response(wide, paper(**changed), wide.firing.curve)
+        found = wide.total_rate(paper(**changed))
+        assert exact.total_rate.max() > 0
+        np.testing.assert_allclose(found, exact.total_rate, atol=5e-4 * exact.total_rate.max())
+
+
+def test_extreme_parameters_stay_finite(scene, rng):
+    size = 3000
+    parameters = TouchParameters(
+        b=10 ** rng.uniform(-3, 12, size),
+        m=rng.choice([0.0, 1.0, 1e4], size) * rng.random(size),
+        alpha=rng.choice([18.0 * (1 + 1e-12), 18.0 * (1 - 1e-12), 20.3, 59.0, 1e-6], size),
+        beta=10 ** rng.uniform(-15, 3, size),
+        sigma_0=rng.choice([-1, 1], size) * 10 ** rng.uniform(-3, 7, size),
+        c_Na=np.ones(size),
+        c_K=np.ones(size),
+        c_L=np.ones(size),
+        c_A=np.ones(size),
+    )
+    found = scene.respond(parameters)
+    fires = found.responding > 0
+    assert np.isfinite(found.total_rate).all()
+    assert (found.total_rate >= 0).all()
+    assert ((found.responding >= 0) & (found.responding <= scene.n_receptors + 1e-6)).all()
+    assert ((found.total_rate > 0) == fires).all()
+    assert np.isfinite(found.mean_interval[fires]).all()
+    assert (found.mean_interval * found.mean_rate)[found.responding > 1e-6].min() > 1 - 1e-3
+
+
+def test_single_precision_input(scene, paper):
+    single = TouchParameters(*(np.float32(value) for value in paper()))
+    double = TouchParameters(*(float(value) for value in single))
+    assert scene.total_rate(single).dtype == np.float64
+    np.testing.assert_array_equal(scene.total_rate(single), scene.total_rate(double))
+
+
+def test_refined_scene_measures_the_error(scene, rng, paper):
+    parameters = draws(rng, 10, paper)
+    finer = scene.refined()
+    assert finer.discretisation.nodes > scene.discretisation.nodes
+    for k in range(3):
+        exact = reference_response(scene, take(parameters, k), scene.firing.curve)
+        found = finer.total_rate(take(parameters, k))
+        np.testing.assert_allclose(found, exact.total_rate, atol=1e-6 * max(exact.total_rate.max(), 1))
+
+
+def test_beyond_hertz_counts_large_contacts(smooth_firing, paper):
+    deep = Scene([1e5, 1e6], 0.3, [Indentation(1e-3), Indentation(3e-3), Indentation(9e-3)], smooth_firing())
+    assert deep.beyond_hertz(paper()) == (pytest.approx(2 / 3), pytest.approx(1 / 3))
+
+
+@pytest.mark.parametrize("name", TouchParameters._fields)
+@pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf])
+def test_parameters_must_be_finite(scene, paper, name, bad):
+    for call in (scene.total_rate, scene.respond, scene.contact):
+        with pytest.raises(SoftnessError, match=name):
+            call(paper(**{name: np.array([1.0, bad])}))
+    with pytest.raises(InputError, match=name):
+        reference_response(scene, paper(**{name: bad}), scene.firing.curve)
+
+
+@pytest.mark.parametrize("name", ["b", "alpha", "beta", "c_Na"])
+def test_parameters_must_be_positive(scene, paper, name):
+    with pytest.raises(InputError, match=name):
+        scene.total_rate(paper(**{name: 0.0}))
+
+
+def test_a_skin_that_softens_is_refused(scene, paper):
+    with pytest.raises(InputError, match="m"):
+        scene.total_rate(paper(m=-0.1))
+
+
+def test_the_reference_takes_one_vector(scene, paper):
+    with pytest.raises(InputError, match="b"):
+        reference_response(scene, paper(b=np.array([1e5, 2e5])), scene.firing.curve)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"fabric_modulus": [1e5, 0.0]}, "modulus"),
+        ({"fabric_modulus": [1e5, math.nan]}, "modulus"),
+        ({"fabric_modulus": [1e5, math.inf]}, "modulus"),
+        ({"fabric_poisson": 0.6}, "Poisson"),
+        ({"fabric_poisson": math.nan}, "Poisson"),
+        ({"loads": []}, "condition"),
+        ({"fabric": [0, 2], "load": [0, 0]}, "fabric"),
+        ({"fabric": [0, 1], "load": [0, 5]}, "load"),
+        ({"fabric": [0, 1], "load": [0]}, "condition"),
+        ({"fabric": [], "load": []}, "condition"),
+        ({"finger": Finger(receptor_depth=0.0)}, "receptor_depth"),
+    ],
+    ids=lambda value: str(value)[:40],
+)
+def test_scenes_that_cannot_be(smooth_firing, change, message):
+    usual = {"fabric_modulus": [1e5, 1e6], "fabric_poisson": 0.3, "loads": [Indentation(1e-3)]}
+    with pytest.raises(InputError, match=message):
+        Scene(**{**usual, **change}, firing=smooth_firing(), discretisation=Discretisation(field_tolerance=1e-3))

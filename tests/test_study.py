@@ -1,0 +1,151 @@
+"""Simulated ratings by their moments, and the parameters that they are made of."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+
+from softness_bayes.data import Fabrics
+from softness_bayes.errors import InputError
+from softness_bayes.inference.observation import INVERSE
+from softness_bayes.inference.parameters import PARAMETERS
+from softness_bayes.study import scene_of, simulate_ratings, touch_parameters, usual_values
+from softness_bayes.touch.contact import Force, Indentation
+from softness_bayes.touch.readings import MENDED
+
+CLOTH = Fabrics(("silk", "lawn", "drill"), effective_modulus=np.array([2e4, 1e5, 4e5]))
+LOADS = (Indentation(2e-3), Force(1.5))
+
+
+@pytest.fixture(scope="module")
+def values():
+    return usual_values(MENDED, given={"sigma_0": 7.0, "gamma": 0.8, "tau": 0.6, "varsigma": 0.3})
+
+
+def simulate(seed, values, **options):
+    return simulate_ratings(np.random.default_rng(seed), CLOTH, LOADS, values, **options)
+
+
+def grid(simulation, participants):
+    """Log ratings, shape (participants, fabrics, loads), NaN where missing."""
+    ratings = simulation.ratings
+    table = np.full((participants, len(CLOTH), len(LOADS)), np.nan)
+    table[ratings.participant, ratings.fabric, ratings.load] = np.log(ratings.rating)
+    return table
+
+
+# parameters
+
+
+def test_usual_values_are_medians_and_what_is_given():
+    usual = usual_values(MENDED)
+    assert list(usual) == list(PARAMETERS)
+    expected = {"b": 100, "m": 2, "alpha": 20.3, "beta": 0.6, "sigma_0": 9, "gamma": 1, "omega": 0, "eps": 0.1}
+    assert {name: usual[name] for name in expected} == pytest.approx(expected)
+    assert usual["tau"] == pytest.approx(0.67449, abs=1e-5)  # of |N(0, 1)|
+    assert usual["varsigma"] == pytest.approx(0.337245, abs=1e-6)
+    assert [usual[name] for name in ("c_Na", "c_K", "c_L", "c_A")] == [1.05, 1.16, 1.0, 1.5]
+    given = usual_values(MENDED, given={"b": 80, "omega": 0.2, "c_K": 1.2, "tau": 0})
+    assert given == usual | {"b": 80.0, "omega": 0.2, "c_K": 1.2, "tau": 0.0}
+
+
+def test_usual_values_of_another_set_and_reading():
+    displacement = MENDED.override({"skin_displacement": "displacement"})
+    table = {
+        (MENDED, "default"): (100, 2),
+        (MENDED, "in-vivo"): (7.5, 3.9),
+        (displacement, "default"): (100, 707),
+        (displacement, "in-vivo"): (15.8, 630),
+    }
+    for (readings, prior_set), (b, m) in table.items():
+        usual = usual_values(readings, prior_set)
+        assert (usual["b"], usual["m"]) == pytest.approx((b, m))
+    assert usual_values(MENDED, "in-vivo", {"b": 9.0})["b"] == 9.0
+
+
+@pytest.mark.parametrize("given", [{"bee": 1.0}, {"b": 0.0}, {"b": -1.0}, {"m": np.nan}])
+def test_usual_values_refuse(given):
+    with pytest.raises(InputError, match=next(iter(given))):
+        usual_values(MENDED, given=given)
+
+
+def test_parameters_reach_the_scene_in_si():
+    named = usual_values(MENDED) | {"b": np.array([80.0, 90.0]), "sigma_0": 7.0, "beta": 0.5}
+    touch = touch_parameters(named)
+    assert_allclose(touch.b, [8e4, 9e4])
+    assert_allclose([touch.sigma_0, touch.beta], [7e3, 5e-4])
+    assert_allclose([touch.m, touch.alpha, touch.c_Na, touch.c_A], [2, 20.3, 1.05, 1.5])
+    # beta sigma_0 has no unit: neither has it changed
+    assert float(touch.beta * touch.sigma_0) == pytest.approx(0.5 * 7.0)
+
+
+# simulated ratings
+
+
+@pytest.mark.parametrize(("direction", "sign"), [({}, 1), ({"direction": INVERSE}, -1)], ids=["softness", "inverse"])
+def test_moments_of_simulated_ratings(values, direction, sign):
+    n, mu = 4000, 2.5
+    simulation = simulate(1, values, participants=n, mu=mu, **direction)
+    rate = np.column_stack([
+        scene_of(CLOTH, (load,), values, MENDED).total_rate(touch_parameters(values)) for load in LOADS
+    ])
+    receptors = 249.7  # of the pad, as model.md 8 has them
+    assert (rate > 0).sum() >= 4
+    assert_allclose(simulation.total_rate, rate, atol=2e-5 * rate.max())
+    x = np.log(rate / receptors + 0.1)
+    expected = mu + sign * 0.8 * (x - x.mean())
+    log_rating = grid(simulation, n)
+    person = log_rating.mean(axis=(1, 2)) - mu
+    # the people's common deviation from mu is the same in all conditions
+    deviation = log_rating.mean(axis=0) - expected
+    assert abs(deviation.mean()) < 5 * 0.6 / np.sqrt(n)
+    assert abs(deviation - deviation.mean()).max() < 5 * 0.3 / np.sqrt(n) + 1e-3
+    noise = log_rating - expected - simulation.participant_effect[:, None, None]
+    assert noise.std() == pytest.approx(0.3, rel=5 / np.sqrt(2 * noise.size))
+    assert simulation.participant_effect.std() == pytest.approx(0.6, rel=5 / np.sqrt(2 * n))
+    assert person.std() == pytest.approx(np.sqrt(0.36 + 0.09 / 6), rel=5 / np.sqrt(2 * n))
+    assert simulation.truth == values | {"mu": mu}
+
+
+def test_fabrics_deviate_alike_under_all_loads(values):
+    quiet = grid(simulate(2, values, participants=2000), 2000).mean(axis=0)
+    loud = grid(simulate(2, values | {"omega": 0.5}, participants=2000), 2000).mean(axis=0)
+    change = loud - quiet
+    assert change.std() > 0.1
+    assert_allclose(change[:, 0], change[:, 1], atol=5 * 0.3 * np.sqrt(2 / 2000))
+
+
+def test_the_typical_rating_is_the_centre_of_its_prior(values):
+    assert simulate(3, values, participants=2).truth["mu"] == pytest.approx(np.log(20))
+
+
+def test_gaps_are_as_many_as_asked_for_and_anywhere(values):
+    n, share = 500, 0.2
+    simulation = simulate(4, values, participants=n, missing=share)
+    cells = n * 6
+    spread = np.sqrt(cells * share * (1 - share))
+    assert abs(simulation.ratings.n_missing - share * cells) < 5 * spread
+    assert len(simulation.ratings) + simulation.ratings.n_missing == cells
+    gaps = np.isnan(grid(simulation, n))
+    assert abs(gaps.mean(axis=0) - share).max() < 5 * np.sqrt(share * (1 - share) / n)
+    # the other ratings are those without gaps
+    full = grid(simulate(4, values, participants=n), n)
+    assert_array_equal(grid(simulation, n)[~gaps], full[~gaps])
+    assert not np.isnan(full).any()
+
+
+def test_equal_seeds_equal_ratings(values):
+    one, same, other = (simulate(seed, values, participants=4, missing=0.1) for seed in (5, 5, 6))
+    assert_array_equal(one.ratings.rating, same.ratings.rating)
+    assert_array_equal(one.participant_effect, same.participant_effect)
+    assert one.ratings.rating.tolist() != other.ratings.rating.tolist()
+    assert_array_equal(one.total_rate, other.total_rate)
+
+
+def test_names_sort_as_they_are_counted(values):
+    assert simulate(7, values, participants=10).ratings.participants[::9] == ("P01", "P10")
+
+
+@pytest.mark.parametrize("wrong", [{"participants": 0}, {"missing": 1.0}, {"missing": -0.1}, {"missing": np.nan}])
+def test_nobody_or_nothing_to_rate_is_refused(values, wrong):
+    with pytest.raises(InputError, match="simulate: "):
+        simulate(1, values, **wrong)
