@@ -187,23 +187,36 @@ class Result:
         return cls(tree, pd.read_csv(table, index_col="parameter"))
 
 
-def prepare_directory(directory: Path, replace: bool) -> None:
-    """Make an empty directory for a run.
+def require_vacant(directory: Path, replace: bool) -> None:
+    """Refuse a directory that a run may not write to; nothing is touched.
 
     Raises
     ------
     InputError
-        If it is a file, or holds something and `replace` is not asked for.
+        If it is a file or lies below one, or holds something and `replace` is not asked for.
     """
-    if directory.exists() and not directory.is_dir():
-        raise InputError(f"{directory}: is a file, expected a directory for the results")
+    for place in (directory, *directory.parents):
+        if place.exists() and not place.is_dir():
+            raise InputError(f"{place}: is a file, expected a directory for the results")
     if directory.is_dir() and any(directory.iterdir()):
         if not replace:
             raise InputError(f"{directory}: is not empty; choose another --out, or --force to replace what it holds")
         if not (directory / POSTERIOR).exists():
             raise InputError(f"{directory}: holds no {POSTERIOR}, so --force does not touch it")
-        shutil.rmtree(directory)
+
+
+def prepare_directory(directory: Path, replace: bool) -> None:
+    """Make an empty directory for a result; with `replace`, an earlier result goes.
+
+    Raises
+    ------
+    InputError
+        As `require_vacant`, or if it cannot be made.
+    """
+    require_vacant(directory, replace)
     try:
+        if directory.is_dir() and any(directory.iterdir()):
+            shutil.rmtree(directory)
         directory.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise InputError(f"{directory}: cannot be made ({error.strerror})") from None

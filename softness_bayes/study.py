@@ -47,7 +47,18 @@ def usual_values(
 
 
 def firing_of(values: Mapping[str, ArrayLike], membrane: Membrane) -> FixedChannels:
-    """Return the firing of the channel multipliers in `values`, which are numbers."""
+    """Return the firing of the channel multipliers in `values`, which are numbers.
+
+    Raises
+    ------
+    InputError
+        If one is not among them: a scene cannot yet take multipliers that vary from draw to draw.
+    """
+    freed = [name for name in Channels._fields if name not in values]
+    if freed:
+        raise InputError(
+            f"{', '.join(freed)}: channel multipliers are held, not sampled; give a value instead of a prior"
+        )
     return FixedChannels(Channels(*(float(np.asarray(values[name])) for name in Channels._fields)), membrane)
 
 

@@ -1,4 +1,4 @@
-"""What the tests share: the random seed, the reference data beside the project, and a firing rate without a membrane."""
+"""What the tests share: the random seed, the reference data beside the project, a firing rate without a membrane."""
 
 from __future__ import annotations
 

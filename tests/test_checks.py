@@ -29,9 +29,7 @@ def design(participants=15):
 def simulate(rng, truth, layout):
     """Ratings of new participants and new fabrics, as the model makes them."""
     effects = MODEL.draw_effects(rng, truth, (), layout.n_participants, layout.n_fabrics)
-    return LogRatings(
-        MODEL.draw_ratings(rng, layout, MODEL.drive(layout, RATE, truth), truth, effects), layout, MODEL
-    )
+    return LogRatings(MODEL.draw_ratings(rng, layout, MODEL.drive(layout, RATE, truth), truth, effects), layout, MODEL)
 
 
 def check(rng, observation, assumed, draws=1):
@@ -102,9 +100,7 @@ def test_p_is_what_the_definition_says(rng):
         for i in range(rows):
             c, p = layout.condition[i], layout.participant[i]
             mean = effects.mu[d] + gamma * (x[c] - centre) + effects.participant[d, p]
-            residual.setdefault(fabric[c], []).append(
-                np.log(ratings[i]) - mean - effects.fabric[d, fabric[c]]
-            )
+            residual.setdefault(fabric[c], []).append(np.log(ratings[i]) - mean - effects.fabric[d, fabric[c]])
         between = sum(len(r) * np.mean(r) ** 2 for r in residual.values())
         expected.append(chi2.sf(between / varsigma**2, len(residual)))
         excess.append((between / len(residual) - varsigma**2) / (rows / len(residual)))

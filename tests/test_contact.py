@@ -219,7 +219,15 @@ def test_finger_refuses_what_no_finger_has(change, name):
 
 @pytest.mark.parametrize(
     ("fabric", "b", "m"),
-    [(0.0, 100000.0, 2.0), (-1.0, 100000.0, 2.0), (math.nan, 100000.0, 2.0), (100000.0, 0.0, 2.0), (100000.0, 100000.0, -0.1), (100000.0, math.nan, 2.0), (100000.0, 100000.0, math.nan)],
+    [
+        (0.0, 100000.0, 2.0),
+        (-1.0, 100000.0, 2.0),
+        (math.nan, 100000.0, 2.0),
+        (100000.0, 0.0, 2.0),
+        (100000.0, 100000.0, -0.1),
+        (100000.0, math.nan, 2.0),
+        (100000.0, 100000.0, math.nan),
+    ],
 )
 def test_contact_refuses_what_is_not_positive(fabric, b, m):
     with pytest.raises(InputError):

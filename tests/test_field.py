@@ -20,7 +20,7 @@ READINGS = [
     for component in ALTERNATIVES["stress_component"].values()
     if kernel.two_sided or not component.needs_plane
 ]
-DEFAULT_LOADS = [Indentation(1e-4), Indentation(3e-3), Indentation(12e-3), Force(0.05), Force(4.0)]
+DEFAULT_LOADS = [Indentation(1e-4), Indentation(3e-3), Force(1.0)]
 
 
 def reading_id(readings):
@@ -76,7 +76,7 @@ def test_outside_its_range_the_table_is_not_used(load):
     assert peak < 2e-5
 
 
-@pytest.mark.parametrize("depth", [1e-5, 1e-4, 0.5e-3, 0.9e-3, 1e-2])
+@pytest.mark.parametrize("depth", [1e-5, 1e-4, 0.5e-3, 1e-2])
 @pytest.mark.parametrize("pressure", [ATTENUATED, HERTZ], ids=lambda pressure: pressure.name)
 def test_every_depth(depth, pressure, rng):
     finger = Finger(receptor_depth=depth)

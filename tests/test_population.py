@@ -133,7 +133,7 @@ def test_contact_at_the_edges_of_the_pad(centre, onset_rate, smooth_firing, pape
         assert_close(touched.respond(paper(**changed)), exact, 2e-4)
 
 
-@pytest.mark.parametrize("load", [Indentation(12e-3), Indentation(30e-3), Force(50.0)], ids=str)
+@pytest.mark.parametrize("load", [Indentation(12e-3), Force(50.0)], ids=str)
 def test_contact_larger_than_the_pad(load, smooth_firing, paper):
     firing = smooth_firing()
     finger = Finger(pad_length=10e-3, pad_width=6e-3, contact_centre=(2e-3, 1e-3))

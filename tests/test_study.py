@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
+from softness_bayes import study
 from softness_bayes.data import Fabrics
 from softness_bayes.errors import InputError
 from softness_bayes.inference.observation import INVERSE
@@ -14,6 +15,15 @@ from softness_bayes.touch.readings import MENDED
 
 CLOTH = Fabrics(("silk", "lawn", "drill"), effective_modulus=np.array([2e4, 1e5, 4e5]))
 LOADS = (Indentation(2e-3), Force(1.5))
+
+
+@pytest.fixture(autouse=True, scope="module")
+def one_scene():
+    """Compile the scene once: all simulations here have the same fabrics, loads, channels and readings."""
+    compiled = scene_of(CLOTH, LOADS, usual_values(MENDED), MENDED)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(study, "scene_of", lambda *_: compiled)
+        yield
 
 
 @pytest.fixture(scope="module")
@@ -85,9 +95,9 @@ def test_parameters_reach_the_scene_in_si():
 def test_moments_of_simulated_ratings(values, direction, sign):
     n, mu = 4000, 2.5
     simulation = simulate(1, values, participants=n, mu=mu, **direction)
-    rate = np.column_stack([
-        scene_of(CLOTH, (load,), values, MENDED).total_rate(touch_parameters(values)) for load in LOADS
-    ])
+    rate = np.column_stack(
+        [scene_of(CLOTH, (load,), values, MENDED).total_rate(touch_parameters(values)) for load in LOADS]
+    )
     receptors = 249.7  # of the pad, as model.md 8 has them
     assert (rate > 0).sum() >= 4
     assert_allclose(simulation.total_rate, rate, atol=2e-5 * rate.max())

@@ -80,12 +80,12 @@ def command(
     the response turns over under each load, and a verdict. Exit code 3: not converged.
     """
     from softness_bayes.inference.observation import RATING_DIRECTIONS
-    from softness_bayes.result import prepare_directory
+    from softness_bayes.result import prepare_directory, require_vacant
     from softness_bayes.run import RunOptions, sample
 
     experiment = files.read()
     chosen = choice.resolve()
-    prepare_directory(out, force)
+    require_vacant(out, force)
     for note in experiment.notes:
         click.echo(f"note: {note}", err=True)
     options = RunOptions(
@@ -104,6 +104,8 @@ def command(
         result = sample(experiment, options, bar.show)
     finally:
         bar.close()
+    # only now: a run that fails leaves no directory behind, and --force no gap
+    prepare_directory(out, force)
     result.save(out)
     if not no_figures:
         from softness_bayes.plotting.figures import draw_figures

@@ -47,7 +47,7 @@ class Goal:
     r_hat: float = 1.01
     ess: float = 400.0
     looks: int = 2
-    burn_in: float = 10.0
+    burn_in: float = 5.0
 
 
 @dataclass(frozen=True)

@@ -1,19 +1,26 @@
-"""Independent ensembles of walkers, run until they have converged; the only module that knows emcee."""
+"""Independent ensembles of walkers, run until they have converged; the only module that knows emcee.
+
+A run has three parts. Walkers start about optimised points (`starts`). In a pilot walk of a fixed number of
+steps, the density's shape is learnt (`adaptation`); its draws are dropped. From then on nothing is adapted:
+what follows is a Markov chain with the density as its law.
+"""
 
 from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 import emcee
 import numpy as np
-from emcee.moves import DEMove, DESnookerMove, Move
+from emcee.moves import DEMove, DESnookerMove, MHMove, Move
 from numpy.typing import NDArray
 
 from softness_bayes.errors import InputError, NumericalError
+from softness_bayes.inference.adaptation import Mapped, StudentProposal, TriangularMap, learn
+from softness_bayes.inference.autocorrelation import autocorrelation_time
 from softness_bayes.inference.chains import Chains, Segment
 from softness_bayes.inference.diagnostics import LOG_POSTERIOR, Goal, Verdict, look
 from softness_bayes.inference.starts import Optimum, Target, find_optimum, scatter, worth_starting_from
@@ -21,12 +28,18 @@ from softness_bayes.inference.workers import Workers, available_processors
 
 FloatArray = NDArray[np.float64]
 
-MOVES: tuple[tuple[Move, float], ...] = (
-    (DEMove(), 0.78),
-    (DESnookerMove(), 0.2),
-    (DEMove(gamma0=1.0), 0.02),  # carries a walker from one mode to another
+Moves = tuple[tuple[Move, float], ...]
+
+FIRST_MOVES: Moves = ((DEMove(), 0.8), (DESnookerMove(), 0.2))
+"""Proposals with their probabilities before anything is known of the density's shape."""
+
+MOVES: Moves = (
+    (MHMove(StudentProposal()), 0.6),
+    (DEMove(), 0.32),
+    (DEMove(gamma0=1.0), 0.03),  # carries a walker from one mode to another
+    (DESnookerMove(), 0.05),
 )
-"""Proposals with their probabilities."""
+"""Proposals with their probabilities in the coordinates of the learnt map."""
 
 
 @dataclass(frozen=True)
@@ -50,8 +63,10 @@ class Settings:
         Largest number of stored steps of an ensemble; beyond it every second one is dropped, again and again.
     optima
         Optimised points about which the walkers of an ensemble start.
-    moves
-        Proposals with their probabilities.
+    pilot
+        Steps of each stage of the pilot walk; after each the map is learnt anew from its second half.
+    first_moves, moves
+        Proposals with their probabilities in the first stage of the pilot, and from then on.
     goal
         When the run counts as converged.
     """
@@ -63,8 +78,10 @@ class Settings:
     round_steps: int = 250
     processes: int | None = None
     stored: int = 20_000
-    optima: int = 3
-    moves: tuple[tuple[Move, float], ...] = MOVES
+    optima: int = 2
+    pilot: tuple[int, ...] = (150, 150, 300)
+    first_moves: Moves = FIRST_MOVES
+    moves: Moves = MOVES
     goal: Goal = field(default_factory=Goal)
 
     def __post_init__(self) -> None:
@@ -92,12 +109,12 @@ class Settings:
 
 
 class EnsembleState(NamedTuple):
-    """All that is needed to continue an ensemble bit by bit."""
+    """All that is needed to continue an ensemble bit by bit, besides the map and the moves."""
 
     coordinates: FloatArray
-    """Sampler coordinates of the walkers, shape (walkers, dimension)."""
+    """Map coordinates y of the walkers, shape (walkers, dimension)."""
     log_density: FloatArray
-    """Their log density, shape (walkers,)."""
+    """Their log density in sampler coordinates, shape (walkers,)."""
     random: tuple[Any, ...]
     """State of the generator, as `numpy.random.RandomState.get_state` gives it."""
 
@@ -125,11 +142,7 @@ class Sampled(NamedTuple):
 
 
 def advance(
-    target: Target,
-    state: EnsembleState,
-    steps: int,
-    moves: Iterable[tuple[Move, float]] = MOVES,
-    stride: int = 1,
+    target: Target, state: EnsembleState, steps: int, moves: Moves, map: TriangularMap, stride: int = 1
 ) -> tuple[EnsembleState, Segment]:
     """Let one ensemble walk; two calls give bit by bit what one call over all the steps gives.
 
@@ -143,11 +156,14 @@ def advance(
         Steps to walk, a multiple of ``stride``.
     moves
         Proposals with their probabilities.
+    map
+        Coordinates in which the moves are made.
     stride
         Steps of the walk for one stored.
     """
     walkers, dimension = state.coordinates.shape
-    sampler = emcee.EnsembleSampler(walkers, dimension, target, moves=list(moves), vectorize=True)
+    mapped = Mapped(target, map)
+    sampler = emcee.EnsembleSampler(walkers, dimension, mapped, moves=list(moves), vectorize=True)
     # emcee takes any state without complaint and keeps NumPy's global one if it does not understand it
     sampler.random_state = state.random
     if not _same_random(sampler.random_state, state.random):
@@ -155,7 +171,7 @@ def advance(
     first = emcee.State(state.coordinates, log_prob=state.log_density, random_state=state.random)
     last = sampler.run_mcmc(first, steps // stride, thin_by=stride, skip_initial_state_check=True)
     accepted = np.asarray(sampler.backend.accepted, dtype=np.int64)
-    segment = Segment(sampler.get_chain(), sampler.get_log_prob(), accepted)
+    segment = Segment(map.forward(sampler.get_chain()), sampler.get_log_prob(), accepted)
     return EnsembleState(last.coords, last.log_prob, last.random_state), segment
 
 
@@ -198,13 +214,14 @@ def sample_until(
             progress(Progress(steps, max(goal - steps, 0), time.monotonic() - begun, verdict))
 
     with Workers(target, processes) as workers:
+        report()
         states = _start(workers, settings, walkers, seed)
+        states, map = _pilot(workers, settings, states)
         report()
         while True:
             size = _round(settings, steps, stride)
-            walked = workers.map(_advance, [(state, size, settings.moves, stride) for state in states])
-            states = [state for state, _ in walked]
-            parts = [[*part, segment] for part, (_, segment) in zip(parts, walked, strict=True)]
+            states, segments = _walk(workers, states, size, settings.moves, map, stride)
+            parts = [[*part, segment] for part, segment in zip(parts, segments, strict=True)]
             steps += size
             if steps // stride > settings.stored and steps % (2 * stride) == 0:
                 parts = [[Segment.join(part).every(2)] for part in parts]
@@ -267,10 +284,32 @@ def _place(
     return EnsembleState(points, density, tuple(random))
 
 
-def _advance(
-    target: Target, state: EnsembleState, steps: int, moves: tuple[tuple[Move, float], ...], stride: int
-) -> tuple[EnsembleState, Segment]:
-    return advance(target, state, steps, moves, stride)
+def _pilot(
+    workers: Workers, settings: Settings, states: list[EnsembleState]
+) -> tuple[list[EnsembleState], TriangularMap]:
+    """Walk the stages of the pilot and learn a map for all ensembles after each."""
+    map, moves = TriangularMap.identity(states[0].coordinates.shape[1]), settings.first_moves
+    for steps in settings.pilot:
+        states, segments = _walk(workers, states, steps, moves, map, 1)
+        late = np.stack([segment.coordinates[steps // 2 :] for segment in segments])
+        height = np.stack([segment.log_density[steps // 2 :] for segment in segments])
+        tau = autocorrelation_time(np.moveaxis(late, -1, 1)).max()
+        learnt = learn(late, height, min(float(tau), steps))
+        states = [s._replace(coordinates=learnt.inverse(map.forward(s.coordinates))) for s in states]
+        map, moves = learnt, settings.moves
+    return states, map
+
+
+def _walk(
+    workers: Workers,
+    states: list[EnsembleState],
+    steps: int,
+    moves: Moves,
+    map: TriangularMap,
+    stride: int,
+) -> tuple[list[EnsembleState], list[Segment]]:
+    walked = workers.map(advance, [(state, steps, moves, map, stride) for state in states])
+    return [state for state, _ in walked], [segment for _, segment in walked]
 
 
 def _same_random(one: tuple[Any, ...], other: tuple[Any, ...]) -> bool:

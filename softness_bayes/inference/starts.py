@@ -18,7 +18,8 @@ CANDIDATES = 32
 
 _STEP = 1e-3  # of the gradient, in sampler coordinates: a thousandth of a parameter's value
 _CURVATURE_STEP = 2e-2
-_ITERATIONS = 60
+_ITERATIONS = 40
+_TOLERANCE = 1e-5  # relative: hundredths in a log density of thousands, and walkers start wider than that
 _WIDEN = 2.0  # walkers start this much wider than the curvature says
 _LEAST_CURVATURE = 0.25  # no direction is taken to be wider than a prior's factor of e²
 _DEPTH = 20.0  # a local optimum this far below the best, in log density, is no mode that matters
@@ -73,7 +74,7 @@ def find_optimum(target: Target, rng: np.random.Generator) -> Optimum:
     # no farther than the candidates reach, and half as much again: a line search knows no prior
     low, high = candidates.min(axis=0), candidates.max(axis=0)
     bounds = list(zip(low - 0.5 * (high - low), high + 0.5 * (high - low), strict=True))
-    options = {"maxiter": _ITERATIONS}
+    options = {"maxiter": _ITERATIONS, "ftol": _TOLERANCE}
     found = minimize(downhill, best, jac=True, bounds=bounds, method="L-BFGS-B", options=options)
     return Optimum(found.x, -float(found.fun), _inverse_root(_curvature(target, found.x)))
 

@@ -124,9 +124,9 @@ def _linear_response(
     cells = Cells.of(membrane, Channels(*(np.tile(c, rows + 1) for c in channels)), currents.ravel())
     ends = travel(cells, starts.reshape(rows, -1), np.tile(period, rows + 1), _TOLERANCE).reshape(starts.shape)
     jacobian = ((ends[:, 1:] - ends[:, :1]) / _DIFFERENCE).transpose(2, 0, 1)
-    gate = np.arange(rows - 1)
-    jacobian[:, gate + 1, gate] -= 1.0
+    gates = np.arange(rows - 1)
+    jacobian[:, gates + 1, gates] -= 1.0
     miss = ends[:, 0] - state
     drift = cells.take(np.arange(n)).slope(ends[:, 0])
-    response = np.linalg.solve(jacobian, -np.stack([miss.T, drift.T], axis=-1))
+    response = np.asarray(np.linalg.solve(jacobian, -np.stack([miss.T, drift.T], axis=-1)), dtype=float)
     return response[..., 0].T, response[..., 1].T

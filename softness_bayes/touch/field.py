@@ -33,6 +33,10 @@ SHAPE_NODES = 81
 """Chebyshev nodes in y at which the field is inverted before its series is cut."""
 
 
+BLOCK = 32
+"""Moduli inverted side by side: more would only need more memory."""
+
+
 class Profile(NamedTuple):
     """The field at a batch of reduced moduli, ready to be evaluated at any stress."""
 
@@ -65,7 +69,7 @@ class StressField:
     modulus_range
         Reduced moduli [Pa] that the table covers. Others are answered exactly and slowly.
     tolerance
-        Error allowed in rho² relative to the largest of the table, and in the peak.
+        Error allowed in rho² relative to the patch's `size`, and in the peak relative to the largest.
 
     Attributes
     ----------
@@ -138,10 +142,20 @@ class StressField:
                 break
         return np.exp(log_rho)
 
+    def size(self, modulus: Array, radius: Array) -> Array:
+        """Return the square [m²] of depth and width of the loaded patch: what Q is tabulated relative to."""
+        decay = self.readings.pressure.decay(modulus, radius, self.finger)
+        return self.finger.receptor_depth**2 + radius**2 / (1.0 + decay)
+
     def exact_rows(self, modulus: Array) -> Array:
-        """Compute [unit peak, coefficients of Q in T_k(y)] without the table, for moduli of shape (n,)."""
+        """Compute [unit peak, coefficients of Q / size in T_k(y)] without the table, for moduli of shape (n,)."""
+        blocks = np.array_split(modulus, -(-modulus.size // BLOCK))
+        return np.concatenate([self._exact_rows(block) for block in blocks])
+
+    def _exact_rows(self, modulus: Array) -> Array:
         y = 0.5 * (1 + self.y_least) + 0.5 * (1 - self.y_least) * chebyshev.chebpts1(SHAPE_NODES)
-        values = self._distance(y, modulus) ** 2 * y / (1 - y)
+        size = self.size(modulus, self.load.close(modulus, self.finger).radius)
+        values = self._distance(y, modulus) ** 2 * (y / (1 - y)) / size[:, None]
         peak = self._unit(np.zeros_like(modulus), modulus)
         return np.column_stack([peak, values @ _values_to_coefficients(SHAPE_NODES).T])
 
@@ -202,7 +216,8 @@ def profiles(
         outside = np.abs(x[:, where]) > 1 + 1e-12
         if outside.any():
             rows[outside] = field.exact_rows(modulus[:, where][outside])[:, :width]
-        unit[:, where], shape[:, where, : width - 1] = rows[..., 0], rows[..., 1:]
+        size = field.size(modulus[:, where], radius[:, where])
+        unit[:, where], shape[:, where, : width - 1] = rows[..., 0], rows[..., 1:] * size[..., None]
         y_least[where] = field.y_least
     first = fields[0]
     return Profile(first.readings.pressure.amplitude(modulus, radius, first.finger) * unit, shape, y_least)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.polynomial import chebyshev, polynomial
@@ -93,14 +93,13 @@ class RateCurve:
         total *= fires
         return total
 
-    def take(self, index: object) -> RateCurve:
+    def take(self, index: Any) -> RateCurve:
         """The curves at ``index`` of the batch."""
-        return RateCurve(
-            self.rheobase[index],  # type: ignore[index]
-            self.onset_rate[index],  # type: ignore[index]
-            self.coefficients[index],  # type: ignore[index]
-            self.max_current,
-            self.error,
+        return replace(
+            self,
+            rheobase=self.rheobase[index],
+            onset_rate=self.onset_rate[index],
+            coefficients=self.coefficients[index],
         )
 
 
@@ -141,11 +140,12 @@ def exact_curve(
     silent = RateCurve(begin.rheobase, np.array(0.0), np.zeros(nodes), float(max_current), CurveError(0.0, 0.0, 0.0))
     if begin.rheobase >= max_current:
         return silent
-    s_max = np.sqrt(max_current - begin.rheobase)
-    through_fold, s_min = np.isfinite(begin.prefactor), 0.0
+    s_max = float(np.sqrt(max_current - begin.rheobase))
+    through_fold, s_min = bool(np.isfinite(begin.prefactor)), 0.0
     angles = np.pi * np.arange(nodes) / (nodes - 1)
     if not through_fold:
-        s_min = min(_CLOSEST_BORN if begin.born else _CLOSEST_JUMP, 0.1 * s_max)
+        s_min = _CLOSEST_BORN if begin.born else _CLOSEST_JUMP
+        s_min = s_min if s_min < 0.1 * s_max else 0.1 * s_max
     # below the first node, where simulation is slow, the error is smaller still: it is proportional to s
     between = 0.5 * (angles[1:] + angles[:-1])[1:]
     s = s_min + 0.5 * (s_max - s_min) * (1.0 - np.cos(np.concatenate([angles, between])))
@@ -155,10 +155,10 @@ def exact_curve(
     if through_fold or begin.born:
         value = (exact[:nodes] - begin.rate) / np.where(s[:nodes] > 0.0, s[:nodes], 1.0)
         value[0] = begin.prefactor if through_fold else value[0]
-        onset_rate, coefficients = begin.rate, _monomials(w, value)
+        onset_rate, coefficients = float(begin.rate), _monomials(w, value)
     else:
         onset_rate, coefficients = _without_constant(_monomials(w, exact[:nodes]), s_max)
-    curve = replace(silent, onset_rate=np.asarray(onset_rate), coefficients=coefficients)
+    curve = replace(silent, onset_rate=np.array(onset_rate), coefficients=coefficients)
     difference = np.abs(curve.rate(begin.rheobase + s[nodes:] ** 2) - exact[nodes:])
     error = CurveError(
         float(difference.max()),
@@ -170,11 +170,11 @@ def exact_curve(
 
 def _monomials(w: FloatArray, value: FloatArray) -> FloatArray:
     """Monomial coefficients of the polynomial through ``value`` at nodes ``w`` within [-1, 1]."""
-    return chebyshev.cheb2poly(chebyshev.chebfit(w, value, w.size - 1))
+    return np.asarray(chebyshev.cheb2poly(chebyshev.chebfit(w, value, w.size - 1)), dtype=float)
 
 
 def _without_constant(coefficients: FloatArray, s_max: float) -> tuple[float, FloatArray]:
-    """Write ``p(w)`` as ``p(-1) + s q(w)`` with ``w = 2 s / s_max - 1``: the value ``p(-1)`` and the coefficients of q."""
+    """Write ``p(w)`` as ``p(-1) + s q(w)``, ``w = 2 s / s_max - 1``: the value ``p(-1)`` and the coefficients of q."""
     value = polynomial.polyval(-1.0, coefficients)
     quotient, _ = polynomial.polydiv(coefficients - value * (np.arange(coefficients.size) == 0), [1.0, 1.0])
     return float(value), np.append(quotient * (2.0 / s_max), 0.0)

@@ -128,10 +128,12 @@ MEMBRANES: Mapping[str, Membrane] = MappingProxyType(
 
 
 class SteadyTerms(NamedTuple):
-    """Outward steady currents of the four channels at multiplier 1 [µA/cm²] and their voltage slopes [mS/cm²], (4, n)."""
+    """Outward steady currents of the channels Na, K, L and A at multiplier 1, shape (4, n)."""
 
     current: FloatArray
+    """[µA/cm²]"""
     slope: FloatArray
+    """Derivative by voltage [mS/cm²]"""
 
 
 def steady_terms(voltage: FloatArray, membrane: Membrane) -> SteadyTerms:

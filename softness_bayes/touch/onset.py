@@ -82,7 +82,8 @@ def onset(channels: Channels = PAPER_CHANNELS, membrane: Membrane = CONNOR_STEVE
     )
     for i in np.flatnonzero(~smooth):
         begin.rheobase[i], begin.rate[i], begin.born[i] = _jump(distinct[:, i], folds.current[i], membrane)
-    return Onset(*(x[lane.ravel()].reshape(shape) for x in begin))
+    place = lane.reshape(shape)
+    return Onset(begin.rheobase[place], begin.rate[place], begin.prefactor[place], begin.born[place])
 
 
 def fires_through(folds: Fold, channels: Channels, membrane: Membrane) -> NDArray[np.bool_]:

@@ -121,6 +121,7 @@ class ArrowSolver:
         self._pivot = 1.0 / (w - jacobian.voltage_by_voltage - feedback)
 
     def __call__(self, b: FloatArray) -> FloatArray:
+        """Solution for right-hand sides of shape (1 + gates, n)."""
         x = np.empty_like(b)
         x[0] = (b[0] + np.add.reduce(self._by_gate * b[1:])) * self._pivot
         np.multiply(b[1:] + self._by_voltage * x[0], self._inverse, out=x[1:])

@@ -292,7 +292,7 @@ class Scene:
         _check(flat)
         rows = max(1, CHUNK // (self.n_conditions * self.discretisation.nodes))
         chunks = []
-        for start in range(0, flat[0].size, rows):
+        for start in range(0, max(flat[0].size, 1), rows):
             chunk = TouchParameters(*(value[start : start + rows] for value in flat))
             chunks.append((chunk, self._contact(chunk)))
         return shape, chunks

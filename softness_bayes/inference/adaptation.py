@@ -1,0 +1,137 @@
+"""The shape of a density, learnt from a pilot walk and fixed before the draws that count.
+
+Ridges of a posterior are curved, and a walk along a curved ridge is slow. A pilot walk shows the curvature; a
+triangular map straightens it, so that the density is near a standard normal law in the map's coordinates y. There
+proposals that do not depend on where a walker is are often accepted, which no step along a ridge can match. The map
+decides how fast the walk mixes, never what it converges to.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from softness_bayes.inference.starts import Target
+
+FloatArray = NDArray[np.float64]
+
+_CURVATURE = 0.3  # expected size of a coefficient, in standard deviations: what few draws cannot tell is shrunk
+
+
+@dataclass(frozen=True)
+class TriangularMap:
+    """z = centre + axes t, with t_k = scale_k y_k + c_k0 + c_k·(t_j, t_i t_j) over i, j < k.
+
+    The axes are principal ones with unit variance of t, the widest first: wide directions bend narrow ones.
+    The map is one-to-one on the whole space, and its Jacobian is constant, so that log densities in z and y
+    differ by a constant only.
+    """
+
+    centre: FloatArray
+    axes: FloatArray
+    scale: FloatArray
+    bends: tuple[FloatArray, ...]
+    """Coefficients of each t_k, the constant first."""
+
+    @classmethod
+    def identity(cls, dimension: int) -> TriangularMap:
+        """The map that leaves every point where it is."""
+        bends = tuple(np.zeros(_features(np.zeros(k)).size) for k in range(dimension))
+        return cls(np.zeros(dimension), np.eye(dimension), np.ones(dimension), bends)
+
+    @classmethod
+    def fit(cls, draws: FloatArray, effective: float) -> TriangularMap:
+        """Learn the map from draws.
+
+        Parameters
+        ----------
+        draws
+            Points z, shape (draws, dimension).
+        effective
+            How many independent draws they are worth: the fewer, the less curvature is believed.
+        """
+        centre = draws.mean(axis=0)
+        size, vectors = np.linalg.eigh(np.atleast_2d(np.cov(draws, rowvar=False)))
+        size, vectors = np.maximum(size[::-1], size[-1] * 1e-12), vectors[:, ::-1]
+        t = (draws - centre) @ vectors / np.sqrt(size)
+        scale, bends = [], []
+        for k in range(centre.size):
+            features = _features(t[:, :k])
+            shrinkage = np.full(features.shape[1], 1.0 / (_CURVATURE**2 * effective))
+            shrinkage[0] = 0.0
+            normal = features.T @ features / len(t) + np.diag(shrinkage)
+            bend = np.linalg.solve(normal, features.T @ t[:, k] / len(t))
+            bends.append(bend)
+            scale.append((t[:, k] - features @ bend).std())
+        return cls(centre, vectors * np.sqrt(size), np.array(scale), tuple(bends))
+
+    def forward(self, y: FloatArray) -> FloatArray:
+        """Points z at map coordinates ``y``, both of shape (..., dimension)."""
+        t = self.scale * y
+        for k, bend in enumerate(self.bends):
+            t[..., k] += _features(t[..., :k]) @ bend
+        return self.centre + t @ self.axes.T
+
+    def inverse(self, z: FloatArray) -> FloatArray:
+        """Map coordinates y of points ``z``."""
+        t = np.linalg.solve(self.axes, (z - self.centre)[..., None])[..., 0]
+        bent = np.stack([_features(t[..., :k]) @ bend for k, bend in enumerate(self.bends)], axis=-1)
+        return (t - bent) / self.scale
+
+
+@dataclass(frozen=True)
+class Mapped:
+    """A target in the coordinates of a map."""
+
+    target: Target
+    map: TriangularMap
+
+    def __call__(self, y: FloatArray) -> FloatArray:
+        """Log density of the target, in its own coordinates, at map coordinates ``y``."""
+        return self.target(self.map.forward(y))
+
+
+@dataclass(frozen=True)
+class StudentProposal:
+    """Proposals from Student's law about the origin, wherever the walkers are; emcee's `MHMove` takes it.
+
+    Its tails are heavier than a normal law's, so that a walker in a tail that the map misses is not stuck.
+    """
+
+    freedom: float = 5.0
+
+    def __call__(self, coordinates: FloatArray, random: np.random.RandomState) -> tuple[FloatArray, FloatArray]:
+        """Propose a point for every walker; also the log ratio of the proposal's densities, old over new."""
+        shape = coordinates.shape
+        spread = np.sqrt(random.chisquare(self.freedom, shape[0]) / self.freedom)
+        proposed = random.standard_normal(shape) / spread[:, None]
+        return proposed, self._log_density(coordinates) - self._log_density(proposed)
+
+    def _log_density(self, y: FloatArray) -> FloatArray:
+        return -0.5 * (self.freedom + y.shape[-1]) * np.log1p((y**2).sum(axis=-1) / self.freedom)
+
+
+def learn(walks: FloatArray, log_density: FloatArray, tau: float) -> TriangularMap:
+    """Learn a map from a pilot walk.
+
+    Parameters
+    ----------
+    walks
+        Points z, shape (..., dimension).
+    log_density
+        Their log density, shape (...).
+    tau
+        Steps of the walk for one independent draw.
+    """
+    draws, height = walks.reshape(-1, walks.shape[-1]), log_density.ravel()
+    # walkers still on their way from a bad start would stretch the map; a normal law has no such depths
+    draws = draws[height > height.max() - max(20.0, 4.0 * draws.shape[-1])]
+    return TriangularMap.fit(draws, len(draws) / tau)
+
+
+def _features(t: FloatArray) -> FloatArray:
+    """1, t_j and t_i t_j, shape (..., 1 + k + k (k + 1) / 2)."""
+    first, second = np.triu_indices(t.shape[-1])
+    return np.concatenate([np.ones((*t.shape[:-1], 1)), t, t[..., first] * t[..., second]], axis=-1)

@@ -1,0 +1,88 @@
+"""Rate curves: against exact rates at currents they were not made from."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from softness_bayes.errors import InputError
+from softness_bayes.touch.firing import RateCurve, exact_curve
+from softness_bayes.touch.membrane import HODGKIN_HUXLEY, PAPER_CHANNELS, PRINTED, Channels, Membrane
+from softness_bayes.touch.rate import firing_rate
+
+
+@pytest.fixture(scope="module")
+def curve() -> RateCurve:
+    return exact_curve()
+
+
+def test_curve_is_as_exact_as_it_says(curve: RateCurve, rng: np.random.Generator) -> None:
+    current = rng.uniform(curve.rheobase, 40.0, 200)
+    exact = firing_rate(current)
+    error = np.abs(curve.rate(current) - exact)
+    assert error.max() < 2.0 * curve.error.hertz < 5e-4
+    assert (error / exact).max() < 2.0 * curve.error.relative < 1e-4
+
+
+def test_curve_keeps_the_fold(curve: RateCurve) -> None:
+    excess = np.array([-1.0, -1e-9, 0.0, 1e-8, 1e-4, 1e-2])
+    rate = curve.rate(curve.rheobase + excess)
+    assert (rate[:3] == 0.0).all()
+    assert rate[3] == pytest.approx(10.53047e-4, rel=1e-4)
+    np.testing.assert_allclose(rate[3:], firing_rate(curve.rheobase + excess[3:]), rtol=1e-4)
+
+
+def test_curve_of_a_jump_in_the_corner(rng: np.random.Generator) -> None:
+    corner = Channels(0.945, 1.276, 0.9, 1.35)
+    curve = exact_curve(corner, nodes=22)
+    assert curve.onset_rate > 8.0
+    assert curve.error.onset_hertz < 0.5
+    current = curve.rheobase + np.append(1.1e-3, rng.uniform(0.0, 20.0, 40))
+    assert np.abs(curve.rate(current) - firing_rate(current, corner)).max() < 0.01
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("membrane", "max_current"), [(HODGKIN_HUXLEY, 60.0), (PRINTED, 80.0)])
+def test_curve_of_a_fold_of_orbits(membrane: Membrane, max_current: float, rng: np.random.Generator) -> None:
+    curve = exact_curve(membrane=membrane, max_current=max_current, nodes=20)
+    current = rng.uniform(curve.rheobase + 1e-3, max_current, 60)
+    error = np.abs(curve.rate(current) - firing_rate(current, membrane=membrane))
+    assert error.max() < 0.05
+    assert curve.rate(curve.rheobase - 1e-6) == 0.0
+
+
+def test_a_curve_that_never_rises(curve: RateCurve) -> None:
+    silent = exact_curve(PAPER_CHANNELS._replace(c_Na=0.0), max_current=15.0)
+    assert (silent.rate(np.linspace(-5.0, 15.0, 9)) == 0.0).all()
+    low = exact_curve(max_current=17.0)
+    assert low.rheobase == curve.rheobase
+    assert (low.rate(np.array([10.0, 17.0])) == 0.0).all()
+
+
+def test_curves_are_batched() -> None:
+    first, second = exact_curve(nodes=6), exact_curve(PAPER_CHANNELS._replace(c_A=1.6), nodes=6)
+    both = RateCurve(
+        np.array([first.rheobase, second.rheobase]),
+        np.zeros(2),
+        np.array([first.coefficients, second.coefficients]),
+        40.0,
+        first.error,
+    )
+    current = np.linspace(15.0, 40.0, 11)
+    rates = both.rate(np.array([current, current]))
+    np.testing.assert_allclose(rates, [first.rate(current), second.rate(current)], rtol=1e-14)
+    np.testing.assert_array_equal(both.take(1).rate(current), rates[1])
+    np.testing.assert_array_equal(both.take(np.array([1, 0])).rate(np.array([current, current])), rates[::-1])
+
+
+def test_curves_refuse_what_they_do_not_cover(curve: RateCurve) -> None:
+    with pytest.raises(InputError, match="beyond the 40"):
+        curve.rate(np.array([20.0, 40.1]))
+    with pytest.raises(InputError, match="nan"):
+        curve.rate(np.array([20.0, math.nan]))
+    with pytest.raises(InputError, match="one value"):
+        exact_curve(PAPER_CHANNELS._replace(c_K=np.array([1.0, 1.1])))
+    with pytest.raises(InputError, match="finite largest current"):
+        exact_curve(max_current=math.inf)

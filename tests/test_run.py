@@ -1,0 +1,439 @@
+"""A small run from ratings to its file: what it holds, and whether it is what the model says."""
+
+import dataclasses
+
+import numpy as np
+import pandas as pd
+import pytest
+import xarray as xr
+from numpy.testing import assert_allclose, assert_array_equal
+from scipy.stats import halfnorm, kstest, lognorm, multivariate_normal, norm
+
+from softness_bayes import arviz_bridge
+from softness_bayes.data import Experiment, Fabrics
+from softness_bayes.errors import InputError
+from softness_bayes.inference.priors import HalfNormal
+from softness_bayes.result import SCHEMA, Result, prepare_directory, require_vacant
+from softness_bayes.run import RunOptions, posterior_of, sample
+from softness_bayes.study import simulate_ratings, usual_values
+from softness_bayes.touch.contact import Force, Indentation
+from softness_bayes.touch.readings import MENDED
+
+CLOTH = Fabrics(("felt", "lawn", "drill", "gauze"), effective_modulus=np.array([8e4, 2e4, 4e5, 2e5]))
+LOADS = (Indentation(2e-3), Force(1.5))
+HELD = {"m": 2.0, "beta": 0.6}
+SAMPLED = ["b", "alpha", "sigma_0", "gamma", "tau", "varsigma"]
+UNITS = {"b": "kPa", "m": "–", "alpha": "µA/cm²", "beta": "1/kPa", "sigma_0": "kPa", "eps": "Hz"}
+PRIORS = {
+    "b": lognorm(0.5, scale=100),
+    "alpha": lognorm(0.1, scale=20.3),
+    "sigma_0": lognorm(0.4, scale=9),
+    "gamma": lognorm(0.3),
+    "tau": halfnorm,
+    "varsigma": halfnorm(scale=0.5),
+}
+PARTICIPANTS, ROWS, MISSING = 5, 32, 8
+
+
+@pytest.fixture(scope="module")
+def experiment():
+    values = usual_values(MENDED, given={"sigma_0": 7.0, "varsigma": 0.2})
+    rng = np.random.default_rng(11)
+    made = simulate_ratings(rng, CLOTH, LOADS, values, participants=PARTICIPANTS, missing=0.08)
+    assert len(made.ratings) == ROWS
+    return Experiment(dataclasses.replace(made.ratings, digest="abc"), CLOTH, ())
+
+
+@pytest.fixture(scope="module")
+def options():
+    command = "softness-bayes sample --data x"
+    return RunOptions(fix=HELD, max_steps=200, processes=1, seed=3, command=command)
+
+
+@pytest.fixture(scope="module")
+def posterior(experiment, options):
+    return posterior_of(experiment, options)
+
+
+@pytest.fixture(scope="module")
+def result(experiment, options):
+    return sample(experiment, options)
+
+
+@pytest.fixture(scope="module")
+def directory(result, tmp_path_factory):
+    path = tmp_path_factory.mktemp("run") / "results"
+    result.save(path)
+    return path
+
+
+def theta_of(dataset, prefix=""):
+    return np.stack([dataset[prefix + name].values for name in SAMPLED], axis=-1)
+
+
+# what the file holds
+
+
+def test_groups_and_their_variables(result):
+    held = [*HELD, "c_Na", "c_K", "c_L", "c_A", "omega", "eps"]
+    groups = {
+        "posterior": {*SAMPLED, "mu", "participant_effect"},
+        "sample_stats": {"lp", "acceptance_rate"},
+        "log_prior": {*SAMPLED},
+        "prior": {*SAMPLED},
+        "observed_data": {"rating"},
+        "posterior_predictive": {"rating"},
+        "prior_predictive": {"rating"},
+        "log_likelihood_loo": {"rating"},
+    }
+    assert {*result.tree.children} == {*groups, "log_likelihood", "predictions", "constant_data"}
+    for group, variables in groups.items():
+        assert {*result.group(group).data_vars} == variables, group
+    assert {*held} <= {*result.group("constant_data").data_vars}
+    assert len(result.group("log_likelihood").data_vars) == 1
+    values = {**HELD, "c_Na": 1.05, "c_K": 1.16, "c_L": 1.0, "c_A": 1.5, "omega": 0.0, "eps": 0.1}
+    for name, value in values.items():
+        assert result.group("constant_data")[name].ndim == 0
+        assert result.group("constant_data")[name] == value
+
+
+def test_dimensions_and_coordinates(result):
+    posterior = result.group("posterior")
+    chains, draws = posterior.sizes["chain"], posterior.sizes["draw"]
+    assert chains == 4 * 24  # four ensembles of four walkers for each parameter
+    assert posterior["ensemble"].dims == ("chain",)
+    assert posterior["ensemble"].values.tolist() == [e for e in range(4) for _ in range(24)]
+    assert posterior["participant_effect"].dims == ("chain", "draw", "participant")
+    assert posterior["participant"].values.tolist() == ["P1", "P2", "P3", "P4", "P5"]
+    for group in ("sample_stats", "log_prior", "log_likelihood"):
+        assert {v.dims for v in result.group(group).data_vars.values()} == {("chain", "draw")}
+        assert dict(result.group(group).sizes) == {"chain": chains, "draw": draws}
+    for group in ("posterior_predictive", "prior_predictive", "log_likelihood_loo"):
+        rating = result.group(group)["rating"]
+        assert rating.dims == ("chain", "draw", "rating_row")
+        assert rating.sizes["rating_row"] == ROWS
+    assert result.group("observed_data")["rating"].dims == ("rating_row",)
+    rate = result.group("predictions")["total_rate"]
+    assert rate.dims == ("chain", "draw", "load", "e_fab_kpa")
+    assert rate["load"].values.tolist() == ["2 mm", "1.5 N"]
+    assert_allclose(rate["e_fab_kpa"].values[[0, -1]], [2, 4000])  # a tenth of 20, ten times 400 kPa
+
+
+def test_units(result):
+    for group in ("posterior", "prior", "constant_data"):
+        for name, variable in result.group(group).data_vars.items():
+            if name in UNITS:
+                assert variable.attrs["units"] == UNITS[name], (group, name)
+    units = {"total_rate": "Hz", "inflection_e_fab_kpa": "kPa", "inflection_force_n": "N", "e_skin_kpa": "kPa"}
+    for name, unit in units.items():
+        assert result.group("predictions")[name].attrs["units"] == unit
+
+
+def test_the_data_are_in_the_file(result, experiment):
+    ratings, constant = experiment.ratings, result.group("constant_data")
+    assert_array_equal(result.group("observed_data")["rating"], ratings.rating)
+    fabric = constant["fabric"].values[constant["fabric_index"].values]
+    assert fabric.tolist() == [ratings.fabrics[i] for i in ratings.fabric]
+    assert_array_equal(constant["participant_index"], ratings.participant)
+    assert_allclose(constant["effective_modulus_kpa"], [80, 20, 400, 200])
+    assert constant["effective_modulus_kpa"].attrs["units"] == "kPa"
+    assert_array_equal(constant["indentation_mm"], [2, np.nan])
+    assert_array_equal(constant["force_n"], [np.nan, 1.5])
+    assert result.loads == LOADS
+
+
+def test_provenance(result):
+    found = result.attributes
+    assert found["schema_version"] == SCHEMA
+    assert (found["seed"], found["command"]) == (3, "softness-bayes sample --data x")
+    assert (found["digest_ratings"], found["missing_ratings"]) == ("abc", MISSING)
+    assert {f"version_{name}" for name in ("numpy", "scipy", "emcee", "arviz", "xarray")} <= {*found}
+    assert found["reading_pressure"] == "attenuated"
+    assert result.readings == MENDED
+    assert found["prior_b"] == "lognormal(100,0.5)"
+    assert "prior_m" not in found
+    assert found["converged"] == 0
+    assert found["verdict"].startswith("Not converged after 200 steps of 4 x 24 walkers")
+    assert 0 < found["numerical_error"] < 1e-3
+    assert "accuracy" in found
+
+
+# whether it is what the model says
+
+
+def test_log_prior_by_another_library(result):
+    for name in SAMPLED:
+        expected = PRIORS[name].logpdf(result.group("posterior")[name].values)
+        assert_allclose(result.group("log_prior")[name], expected, rtol=1e-10, atol=1e-10)
+
+
+def test_log_likelihood_is_that_of_the_stored_draws(result, posterior):
+    theta = theta_of(result.group("posterior"))
+    (stored,) = result.group("log_likelihood").data_vars.values()
+    assert_allclose(stored, posterior.log_likelihood(theta), rtol=1e-9)
+    assert stored.values.std() > 0.1
+    assert_allclose(
+        result.group("sample_stats")["lp"].values.ravel(),
+        posterior(posterior.space.coordinates(theta.reshape(-1, len(SAMPLED)))),
+        rtol=1e-9,
+    )
+
+
+def dense(experiment, posterior, theta):
+    """Mean and covariance of the log ratings at one point, row by row, from the scene's rates."""
+    p = dict(zip(SAMPLED, theta, strict=True))
+    rate = posterior.scene.total_rate(posterior.space.touch(theta)) / posterior.scene.n_receptors
+    x = np.log(rate + 0.1)[experiment.ratings.conditions.of_rating]
+    person = experiment.ratings.participant
+    same = person[:, None] == person
+    covariance = 9.0 + p["tau"] ** 2 * same + p["varsigma"] ** 2 * np.eye(x.size)
+    return np.log(20) + p["gamma"] * (x - x.mean()), covariance
+
+
+def test_log_likelihood_by_the_dense_normal(result, posterior, experiment):
+    y = np.log(experiment.ratings.rating)
+    (stored,) = result.group("log_likelihood").data_vars.values()
+    theta = theta_of(result.group("posterior"))
+    for index in ((0, 0), (40, 10), (-1, -1)):
+        expected = multivariate_normal(*dense(experiment, posterior, theta[index])).logpdf(y) - y.sum()
+        assert stored.values[index] == pytest.approx(expected, rel=1e-8)
+
+
+def test_each_rating_given_the_others_at_some_draw(result, posterior, experiment):
+    loo = result.group("log_likelihood_loo")["rating"].values[0]
+    theta = theta_of(result.group("posterior")).reshape(-1, len(SAMPLED))
+    y = np.log(experiment.ratings.rating)
+    every = posterior.observation.log_likelihood_loo(posterior.mean_rate(theta), posterior.rating_parameters(theta))
+    matched = [int(np.abs(every - row).max(axis=1).argmin()) for row in loo]
+    assert_allclose(loo, every[matched], rtol=1e-9)
+    assert len({*matched}) > len(loo) / 4  # spread over the run, repeated only where walkers stood still
+    # outputs.md: 1/2 log(K_ii / 2 pi) - (K r)_i^2 / (2 K_ii), K the inverse covariance
+    for row, index in list(zip(loo, matched, strict=True))[::200]:
+        mean, covariance = dense(experiment, posterior, theta[index])
+        inverse = np.linalg.inv(covariance)
+        diagonal, left = np.diag(inverse), inverse @ (y - mean)
+        assert_allclose(row, 0.5 * np.log(diagonal / (2 * np.pi)) - left**2 / (2 * diagonal) - y, rtol=1e-7)
+
+
+def test_draws_of_the_prior(result):
+    for name in SAMPLED:
+        assert kstest(result.group("prior")[name].values.ravel(), PRIORS[name].cdf).pvalue > 1e-3
+
+
+def test_replicates_are_of_the_same_participants_and_new_ones(result):
+    observed = np.log(result.group("observed_data")["rating"].values)
+    again = np.log(result.group("posterior_predictive")["rating"].values[0])
+    assert np.corrcoef(again.mean(axis=0), observed)[0, 1] > 0.8
+    anew = np.log(result.group("prior_predictive")["rating"].values[0])
+    assert anew.std() > 2 * again.std()  # mu has a prior sd of 3
+    assert anew.mean() == pytest.approx(np.log(20), abs=5 * 3 / np.sqrt(500))
+
+
+def test_effects_are_drawn_given_the_ratings(result, experiment):
+    effect = result.group("posterior")["participant_effect"].mean(("chain", "draw")).values
+    log_rating = np.log(experiment.ratings.rating)
+    means = [log_rating[experiment.ratings.participant == k].mean() for k in range(PARTICIPANTS)]
+    assert np.corrcoef(effect, means)[0, 1] > 0.95
+    mu = result.group("posterior")["mu"].values
+    assert mu.mean() == pytest.approx(np.mean(means), abs=0.5)
+
+
+def test_curves_are_the_scene_on_the_grid_at_their_draws(result, posterior):
+    stored = result.group("predictions").isel(chain=0)
+    theta = theta_of(stored, "at_")[::37]
+    grid = posterior.scene.on_grid(stored["e_fab_kpa"].values * 1e3)
+    touch = posterior.space.touch(theta)
+    shape = (len(theta), 2, -1)
+    rate = grid.total_rate(touch).reshape(shape)
+    assert_allclose(stored["total_rate"].values[::37], rate, rtol=1e-5, atol=1e-5)
+    contact = grid.contact(touch)
+    for name, values in {
+        "e_skin_kpa": contact.skin_modulus / 1e3,
+        "contact_force_n": contact.force,
+        "contact_radius_mm": contact.radius * 1e3,
+    }.items():
+        assert_allclose(stored[name].values[::37], values.reshape(shape), rtol=1e-6)
+    # the rating of a typical participant rises with the response to the power gamma
+    x = np.log(rate / posterior.scene.n_receptors + 0.1)
+    log_rating = np.log(stored["typical_rating"].values[::37])
+    gamma = theta[:, SAMPLED.index("gamma"), None, None]
+    assert_allclose(log_rating - log_rating[..., :1], gamma * (x - x[..., :1]), atol=1e-4)
+    mu = result.group("posterior")["mu"].values
+    at_data = np.log(stored["typical_rating"].values).mean(axis=0)
+    assert at_data.min() < mu.mean() < at_data.max()
+
+
+def test_probabilities_of_the_inflection(result):
+    table = result.inflection()
+    assert table.index.tolist() == ["2 mm", "1.5 N"]
+    outcomes = table[["p_interior", "p_none", "p_silent"]]
+    assert_allclose(outcomes.sum(axis=1), 1)
+    assert (table["p_inside"] <= table["p_interior"]).all()
+    draws = result.inflections()
+    for k, (_, row) in enumerate(table.iterrows()):
+        place = draws.modulus[:, k][draws.outcome[:, k] == 1] / 1e3
+        assert row["p_interior"] == pytest.approx(np.mean(draws.outcome[:, k] == 1))
+        if place.size:
+            limits = row[["e_fab_kpa_low", "e_fab_kpa", "e_fab_kpa_high"]].to_numpy(float)
+            assert_allclose(limits, np.quantile(place, [0.05, 0.5, 0.95]))
+    # the stored maximum is that of the stored curves, within a step of their grid
+    curves = result.curves()
+    turns = draws.outcome == 1
+    highest = curves.modulus[curves.total_rate.argmax(axis=-1)]
+    step = np.log(curves.modulus[1] / curves.modulus[0])
+    assert turns.any()
+    assert np.abs(np.log(draws.modulus / highest))[turns].max() <= 1.5 * step
+
+
+def test_the_summary(result, directory):
+    columns = ["mean", "sd", "hdi_low", "hdi_high", "hdi_prob", "ess_bulk", "ess_tail", "r_hat", "mcse_mean"]
+    columns.append("mcse_sd")
+    written = pd.read_csv(directory / "summary.csv")
+    assert list(written)[: 1 + len(columns)] == ["parameter", *columns]
+    assert written["parameter"].tolist() == [*SAMPLED, "mu"]
+    table = result.summary()
+    for name in (*SAMPLED, "mu"):
+        draws = result.group("posterior")[name].values
+        row = table.loc[name]
+        assert row["mean"] == pytest.approx(draws.mean())
+        assert row["sd"] == pytest.approx(draws.std(ddof=1))
+        inside = (draws >= row["hdi_low"]) & (draws <= row["hdi_high"])
+        assert inside.mean() == pytest.approx(row["hdi_prob"], abs=0.005)
+        assert row["hdi_high"] - row["hdi_low"] <= np.diff(np.quantile(draws, [0.05, 0.95]))[0] * (1 + 1e-6)
+    # unrounded
+    assert_array_equal(written["mean"], table["mean"])
+    table.loc["b", "mean"] = 0.0
+    assert result.summary().loc["b", "mean"] != 0  # a copy
+
+
+# in its directory
+
+
+def test_a_result_reads_back_identically(result, directory):
+    assert sorted(path.name for path in directory.iterdir()) == ["posterior.nc", "summary.csv"]
+    for place in (directory, directory / "posterior.nc"):
+        again = Result.load(place)
+        assert again.tree.identical(result.tree)
+        pd.testing.assert_frame_equal(again.table, result.table, check_exact=True)
+    assert again.loads == result.loads
+    pd.testing.assert_frame_equal(again.inflection(), result.inflection())
+
+
+def test_arviz_works_on_the_file(directory):
+    arviz = pytest.importorskip("arviz")
+    data = arviz_bridge.for_arviz(Result.load(directory).tree)
+    table = arviz.summary(data, var_names=["b", "mu"], kind="stats")
+    assert table.loc["b", "mean"] == pytest.approx(float(data["posterior"]["b"].mean()), rel=1e-2)
+    from_file = arviz.from_netcdf(directory / "posterior.nc")
+    assert_array_equal(from_file["posterior"]["b"], data["posterior"]["b"])
+    assert from_file["posterior"]["b"].attrs["units"] == "kPa"
+
+
+def test_values_name_every_parameter(result):
+    values = result.values(50)
+    assert values["b"].shape == (50,)
+    assert values["m"] == 2.0
+    assert {*usual_values(MENDED)} <= {*values}
+    everything = result.values()
+    assert everything["b"].size == result.group("posterior")["b"].size
+    # a draw stays whole
+    pairs = {*zip(everything["b"].tolist(), everything["mu"].tolist(), strict=True)}
+    assert {*zip(values["b"].tolist(), values["mu"].tolist(), strict=True)} <= pairs
+
+
+def test_results_that_cannot_be_read(result, directory, tmp_path):
+    with pytest.raises(InputError, match="no such file"):
+        Result.load(tmp_path)
+    (tmp_path / "posterior.nc").write_text("not a file of this kind")
+    with pytest.raises(InputError, match="not a readable result"):
+        Result.load(tmp_path)
+    xr.Dataset({"b": 1.0}).to_netcdf(tmp_path / "posterior.nc", engine="h5netcdf")
+    with pytest.raises(InputError, match="not a result of softness-bayes"):
+        Result.load(tmp_path)
+    newer = result.tree.copy()
+    newer.attrs["schema_version"] = SCHEMA + 1
+    arviz_bridge.write_netcdf(newer, tmp_path / "posterior.nc")
+    with pytest.raises(InputError, match=f"schema {SCHEMA + 1} is newer than {SCHEMA}"):
+        Result.load(tmp_path)
+    (tmp_path / "posterior.nc").write_bytes((directory / "posterior.nc").read_bytes())
+    with pytest.raises(InputError, match=r"summary\.csv: no such file"):
+        Result.load(tmp_path)
+    with pytest.raises(InputError, match="no group 'nonsense'; it has posterior"):
+        result.group("nonsense")
+
+
+def test_a_directory_that_holds_something_is_refused(tmp_path):
+    fresh = tmp_path / "a" / "b"
+    require_vacant(fresh, replace=False)
+    assert not fresh.exists()
+    prepare_directory(fresh, replace=False)
+    prepare_directory(fresh, replace=False)  # empty still
+    (fresh / "notes.txt").write_text("mine")
+    for prepare in (require_vacant, prepare_directory):
+        with pytest.raises(InputError, match=r"is not empty; choose another --out, or --force"):
+            prepare(fresh, replace=False)
+        with pytest.raises(InputError, match=r"no posterior\.nc, so --force does not touch it"):
+            prepare(fresh, replace=True)
+        for below in (fresh / "notes.txt", fresh / "notes.txt" / "deeper"):
+            with pytest.raises(InputError, match=r"notes\.txt: is a file"):
+                prepare(below, replace=True)
+    assert (fresh / "notes.txt").read_text() == "mine"
+    (fresh / "posterior.nc").touch()
+    require_vacant(fresh, replace=True)
+    assert (fresh / "notes.txt").exists()
+    prepare_directory(fresh, replace=True)
+    assert list(fresh.iterdir()) == []
+
+
+# what decides the draws
+
+
+def test_equal_seeds_equal_draws_whatever_the_processes(experiment):
+    fix = usual_values(MENDED) | {"sigma_0": 7.0}
+    for name in ("gamma", "varsigma"):
+        del fix[name]
+    runs = {
+        key: sample(experiment, RunOptions(fix=fix, max_steps=40, processes=processes, seed=seed))
+        for key, processes, seed in (("one", 1, 5), ("two", 2, 5), ("other", 1, 6))
+    }
+    one, two = runs["one"].tree, runs["two"].tree
+    assert one["posterior"].identical(two["posterior"])
+    for group in one.children:
+        assert one[group].identical(two[group]), group
+    pd.testing.assert_frame_equal(runs["one"].table, runs["two"].table, check_exact=True)
+    first, other = (runs[key].group("posterior")["gamma"].values for key in ("one", "other"))
+    assert not np.isin(first, other).any()
+
+
+def test_one_participant_has_no_spread(experiment):
+    ratings = experiment.ratings
+    only = ratings.participant == 0
+    alone = dataclasses.replace(
+        ratings,
+        participants=("P1",),
+        **{name: getattr(ratings, name)[only] for name in ("participant", "fabric", "load", "rating", "rows")},
+    )
+    posterior = posterior_of(experiment._replace(ratings=alone), RunOptions())
+    assert "tau" not in posterior.names
+    assert posterior.space.held["tau"] == 0
+
+
+def test_ratings_that_have_no_logarithm_are_refused(experiment):
+    negative = dataclasses.replace(experiment.ratings, rating=experiment.ratings.rating - 10)
+    with pytest.raises(InputError, match="magnitude estimate above 0"):
+        sample(experiment._replace(ratings=negative), RunOptions())
+
+
+def test_channel_multipliers_cannot_be_sampled(experiment):
+    with pytest.raises(InputError, match="c_K: channel multipliers are held"):
+        posterior_of(experiment, RunOptions(priors={"c_K": HalfNormal(1.0)}))
+
+
+def test_the_dense_normal_notices_an_error(result, posterior, experiment):
+    """Negative control of the comparisons above: another covariance does not fit."""
+    y = np.log(experiment.ratings.rating)
+    (stored,) = result.group("log_likelihood").data_vars.values()
+    mean, covariance = dense(experiment, posterior, theta_of(result.group("posterior"))[0, 0])
+    wrong = multivariate_normal(mean, covariance - 1.0).logpdf(y) - y.sum()
+    assert abs(stored.values[0, 0] - wrong) > 1e-3
+    assert norm.logpdf(0) == pytest.approx(-0.9189385332)
