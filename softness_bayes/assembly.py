@@ -23,6 +23,7 @@ from softness_bayes.inference.parameters import PARAMETERS
 from softness_bayes.inference.posterior import Posterior
 from softness_bayes.inference.random_effects import Effects
 from softness_bayes.inference.summary import summarise
+from softness_bayes.touch.parameters import TouchParameters
 from softness_bayes.touch.scene import Scene
 
 if TYPE_CHECKING:
@@ -146,9 +147,13 @@ class Assembly:
             Effects(*(effect[index] for effect in self.effects)),
         )
 
+    def _touch(self, theta: Array) -> TouchParameters:
+        """Return the chain's parameters at theta, held ones as often as sampled ones."""
+        return TouchParameters(*(np.broadcast_to(v, theta.shape[:-1]) for v in self.posterior.space.touch(theta)))
+
     def _error(self) -> float:
         """Return the largest difference to a finer scene, relative to each draw's peak response."""
-        touch = self.posterior.space.touch(self._pick(ERROR_DRAWS).theta)
+        touch = self._touch(self._pick(ERROR_DRAWS).theta)
         fine = self.scene.refined().total_rate(touch)
         peak = fine.max(axis=-1, keepdims=True)
         difference = np.abs(self.scene.total_rate(touch) - fine)
@@ -209,7 +214,7 @@ class Assembly:
     def _predictions(self) -> dict[str, Variable]:
         """Return response and rating against E_fab under each load, and where they turn over."""
         draws = self._pick(CURVES)
-        curves = response_curves(self.grid, self.posterior.space.touch(draws.theta))
+        curves = response_curves(self.grid, self._touch(draws.theta))
         fabrics = float(self.scene.modulus.min()), float(self.scene.modulus.max())
         turn = find_inflection(curves, self.error, fabrics)
         model, shape = self.ratings.model, curves.total_rate.shape
@@ -276,7 +281,7 @@ class Assembly:
     def _shares(self) -> dict[str, float]:
         """Return how often the model is silent, and how often the contact leaves Hertz's range."""
         prior = self.posterior.mean_rate(self.prior)
-        beyond = self.scene.beyond_hertz(self.posterior.space.touch(self._pick(CURVES).theta))
+        beyond = self.scene.beyond_hertz(self._touch(self._pick(CURVES).theta))
         return {
             "prior_silent_everywhere": float((prior == 0).all(axis=-1).mean()),
             "prior_silent_conditions": float((prior == 0).mean()),

@@ -218,20 +218,18 @@ def test_finger_refuses_what_no_finger_has(change, name):
 
 
 @pytest.mark.parametrize(
-    ("fabric", "b", "m"),
+    "bad",
     [
-        (0.0, 100000.0, 2.0),
-        (-1.0, 100000.0, 2.0),
-        (math.nan, 100000.0, 2.0),
-        (100000.0, 0.0, 2.0),
-        (100000.0, 100000.0, -0.1),
-        (100000.0, math.nan, 2.0),
-        (100000.0, 100000.0, math.nan),
+        *({name: value} for name in ("fabric_modulus", "b", "m") for value in (-1.0, math.nan, math.inf)),
+        *({name: 0.0} for name in ("fabric_modulus", "b")),
+        *({"fabric_poisson": value} for value in (-1.0, 0.51, 1.0, math.nan)),
     ],
+    ids=str,
 )
-def test_contact_refuses_what_is_not_positive(fabric, b, m):
+def test_contact_refuses_what_is_not_positive_and_finite(bad):
+    usual = {"fabric_modulus": 1e5, "fabric_poisson": 0.3, "b": 1e5, "m": 2.0}
     with pytest.raises(InputError):
-        solve_contact(fabric, 0.3, Indentation(1e-3), b, m)
+        solve_contact(load=Indentation(1e-3), **{**usual, **bad})
 
 
 def test_skin_modulus_refuses_softening():

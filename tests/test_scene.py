@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from softness_bayes.errors import InputError, SoftnessError
+from softness_bayes.errors import InputError, NumericalError, SoftnessError
 from softness_bayes.touch.contact import Finger, Force, Indentation
 from softness_bayes.touch.parameters import TouchParameters
 from softness_bayes.touch.readings import Readings
@@ -38,7 +38,8 @@ def take(parameters, index):
 
 
 def assert_same(found, other, rtol=1e-13):
-    for name in ("total_rate", "responding", "mean_rate", "mean_interval", "peak_stress"):
+    np.testing.assert_allclose(found.mean_interval, other.mean_interval, rtol=1e3 * rtol)
+    for name in ("total_rate", "responding", "mean_rate", "peak_stress"):
         np.testing.assert_allclose(getattr(found, name), getattr(other, name), rtol=rtol, atol=1e-300, err_msg=name)
     for one, two in zip(found.contact, other.contact, strict=True):
         np.testing.assert_allclose(one, two, rtol=rtol)
@@ -287,3 +288,17 @@ def test_scenes_that_cannot_be(smooth_firing, change, message):
     usual = {"fabric_modulus": [1e5, 1e6], "fabric_poisson": 0.3, "loads": [Indentation(1e-3)]}
     with pytest.raises(InputError, match=message):
         Scene(**{**usual, **change}, firing=smooth_firing(), discretisation=Discretisation(field_tolerance=1e-3))
+
+
+def test_a_vector_has_the_same_response_in_any_company():
+    """A larger alpha beside it needs a longer rate curve; the vector keeps its own."""
+    from softness_bayes.touch.scene import LARGEST_CURRENT, FixedChannels
+
+    scene = Scene(np.geomspace(1e4, 1e6, 4), 0.3, (Indentation(2e-3),), FixedChannels())
+    alone = TouchParameters(1e5, 2.0, 20.3, 6e-4, 9e3, 1.05, 1.16, 1.0, 1.5)
+    company = alone._replace(alpha=np.array([20.3, 60.0, 149.0]))
+    together = scene.total_rate(company)
+    np.testing.assert_allclose(together[0], scene.total_rate(alone), rtol=1e-13)
+    assert (together[1] > together[0])[1:].all()
+    with pytest.raises(NumericalError, match="depolarisation"):
+        scene.total_rate(alone._replace(alpha=1.01 * LARGEST_CURRENT))

@@ -14,6 +14,7 @@ from softness_bayes.inference.coordinates import Coordinate, coordinate_for
 from softness_bayes.inference.priors import HalfNormal, LogNormal, Prior
 from softness_bayes.touch.contact import DISPLACEMENT, STRAIN, SkinDisplacement
 from softness_bayes.touch.parameters import TouchParameters
+from softness_bayes.touch.scene import LARGEST_CURRENT
 
 FloatArray = NDArray[np.float64]
 
@@ -32,6 +33,8 @@ class Parameter:
         Default prior, in natural units.
     vanishing
         Whether it may be held at 0; all other values must be positive.
+    largest
+        Value beyond which the model does not answer, and every prior ends.
     """
 
     name: str
@@ -41,6 +44,7 @@ class Parameter:
     prior: Prior
     si: float = 1.0
     vanishing: bool = False
+    largest: float = np.inf
 
     @property
     def label(self) -> str:
@@ -54,7 +58,14 @@ PARAMETERS: Mapping[str, Parameter] = MappingProxyType(
         for parameter in (
             Parameter("b", r"$b$", "kPa", "skin modulus at rest", LogNormal(100, 0.5), si=1e3),
             Parameter("m", r"$m$", "–", "stiffening of the skin", LogNormal(2, 0.3), vanishing=True),
-            Parameter("alpha", r"$\alpha$", "µA/cm²", "largest receptor current", LogNormal(20.3, 0.1)),
+            Parameter(
+                "alpha",
+                r"$\alpha$",
+                "µA/cm²",
+                "largest receptor current",
+                LogNormal(20.3, 0.1),
+                largest=LARGEST_CURRENT,
+            ),
             Parameter("beta", r"$\beta$", "1/kPa", "steepness of transduction", LogNormal(0.6, 0.3), si=1e-3),
             Parameter("sigma_0", r"$\sigma_0$", "kPa", "stress at half current", LogNormal(9, 0.4), si=1e3),
             Parameter("c_Na", r"$c_{Na}$", "–", "sodium conductance multiplier", LogNormal(1.05, 0.03, 0.1)),
@@ -143,7 +154,7 @@ class ParameterSpace:
         It is -inf outside the open interval of a support: the sampler's coordinates never reach the
         ends except by rounding.
         """
-        return _columnwise([_open_log_density(p.prior, theta[..., k]) for k, p in enumerate(self.sampled)], theta)
+        return _columnwise([_open_log_density(p, theta[..., k]) for k, p in enumerate(self.sampled)], theta)
 
     def draw_prior(self, rng: np.random.Generator, size: int) -> FloatArray:
         """Independent draws from the prior, shape (size, dimension)."""
@@ -242,9 +253,9 @@ def _suitable(parameter: Parameter, prior: Prior) -> Prior:
     return prior
 
 
-def _open_log_density(prior: Prior, x: FloatArray) -> FloatArray:
-    low, high = prior.support
-    return np.where((x > low) & (x < high), prior.log_density(x), -np.inf)
+def _open_log_density(parameter: Parameter, x: FloatArray) -> FloatArray:
+    low, high = parameter.prior.support
+    return np.where((x > low) & (x < min(high, parameter.largest)), parameter.prior.log_density(x), -np.inf)
 
 
 def _columnwise(columns: list[FloatArray], like: FloatArray) -> FloatArray:

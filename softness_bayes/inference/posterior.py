@@ -68,7 +68,9 @@ class Posterior:
 
     def mean_rate(self, theta: FloatArray) -> FloatArray:
         """The pad's mean rate N/N_ref [Hz] at points theta, shape (..., conditions)."""
-        return self.scene.total_rate(self.space.touch(theta)) / self.scene.n_receptors
+        # with every parameter of the chain held there is one response for all points
+        rate = self.scene.total_rate(self.space.touch(theta)) / self.scene.n_receptors
+        return np.broadcast_to(rate, (*theta.shape[:-1], rate.shape[-1]))
 
     def rating_parameters(self, theta: FloatArray) -> RatingParameters:
         """The parameters of the rating model at points theta."""
@@ -119,7 +121,7 @@ class Posterior:
         found: list[FloatArray] = []
         for _ in range(_ATTEMPTS):
             theta = self.space.draw_prior(rng, size)
-            rate = np.broadcast_to(self.mean_rate(theta), (size, self.mean_rate(theta[:1]).shape[-1]))
+            rate = self.mean_rate(theta)
             found.extend(theta[(rate > 0).sum(axis=-1) >= min(LEAST_FIRING, rate.shape[-1])])
             if len(found) >= size:
                 return self.space.coordinates(np.array(found[:size]))

@@ -199,8 +199,8 @@ def skin_modulus(log_scale: ArrayLike, p: ArrayLike, log_k: ArrayLike, b: ArrayL
         If b is not positive or m is negative: the paper's skin stiffens (model.md 2).
     """
     b, m, p = np.asarray(b, float), np.asarray(m, float), np.asarray(p, float)
-    if not (b > 0).all() or not (m >= 0).all():
-        raise InputError("skin: expected b > 0 and m >= 0")
+    if not ((b > 0) & np.isfinite(b)).all() or not ((m >= 0) & np.isfinite(m)).all():
+        raise InputError("skin: expected finite b > 0 and m >= 0")
     log_b = np.log(b)
     # m = 0 leaves v = 0; the smallest positive number says the same in logarithms
     target = np.asarray(log_scale, float) + np.log(np.maximum(m, 1e-300)) - p * log_b
@@ -260,10 +260,12 @@ def solve_contact(
     Raises
     ------
     InputError
-        If a modulus or b is not positive, or m is negative.
+        If a modulus or b is not positive, m is negative, a Poisson ratio is outside (-1, 0.5], or
+        any of them is not finite.
     """
-    if not (np.asarray(fabric_modulus) > 0).all():
-        raise InputError("fabric: expected a positive modulus")
+    modulus, poisson = np.asarray(fabric_modulus, float), np.asarray(fabric_poisson, float)
+    if not ((modulus > 0) & np.isfinite(modulus)).all() or not ((poisson > -1) & (poisson <= 0.5)).all():
+        raise InputError("fabric: expected a positive finite modulus and a Poisson ratio in (-1, 0.5]")
     log_scale, p = load.compression(finger, displacement)
     skin = skin_modulus(log_scale, p, log_compliance_ratio(fabric_modulus, fabric_poisson, finger), b, m)
     reduced = reduced_modulus(skin, fabric_modulus, fabric_poisson, finger)

@@ -47,7 +47,7 @@ class RateCurve:
         Rate just above the rheobase [Hz]: 0 at a fold, more at a jump.
     coefficients : ndarray, shape (..., K)
         Monomial coefficients [Hz/sqrt(µA/cm²)].
-    max_current : float
+    max_current : float or ndarray, shape (...)
         Largest current that may be asked for [µA/cm²].
     error : CurveError
         Largest measured difference to the exact rate.
@@ -56,7 +56,7 @@ class RateCurve:
     rheobase: FloatArray
     onset_rate: FloatArray
     coefficients: FloatArray
-    max_current: float
+    max_current: float | FloatArray
     error: CurveError
 
     @property
@@ -74,9 +74,10 @@ class RateCurve:
             If a current exceeds ``max_current`` or is not a number.
         """
         current = np.asarray(current, dtype=float)
-        if current.size and not current.max() <= self.max_current:
+        limit = np.asarray(self.max_current)[..., None]
+        if not (current <= limit).all():
             raise InputError(
-                f"a current of {current.max():.6g} µA/cm² lies beyond the {self.max_current:.6g} µA/cm² "
+                f"a current of {current.max():.6g} µA/cm² lies beyond the {limit.min():.6g} µA/cm² "
                 "that the firing-rate curve covers"
             )
         excess = current - self.rheobase[..., None]

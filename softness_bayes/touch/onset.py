@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from softness_bayes.touch.cells import Cells
-from softness_bayes.touch.cycle_fold import cycle_fold, extrapolate
+from softness_bayes.touch.cycle_fold import CycleFold, cycle_fold, extrapolate
 from softness_bayes.touch.equilibrium import Fold, fold, rest
 from softness_bayes.touch.limit_cycle import Orbit, steady_orbit
 from softness_bayes.touch.membrane import CONNOR_STEVENS, PAPER_CHANNELS, Channels, Membrane, lanes
@@ -30,11 +30,11 @@ SEARCH_LIMIT = 250.0
 _CLASSIFYING_TOLERANCE = 1e-7  # local error where only the kind of onset is asked for
 _SECTIONS = 24  # currents tried side by side while a jump is bracketed
 _RUNGS = 2  # currents tried side by side, upwards, until one fires
-_RESOLUTION = 1e-7  # µA/cm², width of the final bracket around a jump
+_RESOLUTION = 1e-6  # µA/cm², width of the final bracket around a jump
 _FAMILY = 5  # stable orbits from which a fold of orbits is extrapolated
 _FAMILY_REACH = 0.6  # µA/cm², width of the bracket from which that is tried
 _JUST_ABOVE = 3e-3  # µA/cm² above a fold of orbits at which firing is confirmed
-_PASSING = 1e-5  # agreement of periods that confirms it
+_PASSING = 1e-5  # agreement of periods where only the kind of onset is asked for
 
 
 class Onset(NamedTuple):
@@ -91,7 +91,7 @@ def fires_through(folds: Fold, channels: Channels, membrane: Membrane) -> NDArra
     through = np.isfinite(folds.prefactor)
     some = Channels(*(c[through] for c in channels))
     cells = Cells.of(membrane, some, folds.current[through] + CONTINUED**2)
-    rate = steady_orbit(cells, rest(some, membrane), _CLASSIFYING_TOLERANCE).rate
+    rate = steady_orbit(cells, rest(some, membrane), _CLASSIFYING_TOLERANCE, _PASSING).rate
     through[through] = np.abs(rate / (CONTINUED * folds.prefactor[through]) - 1.0) < 0.1
     return through
 
@@ -100,7 +100,7 @@ def _jump(channels: FloatArray, fold_current: float, membrane: Membrane) -> tupl
     """Where firing begins abruptly between the fold (0 without one) and the limit, the rate, whether orbits fold."""
     low, high, rate_above = fold_current if np.isfinite(fold_current) else 0.0, np.inf, 0.0
     ladder = low + np.geomspace(2.0, SEARCH_LIMIT - low, _SECTIONS)
-    born = None if np.isnan(fold_current) else (high, rate_above)
+    tried = np.isfinite(fold_current)
     while high - low > _RESOLUTION:
         if np.isfinite(high):
             currents = np.linspace(low, high, _SECTIONS + 2)[1:-1]
@@ -115,10 +115,10 @@ def _jump(channels: FloatArray, fold_current: float, membrane: Membrane) -> tupl
             continue
         first = int(fires.argmax())
         low, high, rate_above = float(below[first]), float(currents[first]), float(rate[first])
-        if born is None and high - low < _FAMILY_REACH:
-            born = _birth(channels, membrane, low, high)
-            if low < born[0] <= high:
-                return *born, True
+        if not tried and high - low < _FAMILY_REACH:
+            tried, born = True, birth(channels, membrane, low, high)
+            if np.isfinite(born.current[0]):
+                return float(born.current[0]), float(1000.0 / born.period[0]), True
     return high, rate_above, False
 
 
@@ -127,18 +127,32 @@ def _orbits(currents: FloatArray, channels: FloatArray, membrane: Membrane, fold
     return simulated(currents, many, membrane, currents - fold_current)
 
 
-def _birth(channels: FloatArray, membrane: Membrane, low: float, high: float) -> tuple[float, float]:
-    """Fold of orbits not above ``high``, and its rate; NaN if there is none or the membrane at rest misses it."""
+def birth(channels: FloatArray, membrane: Membrane, low: float, high: float) -> CycleFold:
+    """Fold of periodic orbits at which the membrane at rest begins to fire.
+
+    Parameters
+    ----------
+    channels : ndarray, shape (4,)
+        Multipliers.
+    membrane : Membrane
+        Constants.
+    low, high : float
+        Currents between which firing begins [µA/cm²].
+
+    Returns
+    -------
+    CycleFold
+        With n = 1; NaN if there is no such fold between ``low`` and ``high``, or the membrane at rest misses it.
+    """
     currents = high + _FAMILY_REACH * np.linspace(0.0, 1.3, _FAMILY) ** 2
     orbit = _orbits(currents, channels, membrane, np.nan)
     one = Channels(*(channels[:, None]))
+    nothing = CycleFold(*np.full((3, 1), np.nan), orbit.spike_state[:, :1])
     if not (orbit.rate > 0.0).all():
-        return np.nan, np.nan
-    guess = extrapolate(currents, 1000.0 / orbit.rate, orbit.spike_state)
-    found = cycle_fold(one, membrane, guess)
-    current = found.current[0]
-    if not low < current <= high:
-        return np.nan, np.nan
-    cells = Cells.of(membrane, one, np.array([current + _JUST_ABOVE]))
+        return nothing
+    found = cycle_fold(one, membrane, extrapolate(currents, 1000.0 / orbit.rate, orbit.spike_state))
+    if not low < found.current[0] <= high:
+        return nothing
+    cells = Cells.of(membrane, one, found.current + _JUST_ABOVE)
     confirmed = steady_orbit(cells, rest(one, membrane), _CLASSIFYING_TOLERANCE, _PASSING).rate[0] > 0.0
-    return (float(current), float(1000.0 / found.period[0])) if confirmed else (np.nan, np.nan)
+    return found if confirmed else nothing

@@ -67,24 +67,34 @@ class FixedChannels:
         self._longer: RateCurve | None = None
 
     def curves(self, parameters: TouchParameters) -> RateCurve:
-        """Return the one curve, of batch shape (), long enough for the largest alpha.
+        """Return the one curve, of batch shape (), or one for each vector where an alpha needs a longer one.
 
         Raises
         ------
         NumericalError
             If an alpha exceeds `LARGEST_CURRENT`.
         """
-        largest = float(np.max(parameters.alpha, initial=0.0))
-        if largest <= self.curve.max_current:
+        alpha = np.asarray(parameters.alpha, float)
+        long = alpha > self.curve.max_current
+        if not long.any():
             return self.curve
-        if largest > LARGEST_CURRENT:
+        if alpha.max() > LARGEST_CURRENT:
             raise NumericalError(
-                f"alpha = {largest:.6g} µA/cm² lies beyond {LARGEST_CURRENT:g}, where the membrane is near "
+                f"alpha = {alpha.max():.6g} µA/cm² lies beyond {LARGEST_CURRENT:g}, where the membrane is near "
                 "depolarisation block and no rate curve is kept"
             )
         if self._longer is None:
             self._longer = exact_curve(self.channels, self.membrane, LARGEST_CURRENT, nodes=28)
-        return self._longer
+        # each vector keeps its own curve, whatever the company it is evaluated in
+        usual, longer = self.curve.coefficients, self._longer.coefficients
+        padded = np.concatenate([usual, np.zeros(longer.size - usual.size)])
+        return RateCurve(
+            np.full(alpha.shape, self.curve.rheobase),
+            np.full(alpha.shape, self.curve.onset_rate),
+            np.where(long[..., None], longer, padded),
+            np.where(long, LARGEST_CURRENT, self.curve.max_current),
+            self._longer.error,
+        )
 
 
 @dataclass(frozen=True)
