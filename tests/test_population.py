@@ -216,3 +216,12 @@ def test_no_leap_where_the_patch_reaches_an_edge(default_scene, fine_scene, pape
     np.testing.assert_allclose(found.total_rate, exact.total_rate, atol=5e-4 * largest, rtol=0)
     slope, exact_slope = (np.diff(r.total_rate, axis=0) for r in (found, exact))
     np.testing.assert_allclose(slope, exact_slope, atol=0.03 * np.abs(exact_slope).max(), rtol=0)
+
+
+@pytest.mark.parametrize("beta", [0.01, 1.0])
+def test_whole_pad_at_its_largest_rate(beta, default_scene, paper):
+    found = default_scene.respond(paper(beta=beta, sigma_0=-1e5))
+    largest = float(default_scene.firing.curve.rate(np.array([20.3]))[0])
+    np.testing.assert_allclose(found.responding, default_scene.n_receptors, rtol=1e-10)
+    np.testing.assert_allclose(found.total_rate, default_scene.n_receptors * largest, rtol=1e-10)
+    np.testing.assert_allclose(found.mean_interval, 1 / largest, rtol=1e-10)

@@ -1,6 +1,7 @@
 """A small run from ratings to its file: what it holds, and whether it is what the model says."""
 
 import dataclasses
+import functools
 
 import numpy as np
 import pandas as pd
@@ -9,13 +10,15 @@ import xarray as xr
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.stats import halfnorm, kstest, lognorm, multivariate_normal, norm
 
-from softness_bayes import arviz_bridge
+from softness_bayes import arviz_bridge, run
 from softness_bayes.data import Experiment, Fabrics
 from softness_bayes.errors import InputError
 from softness_bayes.inference.priors import HalfNormal
+from softness_bayes.inference.sampling import Settings
 from softness_bayes.result import SCHEMA, Result, prepare_directory, require_vacant
 from softness_bayes.run import RunOptions, posterior_of, sample
 from softness_bayes.study import simulate_ratings, usual_values
+from softness_bayes.touch import scene
 from softness_bayes.touch.contact import Force, Indentation
 from softness_bayes.touch.readings import MENDED
 
@@ -33,6 +36,15 @@ PRIORS = {
     "varsigma": halfnorm(scale=0.5),
 }
 PARTICIPANTS, ROWS, MISSING = 5, 32, 8
+
+
+@pytest.fixture(scope="module", autouse=True)
+def quickly():
+    """Learn little in the pilot walk, and compute the membrane's one rate curve once."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(run, "Settings", functools.partial(Settings, pilot=(50, 50), optima=1))
+        patch.setattr(scene, "exact_curve", functools.cache(scene.exact_curve))
+        yield
 
 
 @pytest.fixture(scope="module")
@@ -393,7 +405,7 @@ def test_equal_seeds_equal_draws_whatever_the_processes(experiment):
     for name in ("gamma", "varsigma"):
         del fix[name]
     runs = {
-        key: sample(experiment, RunOptions(fix=fix, max_steps=40, processes=processes, seed=seed))
+        key: sample(experiment, RunOptions(fix=fix, max_steps=30, processes=processes, seed=seed))
         for key, processes, seed in (("one", 1, 5), ("two", 2, 5), ("other", 1, 6))
     }
     one, two = runs["one"].tree, runs["two"].tree

@@ -1,5 +1,7 @@
 """Simulated ratings by their moments, and the parameters that they are made of."""
 
+import functools
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
@@ -10,6 +12,7 @@ from softness_bayes.errors import InputError
 from softness_bayes.inference.observation import INVERSE
 from softness_bayes.inference.parameters import PARAMETERS
 from softness_bayes.study import scene_of, simulate_ratings, touch_parameters, usual_values
+from softness_bayes.touch import scene
 from softness_bayes.touch.contact import Force, Indentation
 from softness_bayes.touch.readings import MENDED
 
@@ -20,8 +23,9 @@ LOADS = (Indentation(2e-3), Force(1.5))
 @pytest.fixture(autouse=True, scope="module")
 def one_scene():
     """Compile the scene once: all simulations here have the same fabrics, loads, channels and readings."""
-    compiled = scene_of(CLOTH, LOADS, usual_values(MENDED), MENDED)
     with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(scene, "exact_curve", functools.cache(scene.exact_curve))
+        compiled = scene_of(CLOTH, LOADS, usual_values(MENDED), MENDED)
         patch.setattr(study, "scene_of", lambda *_: compiled)
         yield
 

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 
 import emcee
 import numpy as np
-from emcee.moves import DEMove, DESnookerMove, MHMove, Move
+from emcee.moves import DEMove, MHMove, Move
 from numpy.typing import NDArray
 
 from softness_bayes.errors import InputError, NumericalError
@@ -30,16 +30,19 @@ FloatArray = NDArray[np.float64]
 
 Moves = tuple[tuple[Move, float], ...]
 
-FIRST_MOVES: Moves = ((DEMove(), 0.8), (DESnookerMove(), 0.2))
+FIRST_MOVES: Moves = ((DEMove(), 0.9), (DEMove(gamma0=1.0), 0.1))
 """Proposals with their probabilities before anything is known of the density's shape."""
 
 MOVES: Moves = (
     (MHMove(StudentProposal()), 0.6),
-    (DEMove(), 0.32),
+    (DEMove(), 0.37),
     (DEMove(gamma0=1.0), 0.03),  # carries a walker from one mode to another
-    (DESnookerMove(), 0.05),
 )
-"""Proposals with their probabilities in the coordinates of the learnt map."""
+"""Proposals with their probabilities in the coordinates of the learnt map.
+
+emcee's snooker move is not among them: up to emcee 3.1.6 its acceptance takes half of the Jacobian's exponent,
+which narrows what it samples (`tests/test_invariance.py` shows both).
+"""
 
 
 @dataclass(frozen=True)
@@ -75,11 +78,11 @@ class Settings:
     walkers: int | None = None
     max_steps: int = 100_000
     max_seconds: float = math.inf
-    round_steps: int = 250
+    round_steps: int = 100
     processes: int | None = None
     stored: int = 20_000
     optima: int = 2
-    pilot: tuple[int, ...] = (150, 150, 300)
+    pilot: tuple[int, ...] = (100, 200)
     first_moves: Moves = FIRST_MOVES
     moves: Moves = MOVES
     goal: Goal = field(default_factory=Goal)
@@ -204,7 +207,7 @@ def sample_until(
     begun = time.monotonic()
     walkers = settings.walkers_for(len(target.names))
     processes = settings.processes or min(settings.ensembles, available_processors())
-    stride, steps, due = 1, 0, 2 * settings.round_steps
+    stride, steps, due = 1, 0, 3 * settings.round_steps
     verdict: Verdict | None = None
     parts: list[list[Segment]] = [[] for _ in range(settings.ensembles)]
 

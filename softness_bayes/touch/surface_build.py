@@ -34,7 +34,7 @@ _BORDER_SEARCH = (-2.0, 1.6)  # places of c_K between which the border is looked
 _BORDER_USED = 1.3  # places of c_K up to which it is fitted: a little beyond the box
 _HALVINGS = 40
 _LOOSE = 1e-5  # agreement of periods that suffices to tell firing from silence
-_STRETCHES = 8  # steps from the centre of the box to each of its points
+_WAY = (0.015, 0.03, 0.06, 0.12, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0)  # from the centre of the box outwards
 
 
 def low_discrepancy(variables: int, points: int) -> FloatArray:
@@ -91,14 +91,22 @@ def _born(design: Design, channels: Channels) -> tuple[FloatArray, FloatArray, F
     begin = float(onset(design.channels, design.membrane).rheobase)
     middle = birth(centre, design.membrane, begin - 0.1, begin + 0.1)
     current = CycleFold(*(np.repeat(x, target.shape[1], axis=-1) for x in middle))
-    before = current
-    for step in range(1, _STRETCHES + 1):
-        way = Channels(*(centre[:, None] + (target - centre[:, None]) * step / _STRETCHES))
-        guess = CycleFold(*(2.0 * x - y for x, y in zip(current, before, strict=True)))
-        before, current = current, cycle_fold(way, design.membrane, guess)
+    known = [(0.0, current)]
+    for share in _WAY:
+        some = Channels(*(centre[:, None] + (target - centre[:, None]) * share))
+        current = cycle_fold(some, design.membrane, _foresee(known, share))
         if not np.isfinite(current.current).all():
             raise NumericalError(f"{np.isnan(current.current).sum()} folds of orbits were lost on the way")
+        known = [*known[-2:], (share, current)]
     return current.current, 1000.0 / current.period, np.full(target.shape[1], np.nan)
+
+
+def _foresee(known: list[tuple[float, CycleFold]], share: float) -> CycleFold:
+    """Extrapolate the folds known at up to three shares of the way (Lagrange)."""
+    shares = np.array([at for at, _ in known])
+    weights = [np.prod((share - np.delete(shares, i)) / (at - np.delete(shares, i))) for i, at in enumerate(shares)]
+    fields = zip(*(fold_at for _, fold_at in known), strict=True)
+    return CycleFold(*(sum(w * x for w, x in zip(weights, field, strict=True)) for field in fields))
 
 
 def _border(design: Design, border: Border) -> FloatArray:
