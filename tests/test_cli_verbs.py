@@ -13,6 +13,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from softness_bayes.cli import main
 from softness_bayes.result import Result
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -35,6 +36,19 @@ def run(*arguments, cwd=ROOT, timeout=240):
         timeout=timeout,
         check=False,
     )
+
+
+@pytest.fixture
+def here(capsys):
+    """Call a verb in this process, which takes no second to start."""
+
+    def call(*arguments):
+        with pytest.raises(SystemExit) as end:
+            main([str(argument) for argument in arguments], prog_name="softness-bayes")
+        written = capsys.readouterr()
+        return subprocess.CompletedProcess(arguments, end.value.code or 0, written.out, written.err)
+
+    return call
 
 
 def refused(done, *expected):
@@ -90,16 +104,16 @@ def test_predict_takes_readings_and_prior_sets():
         (["--indentation-mm", "-1"], "indentation_mm"),
     ],
 )
-def test_predict_refuses(tmp_path, arguments, message):
-    done = run("predict", *TOUCH, *arguments, "--out", tmp_path / "table.csv")
+def test_predict_refuses(here, tmp_path, arguments, message):
+    done = here("predict", *TOUCH, *arguments, "--out", tmp_path / "table.csv")
     refused(done, message)
     assert done.stdout == ""
     assert list(tmp_path.iterdir()) == []
 
 
-def test_predict_without_load_or_file_is_refused():
+def test_predict_without_load_or_file_is_refused(here):
     refused(run("predict", "--fabrics", DATA / "fabrics.csv"), "--indentation-mm", "--force-n")
-    refused(run("predict", "--fabrics", "nowhere.csv", "--force-n", "1"), "nowhere.csv")
+    refused(here("predict", "--fabrics", "nowhere.csv", "--force-n", "1"), "nowhere.csv")
 
 
 # simulate
@@ -118,7 +132,7 @@ def test_simulate_makes_the_data_byte_for_byte(tmp_path):
         assert (tmp_path / name).read_bytes() == (DATA / name).read_bytes(), name
 
 
-def test_simulate_says_what_the_ratings_were_made_from(tmp_path):
+def test_simulate_says_what_the_ratings_were_made_from(here, tmp_path):
     arguments = [*TOUCH, "--participants", "3", "--set", "b=70", "--typical-rating", "50", "--seed", "4"]
     done = run("simulate", *arguments, "--out", tmp_path)
     assert done.returncode == 0, done.stderr
@@ -133,8 +147,8 @@ def test_simulate_says_what_the_ratings_were_made_from(tmp_path):
     assert len(ratings) == 3 * 12
     assert ratings["rating"].gt(0).all()
     before = (tmp_path / "ratings.csv").read_bytes()
-    refused(run("simulate", *arguments, "--out", tmp_path), "--force")
-    other = run("simulate", *arguments, "--out", tmp_path, "--force", "--seed", "5")
+    refused(here("simulate", *arguments, "--out", tmp_path), "--force")
+    other = here("simulate", *arguments, "--out", tmp_path, "--force", "--seed", "5")
     assert other.returncode == 0, other.stderr
     assert (tmp_path / "ratings.csv").read_bytes() != before
 
@@ -143,8 +157,8 @@ def test_simulate_says_what_the_ratings_were_made_from(tmp_path):
     "arguments",
     [["--participants", "0"], ["--missing", "1"], ["--typical-rating", "0"], ["--set", "mu=3"], ["--seed", "x"]],
 )
-def test_simulate_refuses(tmp_path, arguments):
-    refused(run("simulate", *TOUCH, *arguments, "--out", tmp_path / "new"))
+def test_simulate_refuses(here, tmp_path, arguments):
+    refused(here("simulate", *TOUCH, *arguments, "--out", tmp_path / "new"))
     assert list(tmp_path.iterdir()) == []
 
 
@@ -249,14 +263,16 @@ def test_an_effect_per_fabric_from_end_to_end(tmp_path):
         (["--indentation-mm", "2"], "tables without a load column"),
     ],
 )
-def test_sample_refuses_and_writes_nothing(tmp_path, arguments, message):
-    done = run("sample", "--data", DATA / "ratings.csv", *QUICK, *arguments, cwd=tmp_path)
+def test_sample_refuses_and_writes_nothing(here, tmp_path, monkeypatch, arguments, message):
+    monkeypatch.chdir(tmp_path)
+    done = here("sample", "--data", DATA / "ratings.csv", *QUICK, *arguments)
     refused(done, message)
     assert done.stdout == ""
     assert list(tmp_path.iterdir()) == []
 
 
-def test_ratings_that_cannot_be_used_are_refused_by_row(tmp_path):
+def test_ratings_that_cannot_be_used_are_refused_by_row(here, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
     lines = (DATA / "ratings.csv").read_text().splitlines()[:40]
     broken = {
         "zero": (lines[7].split(",")[3], "0", "row 8, column 'rating'"),
@@ -265,5 +281,5 @@ def test_ratings_that_cannot_be_used_are_refused_by_row(tmp_path):
     for name, (old, new, message) in broken.items():
         path = tmp_path / f"{name}.csv"
         path.write_text("\n".join([*lines[:7], lines[7].replace(old, new), *lines[8:]]) + "\n")
-        refused(run("sample", "--data", path, *QUICK, cwd=tmp_path), path.name, message)
+        refused(here("sample", "--data", path, *QUICK), path.name, message)
     assert not (tmp_path / "results").exists()

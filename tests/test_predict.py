@@ -88,7 +88,7 @@ def test_draws_give_a_median_between_its_limits(scene, paper, rng):
     draws = batch(paper, rng, 200)
     table = prediction_table(CLOTH, scene, draws, prob=0.8)
     expected = [f"{name}{end}" for name in QUANTITIES for end in ("", "_low", "_high")]
-    assert list(table)[0] == "fabric"
+    assert next(iter(table)) == "fabric"
     assert sorted(table) == sorted(["fabric", *expected])
     for name in QUANTITIES:  # each has its limits beside it
         place = list(table).index(name)
@@ -118,9 +118,22 @@ def test_618_real_fabrics_after_renaming_two_columns():
     if not path.is_file():
         pytest.skip("the measured fabrics lie beside the project only")
     done = subprocess.run(
-        [sys.executable, "-W", "error", "-c", "from softness_bayes.cli import main; main()", "predict"]
-        + ["--fabrics", str(path), "--column", "fabric=fabric_id"]
-        + ["--column", "bending_rigidity_n_m=bending_warp_N_m", "--indentation-mm", "3"],
+        [
+            sys.executable,
+            "-W",
+            "error",
+            "-c",
+            "from softness_bayes.cli import main; main()",
+            "predict",
+            "--fabrics",
+            str(path),
+            "--column",
+            "fabric=fabric_id",
+            "--column",
+            "bending_rigidity_n_m=bending_warp_N_m",
+            "--indentation-mm",
+            "3",
+        ],
         capture_output=True,
         text=True,
         env=os.environ | {"PYTHONUTF8": "1"},

@@ -54,8 +54,11 @@ def command(
     One row for each fabric and load. Parameters are the medians of their priors; --set changes single
     ones, --posterior takes the draws of a run instead.
     """
+    import numpy as np
+
     from softness_bayes.predict import prediction_table
     from softness_bayes.study import scene_of, touch_parameters, usual_values
+    from softness_bayes.touch.parameters import TouchParameters
 
     fabrics, loads = touches.read()
     if posterior is None:
@@ -69,6 +72,8 @@ def command(
         result = Result.load(posterior)
         chosen, named = result.readings, result.values(DRAWS)
     parameters = touch_parameters(named)
+    if posterior is not None:  # a table of draws has limits even where the run held every parameter of the chain
+        parameters = TouchParameters(*np.broadcast_arrays(*parameters, named["mu"])[:-1])
     scene = scene_of(fabrics, loads, named, chosen)
     table = prediction_table(fabrics, scene, parameters)
     if out is None:

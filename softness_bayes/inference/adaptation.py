@@ -55,7 +55,7 @@ class TriangularMap:
         centre = draws.mean(axis=0)
         size, vectors = np.linalg.eigh(np.atleast_2d(np.cov(draws, rowvar=False)))
         size, vectors = np.maximum(size[::-1], size[-1] * 1e-12), vectors[:, ::-1]
-        t = (draws - centre) @ vectors / np.sqrt(size)
+        t = np.asarray((draws - centre) @ vectors / np.sqrt(size))
         scale, bends = [], []
         for k in range(centre.size):
             features = _features(t[:, :k])
@@ -76,7 +76,7 @@ class TriangularMap:
 
     def inverse(self, z: FloatArray) -> FloatArray:
         """Map coordinates y of points ``z``."""
-        t = np.linalg.solve(self.axes, (z - self.centre)[..., None])[..., 0]
+        t = np.asarray(np.linalg.solve(self.axes, (z - self.centre)[..., None])[..., 0], float)
         bent = np.stack([_features(t[..., :k]) @ bend for k, bend in enumerate(self.bends)], axis=-1)
         return (t - bent) / self.scale
 

@@ -147,7 +147,8 @@ def birth(channels: FloatArray, membrane: Membrane, low: float, high: float) -> 
     currents = high + _FAMILY_REACH * np.linspace(0.0, 1.3, _FAMILY) ** 2
     orbit = _orbits(currents, channels, membrane, np.nan)
     one = Channels(*(channels[:, None]))
-    nothing = CycleFold(*np.full((3, 1), np.nan), orbit.spike_state[:, :1])
+    unknown = np.full(1, np.nan)
+    nothing = CycleFold(unknown, unknown, unknown, orbit.spike_state[:, :1])
     if not (orbit.rate > 0.0).all():
         return nothing
     found = cycle_fold(one, membrane, extrapolate(currents, 1000.0 / orbit.rate, orbit.spike_state))
