@@ -5,7 +5,7 @@ from __future__ import annotations
 import shlex
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NoReturn
 
 import click
 
@@ -24,6 +24,8 @@ from softness_bayes.cli.options import (
 from softness_bayes.errors import NotConvergedError
 
 if TYPE_CHECKING:
+    from tqdm import tqdm
+
     from softness_bayes.inference.priors import Prior
     from softness_bayes.inference.sampling import Progress
     from softness_bayes.result import Result
@@ -122,12 +124,14 @@ class _Bar:
     """Progress towards convergence on the terminal: steps against the present estimate of what it takes."""
 
     def __init__(self) -> None:
-        from tqdm import tqdm
-
-        self._bar = tqdm(total=1, unit="step", desc="sampling", leave=False, dynamic_ncols=True)
+        self._bar: tqdm[NoReturn] | None = None
 
     def show(self, progress: Progress) -> None:
         """Move the bar; its end moves too when a look changes the estimate."""
+        if self._bar is None:  # not before there is progress: an input error comes first and stands alone
+            from tqdm import tqdm
+
+            self._bar = tqdm(total=1, unit="step", desc="sampling", leave=False, dynamic_ncols=True)
         self._bar.total = progress.steps + progress.missing
         self._bar.update(progress.steps - self._bar.n)
         verdict = progress.verdict
@@ -139,7 +143,8 @@ class _Bar:
 
     def close(self) -> None:
         """Clear the line."""
-        self._bar.close()
+        if self._bar is not None:
+            self._bar.close()
 
 
 def _report(result: Result, out: Path) -> None:

@@ -24,8 +24,8 @@ _CURVATURE = 0.3  # expected size of a coefficient, in standard deviations: what
 class TriangularMap:
     """z = centre + axes t, with t_k = scale_k y_k + c_k0 + c_k·(t_j, t_i t_j) over i, j < k.
 
-    The axes are principal ones with unit variance of t, the widest first: wide directions bend narrow ones.
-    The map is one-to-one on the whole space, and its Jacobian is constant, so that log densities in z and y
+    The axes are principal ones, with unit variance of t, and come in the order in which those before explain
+    those after best. The map is one-to-one on the whole space, and its Jacobian is constant, so that log densities in z and y
     differ by a constant only.
     """
 
@@ -54,18 +54,14 @@ class TriangularMap:
         """
         centre = draws.mean(axis=0)
         size, vectors = np.linalg.eigh(np.atleast_2d(np.cov(draws, rowvar=False)))
-        size, vectors = np.maximum(size[::-1], size[-1] * 1e-12), vectors[:, ::-1]
-        t = np.asarray((draws - centre) @ vectors / np.sqrt(size))
-        scale, bends = [], []
-        for k in range(centre.size):
-            features = _features(t[:, :k])
-            shrinkage = np.full(features.shape[1], 1.0 / (_CURVATURE**2 * effective))
-            shrinkage[0] = 0.0
-            normal = features.T @ features / len(t) + np.diag(shrinkage)
-            bend = np.linalg.solve(normal, features.T @ t[:, k] / len(t))
-            bends.append(bend)
-            scale.append((t[:, k] - features @ bend).std())
-        return cls(centre, vectors * np.sqrt(size), np.array(scale), tuple(bends))
+        axes = vectors * np.sqrt(np.maximum(size, size[-1] * 1e-12))
+        t = np.linalg.solve(axes, (draws - centre).T).T
+        bends = _Bends(t, 1.0 / (_CURVATURE**2 * effective))
+        order = bends.order()
+        t = t[:, order]
+        fitted = [bends.fit(order[k], order[:k])[0] for k in range(centre.size)]
+        left = [t[:, k] - _features(t[:, :k]) @ bend for k, bend in enumerate(fitted)]
+        return cls(centre, axes[:, order], np.std(left, axis=1), tuple(fitted))
 
     def forward(self, y: FloatArray) -> FloatArray:
         """Points z at map coordinates ``y``, both of shape (..., dimension)."""
@@ -129,6 +125,36 @@ def learn(walks: FloatArray, log_density: FloatArray, tau: float) -> TriangularM
     # walkers still on their way from a bad start would stretch the map; a normal law has no such depths
     draws = draws[height > height.max() - max(20.0, 4.0 * draws.shape[-1])]
     return TriangularMap.fit(draws, len(draws) / tau)
+
+
+class _Bends:
+    """Regressions of each coordinate on linear and quadratic terms of others, from one matrix of moments."""
+
+    def __init__(self, t: FloatArray, shrinkage: float) -> None:
+        features = _features(t)
+        self._moments, self._shrinkage = features.T @ features / len(t), shrinkage
+        self._dimension = t.shape[-1]
+        self._pair = np.zeros((self._dimension, self._dimension), dtype=int)
+        first, second = np.triu_indices(self._dimension)
+        self._pair[first, second] = self._pair[second, first] = 1 + self._dimension + np.arange(first.size)
+
+    def fit(self, k: int, others: list[int]) -> tuple[FloatArray, float]:
+        """Coefficients of t_k on the features of the others, and the mean square that they explain."""
+        first, second = np.triu_indices(len(others))
+        index = np.array(others, dtype=int)
+        terms = np.concatenate([[0], 1 + index, self._pair[index[first], index[second]]])
+        normal = self._moments[np.ix_(terms, terms)] + self._shrinkage * np.diag(terms > 0)
+        moment = self._moments[terms, 1 + k]
+        bend = np.linalg.solve(normal, moment)
+        return bend, float(bend @ moment)
+
+    def order(self) -> list[int]:
+        """The coordinates so that each is explained by those before it: the best explained one comes last."""
+        left, order = list(range(self._dimension)), []
+        while left:
+            gains = [self.fit(k, [other for other in left if other != k])[1] for k in left]
+            order.append(left.pop(int(np.argmax(gains))))
+        return order[::-1]
 
 
 def _features(t: FloatArray) -> FloatArray:

@@ -2,9 +2,9 @@
 
 Along the family of orbits the current is a smooth function of the period. Its minimum is the fold at which the stable
 orbit meets an unstable one and both vanish: no periodic firing exists at a smaller current. Orbits near it attract so
-weakly that simulation would take hundreds of spikes; here they are solved for. An orbit of period T through the spike
-voltage solves ``flow_T(x; I) = x`` for its gates and its current, and the same Jacobian gives ``dI/dT``, whose zero is
-the fold.
+weakly that simulation would take hundreds of spikes; here they are solved for. An orbit of period T through a given
+voltage solves ``flow_T(x; I) = x`` for its gates there and its current, and the same Jacobian gives ``dI/dT``, whose
+zero is the fold. The voltage is one of the slow recovery between spikes, where Newton's method reaches far.
 """
 
 from __future__ import annotations
@@ -25,6 +25,7 @@ _TOLERANCE = 1e-10  # local error of the flow
 _DIFFERENCE = 1e-4  # of the gates and the current [µA/cm²] in the Jacobian of the flow
 _MAX_STRETCH = 0.5  # ms by which the period may change in one iteration
 _ITERATIONS = 25
+_APART = 3e-3  # ms between two periods from which dI/dT is differentiated
 _ON_ORBIT = 1e-3  # correction below which dI/dT is that of an orbit
 _CONVERGED = 1e-7  # largest change of gates and current in the last iteration
 _FLAT = 1e-5  # largest dI/dT at the fold [µA/(cm² ms)]; the error of the current is of second order in it
@@ -40,19 +41,19 @@ class CycleFold(NamedTuple):
     """Period of the orbit that is born there [ms]"""
     curvature: FloatArray
     """Second derivative of the current by the period [µA/(cm² ms²)]"""
-    spike_state: FloatArray
-    """State of that orbit at the spike voltage, shape (1 + gates, n)"""
+    state: FloatArray
+    """State of that orbit half a period after a spike, shape (1 + gates, n)"""
 
 
-def extrapolate(current: FloatArray, period: FloatArray, spike_state: FloatArray) -> CycleFold:
+def extrapolate(current: FloatArray, period: FloatArray, state: FloatArray) -> CycleFold:
     """First guess of one fold, from exact stable orbits at rising currents above it.
 
     Parameters
     ----------
     current, period : ndarray, shape (k,)
         Currents [µA/cm²] and periods [ms], the longest period first; current and state are polynomials in the period.
-    spike_state : ndarray, shape (1 + gates, k)
-        States at the spike voltage.
+    state : ndarray, shape (1 + gates, k)
+        States half a period after a spike.
 
     Returns
     -------
@@ -61,7 +62,7 @@ def extrapolate(current: FloatArray, period: FloatArray, spike_state: FloatArray
     """
     scale = period[0] - period[-1]
     x = (period - period[0]) / scale
-    family = np.linalg.solve(np.vander(x, increasing=True), np.vstack([current, spike_state]).T)
+    family = np.linalg.solve(np.vander(x, increasing=True), np.vstack([current, state]).T)
     slope = polynomial.polyder(family[:, 0])
     turns = polynomial.polyroots(slope)
     turns = turns.real[(np.abs(turns.imag) < 1e-9) & (turns.real > 0.0) & (turns.real < 1.0)]
@@ -100,8 +101,10 @@ def cycle_fold(channels: Channels, membrane: Membrane, guess: CycleFold) -> Cycl
             whole[..., active[done]] = part[..., active[done]]
 
         on_orbit = size < _ON_ORBIT
-        bend = (slope - last[1, active]) / (period[active] - last[0, active])
-        curvature[active] = np.where(on_orbit & (bend > 0.0), bend, curvature[active])
+        moved = period[active] - last[0, active]
+        apart = np.abs(moved) > _APART
+        bend = (slope - last[1, active]) / np.where(apart, moved, 1.0)
+        curvature[active] = np.where(on_orbit & apart & (bend > 0.0), bend, curvature[active])
         last[:, active] = np.where(on_orbit, [period[active], slope], last[:, active])
         stretch = np.where(on_orbit, np.clip(-slope / curvature[active], -_MAX_STRETCH, _MAX_STRETCH), 0.0)
         period[active] += stretch

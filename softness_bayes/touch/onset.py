@@ -21,6 +21,7 @@ from softness_bayes.touch.equilibrium import Fold, fold, rest
 from softness_bayes.touch.limit_cycle import Orbit, steady_orbit
 from softness_bayes.touch.membrane import CONNOR_STEVENS, PAPER_CHANNELS, Channels, Membrane, lanes
 from softness_bayes.touch.rate import CONTINUED, simulated
+from softness_bayes.touch.rosenbrock import travel
 
 FloatArray = NDArray[np.float64]
 
@@ -32,6 +33,7 @@ _SECTIONS = 24  # currents tried side by side while a jump is bracketed
 _RUNGS = 2  # currents tried side by side, upwards, until one fires
 _RESOLUTION = 1e-6  # µA/cm², width of the final bracket around a jump
 _FAMILY = 5  # stable orbits from which a fold of orbits is extrapolated
+_TRAVEL_TOLERANCE = 1e-9
 _FAMILY_REACH = 0.6  # µA/cm², width of the bracket from which that is tried
 _JUST_ABOVE = 3e-3  # µA/cm² above a fold of orbits at which firing is confirmed
 _PASSING = 1e-5  # agreement of periods where only the kind of onset is asked for
@@ -151,7 +153,10 @@ def birth(channels: FloatArray, membrane: Membrane, low: float, high: float) -> 
     nothing = CycleFold(unknown, unknown, unknown, orbit.spike_state[:, :1])
     if not (orbit.rate > 0.0).all():
         return nothing
-    found = cycle_fold(one, membrane, extrapolate(currents, 1000.0 / orbit.rate, orbit.spike_state))
+    period = 1000.0 / orbit.rate
+    many = Channels(*(np.full(currents.size, c) for c in channels))
+    halfway = travel(Cells.of(membrane, many, currents), orbit.spike_state, 0.5 * period, _TRAVEL_TOLERANCE)
+    found = cycle_fold(one, membrane, extrapolate(currents, period, halfway))
     if not low < found.current[0] <= high:
         return nothing
     cells = Cells.of(membrane, one, found.current + _JUST_ABOVE)
