@@ -25,8 +25,8 @@ class TriangularMap:
     """z = centre + axes t, with t_k = scale_k y_k + c_k0 + c_k·(t_j, t_i t_j) over i, j < k.
 
     The axes are principal ones, with unit variance of t, and come in the order in which those before explain
-    those after best. The map is one-to-one on the whole space, and its Jacobian is constant, so that log densities in z and y
-    differ by a constant only.
+    those after best. The map is one-to-one on the whole space, and its Jacobian is constant, so that log densities
+    in z and y differ by a constant only.
     """
 
     centre: FloatArray
