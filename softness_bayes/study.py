@@ -169,6 +169,8 @@ def simulate_ratings(
     effects = model.draw_effects(rng, parameters, (), participants, design.n_fabrics, centre)
     drive = model.drive(design, rate / scene.n_receptors, parameters)
     filed = model.draw_ratings(rng, design, drive, parameters, effects)
+    # as few digits as a person gives; also what makes files equal where exp differs in its last bits
+    filed = np.array([float(f"{rating:.4g}") for rating in filed])
     filed[rng.random(filed.size) < missing] = np.nan
     # conditions run load by load
     table = filed.reshape(participants, len(loads), len(fabrics)).transpose(0, 2, 1)

@@ -103,7 +103,8 @@ def _truth(simulation: Simulation, names: tuple[str, ...], loads: tuple[Load, ..
     return {
         "truth": simulation.truth,
         "total_rate": {
-            str(load): dict(zip(names, simulation.total_rate[:, k].tolist(), strict=True))
+            # digits that do not hang on the machine
+            str(load): {name: float(f"{x:.8g}") for name, x in zip(names, simulation.total_rate[:, k], strict=True)}
             for k, load in enumerate(loads)
         },
         "participant_effect": dict(
