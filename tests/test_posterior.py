@@ -1,107 +1,112 @@
-"""The two checks that catch most faults: the log density against independent code, and a run without data."""
+"""The posterior of a small fake scene: parts, sampler coordinates, errors that name the point."""
 
-from __future__ import annotations
-
-from dataclasses import dataclass, replace
+import pickle
 
 import numpy as np
 import pytest
-from scipy import stats
+from fake_scene import FakeScene, fake_posterior
+from scipy import integrate
 
-from softness_bayes.errors import NumericalError
-from softness_bayes.inference.autocorrelation import autocorrelation_time
-from softness_bayes.inference.coordinates import Bent
-from softness_bayes.inference.design import Design
-from softness_bayes.inference.observation import LogRatings
+from softness_bayes.errors import InputError, NumericalError
 from softness_bayes.inference.parameters import parameter_space
-from softness_bayes.inference.posterior import Posterior
-from softness_bayes.inference.sampling import Settings, sample_until
-from softness_bayes.touch.contact import Force, Indentation
-from softness_bayes.touch.reference import reference_response
-from softness_bayes.touch.scene import Discretisation, FixedChannels, Scene
-
-FIRING = FixedChannels()
-PRIORS = {  # written down again, from model.md 10
-    "b": stats.lognorm(0.5, scale=100),
-    "m": stats.lognorm(0.3, scale=2),
-    "alpha": stats.lognorm(0.1, scale=20.3),
-    "beta": stats.lognorm(0.3, scale=0.6),
-    "sigma_0": stats.lognorm(0.4, scale=9),
-    "gamma": stats.lognorm(0.3, scale=1),
-    "tau": stats.halfnorm(scale=1),
-    "varsigma": stats.halfnorm(scale=0.5),
-}
 
 
 @pytest.fixture(scope="module")
 def posterior():
-    """Five participants, three fabrics under two loads, two ratings missing."""
-    fine = Discretisation(30, 22.0, 1e-8)
-    scene = Scene([3e4, 2e5, 2e6], 0.3, (Indentation(1.5e-3), Force(0.8)), FIRING, discretisation=fine)
-    participant, condition = (index.ravel()[2:] for index in np.indices((5, 6)))
-    ratings = np.exp(np.random.default_rng(0).normal(2.5, 0.8, participant.size))
-    space = replace(parameter_space(), bent={"alpha": Bent(18.0, 0.3)})
-    return Posterior(space, scene, LogRatings(ratings, Design(condition, participant, scene.fabric, 5)))
+    return fake_posterior()
 
 
-def written_again(posterior, theta):
-    """Log prior + log likelihood at one point: radial quadrature, and the normal law of all log ratings at once."""
-    value = dict(zip(posterior.names, theta, strict=True))
-    log_prior = sum(PRIORS[name].logpdf(x) for name, x in value.items())
-    touch = posterior.space.touch(theta)
-    rate = reference_response(posterior.scene, touch, law=FIRING.curve).total_rate
-    design = posterior.observation.design
-    x = np.log(rate / posterior.scene.n_receptors + 0.1)[design.condition]
-    same = design.participant[:, None] == design.participant
-    n = design.n_rows
-    covariance = 9.0 * np.ones((n, n)) + value["tau"] ** 2 * same + value["varsigma"] ** 2 * np.eye(n)
-    y = np.log(posterior.observation.ratings)
-    law = stats.multivariate_normal(np.log(20) + value["gamma"] * (x - x.mean()), covariance)
-    return log_prior + law.logpdf(y) - y.sum()
+def test_density_is_prior_times_likelihood_times_jacobian(posterior):
+    z = posterior.draw_start(np.random.default_rng(1), 20)
+    theta = posterior.natural(z)
+    expected = posterior.log_prior(theta) + posterior.log_likelihood(theta) + posterior.space.log_jacobian(z)
+    np.testing.assert_allclose(posterior(z), expected)
+    one_by_one = np.concatenate([posterior(point[None]) for point in z])
+    np.testing.assert_allclose(posterior(z), one_by_one, rtol=1e-12)
 
 
-def test_log_density_agrees_with_independent_code(posterior):
-    theta = posterior.space.draw_prior(np.random.default_rng(5), 12)
-    z = posterior.space.coordinates(theta)
-    exact = np.array([written_again(posterior, point) for point in theta])
-    found = posterior(z) - posterior.space.log_jacobian(z)
-    np.testing.assert_allclose(found, exact, rtol=1e-6, atol=1e-4)
+def test_density_in_sampler_coordinates_is_one_law_with_that_in_natural_units():
+    """One free parameter: the same probability of an interval, integrated on either axis."""
+    from softness_bayes.inference.parameters import PARAMETERS
+
+    fixed = {name: p.prior.median for name, p in PARAMETERS.items() if name not in ("gamma", "omega", "eps")}
+    posterior = fake_posterior(fix=fixed)
+    assert posterior.names == ("gamma",)
+    top = float(posterior(np.zeros((1, 1)))[0])
+
+    def in_z(z):
+        return np.exp(posterior(np.array([[z]]))[0] - top)
+
+    def in_gamma(gamma):
+        theta = np.array([[gamma]])
+        return np.exp(posterior.log_prior(theta)[0] + posterior.log_likelihood(theta)[0] - top)
+
+    ratio_z = integrate.quad(in_z, np.log(0.8), np.log(1.2))[0] / integrate.quad(in_z, -4, 3, points=[0])[0]
+    ratio = integrate.quad(in_gamma, 0.8, 1.2)[0] / integrate.quad(in_gamma, 0.02, 20, points=[1])[0]
+    assert ratio_z == pytest.approx(ratio, rel=1e-6)
+    assert 0.01 < ratio < 0.99
 
 
-@dataclass(frozen=True)
-class Nothing:
-    """No data."""
+def test_far_proposals_have_no_density_and_never_reach_the_scene(posterior):
+    scene = FakeScene()
+    asked = []
 
-    def log_likelihood(self, mean_rate, parameters):
-        """Return 0."""
-        return np.zeros(np.shape(parameters.gamma))
+    class Watched(FakeScene):
+        def total_rate(self, parameters):
+            asked.append(np.max(np.abs(np.log(np.broadcast_arrays(*parameters)))))
+            return scene.total_rate(parameters)
 
-
-def test_a_run_without_data_returns_the_prior(posterior):
-    """Negative control: the same draws do not pass for a prior whose width is wrong by a fifth."""
-    scene = Scene([2e5], 0.3, (Indentation(2e-3),), FIRING, discretisation=Discretisation(4, 6.0, 1e-3))
-    empty = Posterior(posterior.space, scene, Nothing())
-    settings = Settings(ensembles=2, walkers=40, max_steps=1500, round_steps=500, processes=1)
-    chains = sample_until(empty, settings, seed=3).chains
-    draws = empty.natural(chains.coordinates)[:, 100:]
-    tau = autocorrelation_time(np.moveaxis(draws, -1, 1)).max()
-    thinned = draws[:, :: max(int(tau), 1)].reshape(-1, draws.shape[-1])
-    for k, name in enumerate(empty.names):
-        assert stats.kstest(thinned[:, k], PRIORS[name].cdf).pvalue > 1e-3, name
-    assert stats.kstest(thinned[:, 0], stats.lognorm(0.6, scale=100).cdf).pvalue < 1e-6
-
-
-def test_what_is_not_a_number_names_the_point(posterior):
-    @dataclass(frozen=True)
-    class Broken:
-        def log_likelihood(self, mean_rate, parameters):
-            return np.full(np.shape(parameters.gamma), np.nan)
-
-    broken = Posterior(posterior.space, posterior.scene, Broken())
-    with pytest.raises(NumericalError, match=r"nan at b=100"):
-        broken(posterior.space.coordinates(posterior.space.median)[None])
+    watched = fake_posterior(scene=Watched())
+    z = watched.draw_start(np.random.default_rng(2), 6)
+    asked.clear()
+    z[1] += 800
+    z[2] -= 800
+    z[3, 0] = 1e5
+    z[4] += 60
+    density = watched(z)
+    assert np.isneginf(density[1:5]).all()
+    assert np.isfinite(density[[0, 5]]).all()
+    assert max(asked) < 40
+    assert np.isneginf(watched(z[1:3])).all()
 
 
-def test_outside_the_priors_there_is_no_likelihood_to_ask_for(posterior):
-    far = posterior.space.coordinates(posterior.space.median)[None] + 50.0
-    assert posterior(far) == -np.inf
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+def test_a_likelihood_that_is_no_number_names_the_point(value):
+    class Broken(FakeScene):
+        def total_rate(self, parameters):
+            rate = super().total_rate(parameters)
+            return np.where(np.asarray(parameters.b)[..., None] > 1e5, value, rate)
+
+    broken = fake_posterior(scene=Broken())
+    theta = np.tile(broken.space.median, (3, 1))
+    assert np.isfinite(broken.log_likelihood(0.9 * theta)).all()
+    theta[1, 0] = 123.5
+    with pytest.raises(NumericalError, match=r"log-likelihood is nan at b=123\.5, m=2\.0"):
+        broken.log_likelihood(theta)
+
+
+def test_starts_fire_in_three_conditions(posterior):
+    rng = np.random.default_rng(3)
+    rate = posterior.mean_rate(posterior.natural(posterior.draw_start(rng, 200)))
+    assert ((rate > 0).sum(axis=-1) >= 3).all()
+    # negative control: plain prior draws do not always
+    plain = posterior.mean_rate(posterior.space.draw_prior(rng, 200))
+    assert ((plain > 0).sum(axis=-1) < 3).any()
+
+
+def test_a_prior_that_is_silent_is_refused():
+    with pytest.raises(InputError, match="prior draws make receptors fire"):
+        fake_posterior(scene=FakeScene(rheobase=1e9)).draw_start(np.random.default_rng(4), 10)
+
+
+def test_a_posterior_travels_to_a_worker(posterior):
+    z = posterior.draw_start(np.random.default_rng(5), 4)
+    np.testing.assert_array_equal(pickle.loads(pickle.dumps(posterior))(z), posterior(z))
+
+
+def test_held_parameters_of_the_chain_need_no_batch():
+    chain = dict.fromkeys(("b", "m", "alpha", "beta", "sigma_0"), 20.0)
+    posterior = fake_posterior(fix=chain)
+    z = posterior.draw_start(np.random.default_rng(6), 5)
+    assert posterior(z).shape == (5,)
+    assert posterior.space.names == parameter_space(fix=chain).names
