@@ -352,6 +352,7 @@ def test_rheobase_above_a_fold_that_is_not_followed_by_firing() -> None:
     assert around[1] > 8.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("membrane", "channels", "current", "rate"),
     [
