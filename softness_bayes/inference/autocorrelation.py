@@ -57,6 +57,7 @@ def _time(deviations: FloatArray, each: bool) -> FloatArray:
     variance = (deviations**2).sum(axis=-2)
     if not each:
         variance = np.broadcast_to(variance.mean(axis=-1, keepdims=True), variance.shape)
+    moves = (deviations != deviations[..., :1, :]).any(axis=-2).all(axis=-1) if each else (variance > 0).all(axis=-1)
     power = np.empty((*deviations.shape[:-2], padded // 2 + 1))
     for index in np.ndindex(deviations.shape[:-2]):
         # a contiguous axis makes the transform several times faster
@@ -69,4 +70,4 @@ def _time(deviations: FloatArray, each: bool) -> FloatArray:
     beyond = np.arange(steps) >= WINDOW * sums
     window = np.where(beyond.any(axis=-1), beyond.argmax(axis=-1), steps - 1)
     time = np.take_along_axis(sums, window[..., None], axis=-1)[..., 0]
-    return np.where((variance > 0).all(axis=-1), time, np.inf)
+    return np.where(moves, time, np.inf)

@@ -1,4 +1,4 @@
-"""The posterior of a small fake scene: parts, sampler coordinates, errors that name the point."""
+"""The posterior density of a fake scene: its parts, its coordinates, where it ends."""
 
 import pickle
 
@@ -8,7 +8,7 @@ from fake_scene import FakeScene, fake_posterior
 from scipy import integrate
 
 from softness_bayes.errors import InputError, NumericalError
-from softness_bayes.inference.parameters import parameter_space
+from softness_bayes.inference.parameters import PARAMETERS, parameter_space
 
 
 @pytest.fixture(scope="module")
@@ -27,8 +27,6 @@ def test_density_is_prior_times_likelihood_times_jacobian(posterior):
 
 def test_density_in_sampler_coordinates_is_one_law_with_that_in_natural_units():
     """One free parameter: the same probability of an interval, integrated on either axis."""
-    from softness_bayes.inference.parameters import PARAMETERS
-
     fixed = {name: p.prior.median for name, p in PARAMETERS.items() if name not in ("gamma", "omega", "eps")}
     posterior = fake_posterior(fix=fixed)
     assert posterior.names == ("gamma",)
@@ -41,8 +39,8 @@ def test_density_in_sampler_coordinates_is_one_law_with_that_in_natural_units():
         theta = np.array([[gamma]])
         return np.exp(posterior.log_prior(theta)[0] + posterior.log_likelihood(theta)[0] - top)
 
-    ratio_z = integrate.quad(in_z, np.log(0.8), np.log(1.2))[0] / integrate.quad(in_z, -4, 3, points=[0])[0]
-    ratio = integrate.quad(in_gamma, 0.8, 1.2)[0] / integrate.quad(in_gamma, 0.02, 20, points=[1])[0]
+    ratio_z = integrate.quad(in_z, np.log(0.9), np.log(0.95))[0] / integrate.quad(in_z, -4, 3, points=[0])[0]
+    ratio = integrate.quad(in_gamma, 0.9, 0.95)[0] / integrate.quad(in_gamma, 0.02, 20, points=[1])[0]
     assert ratio_z == pytest.approx(ratio, rel=1e-6)
     assert 0.01 < ratio < 0.99
 
@@ -70,12 +68,11 @@ def test_far_proposals_have_no_density_and_never_reach_the_scene(posterior):
     assert np.isneginf(watched(z[1:3])).all()
 
 
-@pytest.mark.parametrize("value", [np.nan, np.inf])
-def test_a_likelihood_that_is_no_number_names_the_point(value):
+def test_a_likelihood_that_is_no_number_names_the_point():
     class Broken(FakeScene):
         def total_rate(self, parameters):
             rate = super().total_rate(parameters)
-            return np.where(np.asarray(parameters.b)[..., None] > 1e5, value, rate)
+            return np.where(np.asarray(parameters.b)[..., None] > 1e5, np.nan, rate)
 
     broken = fake_posterior(scene=Broken())
     theta = np.tile(broken.space.median, (3, 1))
@@ -105,7 +102,7 @@ def test_a_posterior_travels_to_a_worker(posterior):
 
 
 def test_held_parameters_of_the_chain_need_no_batch():
-    chain = dict.fromkeys(("b", "m", "alpha", "beta", "sigma_0"), 20.0)
+    chain = {"b": 100.0, "m": 2.0, "alpha": 21.0, "beta": 0.6, "sigma_0": 5.0}
     posterior = fake_posterior(fix=chain)
     z = posterior.draw_start(np.random.default_rng(6), 5)
     assert posterior(z).shape == (5,)

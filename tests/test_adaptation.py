@@ -1,0 +1,109 @@
+"""The learnt map: one-to-one, of constant Jacobian, and straight where the draws were bent."""
+
+import pickle
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from softness_bayes.inference.adaptation import Mapped, StudentProposal, TriangularMap, learn
+
+
+def bent_draws(rng, size):
+    """A ridge: the third coordinate follows the square of the first, closely; all of it rotated and scaled."""
+    x = rng.standard_normal((size, 4))
+    x[:, 2] = 0.5 * x[:, 0] ** 2 + 0.3 * x[:, 0] * x[:, 1] + 0.05 * x[:, 2]
+    turn = np.linalg.qr(np.random.default_rng(1).standard_normal((4, 4)))[0]
+    return (x @ turn) * [1, 10, 0.1, 1] + [5, 0, -3, 100]
+
+
+@pytest.fixture(scope="module")
+def fitted():
+    return TriangularMap.fit(bent_draws(np.random.default_rng(2), 20_000), 1e6)
+
+
+def test_a_map_is_one_to_one_everywhere(fitted):
+    y = 5 * np.random.default_rng(3).standard_normal((3, 50, 4))
+    np.testing.assert_allclose(fitted.inverse(fitted.forward(y)), y, atol=1e-6)
+    point = fitted.forward(y[0, 0])
+    np.testing.assert_allclose(fitted.forward(y)[0, 0], point)
+
+
+def test_the_jacobian_is_constant(fitted):
+    """So that densities need no correction; negative control: without the triangle it would not be."""
+    points = np.random.default_rng(4).standard_normal((6, 4))
+    step = 1e-5 * np.eye(4)
+    slopes = [[(fitted.forward(y + h) - fitted.forward(y - h)) / 2e-5 for h in step] for y in points]
+    np.testing.assert_allclose(np.linalg.slogdet(slopes)[1], np.linalg.slogdet(slopes[0])[1], atol=1e-6)
+    assert np.ptp(np.array(slopes), axis=0).max() > 0.1
+
+
+def test_draws_of_a_ridge_become_independent_normal_ones(fitted):
+    y = fitted.inverse(bent_draws(np.random.default_rng(5), 5000))
+    np.testing.assert_allclose(np.cov(y.T), np.eye(4), atol=0.1)
+    # each coordinate is uncorrelated with the products of the others; a linear map leaves them all but determined
+    straight = TriangularMap.fit(bent_draws(np.random.default_rng(2), 20_000), 1e-9)
+    linear = straight.inverse(bent_draws(np.random.default_rng(5), 5000))
+    assert unexplained(y) > 0.95
+    assert unexplained(linear) < 0.2
+
+
+def unexplained(y):
+    """Least share of a coordinate's variance that the products of the others leave."""
+    shares = []
+    for k in range(y.shape[1]):
+        others = np.delete(y, k, axis=1)
+        terms = np.stack([np.ones(len(y)), *(others[:, i] * others[:, j] for i in range(3) for j in range(i + 1))], 1)
+        left = y[:, k] - terms @ np.linalg.lstsq(terms, y[:, k])[0]
+        shares.append(left.var() / y[:, k].var())
+    return min(shares)
+
+
+def test_few_effective_draws_bend_the_map_less():
+    draws = bent_draws(np.random.default_rng(6), 500)
+    bends = [sum(np.abs(b[1:]).sum() for b in TriangularMap.fit(draws, n).bends) for n in (1.0, 30.0, 1e6)]
+    assert bends[0] < bends[1] < bends[2]
+
+
+def test_a_map_of_too_few_or_of_equal_draws_still_maps():
+    rng = np.random.default_rng(7)
+    for draws in (rng.standard_normal((3, 4)), np.ones((50, 4)) + 1e-9 * rng.standard_normal((50, 1))):
+        map = TriangularMap.fit(draws, 10.0)
+        y = rng.standard_normal((5, 4))
+        assert np.isfinite(map.forward(y)).all()
+        assert np.isfinite(map.inverse(map.forward(y))).all()
+
+
+def test_walkers_far_below_the_rest_do_not_stretch_the_map():
+    rng = np.random.default_rng(8)
+    walks = rng.standard_normal((2, 100, 20, 3))
+    height = -0.5 * (walks**2).sum(-1)
+    walks[0, :, 0], height[0, :, 0] = 50.0, -3000.0
+    map = learn(walks, height, 5.0)
+    np.testing.assert_allclose(map.axes @ map.axes.T, np.eye(3), atol=0.1)
+
+
+def test_the_identity_and_a_mapped_target():
+    y = np.random.default_rng(9).standard_normal((4, 3))
+    same = TriangularMap.identity(3)
+    np.testing.assert_array_equal(same.forward(y), y)
+    np.testing.assert_array_equal(same.inverse(y), y)
+
+    def target(z):
+        return z.sum(axis=-1)
+
+    fitted = TriangularMap.fit(np.random.default_rng(10).standard_normal((50, 3)), 50.0)
+    np.testing.assert_allclose(Mapped(target, fitted)(y), fitted.forward(y).sum(axis=-1))
+    assert pickle.loads(pickle.dumps(fitted)).axes.shape == (3, 3)
+
+
+def test_student_proposals_have_the_density_they_claim():
+    """A wrong ratio would bias every run: the ratio of densities against SciPy, the draws against SciPy's law."""
+    random = np.random.RandomState(11)
+    old = 2.0 * random.standard_normal((4000, 3))
+    new, ratio = StudentProposal(5.0)(old, random)
+    law = stats.multivariate_t(np.zeros(3), np.eye(3), df=5.0)
+    np.testing.assert_allclose(ratio, law.logpdf(old) - law.logpdf(new), atol=1e-10)
+    assert stats.kstest(new[:, 0], stats.t(5).cdf).pvalue > 1e-3
+    # the squared length over the dimension follows Fisher's law only if the coordinates share one spread
+    assert stats.kstest((new**2).sum(1) / 3, stats.f(3, 5).cdf).pvalue > 1e-3
