@@ -43,8 +43,9 @@ def test_curve_of_a_jump_in_the_corner(rng: np.random.Generator) -> None:
     assert np.abs(curve.rate(current) - firing_rate(current, corner)).max() < 0.01
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(("membrane", "max_current"), [(HODGKIN_HUXLEY, 60.0), (PRINTED, 80.0)])
+@pytest.mark.parametrize(
+    ("membrane", "max_current"), [(HODGKIN_HUXLEY, 60.0), pytest.param(PRINTED, 80.0, marks=pytest.mark.slow)]
+)
 def test_curve_of_a_fold_of_orbits(membrane: Membrane, max_current: float, rng: np.random.Generator) -> None:
     curve = exact_curve(membrane=membrane, max_current=max_current, nodes=20)
     current = rng.uniform(curve.rheobase + 1e-3, max_current, 60)

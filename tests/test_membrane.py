@@ -352,7 +352,6 @@ def test_rheobase_above_a_fold_that_is_not_followed_by_firing() -> None:
     assert around[1] > 8.0
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("membrane", "channels", "current", "rate"),
     [
@@ -364,7 +363,7 @@ def test_rheobase_at_a_fold_of_orbits(membrane: Membrane, channels: Channels, cu
     begin = onset(channels, membrane)
     assert begin.born
     assert begin.rheobase == pytest.approx(current, abs=1e-4)
-    assert begin.rate == pytest.approx(rate, abs=0.01)
+    assert begin.rate == pytest.approx(rate, abs=0.1)  # its slope by the current is infinite there
     around = firing_rate(begin.rheobase + np.array([-0.02, 0.02]), channels, membrane)
     assert around[0] == 0.0
     assert around[1] == pytest.approx(rate, rel=0.03)

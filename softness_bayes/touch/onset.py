@@ -3,7 +3,8 @@
 There are three ways, told apart by simulation:
 
 - at a fold of equilibria that the periodic orbit passes through, arbitrarily slowly (:mod:`~.equilibrium`);
-- at a fold of periodic orbits, at a finite rate (:mod:`~.cycle_fold`);
+- at a fold of periodic orbits, at a finite rate: the stable orbit meets an unstable one and both vanish. Orbits near
+  there attract ever more weakly, so the fold is extrapolated from stable orbits a little above it;
 - elsewhere, where the trajectory that leaves rest stops falling into the basin of an equilibrium. There the period
   grows without bound too, but only as the logarithm of the distance to the rheobase.
 """
@@ -13,15 +14,14 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+from numpy.polynomial import polynomial
 from numpy.typing import NDArray
 
 from softness_bayes.touch.cells import Cells
-from softness_bayes.touch.cycle_fold import CycleFold, cycle_fold, extrapolate
 from softness_bayes.touch.equilibrium import Fold, fold, rest
-from softness_bayes.touch.limit_cycle import Orbit, steady_orbit
+from softness_bayes.touch.limit_cycle import steady_orbit
 from softness_bayes.touch.membrane import CONNOR_STEVENS, PAPER_CHANNELS, Channels, Membrane, lanes
 from softness_bayes.touch.rate import CONTINUED, simulated
-from softness_bayes.touch.rosenbrock import travel
 
 FloatArray = NDArray[np.float64]
 
@@ -33,9 +33,8 @@ _SECTIONS = 24  # currents tried side by side while a jump is bracketed
 _RUNGS = 2  # currents tried side by side, upwards, until one fires
 _RESOLUTION = 1e-6  # µA/cm², width of the final bracket around a jump
 _FAMILY = 5  # stable orbits from which a fold of orbits is extrapolated
-_TRAVEL_TOLERANCE = 1e-9
-_FAMILY_REACH = 0.6  # µA/cm², width of the bracket from which that is tried
-_JUST_ABOVE = 3e-3  # µA/cm² above a fold of orbits at which firing is confirmed
+_FAMILY_BRACKET = 5e-3  # µA/cm², width of the bracket from which that is tried
+_FAMILY_REACH = 0.04  # µA/cm² above the bracket over which the orbits are spread
 _PASSING = 1e-5  # agreement of periods where only the kind of onset is asked for
 
 
@@ -110,55 +109,52 @@ def _jump(channels: FloatArray, fold_current: float, membrane: Membrane) -> tupl
             currents, ladder = np.split(ladder, [_RUNGS])
         if not currents.size:
             return np.inf, 0.0, False
-        rate = _orbits(currents, channels, membrane, fold_current).rate
+        # a bracket that a fold of orbits may lie in needs no more than that periods all but stand still
+        rate = _rates(currents, channels, membrane, fold_current) if tried else _passing(currents, channels, membrane)
         below, fires = np.append(low, currents), rate > 0.0
         if not fires.any():
             low = float(currents[-1])
             continue
         first = int(fires.argmax())
         low, high, rate_above = float(below[first]), float(currents[first]), float(rate[first])
-        if not tried and high - low < _FAMILY_REACH:
-            tried, born = True, birth(channels, membrane, low, high)
-            if np.isfinite(born.current[0]):
-                return float(born.current[0]), float(1000.0 / born.period[0]), True
+        if not tried and high - low < _FAMILY_BRACKET:
+            tried, (current, rate_at_birth) = True, _birth(channels, membrane, low, high)
+            if np.isfinite(current):
+                return current, rate_at_birth, True
     return high, rate_above, False
 
 
-def _orbits(currents: FloatArray, channels: FloatArray, membrane: Membrane, fold_current: float) -> Orbit:
+def _rates(currents: FloatArray, channels: FloatArray, membrane: Membrane, fold_current: float) -> FloatArray:
     many = Channels(*(np.full(currents.size, c) for c in channels))
-    return simulated(currents, many, membrane, currents - fold_current)
+    return simulated(currents, many, membrane, currents - fold_current).rate
 
 
-def birth(channels: FloatArray, membrane: Membrane, low: float, high: float) -> CycleFold:
-    """Fold of periodic orbits at which the membrane at rest begins to fire.
+def _passing(currents: FloatArray, channels: FloatArray, membrane: Membrane) -> FloatArray:
+    """As `_rates`, roughly, and without waiting for the last of the many spikes that pass by a fold of orbits."""
+    many = Channels(*(np.full(currents.size, c) for c in channels))
+    cells = Cells.of(membrane, many, currents)
+    return steady_orbit(cells, rest(many, membrane), _CLASSIFYING_TOLERANCE, _PASSING).rate
 
-    Parameters
-    ----------
-    channels : ndarray, shape (4,)
-        Multipliers.
-    membrane : Membrane
-        Constants.
-    low, high : float
-        Currents between which firing begins [µA/cm²].
 
-    Returns
-    -------
-    CycleFold
-        With n = 1; NaN if there is no such fold between ``low`` and ``high``, or the membrane at rest misses it.
+def _birth(channels: FloatArray, membrane: Membrane, low: float, high: float) -> tuple[float, float]:
+    """Current and rate at the fold of periodic orbits near which firing begins between two currents; NaN without one.
+
+    Along the family of orbits the current is a smooth function of the period, and smallest at the fold.
     """
-    currents = high + _FAMILY_REACH * np.linspace(0.0, 1.3, _FAMILY) ** 2
-    orbit = _orbits(currents, channels, membrane, np.nan)
-    one = Channels(*(channels[:, None]))
-    unknown = np.full(1, np.nan)
-    nothing = CycleFold(unknown, unknown, unknown, orbit.spike_state[:, :1])
-    if not (orbit.rate > 0.0).all():
-        return nothing
-    period = 1000.0 / orbit.rate
-    many = Channels(*(np.full(currents.size, c) for c in channels))
-    halfway = travel(Cells.of(membrane, many, currents), orbit.spike_state, 0.5 * period, _TRAVEL_TOLERANCE)
-    found = cycle_fold(one, membrane, extrapolate(currents, period, halfway))
-    if not low < found.current[0] <= high:
-        return nothing
-    cells = Cells.of(membrane, one, found.current + _JUST_ABOVE)
-    confirmed = steady_orbit(cells, rest(one, membrane), _CLASSIFYING_TOLERANCE, _PASSING).rate[0] > 0.0
-    return found if confirmed else nothing
+    currents = high + _FAMILY_REACH * np.linspace(0.1, 1.0, _FAMILY) ** 2
+    rate = _rates(currents, channels, membrane, np.nan)
+    if not (rate > 0.0).all():
+        return np.nan, np.nan
+    period = 1000.0 / rate
+    scale = period[0] - period[-1]
+    x = (period - period[0]) / scale
+    family = np.linalg.solve(np.vander(x, increasing=True), currents)
+    turns = polynomial.polyroots(polynomial.polyder(family))
+    turns = turns.real[(np.abs(turns.imag) < 1e-9) & (turns.real > 0.0) & (turns.real < 1.0)]
+    if not turns.size:
+        return np.nan, np.nan
+    current = float(polynomial.polyval(turns.min(), family))
+    # periods that pass by slowly are taken for firing some 1e-4 µA/cm² below the fold
+    if not low - 0.1 * _FAMILY_BRACKET < current <= high + 0.1 * _FAMILY_BRACKET:
+        return np.nan, np.nan
+    return current, float(1000.0 / (period[0] + turns.min() * scale))
