@@ -11,10 +11,11 @@ There are three ways, told apart by simulation:
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
-from numpy.polynomial import polynomial
+from numpy.polynomial import Polynomial
 from numpy.typing import NDArray
 
 from softness_bayes.touch.cells import Cells
@@ -29,8 +30,8 @@ SEARCH_LIMIT = 250.0
 """Current [µA/cm²] beyond which no onset of firing is looked for: every membrane is blocked there."""
 
 _CLASSIFYING_TOLERANCE = 1e-7  # local error where only the kind of onset is asked for
-_SECTIONS = 24  # currents tried side by side while a jump is bracketed
-_RUNGS = 2  # currents tried side by side, upwards, until one fires
+_SECTIONS = 24  # currents tried side by side while a jump is bracketed, shared by the cells of a batch
+_RUNGS = 25  # currents tried upwards until one fires
 _RESOLUTION = 1e-6  # µA/cm², width of the final bracket around a jump
 _FAMILY = 5  # stable orbits from which a fold of orbits is extrapolated
 _FAMILY_BRACKET = 5e-3  # µA/cm², width of the bracket from which that is tried
@@ -81,8 +82,11 @@ def onset(channels: Channels = PAPER_CHANNELS, membrane: Membrane = CONNOR_STEVE
         prefactor=np.where(smooth, folds.prefactor, np.nan),
         born=np.zeros(smooth.size, dtype=bool),
     )
-    for i in np.flatnonzero(~smooth):
-        begin.rheobase[i], begin.rate[i], begin.born[i] = _jump(distinct[:, i], folds.current[i], membrane)
+    jumps = np.flatnonzero(~smooth)
+    if jumps.size:
+        begin.rheobase[jumps], begin.rate[jumps], begin.born[jumps] = _jumps(
+            distinct[:, jumps], folds.current[jumps], membrane
+        )
     place = lane.reshape(shape)
     return Onset(begin.rheobase[place], begin.rate[place], begin.prefactor[place], begin.born[place])
 
@@ -97,64 +101,96 @@ def fires_through(folds: Fold, channels: Channels, membrane: Membrane) -> NDArra
     return through
 
 
-def _jump(channels: FloatArray, fold_current: float, membrane: Membrane) -> tuple[float, float, bool]:
-    """Where firing begins abruptly between the fold (0 without one) and the limit, the rate, whether orbits fold."""
-    low, high, rate_above = fold_current if np.isfinite(fold_current) else 0.0, np.inf, 0.0
-    ladder = low + np.geomspace(2.0, SEARCH_LIMIT - low, _SECTIONS)
-    tried = np.isfinite(fold_current)
-    while high - low > _RESOLUTION:
-        if np.isfinite(high):
-            currents = np.linspace(low, high, _SECTIONS + 2)[1:-1]
-        else:
-            currents, ladder = np.split(ladder, [_RUNGS])
-        if not currents.size:
-            return np.inf, 0.0, False
-        # a bracket that a fold of orbits may lie in needs no more than that periods all but stand still
-        rate = _rates(currents, channels, membrane, fold_current) if tried else _passing(currents, channels, membrane)
-        below, fires = np.append(low, currents), rate > 0.0
-        if not fires.any():
-            low = float(currents[-1])
-            continue
-        first = int(fires.argmax())
-        low, high, rate_above = float(below[first]), float(currents[first]), float(rate[first])
-        if not tried and high - low < _FAMILY_BRACKET:
-            tried, (current, rate_at_birth) = True, _birth(channels, membrane, low, high)
-            if np.isfinite(current):
-                return current, rate_at_birth, True
-    return high, rate_above, False
+class _Bracket(NamedTuple):
+    """Currents between which firing begins [µA/cm²] and the rate at the upper one [Hz], of shape (n,)."""
+
+    low: FloatArray
+    high: FloatArray
+    rate: FloatArray
 
 
-def _rates(currents: FloatArray, channels: FloatArray, membrane: Membrane, fold_current: float) -> FloatArray:
-    many = Channels(*(np.full(currents.size, c) for c in channels))
-    return simulated(currents, many, membrane, currents - fold_current).rate
+def _jumps(
+    channels: FloatArray, fold_current: FloatArray, membrane: Membrane
+) -> tuple[FloatArray, FloatArray, NDArray[np.bool_]]:
+    """Where firing begins abruptly, the rate there, and whether orbits fold; for multipliers of shape (4, n)."""
+
+    def passing(current: FloatArray, lane: NDArray[np.intp]) -> FloatArray:
+        """Rates, roughly, without waiting for the last of the many spikes that pass by a fold of orbits."""
+        some = Channels(*channels[:, lane])
+        cells = Cells.of(membrane, some, current)
+        return steady_orbit(cells, rest(some, membrane), _CLASSIFYING_TOLERANCE, _PASSING).rate
+
+    def exact(current: FloatArray, lane: NDArray[np.intp]) -> FloatArray:
+        return simulated(current, Channels(*channels[:, lane]), membrane, current - fold_current[lane]).rate
+
+    start = np.where(np.isfinite(fold_current), fold_current, 0.0)
+    bracket = _climb(passing, start)
+    found = np.isfinite(bracket.high)
+    # beside a fold of equilibria, orbits do not fold: firing begins where rest is left for the orbit's basin
+    folding = np.flatnonzero(found & ~np.isfinite(fold_current))
+    _narrow(passing, bracket, folding, _FAMILY_BRACKET)
+    current, rate = _births(exact, bracket, folding)
+    born = np.zeros(found.size, dtype=bool)
+    born[folding] = np.isfinite(current)
+    _narrow(exact, bracket, np.flatnonzero(found & ~born), _RESOLUTION)
+    bracket.high[folding], bracket.rate[folding] = (
+        np.where(np.isfinite(current), new, old[folding])
+        for new, old in ((current, bracket.high), (rate, bracket.rate))
+    )
+    return bracket.high, bracket.rate, born
 
 
-def _passing(currents: FloatArray, channels: FloatArray, membrane: Membrane) -> FloatArray:
-    """As `_rates`, roughly, and without waiting for the last of the many spikes that pass by a fold of orbits."""
-    many = Channels(*(np.full(currents.size, c) for c in channels))
-    cells = Cells.of(membrane, many, currents)
-    return steady_orbit(cells, rest(many, membrane), _CLASSIFYING_TOLERANCE, _PASSING).rate
+_Rates = Callable[[FloatArray, NDArray[np.intp]], FloatArray]
 
 
-def _birth(channels: FloatArray, membrane: Membrane, low: float, high: float) -> tuple[float, float]:
-    """Current and rate at the fold of periodic orbits near which firing begins between two currents; NaN without one.
+def _climb(rates: _Rates, start: FloatArray) -> _Bracket:
+    """The first of rising currents that fires, and the one before it; infinite where none does."""
+    low, high, rate = start.copy(), np.full(start.size, np.inf), np.zeros(start.size)
+    for share in np.geomspace(2.0 / SEARCH_LIMIT, 1.0, _RUNGS):
+        lane = np.flatnonzero(np.isinf(high))
+        if not lane.size:
+            break
+        current = start[lane] + share * (SEARCH_LIMIT - start[lane])
+        found = rates(current, lane)
+        fires = found > 0.0
+        low[lane] = np.where(fires, low[lane], current)
+        high[lane], rate[lane] = np.where(fires, current, np.inf), found
+    return _Bracket(low, high, rate)
+
+
+def _narrow(rates: _Rates, bracket: _Bracket, lane: NDArray[np.intp], width: float) -> None:
+    """Narrow the brackets at ``lane`` in place, several currents side by side."""
+    sections = max(1, _SECTIONS // max(lane.size, 1))
+    share = np.arange(1, sections + 1) / (sections + 1)
+    while (lane := lane[bracket.high[lane] - bracket.low[lane] > width]).size:
+        low, high, top = (x[lane] for x in bracket)
+        current = low[:, None] + share * (high - low)[:, None]
+        rate = rates(current.ravel(), np.repeat(lane, sections)).reshape(current.shape)
+        place = np.arange(lane.size)
+        currents = np.column_stack([low, current, high])
+        found = np.column_stack([np.zeros(lane.size), rate, top])
+        first = (found > 0.0).argmax(axis=1)
+        bracket.low[lane], bracket.high[lane] = currents[place, first - 1], currents[place, first]
+        bracket.rate[lane] = found[place, first]
+
+
+def _births(rates: _Rates, bracket: _Bracket, lane: NDArray[np.intp]) -> tuple[FloatArray, FloatArray]:
+    """Current and rate at the folds of periodic orbits near which firing begins; NaN where there is none.
 
     Along the family of orbits the current is a smooth function of the period, and smallest at the fold.
     """
-    currents = high + _FAMILY_REACH * np.linspace(0.1, 1.0, _FAMILY) ** 2
-    rate = _rates(currents, channels, membrane, np.nan)
-    if not (rate > 0.0).all():
-        return np.nan, np.nan
-    period = 1000.0 / rate
-    scale = period[0] - period[-1]
-    x = (period - period[0]) / scale
-    family = np.linalg.solve(np.vander(x, increasing=True), currents)
-    turns = polynomial.polyroots(polynomial.polyder(family))
-    turns = turns.real[(np.abs(turns.imag) < 1e-9) & (turns.real > 0.0) & (turns.real < 1.0)]
-    if not turns.size:
-        return np.nan, np.nan
-    current = float(polynomial.polyval(turns.min(), family))
-    # periods that pass by slowly are taken for firing some 1e-4 µA/cm² below the fold
-    if not low - 0.1 * _FAMILY_BRACKET < current <= high + 0.1 * _FAMILY_BRACKET:
-        return np.nan, np.nan
-    return current, float(1000.0 / (period[0] + turns.min() * scale))
+    low, high = bracket.low[lane], bracket.high[lane]
+    currents = high[:, None] + _FAMILY_REACH * np.linspace(0.1, 1.0, _FAMILY) ** 2
+    rate = rates(currents.ravel(), np.repeat(lane, _FAMILY)).reshape(currents.shape)
+    birth = np.full((2, lane.size), np.nan)
+    for i in np.flatnonzero((rate > 0.0).all(axis=1)):
+        period = 1000.0 / rate[i]
+        family = Polynomial.fit(period, currents[i], _FAMILY - 1)
+        turns = family.deriv().roots()
+        turns = turns.real[(np.abs(turns.imag) < 1e-9) & (turns.real > period[0])]
+        if turns.size and turns.min() < 2.0 * period[0] - period[-1]:
+            birth[:, i] = family(turns.min()), 1000.0 / turns.min()
+    # periods that pass by slowly are taken for firing a little below the fold
+    slack = 0.1 * _FAMILY_BRACKET
+    birth[:, ~((birth[0] > low - slack) & (birth[0] <= high + slack))] = np.nan
+    return birth[0], birth[1]
