@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import platform
 from collections.abc import Mapping
+from dataclasses import replace
 from importlib.metadata import version
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -18,11 +19,12 @@ from softness_bayes.inference.chains import Chains
 from softness_bayes.inference.checks import FabricCheck, check_fabrics
 from softness_bayes.inference.curves import curve_scene, find_inflection, response_curves
 from softness_bayes.inference.diagnostics import Verdict
+from softness_bayes.inference.exactness import Exactness, compare, resample
 from softness_bayes.inference.observation import LogRatings, RatingParameters
 from softness_bayes.inference.parameters import PARAMETERS
 from softness_bayes.inference.posterior import Posterior
 from softness_bayes.inference.random_effects import Effects
-from softness_bayes.inference.summary import summarise
+from softness_bayes.inference.summary import reweighted, summarise
 from softness_bayes.touch.parameters import TouchParameters
 from softness_bayes.touch.scene import Scene
 
@@ -43,6 +45,12 @@ REPLICATES = 500
 
 PRIOR_DRAWS = 1000
 """Draws of the prior."""
+
+EXACT_DRAWS = 200
+"""Posterior draws at which the log-likelihood is compared with an exact one."""
+
+REWEIGHT_DRAWS = 1000
+"""Draws that are weighted where a run asks for exact weights."""
 
 ERROR_DRAWS = 32
 """Posterior draws at which the scene is compared with a finer one."""
@@ -78,6 +86,8 @@ class Assembly:
         The draws, and whether they have converged.
     rng
         Source of everything drawn afterwards.
+    reweight
+        Whether summary, predictions and replicates are those of draws weighted by the exact likelihood.
     """
 
     def __init__(
@@ -87,6 +97,7 @@ class Assembly:
         chains: Chains,
         verdict: Verdict,
         rng: np.random.Generator,
+        reweight: bool = False,
     ) -> None:
         if not isinstance(posterior.scene, Scene) or not isinstance(posterior.observation, LogRatings):
             raise TypeError("a result is assembled from a compiled scene and log ratings")
@@ -99,6 +110,8 @@ class Assembly:
         self.effects = self.ratings.draw_effects(rng, self.mean_rate, self.parameters)
         self.grid = curve_scene(self.scene)
         self.prior = posterior.space.draw_prior(rng, PRIOR_DRAWS)
+        self.exactness = self._exactness(REWEIGHT_DRAWS if reweight else EXACT_DRAWS)
+        self.reweight = reweight
         self.error = self._error()
 
     def tree(self, attributes: Mapping[str, Any]) -> xr.DataTree:
@@ -116,6 +129,13 @@ class Assembly:
             "numerical_error": self.error,
             "fabric_check": check.sentence,
             "fabric_p_value": check.p_value,
+            "firing_error": self._firing_error(),
+            "exactness": self.exactness.sentence(),
+            "exactness_sd": self.exactness.sd,
+            "exactness_largest": self.exactness.largest,
+            "exactness_efficiency": self.exactness.efficiency,
+            "exactness_pareto_k": self.exactness.pareto_k,
+            "exact_reweight": int(self.reweight),
             **self._shares(),
         }
         every = {name: variable for group in groups.values() for name, variable in group.items()}
@@ -132,14 +152,25 @@ class Assembly:
         ensembles, stored, walkers = self.kept.log_density.shape
         draws = np.concatenate([self.theta, self.effects.mu[..., None]], axis=-1)
         apart = draws.reshape(ensembles, walkers, stored, -1).swapaxes(1, 2)
-        return summarise((*self.posterior.names, "mu"), apart)
+        table = summarise((*self.posterior.names, "mu"), apart)
+        if not self.reweight:
+            return table
+        return reweighted(table, draws[self._even(REWEIGHT_DRAWS)], self.exactness.log_weight)
 
-    def _pick(self, size: int) -> Draws:
-        """Return evenly spaced draws over the whole run."""
+    def _even(self, size: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+        """Return where draws stand that are evenly spaced over the whole run, all walkers side by side in time."""
         chains, stored = self.effects.mu.shape
         flat = np.linspace(0, chains * stored - 1, min(size, chains * stored)).astype(int)
-        # draws of all walkers side by side in time
-        index = flat % chains, flat // chains
+        return flat % chains, flat // chains
+
+    def _pick(self, size: int) -> Draws:
+        """Return evenly spaced draws over the whole run, or as many in proportion to their exact weights."""
+        if self.reweight:
+            chosen = resample(self.exactness.log_weight, size)
+            walker, time = self._even(REWEIGHT_DRAWS)
+            index = walker[chosen], time[chosen]
+        else:
+            index = self._even(size)
         return Draws(
             self.theta[index],
             self.mean_rate[index],
@@ -150,6 +181,34 @@ class Assembly:
     def _touch(self, theta: Array) -> TouchParameters:
         """Return the chain's parameters at theta, held ones as often as sampled ones."""
         return TouchParameters(*(np.broadcast_to(v, theta.shape[:-1]) for v in self.posterior.space.touch(theta)))
+
+    def _exactness(self, size: int) -> Exactness:
+        """Return the exact log-likelihood's difference to the fast one at evenly spaced draws."""
+        theta = self.theta[self._even(size)]
+        exact = replace(self.posterior, scene=self.scene.exact())
+        return compare(self.posterior.names, theta, self.posterior.log_likelihood(theta), exact.log_likelihood(theta))
+
+    def _exactness_stats(self) -> dict[str, Variable]:
+        """Return the differences of the log-likelihood and the log weights; NaN at draws that were not compared."""
+        index = self._even(self.exactness.difference.size)
+        found = {}
+        for name, values in (
+            ("exact_difference", self.exactness.difference),
+            ("exact_log_weight", self.exactness.log_weight),
+        ):
+            everywhere = np.full(self.effects.mu.shape, np.nan)
+            everywhere[index] = values
+            found[name] = Variable(everywhere)
+        return found
+
+    def _firing_error(self) -> float:
+        """Return a bound of what the measured error of the rate curves does to a draw's peak response."""
+        draws = self._pick(ERROR_DRAWS)
+        response = self.scene.respond(self._touch(draws.theta))
+        peak = response.total_rate.max(axis=-1)
+        hertz = self.scene.firing.curves(self._touch(draws.theta)).error.hertz
+        fires = peak > 0
+        return float((hertz * response.responding.max(axis=-1)[fires] / peak[fires]).max(initial=0.0))
 
     def _error(self) -> float:
         """Return the largest difference to a finer scene, relative to each draw's peak response."""
@@ -174,7 +233,11 @@ class Assembly:
             drawn["fabric_effect"] = self._by("fabric")
         return {
             "posterior": {**self._named(self.theta), **drawn},
-            "sample_stats": {"lp": Variable(density), "acceptance_rate": Variable(acceptance)},
+            "sample_stats": {
+                "lp": Variable(density),
+                "acceptance_rate": Variable(acceptance),
+                **self._exactness_stats(),
+            },
             "log_prior": {name: Variable(log_prior[..., k]) for k, name in enumerate(space.names)},
             "log_likelihood": {"ratings": Variable(density - jacobian - log_prior.sum(axis=-1))},
         }

@@ -38,6 +38,10 @@ class RunOptions:
         Readings of the chain and of what is rated.
     discretisation
         Resolution of the scene.
+    noise
+        Strength of the membranes' white current [µA/cm² sqrt(ms)]; needs fixed channel multipliers.
+    exact_reweight
+        Whether the result is that of draws weighted by the exact likelihood.
     max_steps
         Steps of each ensemble after which the run ends in any case.
     processes
@@ -54,6 +58,8 @@ class RunOptions:
     readings: Readings = MENDED
     direction: RatingDirection = SOFTNESS
     discretisation: Discretisation = Discretisation()
+    noise: float = 0.0
+    exact_reweight: bool = False
     max_steps: int = 30_000
     processes: int | None = None
     seed: int = 0
@@ -86,6 +92,7 @@ def posterior_of(experiment: Experiment, options: RunOptions) -> Posterior:
         conditions.fabric,
         conditions.load,
         options.discretisation,
+        options.noise,
     )
     # the exponent's ridge with alpha is straight in the distance from the rheobase: tau falls by a third
     bend = Bent(float(scene.firing.curves(space.touch(space.median)).rheobase), ALPHA_WIDTH)
@@ -124,7 +131,7 @@ def sample(
     seconds = time.monotonic() - begun
     # a key of its own keeps what is drawn afterwards apart from the ensembles
     rng = np.random.default_rng(np.random.SeedSequence(options.seed, spawn_key=(1 << 20,)))
-    assembly = Assembly(experiment, posterior, sampled.chains, sampled.verdict, rng)
+    assembly = Assembly(experiment, posterior, sampled.chains, sampled.verdict, rng, options.exact_reweight)
     attributes = {
         "schema_version": SCHEMA,
         "command": options.command,
@@ -133,6 +140,7 @@ def sample(
         **{f"prior_{p.name}": str(p.prior) for p in posterior.space.sampled},
         **{f"reading_{place}": name for place, name in options.readings.names.items()},
         "direction": options.direction.name,
+        "noise": options.noise,
         "digest_ratings": experiment.ratings.digest,
         "digest_fabrics": experiment.fabrics.digest,
         "missing_ratings": experiment.ratings.n_missing,

@@ -18,7 +18,8 @@ from softness_bayes.touch.contact import Load
 from softness_bayes.touch.membrane import Channels, Membrane
 from softness_bayes.touch.parameters import TouchParameters
 from softness_bayes.touch.readings import MENDED, Readings
-from softness_bayes.touch.scene import Discretisation, FixedChannels, Scene
+from softness_bayes.touch.scene import Discretisation, Firing, FixedChannels, Scene
+from softness_bayes.touch.surface import FiringSurface
 
 
 def touch_parameters(values: Mapping[str, ArrayLike]) -> TouchParameters:
@@ -46,20 +47,33 @@ def usual_values(
     return {name: float(value) for name, value in space.values(space.median).items()}
 
 
-def firing_of(values: Mapping[str, ArrayLike], membrane: Membrane) -> FixedChannels:
-    """Return the firing of the channel multipliers in `values`, which are numbers.
+def firing_of(values: Mapping[str, ArrayLike], membrane: Membrane, noise: float = 0.0) -> Firing:
+    """Return the rate curve of the channel multipliers in `values`, or the surface where one is missing or varies.
+
+    Parameters
+    ----------
+    values
+        Named parameters.
+    membrane
+        Reading of the membrane.
+    noise
+        Strength of the white current [µA/cm² sqrt(ms)] over which the rate curve is averaged.
 
     Raises
     ------
     InputError
-        If one is not among them: a scene cannot yet take multipliers that vary from draw to draw.
+        If a multiplier varies and no surface is kept for the membrane, or there is noise.
     """
-    freed = [name for name in Channels._fields if name not in values]
-    if freed:
+    varying = [name for name in Channels._fields if np.ndim(values.get(name, [])) > 0]
+    if varying and noise:
         raise InputError(
-            f"{', '.join(freed)}: channel multipliers are held, not sampled; give a value instead of a prior"
+            f"noise needs fixed channel multipliers, for which the noise-averaged rate is simulated once: "
+            f"fix {', '.join(varying)}"
         )
-    return FixedChannels(Channels(*(float(np.asarray(values[name])) for name in Channels._fields)), membrane)
+    if varying:
+        return FiringSurface.load(membrane)
+    channels = Channels(*(float(np.asarray(values[name])) for name in Channels._fields))
+    return FixedChannels(channels, membrane, noise=noise)
 
 
 def scene_of(
@@ -70,6 +84,7 @@ def scene_of(
     fabric: ArrayLike | None = None,
     load: ArrayLike | None = None,
     discretisation: Discretisation = Discretisation(),
+    noise: float = 0.0,
 ) -> Scene:
     """Compile the scene of some fabrics under some loads.
 
@@ -78,16 +93,18 @@ def scene_of(
     fabrics, loads
         What is touched, and how.
     values
-        Named parameters; the channel multipliers among them are fixed in the scene.
+        Named parameters that do not vary; with all channel multipliers among them, these are fixed in the scene.
     readings
         Readings of the model.
     fabric, load
         Indices of the conditions; left out, all pairs.
     discretisation
         Resolution.
+    noise
+        Strength of the membrane's white current, as `firing_of` takes it.
     """
     modulus = fabrics.modulus(readings.fabric_modulus)
-    firing = firing_of(values, readings.membrane)
+    firing = firing_of(values, readings.membrane, noise)
     return Scene(
         modulus,
         fabrics.poisson_ratio,

@@ -20,7 +20,18 @@ ROOT = Path(__file__).resolve().parents[1]
 DATA = ROOT / "data"
 TOUCH = ["--fabrics", DATA / "fabrics.csv", "--indentation-mm", "2"]
 # two parameters of the rating alone: no run is cheaper
-HELD = {"b": 80, "m": 2.2, "alpha": 21.5, "beta": 0.5, "sigma_0": 8, "tau": 0.6}
+HELD = {
+    "b": 80,
+    "m": 2.2,
+    "alpha": 21.5,
+    "beta": 0.5,
+    "sigma_0": 8,
+    "c_Na": 1.0,
+    "c_K": 1.1,
+    "c_L": 1.0,
+    "c_A": 1.5,
+    "tau": 0.6,
+}
 QUICK = ["--max-steps", "20", "--processes", "1", "--no-figures"]
 FIXED = [part for name, value in HELD.items() for part in ("--fix", f"{name}={value}")]
 

@@ -11,8 +11,11 @@ from softness_bayes.errors import InputError
 from softness_bayes.inference.coordinates import Bent, HalfLine, Interval, Line, coordinate_for
 from softness_bayes.inference.parameters import HELD, PARAMETERS, PRIOR_SETS, parameter_space
 from softness_bayes.inference.priors import HalfNormal, LogNormal, Normal, Uniform
+from softness_bayes.touch import surface
 from softness_bayes.touch.contact import DISPLACEMENT, STRAIN
+from softness_bayes.touch.membrane import PAPER_CHANNELS, Channels
 from softness_bayes.touch.parameters import TouchParameters
+from softness_bayes.touch.scene import LARGEST_CURRENT
 
 EVERYTHING = parameter_space(free=HELD)
 
@@ -21,13 +24,27 @@ def test_names_and_order_are_those_of_the_files():
     contract = "b m alpha beta sigma_0 c_Na c_K c_L c_A gamma tau varsigma omega eps"
     assert " ".join(PARAMETERS) == contract
     assert EVERYTHING.names == tuple(PARAMETERS)
-    assert parameter_space().names == ("b", "m", "alpha", "beta", "sigma_0", "gamma", "tau", "varsigma")
+    assert parameter_space().names == tuple(PARAMETERS)[:12]
     assert set(TouchParameters._fields) < set(PARAMETERS)
 
 
-def test_held_multipliers_are_the_medians_of_their_priors():
-    assert all(HELD[name] == PARAMETERS[name].prior.median for name in HELD if name.startswith("c_"))
-    assert (HELD["omega"], HELD["eps"]) == (0.0, 0.1)
+def test_what_is_held_unless_it_is_freed():
+    assert dict(HELD) == {"omega": 0.0, "eps": 0.1}
+    channels = {name: PARAMETERS[name].prior.median for name in Channels._fields}
+    assert Channels(**channels) == PAPER_CHANNELS
+
+
+def test_alpha_ends_where_its_rate_curves_end():
+    def largest(space):
+        return next(p.largest for p in space.sampled if p.name == "alpha")
+
+    assert largest(parameter_space()) == surface.LARGEST_CURRENT
+    channels = PAPER_CHANNELS._asdict()
+    wide = parameter_space(fix=channels, priors={"alpha": LogNormal(100, 1)})
+    assert largest(wide) == LARGEST_CURRENT
+    assert wide.draw_prior(np.random.default_rng(0), 500)[:, 2].max() < LARGEST_CURRENT
+    with pytest.raises(InputError, match="where the model ends"):
+        parameter_space(priors={"alpha": LogNormal(1e6, 0.1)}).draw_prior(np.random.default_rng(0), 5)
 
 
 def test_prior_sets():
@@ -41,7 +58,7 @@ def test_prior_sets():
 
 def test_choices_of_the_user():
     space = parameter_space(free=["omega"], fix={"b": 80}, priors={"eps": LogNormal(0.2, 0.5)})
-    assert space.names == ("m", "alpha", "beta", "sigma_0", "gamma", "tau", "varsigma", "omega", "eps")
+    assert space.names == tuple(name for name in PARAMETERS if name != "b")
     assert space.held["b"] == 80
     assert space.sampled[-1].prior == LogNormal(0.2, 0.5)
     assert parameter_space(n_participants=1).held["tau"] == 0
@@ -64,6 +81,9 @@ def test_choices_of_the_user():
         ({"priors": {"b": Normal(100, 50)}}, "allows negative values"),
         ({"prior_set": "in-vitro"}, "expected one of default, in-vivo"),
         ({"n_participants": 1, "free": ["tau"]}, "one participant"),
+        ({"fix": {"alpha": 151}}, "alpha is 151, expected at most 150"),
+        ({"fix": {"alpha": 61}}, "alpha is 61, expected at most 60 µA/cm², where the firing-rate surface ends"),
+        ({"priors": {"c_K": LogNormal(1.16, 0.1)}}, r"prior of c_K: .* reaches beyond 1\.044 to 1\.276"),
     ],
 )
 def test_wrong_choices_are_refused(choice, message):
@@ -144,7 +164,8 @@ def test_values_by_name_in_natural_units_and_si():
     np.testing.assert_allclose(touch.b, [1e5, 2e5])
     np.testing.assert_allclose(touch.beta, [6e-4, 12e-4])
     np.testing.assert_allclose(touch.sigma_0, [9e3, 18e3])
-    assert (touch.m, touch.c_K) == (2.5, 1.16)
+    assert touch.m == 2.5
+    np.testing.assert_allclose(touch.c_K, [1.16, 2.32])
 
 
 def test_a_space_travels_to_a_worker():

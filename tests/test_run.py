@@ -24,7 +24,7 @@ from softness_bayes.touch.readings import MENDED
 
 CLOTH = Fabrics(("felt", "lawn", "drill", "gauze"), effective_modulus=np.array([8e4, 2e4, 4e5, 2e5]))
 LOADS = (Indentation(2e-3), Force(1.5))
-HELD = {"m": 2.0, "beta": 0.6}
+HELD = {"m": 2.0, "beta": 0.6, "c_Na": 1.05, "c_K": 1.16, "c_L": 1.0, "c_A": 1.5}
 SAMPLED = ["b", "alpha", "sigma_0", "gamma", "tau", "varsigma"]
 UNITS = {"b": "kPa", "m": "–", "alpha": "µA/cm²", "beta": "1/kPa", "sigma_0": "kPa", "eps": "Hz"}
 PRIORS = {
@@ -87,10 +87,10 @@ def theta_of(dataset, prefix=""):
 
 
 def test_groups_and_their_variables(result):
-    held = [*HELD, "c_Na", "c_K", "c_L", "c_A", "omega", "eps"]
+    held = [*HELD, "omega", "eps"]
     groups = {
         "posterior": {*SAMPLED, "mu", "participant_effect"},
-        "sample_stats": {"lp", "acceptance_rate"},
+        "sample_stats": {"lp", "acceptance_rate", "exact_difference", "exact_log_weight"},
         "log_prior": {*SAMPLED},
         "prior": {*SAMPLED},
         "observed_data": {"rating"},
@@ -103,7 +103,7 @@ def test_groups_and_their_variables(result):
         assert {*result.group(group).data_vars} == variables, group
     assert {*held} <= {*result.group("constant_data").data_vars}
     assert len(result.group("log_likelihood").data_vars) == 1
-    values = {**HELD, "c_Na": 1.05, "c_K": 1.16, "c_L": 1.0, "c_A": 1.5, "omega": 0.0, "eps": 0.1}
+    values = {**HELD, "omega": 0.0, "eps": 0.1}
     for name, value in values.items():
         assert result.group("constant_data")[name].ndim == 0
         assert result.group("constant_data")[name] == value
@@ -436,9 +436,45 @@ def test_ratings_that_have_no_logarithm_are_refused(experiment):
         sample(experiment._replace(ratings=negative), RunOptions())
 
 
-def test_channel_multipliers_cannot_be_sampled(experiment):
-    with pytest.raises(InputError, match="c_K: channel multipliers are held"):
+def test_channel_multipliers_are_sampled_on_the_firing_surface(experiment):
+    free = posterior_of(experiment, RunOptions(fix={"tau": 0.5}))
+    assert free.names[5:9] == ("c_Na", "c_K", "c_L", "c_A")
+    theta = np.tile(free.space.median, (2, 1))
+    theta[1, 6] *= 1.05
+    value = free.log_likelihood(theta)
+    held = posterior_of(experiment, RunOptions(fix={**HELD, "tau": 0.5}))
+    assert value[0] == pytest.approx(float(held.log_likelihood(held.space.median)), abs=1e-4)
+    assert abs(value[1] - value[0]) > 1e-2
+    exact = dataclasses.replace(free, scene=free.scene.exact())
+    assert_allclose(exact.log_likelihood(theta), value, atol=1e-3)
+
+
+def test_multipliers_beyond_the_surface_and_noise_with_free_ones_are_refused(experiment):
+    with pytest.raises(InputError, match="prior of c_K: halfnormal"):
         posterior_of(experiment, RunOptions(priors={"c_K": HalfNormal(1.0)}))
+    with pytest.raises(InputError, match="fix c_Na, c_K, c_L, c_A"):
+        posterior_of(experiment, RunOptions(noise=1.0))
+
+
+def test_the_result_says_whether_it_is_exact_enough(result):
+    found = result.attributes
+    assert found["exactness"].startswith("Exact enough")
+    assert 0 < found["exactness_sd"] < 1e-2
+    assert found["exactness_efficiency"] > 0.99
+    assert 0 < found["firing_error"] < 1e-3
+    stored = result.group("sample_stats")["exact_difference"].values
+    compared = np.isfinite(stored)
+    assert compared.sum() == 200
+    assert stored[compared].std() == pytest.approx(found["exactness_sd"])
+
+
+def test_exact_weights_leave_an_exact_run_as_it_is(experiment, options, result):
+    weighted = sample(experiment, dataclasses.replace(options, exact_reweight=True))
+    assert weighted.attributes["exact_reweight"] == 1
+    table, plain = weighted.summary(), result.summary()
+    assert (np.abs(table["mean"] - plain["mean"]) < 0.2 * plain["sd"]).all()
+    assert_allclose(table["sd"], plain["sd"], rtol=0.2)
+    assert (table["ess_bulk"] <= 1000).all()
 
 
 def test_the_dense_normal_notices_an_error(result, posterior, experiment):

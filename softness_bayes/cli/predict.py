@@ -64,17 +64,18 @@ def command(
     if posterior is None:
         chosen = choice.resolve()
         named: Mapping[str, ArrayLike] = usual_values(chosen, prior_set, values)
+        noise = 0.0
     else:
         from softness_bayes.result import Result
 
         if values or not choice.is_default or prior_set != "default":
             raise InputError("--posterior brings its own parameters and readings: leave out --set and others")
         result = Result.load(posterior)
-        chosen, named = result.readings, result.values(DRAWS)
+        chosen, named, noise = result.readings, result.values(DRAWS), float(result.attributes["noise"])
     parameters = touch_parameters(named)
     if posterior is not None:  # a table of draws has limits even where the run held every parameter of the chain
         parameters = TouchParameters(*np.broadcast_arrays(*parameters, named["mu"])[:-1])
-    scene = scene_of(fabrics, loads, named, chosen)
+    scene = scene_of(fabrics, loads, named, chosen, noise=noise)
     table = prediction_table(fabrics, scene, parameters)
     if out is None:
         table.to_csv(sys.stdout, index=False)

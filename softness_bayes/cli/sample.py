@@ -45,6 +45,19 @@ if TYPE_CHECKING:
     help="Whether ratings rise (softness) or fall (inverse) with the response.",
 )
 @click.option(
+    "--noise",
+    type=click.FloatRange(min=0),
+    default=0.0,
+    show_default=True,
+    metavar="STRENGTH",
+    help="White current on every membrane [µA/cm² √ms], averaged over; needs --fix of c_Na, c_K, c_L and c_A.",
+)
+@click.option(
+    "--exact-reweight",
+    is_flag=True,
+    help="Weight draws by the exact likelihood (Pareto-smoothed); summary and predictions are those of weighted draws.",
+)
+@click.option(
     "--max-steps",
     type=click.IntRange(min=1),
     default=100_000,
@@ -68,6 +81,8 @@ def command(
     prior_set: str,
     choice: ReadingChoice,
     direction: str,
+    noise: float,
+    exact_reweight: bool,
     max_steps: int,
     processes: int | None,
     no_figures: bool,
@@ -96,6 +111,8 @@ def command(
         prior_set=prior_set,
         readings=chosen,
         direction=RATING_DIRECTIONS[direction],
+        noise=noise,
+        exact_reweight=exact_reweight,
         max_steps=max_steps,
         processes=processes,
         seed=seed,
@@ -168,5 +185,7 @@ def _report(result: Result, out: Path) -> None:
             f"meaningless: {found['contact_beyond_radius']:.0%}"
         )
     click.echo(f"numerical error of the response: {found['numerical_error']:.1e} of its peak, at most, over draws")
+    click.echo(f"error of the firing rates: {found['firing_error']:.1e} of the peak response, at most")
+    click.echo(str(found["exactness"]))
     click.echo(f"written to {out}")
     click.echo(str(found["verdict"]))

@@ -12,11 +12,16 @@ from numpy.typing import NDArray
 from softness_bayes.errors import InputError
 from softness_bayes.inference.coordinates import Coordinate, coordinate_for
 from softness_bayes.inference.priors import HalfNormal, LogNormal, Prior
+from softness_bayes.touch import surface
 from softness_bayes.touch.contact import DISPLACEMENT, STRAIN, SkinDisplacement
+from softness_bayes.touch.membrane import Channels
 from softness_bayes.touch.parameters import TouchParameters
 from softness_bayes.touch.scene import LARGEST_CURRENT
 
 FloatArray = NDArray[np.float64]
+
+_ROUNDING = 1e-9
+_REDRAWS = 1000
 
 
 @dataclass(frozen=True)
@@ -82,9 +87,7 @@ PARAMETERS: Mapping[str, Parameter] = MappingProxyType(
 )
 """Every parameter by name, in the order of files and tables."""
 
-HELD: Mapping[str, float] = MappingProxyType(
-    {"c_Na": 1.05, "c_K": 1.16, "c_L": 1.0, "c_A": 1.5, "omega": 0.0, "eps": 0.1}
-)
+HELD: Mapping[str, float] = MappingProxyType({"omega": 0.0, "eps": 0.1})
 """Parameters that are held at a value unless they are freed or given a prior."""
 
 PRIOR_SETS: Mapping[str, Mapping[SkinDisplacement, Mapping[str, Prior]]] = MappingProxyType(
@@ -157,8 +160,14 @@ class ParameterSpace:
         return _columnwise([_open_log_density(p, theta[..., k]) for k, p in enumerate(self.sampled)], theta)
 
     def draw_prior(self, rng: np.random.Generator, size: int) -> FloatArray:
-        """Independent draws from the prior, shape (size, dimension)."""
-        return _columnwise([p.prior.draw(rng, size) for p in self.sampled], np.empty((size, self.dimension)))
+        """Independent draws from the prior, shape (size, dimension).
+
+        Raises
+        ------
+        InputError
+            If all but nothing of a prior lies where the model answers.
+        """
+        return _columnwise([_draw(p, rng, size) for p in self.sampled], np.empty((size, self.dimension)))
 
     @property
     def median(self) -> FloatArray:
@@ -229,7 +238,7 @@ def parameter_space(
         for name, p in PARAMETERS.items()
         if name not in held
     )
-    return ParameterSpace(sampled, held)
+    return ParameterSpace(_within_surface(sampled, held), held)
 
 
 def _declared(name: str) -> Parameter:
@@ -242,6 +251,34 @@ def _require_value(parameter: Parameter, value: float) -> None:
     if not (np.isfinite(value) and (value > 0 or (parameter.vanishing and value == 0))):
         expected = "0 or a positive number" if parameter.vanishing else "a positive number"
         raise InputError(f"{parameter.name} is {value}, expected {expected} [{parameter.unit}]")
+    if value > parameter.largest:
+        raise InputError(f"{parameter.name} is {value}, expected at most {parameter.largest:g} [{parameter.unit}]")
+
+
+def _within_surface(sampled: tuple[Parameter, ...], held: Mapping[str, float]) -> tuple[Parameter, ...]:
+    """The parameters as they are where channel multipliers are sampled: alpha ends with the firing-rate surface.
+
+    Raises
+    ------
+    InputError
+        If the prior of a multiplier, or alpha held at a value, reaches beyond what the surface covers.
+    """
+    channels = [p for p in sampled if p.name in Channels._fields]
+    for p in channels:
+        low, high = surface.box(p.name)
+        if p.prior.support[0] < low * (1 - _ROUNDING) or p.prior.support[1] > high * (1 + _ROUNDING):
+            raise InputError(
+                f"prior of {p.name}: {p.prior} reaches beyond {low:g} to {high:g}, where the firing-rate surface ends; "
+                f"expected one that ends there, as {PARAMETERS[p.name].prior} does, or {p.name} fixed"
+            )
+    if not channels:
+        return sampled
+    if held.get("alpha", 0.0) > surface.LARGEST_CURRENT:
+        raise InputError(
+            f"alpha is {held['alpha']}, expected at most {surface.LARGEST_CURRENT:g} µA/cm², where "
+            f"the firing-rate surface ends; fix {', '.join(p.name for p in channels)} too for larger ones"
+        )
+    return tuple(replace(p, largest=surface.LARGEST_CURRENT) if p.name == "alpha" else p for p in sampled)
 
 
 def _suitable(parameter: Parameter, prior: Prior) -> Prior:
@@ -256,6 +293,19 @@ def _suitable(parameter: Parameter, prior: Prior) -> Prior:
 def _open_log_density(parameter: Parameter, x: FloatArray) -> FloatArray:
     low, high = parameter.prior.support
     return np.where((x > low) & (x < min(high, parameter.largest)), parameter.prior.log_density(x), -np.inf)
+
+
+def _draw(parameter: Parameter, rng: np.random.Generator, size: int) -> FloatArray:
+    values = parameter.prior.draw(rng, size)
+    for _ in range(_REDRAWS):
+        beyond = np.flatnonzero(values >= parameter.largest)
+        if not beyond.size:
+            return values
+        values[beyond] = parameter.prior.draw(rng, beyond.size)
+    raise InputError(
+        f"prior of {parameter.name}: {parameter.prior} lies beyond {parameter.largest:g} {parameter.unit}, "
+        "where the model ends"
+    )
 
 
 def _columnwise(columns: list[FloatArray], like: FloatArray) -> FloatArray:

@@ -53,3 +53,43 @@ def summarise(names: Sequence[str], values: FloatArray, hdi_probability: float =
             "mcse_sd": arviz_bridge.mcse_sd(chains),
         }
     return pd.DataFrame.from_dict(rows, orient="index").rename_axis("parameter")
+
+
+def reweighted(table: pd.DataFrame, draws: FloatArray, log_weight: FloatArray) -> pd.DataFrame:
+    """A summary with means, spreads and intervals of weighted draws, and accuracies that the weights leave.
+
+    Parameters
+    ----------
+    table
+        Summary of all draws, a row for each quantity.
+    draws
+        Those with weights, shape (draws, quantities).
+    log_weight
+        Their log weights, shape (draws,).
+    """
+    weight = np.exp(log_weight - log_weight.max())
+    weight /= weight.sum()
+    efficiency = 1.0 / (weight**2).sum() / weight.size
+    mean = weight @ draws
+    sd = np.sqrt(weight @ (draws - mean) ** 2 / (1.0 - (weight**2).sum()))
+    found = table.assign(mean=mean, sd=sd)
+    limits = [_weighted_hdi(column, weight, table["hdi_prob"].iloc[0]) for column in draws.T]
+    found["hdi_low"], found["hdi_high"] = np.transpose(limits)
+    # the weighted draws are a share of all, and the weights waste some of those
+    share = min(1.0, weight.size / float(table["ess_bulk"].max()))
+    for name in ("ess_bulk", "ess_tail"):
+        found[name] = np.minimum(table[name] * efficiency, weight.size * efficiency)
+    for name in ("mcse_mean", "mcse_sd"):
+        found[name] = table[name] / np.sqrt(share * efficiency)
+    return found
+
+
+def _weighted_hdi(values: FloatArray, weight: FloatArray, probability: float) -> tuple[float, float]:
+    """Shortest interval between two draws that holds a probability of the weight."""
+    order = np.argsort(values)
+    ordered, cumulative = values[order], np.cumsum(weight[order])
+    last = np.searchsorted(cumulative, cumulative - weight[order] + probability)
+    inside = last < values.size
+    width = np.where(inside, ordered[np.minimum(last, values.size - 1)] - ordered, np.inf)
+    first = int(width.argmin())
+    return float(ordered[first]), float(ordered[min(last[first], values.size - 1)])

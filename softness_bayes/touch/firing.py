@@ -101,6 +101,7 @@ class RateCurve:
             rheobase=self.rheobase[index],
             onset_rate=self.onset_rate[index],
             coefficients=self.coefficients[index],
+            max_current=self.max_current if np.ndim(self.max_current) == 0 else np.asarray(self.max_current)[index],
         )
 
 
@@ -167,6 +168,47 @@ def exact_curve(
         float(abs(onset_rate - begin.rate)),
     )
     return replace(curve, error=error)
+
+
+def exact_curves(
+    channels: Channels,
+    membrane: Membrane,
+    max_current: ArrayLike,
+    nodes: int = 14,
+) -> RateCurve:
+    """Curves of many channel vectors through exact rates, without a measurement of their error.
+
+    At 14 nodes the curves are within 3e-5 of the rate to 40 µA/cm², and within 3e-6 to 20 (model.md 7).
+
+    Parameters
+    ----------
+    channels : Channels
+        Multipliers, each of shape (n,).
+    membrane : Membrane
+        Constants.
+    max_current : array_like
+        Largest current that each covers [µA/cm²], of shape (n,).
+    nodes : int
+        Number of nodes.
+    """
+    begin = onset(channels, membrane)
+    limit = np.broadcast_to(np.asarray(max_current, dtype=float), begin.rheobase.shape)
+    unknown = CurveError(np.nan, np.nan, np.nan)
+    curve = RateCurve(begin.rheobase, np.zeros_like(limit), np.zeros((limit.size, nodes)), limit, unknown)
+    w = -np.cos(np.pi * np.arange(nodes) / (nodes - 1))
+    smooth = np.flatnonzero(np.isfinite(begin.prefactor) & (begin.rheobase < limit))
+    s = 0.5 * (w + 1.0) * curve.s_max[smooth, None]
+    many = Channels(*(np.repeat(c[smooth], nodes - 1) for c in channels))
+    current = begin.rheobase[smooth, None] + s[:, 1:] ** 2
+    value = np.empty_like(s)
+    value[:, 0] = begin.prefactor[smooth]
+    value[:, 1:] = firing_rate(current.ravel(), many, membrane).reshape(current.shape) / s[:, 1:]
+    for place, i in enumerate(smooth):
+        curve.coefficients[i] = _monomials(w, value[place])
+    for i in np.flatnonzero(~np.isfinite(begin.prefactor) & (begin.rheobase < limit)):
+        own = exact_curve(Channels(*(float(c[i]) for c in channels)), membrane, float(limit[i]), nodes)
+        curve.onset_rate[i], curve.coefficients[i] = own.onset_rate, own.coefficients
+    return curve
 
 
 def _monomials(w: FloatArray, value: FloatArray) -> FloatArray:

@@ -21,6 +21,7 @@ from softness_bayes.touch.contact import (
 from softness_bayes.touch.field import StressField, profiles
 from softness_bayes.touch.firing import RateCurve, exact_curve
 from softness_bayes.touch.membrane import CONNOR_STEVENS, PAPER_CHANNELS, Channels, Membrane
+from softness_bayes.touch.noisy_curve import noisy_curve
 from softness_bayes.touch.parameters import TouchParameters
 from softness_bayes.touch.population import Drive, Population, Sums
 from softness_bayes.touch.readings import Readings
@@ -41,8 +42,13 @@ CHUNK = 1 << 17
 class Firing(Protocol):
     """Where a scene takes its rate curves from: fixed channels, or a surface over the channels."""
 
+    noise: float
+
     def curves(self, parameters: TouchParameters) -> RateCurve:
         """Return the rate curve of each parameter vector, of batch shape (batch,) or ()."""
+
+    def exact(self) -> Firing:
+        """Return a source of the curves that these approximate, to measure their error against."""
 
 
 class FixedChannels:
@@ -54,6 +60,10 @@ class FixedChannels:
         Multipliers and membrane of the curve.
     max_current
         Largest current [µA/cm²] of the usual curve. Larger alphas get a longer one, made once.
+    noise
+        Strength of a white current [µA/cm² sqrt(ms)] over which the curve is averaged, by simulation.
+    nodes
+        Exact rates that the usual curve goes through.
     """
 
     def __init__(
@@ -61,10 +71,21 @@ class FixedChannels:
         channels: Channels = PAPER_CHANNELS,
         membrane: Membrane = CONNOR_STEVENS,
         max_current: float = 40.0,
+        noise: float = 0.0,
+        nodes: int = 18,
     ) -> None:
-        self.channels, self.membrane = channels, membrane
-        self.curve = exact_curve(channels, membrane, max_current)
+        self.channels, self.membrane, self.noise, self.max_current = channels, membrane, noise, max_current
+        self.curve = self._made(max_current, nodes)
         self._longer: RateCurve | None = None
+
+    def _made(self, max_current: float, nodes: int) -> RateCurve:
+        if self.noise:
+            return noisy_curve(self.noise, self.channels, self.membrane, max_current)
+        return exact_curve(self.channels, self.membrane, max_current, nodes)
+
+    def exact(self) -> FixedChannels:
+        """Return a source with more nodes; itself where the curve is an average over noise."""
+        return self if self.noise else FixedChannels(self.channels, self.membrane, self.max_current, nodes=28)
 
     def curves(self, parameters: TouchParameters) -> RateCurve:
         """Return the one curve, of batch shape (), or one for each vector where an alpha needs a longer one.
@@ -84,13 +105,14 @@ class FixedChannels:
                 "depolarisation block and no rate curve is kept"
             )
         if self._longer is None:
-            self._longer = exact_curve(self.channels, self.membrane, LARGEST_CURRENT, nodes=28)
+            self._longer = self._made(LARGEST_CURRENT, 28)
         # each vector keeps its own curve, whatever the company it is evaluated in
         usual, longer = self.curve.coefficients, self._longer.coefficients
-        padded = np.concatenate([usual, np.zeros(longer.size - usual.size)])
+        size = max(usual.size, longer.size)
+        padded, longer = (np.append(c, np.zeros(size - c.size)) for c in (usual, longer))
         return RateCurve(
-            np.full(alpha.shape, self.curve.rheobase),
-            np.full(alpha.shape, self.curve.onset_rate),
+            np.where(long, self._longer.rheobase, self.curve.rheobase),
+            np.where(long, self._longer.onset_rate, self.curve.onset_rate),
             np.where(long[..., None], longer, padded),
             np.where(long, LARGEST_CURRENT, self.curve.max_current),
             self._longer.error,
@@ -264,6 +286,24 @@ class Scene:
         d = self.discretisation
         finer = Discretisation(d.nodes + 12, d.saturation + 8.0, 1e-2 * d.field_tolerance)
         return self._with(self.modulus, self.poisson, np.arange(self.n_conditions), self.load, finer)
+
+    def exact(self) -> Scene:
+        """Return the same scene resolved more finely and with exact firing rates.
+
+        It agrees with adaptive integration over the pad to 1e-8 of the peak; milliseconds for each vector.
+        """
+        fine = self.refined()
+        return Scene(
+            fine.modulus,
+            fine.poisson,
+            fine.loads,
+            self.firing.exact(),
+            np.arange(fine.n_conditions),
+            fine.load,
+            finger=fine.finger,
+            readings=fine.readings,
+            discretisation=fine.discretisation,
+        )
 
     def on_grid(self, modulus: Array) -> Scene:
         """Return the scene of fabrics of these moduli [Pa] and the median Poisson ratio under all loads."""

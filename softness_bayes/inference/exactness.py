@@ -1,0 +1,108 @@
+"""Whether the fast forward model moved the posterior: its log-likelihood against an exact one at posterior draws."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from softness_bayes import arviz_bridge
+
+Array = NDArray[np.float64]
+
+HARMLESS = 0.05
+"""Standard deviation of the differences below which no weight deviates enough for its tail to matter.
+
+Pareto's k is blind to scale: differences of 1e-6 with heavy tails have k > 0.6."""
+
+LARGEST_K = 0.7
+"""Pareto k beyond which weighted means cannot be trusted."""
+
+
+@dataclass(frozen=True)
+class Exactness:
+    """Exact minus fast log-likelihood at posterior draws, and what weighting by it would do.
+
+    Parameters
+    ----------
+    difference
+        At each draw, shape (draws,).
+    log_weight
+        Pareto-smoothed log weights, summing to 1 as weights, shape (draws,).
+    pareto_k
+        Shape of the weights' tail.
+    shift
+        Change of each parameter's mean by the weights, in its posterior standard deviations, shape (parameters,).
+    names
+        The parameters.
+    """
+
+    difference: Array
+    log_weight: Array
+    pareto_k: float
+    shift: Array
+    names: tuple[str, ...]
+
+    @property
+    def sd(self) -> float:
+        """Standard deviation of the differences; a common offset does not matter."""
+        return float(self.difference.std())
+
+    @property
+    def largest(self) -> float:
+        """Largest deviation of a difference from their mean."""
+        return float(np.abs(self.difference - self.difference.mean()).max())
+
+    @property
+    def efficiency(self) -> float:
+        """Effective number of the weighted draws over their number."""
+        weight = np.exp(self.log_weight)
+        return float(weight.sum() ** 2 / (weight**2).sum() / weight.size)
+
+    @property
+    def exact_enough(self) -> bool:
+        """Whether the approximation may be ignored."""
+        return self.sd <= HARMLESS or (self.pareto_k <= LARGEST_K and float(np.abs(self.shift).max(initial=0.0)) <= 0.1)
+
+    def sentence(self) -> str:
+        """What was found, in one line."""
+        most = ""
+        if self.shift.size:
+            moved = int(np.abs(self.shift).argmax())
+            most = f"; no mean moves by more than {np.abs(self.shift[moved]):.1g} sd ({self.names[moved]})"
+        tail = f", Pareto k {self.pareto_k:.2f}" if self.sd > HARMLESS else ""
+        verdict = "Exact enough" if self.exact_enough else "Not exact enough"
+        return (
+            f"{verdict}: against exact firing rates and a finer quadrature the log-likelihood of "
+            f"{self.difference.size} draws differs by {self.sd:.1g} (sd), {self.largest:.1g} at most; weighted "
+            f"effective size {self.efficiency:.1%}{tail}{most}."
+        )
+
+
+def compare(names: tuple[str, ...], theta: Array, fast: Array, exact: Array) -> Exactness:
+    """Compare two log-likelihoods at draws of the posterior under the fast one.
+
+    Parameters
+    ----------
+    names
+        Parameters.
+    theta
+        Draws, shape (draws, parameters).
+    fast, exact
+        Log-likelihoods, shape (draws,).
+    """
+    difference = exact - fast
+    (log_weight,), (k,) = arviz_bridge.psis(difference[None])
+    weight = np.exp(log_weight)[:, None]
+    spread = theta.std(axis=0)
+    moved = (weight * theta).sum(axis=0) / weight.sum() - theta.mean(axis=0)
+    shift = np.divide(moved, spread, out=np.zeros_like(moved), where=spread > 0)
+    return Exactness(difference, log_weight, float(k), shift, names)
+
+
+def resample(log_weight: Array, size: int) -> NDArray[np.intp]:
+    """Indices of draws in proportion to their weights, by systematic resampling from the middle of each stratum."""
+    cumulative = np.cumsum(np.exp(log_weight - log_weight.max()))
+    at = (np.arange(size) + 0.5) / size * cumulative[-1]
+    return np.searchsorted(cumulative, at).astype(np.intp)

@@ -1,0 +1,352 @@
+"""The fast firing-rate surface: rate curves for a whole batch of channel multipliers from one table of polynomials.
+
+Over the box of the multipliers, the rheobase, the rate just above it and the coefficients of the curve
+(:class:`~.firing.RateCurve`) are smooth: each is one polynomial of bounded total degree in the multipliers, so that a
+vector's curve costs one row of a matrix product. In a thin corner of the Connor-Stevens box firing begins at a jump
+instead of a fold (model.md 7). Its border is one more polynomial; a channel vector beyond it gets its own exact curve.
+Vectors outside the box are refused, never extrapolated.
+
+The tables are built and measured by ``python -m softness_bayes.touch.surface_build``.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import itertools
+import json
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from functools import cached_property, lru_cache
+from importlib import resources
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+from numpy.polynomial import chebyshev
+from numpy.typing import NDArray
+
+from softness_bayes.errors import InputError, NumericalError
+from softness_bayes.touch.firing import CurveError, RateCurve, exact_curve, exact_curves
+from softness_bayes.touch.limit_cycle import AGREEMENT, TOLERANCE
+from softness_bayes.touch.membrane import (
+    CONNOR_STEVENS,
+    PAPER_CHANNELS,
+    Channels,
+    Membrane,
+    lanes,
+)
+from softness_bayes.touch.parameters import TouchParameters
+
+FloatArray = NDArray[np.float64]
+
+TABLES = "firing_surface.npz"
+"""Name of the data file beside this module."""
+
+ERRORS = "firing_surface.json"
+"""Name of the file with the measured errors beside it."""
+
+_AT_THE_EDGE = 1e-9  # of the box's half-width: rounding of a multiplier at its prior's end
+
+
+@dataclass(frozen=True)
+class Border:
+    """Declared inputs of the border of the corner: ``c_K`` at which firing stops beginning at the fold.
+
+    Parameters
+    ----------
+    degree : int
+        Total degree in the other multipliers.
+    points : int
+        Points that the polynomial is fitted to.
+    distance : float
+        Root of the current above the fold at which firing decides [sqrt(µA/cm²)].
+    margin : float
+        Strip beside the border that counts as the corner, in units of the box's half-width.
+    """
+
+    degree: int = 6
+    points: int = 600
+    distance: float = 0.01
+    margin: float = 3e-3
+
+
+@dataclass(frozen=True)
+class Design:
+    """Declared inputs of one surface.
+
+    Parameters
+    ----------
+    membrane : Membrane
+        Constants.
+    max_current : float
+        Largest current [µA/cm²].
+    degree : int
+        Total degree in the multipliers.
+    points : int
+        Channel vectors that the polynomials are fitted to.
+    nodes : int
+        Nodes in ``s``, the root of the current above the rheobase.
+    closest : float
+        First node, as a share of the largest ``s``; 0 where the limit is known analytically.
+    border : Border or None
+        Where there is a corner.
+    channels : Channels
+        Centre of the box.
+    half_width : float
+        Half-width of the box, relative to its centre.
+    """
+
+    membrane: Membrane
+    max_current: float
+    degree: int
+    points: int
+    nodes: int
+    closest: float = 0.0
+    border: Border | None = None
+    channels: Channels = PAPER_CHANNELS
+    half_width: float = 0.1
+
+    @property
+    def axes(self) -> list[int]:
+        """Multipliers that matter, as indices into ``Channels``: without an A-current, ``c_A`` does not."""
+        return [0, 1, 2, 3] if self.membrane.gating.a_current else [0, 1, 2]
+
+    @property
+    def nodes_w(self) -> FloatArray:
+        """Nodes in ``w = 2 s / s_max - 1``, Chebyshev points between ``closest`` and 1."""
+        share = 0.5 * (1.0 - np.cos(np.pi * np.arange(self.nodes) / (self.nodes - 1)))
+        return 2.0 * (self.closest + (1.0 - self.closest) * share) - 1.0
+
+    def place(self, channels: FloatArray) -> FloatArray:
+        """Where multipliers of shape (4, n) lie in the box, in units of its half-width, shape (axes, n)."""
+        centre = np.array(self.channels)[self.axes, None]
+        return (np.asarray(channels)[self.axes] / centre - 1.0) / self.half_width
+
+    def channels_at(self, place: FloatArray) -> Channels:
+        """Multipliers at places of shape (axes, n); one that does not matter is that of the centre."""
+        full = np.zeros((4, place.shape[1]))
+        full[self.axes] = place
+        return Channels(*(np.array(self.channels)[:, None] * (1.0 + self.half_width * full)))
+
+    @property
+    def digest(self) -> str:
+        """SHA-256 of everything declared that the surface is made from."""
+        declared = json.dumps([_declared(asdict(self)), TOLERANCE, AGREEMENT], sort_keys=True)
+        return hashlib.sha256(declared.encode()).hexdigest()
+
+
+def _declared(value: Any) -> Any:
+    """Numbers and words alone: what is derived from them (private fields) left out."""
+    if isinstance(value, dict):
+        return {key: _declared(item) for key, item in value.items() if not key.startswith("_")}
+    return value
+
+
+DESIGNS: Mapping[str, Design] = MappingProxyType(
+    {
+        design.membrane.name: design
+        for design in (Design(CONNOR_STEVENS, max_current=60.0, degree=10, points=3072, nodes=20, border=Border()),)
+    }
+)
+"""The surfaces that are shipped, by membrane."""
+
+LARGEST_CURRENT = min(design.max_current for design in DESIGNS.values())
+"""Largest current [µA/cm²] that every surface covers."""
+
+
+def box(channel: str) -> tuple[float, float]:
+    """Smallest and largest value of a multiplier that every surface covers."""
+    which = Channels._fields.index(channel)
+    low, high = zip(
+        *((d.channels[which] * (1 - d.half_width), d.channels[which] * (1 + d.half_width)) for d in DESIGNS.values()),
+        strict=True,
+    )
+    return max(low), min(high)
+
+
+@dataclass(frozen=True)
+class TotalDegree:
+    """Chebyshev products in some variables up to a total degree."""
+
+    variables: int
+    degree: int
+
+    @cached_property
+    def exponents(self) -> NDArray[np.intp]:
+        """Degrees of every product, shape (variables, terms)."""
+        every = itertools.product(range(self.degree + 1), repeat=self.variables)
+        return np.array([e for e in every if sum(e) <= self.degree]).T
+
+    def basis(self, x: FloatArray) -> FloatArray:
+        """Values of all products at points of shape (variables, n), shape (n, terms)."""
+        polynomials = chebyshev.chebvander(x, self.degree)
+        product = polynomials[0][:, self.exponents[0]]
+        for values, exponent in zip(polynomials[1:], self.exponents[1:], strict=True):
+            product *= values[:, exponent]
+        return product
+
+
+@dataclass(frozen=True)
+class FiringSurface:
+    """Firing rate as a function of current and channel multipliers.
+
+    Parameters
+    ----------
+    design : Design
+        What it was made from.
+    table : ndarray, shape (terms, 2 + nodes)
+        Polynomial coefficients of the rheobase [µA/cm²], the onset rate [Hz] and the coefficients of the curve.
+    border : ndarray, shape (terms,)
+        Polynomial coefficients of the place of the corner's border in ``c_K``; empty without a corner.
+    error : CurveError
+        Largest measured error.
+    """
+
+    design: Design
+    table: FloatArray
+    border: FloatArray
+    error: CurveError
+    noise = 0.0
+
+    @classmethod
+    def load(cls, membrane: Membrane = CONNOR_STEVENS) -> FiringSurface:
+        """Surface of a membrane from the shipped tables.
+
+        Raises
+        ------
+        InputError
+            If there is no surface for the membrane, or it was made from other inputs than are declared now.
+        """
+        design = DESIGNS.get(membrane.name)
+        if design is None or design.membrane != membrane:
+            raise InputError(
+                f"channel multipliers cannot be sampled with the membrane {membrane.name}, for which no firing-rate "
+                f"surface is kept; hold c_Na, c_K, c_L and c_A, or use one of {', '.join(DESIGNS)}"
+            )
+        folder = resources.files(__package__)
+        with (folder / TABLES).open("rb") as file, np.load(file) as data:
+            digest = data[f"{membrane.name}/digest"].item()
+            table, border = data[f"{membrane.name}/table"], data[f"{membrane.name}/border"]
+        if digest != design.digest:
+            raise InputError(
+                f"{TABLES} was made from other inputs for {membrane.name}; "
+                "rebuild it with `python -m softness_bayes.touch.surface_build`"
+            )
+        measured = json.loads((folder / ERRORS).read_text())[membrane.name]
+        return cls(design, table, border, CurveError(*(measured[name] for name in CurveError._fields)))
+
+    @property
+    def max_current(self) -> float:
+        """Largest current that the curves cover [µA/cm²]."""
+        return self.design.max_current
+
+    @cached_property
+    def _terms(self) -> TotalDegree:
+        return TotalDegree(len(self.design.axes), self.design.degree)
+
+    def corner(self, place: FloatArray) -> NDArray[np.bool_]:
+        """Whether places of shape (axes, n) lie in the corner, or in the strip beside it that counts as the corner."""
+        border = self.design.border
+        margin = -np.inf if border is None else border.margin
+        return self.before_corner(place) < margin
+
+    def before_corner(self, place: FloatArray) -> FloatArray:
+        """How far places of shape (axes, n) are from the corner's border along ``c_K``; negative in the corner."""
+        border = self.design.border
+        if border is None:
+            return np.full(place.shape[1], np.inf)
+        return TotalDegree(3, border.degree).basis(place[[0, 2, 3]]) @ self.border - place[1]
+
+    def curve(self, channels: Channels) -> RateCurve:
+        """Rate curves of channel vectors.
+
+        Parameters
+        ----------
+        channels : Channels
+            Multipliers [-], broadcast to the batch shape.
+
+        Raises
+        ------
+        InputError
+            If a multiplier is not finite or lies outside the box.
+        """
+        shape, multipliers = lanes(channels)
+        flat = np.array(multipliers)
+        place = self.design.place(flat)
+        self._require_inside(flat, place)
+        values = self._terms.basis(place) @ self.table
+        for i in np.flatnonzero(self.corner(place)):
+            own = _own_curve(Channels(*flat[:, i].tolist()), self.design.membrane, self.max_current, self.design.nodes)
+            values[i] = np.hstack([own.rheobase, own.onset_rate, own.coefficients])
+        values = values.reshape(*shape, -1)
+        return RateCurve(values[..., 0], values[..., 1], values[..., 2:], self.max_current, self.error)
+
+    def curves(self, parameters: TouchParameters) -> RateCurve:
+        """Rate curves of parameter vectors, of their batch shape.
+
+        Raises
+        ------
+        NumericalError
+            If an alpha exceeds `max_current`.
+        """
+        alpha = np.asarray(parameters.alpha, float)
+        if not (alpha <= self.max_current).all():
+            raise NumericalError(
+                f"alpha = {alpha.max():.6g} µA/cm² lies beyond the {self.max_current:g} that the firing-rate surface "
+                "covers; hold the channel multipliers for larger ones"
+            )
+        channels = Channels(*(getattr(parameters, name) for name in Channels._fields))
+        return self.curve(Channels(*np.broadcast_arrays(*channels)))
+
+    def exact(self) -> ExactRates:
+        """Return the source of the curves that the surface stands for."""
+        return ExactRates(self.design.membrane)
+
+    def _require_inside(self, channels: FloatArray, place: FloatArray) -> None:
+        outside = np.abs(place) > 1.0 + _AT_THE_EDGE
+        if outside.any():
+            axis, i = np.argwhere(outside)[0]
+            which = self.design.axes[axis]
+            centre, width = self.design.channels[which], self.design.half_width
+            raise InputError(
+                f"{Channels._fields[which]} = {channels[which, i]:.6g} lies outside {centre * (1 - width):.6g} to "
+                f"{centre * (1 + width):.6g}, the box that the firing-rate surface covers; "
+                "hold the channel multipliers at values there, or let their priors end within it"
+            )
+
+
+@dataclass(frozen=True)
+class ExactRates:
+    """Rate curves through exact rates of every parameter vector, each up to its alpha: milliseconds for each.
+
+    Parameters
+    ----------
+    membrane : Membrane
+        Constants.
+    """
+
+    membrane: Membrane
+    noise = 0.0
+
+    def curves(self, parameters: TouchParameters) -> RateCurve:
+        """Rate curves of parameter vectors, of their batch shape."""
+        values = np.broadcast_arrays(*(getattr(parameters, name) for name in (*Channels._fields, "alpha")))
+        *multipliers, alpha = (np.asarray(v, float).reshape(-1) for v in values)
+        curves = exact_curves(Channels(*multipliers), self.membrane, alpha)
+        shape = values[0].shape
+        return RateCurve(
+            curves.rheobase.reshape(shape),
+            curves.onset_rate.reshape(shape),
+            curves.coefficients.reshape(*shape, -1),
+            np.reshape(curves.max_current, shape),
+            curves.error,
+        )
+
+    def exact(self) -> ExactRates:
+        """Return itself."""
+        return self
+
+
+@lru_cache(maxsize=4096)
+def _own_curve(channels: Channels, membrane: Membrane, max_current: float, nodes: int) -> RateCurve:
+    return exact_curve(channels, membrane, max_current, nodes)

@@ -1,0 +1,158 @@
+"""The firing-rate surface against exact rates, at its borders and where it ends."""
+
+import json
+from importlib import resources
+
+import numpy as np
+import pytest
+
+from softness_bayes.errors import InputError, NumericalError
+from softness_bayes.touch import surface_build
+from softness_bayes.touch.equilibrium import fold
+from softness_bayes.touch.firing import exact_curve
+from softness_bayes.touch.membrane import CONNOR_STEVENS, PAPER_CHANNELS, PRINTED, Channels
+from softness_bayes.touch.parameters import TouchParameters
+from softness_bayes.touch.rate import firing_rate
+from softness_bayes.touch.surface import DESIGNS, ERRORS, LARGEST_CURRENT, TABLES, FiringSurface, TotalDegree, box
+
+CORNER = Channels(0.945, 1.276, 0.9, 1.35)
+
+
+@pytest.fixture(scope="module", params=sorted(DESIGNS))
+def surface(request: pytest.FixtureRequest) -> FiringSurface:
+    return FiringSurface.load(DESIGNS[request.param].membrane)
+
+
+@pytest.fixture(scope="module")
+def connor_stevens() -> FiringSurface:
+    return FiringSurface.load(CONNOR_STEVENS)
+
+
+def test_rates_at_random_points(surface: FiringSurface, rng: np.random.Generator) -> None:
+    design = surface.design
+    place = rng.uniform(-1.0, 1.0, (len(design.axes), 150))
+    place = place[:, ~surface.corner(place)]
+    channels = design.channels_at(place)
+    curve = surface.curve(channels)
+    current = curve.rheobase + rng.uniform(0.05, 1.0, place.shape[1]) * (design.max_current - curve.rheobase)
+    exact = firing_rate(current, channels, design.membrane)
+    np.testing.assert_allclose(curve.rate(current[:, None])[:, 0], exact, atol=2.0 * surface.error.hertz)
+    assert exact.min() > 1.0
+    # negative control: the curve of the paper's channels is no curve of theirs
+    usual = surface.curve(PAPER_CHANNELS)
+    assert np.abs(usual.rate(current) - exact).max() > 5.0
+
+
+def test_rheobase_is_that_of_the_fold(connor_stevens: FiringSurface, rng: np.random.Generator) -> None:
+    place = rng.uniform(-1.0, 1.0, (4, 2000))
+    channels = connor_stevens.design.channels_at(place[:, ~connor_stevens.corner(place)])
+    found = connor_stevens.curve(channels).rheobase
+    np.testing.assert_allclose(found, fold(channels, CONNOR_STEVENS).current, atol=1e-5)
+
+
+def test_measured_errors_are_kept_and_meet_what_is_promised() -> None:
+    folder = resources.files("softness_bayes.touch")
+    measured = json.loads((folder / ERRORS).read_text())
+    assert measured.keys() == DESIGNS.keys()
+    for name, error in measured.items():
+        assert error["points"] >= 100_000
+        assert error["of_allowance"] <= 1.0
+        assert error["relative_median"] <= 1e-5
+        assert error["relative_999"] <= 1e-3
+        if DESIGNS[name].border is not None:
+            assert error["near_border"] >= 10_000
+            assert error["corner_vectors"] > 0
+    assert (folder / TABLES).stat().st_size <= 2_000_000
+
+
+def test_a_small_measurement_agrees_with_the_kept_one(surface: FiringSurface) -> None:
+    error = surface_build.measure(surface, lambda _: None, points=600, corner=0, seed=7)
+    assert error["of_allowance"] < 1.0
+    assert error["relative_median"] < 1e-5
+    # negative control: a table that is wrong in the third digit fails it
+    spoilt = FiringSurface(surface.design, surface.table * 1.005, surface.border, surface.error)
+    assert surface_build.measure(spoilt, lambda _: None, points=600, corner=0, seed=7)["of_allowance"] > 1.0
+
+
+def test_beyond_the_border_a_vector_has_its_own_exact_curve(connor_stevens: FiringSurface) -> None:
+    together = connor_stevens.curve(Channels(*np.array([PAPER_CHANNELS, CORNER, PAPER_CHANNELS]).T))
+    own = exact_curve(CORNER, CONNOR_STEVENS, connor_stevens.max_current, connor_stevens.design.nodes)
+    current = np.linspace(15.0, 60.0, 50)
+    np.testing.assert_array_equal(together.take(1).rate(current), own.rate(current))
+    assert together.onset_rate[1] > 5.0
+    assert together.onset_rate[0] == together.onset_rate[2] == 0.0
+    usual = connor_stevens.curve(PAPER_CHANNELS).rate(current)
+    np.testing.assert_allclose(together.take(0).rate(current), usual, rtol=1e-12, atol=1e-12)
+
+
+def test_the_border_is_where_firing_stops_beginning_at_the_fold(
+    connor_stevens: FiringSurface, rng: np.random.Generator
+) -> None:
+    others = rng.uniform(-1.0, 0.0, (3, 60))
+    design = connor_stevens.design
+    before = connor_stevens.before_corner(np.array([others[0], np.zeros(60), others[1], others[2]]))
+    border = before + 0.0  # the place of c_K on the border
+    inside = border < 1.0
+    assert inside.sum() > 10
+    for step, fires in ((-0.01, True), (0.01, False)):
+        place = np.array([others[0], border + step, others[1], others[2]])[:, inside]
+        channels = design.channels_at(place)
+        current = fold(channels, CONNOR_STEVENS).current + design.border.distance**2
+        assert ((firing_rate(current, channels) > 0.0) == fires).mean() > 0.95
+
+
+def test_a_batch_is_its_vectors_one_by_one(surface: FiringSurface, rng: np.random.Generator) -> None:
+    channels = surface.design.channels_at(rng.uniform(-0.7, 0.7, (len(surface.design.axes), 6)))
+    batch = surface.curve(Channels(*(c.reshape(2, 3) for c in channels)))
+    current = np.linspace(5.0, 60.0, 7)
+    assert batch.rheobase.shape == (2, 3)
+    for i in range(6):
+        one = surface.curve(Channels(*(float(c[i]) for c in channels)))
+        assert one.rheobase.shape == ()
+        np.testing.assert_allclose(one.rate(current), batch.take(np.unravel_index(i, (2, 3))).rate(current), atol=1e-9)
+
+
+def test_what_lies_outside_is_refused(connor_stevens: FiringSurface) -> None:
+    for name, (low, high) in {name: box(name) for name in Channels._fields}.items():
+        for value in (0.999 * low, 1.001 * high):
+            with pytest.raises(InputError, match=rf"{name} = {value:.6g} lies outside"):
+                connor_stevens.curve(PAPER_CHANNELS._replace(**{name: value}))
+        connor_stevens.curve(PAPER_CHANNELS._replace(**{name: low}))
+    with pytest.raises(InputError, match="c_K is not finite"):
+        connor_stevens.curve(PAPER_CHANNELS._replace(c_K=np.nan))
+    touch = TouchParameters(1e5, 2.0, LARGEST_CURRENT * 1.01, 6e-4, 9e3, *PAPER_CHANNELS)
+    with pytest.raises(NumericalError, match="hold the channel multipliers"):
+        connor_stevens.curves(touch)
+    with pytest.raises(InputError, match="no firing-rate surface is kept"):
+        FiringSurface.load(PRINTED)
+
+
+def test_tables_of_other_inputs_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    from dataclasses import replace
+
+    from softness_bayes.touch import surface as module
+
+    other = {"connor-stevens": replace(DESIGNS["connor-stevens"], degree=9)}
+    monkeypatch.setattr(module, "DESIGNS", other)
+    with pytest.raises(InputError, match="rebuild it with"):
+        FiringSurface.load(CONNOR_STEVENS)
+
+
+def test_polynomials_of_bounded_total_degree_are_reproduced(rng: np.random.Generator) -> None:
+    terms = TotalDegree(3, 4)
+    assert terms.exponents.shape == (3, 35)
+    x = rng.uniform(-1.0, 1.0, (3, 200))
+    values = x[0] ** 2 * x[1] * x[2] - x[2] ** 4
+    fitted, *_ = np.linalg.lstsq(terms.basis(x), values)
+    y = rng.uniform(-1.0, 1.0, (3, 20))
+    np.testing.assert_allclose(terms.basis(y) @ fitted, y[0] ** 2 * y[1] * y[2] - y[2] ** 4, atol=1e-12)
+
+
+@pytest.mark.slow
+def test_a_rebuilt_table_is_the_shipped_one(surface: FiringSurface) -> None:
+    again = surface_build.build(surface.design, lambda _: None)
+    np.testing.assert_allclose(again.border, surface.border, atol=1e-5)
+    place = np.random.default_rng(0).uniform(-1.0, 1.0, (len(surface.design.axes), 500))
+    channels = surface.design.channels_at(place[:, ~surface.corner(place)])
+    current = np.full((channels.c_K.size, 1), 30.0)
+    np.testing.assert_allclose(again.curve(channels).rate(current), surface.curve(channels).rate(current), atol=1e-6)
