@@ -236,6 +236,29 @@ def test_refined_scene_measures_the_error(scene, rng, paper):
         np.testing.assert_allclose(found, exact.total_rate, atol=1e-6 * max(exact.total_rate.max(), 1))
 
 
+def test_error_is_the_difference_to_the_reference(scene, rng, paper):
+    parameters = draws(rng, 4, paper)
+    error = scene.error(parameters)
+    assert error.shape == (4,)
+    assert (error < 1e-4).all()
+    for k in range(4):
+        exact = reference_response(scene, take(parameters, k), scene.firing.curve).total_rate
+        found = np.abs(scene.total_rate(take(parameters, k)) - exact).max() / max(exact.max(), 1.0)
+        assert found <= 1.01 * error[k] + 1e-7
+
+
+def test_error_contains_what_no_refinement_shows(smooth_firing, paper, monkeypatch):
+    """Where finer nodes run out both scenes are wrong alike, and the difference between them says nothing."""
+    readings = Readings().override({"stress_kernel": "printed", "stress_component": "principal"})
+    monkeypatch.setattr("softness_bayes.touch.field.SHAPE_NODES", (21,))
+    coarse = Scene(FABRICS, 0.3, LOADS[2:], smooth_firing(), readings=readings)
+    parameters = paper()
+    exact = reference_response(coarse, parameters, coarse.firing.curve).total_rate
+    found = np.abs(coarse.total_rate(parameters) - exact).max() / exact.max()
+    between = np.abs(coarse.total_rate(parameters) - coarse.refined().total_rate(parameters)).max() / exact.max()
+    assert between < found < coarse.error(parameters)
+
+
 def test_beyond_hertz_counts_large_contacts(smooth_firing, paper):
     deep = Scene([1e5, 1e6], 0.3, [Indentation(1e-3), Indentation(3e-3), Indentation(9e-3)], smooth_firing())
     assert deep.beyond_hertz(paper()) == (pytest.approx(2 / 3), pytest.approx(1 / 3))

@@ -31,6 +31,9 @@ Array = NDArray[np.float64]
 LEAST_SKIN_MODULUS = 1e3
 """Softest skin [Pa] that the tables of force-controlled loads cover; softer skin is computed without them."""
 
+STIFFEST_SKIN_MODULUS = 1e7
+"""Stiffest skin [Pa] that the tables cover, a hundred times the median at rest; stiffer skin likewise."""
+
 LARGEST_CURRENT = 150.0
 """Largest alpha [µA/cm²] that is answered: depolarisation block starts at 154-210 (model.md 7)."""
 
@@ -197,10 +200,9 @@ class Scene:
         self._population = Population(self._fields[0].root, self.count, discretisation.nodes, discretisation.saturation)
 
     def _field(self, load: Load) -> StressField:
-        softness, least = 1.0 - self.finger.poisson_ratio**2, self.modulus.argmin()
-        high = float((self.modulus / (1.0 - self.poisson**2)).max())
-        fabric = (1.0 - self.poisson[least] ** 2) / self.modulus[least]
-        low = float(1.0 / (softness / LEAST_SKIN_MODULUS + fabric))
+        softness, compliance = 1.0 - self.finger.poisson_ratio**2, (1.0 - self.poisson**2) / self.modulus
+        high = float(1.0 / (softness / STIFFEST_SKIN_MODULUS + compliance.min()))
+        low = float(1.0 / (softness / LEAST_SKIN_MODULUS + compliance.max()))
         tolerance = self.discretisation.field_tolerance
         return StressField(load, self.finger, self.readings, (min(low, 0.5 * high), high), tolerance)
 
@@ -264,6 +266,23 @@ class Scene:
         d = self.discretisation
         finer = Discretisation(d.nodes + 12, d.saturation + 8.0, 1e-2 * d.field_tolerance)
         return self._with(self.modulus, self.poisson, np.arange(self.n_conditions), self.load, finer)
+
+    @property
+    def field_error(self) -> float:
+        """What the tables of the stress fields are known to be wrong by at most, on their tolerance's scale."""
+        return max(field.reached for field in self._fields)
+
+    def error(self, parameters: TouchParameters) -> Array:
+        """Return the numerical error of each vector's response relative to its largest, shape (...).
+
+        It is the largest difference to the same scene resolved more finely, and, because both might share it, what
+        that scene's stress fields still lack.
+        """
+        finer = self.refined()
+        fine = finer.total_rate(parameters)
+        peak = fine.max(axis=-1)
+        difference = np.abs(self.total_rate(parameters) - fine).max(axis=-1)
+        return difference / np.where(peak > 0, peak, 1.0) + finer.field_error
 
     def on_grid(self, modulus: Array) -> Scene:
         """Return the scene of fabrics of these moduli [Pa] and the median Poisson ratio under all loads."""
