@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -24,7 +25,7 @@ from softness_bayes.touch.membrane import CONNOR_STEVENS, PAPER_CHANNELS, Channe
 from softness_bayes.touch.parameters import TouchParameters
 from softness_bayes.touch.population import Drive, Population, Sums
 from softness_bayes.touch.readings import Readings
-from softness_bayes.touch.receptors import ReceptorCount
+from softness_bayes.touch.receptors import ReceptorCount, kink_distances
 
 Array = NDArray[np.float64]
 
@@ -283,6 +284,38 @@ class Scene:
         peak = fine.max(axis=-1)
         difference = np.abs(self.total_rate(parameters) - fine).max(axis=-1)
         return difference / np.where(peak > 0, peak, 1.0) + finer.field_error
+
+    def take(self, conditions: ArrayLike, contact_centre: tuple[float, float] | None = None) -> Scene:
+        """Return the scene of some conditions, perhaps touched elsewhere on the pad, with the same stress fields.
+
+        Parameters
+        ----------
+        conditions
+            Indices into this scene's conditions, without repetition, shape (n,).
+        contact_centre
+            Where the contact's axis meets the pad, (x, y) [m]; left out, where it did.
+
+        Raises
+        ------
+        InputError
+            If there is no condition, an index points nowhere, or the pad now reaches farther from the axis than
+            the fields were made for.
+        """
+        finger = replace(self.finger, contact_centre=contact_centre or self.finger.contact_centre)
+        if kink_distances(finger)[-1] > kink_distances(self.finger)[-1]:
+            raise InputError(f"scene: seen from {contact_centre} m the pad reaches farther than the stress fields")
+        chosen, part = _indices(conditions, self.n_conditions, "condition"), copy.copy(self)
+        if not chosen.size:
+            raise InputError("scene: expected at least one condition")
+        part.finger, part.count = finger, ReceptorCount(finger, self.readings.receptor_density)
+        for name in ("fabric", "load", "modulus", "poisson", "_log_k", "_log_scale", "_skin_power"):
+            setattr(part, name, getattr(self, name)[chosen])
+        places = [np.flatnonzero(np.isin(chosen, columns)) for columns in self._columns]
+        part._columns = [columns for columns in places if columns.size]
+        part._fields = [field for field, columns in zip(self._fields, places, strict=True) if columns.size]
+        d = self.discretisation
+        part._population = Population(part._fields[0].root, part.count, d.nodes, d.saturation)
+        return part
 
     def on_grid(self, modulus: Array) -> Scene:
         """Return the scene of fabrics of these moduli [Pa] and the median Poisson ratio under all loads."""
