@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 __version__ = "0.1.0"
 
 if TYPE_CHECKING:
+    from softness_bayes.claims import evaluate_claims as evaluate_claims
     from softness_bayes.data import Experiment as Experiment
     from softness_bayes.data import Fabrics as Fabrics
     from softness_bayes.data import Ratings as Ratings
@@ -41,6 +42,7 @@ _HOMES = {
     "Result": "result",
     "RunOptions": "run",
     "Scene": "touch.scene",
+    "evaluate_claims": "claims",
     "firing_rate": "touch.rate",
     "prediction_table": "predict",
     "read_experiment": "data",

@@ -68,6 +68,29 @@ def test_tolerance_is_what_the_table_keeps(load, rng):
     assert field.reached < 2e-6
 
 
+@pytest.mark.parametrize("readings", READINGS, ids=reading_id)
+def test_every_table_says_how_good_it_is(readings, rng):
+    """The measured error is the stated one, at points that the table has not seen."""
+    field = StressField(Indentation(2e-3), FINGER, readings, RANGE, 3e-6)
+    assert field.reached < 3e-5
+    modulus = 10 ** rng.uniform(3, 7, 5)
+    x = rng.uniform(-1, 1, 20)
+    rows, exact = field.exact_rows(modulus), np.array([field.load.close(modulus, FINGER).radius])
+    size = field.size(modulus, exact[0])[:, None]
+    profile = profile_of(field, modulus)
+    found = clenshaw(profile.shape[0], np.broadcast_to(x, (5, 20))) / size
+    wanted = clenshaw(rows[:, 1:], np.broadcast_to(x, (5, 20)))
+    largest = np.abs(rows[:, 1:]).sum(axis=1).max()
+    assert np.abs(found - wanted).max() < 3 * field.reached * max(largest, 1.0)
+
+
+def test_a_table_with_too_few_nodes_says_so(monkeypatch):
+    readings = Readings().override({"stress_kernel": "printed", "stress_component": "principal", "pressure": "printed"})
+    monkeypatch.setattr("softness_bayes.touch.field.SHAPE_NODES", (41,))
+    field = StressField(Indentation(3e-3), FINGER, readings, RANGE, 3e-6)
+    assert field.reached > 1e-4
+
+
 @pytest.mark.parametrize("load", [Indentation(3e-3), Force(1.0)], ids=str)
 def test_outside_its_range_the_table_is_not_used(load):
     field = StressField(load, FINGER, Readings(), RANGE, 1e-6)

@@ -20,7 +20,7 @@ LAYERS = (
     {"arviz_bridge"},
     {"inference"},
     {"study", "predict", "result", "storage"},
-    {"assembly", "run"},
+    {"assembly", "run", "claims"},
     {"plotting", "report"},
     {"cli", "benchmark"},
 )

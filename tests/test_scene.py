@@ -127,6 +127,29 @@ def test_conditions_in_any_order_and_number(scene, rng, paper):
             np.testing.assert_allclose(one, two, rtol=1e-13)
 
 
+def test_a_part_of_a_scene_shares_its_fields(scene, rng, paper):
+    parameters = draws(rng, 6, paper)
+    full = scene.respond(parameters)
+    for chosen in (rng.permutation(15), np.array([7]), np.array([14, 0, 6])):
+        assert_same(scene.take(chosen).respond(parameters), part(full, chosen))
+    with pytest.raises(InputError, match="condition"):
+        scene.take([])
+    with pytest.raises(InputError, match="condition"):
+        scene.take([15])
+
+
+def test_a_scene_touched_elsewhere_on_the_pad(smooth_firing, rng, paper):
+    parameters = draws(rng, 6, paper)
+    distal = Scene(FABRICS, POISSON, LOADS, smooth_firing(), finger=Finger(contact_centre=(0.0, 10e-3)))
+    for x in (0.0, 7e-3, 12e-3, 30e-3):
+        anew = Scene(FABRICS, POISSON, LOADS, smooth_firing(), finger=Finger(contact_centre=(x, 10e-3)))
+        found, wanted = (s.total_rate(parameters) for s in (distal.take(np.arange(15), (x, 10e-3)), anew))
+        # the tables cover other distances, so they agree to their tolerance only
+        np.testing.assert_allclose(found, wanted, atol=2e-4 * wanted.max())
+    with pytest.raises(InputError, match="farther"):
+        distal.take(np.arange(15), (0.0, 0.0))
+
+
 def test_order_of_the_fabrics_does_not_show(scene, rng, paper):
     parameters, order = draws(rng, 6, paper), rng.permutation(5)
     shuffled = Scene(FABRICS[order], POISSON[order], LOADS, scene.firing)
@@ -234,6 +257,29 @@ def test_refined_scene_measures_the_error(scene, rng, paper):
         exact = reference_response(scene, take(parameters, k), scene.firing.curve)
         found = finer.total_rate(take(parameters, k))
         np.testing.assert_allclose(found, exact.total_rate, atol=1e-6 * max(exact.total_rate.max(), 1))
+
+
+def test_error_is_the_difference_to_the_reference(scene, rng, paper):
+    parameters = draws(rng, 4, paper)
+    error = scene.error(parameters)
+    assert error.shape == (4,)
+    assert (error < 1e-4).all()
+    for k in range(4):
+        exact = reference_response(scene, take(parameters, k), scene.firing.curve).total_rate
+        found = np.abs(scene.total_rate(take(parameters, k)) - exact).max() / max(exact.max(), 1.0)
+        assert found <= 1.01 * error[k] + 1e-7
+
+
+def test_error_contains_what_no_refinement_shows(smooth_firing, paper, monkeypatch):
+    """Where finer nodes run out both scenes are wrong alike, and the difference between them says nothing."""
+    readings = Readings().override({"stress_kernel": "printed", "stress_component": "principal"})
+    monkeypatch.setattr("softness_bayes.touch.field.SHAPE_NODES", (21,))
+    coarse = Scene(FABRICS, 0.3, LOADS[2:], smooth_firing(), readings=readings)
+    parameters = paper()
+    exact = reference_response(coarse, parameters, coarse.firing.curve).total_rate
+    found = np.abs(coarse.total_rate(parameters) - exact).max() / exact.max()
+    between = np.abs(coarse.total_rate(parameters) - coarse.refined().total_rate(parameters)).max() / exact.max()
+    assert between < found < coarse.error(parameters)
 
 
 def test_beyond_hertz_counts_large_contacts(smooth_firing, paper):

@@ -16,6 +16,7 @@ VERBS: Mapping[str, str] = {
     "sample": "Sample the posterior of skin, transduction and rating parameters given ratings.",
     "simulate": "Simulate magnitude estimates of fabrics from stated parameters.",
     "predict": "Predict contact, stress and firing for fabrics under loads.",
+    "claims": "Say which of the paper's claims hold under which readings of its equations.",
 }
 """Verb -> its one-line help; `softness_bayes.cli.<verb>` holds the click command `command`."""
 

@@ -90,11 +90,13 @@ def response_curves(grid: Scene, parameters: TouchParameters) -> Curves:
     )
 
 
-def find_inflection(curves: Curves, error: float, data_range: tuple[float, float]) -> Inflection:
+def find_inflection(
+    curves: Curves, error: float, data_range: tuple[float, float], least_drop: float = LEAST_DROP
+) -> Inflection:
     """Locate the maximum of every curve and say what it is.
 
     The largest point of the grid is refined by the quartic through it and its four neighbours in
-    ln E_fab. It counts as interior only if it exceeds the response at both ends by `LEAST_DROP` of
+    ln E_fab. It counts as interior only if it exceeds the response at both ends by `least_drop` of
     itself and by three times the numerical error.
 
     Parameters
@@ -105,6 +107,8 @@ def find_inflection(curves: Curves, error: float, data_range: tuple[float, float
         Numerical error of the response relative to its peak [-].
     data_range
         Smallest and largest modulus of the fabrics themselves [Pa].
+    least_drop
+        Share of the maximum by which it must exceed both ends.
     """
     rate, log_modulus = curves.total_rate, np.log(curves.modulus)
     points = log_modulus.size
@@ -112,7 +116,7 @@ def find_inflection(curves: Curves, error: float, data_range: tuple[float, float
     offset, peak = _refine(np.stack([np.take_along_axis(rate, (top + k)[..., None], -1)[..., 0] for k in _STENCIL], -1))
     place = top + offset
     silent = rate.max(axis=-1) == 0
-    margin = max(LEAST_DROP, 3.0 * error) * peak
+    margin = max(least_drop, 3.0 * error) * peak
     interior = ~silent & (peak - rate[..., 0] >= margin) & (peak - rate[..., -1] >= margin)
     outcome = np.where(silent, Outcome.SILENT, np.where(interior, Outcome.INTERIOR, Outcome.NONE)).astype(np.int8)
 

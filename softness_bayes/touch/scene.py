@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -25,12 +26,15 @@ from softness_bayes.touch.noisy_curve import noisy_curve
 from softness_bayes.touch.parameters import TouchParameters
 from softness_bayes.touch.population import Drive, Population, Sums
 from softness_bayes.touch.readings import Readings
-from softness_bayes.touch.receptors import ReceptorCount
+from softness_bayes.touch.receptors import ReceptorCount, kink_distances
 
 Array = NDArray[np.float64]
 
 LEAST_SKIN_MODULUS = 1e3
 """Softest skin [Pa] that the tables of force-controlled loads cover; softer skin is computed without them."""
+
+STIFFEST_SKIN_MODULUS = 1e7
+"""Stiffest skin [Pa] that the tables cover, a hundred times the median at rest; stiffer skin likewise."""
 
 LARGEST_CURRENT = 150.0
 """Largest alpha [µA/cm²] that is answered: depolarisation block starts at 154-210 (model.md 7)."""
@@ -219,10 +223,9 @@ class Scene:
         self._population = Population(self._fields[0].root, self.count, discretisation.nodes, discretisation.saturation)
 
     def _field(self, load: Load) -> StressField:
-        softness, least = 1.0 - self.finger.poisson_ratio**2, self.modulus.argmin()
-        high = float((self.modulus / (1.0 - self.poisson**2)).max())
-        fabric = (1.0 - self.poisson[least] ** 2) / self.modulus[least]
-        low = float(1.0 / (softness / LEAST_SKIN_MODULUS + fabric))
+        softness, compliance = 1.0 - self.finger.poisson_ratio**2, (1.0 - self.poisson**2) / self.modulus
+        high = float(1.0 / (softness / STIFFEST_SKIN_MODULUS + compliance.min()))
+        low = float(1.0 / (softness / LEAST_SKIN_MODULUS + compliance.max()))
         tolerance = self.discretisation.field_tolerance
         return StressField(load, self.finger, self.readings, (min(low, 0.5 * high), high), tolerance)
 
@@ -304,6 +307,55 @@ class Scene:
             readings=fine.readings,
             discretisation=fine.discretisation,
         )
+
+    @property
+    def field_error(self) -> float:
+        """What the tables of the stress fields are known to be wrong by at most, on their tolerance's scale."""
+        return max(field.reached for field in self._fields)
+
+    def error(self, parameters: TouchParameters) -> Array:
+        """Return the numerical error of each vector's response relative to its largest, shape (...).
+
+        It is the largest difference to the same scene resolved more finely, and, because both might share it, what
+        that scene's stress fields still lack.
+        """
+        finer = self.refined()
+        fine = finer.total_rate(parameters)
+        peak = fine.max(axis=-1)
+        difference = np.abs(self.total_rate(parameters) - fine).max(axis=-1)
+        return difference / np.where(peak > 0, peak, 1.0) + finer.field_error
+
+    def take(self, conditions: ArrayLike, contact_centre: tuple[float, float] | None = None) -> Scene:
+        """Return the scene of some conditions, perhaps touched elsewhere on the pad, with the same stress fields.
+
+        Parameters
+        ----------
+        conditions
+            Indices into this scene's conditions, without repetition, shape (n,).
+        contact_centre
+            Where the contact's axis meets the pad, (x, y) [m]; left out, where it did.
+
+        Raises
+        ------
+        InputError
+            If there is no condition, an index points nowhere, or the pad now reaches farther from the axis than
+            the fields were made for.
+        """
+        finger = replace(self.finger, contact_centre=contact_centre or self.finger.contact_centre)
+        if kink_distances(finger)[-1] > kink_distances(self.finger)[-1]:
+            raise InputError(f"scene: seen from {contact_centre} m the pad reaches farther than the stress fields")
+        chosen, part = _indices(conditions, self.n_conditions, "condition"), copy.copy(self)
+        if not chosen.size:
+            raise InputError("scene: expected at least one condition")
+        part.finger, part.count = finger, ReceptorCount(finger, self.readings.receptor_density)
+        for name in ("fabric", "load", "modulus", "poisson", "_log_k", "_log_scale", "_skin_power"):
+            setattr(part, name, getattr(self, name)[chosen])
+        places = [np.flatnonzero(np.isin(chosen, columns)) for columns in self._columns]
+        part._columns = [columns for columns in places if columns.size]
+        part._fields = [field for field, columns in zip(self._fields, places, strict=True) if columns.size]
+        d = self.discretisation
+        part._population = Population(part._fields[0].root, part.count, d.nodes, d.saturation)
+        return part
 
     def on_grid(self, modulus: Array) -> Scene:
         """Return the scene of fabrics of these moduli [Pa] and the median Poisson ratio under all loads."""

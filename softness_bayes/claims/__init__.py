@@ -1,0 +1,143 @@
+"""Which of the paper's claims hold, under which readings of its equations, and with what probability."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from softness_bayes.claims.criteria import CLAIMS, Claim, Verdict
+from softness_bayes.claims.numbers import Bench, Numbers
+from softness_bayes.data import Fabrics, Ratings
+from softness_bayes.inference.parameters import PRIOR_SETS, parameter_space
+from softness_bayes.inference.priors import Prior
+from softness_bayes.study import firing_of
+from softness_bayes.touch.contact import Force, Indentation, Load
+from softness_bayes.touch.membrane import PAPER_CHANNELS, Membrane
+from softness_bayes.touch.readings import NAMED_READINGS, Readings
+from softness_bayes.touch.scene import Firing
+
+__all__ = ["CLAIMS", "CLOTH", "TOUCHES", "Claim", "Finding", "Numbers", "Trial", "Verdict", "evaluate_claims"]
+
+CLOTH = Fabrics(
+    tuple(f"cloth {k}" for k in range(1, 13)), effective_modulus=np.geomspace(1.1e3, 110e3, 12), source="real cloth"
+)
+"""The usual fabric set: twelve moduli, even in the logarithm, from the 5 to the 95 % quantile of 618 real fabrics."""
+
+TOUCHES: Mapping[str, tuple[Load, ...]] = {
+    "indentation": tuple(Indentation(depth) for depth in (1e-3, 1.5e-3, 2e-3, 3e-3)),
+    "force": tuple(Force(newton) for newton in (0.5, 1.0, 2.0, 4.0)),
+}
+"""The usual loads, by what is held."""
+
+
+DRAWS = 200
+"""Usual number of prior draws: probabilities are good to three or four per cent."""
+
+
+class Finding(NamedTuple):
+    """The verdict on one claim in one trial."""
+
+    claim: Claim
+    verdict: Verdict
+    """At the priors' medians."""
+    numbers: str
+    """What is behind it, load by load."""
+    shares: Mapping[Verdict, float]
+    """Probability of each verdict over draws of the prior; empty without draws."""
+
+
+class Trial(NamedTuple):
+    """All claims under one set of readings, one prior set and one kind of load."""
+
+    readings: str
+    prior_set: str
+    control: str
+    loads: tuple[Load, ...]
+    median: Numbers
+    """At the priors' medians, shape (1, loads)."""
+    draws: Numbers | None
+    """Over draws of the prior, shape (draws, loads)."""
+    rated: bool
+
+    @property
+    def findings(self) -> tuple[Finding, ...]:
+        """The verdicts on all claims."""
+        return tuple(self._finding(claim) for claim in CLAIMS)
+
+    def _finding(self, claim: Claim) -> Finding:
+        (verdict,) = claim.verdicts(self.median, self.rated)
+        drawn = claim.verdicts(self.draws, self.rated) if self.draws is not None else []
+        tells = verdict in (Verdict.HOLDS, Verdict.FAILS)
+        shares = {kind: drawn.count(kind) / len(drawn) for kind in Verdict} if drawn else {}
+        return Finding(claim, verdict, claim.tell(self.median) if tells else "", shares)
+
+
+def evaluate_claims(
+    readings: Mapping[str, Readings] = NAMED_READINGS,
+    prior_sets: Sequence[str] = tuple(PRIOR_SETS),
+    touches: Mapping[str, tuple[Load, ...]] = TOUCHES,
+    fabrics: Fabrics = CLOTH,
+    ratings: Ratings | None = None,
+    draws: int = DRAWS,
+    seed: int = 0,
+    fix: Mapping[str, float] | None = None,
+    priors: Mapping[str, Prior] | None = None,
+) -> tuple[Trial, ...]:
+    """Judge the paper's claims at the priors' medians and over draws of the priors.
+
+    Parameters
+    ----------
+    readings
+        Sets of readings by name.
+    prior_sets
+        Names of `PRIOR_SETS`.
+    touches
+        Loads by what is held: claims compare loads of one kind.
+    fabrics
+        Fabric set of the claims about the centre of contact and about correlation.
+    ratings
+        Ratings of these fabrics; without them the claim about ratings is not testable.
+    draws
+        Draws of each prior; 0 for the medians alone.
+    seed
+        Seed of the draws, which are the same under all readings and loads.
+    fix, priors
+        As `parameter_space` takes them; channel multipliers are held.
+
+    Returns
+    -------
+    tuple of Trial
+        Readings by readings, priors by priors, load kind by load kind.
+
+    Raises
+    ------
+    InputError
+        If a prior set or parameter does not exist, or a channel multiplier is freed.
+    """
+    trials: list[Trial] = []
+    firing: dict[Membrane, Firing] = {}
+    held = {**PAPER_CHANNELS._asdict(), **(fix or {})}
+    for name, chosen in readings.items():
+        spaces = {
+            prior_set: parameter_space(
+                fix=held, priors=priors, prior_set=prior_set, skin_displacement=chosen.skin_displacement
+            )
+            for prior_set in prior_sets
+        }
+        for space in spaces.values():  # the same multipliers under every prior set
+            if chosen.membrane not in firing:
+                firing[chosen.membrane] = firing_of(space.held, chosen.membrane)
+        benches = {
+            control: Bench(chosen, loads, fabrics, firing[chosen.membrane], ratings)
+            for control, loads in touches.items()
+        }
+        for prior_set, space in spaces.items():
+            drawn = space.draw_prior(np.random.default_rng(seed), draws)
+            for control, bench in benches.items():
+                median = bench.measure(space.touch(space.median[None]))
+                some = bench.measure(space.touch(drawn)) if draws else None
+                rated = bool(np.isfinite(bench.standardised).any())
+                trials.append(Trial(name, prior_set, control, bench.loads, median, some, rated))
+    return tuple(trials)

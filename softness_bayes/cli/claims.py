@@ -1,0 +1,178 @@
+"""`softness-bayes claims`: which of the paper's claims hold under which readings of its equations."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from softness_bayes.cli.options import DataFiles, fix, force, named, out, prior, seed
+from softness_bayes.errors import InputError
+
+if TYPE_CHECKING:
+    from softness_bayes.data import Fabrics, Ratings
+    from softness_bayes.inference.priors import Prior
+    from softness_bayes.touch.contact import Load
+    from softness_bayes.touch.readings import Readings
+
+
+@click.command()
+@click.option(
+    "--readings",
+    "reading_sets",
+    multiple=True,
+    metavar="SET",
+    help="Named set of readings: mended, printed or hertz. Repeatable; by default all three.",
+)
+@click.option(
+    "--reading",
+    "overrides",
+    multiple=True,
+    callback=named(str),
+    metavar="PLACE=NAME",
+    help="Another reading of one place of the model in every set, as in pressure=hertz. Repeatable.",
+)
+@click.option(
+    "--priors",
+    "prior_sets",
+    multiple=True,
+    metavar="SET",
+    help="Named set of priors: default or in-vivo. Repeatable; by default both.",
+)
+@fix
+@prior
+@click.option("--data", type=click.Path(path_type=Path), metavar="FILE", help="Table of ratings (CSV) to judge by.")
+@click.option(
+    "--fabrics",
+    type=click.Path(path_type=Path),
+    metavar="FILE",
+    help="Fabric set (CSV); by default that of --data, or twelve moduli over the range of real cloth.",
+)
+@click.option(
+    "--column",
+    "columns",
+    multiple=True,
+    callback=named(str),
+    metavar="NAME=ACTUAL",
+    help="What a column is called in the files, as in rating=softness. Repeatable.",
+)
+@click.option(
+    "--indentation-mm",
+    type=float,
+    multiple=True,
+    metavar="mm",
+    help="Indentation [mm]. Repeatable; by default 1, 1.5, 2 and 3, or those of --data.",
+)
+@click.option(
+    "--force-n",
+    type=float,
+    multiple=True,
+    metavar="N",
+    help="Contact force [N]. Repeatable; by default 0.5, 1, 2 and 4, or those of --data.",
+)
+@click.option(
+    "--draws",
+    type=click.IntRange(min=0),
+    default=200,
+    show_default=True,
+    help="Draws of each prior that probabilities are made of; 0 for the medians alone.",
+)
+@seed
+@out
+@force
+def command(
+    reading_sets: tuple[str, ...],
+    overrides: dict[str, str],
+    prior_sets: tuple[str, ...],
+    fixed: dict[str, float],
+    priors: dict[str, Prior],
+    data: Path | None,
+    fabrics: Path | None,
+    columns: dict[str, str],
+    indentation_mm: tuple[float, ...],
+    force_n: tuple[float, ...],
+    draws: int,
+    seed: int,
+    out: Path,
+    force: bool,
+) -> None:
+    """Say which of the paper's claims hold under which readings of its equations.
+
+    Every claim has a criterion; under each set of readings, each prior set and each kind of load it holds,
+    fails, or no receptor fires and the model is silent. Prints the verdicts with the numbers behind them and
+    the probability over draws of the prior that the claim holds, and writes claims.csv, claims.md and
+    claims_loads.csv.
+    """
+    from softness_bayes.claims import TOUCHES, evaluate_claims
+    from softness_bayes.claims.report import findings_table, loads_table, markdown, plain
+    from softness_bayes.inference.parameters import PRIOR_SETS
+
+    made = ("claims.csv", "claims.md", "claims_loads.csv")
+    present = [name for name in made if (out / name).exists()]
+    if present and not force:
+        raise InputError(f"{out}: {', '.join(present)} exists; choose another --out, or --force to replace it")
+    touched, ratings, loads = _materials(data, fabrics, columns, indentation_mm, force_n)
+    trials = evaluate_claims(
+        _readings(reading_sets, overrides),
+        prior_sets or tuple(PRIOR_SETS),
+        _by_kind(loads) or TOUCHES,
+        touched,
+        ratings,
+        draws,
+        seed,
+        fixed,
+        priors,
+    )
+    out.mkdir(parents=True, exist_ok=True)
+    for name, table in (("claims.csv", findings_table(trials)), ("claims_loads.csv", loads_table(trials))):
+        table.to_csv(out / name, index=False)
+    (out / "claims.md").write_text(markdown(trials), encoding="utf-8")
+    click.echo(plain(trials))
+    click.echo(f"written to {out}: {', '.join(made)}", err=True)
+
+
+def _readings(names: tuple[str, ...], overrides: Mapping[str, str]) -> dict[str, Readings]:
+    """Return the sets asked for, named with what departs from them."""
+    from softness_bayes.touch.readings import NAMED_READINGS, readings_named
+
+    departures = ", ".join(f"{place}={name}" for place, name in overrides.items())
+    return {
+        f"{name}, {departures}" if departures else name: readings_named(name, overrides)
+        for name in (names or NAMED_READINGS)
+    }
+
+
+def _materials(
+    data: Path | None,
+    fabrics: Path | None,
+    columns: Mapping[str, str],
+    indentation_mm: tuple[float, ...],
+    force_n: tuple[float, ...],
+) -> tuple[Fabrics, Ratings | None, tuple[Load, ...]]:
+    """Return the fabric set, its ratings if there are any, and the loads asked for."""
+    from softness_bayes.claims import CLOTH
+    from softness_bayes.data import Fabrics, loads_of
+
+    if data is None:
+        if columns and fabrics is None:
+            raise InputError("--column names columns of --data or --fabrics: give one of them")
+        chosen = CLOTH if fabrics is None else Fabrics.read(fabrics, columns=columns)
+        return chosen, None, loads_of(indentation_mm, force_n)
+    if len(indentation_mm) > 1 or len(force_n) > 1:
+        raise InputError("--data brings its own loads: give --indentation-mm or --force-n once at most, for all of it")
+    single = [next(iter(values), None) for values in (indentation_mm, force_n)]
+    experiment = DataFiles(data, fabrics, columns, *single).read()
+    for note in experiment.notes:
+        click.echo(f"note: {note}", err=True)
+    return experiment.fabrics, experiment.ratings, experiment.ratings.loads
+
+
+def _by_kind(loads: tuple[Load, ...]) -> dict[str, tuple[Load, ...]]:
+    """Return the loads by what is held, sorted; claims compare loads of one kind."""
+    from softness_bayes.touch.contact import Force, Indentation
+
+    kinds = {"indentation": Indentation, "force": Force}
+    some = {name: tuple(sorted({load for load in loads if isinstance(load, kind)})) for name, kind in kinds.items()}
+    return {name: held for name, held in some.items() if held}
