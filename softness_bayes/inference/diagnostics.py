@@ -111,6 +111,12 @@ class Verdict:
         return self.kept / float(self.tau.max())
 
     @property
+    def ess(self) -> float:
+        """Smallest effective sample size; while that is not computed, what the longest time leaves of the draws."""
+        known = float(np.min([*self.ess_bulk, *self.ess_tail]))
+        return known if math.isfinite(known) else self.tau.shape[0] * self.walkers * self.lengths
+
+    @property
     def more_steps(self) -> int:
         """Estimate of the steps that are still missing; 0 when converged."""
         if self.converged:
