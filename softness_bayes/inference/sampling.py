@@ -279,11 +279,8 @@ def _advance(workers: Workers, settings: Settings, state: RunState, steps: int) 
 
 def _written(move: tuple[Move, float]) -> str:
     """A proposal and its probability; what emcee adds to a move while it runs is left out."""
-    made = {name: getattr(move[0], name) for name in ("gamma0", "sigma", "get_proposal", "a") if hasattr(move[0], name)}
-    plain = ", ".join(
-        f"{name}={value}" for name, value in made.items() if not callable(value) or name == "get_proposal"
-    )
-    return f"{move[1]:g} {type(move[0]).__name__}({plain})"
+    made = {name: value for name, value in vars(move[0]).items() if name in ("gamma0", "sigma", "a", "get_proposal")}
+    return f"{move[1]:g} {type(move[0]).__name__}({', '.join(f'{name}={value}' for name, value in made.items())})"
 
 
 def _same_random(one: tuple[Any, ...], other: tuple[Any, ...]) -> bool:

@@ -90,7 +90,7 @@ def _end_with_parent() -> None:
     parent = parent_process()
     if parent is not None:
         parent.join()
-        os._exit(1)
+        os.kill(os.getpid(), signal.SIGTERM)
 
 
 def _in_worker(work: Callable[..., Result], task: tuple[Any, ...]) -> Result:

@@ -44,7 +44,7 @@ class Lock:
                 self._handle = handle
                 return self
             os.close(handle)  # its last holder removed the file meanwhile
-        raise LockedError(f"{self._path.parent}: another process is running there{_said_by(self._path)}")
+        raise _refusal(self._path)
 
     def vanish(self) -> None:
         """Remove the file while it is held."""
@@ -54,6 +54,18 @@ class Lock:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         os.close(self._handle)
+
+
+def require_free(path: Path) -> None:
+    """Refuse a lock that a process holds.
+
+    Raises
+    ------
+    LockedError
+        If one does; the message has its number.
+    """
+    if is_held(path):
+        raise _refusal(path)
 
 
 def is_held(path: Path) -> bool:
@@ -78,8 +90,8 @@ def _is_at(handle: int, path: Path) -> bool:
         return False
 
 
-def _said_by(path: Path) -> str:
+def _refusal(path: Path) -> LockedError:
+    number = ""
     with suppress(OSError):
-        if number := path.read_text(encoding="ascii").strip():
-            return f" (process {number})"
-    return ""
+        number = path.read_text(encoding="ascii").strip()
+    return LockedError(f"{path.parent}: another run is using it" + (f" (process {number})" if number else ""))

@@ -105,7 +105,7 @@ def state_of(values: Mapping[str, Any], arrays: Arrays, segments: Sequence[Array
         walked = zip(coordinates, log_density, arrays["accepted"], strict=True)
         parts = tuple((Segment(*one),) for one in walked)
     stages = arrays["failure_stages"].tolist()
-    points = arrays["failure_points"].reshape(len(stages), -1).tolist()
+    points = arrays["failure_points"].tolist()
     failures = tuple(Failure(tuple(point), stage) for point, stage in zip(points, stages, strict=True))
     return RunState(
         ensembles=ensembles,
