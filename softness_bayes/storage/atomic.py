@@ -16,7 +16,7 @@ def write_whole(path: Path, content: bytes) -> None:
     Raises
     ------
     OSError
-        If there is no room or no permission; an earlier file of that name is still there.
+        If there is no room or no permission; an earlier file of that name is still there, or the new one, whole.
     """
     part = path.with_name(path.name + PART)
     try:
@@ -25,12 +25,12 @@ def write_whole(path: Path, content: bytes) -> None:
             file.flush()
             os.fsync(file.fileno())
         os.replace(part, path)
+        _sync_directory(path.parent)
     except OSError as error:
         with suppress(OSError):
             part.unlink(missing_ok=True)
         error.filename = str(path)
         raise
-    _sync_directory(path.parent)
 
 
 def _sync_directory(directory: Path) -> None:

@@ -293,8 +293,15 @@ class Checkpoint:
         self._manifest = manifest
 
     def _tidy(self) -> None:
-        """Remove what the manifest does not name: leftovers of a write that did not end, and what was replaced."""
-        named = {self._manifest["arrays"], *self._manifest["pieces"]} if self._manifest is not None else set()
+        """Remove what the manifest does not name: leftovers of a write that did not end, and what was replaced.
+
+        The manifest on the disk decides: it may be newer than what this process knows, if an error struck in between.
+        """
+        try:
+            manifest = _read_manifest(self.directory)
+        except InputError:
+            return
+        named = {manifest["arrays"], *manifest["pieces"]}
         for path in self._home.glob("*"):
             if path.suffix in (".npz", PART) and path.name not in named:
                 with suppress(OSError):

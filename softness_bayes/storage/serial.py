@@ -40,7 +40,7 @@ def unpacked(path: Path) -> dict[str, NDArray[Any]]:
         If there is none, or it is damaged.
     """
     try:
-        with np.load(path, allow_pickle=False) as file:
+        with open(path, "rb") as opened, np.load(opened, allow_pickle=False) as file:
             return {name: file[name] for name in file.files}
     except (OSError, ValueError, EOFError, zipfile.BadZipFile) as error:
         raise InputError(f"{path}: a part of a checkpoint that cannot be read ({error})") from None
