@@ -4,11 +4,16 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
 from softness_bayes.cli.running import command_line, max_time, no_figures, processes, recorded_files, run
 from softness_bayes.errors import InputError
+
+if TYPE_CHECKING:
+    from softness_bayes.run import RunOptions
+    from softness_bayes.storage.checkpoint import Status
 
 
 @click.command()
@@ -53,19 +58,22 @@ def command(
     if verdict is not None and verdict.converged and more_steps is None:
         click.echo(f"{directory}: {verdict.sentence()} Its results are written; --more-steps continues it.")
         return
-    options = RunOptions.from_record(checkpoint.request["options"])
-    limit = options.max_steps
-    if more_steps is not None:
-        least = status.steps + more_steps
-        options = replace(options, min_steps=least, max_steps=max(limit, least))
-    elif status.written and status.steps >= status.max_steps:
-        options = replace(options, max_steps=status.steps + limit)
     options = replace(
-        options,
+        _continued(RunOptions.from_record(checkpoint.request["options"]), status, more_steps),
         max_seconds=max_time,
-        processes=processes or options.processes,
-        command=f"{options.command}; {command_line()}",
+        processes=processes or checkpoint.request["options"]["processes"],
     )
     files = recorded_files(checkpoint.request["files"])
     files = replace(files, data=data or files.data, fabrics=fabrics or files.fabrics)
     run(checkpoint, files, files.read(), options, checkpoint.request["figures"] and not no_figures)
+
+
+def _continued(options: RunOptions, status: Status, more_steps: int | None) -> RunOptions:
+    """Return the options of a run with limits that let it go on."""
+    options = replace(options, command=f"{options.command}; {command_line()}")
+    if more_steps is not None:
+        least = status.steps + more_steps
+        return replace(options, min_steps=least, max_steps=max(options.max_steps, least))
+    if status.written and status.steps >= status.max_steps:
+        return replace(options, max_steps=status.steps + options.max_steps)
+    return options
