@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -214,20 +213,3 @@ def require_vacant(directory: Path, replace: bool) -> None:
             raise InputError(f"{directory}: is not empty; choose another --out, or {instead}{also}")
         if not (begun or (directory / POSTERIOR).exists()):
             raise InputError(f"{directory}: holds no {POSTERIOR}, so --force does not touch it")
-
-
-def prepare_directory(directory: Path, replace: bool) -> None:
-    """Make an empty directory for a result; with `replace`, an earlier result goes.
-
-    Raises
-    ------
-    InputError
-        As `require_vacant`, or if it cannot be made.
-    """
-    require_vacant(directory, replace)
-    try:
-        if directory.is_dir() and any(directory.iterdir()):
-            shutil.rmtree(directory)
-        directory.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(f"{directory}: cannot be made ({error.strerror})") from None

@@ -18,7 +18,7 @@ from softness_bayes.errors import InputError
 from softness_bayes.inference.observation import INVERSE
 from softness_bayes.inference.priors import HalfNormal, LogNormal
 from softness_bayes.inference.sampling import Settings
-from softness_bayes.result import SCHEMA, Result, prepare_directory, require_vacant
+from softness_bayes.result import SCHEMA, Result, require_vacant
 from softness_bayes.run import RunOptions, posterior_of, sample
 from softness_bayes.study import simulate_ratings, usual_values
 from softness_bayes.touch import scene
@@ -189,6 +189,7 @@ def test_the_options_in_the_file_repeat_the_run(result, experiment, options):
         processes=3,
     )
     assert RunOptions.from_record(json.loads(json.dumps(special.record()))) == special
+    assert special.record().keys() == {field.name for field in dataclasses.fields(RunOptions)}
 
 
 # whether it is what the model says
@@ -412,23 +413,27 @@ def test_a_directory_that_holds_something_is_refused(tmp_path):
     fresh = tmp_path / "a" / "b"
     require_vacant(fresh, replace=False)
     assert not fresh.exists()
-    prepare_directory(fresh, replace=False)
-    prepare_directory(fresh, replace=False)  # empty still
+    fresh.mkdir(parents=True)
+    require_vacant(fresh, replace=False)  # empty still
     (fresh / "notes.txt").write_text("mine")
-    for prepare in (require_vacant, prepare_directory):
-        with pytest.raises(InputError, match=r"is not empty; choose another --out, or --force"):
-            prepare(fresh, replace=False)
-        with pytest.raises(InputError, match=r"no posterior\.nc, so --force does not touch it"):
-            prepare(fresh, replace=True)
-        for below in (fresh / "notes.txt", fresh / "notes.txt" / "deeper"):
-            with pytest.raises(InputError, match=r"notes\.txt: is a file"):
-                prepare(below, replace=True)
-    assert (fresh / "notes.txt").read_text() == "mine"
+    with pytest.raises(InputError, match=r"is not empty; choose another --out, or --force"):
+        require_vacant(fresh, replace=False)
+    with pytest.raises(InputError, match=r"no posterior\.nc, so --force does not touch it"):
+        require_vacant(fresh, replace=True)
+    for below in (fresh / "notes.txt", fresh / "notes.txt" / "deeper"):
+        with pytest.raises(InputError, match=r"notes\.txt: is a file"):
+            require_vacant(below, replace=True)
     (fresh / "posterior.nc").touch()
     require_vacant(fresh, replace=True)
-    assert (fresh / "notes.txt").exists()
-    prepare_directory(fresh, replace=True)
-    assert list(fresh.iterdir()) == []
+    assert (fresh / "notes.txt").read_text() == "mine"
+    # what a run leaves that was killed before it had anything to keep
+    (tmp_path / "checkpoint").mkdir(parents=True)
+    (tmp_path / "checkpoint" / "lock").touch()
+    (fresh / "notes.txt").unlink()
+    (fresh / "posterior.nc").unlink()
+    fresh.rmdir()
+    fresh.parent.rmdir()
+    require_vacant(tmp_path, replace=False)
 
 
 # what decides the draws

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 
 import click
 
-from softness_bayes.cli.running import command_line, max_time, no_figures, processes, recorded_files, run
+from softness_bayes.cli.running import command_line, max_time, no_figures, processes, recorded_files
+from softness_bayes.cli.sample import run
 from softness_bayes.errors import InputError
 
 if TYPE_CHECKING:
