@@ -19,7 +19,7 @@ from typing import Any, NamedTuple
 
 import emcee
 import numpy as np
-from emcee.moves import DEMove, MHMove, Move
+from emcee.moves import DEMove, MHMove, Move, StretchMove
 from numpy.typing import NDArray
 
 from softness_bayes.errors import InputError, NumericalError
@@ -38,6 +38,9 @@ Moves = tuple[tuple[Move, float], ...]
 
 FIRST_MOVES: Moves = ((DEMove(), 0.9), (DEMove(gamma0=1.0), 0.1))
 """Proposals with their probabilities before anything is known of the density's shape."""
+
+STRETCH: Moves = ((StretchMove(), 1.0),)
+"""emcee's own default, which the benchmark compares with."""
 
 MOVES: Moves = (
     (MHMove(StudentProposal()), 0.6),
