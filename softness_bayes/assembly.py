@@ -43,6 +43,9 @@ CURVES = 400
 REPLICATES = 500
 """Draws with replicated ratings, and with what each rating is given all the others."""
 
+PICKED = {"posterior_predictive": REPLICATES, "log_likelihood_loo": REPLICATES, "predictions": CURVES}
+"""Groups that hold some of the posterior's draws, and how many; their coordinates say which."""
+
 PRIOR_DRAWS = 1000
 """Draws of the prior."""
 
@@ -139,13 +142,18 @@ class Assembly:
             **self._shares(),
         }
         every = {name: variable for group in groups.values() for name, variable in group.items()}
-        return arviz_bridge.to_tree(
+        tree = arviz_bridge.to_tree(
             {group: {name: v.values for name, v in variables.items()} for group, variables in groups.items()},
             {name: v.dims for name, v in every.items()},
             self._coordinates(),
             {**attributes, **found},
             {name: {"units": v.units} for name, v in every.items() if v.units},
         )
+        for group, size in PICKED.items():
+            chain, draw = self._picked(size)
+            which = {"posterior_chain": ("draw", chain), "posterior_draw": ("draw", draw)}
+            tree[group].dataset = tree[group].to_dataset().assign_coords(which)
+        return tree
 
     def summary(self) -> pd.DataFrame:
         """Return the table of the parameters and mu, from the draws that are kept."""
@@ -158,19 +166,22 @@ class Assembly:
         return reweighted(table, draws[self._even(REWEIGHT_DRAWS)], self.exactness.log_weight)
 
     def _even(self, size: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-        """Return where draws stand that are evenly spaced over the whole run, all walkers side by side in time."""
+        """Return chain and draw of draws evenly spaced over the whole run, all walkers side by side in time."""
         chains, stored = self.effects.mu.shape
         flat = np.linspace(0, chains * stored - 1, min(size, chains * stored)).astype(int)
         return flat % chains, flat // chains
 
+    def _picked(self, size: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+        """Return chain and draw of evenly spaced draws, or of as many in proportion to their exact weights."""
+        if not self.reweight:
+            return self._even(size)
+        chosen = resample(self.exactness.log_weight, size)
+        chain, draw = self._even(REWEIGHT_DRAWS)
+        return chain[chosen], draw[chosen]
+
     def _pick(self, size: int) -> Draws:
-        """Return evenly spaced draws over the whole run, or as many in proportion to their exact weights."""
-        if self.reweight:
-            chosen = resample(self.exactness.log_weight, size)
-            walker, time = self._even(REWEIGHT_DRAWS)
-            index = walker[chosen], time[chosen]
-        else:
-            index = self._even(size)
+        """Return the draws at `_picked`."""
+        index = self._picked(size)
         return Draws(
             self.theta[index],
             self.mean_rate[index],
@@ -221,8 +232,8 @@ class Assembly:
     def _posterior_groups(self) -> dict[str, dict[str, Variable]]:
         space, kept = self.posterior.space, self.kept
         log_prior = space.log_prior(self.theta)
-        density = kept.by_walker(kept.log_density)
-        jacobian = space.log_jacobian(kept.by_walker(kept.coordinates))
+        # in natural units: the sampler's own coordinates are nobody else's concern
+        density = kept.by_walker(kept.log_density - space.log_jacobian(kept.coordinates))
         acceptance = np.broadcast_to(kept.accepted.reshape(-1, 1), density.shape)
         drawn = {"mu": Variable(self.effects.mu), "participant_effect": self._by("participant")}
         if "omega" in space.names:
@@ -235,7 +246,7 @@ class Assembly:
                 **self._exactness_stats(),
             },
             "log_prior": {name: Variable(log_prior[..., k]) for k, name in enumerate(space.names)},
-            "log_likelihood": {"ratings": Variable(density - jacobian - log_prior.sum(axis=-1))},
+            "log_likelihood": {"ratings": Variable(density - log_prior.sum(axis=-1))},
         }
 
     def _by(self, what: str) -> Variable:
@@ -309,6 +320,7 @@ class Assembly:
         modulus = fabrics.modulus(self.scene.readings.fabric_modulus) / EFFECTIVE_MODULUS.factor
         return {
             **{n: Variable(np.array(value), units=PARAMETERS[n].unit) for n, value in held.items()},
+            "finger_radius_mm": Variable(np.array(self.scene.finger.radius * 1e3), units="mm"),
             EFFECTIVE_MODULUS.name: Variable(modulus, ("fabric",), EFFECTIVE_MODULUS.unit),
             POISSON_RATIO.name: Variable(fabrics.poisson_ratio, ("fabric",)),
             **{

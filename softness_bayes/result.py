@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -13,6 +12,7 @@ from numpy.typing import NDArray
 from softness_bayes import arviz_bridge
 from softness_bayes.errors import InputError
 from softness_bayes.inference.curves import Curves, Inflection, Outcome
+from softness_bayes.inference.parameters import PARAMETERS
 from softness_bayes.touch.contact import Force, Indentation, Load
 from softness_bayes.touch.readings import ALTERNATIVES, Readings
 
@@ -26,6 +26,9 @@ SCHEMA = 1
 """Version of the layout of `posterior.nc`; a reader refuses a newer one."""
 
 POSTERIOR, SUMMARY = "posterior.nc", "summary.csv"
+
+CHECKPOINT, MANIFEST, LOCK = "checkpoint", "manifest.json", "lock"
+"""Directory of a run's checkpoint inside that of its results, and two files in it."""
 
 PERCENTS = (0.05, 0.5, 0.95)
 """Lower limit, middle and upper limit of what tables say of an inflection."""
@@ -95,7 +98,7 @@ class Result:
         total = next(iter(columns.values())).size
         pick = np.arange(total) if size is None or size >= total else np.linspace(0, total - 1, size).astype(int)
         held = self.group("constant_data")
-        constant = {str(name): held[name].values for name in held.data_vars if held[name].ndim == 0}
+        constant = {str(name): held[name].values for name in held.data_vars if name in PARAMETERS}
         return {**constant, **{name: column[pick] for name, column in columns.items()}}
 
     def curves(self) -> Curves:
@@ -187,6 +190,9 @@ class Result:
         return cls(tree, pd.read_csv(table, index_col="parameter"))
 
 
+_TRACES = (Path(CHECKPOINT), Path(CHECKPOINT) / LOCK)
+
+
 def require_vacant(directory: Path, replace: bool) -> None:
     """Refuse a directory that a run may not write to; nothing is touched.
 
@@ -198,25 +204,12 @@ def require_vacant(directory: Path, replace: bool) -> None:
     for place in (directory, *directory.parents):
         if place.exists() and not place.is_dir():
             raise InputError(f"{place}: is a file, expected a directory for the results")
-    if directory.is_dir() and any(directory.iterdir()):
+    # a lock alone is what a run leaves that was killed before it had anything to keep
+    if directory.is_dir() and any(p for p in directory.rglob("*") if p.relative_to(directory) not in _TRACES):
+        begun = (directory / CHECKPOINT / MANIFEST).exists()
         if not replace:
-            raise InputError(f"{directory}: is not empty; choose another --out, or --force to replace what it holds")
-        if not (directory / POSTERIOR).exists():
+            instead = "'softness-bayes resume' to continue its run" if begun else "--force to replace what it holds"
+            also = ", --force to replace it" if begun else ""
+            raise InputError(f"{directory}: is not empty; choose another --out, or {instead}{also}")
+        if not (begun or (directory / POSTERIOR).exists()):
             raise InputError(f"{directory}: holds no {POSTERIOR}, so --force does not touch it")
-
-
-def prepare_directory(directory: Path, replace: bool) -> None:
-    """Make an empty directory for a result; with `replace`, an earlier result goes.
-
-    Raises
-    ------
-    InputError
-        As `require_vacant`, or if it cannot be made.
-    """
-    require_vacant(directory, replace)
-    try:
-        if directory.is_dir() and any(directory.iterdir()):
-            shutil.rmtree(directory)
-        directory.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(f"{directory}: cannot be made ({error.strerror})") from None

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-import time
+import json
+import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
+from typing import Any, Self
 
 import numpy as np
 
@@ -12,12 +14,20 @@ from softness_bayes.assembly import Assembly, versions
 from softness_bayes.data import Experiment
 from softness_bayes.inference.coordinates import Bent
 from softness_bayes.inference.design import Design
-from softness_bayes.inference.observation import SOFTNESS, LogRatings, RatingDirection, RatingModel
+from softness_bayes.inference.observation import (
+    RATING_DIRECTIONS,
+    SOFTNESS,
+    LogRatings,
+    RatingDirection,
+    RatingModel,
+)
 from softness_bayes.inference.parameters import parameter_space
 from softness_bayes.inference.posterior import Posterior
-from softness_bayes.inference.priors import Prior
-from softness_bayes.inference.sampling import Progress, Settings, sample_until
+from softness_bayes.inference.priors import Prior, parse_prior
+from softness_bayes.inference.sampling import Progress, Settings, progress_of, sampled_of, walk
 from softness_bayes.result import SCHEMA, Result
+from softness_bayes.storage.checkpoint import Checkpoint
+from softness_bayes.storage.identity import identity, require_density
 from softness_bayes.study import scene_of
 from softness_bayes.touch.readings import MENDED, Readings
 from softness_bayes.touch.scene import Discretisation
@@ -42,8 +52,10 @@ class RunOptions:
         Strength of the membranes' white current [µA/cm² sqrt(ms)]; needs fixed channel multipliers.
     exact_reweight
         Whether the result is that of draws weighted by the exact likelihood.
-    max_steps
-        Steps of each ensemble after which the run ends in any case.
+    max_steps, max_seconds
+        Steps of each ensemble, and time, after which the run ends in any case.
+    min_steps
+        Steps of each ensemble before which it does not end for having converged.
     processes
         Processes that share the ensembles; None for one for each core.
     seed
@@ -61,9 +73,50 @@ class RunOptions:
     noise: float = 0.0
     exact_reweight: bool = False
     max_steps: int = 30_000
+    max_seconds: float = math.inf
+    min_steps: int = 0
     processes: int | None = None
     seed: int = 0
     command: str = ""
+
+    def record(self) -> dict[str, Any]:
+        """These options as JSON holds them; `from_record` is the inverse."""
+        plain = (
+            *("prior_set", "noise", "exact_reweight"),
+            *("max_steps", "max_seconds", "min_steps", "processes", "seed", "command"),
+        )
+        return {
+            "fix": dict(self.fix),
+            "priors": {name: str(prior) for name, prior in self.priors.items()},
+            "readings": self.readings.names,
+            "direction": self.direction.name,
+            "discretisation": asdict(self.discretisation),
+            **{name: getattr(self, name) for name in plain},
+        }
+
+    def chosen(self) -> dict[str, str]:
+        """What decides the draws beside data, parameters and the sampler, by name."""
+        readings = {f"reading of {place}": name for place, name in self.readings.names.items()}
+        accuracy, seed = str(self.discretisation), str(self.seed)
+        direction, noise = self.direction.name, str(self.noise)
+        return {**readings, "direction": direction, "noise": noise, "accuracy": accuracy, "seed": seed}
+
+    @classmethod
+    def from_record(cls, record: Mapping[str, Any]) -> Self:
+        """The options of which `record` made this.
+
+        Raises
+        ------
+        InputError
+            If a prior, a reading or a direction is not known to this version.
+        """
+        made: dict[str, Any] = {
+            "priors": {name: parse_prior(text) for name, text in record["priors"].items()},
+            "readings": Readings().override(record["readings"]),
+            "direction": RATING_DIRECTIONS[record["direction"]],
+            "discretisation": Discretisation(**record["discretisation"]),
+        }
+        return cls(**{**record, **made})
 
 
 def posterior_of(experiment: Experiment, options: RunOptions) -> Posterior:
@@ -105,6 +158,7 @@ def sample(
     experiment: Experiment,
     options: RunOptions = RunOptions(),
     progress: Callable[[Progress], None] | None = None,
+    checkpoint: Checkpoint | None = None,
 ) -> Result:
     """Sample the posterior of an experiment and predict from it.
 
@@ -115,26 +169,48 @@ def sample(
     options
         What is asked for.
     progress
-        Called after every round of steps.
+        Called every few seconds at the latest.
+    checkpoint
+        Where the run is kept, and continued from if it holds one: an uninterrupted run with the same seed has
+        the same draws. Its lock must be held (``with Checkpoint.create(directory) as checkpoint``).
 
     Raises
     ------
     InputError
-        If data and options do not make a model, or the prior hardly ever fires.
+        If data and options do not make a model, the prior hardly ever fires, or the checkpoint is of
+        another run.
     NumericalError
-        If the log-likelihood is not a number somewhere.
+        If no start has a finite density, or too many points have none.
     """
     posterior = posterior_of(experiment, options)
-    settings = Settings(max_steps=options.max_steps, processes=options.processes)
-    begun = time.monotonic()
-    sampled = sample_until(posterior, settings, options.seed, progress)
-    seconds = time.monotonic() - begun
+    settings = Settings(
+        max_steps=options.max_steps,
+        max_seconds=options.max_seconds,
+        min_steps=options.min_steps,
+        processes=options.processes,
+    )
+    begin = None
+    if checkpoint is not None:
+        begin = checkpoint.begin(identity(experiment, posterior, settings, options.chosen()))
+        if begin is not None:
+            require_density(posterior, begin)
+    try:
+        for state in walk(posterior, settings, options.seed, begin):
+            if checkpoint is not None:
+                checkpoint.keep(state, settings, posterior)
+            if progress is not None:
+                progress(progress_of(state, settings))
+    finally:
+        if checkpoint is not None:
+            checkpoint.flush()
+    sampled = sampled_of(state)
     # a key of its own keeps what is drawn afterwards apart from the ensembles
     rng = np.random.default_rng(np.random.SeedSequence(options.seed, spawn_key=(1 << 20,)))
     assembly = Assembly(experiment, posterior, sampled.chains, sampled.verdict, rng, options.exact_reweight)
     attributes = {
         "schema_version": SCHEMA,
         "command": options.command,
+        "options": json.dumps(options.record()),
         "seed": options.seed,
         "prior_set": options.prior_set,
         **{f"prior_{p.name}": str(p.prior) for p in posterior.space.sampled},
@@ -148,8 +224,11 @@ def sample(
         "verdict": sampled.verdict.sentence(),
         "converged": int(sampled.verdict.converged),
         "steps": sampled.verdict.steps,
+        "missing_steps": sampled.verdict.more_steps,
         "burn_in": sampled.verdict.burn_in,
-        "sampling_seconds": seconds,
+        "sampling_seconds": state.seconds,
+        "evaluations": state.nonfinite.evaluations,
+        "failures": state.nonfinite.count,
         **versions(),
     }
     return Result(assembly.tree(attributes), assembly.summary())

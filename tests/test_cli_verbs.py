@@ -188,7 +188,11 @@ def test_a_run_that_has_not_converged_ends_with_3_and_its_files(alone):
     directory, done = alone
     assert done.returncode == 3, done.stderr
     assert "Traceback" not in done.stderr
-    assert sorted(path.name for path in (directory / "results").iterdir()) == ["posterior.nc", "summary.csv"]
+    assert sorted(path.name for path in (directory / "results").iterdir()) == [
+        "checkpoint",
+        "posterior.nc",
+        "summary.csv",
+    ]
     assert "Not converged after 20 steps" in done.stdout
     assert "not converged" in done.stderr
     for word in ("gamma", "varsigma", "mu", "1 mm", "2 mm", "3 mm", "p_interior"):
@@ -224,12 +228,12 @@ def test_the_posterior_of_a_run_predicts(alone):
 
 def test_a_directory_in_use_is_refused_and_survives_bad_input(alone):
     directory, _ = alone
-    held = {path.name: path.read_bytes() for path in (directory / "results").iterdir()}
+    held = {path: path.read_bytes() for path in (directory / "results").rglob("*.*") if path.is_file()}
     again = ["sample", "--data", DATA / "ratings.csv", *FIXED, *QUICK]
     refused(run(*again, cwd=directory), "results: is not empty", "--force")
     # --force with a fault elsewhere leaves the earlier result alone
     refused(run(*again, "--force", "--prior", "bee=halfnormal(1)", cwd=directory), "bee")
-    assert {path.name: path.read_bytes() for path in (directory / "results").iterdir()} == held
+    assert {path: path.read_bytes() for path in (directory / "results").rglob("*.*") if path.is_file()} == held
 
 
 def test_an_effect_per_fabric_from_end_to_end(tmp_path):

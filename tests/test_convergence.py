@@ -57,6 +57,21 @@ def test_separated_modes_do_not_converge_however_long_the_run():
     assert verdict.tau_change < 0.03
     assert not verdict.converged
     assert "ensembles disagree about b (R-hat 1." in verdict.sentence()
+    assert "the ensembles sit in separate modes of b" in verdict.sentence()
+    # negative control: while they are short, nobody can tell
+    assert not judged(values[:, :150], [100, 150]).modes
+
+
+def test_separated_modes_within_each_ensemble_do_not_converge_either():
+    """The trap: ensembles agree, and no walker's own autocorrelation knows of the other mode."""
+    values = autoregressive(np.random.default_rng(14), (4, 4000, 20, 2), 5.0)
+    assert not judged(values, [3000, 3500, 4000]).modes
+    values[:, :, :6, 0] += 12
+    verdict = judged(values, [3000, 3500, 4000])
+    assert verdict.lengths > 50
+    assert verdict.r_hat.max() < 1.01
+    assert not verdict.converged
+    assert "walkers of an ensemble sit in separate modes of b" in verdict.sentence()
 
 
 def test_a_start_far_away_delays_convergence():
@@ -102,4 +117,4 @@ def test_a_stuck_walker_is_named():
     verdict = judged(values, [1500, 2000])
     assert verdict.stuck == 1
     assert not verdict.converged
-    assert "1 walkers never moved" in verdict.sentence()
+    assert "1 walker never moved" in verdict.sentence()

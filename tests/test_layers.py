@@ -22,12 +22,12 @@ LAYERS = (
     {"study", "predict", "result", "storage"},
     {"assembly", "run", "claims"},
     {"plotting", "report"},
-    {"cli", "benchmark"},
+    {"cli", "benchmark", "benchmark_moves"},
 )
 RANK = {name: rank for rank, names in enumerate(LAYERS) for name in names}
 HOMES = {"arviz": {"arviz_bridge"}, "emcee": {"inference.sampling"}}
 """Modules outside of which a library may not be imported."""
-PROGRAMS = {"benchmark", "touch.surface_build"}
+PROGRAMS = {"benchmark", "benchmark_moves", "touch.surface_build"}
 """Run with ``python -m``, beside the command line: they may print, and nothing imports them."""
 
 

@@ -2,6 +2,8 @@
 
 import dataclasses
 import functools
+import json
+import math
 
 import numpy as np
 import pandas as pd
@@ -13,14 +15,15 @@ from scipy.stats import halfnorm, kstest, lognorm, multivariate_normal, norm
 from softness_bayes import arviz_bridge, run
 from softness_bayes.data import Experiment, Fabrics
 from softness_bayes.errors import InputError
-from softness_bayes.inference.priors import HalfNormal
+from softness_bayes.inference.observation import INVERSE
+from softness_bayes.inference.priors import HalfNormal, LogNormal
 from softness_bayes.inference.sampling import Settings
-from softness_bayes.result import SCHEMA, Result, prepare_directory, require_vacant
+from softness_bayes.result import SCHEMA, Result, require_vacant
 from softness_bayes.run import RunOptions, posterior_of, sample
 from softness_bayes.study import simulate_ratings, usual_values
 from softness_bayes.touch import scene
 from softness_bayes.touch.contact import Force, Indentation
-from softness_bayes.touch.readings import MENDED
+from softness_bayes.touch.readings import CLASSICAL, MENDED
 
 CLOTH = Fabrics(("felt", "lawn", "drill", "gauze"), effective_modulus=np.array([8e4, 2e4, 4e5, 2e5]))
 LOADS = (Indentation(2e-3), Force(1.5))
@@ -168,6 +171,25 @@ def test_provenance(result):
     assert found["verdict"].startswith("Not converged after 200 steps of 4 x 24 walkers")
     assert 0 < found["numerical_error"] < 1e-3
     assert "accuracy" in found
+    assert result.group("constant_data")["finger_radius_mm"] == 8
+
+
+def test_the_options_in_the_file_repeat_the_run(result, experiment, options):
+    again = RunOptions.from_record(json.loads(result.attributes["options"]))
+    assert again == options
+    assert sample(experiment, again).tree["posterior"].identical(result.tree["posterior"])
+    special = RunOptions(
+        fix={"b": 1 / 3},
+        priors={"c_K": LogNormal(1.16, 0.03, 0.1), "gamma": HalfNormal(2 / 3)},
+        prior_set="in-vivo",
+        readings=CLASSICAL,
+        direction=INVERSE,
+        discretisation=scene.Discretisation(8, 9.0, 1e-5),
+        max_seconds=math.inf,
+        processes=3,
+    )
+    assert RunOptions.from_record(json.loads(json.dumps(special.record()))) == special
+    assert special.record().keys() == {field.name for field in dataclasses.fields(RunOptions)}
 
 
 # whether it is what the model says
@@ -184,11 +206,11 @@ def test_log_likelihood_is_that_of_the_stored_draws(result, posterior):
     (stored,) = result.group("log_likelihood").data_vars.values()
     assert_allclose(stored, posterior.log_likelihood(theta), rtol=1e-9)
     assert stored.values.std() > 0.1
-    assert_allclose(
-        result.group("sample_stats")["lp"].values.ravel(),
-        posterior(posterior.space.coordinates(theta.reshape(-1, len(SAMPLED)))),
-        rtol=1e-9,
-    )
+    # in natural units, whatever the coordinates of the sampler: negative control, those have another density
+    density = posterior.log_prior(theta) + posterior.log_likelihood(theta)
+    assert_allclose(result.group("sample_stats")["lp"], density, rtol=1e-9)
+    in_coordinates = posterior(posterior.space.coordinates(theta.reshape(-1, len(SAMPLED))))
+    assert np.abs(in_coordinates - density.ravel()).min() > 1e-3
 
 
 def dense(experiment, posterior, theta):
@@ -225,6 +247,19 @@ def test_each_rating_given_the_others_at_some_draw(result, posterior, experiment
         inverse = np.linalg.inv(covariance)
         diagonal, left = np.diag(inverse), inverse @ (y - mean)
         assert_allclose(row, 0.5 * np.log(diagonal / (2 * np.pi)) - left**2 / (2 * diagonal) - y, rtol=1e-7)
+
+
+def test_some_draws_say_which_of_the_posterior_they_are(result, posterior):
+    for group in ("posterior_predictive", "log_likelihood_loo", "predictions"):
+        assert result.group(group)["posterior_draw"].dims == ("draw",), group
+    loo = result.group("log_likelihood_loo")
+    index = loo["posterior_chain"].values, loo["posterior_draw"].values
+    theta = theta_of(result.group("posterior"))[index]
+    again = posterior.observation.log_likelihood_loo(posterior.mean_rate(theta), posterior.rating_parameters(theta))
+    assert_allclose(loo["rating"].values[0], again, rtol=1e-9)
+    curves = result.group("predictions")
+    index = curves["posterior_chain"].values, curves["posterior_draw"].values
+    assert_array_equal(curves["at_b"].values[0], result.group("posterior")["b"].values[index])
 
 
 def test_draws_of_the_prior(result):
@@ -378,23 +413,27 @@ def test_a_directory_that_holds_something_is_refused(tmp_path):
     fresh = tmp_path / "a" / "b"
     require_vacant(fresh, replace=False)
     assert not fresh.exists()
-    prepare_directory(fresh, replace=False)
-    prepare_directory(fresh, replace=False)  # empty still
+    fresh.mkdir(parents=True)
+    require_vacant(fresh, replace=False)  # empty still
     (fresh / "notes.txt").write_text("mine")
-    for prepare in (require_vacant, prepare_directory):
-        with pytest.raises(InputError, match=r"is not empty; choose another --out, or --force"):
-            prepare(fresh, replace=False)
-        with pytest.raises(InputError, match=r"no posterior\.nc, so --force does not touch it"):
-            prepare(fresh, replace=True)
-        for below in (fresh / "notes.txt", fresh / "notes.txt" / "deeper"):
-            with pytest.raises(InputError, match=r"notes\.txt: is a file"):
-                prepare(below, replace=True)
-    assert (fresh / "notes.txt").read_text() == "mine"
+    with pytest.raises(InputError, match=r"is not empty; choose another --out, or --force"):
+        require_vacant(fresh, replace=False)
+    with pytest.raises(InputError, match=r"no posterior\.nc, so --force does not touch it"):
+        require_vacant(fresh, replace=True)
+    for below in (fresh / "notes.txt", fresh / "notes.txt" / "deeper"):
+        with pytest.raises(InputError, match=r"notes\.txt: is a file"):
+            require_vacant(below, replace=True)
     (fresh / "posterior.nc").touch()
     require_vacant(fresh, replace=True)
-    assert (fresh / "notes.txt").exists()
-    prepare_directory(fresh, replace=True)
-    assert list(fresh.iterdir()) == []
+    assert (fresh / "notes.txt").read_text() == "mine"
+    # what a run leaves that was killed before it had anything to keep
+    (tmp_path / "checkpoint").mkdir(parents=True)
+    (tmp_path / "checkpoint" / "lock").touch()
+    (fresh / "notes.txt").unlink()
+    (fresh / "posterior.nc").unlink()
+    fresh.rmdir()
+    fresh.parent.rmdir()
+    require_vacant(tmp_path, replace=False)
 
 
 # what decides the draws

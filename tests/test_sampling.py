@@ -11,10 +11,11 @@ from fake_scene import fake_posterior
 from scipy import stats
 
 from softness_bayes.errors import InputError, NumericalError, SoftnessError
+from softness_bayes.inference import sampling
 from softness_bayes.inference.adaptation import TriangularMap
 from softness_bayes.inference.chains import Chains, Segment
 from softness_bayes.inference.diagnostics import Goal
-from softness_bayes.inference.sampling import MOVES, EnsembleState, Settings, advance, sample_until
+from softness_bayes.inference.sampling import MOVES, EnsembleState, Settings, advance, sample_until, walk
 from softness_bayes.inference.starts import Optimum, find_optimum, scatter, worth_starting_from
 from softness_bayes.inference.workers import Workers
 
@@ -170,11 +171,76 @@ def test_long_runs_are_stored_ever_more_coarsely():
     np.testing.assert_array_equal(coarse.coordinates, same)
 
 
+def limited(**limits):
+    """Settings of a run that never converges and whose limits can be changed."""
+    common = {**vars(SHORT), "pilot": (20, 30), "stored": 60, "goal": Goal(lengths=1e9), "max_steps": 10**6}
+    return Settings(**{**common, **limits})
+
+
+def last(settings, begin=None):
+    *_, state = walk(Target(normal), settings, 4, begin)
+    assert state.ended
+    return state
+
+
+def test_a_run_that_reached_a_limit_goes_on_as_if_there_had_been_none():
+    whole = last(limited(max_steps=333))
+    first = last(limited(max_steps=51))  # between two looks, and before anything is thinned
+    then = last(limited(max_steps=214), first)
+    again = last(limited(max_steps=333), then)
+    assert (first.stride, again.stride) == (1, whole.stride)
+    assert whole.stride > 1
+    for name in ("coordinates", "log_density", "accepted", "steps"):
+        np.testing.assert_array_equal(getattr(again.chains, name), getattr(whole.chains, name))
+    assert (again.due, again.before.steps) == (whole.due, whole.before.steps)
+    np.testing.assert_array_equal(again.verdict.tau, whole.verdict.tau)
+    assert again.verdict.tau_change == whole.verdict.tau_change
+    # negative control: it matters that the look at the limit is not compared with
+    assert first.verdict.steps == 51
+    assert then.before.steps != then.verdict.steps
+
+
+def test_a_slow_machine_reports_more_often_and_draws_the_same(monkeypatch):
+    quick = [*walk(Target(normal), limited(max_steps=150), 4)]
+    monkeypatch.setattr(sampling, "PATIENCE", 0.0)
+    slow = [*walk(Target(normal), limited(max_steps=150), 4)]
+    assert len(slow) > 5 * len(quick)
+    np.testing.assert_array_equal(slow[-1].chains.coordinates, quick[-1].chains.coordinates)
+    looks = [sorted({s.before.steps for s in states if s.before is not None}) for states in (quick, slow)]
+    assert looks[0] == looks[1]
+    assert len(looks[0]) > 1
+
+
+def test_a_converged_run_can_go_on():
+    easy = Goal(lengths=5, tau_change=1, r_hat=2, ess=1, looks=1)
+    done = last(limited(goal=easy))
+    assert done.verdict.converged
+    assert last(limited(goal=easy), done).steps == done.steps  # there is nothing to do
+    more = last(limited(goal=easy, min_steps=done.steps + 50), done)
+    assert more.steps >= done.steps + 50
+    straight = last(limited(goal=easy, min_steps=done.steps + 50))
+    np.testing.assert_array_equal(more.chains.coordinates, straight.chains.coordinates)
+
+
+def test_moves_and_sizes_are_described_and_limits_are_not():
+    told = Settings().description(3)
+    assert told["walkers"] == "20"
+    assert "StudentProposal(freedom=5.0)" in told["moves"]
+    assert Settings(max_steps=7, max_seconds=3.0, min_steps=2, processes=1).description(3) == told
+    for other in (Settings(walkers=22), Settings(pilot=(50,)), Settings(moves=MOVES[:1]), Settings(goal=Goal(ess=1))):
+        assert other.description(3) != told
+    assert sum(Settings(stored=5).description(3)[name] != told[name] for name in told) == 1
+    sample_until(Target(normal), SHORT, 1)
+    assert Settings().description(3) == told  # a run leaves no trace in its moves
+
+
 @pytest.mark.parametrize(
     ("wrong", "message"),
     [
         ({"ensembles": 1}, "ensembles is 1, expected at least 2"),
         ({"max_steps": 0}, "max_steps"),
+        ({"max_seconds": float("nan")}, "max_seconds"),
+        ({"pilot": (100, 1)}, "pilot is .* at least 2 steps"),
         ({"processes": 0}, "processes"),
         ({"walkers": 7}, "walkers is 7, expected an even number from 8"),
         ({"walkers": 4}, "walkers"),

@@ -100,7 +100,7 @@ class Bench:
     def measure(self, parameters: TouchParameters) -> Numbers:
         """Return the numbers of a batch of parameter vectors, shape (draws,)."""
         values = TouchParameters(*np.broadcast_arrays(*map(np.atleast_1d, parameters)))
-        if not (values.alpha > self.firing.curve.rheobase).any():
+        if not (values.alpha > self.firing.curves(values).rheobase).any():
             return _silence((values.alpha.size, len(self.loads)))
         curves = response_curves(self._grid, values)
         found = {**self._along_grid(curves), **self._over_fabrics(values)}

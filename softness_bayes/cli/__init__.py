@@ -14,6 +14,8 @@ from softness_bayes.errors import SoftnessError
 VERBS: Mapping[str, str] = {
     "check": "Validate data files and say what was understood.",
     "sample": "Sample the posterior of skin, transduction and rating parameters given ratings.",
+    "status": "Say how a run is getting on, without disturbing it.",
+    "resume": "Continue a run that was interrupted, or that ended.",
     "simulate": "Simulate magnitude estimates of fabrics from stated parameters.",
     "predict": "Predict contact, stress and firing for fabrics under loads.",
     "claims": "Say which of the paper's claims hold under which readings of its equations.",

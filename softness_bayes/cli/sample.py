@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import shlex
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, NoReturn
 
@@ -21,14 +19,18 @@ from softness_bayes.cli.options import (
     readings,
     seed,
 )
-from softness_bayes.errors import NotConvergedError
+from softness_bayes.cli.running import command_line, in_numbers, max_time, no_figures, processes, record_of
+from softness_bayes.errors import NotConvergedError, NumericalError
 
 if TYPE_CHECKING:
     from tqdm import tqdm
 
+    from softness_bayes.data import Experiment
     from softness_bayes.inference.priors import Prior
     from softness_bayes.inference.sampling import Progress
     from softness_bayes.result import Result
+    from softness_bayes.run import RunOptions
+    from softness_bayes.storage.checkpoint import Checkpoint
 
 
 @click.command()
@@ -64,13 +66,9 @@ if TYPE_CHECKING:
     show_default=True,
     help="Steps of each ensemble after which the run ends, converged or not.",
 )
-@click.option(
-    "--processes",
-    type=click.IntRange(min=1),
-    metavar="N",
-    help="Processes that share the ensembles; by default one for each core. Draws do not depend on it.",
-)
-@click.option("--no-figures", is_flag=True, help="Leave out the figures.")
+@max_time
+@processes
+@no_figures
 @seed
 @out
 @force
@@ -84,6 +82,7 @@ def command(
     noise: float,
     exact_reweight: bool,
     max_steps: int,
+    max_time: float,
     processes: int | None,
     no_figures: bool,
     seed: int,
@@ -92,48 +91,75 @@ def command(
 ) -> None:
     """Sample the posterior of skin, transduction and rating parameters given ratings.
 
-    Runs four independent ensembles until they have converged, or to --max-steps, and writes to --out:
-    posterior.nc (draws, predictions, provenance), summary.csv and figures/. Prints the summary, where
+    Runs four independent ensembles until they have converged, or to --max-steps or --max-time, and writes to
+    --out: posterior.nc (draws, predictions, provenance), summary.csv and figures/. Prints the summary, where
     the response turns over under each load, and a verdict. Exit code 3: not converged.
+
+    The run is kept in --out all along: 'status' says how far it is, and 'resume' continues it, interrupted or
+    ended, to the draws of a run that was never interrupted.
     """
     from softness_bayes.inference.observation import RATING_DIRECTIONS
-    from softness_bayes.result import prepare_directory, require_vacant
-    from softness_bayes.run import RunOptions, sample
+    from softness_bayes.run import RunOptions
+    from softness_bayes.storage.checkpoint import Checkpoint
 
     experiment = files.read()
-    chosen = choice.resolve()
-    require_vacant(out, force)
-    for note in experiment.notes:
-        click.echo(f"note: {note}", err=True)
     options = RunOptions(
         fix=fixed,
         priors=priors,
         prior_set=prior_set,
-        readings=chosen,
+        readings=choice.resolve(),
         direction=RATING_DIRECTIONS[direction],
         noise=noise,
         exact_reweight=exact_reweight,
         max_steps=max_steps,
+        max_seconds=max_time,
         processes=processes,
         seed=seed,
-        command=shlex.join(["softness-bayes", *sys.argv[1:]]),
+        command=command_line(),
     )
-    bar = _Bar()
-    try:
-        result = sample(experiment, options, bar.show)
-    finally:
-        bar.close()
-    # only now: a run that fails leaves no directory behind, and --force no gap
-    prepare_directory(out, force)
-    result.save(out)
-    if not no_figures:
-        from softness_bayes.plotting.figures import draw_figures
+    run(Checkpoint.create(out, force), files, experiment, options, not no_figures)
 
-        draw_figures(result, out / "figures")
+
+def run(checkpoint: Checkpoint, files: DataFiles, experiment: Experiment, options: RunOptions, figures: bool) -> None:
+    """Sample, from the start or from where the checkpoint is, and leave results and a report.
+
+    Raises
+    ------
+    NotConvergedError
+        If a limit was reached first; everything is written all the same.
+    """
+    from softness_bayes.run import sample
+
+    out = checkpoint.directory
+    for note in experiment.notes:
+        click.echo(f"note: {note}", err=True)
+    with checkpoint:
+        checkpoint.request = {"files": record_of(files), "options": options.record(), "figures": figures}
+        bar = _Bar()
+        try:
+            result = sample(experiment, options, bar.show, checkpoint)
+            result.save(out)
+            if figures:
+                from softness_bayes.plotting.figures import draw_figures
+
+                draw_figures(result, out / "figures")
+            checkpoint.finish()
+        except (KeyboardInterrupt, NumericalError, OSError):
+            bar.close()
+            if checkpoint.status is not None:
+                click.echo(
+                    f"\nthe run is kept up to step {checkpoint.status.steps}: 'softness-bayes resume {out}' "
+                    "continues it",
+                    err=True,
+                )
+            raise
+        finally:
+            bar.close()
     _report(result, out)
     if not result.attributes["converged"]:
         raise NotConvergedError(
-            f"not converged at --max-steps {max_steps}; what was drawn is in {out}, for inspection only"
+            f"not converged after {result.attributes['steps']} steps; what was drawn is in {out}, for inspection only; "
+            f"'softness-bayes resume {out} --more-steps {result.attributes['missing_steps']}' continues"
         )
 
 
@@ -148,15 +174,13 @@ class _Bar:
         if self._bar is None:  # not before there is progress: an input error comes first and stands alone
             from tqdm import tqdm
 
-            self._bar = tqdm(total=1, unit="step", desc="sampling", leave=False, dynamic_ncols=True)
+            self._bar = tqdm(
+                total=1, initial=progress.steps, unit="step", desc="sampling", leave=False, dynamic_ncols=True
+            )
         self._bar.total = progress.steps + progress.missing
         self._bar.update(progress.steps - self._bar.n)
-        verdict = progress.verdict
-        if verdict is not None:
-            self._bar.set_postfix_str(
-                f"tau {verdict.tau.max():.0f}, {verdict.lengths:.0f} of {verdict.goal.lengths:.0f} tau, "
-                f"R-hat {verdict.r_hat.max():.3f}"
-            )
+        if progress.verdict is not None:
+            self._bar.set_postfix_str(in_numbers(progress.verdict, progress.seconds))
 
     def close(self) -> None:
         """Clear the line."""

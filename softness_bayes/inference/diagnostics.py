@@ -17,6 +17,8 @@ LOG_POSTERIOR = "log posterior"
 """Name of the log density where it is judged beside the parameters."""
 
 _TAILS = (0.05, 0.95)
+_APART = 1.1  # R-hat beyond which long ensembles are not merely short of draws
+_FEWER = 20.0  # times fewer effective draws than the walkers' own times promise
 _ESS_STRIDE = 10  # draws closer than tau over this carry nothing that the bulk ESS would miss
 _R_HAT_DRAWS = 8000  # of each ensemble: R-hat needs no more
 
@@ -111,6 +113,12 @@ class Verdict:
         return self.kept / float(self.tau.max())
 
     @property
+    def ess(self) -> float:
+        """Smallest effective sample size; while that is not computed, what the longest time leaves of the draws."""
+        known = float(np.min([*self.ess_bulk, *self.ess_tail]))
+        return known if math.isfinite(known) else self.tau.shape[0] * self.walkers * self.lengths
+
+    @property
     def more_steps(self) -> int:
         """Estimate of the steps that are still missing; 0 when converged."""
         if self.converged:
@@ -143,7 +151,7 @@ class Verdict:
     def _shortfalls(self) -> list[str]:
         goal, found = self.goal, []
         if self.stuck:
-            found.append(f"{self.stuck} walkers never moved")
+            found.append(f"{self.stuck} walker{'s' * (self.stuck > 1)} never moved")
         if not self.lengths >= goal.lengths and not self.stuck:
             worst = self.names[self.worst]
             found.append(f"{self.lengths:.0f} of {goal.lengths:.0f} tau kept (tau {self.tau.max():.0f}, {worst})")
@@ -156,7 +164,26 @@ class Verdict:
         if not found and not self.tau_change <= goal.tau_change:
             change = "not yet compared" if math.isinf(self.tau_change) else f"changed by {self.tau_change:.0%}"
             found.append(f"tau of {self.names[self.worst]} {change}")
+        if self.modes:
+            found.append(f"{self.modes}, though each is longer than {goal.lengths:.0f} of its own tau: more steps may")
+            found[-1] += " never join them"
         return found or ["the goal was met at this look only"]
+
+    @property
+    def modes(self) -> str:
+        """Who sits in separate modes, if anybody seems to; empty otherwise.
+
+        Ensembles that disagree by far, or walkers that make far fewer effective draws together than each of
+        them does alone, although all of them are long in their own autocorrelation times.
+        """
+        if not self.lengths >= self.goal.lengths:
+            return ""
+        if self.r_hat.max() > _APART:
+            return f"the ensembles sit in separate modes of {self.names[int(self.r_hat.argmax())]}"
+        alone = self.tau.shape[0] * self.walkers * self.lengths
+        if self.ess_bulk.min() < alone / _FEWER:
+            return f"walkers of an ensemble sit in separate modes of {self.names[int(self.ess_bulk.argmin())]}"
+        return ""
 
 
 def look(

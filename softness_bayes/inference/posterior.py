@@ -85,29 +85,46 @@ class Posterior:
         NumericalError
             If it is not a finite number somewhere; the message names the point.
         """
-        value = self.observation.log_likelihood(self.mean_rate(theta), self.rating_parameters(theta))
-        value = np.broadcast_to(value, theta.shape[:-1])
+        value = self._likelihood(theta)
         if not np.isfinite(value).all():
             wrong = ~np.isfinite(value)
             point = ", ".join(f"{n}={x!r}" for n, x in zip(self.names, theta[wrong][0].tolist(), strict=True))
             raise NumericalError(f"the log-likelihood is {value[wrong][0]} at {point}")
         return value
 
+    def _likelihood(self, theta: FloatArray) -> FloatArray:
+        """Log density of the ratings, whatever comes out."""
+        value = self.observation.log_likelihood(self.mean_rate(theta), self.rating_parameters(theta))
+        return np.broadcast_to(value, theta.shape[:-1])
+
+    def failing_stage(self, z: FloatArray) -> str:
+        """Name of the first stage that gives no finite number at one point ``z``, shape (dimension,)."""
+        theta = self.natural(z)
+        if not np.isfinite(theta).all():
+            return "coordinates"
+        if not np.isfinite(self.log_prior(theta)):
+            return "prior"
+        if not np.isfinite(self.mean_rate(theta)).all():
+            return "response"
+        return "likelihood"
+
     def __call__(self, z: FloatArray) -> FloatArray:
         """Log posterior density in sampler coordinates, shape (points,) for ``z`` (points, dimension).
 
         The likelihood is asked only where no parameter's prior density is `NEGLIGIBLE`: proposals reach
-        arbitrarily far, where the chain is not made to be evaluated.
+        arbitrarily far, where the chain is not made to be evaluated. Minus infinity comes from the prior
+        alone; where the likelihood is not a finite number the density is NaN.
         """
         theta = self.space.natural(z)
         log_prior = self.space.log_prior(theta)
         value = log_prior.sum(axis=-1) + self.space.log_jacobian(z)
         inside = (log_prior > NEGLIGIBLE).all(axis=-1)
         if inside.all():
-            return value + self.log_likelihood(theta)
-        value = np.where(inside, value, -np.inf)
+            return value + _finite(self._likelihood(theta))
+        # a prior that is no number is not one without weight
+        value = np.where(inside, value, np.where(np.isnan(log_prior).any(axis=-1), np.nan, -np.inf))
         if inside.any():
-            value[inside] += self.log_likelihood(theta[inside])
+            value[inside] += _finite(self._likelihood(theta[inside]))
         return value
 
     def draw_start(self, rng: np.random.Generator, size: int) -> FloatArray:
@@ -129,3 +146,8 @@ class Posterior:
             f"only {len(found)} of {_ATTEMPTS * size} prior draws make receptors fire in {LEAST_FIRING} "
             "conditions: check the units of fabrics and loads, and the priors of alpha, beta and sigma_0"
         )
+
+
+def _finite(value: FloatArray) -> FloatArray:
+    """The values, NaN where they are infinite."""
+    return np.where(np.isfinite(value), value, np.nan)

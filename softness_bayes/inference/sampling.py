@@ -3,27 +3,33 @@
 A run has three parts. Walkers start about optimised points (`starts`). In a pilot walk of a fixed number of
 steps, the density's shape is learnt (`adaptation`); its draws are dropped. From then on nothing is adapted:
 what follows is a Markov chain with the density as its law.
+
+The chain depends on target, settings and seed alone. A run is a sequence of states (`walk`), each of which can be
+continued to the same chain, whatever the machine's speed and however often the run was interrupted: looks are made
+at steps that only the chain decides, and a look made because a limit is reached leaves no trace in what follows.
 """
 
 from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import emcee
 import numpy as np
-from emcee.moves import DEMove, MHMove, Move
+from emcee.moves import DEMove, MHMove, Move, StretchMove
 from numpy.typing import NDArray
 
 from softness_bayes.errors import InputError, NumericalError
-from softness_bayes.inference.adaptation import Mapped, StudentProposal, TriangularMap, learn
-from softness_bayes.inference.autocorrelation import autocorrelation_time
+from softness_bayes.inference.adaptation import Mapped, StudentProposal, TriangularMap
 from softness_bayes.inference.chains import Chains, Segment
-from softness_bayes.inference.diagnostics import LOG_POSTERIOR, Goal, Verdict, look
-from softness_bayes.inference.starts import Optimum, Target, find_optimum, scatter, worth_starting_from
+from softness_bayes.inference.diagnostics import Verdict
+from softness_bayes.inference.placing import place_walkers, watched
+from softness_bayes.inference.schedule import Schedule
+from softness_bayes.inference.starts import Target
+from softness_bayes.inference.state import EnsembleState, RunState
 from softness_bayes.inference.workers import Workers, available_processors
 
 FloatArray = NDArray[np.float64]
@@ -32,6 +38,9 @@ Moves = tuple[tuple[Move, float], ...]
 
 FIRST_MOVES: Moves = ((DEMove(), 0.9), (DEMove(gamma0=1.0), 0.1))
 """Proposals with their probabilities before anything is known of the density's shape."""
+
+STRETCH: Moves = ((StretchMove(), 1.0),)
+"""emcee's own default, which the benchmark compares with."""
 
 MOVES: Moves = (
     (MHMove(StudentProposal()), 0.6),
@@ -45,9 +54,13 @@ which narrows what it samples (`tests/test_invariance.py` shows both).
 """
 
 
-@dataclass(frozen=True)
-class Settings:
-    """How to sample.
+PATIENCE = 2.0
+"""Time [s] after which an ensemble reports, so that little is lost if the run is killed."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Settings(Schedule):
+    """How to sample: a `Schedule`, and who walks how.
 
     Parameters
     ----------
@@ -55,41 +68,28 @@ class Settings:
         Independent ensembles, at least two.
     walkers
         Walkers of each; chosen by dimension if left out.
-    max_steps, max_seconds
-        Where to stop without having converged.
-    round_steps
-        Steps between reports of progress, and the least between looks.
     processes
         Worker processes; one for each ensemble or processor, whichever are fewer, if left out. The draws do
         not depend on it.
-    stored
-        Largest number of stored steps of an ensemble; beyond it every second one is dropped, again and again.
     optima
         Optimised points about which the walkers of an ensemble start.
-    pilot
-        Steps of each stage of the pilot walk; after each the map is learnt anew from its second half.
     first_moves, moves
         Proposals with their probabilities in the first stage of the pilot, and from then on.
-    goal
-        When the run counts as converged.
+    failures
+        Share of the evaluated points at which the density may fail to be a number; beyond it the run stops.
     """
 
     ensembles: int = 4
     walkers: int | None = None
-    max_steps: int = 100_000
-    max_seconds: float = math.inf
-    round_steps: int = 100
     processes: int | None = None
-    stored: int = 20_000
     optima: int = 2
-    pilot: tuple[int, ...] = (100, 200)
     first_moves: Moves = FIRST_MOVES
     moves: Moves = MOVES
-    goal: Goal = field(default_factory=Goal)
+    failures: float = 1e-3
 
     def __post_init__(self) -> None:
-        least = {"ensembles": 2, "max_steps": 1, "round_steps": 1, "stored": 2, "optima": 1}
-        for name, bound in least.items():
+        super().__post_init__()
+        for name, bound in {"ensembles": 2, "optima": 1}.items():
             if getattr(self, name) < bound:
                 raise InputError(f"sampling: {name} is {getattr(self, name)}, expected at least {bound}")
         if self.processes is not None and self.processes < 1:
@@ -110,16 +110,13 @@ class Settings:
             raise InputError(f"sampling: walkers is {self.walkers}, expected an even number from {least}")
         return self.walkers
 
-
-class EnsembleState(NamedTuple):
-    """All that is needed to continue an ensemble bit by bit, besides the map and the moves."""
-
-    coordinates: FloatArray
-    """Map coordinates y of the walkers, shape (walkers, dimension)."""
-    log_density: FloatArray
-    """Their log density in sampler coordinates, shape (walkers,)."""
-    random: tuple[Any, ...]
-    """State of the generator, as `numpy.random.RandomState.get_state` gives it."""
+    def description(self, dimension: int) -> dict[str, str]:
+        """What decides the draws, by name; limits and processes are not among it."""
+        plain = {
+            name: getattr(self, name) for name in ("ensembles", "round_steps", "stored", "optima", "pilot", "goal")
+        }
+        moves = {name: " + ".join(map(_written, getattr(self, name))) for name in ("first_moves", "moves")}
+        return {"walkers": str(self.walkers_for(dimension)), **{n: str(v) for n, v in plain.items()}, **moves}
 
 
 class Progress(NamedTuple):
@@ -130,9 +127,11 @@ class Progress(NamedTuple):
     missing: int
     """Estimate of the steps still to go."""
     seconds: float
-    """Time since the start."""
+    """Time since the start, earlier sessions included."""
     verdict: Verdict | None
     """The last look; none before the first."""
+    failures: int = 0
+    """Points at which the density could not be computed."""
 
 
 class Sampled(NamedTuple):
@@ -178,6 +177,57 @@ def advance(
     return EnsembleState(last.coords, last.log_prob, last.random_state), segment
 
 
+def walk(
+    target: Target,
+    settings: Settings = Settings(),
+    seed: int | np.random.SeedSequence = 0,
+    begin: RunState | None = None,
+) -> Iterator[RunState]:
+    """Sample a density with independent ensembles, state by state, until the last one has `RunState.ended`.
+
+    Parameters
+    ----------
+    target
+        Density to sample; it is sent to the worker processes once.
+    settings
+        How to sample.
+    seed
+        Decides the draws, together with target and settings but whatever the number of processes.
+    begin
+        State of a run with the same target, settings and seed, which is continued; limits may differ.
+
+    Raises
+    ------
+    NumericalError
+        If the density is zero wherever walkers start; or, after the state that says so, if it could not be
+        computed at more than the settings' share of points.
+    InputError
+        If the settings do not suit the target.
+    """
+    begun = time.monotonic()
+    root = seed if isinstance(seed, np.random.SeedSequence) else np.random.SeedSequence(seed)
+    before = begin.seconds if begin is not None else 0.0
+    walkers = settings.walkers_for(len(target.names))
+    processes = settings.processes or min(settings.ensembles, available_processors())
+    pace = math.inf  # steps in a second: at first unknown
+
+    with Workers(target, processes) as workers:
+        state = begin or place_walkers(workers, root, settings.ensembles, walkers, settings.optima, settings.first_look)
+        while True:
+            spent = time.monotonic() - begun
+            state = settings.settle(target, replace(state, seconds=before + spent), spent >= settings.max_seconds)
+            yield state
+            if state.nonfinite.share > settings.failures:
+                said = state.nonfinite.sentence(target.names, target.natural)
+                raise NumericalError(f"stopped after {state.steps} steps: {said}")
+            if state.ended:
+                return
+            size = settings.next_steps(state, PATIENCE * pace)
+            since = time.monotonic()
+            state = _advance(workers, settings, state, size)
+            pace = size / max(time.monotonic() - since, 1e-9)
+
+
 def sample_until(
     target: Target,
     settings: Settings = Settings(),
@@ -188,131 +238,52 @@ def sample_until(
 
     Parameters
     ----------
-    target
-        Density to sample; it is sent to the worker processes once.
-    settings
-        How to sample.
-    seed
-        Decides the draws, together with target and settings but whatever the number of processes.
+    target, settings, seed
+        As `walk` takes them.
     progress
-        Called after every round.
+        Called after every state of the walk.
 
     Raises
     ------
-    NumericalError
-        If a likelihood is not finite, or starting points have probability zero.
-    InputError
-        If the settings do not suit the target.
+    NumericalError, InputError
+        As `walk`.
     """
-    begun = time.monotonic()
-    walkers = settings.walkers_for(len(target.names))
-    processes = settings.processes or min(settings.ensembles, available_processors())
-    stride, steps, due = 1, 0, 3 * settings.round_steps
-    verdict: Verdict | None = None
-    parts: list[list[Segment]] = [[] for _ in range(settings.ensembles)]
-
-    def report() -> None:
+    for state in walk(target, settings, seed):
         if progress is not None:
-            goal = verdict.steps + verdict.more_steps if verdict is not None else due
-            progress(Progress(steps, max(goal - steps, 0), time.monotonic() - begun, verdict))
-
-    with Workers(target, processes) as workers:
-        report()
-        states = _start(workers, settings, walkers, seed)
-        states, map = _pilot(workers, settings, states)
-        report()
-        while True:
-            size = _round(settings, steps, stride)
-            states, segments = _walk(workers, states, size, settings.moves, map, stride)
-            parts = [[*part, segment] for part, segment in zip(parts, segments, strict=True)]
-            steps += size
-            if steps // stride > settings.stored and steps % (2 * stride) == 0:
-                parts = [[Segment.join(part).every(2)] for part in parts]
-                stride *= 2
-            over = steps + stride > settings.max_steps or time.monotonic() - begun >= settings.max_seconds
-            if steps >= due or over:
-                parts = [[Segment.join(part)] for part in parts]
-                chains = Chains.of((part[0] for part in parts), steps, stride)
-                verdict = _look(target, chains, verdict, settings.goal)
-                due = steps + min(max(verdict.more_steps, settings.round_steps), steps)
-                if over or verdict.converged:
-                    report()
-                    return Sampled(chains, verdict)
-            report()
+            progress(progress_of(state, settings))
+    return sampled_of(state)
 
 
-def _round(settings: Settings, steps: int, stride: int) -> int:
-    """Steps of the next round: as asked or what is left, in whole strides and at least one."""
-    most = min(-(-settings.round_steps // stride) * stride, settings.max_steps - steps)
-    return max(most // stride * stride, stride)
+def sampled_of(state: RunState) -> Sampled:
+    """What a run that has ended leaves behind."""
+    if not state.ended or state.verdict is None:
+        raise ValueError("the run has not ended")
+    return Sampled(state.chains, state.verdict)
 
 
-def _look(target: Target, chains: Chains, before: Verdict | None, goal: Goal) -> Verdict:
-    natural = target.natural(chains.coordinates)
-    values = np.concatenate([natural, chains.log_density[..., None]], axis=-1)
-    names = (*target.names, LOG_POSTERIOR)
-    return look(names, values, chains.stride, float(chains.accepted.mean()), before, goal)
+def progress_of(state: RunState, settings: Settings) -> Progress:
+    """Where a run is, in short."""
+    steps = 0 if settings.in_pilot(state) else state.steps
+    return Progress(steps, settings.missing(state), state.seconds, state.verdict, state.nonfinite.count)
 
 
-def _start(
-    workers: Workers, settings: Settings, walkers: int, seed: int | np.random.SeedSequence
-) -> list[EnsembleState]:
-    root = seed if isinstance(seed, np.random.SeedSequence) else np.random.SeedSequence(seed)
-    # children by key, not by spawn(): the same seed gives the same draws however often it was spawned before
-    seeds = [
-        [np.random.SeedSequence(root.entropy, spawn_key=(*root.spawn_key, e, k)) for k in range(settings.optima + 2)]
-        for e in range(settings.ensembles)
-    ]
-    climbed = iter(workers.map(_climb, [(climb,) for own in seeds for climb in own[2:]]))
-    groups = worth_starting_from([next(climbed) for _ in own[2:]] for own in seeds)
-    tasks = [(*own[:2], group, walkers) for own, group in zip(seeds, groups, strict=True)]
-    return workers.map(_place, tasks)
+def _advance(workers: Workers, settings: Settings, state: RunState, steps: int) -> RunState:
+    """Let all ensembles walk."""
+    first = state.phase == 0 and bool(settings.pilot)
+    moves = settings.first_moves if first else settings.moves
+    tasks = [(advance, one, steps, moves, state.map, state.stride) for one in state.ensembles]
+    walked, found = watched(workers, tasks)
+    ensembles, segments = zip(*walked, strict=True)
+    parts = tuple((*part, segment) for part, segment in zip(state.parts, segments, strict=True))
+    return replace(
+        state, steps=state.steps + steps, ensembles=ensembles, parts=parts, nonfinite=state.nonfinite + found
+    )
 
 
-def _climb(target: Target, seed: np.random.SeedSequence) -> Optimum:
-    return find_optimum(target, np.random.default_rng(seed))
-
-
-def _place(
-    target: Target,
-    placing: np.random.SeedSequence,
-    walking: np.random.SeedSequence,
-    optima: list[Optimum],
-    walkers: int,
-) -> EnsembleState:
-    points, density = scatter(target, np.random.default_rng(placing), optima, walkers)
-    if not np.isfinite(density).any():
-        raise NumericalError("every walker starts where the probability is zero")
-    random = np.random.RandomState(np.random.MT19937(walking)).get_state()
-    return EnsembleState(points, density, tuple(random))
-
-
-def _pilot(
-    workers: Workers, settings: Settings, states: list[EnsembleState]
-) -> tuple[list[EnsembleState], TriangularMap]:
-    """Walk the stages of the pilot and learn a map for all ensembles after each."""
-    map, moves = TriangularMap.identity(states[0].coordinates.shape[1]), settings.first_moves
-    for steps in settings.pilot:
-        states, segments = _walk(workers, states, steps, moves, map, 1)
-        late = np.stack([segment.coordinates[steps // 2 :] for segment in segments])
-        height = np.stack([segment.log_density[steps // 2 :] for segment in segments])
-        tau = autocorrelation_time(np.moveaxis(late, -1, 1)).max()
-        learnt = learn(late, height, min(float(tau), steps))
-        states = [s._replace(coordinates=learnt.inverse(map.forward(s.coordinates))) for s in states]
-        map, moves = learnt, settings.moves
-    return states, map
-
-
-def _walk(
-    workers: Workers,
-    states: list[EnsembleState],
-    steps: int,
-    moves: Moves,
-    map: TriangularMap,
-    stride: int,
-) -> tuple[list[EnsembleState], list[Segment]]:
-    walked = workers.map(advance, [(state, steps, moves, map, stride) for state in states])
-    return [state for state, _ in walked], [segment for _, segment in walked]
+def _written(move: tuple[Move, float]) -> str:
+    """A proposal and its probability; what emcee adds to a move while it runs is left out."""
+    made = {name: value for name, value in vars(move[0]).items() if name in ("gamma0", "sigma", "a", "get_proposal")}
+    return f"{move[1]:g} {type(move[0]).__name__}({', '.join(f'{name}={value}' for name, value in made.items())})"
 
 
 def _same_random(one: tuple[Any, ...], other: tuple[Any, ...]) -> bool:

@@ -1,0 +1,80 @@
+"""`softness-bayes resume`: continue a run that was interrupted, or that ended."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from softness_bayes.cli.running import command_line, max_time, no_figures, processes, recorded_files
+from softness_bayes.cli.sample import run
+from softness_bayes.errors import InputError
+
+if TYPE_CHECKING:
+    from softness_bayes.run import RunOptions
+    from softness_bayes.storage.checkpoint import Status
+
+
+@click.command()
+@click.argument("directory", type=click.Path(path_type=Path), metavar="DIR")
+@click.option(
+    "--more-steps",
+    type=click.IntRange(min=1),
+    metavar="N",
+    help="Walk at least so many steps more, even if the run has converged.",
+)
+@max_time
+@processes
+@click.option("--data", type=click.Path(path_type=Path), metavar="FILE", help="The ratings, if they were moved.")
+@click.option("--fabrics", type=click.Path(path_type=Path), metavar="FILE", help="The fabrics, if they were moved.")
+@no_figures
+def command(
+    directory: Path,
+    more_steps: int | None,
+    max_time: float,
+    processes: int | None,
+    data: Path | None,
+    fabrics: Path | None,
+    no_figures: bool,
+) -> None:
+    """Continue the run in DIR with the options it was begun with.
+
+    The draws are those of a run with the same seed that was never interrupted. A run that has ended at its
+    --max-steps gets as many steps again; one that has converged goes on with --more-steps only. If the data, the
+    priors, the readings or anything else that decides the draws is not what it was, the run is refused and the
+    difference named.
+    """
+    from softness_bayes.run import RunOptions
+    from softness_bayes.storage.checkpoint import Checkpoint, read_status
+
+    checkpoint, status = Checkpoint.open(directory), read_status(directory)
+    if checkpoint.request is None:
+        raise InputError(
+            f"{directory}: the run was begun in Python; continue it there, with sample(..., checkpoint=...) inside "
+            f"'with Checkpoint.open({str(directory)!r}) as checkpoint'"
+        )
+    verdict = status.verdict if status.written and status.ended else None
+    if verdict is not None and verdict.converged and more_steps is None:
+        click.echo(f"{directory}: {verdict.sentence()} Its results are written; --more-steps continues it.")
+        return
+    options = replace(
+        _continued(RunOptions.from_record(checkpoint.request["options"]), status, more_steps),
+        max_seconds=max_time,
+        processes=processes or checkpoint.request["options"]["processes"],
+    )
+    files = recorded_files(checkpoint.request["files"])
+    files = replace(files, data=data or files.data, fabrics=fabrics or files.fabrics)
+    run(checkpoint, files, files.read(), options, checkpoint.request["figures"] and not no_figures)
+
+
+def _continued(options: RunOptions, status: Status, more_steps: int | None) -> RunOptions:
+    """Return the options of a run with limits that let it go on."""
+    options = replace(options, command=f"{options.command}; {command_line()}")
+    if more_steps is not None:
+        least = status.steps + more_steps
+        return replace(options, min_steps=least, max_steps=max(options.max_steps, least))
+    if status.written and status.steps >= status.max_steps:
+        return replace(options, max_steps=status.steps + options.max_steps)
+    return options

@@ -1,0 +1,77 @@
+"""What the verbs about runs share: options, and how a run is written down for whoever continues it."""
+
+from __future__ import annotations
+
+import re
+import shlex
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from softness_bayes.cli.options import DataFiles
+
+if TYPE_CHECKING:
+    from softness_bayes.inference.diagnostics import Verdict
+
+_SECONDS = {"": 1, "s": 1, "m": 60, "h": 3600}
+
+
+def _duration(ctx: click.Context, param: click.Parameter, text: str | None) -> float:
+    if text is None:
+        return float("inf")
+    match = re.fullmatch(r"(\d+(?:\.\d+)?)\s*([smh]?)", text.strip())
+    if match is None:
+        raise click.BadParameter(f"expected a time such as 90, 90s, 10m or 2h, got {text!r}")
+    return float(match[1]) * _SECONDS[match[2]]
+
+
+max_time = click.option(
+    "--max-time",
+    callback=_duration,
+    metavar="TIME",
+    help="Time after which the run ends, converged or not: 90 (seconds), 10m or 2h. By default there is none.",
+)
+"""Gives a verb `max_time` [s]."""
+
+processes = click.option(
+    "--processes",
+    type=click.IntRange(min=1),
+    metavar="N",
+    help="Processes that share the ensembles; by default one for each core. Draws do not depend on it.",
+)
+"""Gives a verb `processes`."""
+
+no_figures = click.option("--no-figures", is_flag=True, help="Leave out the figures.")
+"""Gives a verb `no_figures`."""
+
+
+def command_line() -> str:
+    """Return what was typed, as a shell would take it again."""
+    return shlex.join(["softness-bayes", *sys.argv[1:]])
+
+
+def in_numbers(verdict: Verdict, seconds: float) -> str:
+    """Return what the last look at the chains found, in one line."""
+    return (
+        f"tau {verdict.tau.max():.0f}, {verdict.lengths:.0f} of {verdict.goal.lengths:.0f} tau, "
+        f"R-hat {verdict.r_hat.max():.3f}, ESS {verdict.ess:.0f} ({verdict.ess / max(seconds, 1e-9):.3g}/s)"
+    )
+
+
+def recorded_files(record: dict[str, Any]) -> DataFiles:
+    """Return the files that a run was begun with."""
+    fabrics = record["fabrics"]
+    return DataFiles(**{**record, "data": Path(record["data"]), "fabrics": None if fabrics is None else Path(fabrics)})
+
+
+def record_of(files: DataFiles) -> dict[str, Any]:
+    """Return files as JSON holds them, found from wherever the run is continued."""
+    return {
+        "data": str(files.data.absolute()),
+        "fabrics": None if files.fabrics is None else str(files.fabrics.absolute()),
+        "columns": dict(files.columns),
+        "indentation_mm": files.indentation_mm,
+        "force_n": files.force_n,
+    }

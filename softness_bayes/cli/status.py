@@ -1,0 +1,46 @@
+"""`softness-bayes status`: how a run is getting on, without disturbing it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from softness_bayes.cli.running import in_numbers
+
+if TYPE_CHECKING:
+    from softness_bayes.storage.checkpoint import Status
+
+
+@click.command()
+@click.argument("directory", type=click.Path(path_type=Path), metavar="DIR")
+def command(directory: Path) -> None:
+    """Say how the run in DIR is getting on: steps, what the last look found, verdict, whether it is running.
+
+    Reads one small file that the run replaces whole every few seconds.
+    """
+    from softness_bayes.storage.checkpoint import read_status
+
+    status = read_status(directory)
+    click.echo(f"{directory}: {_what(status)}")
+    togo = "" if status.ended else f", about {status.missing} to go"
+    click.echo(f"steps: {status.steps} in {status.seconds:.0f} s{togo}")
+    if status.failures:
+        click.echo(f"density not computable: at {status.failures} points, in nonfinite.csv")
+    if status.verdict is None:
+        click.echo("not looked at yet")
+        return
+    click.echo(f"at step {status.verdict.steps}: {in_numbers(status.verdict, status.seconds)}")
+    click.echo(status.verdict.sentence())
+
+
+def _what(status: Status) -> str:
+    """Say what a run is doing, or why it is not."""
+    if status.running:
+        return "a process is running it" + (", in its pilot walk" if status.piloting else "")
+    if status.ended and status.written:
+        return "it has ended, its results are written"
+    return (
+        f"interrupted, no process is running it; 'softness-bayes resume' continues{' its pilot walk' * status.piloting}"
+    )

@@ -1,0 +1,373 @@
+"""The checkpoint of a run: pieces of its chains, its last state, and a manifest that says which of them count.
+
+A piece is written once and never touched; the manifest is replaced last, whole. Whatever kills the process, at
+whatever instant, the manifest on the disk names files that are complete, and a reader needs nothing but it.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import shutil
+import time
+from collections.abc import Callable, Mapping
+from contextlib import ExitStack, suppress
+from pathlib import Path
+from types import TracebackType
+from typing import Any, NamedTuple, Self
+
+import numpy as np
+
+from softness_bayes.errors import InputError
+from softness_bayes.inference.diagnostics import Verdict
+from softness_bayes.inference.schedule import Schedule
+from softness_bayes.inference.starts import Target
+from softness_bayes.inference.state import RunState
+from softness_bayes.result import CHECKPOINT, LOCK, MANIFEST, POSTERIOR, require_vacant
+from softness_bayes.storage.atomic import PART, write_whole
+from softness_bayes.storage.lock import Lock, is_held, require_free
+from softness_bayes.storage.serial import packed, state_arrays, state_of, state_values, unpacked, verdict_of
+
+FORMAT = 1
+"""Version of the checkpoint's layout; another one is refused."""
+
+INTERVAL = 2.0
+"""Time [s] between two writes."""
+
+MOST_PIECES = 64
+"""Pieces of the chains before they are written anew as one."""
+
+NONFINITE = "nonfinite.csv"
+"""Beside the results: points at which the density could not be computed."""
+
+
+class Status(NamedTuple):
+    """What a reader can say of a run without disturbing it."""
+
+    running: bool
+    """Whether a process holds the directory."""
+    piloting: bool
+    """Whether the walk that counts has not begun."""
+    steps: int
+    """Steps of that walk."""
+    missing: int
+    """Estimate of the steps still to go."""
+    seconds: float
+    """Time spent."""
+    failures: int
+    """Points at which the density could not be computed."""
+    ended: bool
+    """Whether the run has converged or reached a limit."""
+    written: bool
+    """Whether the results that stand beside the checkpoint are those of these steps."""
+    max_steps: int
+    """Steps that it cannot exceed, in whole strides."""
+    verdict: Verdict | None
+    """The last look."""
+
+
+def read_status(directory: str | Path) -> Status:
+    """Return how a run is getting on; the process that runs it notices nothing.
+
+    Raises
+    ------
+    InputError
+        If the directory holds no checkpoint, or one of another version.
+    """
+    return _status(_read_manifest(Path(directory)), is_held(Path(directory) / CHECKPOINT / LOCK))
+
+
+class Checkpoint:
+    """The checkpoint of one run in its results' directory; a context manager that holds the directory's lock.
+
+    Use `create` for a new run and `open` for one to continue. As long as nothing was kept, leaving it takes away
+    what it made.
+
+    Parameters
+    ----------
+    directory
+        Directory of the results.
+    request
+        What the run was asked for, for whoever continues it: anything that JSON holds.
+    manifest
+        That of the run to continue; none for a new one.
+    replace
+        Whether a new run may replace an earlier one.
+    """
+
+    def __init__(self, directory: Path, request: Any, manifest: dict[str, Any] | None, replace: bool = False) -> None:
+        self.directory, self.request, self._replace = directory, request, replace
+        self._home = directory / CHECKPOINT
+        self._manifest, self._held = manifest, ExitStack()
+        self._description: dict[str, str] = {}
+        self._saved: tuple[int, int, int] = (-1, 0, 0)  # phase, stride and number of the stored steps in the pieces
+        self._pieces: list[str] = []
+        self._serial, self._told, self._last = 0, 0, -np.inf
+        self._pending: Callable[[], None] | None = None
+
+    @classmethod
+    def create(cls, directory: str | Path, replace: bool = False, request: Any = None) -> Checkpoint:
+        """Return the checkpoint of a new run; an earlier result goes when the first state is kept.
+
+        Parameters
+        ----------
+        directory
+            An empty directory or a new one.
+        replace
+            Whether it may hold an earlier run.
+        request
+            What the run is asked for, for whoever continues it.
+
+        Raises
+        ------
+        InputError
+            If the directory cannot be written to, or holds something that may not be replaced.
+        LockedError
+            If another process is running there.
+        """
+        require_free(Path(directory) / CHECKPOINT / LOCK)
+        require_vacant(Path(directory), replace)
+        return cls(Path(directory), request, None, replace)
+
+    @classmethod
+    def open(cls, directory: str | Path) -> Checkpoint:
+        """Return the checkpoint of a run to continue.
+
+        Raises
+        ------
+        InputError
+            If the directory holds none, or one of another version.
+        """
+        manifest = _read_manifest(Path(directory))
+        return cls(Path(directory), manifest["request"], manifest)
+
+    def __enter__(self) -> Self:
+        made = [place for place in (self._home, *self._home.parents) if not place.exists()]
+        with ExitStack() as stack:
+            try:
+                self._home.mkdir(parents=True, exist_ok=True)
+            except OSError as error:
+                raise InputError(f"{self.directory}: cannot be made ({error.strerror})") from None
+            for place in reversed(made):
+                stack.callback(self._remove_unused, place)
+            lock = stack.enter_context(Lock(self._home / LOCK))
+            stack.callback(self._vanish_unused, lock)
+            if self._manifest is None:
+                require_vacant(self.directory, self._replace)  # another run may have come and gone meanwhile
+            else:
+                self._manifest = _read_manifest(self.directory)  # the last word of whoever held the lock before
+                self._serial, self._pieces = self._manifest["serial"], list(self._manifest["pieces"])
+                self._tidy()
+            self._held = stack.pop_all()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._held.close()
+
+    def begin(self, description: Mapping[str, str]) -> RunState | None:
+        """Return the state to continue from, or none for a new run.
+
+        Parameters
+        ----------
+        description
+            What decides the draws, by name.
+
+        Raises
+        ------
+        InputError
+            If that is not what the run was begun with, naming the differences; or if a file is damaged.
+        """
+        if self._manifest is None:
+            self._description = dict(description)
+            return None
+        self._description = self._manifest["description"]
+        if said := _differences(self._description, description):
+            raise InputError(
+                f"{self.directory}: cannot be continued, because the run was begun with {said}; "
+                "give it what it was begun with, or start anew in another directory"
+            )
+        values = self._manifest["state"]
+        try:
+            pieces = [unpacked(self._home / name) for name in self._pieces]
+            state = state_of(values, unpacked(self._home / self._manifest["arrays"]), pieces)
+        except InputError:
+            raise
+        except (KeyError, TypeError, IndexError, ValueError) as error:
+            raise InputError(f"{self._home}: a damaged checkpoint ({error!r})") from None
+        stored = state.chains.log_density.shape[1] if pieces else 0
+        if stored != state.steps // state.stride:
+            raise InputError(f"{self._home}: a damaged checkpoint ({stored} stored steps, expected {state.steps})")
+        self._saved, self._told = (state.phase, state.stride, stored), state.nonfinite.count
+        return state
+
+    def keep(self, state: RunState, schedule: Schedule, target: Target) -> None:
+        """Write a state, or remember it if the last one was written a moment ago.
+
+        Parameters
+        ----------
+        state
+            Where the run is.
+        schedule, target
+            How long it goes on, and what it samples.
+
+        Raises
+        ------
+        OSError
+            If it cannot be written; what was kept before still is.
+        """
+        self._pending = lambda: self._write(state, schedule, target)
+        now = time.monotonic()
+        if state.ended or state.phase != self._saved[0] or now - self._last >= INTERVAL:
+            self.flush()
+
+    def flush(self) -> None:
+        """Write the state that was only remembered, if there is one.
+
+        Raises
+        ------
+        OSError
+            As `keep`.
+        """
+        if self._pending is not None:
+            write, self._pending = self._pending, None
+            write()
+            self._last = time.monotonic()
+
+    def finish(self) -> None:
+        """Note that the results of the kept steps are written."""
+        if self._manifest is not None:
+            self._replace_manifest({**self._manifest, "written": self._manifest["state"]["steps"]})
+
+    @property
+    def status(self) -> Status | None:
+        """What is kept; none before the first state."""
+        return None if self._manifest is None else _status(self._manifest, True)
+
+    def _write(self, state: RunState, schedule: Schedule, target: Target) -> None:
+        self._serial += 1
+        if self._manifest is None:
+            _clear(self.directory)
+        phase, stride, stored = self._saved
+        if (phase, stride) != (state.phase, state.stride) or len(self._pieces) >= MOST_PIECES:
+            pieces, stored = [], 0
+        else:
+            pieces = list(self._pieces)
+        try:
+            if state.steps // state.stride > stored:
+                chains = state.chains
+                pieces.append(f"piece-{self._serial:07d}.npz")
+                new = {
+                    "coordinates": chains.coordinates[:, stored:],
+                    "log_density": chains.log_density[:, stored:],
+                }
+                write_whole(self._home / pieces[-1], packed(new))
+            arrays = f"state-{self._serial:07d}.npz"
+            write_whole(self._home / arrays, packed(state_arrays(state)))
+            self._replace_manifest(
+                {
+                    "format": FORMAT,
+                    "serial": self._serial,
+                    "pieces": pieces,
+                    "arrays": arrays,
+                    "state": state_values(state),
+                    "piloting": schedule.in_pilot(state),
+                    "max_steps": schedule.max_steps // state.stride * state.stride,
+                    "missing": schedule.missing(state),
+                    "written": self._manifest["written"] if self._manifest is not None else None,
+                    "description": self._description,
+                    "request": self.request,
+                }
+            )
+            self._pieces, self._saved = pieces, (state.phase, state.stride, state.steps // state.stride)
+        finally:
+            self._tidy()
+        if state.nonfinite.count > self._told:
+            self._told = state.nonfinite.count
+            write_whole(self.directory / NONFINITE, _failure_table(state, target).encode())
+
+    def _replace_manifest(self, manifest: dict[str, Any]) -> None:
+        write_whole(self._home / MANIFEST, json.dumps(manifest, indent=1).encode())
+        self._manifest = manifest
+
+    def _tidy(self) -> None:
+        """Remove what the manifest does not name: leftovers of a write that did not end, and what was replaced.
+
+        The manifest on the disk decides: it may be newer than what this process knows, if an error struck in between.
+        """
+        try:
+            manifest = _read_manifest(self.directory)
+        except InputError:
+            return
+        named = {manifest["arrays"], *manifest["pieces"]}
+        for path in self._home.glob("*"):
+            if path.suffix in (".npz", PART) and path.name not in named:
+                with suppress(OSError):
+                    path.unlink()
+
+    def _remove_unused(self, place: Path) -> None:
+        if self._manifest is None:
+            with suppress(OSError):
+                place.rmdir()
+
+    def _vanish_unused(self, lock: Lock) -> None:
+        if self._manifest is None and not (self._home / MANIFEST).exists():
+            lock.vanish()
+
+
+def _read_manifest(directory: Path) -> dict[str, Any]:
+    path = directory / CHECKPOINT / MANIFEST
+    try:
+        manifest = json.loads(path.read_bytes())
+    except FileNotFoundError:
+        raise InputError(f"{directory}: no run to continue or to report on; expected {path}") from None
+    except ValueError as error:
+        raise InputError(f"{path}: not a manifest ({error})") from None
+    if not isinstance(manifest, dict) or manifest.get("format") != FORMAT:
+        raise InputError(f"{path}: not a checkpoint of format {FORMAT}, the only one known to this version")
+    return manifest
+
+
+def _status(manifest: Mapping[str, Any], running: bool) -> Status:
+    state, piloting = manifest["state"], manifest["piloting"]
+    return Status(
+        running=running,
+        piloting=piloting,
+        steps=0 if piloting else state["steps"],
+        missing=manifest["missing"],
+        seconds=state["seconds"],
+        failures=state["failures"],
+        ended=state["ended"],
+        written=not piloting and manifest["written"] == state["steps"],
+        max_steps=manifest["max_steps"],
+        verdict=verdict_of(state["verdict"]),
+    )
+
+
+def _differences(then: Mapping[str, str], now: Mapping[str, str]) -> str:
+    names = [name for name in {**then, **now} if then.get(name) != now.get(name)]
+    return "; ".join(f"{n} {then.get(n, 'not given')} (now {now.get(n, 'not given')})" for n in names)
+
+
+def _clear(directory: Path) -> None:
+    """Remove an earlier run but the lock: its manifest first, so that no half of it can be continued."""
+    (directory / CHECKPOINT / MANIFEST).unlink(missing_ok=True)
+    inside = [path for path in (directory / CHECKPOINT).iterdir() if path.name != LOCK]
+    beside = [path for path in directory.iterdir() if path.name not in (CHECKPOINT, POSTERIOR)]
+    for path in (*inside, *beside, directory / POSTERIOR):  # the posterior last: it marks what may be replaced
+        if path.is_dir() and not path.is_symlink():
+            shutil.rmtree(path)
+        else:
+            path.unlink(missing_ok=True)
+
+
+def _failure_table(state: RunState, target: Target) -> str:
+    """Return the points at which the density could not be computed, in natural units, with what failed."""
+    buffer = io.StringIO()
+    writer = csv.writer(buffer, lineterminator="\n")
+    writer.writerow(["stage", *target.names])
+    for failure in state.nonfinite.failures:
+        writer.writerow([failure.stage, *map(repr, target.natural(np.array(failure.point)).tolist())])
+    return buffer.getvalue()

@@ -1,0 +1,97 @@
+"""An advisory lock on a directory: held by a living process, so that a dead one never blocks anybody."""
+
+from __future__ import annotations
+
+import fcntl
+import os
+import time
+from contextlib import suppress
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+from softness_bayes.errors import LockedError
+
+_TRIES, _WAIT = 10, 0.05  # somebody who only asks whether it is held holds it for an instant
+
+
+class Lock:
+    """A file that one process at a time may hold; a context manager.
+
+    Parameters
+    ----------
+    path
+        The file; it is made if it is not there, and stays unless `vanish` is called.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._path, self._handle = path, -1
+
+    def __enter__(self) -> Self:
+        for _ in range(_TRIES):
+            handle = os.open(self._path, os.O_RDWR | os.O_CREAT, 0o666)
+            try:
+                fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except OSError as error:
+                os.close(handle)
+                if not isinstance(error, BlockingIOError):
+                    raise
+                time.sleep(_WAIT)
+                continue
+            if _is_at(handle, self._path):
+                os.ftruncate(handle, 0)
+                os.pwrite(handle, f"{os.getpid()}\n".encode(), 0)
+                self._handle = handle
+                return self
+            os.close(handle)  # its last holder removed the file meanwhile
+        raise _refusal(self._path)
+
+    def vanish(self) -> None:
+        """Remove the file while it is held."""
+        self._path.unlink(missing_ok=True)
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        os.close(self._handle)
+
+
+def require_free(path: Path) -> None:
+    """Refuse a lock that a process holds.
+
+    Raises
+    ------
+    LockedError
+        If one does; the message has its number.
+    """
+    if is_held(path):
+        raise _refusal(path)
+
+
+def is_held(path: Path) -> bool:
+    """Whether a process holds a lock; nothing is written or waited for."""
+    try:
+        handle = os.open(path, os.O_RDONLY)
+    except FileNotFoundError:
+        return False
+    try:
+        fcntl.flock(handle, fcntl.LOCK_SH | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return True
+    finally:
+        os.close(handle)
+    return False
+
+
+def _is_at(handle: int, path: Path) -> bool:
+    try:
+        return os.path.samestat(os.fstat(handle), os.stat(path))
+    except FileNotFoundError:
+        return False
+
+
+def _refusal(path: Path) -> LockedError:
+    number = ""
+    with suppress(OSError):
+        number = path.read_text(encoding="ascii").strip()
+    return LockedError(f"{path.parent}: another run is using it" + (f" (process {number})" if number else ""))

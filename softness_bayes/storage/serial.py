@@ -1,0 +1,134 @@
+"""States of a run as arrays and plain values that a file can hold, and back, bit by bit."""
+
+from __future__ import annotations
+
+import io
+import zipfile
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from softness_bayes.errors import InputError
+from softness_bayes.inference.adaptation import TriangularMap
+from softness_bayes.inference.chains import Segment
+from softness_bayes.inference.diagnostics import Goal, Verdict
+from softness_bayes.inference.nonfinite import Failure, Nonfinite
+from softness_bayes.inference.state import EnsembleState, RunState
+
+Arrays = Mapping[str, NDArray[Any]]
+
+_BEND = "map_bend_"
+
+
+def packed(arrays: Arrays) -> bytes:
+    """Return arrays by name as the bytes of an npz file."""
+    buffer = io.BytesIO()
+    np.savez(buffer, allow_pickle=False, **arrays)
+    return buffer.getvalue()
+
+
+def unpacked(path: Path) -> dict[str, NDArray[Any]]:
+    """Read the arrays of an npz file.
+
+    Raises
+    ------
+    InputError
+        If there is none, or it is damaged.
+    """
+    try:
+        with open(path, "rb") as opened, np.load(opened, allow_pickle=False) as file:
+            return {name: file[name] for name in file.files}
+    except (OSError, ValueError, EOFError, zipfile.BadZipFile) as error:
+        raise InputError(f"{path}: a part of a checkpoint that cannot be read ({error})") from None
+
+
+def state_arrays(state: RunState) -> dict[str, NDArray[Any]]:
+    """Return the arrays of a state, its chains left out."""
+    kinds, keys, *numbers = zip(*(one.random for one in state.ensembles), strict=True)
+    accepted = [np.sum([segment.accepted for segment in part], axis=0) for part in state.parts]
+    failures = state.nonfinite.failures
+    return {
+        "coordinates": np.stack([one.coordinates for one in state.ensembles]),
+        "log_density": np.stack([one.log_density for one in state.ensembles]),
+        "random_kind": np.array(kinds),
+        "random_keys": np.stack(keys),
+        "random_numbers": np.array(numbers, dtype=float),
+        "accepted": np.array(accepted),
+        "map_centre": state.map.centre,
+        "map_axes": state.map.axes,
+        "map_scale": state.map.scale,
+        **{f"{_BEND}{k}": bend for k, bend in enumerate(state.map.bends)},
+        "failure_points": np.array([f.point for f in failures], dtype=float),
+        "failure_stages": np.array([f.stage for f in failures], dtype=str),
+    }
+
+
+def state_values(state: RunState) -> dict[str, Any]:
+    """Return the numbers of a state, and its verdicts, as JSON holds them."""
+    plain = ("phase", "steps", "stride", "due", "seconds", "ended")
+    return {
+        **{name: getattr(state, name) for name in plain},
+        "evaluations": state.nonfinite.evaluations,
+        "failures": state.nonfinite.count,
+        "before": _verdict_values(state.before),
+        "verdict": _verdict_values(state.verdict),
+    }
+
+
+def state_of(values: Mapping[str, Any], arrays: Arrays, segments: Sequence[Arrays]) -> RunState:
+    """Return the state of which these are the values, the arrays, and the pieces of the chains in order."""
+    position, has_spare, spare = arrays["random_numbers"]
+    ensembles = tuple(
+        EnsembleState(
+            arrays["coordinates"][e],
+            arrays["log_density"][e],
+            (
+                str(arrays["random_kind"][e]),
+                arrays["random_keys"][e],
+                int(position[e]),
+                int(has_spare[e]),
+                float(spare[e]),
+            ),
+        )
+        for e in range(len(arrays["coordinates"]))
+    )
+    bends = tuple(arrays[f"{_BEND}{k}"] for k in range(arrays["map_centre"].size))
+    parts: tuple[tuple[Segment, ...], ...] = tuple(() for _ in ensembles)
+    if segments:
+        coordinates, log_density = (
+            np.concatenate([s[name] for s in segments], axis=1) for name in ("coordinates", "log_density")
+        )
+        walked = zip(coordinates, log_density, arrays["accepted"], strict=True)
+        parts = tuple((Segment(*one),) for one in walked)
+    stages = arrays["failure_stages"].tolist()
+    points = arrays["failure_points"].tolist()
+    failures = tuple(Failure(tuple(point), stage) for point, stage in zip(points, stages, strict=True))
+    return RunState(
+        ensembles=ensembles,
+        map=TriangularMap(arrays["map_centre"], arrays["map_axes"], arrays["map_scale"], bends),
+        parts=parts,
+        before=verdict_of(values["before"]),
+        verdict=verdict_of(values["verdict"]),
+        nonfinite=Nonfinite(values["evaluations"], values["failures"], failures),
+        **{name: values[name] for name in ("phase", "steps", "stride", "due", "seconds", "ended")},
+    )
+
+
+def verdict_of(values: Mapping[str, Any] | None) -> Verdict | None:
+    """Return the verdict that JSON holds."""
+    if values is None:
+        return None
+    arrays = {name: np.array(values[name], dtype=float) for name in ("tau", "r_hat", "ess_bulk", "ess_tail")}
+    return Verdict(**{**values, **arrays, "names": tuple(values["names"]), "goal": Goal(**values["goal"])})
+
+
+def _verdict_values(verdict: Verdict | None) -> dict[str, Any] | None:
+    if verdict is None:
+        return None
+    values = {field.name: getattr(verdict, field.name) for field in fields(verdict)}
+    plain = {name: value.tolist() if isinstance(value, np.ndarray) else value for name, value in values.items()}
+    return {**plain, "goal": asdict(verdict.goal)}

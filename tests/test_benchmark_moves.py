@@ -1,0 +1,51 @@
+"""The comparison of moves: what it measures, on a target of known autocorrelation, and what it prints."""
+
+import numpy as np
+import pytest
+
+from softness_bayes import benchmark_moves
+from softness_bayes.benchmark_moves import DATA, WAYS, measure
+
+
+class Normal:
+    """A normal law in some dimensions."""
+
+    def __init__(self, dimension):
+        self.names = tuple(f"x{k}" for k in range(dimension))
+
+    def natural(self, z):
+        return z
+
+    def __call__(self, z):
+        return -0.5 * (z**2).sum(axis=-1)
+
+    def draw_start(self, rng, size):
+        return rng.standard_normal((size, len(self.names)))
+
+
+def test_the_slow_way_is_told_from_the_quick_one():
+    stretch, default = (measure(Normal(6), way, 600) for way in (WAYS["stretch"], [*WAYS.values()][-1]))
+    # the stretch move is known for tau near ten times the dimension; proposals from the law itself need a few steps
+    assert stretch.tau > 3 * default.tau
+    assert default.tau < 10
+    assert default.lengths == pytest.approx(600 / default.tau, rel=0.2)
+    assert default.ess_per_second > 0
+
+
+def test_the_table_has_every_way_and_marks_short_runs(monkeypatch, capsys):
+    monkeypatch.setattr(benchmark_moves, "DATA", {"a normal law": lambda: Normal(2)})
+    monkeypatch.setattr(benchmark_moves, "STEPS", 60)
+    benchmark_moves.main()
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[0] == "a normal law (2 parameters)"
+    assert len(lines) == 2 + len(WAYS)
+    for line, name in zip(lines[2:], WAYS, strict=True):
+        assert name in line
+        assert " > " in line
+        assert " < " in line
+
+
+def test_there_are_four_data_sets_at_least_and_one_of_them_starts():
+    assert len(DATA) >= 4
+    target = DATA["4 fabrics, 1 indentation, 4 raters"]()
+    assert np.isfinite(target(target.draw_start(np.random.default_rng(1), 8))).any()
