@@ -17,6 +17,7 @@ from softness_bayes.inference.parameters import parameter_space
 from softness_bayes.inference.posterior import Posterior
 from softness_bayes.inference.priors import Prior
 from softness_bayes.inference.sampling import Progress, Settings, sample_until
+from softness_bayes.learning import direction_table, learning_table
 from softness_bayes.result import SCHEMA, Result
 from softness_bayes.study import scene_of
 from softness_bayes.touch.readings import MENDED, Readings
@@ -131,6 +132,7 @@ def sample(
         "seed": options.seed,
         "prior_set": options.prior_set,
         **{f"prior_{p.name}": str(p.prior) for p in posterior.space.sampled},
+        "prior_mu": str(assembly.ratings.model.level),
         **{f"reading_{place}": name for place, name in options.readings.names.items()},
         "direction": options.direction.name,
         "digest_ratings": experiment.ratings.digest,
@@ -144,4 +146,6 @@ def sample(
         "sampling_seconds": seconds,
         **versions(),
     }
-    return Result(assembly.tree(attributes), assembly.summary())
+    tree = assembly.tree(attributes)
+    summary = assembly.summary().join(learning_table(tree))
+    return Result(tree, summary, {"directions": direction_table(tree)})

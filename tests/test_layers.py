@@ -19,7 +19,7 @@ LAYERS = (
     {"data"},
     {"arviz_bridge"},
     {"inference"},
-    {"study", "predict", "result", "storage"},
+    {"study", "predict", "result", "storage", "learning"},
     {"assembly", "run"},
     {"plotting", "report"},
     {"cli", "benchmark"},

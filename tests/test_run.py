@@ -301,7 +301,9 @@ def test_the_summary(result, directory):
     columns = ["mean", "sd", "hdi_low", "hdi_high", "hdi_prob", "ess_bulk", "ess_tail", "r_hat", "mcse_mean"]
     columns.append("mcse_sd")
     written = pd.read_csv(directory / "summary.csv")
-    assert list(written)[: 1 + len(columns)] == ["parameter", *columns]
+    columns += ["prior_mean", "prior_sd", "contraction", "psens_prior", "psens_likelihood"]
+    assert list(written) == ["parameter", *columns]
+    assert written["prior_sd"].iloc[-1] == pytest.approx(3)  # mu's
     assert written["parameter"].tolist() == [*SAMPLED, "mu"]
     table = result.summary()
     for name in (*SAMPLED, "mu"):
@@ -322,11 +324,13 @@ def test_the_summary(result, directory):
 
 
 def test_a_result_reads_back_identically(result, directory):
-    assert sorted(path.name for path in directory.iterdir()) == ["posterior.nc", "summary.csv"]
+    assert sorted(path.name for path in directory.iterdir()) == ["directions.csv", "posterior.nc", "summary.csv"]
     for place in (directory, directory / "posterior.nc"):
         again = Result.load(place)
         assert again.tree.identical(result.tree)
         pd.testing.assert_frame_equal(again.table, result.table, check_exact=True)
+        for name, table in result.tables.items():
+            pd.testing.assert_frame_equal(again.tables[name], table, check_exact=True)
     assert again.loads == result.loads
     pd.testing.assert_frame_equal(again.inflection(), result.inflection())
 

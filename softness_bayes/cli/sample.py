@@ -149,8 +149,13 @@ class _Bar:
 
 def _report(result: Result, out: Path) -> None:
     """Print summary, inflection, checks and verdict."""
-    found = result.attributes
-    click.echo(result.summary().to_string(float_format=lambda x: f"{x:.4g}"))
+    from softness_bayes.learning import learning_sentences
+
+    found, summary = result.attributes, result.summary()
+    click.echo(summary.to_string(float_format=lambda x: f"{x:.4g}", na_rep="–"))
+    click.echo()
+    for sentence in (*learning_sentences(summary), *result.tables["directions"]["meaning"]):
+        click.echo(sentence)
     click.echo("\nwhere the response turns over (probabilities; E_fab in kPa, medians and 90 % limits)")
     columns = ["p_interior", "p_none", "p_silent", "p_inside", "e_fab_kpa_low", "e_fab_kpa", "e_fab_kpa_high"]
     click.echo(result.inflection()[columns].to_string(float_format=lambda x: f"{x:.3g}", na_rep="–"))
