@@ -72,6 +72,30 @@ def hdi(draws: ArrayLike, probability: float) -> tuple[float, float]:
     return float(low), float(high)
 
 
+def smoothed_weights(log_ratios: ArrayLike) -> tuple[FloatArray, FloatArray]:
+    """Pareto-smoothed importance weights of draws.
+
+    Parameters
+    ----------
+    log_ratios
+        Logarithms of the raw weights, shape (cases, draws).
+
+    Returns
+    -------
+    log_weights, pareto_k : ndarray, shapes (cases, draws) and (cases,)
+        Weights add up to 1 in each case.
+    """
+    ratios = np.asarray(log_ratios, float)
+    if _next_line():
+        from arviz_stats.base import array_stats
+
+        smoothed, pareto_k = array_stats.psislw(-ratios, axis=-1)  # takes log-likelihoods
+    else:
+        smoothed, pareto_k = _arviz().psislw(ratios)
+    log_weights = np.asarray(smoothed, float)
+    return log_weights - np.logaddexp.reduce(log_weights, axis=-1, keepdims=True), np.asarray(pareto_k, float)
+
+
 def to_tree(
     groups: Mapping[str, Mapping[str, ArrayLike]],
     dims: Mapping[str, Sequence[str]] | None = None,

@@ -28,7 +28,7 @@ SCHEMA = 1
 
 POSTERIOR, SUMMARY = "posterior.nc", "summary.csv"
 
-TABLES: Mapping[str, str | list[str]] = {"directions": "direction"}
+TABLES: Mapping[str, str | list[str]] = {"directions": "direction", "predictive_checks": ["law", "quantity"]}
 """Further tables of a result by the name of their file, with the columns that identify a row."""
 
 PERCENTS = (0.05, 0.5, 0.95)

@@ -9,6 +9,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from softness_bayes.assembly import Assembly, versions
+from softness_bayes.criticism import check_table
 from softness_bayes.data import Experiment
 from softness_bayes.inference.coordinates import Bent
 from softness_bayes.inference.design import Design
@@ -148,4 +149,4 @@ def sample(
     }
     tree = assembly.tree(attributes)
     summary = assembly.summary().join(learning_table(tree))
-    return Result(tree, summary, {"directions": direction_table(tree)})
+    return Result(tree, summary, {"directions": direction_table(tree), "predictive_checks": check_table(tree)})

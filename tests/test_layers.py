@@ -19,7 +19,7 @@ LAYERS = (
     {"data"},
     {"arviz_bridge"},
     {"inference"},
-    {"study", "predict", "result", "storage", "learning"},
+    {"study", "predict", "result", "storage", "learning", "criticism"},
     {"assembly", "run"},
     {"plotting", "report"},
     {"cli", "benchmark"},

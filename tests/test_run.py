@@ -94,7 +94,7 @@ def test_groups_and_their_variables(result):
         "log_prior": {*SAMPLED},
         "prior": {*SAMPLED},
         "observed_data": {"rating"},
-        "posterior_predictive": {"rating"},
+        "posterior_predictive": {"rating", "rating_of_new_participants"},
         "prior_predictive": {"rating"},
         "log_likelihood_loo": {"rating"},
     }
@@ -227,6 +227,17 @@ def test_each_rating_given_the_others_at_some_draw(result, posterior, experiment
         assert_allclose(row, 0.5 * np.log(diagonal / (2 * np.pi)) - left**2 / (2 * diagonal) - y, rtol=1e-7)
 
 
+def test_loo_pit_is_stored_for_every_rating(result):
+    constant = result.group("constant_data")
+    assert constant["loo_pit"].dims == ("rating_row",)
+    assert ((constant["loo_pit"] > 0) & (constant["loo_pit"] < 1)).all()
+    assert np.isfinite(constant["loo_pareto_k"]).all()
+    # higher where the rating lies above what the others predict
+    again = result.group("posterior_predictive")["rating"].values[0]
+    above = result.group("observed_data")["rating"].values - np.median(again, axis=0)
+    assert np.corrcoef(above, constant["loo_pit"])[0, 1] > 0.4
+
+
 def test_draws_of_the_prior(result):
     for name in SAMPLED:
         assert kstest(result.group("prior")[name].values.ravel(), PRIORS[name].cdf).pvalue > 1e-3
@@ -236,6 +247,11 @@ def test_replicates_are_of_the_same_participants_and_new_ones(result):
     observed = np.log(result.group("observed_data")["rating"].values)
     again = np.log(result.group("posterior_predictive")["rating"].values[0])
     assert np.corrcoef(again.mean(axis=0), observed)[0, 1] > 0.8
+    others = np.log(result.group("posterior_predictive")["rating_of_new_participants"].values[0])
+    people = result.group("constant_data")["participant_index"].values
+    means = [[draws[:, people == k].mean(axis=1) for k in range(PARTICIPANTS)] for draws in (again, others)]
+    # the mean of one participant moves between replicates only if it is another participant's
+    assert np.std(means[1], axis=1).mean() > 1.5 * np.std(means[0], axis=1).mean()
     anew = np.log(result.group("prior_predictive")["rating"].values[0])
     assert anew.std() > 2 * again.std()  # mu has a prior sd of 3
     assert anew.mean() == pytest.approx(np.log(20), abs=5 * 3 / np.sqrt(500))
@@ -324,7 +340,12 @@ def test_the_summary(result, directory):
 
 
 def test_a_result_reads_back_identically(result, directory):
-    assert sorted(path.name for path in directory.iterdir()) == ["directions.csv", "posterior.nc", "summary.csv"]
+    assert sorted(path.name for path in directory.iterdir()) == [
+        "directions.csv",
+        "posterior.nc",
+        "predictive_checks.csv",
+        "summary.csv",
+    ]
     for place in (directory, directory / "posterior.nc"):
         again = Result.load(place)
         assert again.tree.identical(result.tree)
