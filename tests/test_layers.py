@@ -21,6 +21,7 @@ LAYERS = (
     {"inference"},
     {"study", "predict", "result", "storage", "learning", "criticism"},
     {"assembly", "run"},
+    {"calibrate"},
     {"plotting", "report"},
     {"cli", "benchmark"},
 )

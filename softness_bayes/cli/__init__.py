@@ -16,6 +16,7 @@ VERBS: Mapping[str, str] = {
     "sample": "Sample the posterior of skin, transduction and rating parameters given ratings.",
     "simulate": "Simulate magnitude estimates of fabrics from stated parameters.",
     "predict": "Predict contact, stress and firing for fabrics under loads.",
+    "calibrate": "Check the whole inference by simulation: do posteriors hold the truth as often as they say?",
 }
 """Verb -> its one-line help; `softness_bayes.cli.<verb>` holds the click command `command`."""
 
