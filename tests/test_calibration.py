@@ -60,7 +60,7 @@ def line(rng, count, noise=1.0, sign=1.0, width=1.0):
 
 
 def test_a_right_model_passes_nearly_always(rng):
-    alarms = [bool(line(rng, 60).faults()) for _ in range(100)]
+    alarms = [bool(line(rng, 60).faults()) for _ in range(60)]
     assert np.mean(alarms) <= 0.05
 
 
@@ -113,11 +113,11 @@ def test_ranks_break_ties_evenly(rng):
 
 
 def test_draws_are_taken_a_tau_apart(rng):
-    steps = np.arange(2000.0)
-    coordinates = np.tile(steps[None, :, None, None], (2, 1, 10, 1)) + 0.1 * rng.standard_normal((2, 2000, 10, 1))
-    noise = rng.standard_normal((2, 2000, 10, 1)).cumsum(axis=1)
+    steps = np.arange(800.0)
+    coordinates = np.tile(steps[None, :, None, None], (2, 1, 10, 1)) + 0.1 * rng.standard_normal((2, 800, 10, 1))
+    noise = rng.standard_normal((2, 800, 10, 1)).cumsum(axis=1)
     verdict = look(("x",), noise - noise.mean(axis=1, keepdims=True))
-    chains = Chains(coordinates, coordinates[..., 0], np.zeros((2, 10)), 2000)
+    chains = Chains(coordinates, coordinates[..., 0], np.zeros((2, 10)), 800)
     apart = math.ceil(verdict.tau.max())
     assert apart > 5
     taken = independent(Sampled(chains, verdict), DRAWS, rng)
@@ -175,12 +175,12 @@ def fits(assume, count, processes=1):
 
 
 def test_fits_of_the_fake_scene_are_calibrated_and_mistakes_are_seen():
-    calibration = fits(right, 12)
+    calibration = fits(right, 8)
     assert calibration.names == ("gamma", "tau", "varsigma", "mu", LOG_LIKELIHOOD)
-    assert calibration.rank.shape == (12, 5)
+    assert calibration.rank.shape == (8, 5)
     assert calibration.faults() == []
-    assert any("gamma" in fault for fault in fits(wrong_sign, 12).faults())
-    assert fits(wrong_variance, 12).faults()
+    assert any("gamma" in fault for fault in fits(wrong_sign, 5).faults())
+    assert fits(wrong_variance, 5).faults()
 
 
 @pytest.mark.slow

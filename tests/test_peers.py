@@ -1,0 +1,70 @@
+"""Another sampler of another family, nested sampling by dynesty, on the same posterior."""
+
+import numpy as np
+import pytest
+from fake_scene import fake_posterior
+
+from softness_bayes.calibrate import COARSE, CalibrationScene
+from softness_bayes.data import Experiment
+from softness_bayes.inference.sampling import Settings, sample_until
+from softness_bayes.run import RunOptions, posterior_of
+from softness_bayes.study import simulate_ratings, usual_values
+from softness_bayes.touch.readings import MENDED
+
+dynesty = pytest.importorskip("dynesty")
+
+
+def nested(posterior, rng, live, walk):
+    """Equally weighted draws in natural units, from the priors' quantiles and the likelihood alone."""
+    priors = [parameter.prior for parameter in posterior.space.sampled]
+
+    def transform(u):
+        return np.array([float(prior.quantile(x)) for prior, x in zip(priors, u, strict=True)])
+
+    def log_likelihood(theta):
+        return float(posterior.log_likelihood(theta[None])[0])
+
+    sampler = dynesty.NestedSampler(log_likelihood, transform, len(priors), nlive=live, rstate=rng, sample=walk)
+    sampler.run_nested(print_progress=False, dlogz=0.05)
+    results = sampler.results
+    return results.samples[rng.choice(len(results.samples), 4000, p=results.importance_weights())]
+
+
+def ensembles(posterior, ensembles=2):
+    chains, verdict = sample_until(posterior, Settings(ensembles=ensembles, processes=1), 2)
+    assert verdict.converged
+    return posterior.natural(chains.kept(verdict.burn_in, 250).coordinates).reshape(-1, len(posterior.names))
+
+
+def apart(one, other):
+    """Largest difference of two samples' distribution functions, for each parameter."""
+    found = []
+    for a, b in zip(one.T, other.T, strict=True):
+        at = np.sort(np.concatenate([a, b]))
+        shares = [np.searchsorted(np.sort(x), at, side="right") / x.size for x in (a, b)]
+        found.append(np.abs(shares[0] - shares[1]).max())
+    return np.array(found)
+
+
+def test_nested_sampling_agrees_on_the_rating_model(rng):
+    held = {"b": 100.0, "m": 2.0, "alpha": 20.3, "beta": 0.6, "sigma_0": 9.0, "tau": 0.5}
+    posterior = fake_posterior(fix=held)
+    ours, theirs = ensembles(posterior), nested(posterior, rng, 200, "unif")
+    assert apart(ours, theirs).max() < 0.1
+    # negative control: a posterior wider by a third, and one moved by a third of its width
+    mean, sd = theirs.mean(axis=0), theirs.std(axis=0)
+    assert apart(ours, mean + 4 / 3 * (theirs - mean)).max() > 0.05
+    assert (apart(ours, theirs + sd / 3) > 0.1).all()
+
+
+@pytest.mark.slow
+def test_nested_sampling_agrees_on_the_whole_chain(rng):
+    """All eight parameters of the default priors, on ratings of a small scene."""
+    scene = CalibrationScene()
+    values = usual_values(MENDED, given={"alpha": 21.5})
+    made = simulate_ratings(rng, scene.fabrics, scene.loads, values, participants=scene.participants)
+    posterior = posterior_of(Experiment(made.ratings, scene.fabrics, ()), RunOptions(discretisation=COARSE))
+    ours, theirs = ensembles(posterior, 4), nested(posterior, rng, 600, "rwalk")
+    assert dict(zip(posterior.names, apart(ours, theirs).round(3), strict=True)) == pytest.approx(
+        dict.fromkeys(posterior.names, 0.0), abs=0.08
+    )
