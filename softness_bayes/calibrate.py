@@ -130,7 +130,8 @@ class Calibrated:
         kind = "Calibrated" if self.passed else "Not decided"
         return (
             f"{kind}: {head}; ranks of {len(calibration.names)} quantities among {calibration.draws} draws are "
-            f"uniform: smallest p-value {worst:.2g}, alarm below {calibration.threshold:.1g}."
+            f"uniform: smallest p-value {worst:.2g}, alarm below {calibration.threshold:.1g}, which intervals "
+            f"{calibration.resolution:.2f} times too narrow would raise."
         )
 
     def save(self, directory: Path) -> None:

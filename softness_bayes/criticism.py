@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from softness_bayes.inference.design import Design
 from softness_bayes.inference.observation import RATING_DIRECTIONS
-from softness_bayes.inference.predictive import QUANTITIES, Finding, Layout, compare
+from softness_bayes.inference.predictive import DROP, PLACE, QUANTITIES, TURNS_OVER, Columns, Finding, Layout, compare
 from softness_bayes.inference.uniformity import uniformity_p_value
 
 if TYPE_CHECKING:
@@ -32,6 +32,9 @@ NEW_PARTICIPANTS = "rating_of_new_participants"
 
 LOO_PIT, PARETO_K = "loo_pit", "loo_pareto_k"
 """What each rating is given all the others, in the group `constant_data`."""
+
+FABRICS, EXPONENTS, PIT = "fabrics' own deviations", "participants' own exponents", "LOO-PIT"
+"""Checks of residuals at draws of the posterior, beside the test quantities."""
 
 _PIT_POINTS = np.arange(1, 100) / 100
 
@@ -81,14 +84,14 @@ def check_table(tree: xr.DataTree) -> pd.DataFrame:
             anew = quantity.new_participants
             findings = compare(quantity, layout, fit, fits[anew], PROBABILITY)
             kind = "new" if anew or law == "prior" else "same"
-            labels = _labels(tree, layout, quantity.by)
+            labels = _labels(tree, layout, quantity.columns)
             rows += [_row(law, quantity.name, kind, *label, one) for label, one in zip(labels, findings, strict=True)]
-    for what, name in (("fabric", "fabrics' own deviations"), ("exponent", "participants' own exponents")):
+    for what, name in (("fabric", FABRICS), ("exponent", EXPONENTS)):
         deviation, p_value = (float(tree.attrs[f"{what}_{key}"]) for key in ("deviation", "p_value"))
         rows.append(_row("posterior", name, "same", ALL, ALL, ALL, Finding(deviation, np.nan, np.nan, np.nan, p_value)))
     pit = _values(tree, "constant_data", LOO_PIT)
     p_value = uniformity_p_value(pit, _PIT_POINTS)
-    rows.append(_row("posterior", "LOO-PIT", "same", ALL, ALL, ALL, Finding(pit.mean(), 0.5, np.nan, np.nan, p_value)))
+    rows.append(_row("posterior", PIT, "same", ALL, ALL, ALL, Finding(pit.mean(), 0.5, np.nan, np.nan, p_value)))
     return pd.DataFrame(rows).set_index(["law", "quantity"])
 
 
@@ -110,15 +113,14 @@ def inflection_sentence(table: pd.DataFrame) -> str:
     shared between them.
     """
     checks = _of_posterior(table)
-    turns = checks.loc[["turns over"]]
+    turns = checks.loc[[TURNS_OVER]]
     parts = []
     for load in dict.fromkeys(turns["load"]):
         row, place, drop = (
-            checks[(checks.index == name) & (checks["load"] == load)].iloc[0]
-            for name in ("turns over", "inflection e_fab_kpa", "drop beyond inflection")
+            checks[(checks.index == name) & (checks["load"] == load)].iloc[0] for name in (TURNS_OVER, PLACE, DROP)
         )
         if np.isnan(row["observed"]):
-            parts.append(f"{load}: fewer than three fabrics, not judged")
+            parts.append(f"{load}: not judged, too few fabrics or ratings")
             continue
         known = [p for p in (row["p_value"], place["p_value"], drop["p_value"]) if np.isfinite(p)]
         verdict = "yes" if min(_two_sided(p) for p in known) >= DOUBTFUL / len(known) else "no"
@@ -135,7 +137,7 @@ def inflection_sentence(table: pd.DataFrame) -> str:
 
 def _doubts(checks: pd.DataFrame) -> list[str]:
     """Name the quantities, beyond the inflection, that the model does not reproduce."""
-    others = checks[~checks.index.isin(["turns over", "inflection e_fab_kpa", "drop beyond inflection"])]
+    others = checks[~checks.index.isin([TURNS_OVER, PLACE, DROP])]
     found = []
     for name in dict.fromkeys(others.index):
         rows = others.loc[[name]]
@@ -143,7 +145,7 @@ def _doubts(checks: pd.DataFrame) -> list[str]:
         if rows.empty:
             continue
         # those of one sign only, by construction
-        one_sided = name in ("fabrics' own deviations", "participants' own exponents", "LOO-PIT")
+        one_sided = name in (FABRICS, EXPONENTS, PIT)
         p_values = rows["p_value"] if one_sided else rows["p_value"].map(_two_sided)
         if p_values.min() < DOUBTFUL / len(rows):
             worst = rows.iloc[int(np.argmin(p_values))]
@@ -182,15 +184,16 @@ def _row(
     }
 
 
-def _labels(tree: xr.DataTree, layout: Layout, by: str) -> list[tuple[str, str, str]]:
+def _labels(tree: xr.DataTree, layout: Layout, columns: Columns) -> list[tuple[str, str, str]]:
     """Return load, fabric and participant of every column of a quantity."""
     groups = {"load": "constant_data", "fabric": "constant_data", "participant": "posterior"}
-    names = {what: _values(tree, group, what).astype(str) for what, group in groups.items()}
-    if by == "condition":
-        pairs = zip(layout.load, layout.design.fabric, strict=True)
-        return [(names["load"][k], names["fabric"][f], ALL) for k, f in pairs]
-    if by == "load":
-        return [(names["load"][k], ALL, ALL) for k in layout.loads]
-    if by == "participant":
-        return [(ALL, ALL, name) for name in names["participant"]]
-    return [(ALL, ALL, ALL)]
+    load, fabric, participant = (_values(tree, group, what).astype(str) for what, group in groups.items())
+    match columns:
+        case Columns.CONDITION:
+            return [(load[k], fabric[f], ALL) for k, f in zip(layout.load, layout.design.fabric, strict=True)]
+        case Columns.LOAD:
+            return [(load[k], ALL, ALL) for k in layout.loads]
+        case Columns.PARTICIPANT:
+            return [(ALL, ALL, name) for name in participant]
+        case _:
+            return [(ALL, ALL, ALL)]

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 from fake_scene import fake_posterior
+from scipy.stats import norm
 
 from softness_bayes.calibrate import CalibrationScene, calibrate
 from softness_bayes.cli import main
@@ -94,6 +95,16 @@ def test_judgement_of_exact_ranks():
     assert judged.uniform_p > 0.999
     assert judged.spread == pytest.approx(1)
     assert judged.spread_p > 0.5
+
+
+def test_resolution_is_the_width_that_raises_the_alarm(rng):
+    calibration = Calibration(("x",), rng.integers(DRAWS + 1, size=(400, 1)))
+    assert 1.05 < calibration.resolution < 1.15
+    z = norm.ppf((np.arange(400) + 0.5) / 400)
+    for spread, alarm in ((0.97 * calibration.resolution, False), (1.03 * calibration.resolution, True)):
+        rank = np.floor(norm.cdf(spread * z) * (DRAWS + 1)).astype(int)[:, None]
+        assert (replace(calibration, rank=rank).judge()["x"].spread_p < calibration.threshold) == alarm
+    assert Calibration(("x",), np.zeros((20, 1), int)).resolution > 1.4
 
 
 def test_coverage_counts_ranks():

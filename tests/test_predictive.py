@@ -13,6 +13,7 @@ from softness_bayes.inference.observation import LogRatings
 from softness_bayes.inference.predictive import (
     QUANTITIES,
     Additive,
+    Columns,
     ExponentCheck,
     Layout,
     check_exponents,
@@ -71,7 +72,7 @@ def p_values(rng, name, column, sets, assumed_rate=RATE, assumed=PLAIN, **made):
 
 @pytest.mark.parametrize("name", BY_NAME)
 def test_p_is_uniform_under_the_model(rng, name):
-    found = p_values(rng, name, 1 if BY_NAME[name].by else 0, 120, rate=STEEP, assumed_rate=STEEP)
+    found = p_values(rng, name, 0 if BY_NAME[name].columns is Columns.ALL else 1, 120, rate=STEEP, assumed_rate=STEEP)
     assert found.size > 60
     if name == "turns over":  # yes or no: right in the mean
         assert found.mean() == pytest.approx(0.5, abs=0.1)
@@ -106,7 +107,7 @@ def test_every_quantity_finds_a_model_that_is_wrong_about_it(rng, name):
     made = dict(CONTROLS[name])
     if "noise" in made:
         made["noise"] = heavy(rng, made["noise"])
-    found = p_values(rng, name, 1 if BY_NAME[name].by else 0, 25, **made)
+    found = p_values(rng, name, 0 if BY_NAME[name].columns is Columns.ALL else 1, 25, **made)
     assert np.mean(np.minimum(found, 1 - found) < 0.025) > 0.4
 
 
@@ -185,6 +186,17 @@ def test_two_fabrics_cannot_turn_over():
     who = Design(np.arange(4), np.zeros(4, int), np.array([0, 1, 0, 1]), 1)
     lay = Layout(who, np.array([1e4, 1e5, 1e4, 1e5]), np.array([0, 0, 1, 1]))
     assert np.isnan(np.array(find_turn(lay, lay.fit(np.array([1.0, 2.0, 3.0, 4.0]))))).all()
+
+
+def test_one_rater_of_each_once_has_no_spread_to_judge_by():
+    who = Design(np.arange(6), np.zeros(6, int), np.arange(6), 1)
+    lay = Layout(who, MODULUS[:6], LOAD[:6])
+    fit = lay.fit(np.tile([1.0, 2.0, 4.0, 8.0, 4.0, 2.0], (3, 1)))
+    for quantity in QUANTITIES:
+        values = quantity.of(lay, fit)
+        known = quantity.name in ("mean log rating", "participant log mean")
+        assert np.isfinite(values).all() == known, quantity.name
+        assert np.isfinite(compare(quantity, lay, lay.fit(np.arange(1.0, 7.0)), fit)[0].p_value) == known
 
 
 def test_joint_limits_hold_whole_curves(rng):

@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import chdtr, chdtrc, ndtri
+from scipy.special import chdtr, chdtrc, chdtri, ndtri
 from scipy.stats import binom
 
 from softness_bayes.inference.observation import LogRatings
@@ -193,15 +193,23 @@ class Calibration:
         return {name: self._judge(k) for k, name in enumerate(self.names)}
 
     def _judge(self, quantity: int) -> Judged:
-        size = len(self.rank)
-        squares = ndtri((np.arange(self.draws + 1) + 0.5) / (self.draws + 1)) ** 2
-        mean, variance = size * squares.mean(), size * squares.var()
-        total = float(squares[self.rank[:, quantity]].sum())
-        # a multiple of a chi-squared law with the mean and variance of the sum
-        scale, freedom = variance / (2.0 * mean), 2.0 * mean**2 / variance
-        tails = chdtr(freedom, total / scale), chdtrc(freedom, total / scale)
+        squares, freedom = self._squared_scores
+        relative = float(squares[self.rank[:, quantity]].mean() / squares.mean())
+        tails = chdtr(freedom, relative * freedom), chdtrc(freedom, relative * freedom)
         uniform = uniformity_p_value(self.positions[:, quantity], self.points)
-        return Judged(uniform, float(min(1.0, 2.0 * min(tails))), math.sqrt(total / mean))
+        return Judged(uniform, float(min(1.0, 2.0 * min(tails))), math.sqrt(relative))
+
+    @property
+    def _squared_scores(self) -> tuple[FloatArray, float]:
+        """Squared normal score of every rank, and degrees of freedom of the chi-squared law like their sum's."""
+        squares = ndtri((np.arange(self.draws + 1) + 0.5) / (self.draws + 1)) ** 2
+        return squares, float(2.0 * len(self.rank) * squares.mean() ** 2 / squares.var())
+
+    @property
+    def resolution(self) -> float:
+        """How many times too narrow a posterior's intervals must be to raise the alarm by their spread."""
+        _, freedom = self._squared_scores
+        return math.sqrt(float(chdtri(freedom, 0.5 * self.threshold)) / freedom)
 
     @property
     def threshold(self) -> float:

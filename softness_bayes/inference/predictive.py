@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from enum import Enum
 from typing import NamedTuple
 
 import numpy as np
@@ -99,7 +100,7 @@ class Turn(NamedTuple):
     """Where mean log ratings turn over along the fabrics of each load, every field of shape (..., loads)."""
 
     interior: FloatArray
-    """1 with an interior maximum, 0 without; NaN with fewer than three moduli."""
+    """1 with an interior maximum, 0 without; NaN with fewer than three moduli or no spread to measure it by."""
     modulus: FloatArray
     """E_fab at the maximum [Pa]; NaN unless it is interior."""
     drop: FloatArray
@@ -121,7 +122,7 @@ def find_turn(layout: Layout, fit: Additive) -> Turn:
 def _turn_of_load(layout: Layout, fit: Additive, count: FloatArray, conditions: IndexArray) -> tuple[FloatArray, ...]:
     conditions = conditions[np.argsort(layout.modulus[conditions], kind="stable")]
     mean, x = layout.sign * fit.condition[..., conditions], np.log(layout.modulus[conditions])
-    if np.unique(x).size < 3:
+    if np.unique(x).size < 3 or not np.isfinite(fit.sd).all():
         return (np.full(mean.shape[:-1], np.nan),) * 3
     top = mean.argmax(axis=-1)
     peak = mean.max(axis=-1)
@@ -140,6 +141,15 @@ def _turn_of_load(layout: Layout, fit: Additive, count: FloatArray, conditions: 
     return interior.astype(float), np.where(interior, np.exp(x[middle] + offset), np.nan), peak - mean[..., -1]
 
 
+class Columns(Enum):
+    """What a quantity has one value for."""
+
+    ALL = "all ratings"
+    CONDITION = "each condition"
+    LOAD = "each load"
+    PARTICIPANT = "each participant"
+
+
 @dataclass(frozen=True)
 class Quantity:
     """A test quantity.
@@ -150,8 +160,8 @@ class Quantity:
         As in tables.
     new_participants
         Whether replicates are of new participants; else of those who rated.
-    by
-        The columns of its values: ``"condition"``, ``"load"``, ``"participant"`` or ``""`` for a single one.
+    columns
+        What it has a value for.
     of
         Values of data sets, shape (..., columns).
     centre
@@ -160,21 +170,36 @@ class Quantity:
 
     name: str
     new_participants: bool
-    by: str
+    columns: Columns
     of: Callable[[Layout, Additive], FloatArray]
     centre: Callable[[FloatArray], np.floating] = np.median
 
 
+TURNS_OVER, PLACE, DROP = "turns over", "inflection e_fab_kpa", "drop beyond inflection"
+"""The quantities of the inflection point under each load."""
+
+
+def _spread_of_participants(_: Layout, fit: Additive) -> FloatArray:
+    present = fit.participant[..., np.isfinite(fit.participant).reshape(-1, fit.participant.shape[-1]).all(axis=0)]
+    if present.shape[-1] < 2:
+        return np.full((*present.shape[:-1], 1), np.nan)
+    return present.std(axis=-1, ddof=1, keepdims=True)
+
+
 QUANTITIES = (
-    Quantity("mean log rating", False, "condition", lambda _, fit: fit.condition),
-    Quantity("turns over", False, "load", lambda layout, fit: find_turn(layout, fit).interior, np.mean),
-    Quantity("inflection e_fab_kpa", False, "load", lambda layout, fit: 1e-3 * find_turn(layout, fit).modulus),
-    Quantity("drop beyond inflection", False, "load", lambda layout, fit: find_turn(layout, fit).drop),
-    Quantity("participant log mean", False, "participant", lambda _, fit: fit.participant),
-    Quantity("spread of participants", True, "", lambda _, fit: np.nanstd(fit.participant, axis=-1, ddof=1)[..., None]),
-    Quantity("residual spread", False, "", lambda _, fit: fit.sd[..., None]),
-    Quantity("largest residual / sd", False, "", lambda _, fit: (fit.residual.max(axis=-1) / fit.sd)[..., None]),
-    Quantity("smallest residual / sd", False, "", lambda _, fit: (fit.residual.min(axis=-1) / fit.sd)[..., None]),
+    Quantity("mean log rating", False, Columns.CONDITION, lambda _, fit: fit.condition),
+    Quantity(TURNS_OVER, False, Columns.LOAD, lambda layout, fit: find_turn(layout, fit).interior, np.mean),
+    Quantity(PLACE, False, Columns.LOAD, lambda layout, fit: 1e-3 * find_turn(layout, fit).modulus),
+    Quantity(DROP, False, Columns.LOAD, lambda layout, fit: find_turn(layout, fit).drop),
+    Quantity("participant log mean", False, Columns.PARTICIPANT, lambda _, fit: fit.participant),
+    Quantity("spread of participants", True, Columns.ALL, _spread_of_participants),
+    Quantity("residual spread", False, Columns.ALL, lambda _, fit: fit.sd[..., None]),
+    Quantity(
+        "largest residual / sd", False, Columns.ALL, lambda _, fit: (fit.residual.max(axis=-1) / fit.sd)[..., None]
+    ),
+    Quantity(
+        "smallest residual / sd", False, Columns.ALL, lambda _, fit: (fit.residual.min(axis=-1) / fit.sd)[..., None]
+    ),
 )
 """The test quantities, in the order of their table."""
 
