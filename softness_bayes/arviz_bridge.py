@@ -7,6 +7,7 @@ ArviZ and xarray are imported inside the functions: they take seconds, and most 
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -73,29 +74,26 @@ def hdi(draws: ArrayLike, probability: float) -> tuple[float, float]:
 
 
 def psis(log_ratios: ArrayLike) -> tuple[FloatArray, FloatArray]:
-    """Pareto-smoothed importance weights and the shape k of their tails.
+    """Pareto-smoothed importance weights of draws.
 
     Parameters
     ----------
     log_ratios
-        Log of the importance ratios up to a constant, shape (units, draws).
+        Logarithms of the raw weights, shape (cases, draws).
 
     Returns
     -------
-    log_weights, k : ndarray, shapes (units, draws) and (units,)
-        Weights that sum to 1 over the draws. k is 0 where all ratios are equal.
+    log_weights, pareto_k : ndarray, shapes (cases, draws) and (cases,)
+        Weights add up to 1 in each case. Where the largest are equal, there is no tail to smooth and k is -inf.
     """
-    ratios = np.asarray(log_ratios, float)
-    if _next_line():
-        from arviz_stats.base import array_stats
-
-        # this line takes log densities, whose ratios are their inverses
-        smoothed, k = array_stats.psislw(-ratios, axis=-1)
-    else:
-        smoothed, k = _arviz().psislw(ratios)
-    smoothed = smoothed - np.logaddexp.reduce(smoothed, axis=-1)[:, None]
-    equal = np.ptp(ratios, axis=-1) == 0
-    return np.where(equal[:, None], -np.log(ratios.shape[-1]), smoothed), np.where(equal, 0.0, k)
+    log_weights = np.array(log_ratios, float)
+    pareto_k = np.full(len(log_weights), -np.inf)
+    draws = log_weights.shape[-1]
+    tail = math.ceil(min(draws / 5, 3 * math.sqrt(draws)))
+    uneven = np.ptp(np.sort(log_weights, axis=-1)[:, -tail:], axis=-1) > 0
+    if uneven.any():
+        log_weights[uneven], pareto_k[uneven] = _psis(log_weights[uneven])
+    return log_weights - np.logaddexp.reduce(log_weights, axis=-1, keepdims=True), pareto_k
 
 
 def to_tree(
@@ -166,6 +164,14 @@ def for_arviz(tree: xarray.DataTree) -> Any:
         return tree
     groups = {name: child.to_dataset() for name, child in tree.children.items()}
     return _arviz().InferenceData(attrs=dict(tree.attrs), **groups)
+
+
+def _psis(log_ratios: FloatArray) -> Any:
+    if not _next_line():
+        return _arviz().psislw(log_ratios)
+    from arviz_stats.base import array_stats
+
+    return array_stats.psislw(-log_ratios, axis=-1)  # takes log-likelihoods
 
 
 def _arviz() -> Any:

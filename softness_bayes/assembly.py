@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from softness_bayes import arviz_bridge
+from softness_bayes.criticism import LOO_PIT, NEW_PARTICIPANTS, PARETO_K
 from softness_bayes.data import Experiment
 from softness_bayes.data.columns import EFFECTIVE_MODULUS, POISSON_RATIO
 from softness_bayes.data.ratings import LOAD_COLUMNS
@@ -23,6 +24,7 @@ from softness_bayes.inference.exactness import Exactness, compare, resample
 from softness_bayes.inference.observation import LogRatings, RatingParameters
 from softness_bayes.inference.parameters import PARAMETERS
 from softness_bayes.inference.posterior import Posterior
+from softness_bayes.inference.predictive import ExponentCheck, check_exponents, loo_pit
 from softness_bayes.inference.random_effects import Effects
 from softness_bayes.inference.summary import reweighted, summarise
 from softness_bayes.touch.parameters import TouchParameters
@@ -119,7 +121,7 @@ class Assembly:
 
     def tree(self, attributes: Mapping[str, Any]) -> xr.DataTree:
         """Return the groups of the result, with `attributes` as their provenance."""
-        check = self._fabric_check()
+        check, exponents = self._fabric_check(), self._exponent_check()
         groups = {
             **self._posterior_groups(),
             **self._predictive_groups(),
@@ -139,6 +141,10 @@ class Assembly:
             "exactness_efficiency": self.exactness.efficiency,
             "exactness_pareto_k": self.exactness.pareto_k,
             "exact_reweight": int(self.reweight),
+            "fabric_deviation": check.deviation,
+            "exponent_check": exponents.sentence,
+            "exponent_p_value": exponents.p_value,
+            "exponent_deviation": exponents.deviation,
             **self._shares(),
         }
         every = {name: variable for group in groups.values() for name, variable in group.items()}
@@ -229,6 +235,10 @@ class Assembly:
         draws = self._pick(REPLICATES)
         return check_fabrics(self.ratings, draws.mean_rate, draws.parameters, draws.effects)
 
+    def _exponent_check(self) -> ExponentCheck:
+        draws = self._pick(REPLICATES)
+        return check_exponents(self.ratings, draws.mean_rate, draws.parameters, draws.effects)
+
     def _posterior_groups(self) -> dict[str, dict[str, Variable]]:
         space, kept = self.posterior.space, self.kept
         log_prior = space.log_prior(self.theta)
@@ -257,14 +267,19 @@ class Assembly:
         return {p.name: Variable(theta[..., k], units=p.unit) for k, p in enumerate(space.sampled)}
 
     def _predictive_groups(self) -> dict[str, dict[str, Variable]]:
-        """Return replicated ratings of the same participants, and each rating given all the others."""
+        """Return replicated ratings of the same and of new participants, and each rating given all the others."""
         few, design, model = self._pick(REPLICATES), self.ratings.design, self.ratings.model
         drive = model.drive(design, few.mean_rate, few.parameters)
         again = model.draw_ratings(self.rng, design, drive, few.parameters, few.effects)
+        size = few.effects.mu.shape, design.n_participants, design.n_fabrics
+        strangers = model.draw_effects(self.rng, few.parameters, *size, mu=few.effects.mu)
+        strangers = strangers._replace(fabric=few.effects.fabric)
+        anew = model.draw_ratings(self.rng, design, drive, few.parameters, strangers)
         alone = self.ratings.log_likelihood_loo(few.mean_rate, few.parameters)
         rows = ("rating_row",)
+        replicates = {"rating": Variable(again[None], rows), NEW_PARTICIPANTS: Variable(anew[None], rows)}
         return {
-            "posterior_predictive": {"rating": Variable(again[None], rows)},
+            "posterior_predictive": replicates,
             "log_likelihood_loo": {"rating": Variable(alone[None], rows)},
         }
 
@@ -318,9 +333,13 @@ class Assembly:
         ratings, fabrics = self.experiment.ratings, self.experiment.fabrics
         held = self.posterior.space.held
         modulus = fabrics.modulus(self.scene.readings.fabric_modulus) / EFFECTIVE_MODULUS.factor
+        few = self._pick(REPLICATES)
+        pit = loo_pit(self.ratings, few.mean_rate, few.parameters)
         return {
             **{n: Variable(np.array(value), units=PARAMETERS[n].unit) for n, value in held.items()},
             "finger_radius_mm": Variable(np.array(self.scene.finger.radius * 1e3), units="mm"),
+            LOO_PIT: Variable(pit.value, ("rating_row",)),
+            PARETO_K: Variable(pit.pareto_k, ("rating_row",)),
             EFFECTIVE_MODULUS.name: Variable(modulus, ("fabric",), EFFECTIVE_MODULUS.unit),
             POISSON_RATIO.name: Variable(fabrics.poisson_ratio, ("fabric",)),
             **{

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -30,6 +31,9 @@ POSTERIOR, SUMMARY = "posterior.nc", "summary.csv"
 CHECKPOINT, MANIFEST, LOCK = "checkpoint", "manifest.json", "lock"
 """Directory of a run's checkpoint inside that of its results, and two files in it."""
 
+TABLES: Mapping[str, str | list[str]] = {"directions": "direction", "predictive_checks": ["law", "quantity"]}
+"""Further tables of a result by the name of their file, with the columns that identify a row."""
+
 PERCENTS = (0.05, 0.5, 0.95)
 """Lower limit, middle and upper limit of what tables say of an inflection."""
 
@@ -44,10 +48,13 @@ class Result:
         The groups of ``posterior.nc``, provenance in its attributes.
     table
         The summary, one row per parameter.
+    tables
+        Further tables by name, out of `TABLES`.
     """
 
     tree: xr.DataTree
     table: pd.DataFrame
+    tables: Mapping[str, pd.DataFrame] = field(default_factory=dict)
 
     @property
     def attributes(self) -> dict[str, Any]:
@@ -153,13 +160,17 @@ class Result:
         return pd.DataFrame(rows).set_index("load")
 
     def save(self, directory: str | Path) -> None:
-        """Write ``posterior.nc`` and ``summary.csv`` into a directory; each appears whole or not at all."""
+        """Write ``posterior.nc`` and the tables into a directory; each file appears whole or not at all."""
         directory = Path(directory)
         directory.mkdir(parents=True, exist_ok=True)
         arviz_bridge.write_netcdf(self.tree, directory / POSTERIOR)
-        part = directory / f"{SUMMARY}.part"
-        self.table.to_csv(part)
-        part.replace(directory / SUMMARY)
+        for name, table in {
+            SUMMARY: self.table,
+            **{f"{name}.csv": table for name, table in self.tables.items()},
+        }.items():
+            part = directory / f"{name}.part"
+            table.to_csv(part)
+            part.replace(directory / name)
 
     @classmethod
     def load(cls, directory: str | Path) -> Result:
@@ -187,7 +198,9 @@ class Result:
         table = path.with_name(SUMMARY)
         if not table.is_file():
             raise InputError(f"{table}: no such file; expected the {SUMMARY} beside {path.name}")
-        return cls(tree, pd.read_csv(table, index_col="parameter"))
+        files = {name: path.with_name(f"{name}.csv") for name in TABLES}
+        tables = {name: pd.read_csv(file, index_col=TABLES[name]) for name, file in files.items() if file.is_file()}
+        return cls(tree, pd.read_csv(table, index_col="parameter"), tables)
 
 
 _TRACES = (Path(CHECKPOINT), Path(CHECKPOINT) / LOCK)

@@ -11,6 +11,7 @@ from typing import Any, Self
 import numpy as np
 
 from softness_bayes.assembly import Assembly, versions
+from softness_bayes.criticism import check_table
 from softness_bayes.data import Experiment
 from softness_bayes.inference.coordinates import Bent
 from softness_bayes.inference.design import Design
@@ -25,6 +26,7 @@ from softness_bayes.inference.parameters import parameter_space
 from softness_bayes.inference.posterior import Posterior
 from softness_bayes.inference.priors import Prior, parse_prior
 from softness_bayes.inference.sampling import Progress, Settings, progress_of, sampled_of, walk
+from softness_bayes.learning import direction_table, learning_table
 from softness_bayes.result import SCHEMA, Result
 from softness_bayes.storage.checkpoint import Checkpoint
 from softness_bayes.storage.identity import identity, require_density
@@ -214,6 +216,7 @@ def sample(
         "seed": options.seed,
         "prior_set": options.prior_set,
         **{f"prior_{p.name}": str(p.prior) for p in posterior.space.sampled},
+        "prior_mu": str(assembly.ratings.model.level),
         **{f"reading_{place}": name for place, name in options.readings.names.items()},
         "direction": options.direction.name,
         "noise": options.noise,
@@ -231,4 +234,6 @@ def sample(
         "failures": state.nonfinite.count,
         **versions(),
     }
-    return Result(assembly.tree(attributes), assembly.summary())
+    tree = assembly.tree(attributes)
+    summary = assembly.summary().join(learning_table(tree))
+    return Result(tree, summary, {"directions": direction_table(tree), "predictive_checks": check_table(tree)})

@@ -82,6 +82,19 @@ def test_diagnostics_of_independent_draws():
     assert arviz_bridge.r_hat(chains + np.arange(4)[:, None]) > 1.2
 
 
+def test_weights_are_smoothed_where_they_have_a_tail():
+    rng = np.random.default_rng(2)
+    ratios = np.stack([rng.normal(size=2000), 2.5 * rng.exponential(size=2000), np.full(2000, 3.0)])
+    log_weights, pareto_k = arviz_bridge.psis(ratios)
+    np.testing.assert_allclose(np.exp(log_weights).sum(axis=1), 1)
+    assert pareto_k[0] < 0.5 < 0.7 < pareto_k[1]
+    assert np.isneginf(pareto_k[2])
+    np.testing.assert_allclose(log_weights[2], -np.log(2000))
+    raw = ratios - np.logaddexp.reduce(ratios, axis=1, keepdims=True)
+    assert np.corrcoef(log_weights[0], raw[0])[0, 1] > 0.99
+    assert log_weights[1].max() < raw[1].max()
+
+
 def test_diagnostics_refuse_other_shapes():
     with pytest.raises(ValueError, match=r"\(chains, draws\)"):
         arviz_bridge.r_hat(np.zeros(10))

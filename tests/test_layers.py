@@ -19,8 +19,9 @@ LAYERS = (
     {"data"},
     {"arviz_bridge"},
     {"inference"},
-    {"study", "predict", "result", "storage"},
+    {"study", "predict", "result", "storage", "learning", "criticism"},
     {"assembly", "run", "claims"},
+    {"calibrate"},
     {"plotting", "report"},
     {"cli", "benchmark", "benchmark_moves"},
 )

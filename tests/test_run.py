@@ -97,7 +97,7 @@ def test_groups_and_their_variables(result):
         "log_prior": {*SAMPLED},
         "prior": {*SAMPLED},
         "observed_data": {"rating"},
-        "posterior_predictive": {"rating"},
+        "posterior_predictive": {"rating", "rating_of_new_participants"},
         "prior_predictive": {"rating"},
         "log_likelihood_loo": {"rating"},
     }
@@ -262,6 +262,17 @@ def test_some_draws_say_which_of_the_posterior_they_are(result, posterior):
     assert_array_equal(curves["at_b"].values[0], result.group("posterior")["b"].values[index])
 
 
+def test_loo_pit_is_stored_for_every_rating(result):
+    constant = result.group("constant_data")
+    assert constant["loo_pit"].dims == ("rating_row",)
+    assert ((constant["loo_pit"] > 0) & (constant["loo_pit"] < 1)).all()
+    assert np.isfinite(constant["loo_pareto_k"]).all()
+    # higher where the rating lies above what the others predict
+    again = result.group("posterior_predictive")["rating"].values[0]
+    above = result.group("observed_data")["rating"].values - np.median(again, axis=0)
+    assert np.corrcoef(above, constant["loo_pit"])[0, 1] > 0.4
+
+
 def test_draws_of_the_prior(result):
     for name in SAMPLED:
         assert kstest(result.group("prior")[name].values.ravel(), PRIORS[name].cdf).pvalue > 1e-3
@@ -271,6 +282,11 @@ def test_replicates_are_of_the_same_participants_and_new_ones(result):
     observed = np.log(result.group("observed_data")["rating"].values)
     again = np.log(result.group("posterior_predictive")["rating"].values[0])
     assert np.corrcoef(again.mean(axis=0), observed)[0, 1] > 0.8
+    others = np.log(result.group("posterior_predictive")["rating_of_new_participants"].values[0])
+    people = result.group("constant_data")["participant_index"].values
+    means = [[draws[:, people == k].mean(axis=1) for k in range(PARTICIPANTS)] for draws in (again, others)]
+    # the mean of one participant moves between replicates only if it is another participant's
+    assert np.std(means[1], axis=1).mean() > 1.5 * np.std(means[0], axis=1).mean()
     anew = np.log(result.group("prior_predictive")["rating"].values[0])
     assert anew.std() > 2 * again.std()  # mu has a prior sd of 3
     assert anew.mean() == pytest.approx(np.log(20), abs=5 * 3 / np.sqrt(500))
@@ -336,7 +352,9 @@ def test_the_summary(result, directory):
     columns = ["mean", "sd", "hdi_low", "hdi_high", "hdi_prob", "ess_bulk", "ess_tail", "r_hat", "mcse_mean"]
     columns.append("mcse_sd")
     written = pd.read_csv(directory / "summary.csv")
-    assert list(written)[: 1 + len(columns)] == ["parameter", *columns]
+    columns += ["prior_mean", "prior_sd", "contraction", "psens_prior", "psens_likelihood"]
+    assert list(written) == ["parameter", *columns]
+    assert written["prior_sd"].iloc[-1] == pytest.approx(3)  # mu's
     assert written["parameter"].tolist() == [*SAMPLED, "mu"]
     table = result.summary()
     for name in (*SAMPLED, "mu"):
@@ -357,11 +375,18 @@ def test_the_summary(result, directory):
 
 
 def test_a_result_reads_back_identically(result, directory):
-    assert sorted(path.name for path in directory.iterdir()) == ["posterior.nc", "summary.csv"]
+    assert sorted(path.name for path in directory.iterdir()) == [
+        "directions.csv",
+        "posterior.nc",
+        "predictive_checks.csv",
+        "summary.csv",
+    ]
     for place in (directory, directory / "posterior.nc"):
         again = Result.load(place)
         assert again.tree.identical(result.tree)
         pd.testing.assert_frame_equal(again.table, result.table, check_exact=True)
+        for name, table in result.tables.items():
+            pd.testing.assert_frame_equal(again.tables[name], table, check_exact=True)
     assert again.loads == result.loads
     pd.testing.assert_frame_equal(again.inflection(), result.inflection())
 

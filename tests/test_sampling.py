@@ -311,11 +311,15 @@ def _fail(resident, what):
 def test_an_error_in_a_worker_arrives(processes):
     with Workers("the resident", processes) as workers, pytest.raises(NumericalError, match="the resident broke"):
         workers.map(_fail, [("broke",)])
+    with Workers("the resident", processes) as workers, pytest.raises(NumericalError, match="the resident broke"):
+        list(workers.as_finished(_fail, [("broke",)]))
 
 
 def test_a_worker_that_dies_is_reported():
     with Workers("the resident", 2) as workers, pytest.raises(SoftnessError, match="a worker process died"):
         workers.map(_fail, [("die",)])
+    with Workers("the resident", 2) as workers, pytest.raises(SoftnessError, match="a worker process died"):
+        list(workers.as_finished(_fail, [("die",)]))
 
 
 def test_a_script_without_a_main_guard_is_told_so(tmp_path):

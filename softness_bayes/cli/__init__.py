@@ -19,6 +19,7 @@ VERBS: Mapping[str, str] = {
     "simulate": "Simulate magnitude estimates of fabrics from stated parameters.",
     "predict": "Predict contact, stress and firing for fabrics under loads.",
     "claims": "Say which of the paper's claims hold under which readings of its equations.",
+    "calibrate": "Check the whole inference by simulation: do posteriors hold the truth as often as they say?",
 }
 """Verb -> its one-line help; `softness_bayes.cli.<verb>` holds the click command `command`."""
 

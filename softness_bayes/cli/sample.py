@@ -190,13 +190,24 @@ class _Bar:
 
 def _report(result: Result, out: Path) -> None:
     """Print summary, inflection, checks and verdict."""
-    found = result.attributes
-    click.echo(result.summary().to_string(float_format=lambda x: f"{x:.4g}"))
+    from softness_bayes.criticism import check_sentences
+    from softness_bayes.learning import learning_sentences
+
+    found, summary = result.attributes, result.summary()
+    click.echo(summary.to_string(float_format=lambda x: f"{x:.4g}", na_rep="–"))
+    click.echo()
+    for sentence in (*learning_sentences(summary), *result.tables["directions"]["meaning"]):
+        click.echo(sentence)
     click.echo("\nwhere the response turns over (probabilities; E_fab in kPa, medians and 90 % limits)")
     columns = ["p_interior", "p_none", "p_silent", "p_inside", "e_fab_kpa_low", "e_fab_kpa", "e_fab_kpa_high"]
     click.echo(result.inflection()[columns].to_string(float_format=lambda x: f"{x:.3g}", na_rep="–"))
     click.echo()
-    click.echo(found["fabric_check"])
+    for sentence in (
+        *check_sentences(result.tables["predictive_checks"]),
+        found["exponent_check"],
+        found["fabric_check"],
+    ):
+        click.echo(sentence)
     click.echo(
         f"silent in every condition: {found['prior_silent_everywhere']:.1%} of the prior, "
         f"{found['posterior_silent_everywhere']:.1%} of the posterior; silent conditions: "

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from softness_bayes.errors import InputError
 from softness_bayes.inference.design import Design
+from softness_bayes.inference.priors import Normal
 from softness_bayes.inference.random_effects import Effects, LeaveOneOut, RandomEffects, Spreads
 
 FloatArray = NDArray[np.float64]
@@ -69,6 +70,11 @@ class RatingModel:
     direction: RatingDirection = SOFTNESS
     centre: float = 20.0
     spread: float = 3.0
+
+    @property
+    def level(self) -> Normal:
+        """The prior of mu."""
+        return Normal(math.log(self.centre), self.spread)
 
     def drive(self, design: Design, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
         """What the response adds to the log rating in each condition of a design.

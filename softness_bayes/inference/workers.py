@@ -5,8 +5,8 @@ from __future__ import annotations
 import os
 import signal
 import threading
-from collections.abc import Callable, Sequence
-from concurrent.futures import ProcessPoolExecutor
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from multiprocessing import get_context, parent_process
 from types import TracebackType
@@ -68,10 +68,25 @@ class Workers:
             futures = [self._pool.submit(_in_worker, work, task) for task in tasks]
             return [future.result() for future in futures]
         except BrokenProcessPool:
-            raise SoftnessError(
-                "a worker process died. In a script, the call must stand under "
-                "'if __name__ == \"__main__\":'; with processes=1 no worker is needed"
-            ) from None
+            raise SoftnessError(_DIED) from None
+
+    def as_finished(self, work: Callable[..., Result], tasks: Sequence[tuple[Any, ...]]) -> Iterator[Result]:
+        """Yield ``work(resident, *task)`` of every task as soon as it is there, in any order; otherwise as `map`."""
+        if self._pool is None:
+            yield from (_on_one_thread(work, self._resident, task) for task in tasks)
+            return
+        try:
+            futures = [self._pool.submit(_in_worker, work, task) for task in tasks]
+            for future in as_completed(futures):
+                yield future.result()
+        except BrokenProcessPool:
+            raise SoftnessError(_DIED) from None
+
+
+_DIED = (
+    "a worker process died. In a script, the call must stand under "
+    "'if __name__ == \"__main__\":'; with processes=1 no worker is needed"
+)
 
 
 _resident: Any = None

@@ -1,0 +1,281 @@
+"""Calibration of a whole scene: replicates side by side, one file each, and what they amount to."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from softness_bayes import __version__
+from softness_bayes.data import Experiment, Fabrics, Ratings
+from softness_bayes.errors import InputError
+from softness_bayes.inference.calibration import DRAWS, Calibration, Replicate, replicate
+from softness_bayes.inference.posterior import Posterior
+from softness_bayes.inference.sampling import Settings
+from softness_bayes.inference.workers import Workers, available_processors
+from softness_bayes.run import RunOptions, posterior_of
+from softness_bayes.touch.contact import Indentation, Load
+from softness_bayes.touch.scene import Discretisation
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+MANIFEST, REPLICATES = "manifest.json", "replicates"
+RANKS, COVERAGE, VERDICT, FIGURE = "ranks.csv", "coverage.csv", "verdict.txt", "ecdf"
+
+LONG = 2_000
+"""Steps beyond which a replicate is counted as one that ran longer."""
+
+ENSEMBLES = 2
+"""Independent ensembles of each replicate: the least that can disagree."""
+
+
+USUAL_FABRICS = Fabrics(tuple("abcdefgh"), effective_modulus=np.geomspace(3e3, 6e5, 8))
+"""Cloth from silent under a light touch to past the turn of the response under a firm one."""
+
+USUAL_LOADS: tuple[Load, ...] = (Indentation(1.5e-3), Indentation(2.5e-3))
+
+COARSE = Discretisation(8, 9.0, 1e-5)
+"""Resolution of the scene unless another is asked for: ratings are simulated and fitted with the same one."""
+
+
+@dataclass(frozen=True)
+class CalibrationScene:
+    """Who rates what in every replicate: all participants every fabric under every load, once.
+
+    Parameters
+    ----------
+    fabrics, loads
+        What is rated; by default a small scene, so that a replicate takes seconds.
+    participants
+        Their number.
+    """
+
+    fabrics: Fabrics = field(default_factory=lambda: USUAL_FABRICS)
+    loads: tuple[Load, ...] = USUAL_LOADS
+    participants: int = 20
+
+    def posterior(self, options: RunOptions) -> Posterior:
+        """Return the model of the scene, compiled once for all replicates; its ratings are placeholders."""
+        names = [f"P{k}" for k in range(1, self.participants + 1)]
+        table = np.ones((self.participants, len(self.fabrics), len(self.loads)))
+        ratings = Ratings.crossed(names, self.fabrics.names, self.loads, table)
+        return posterior_of(Experiment(ratings, self.fabrics, ()), options)
+
+
+@dataclass(frozen=True)
+class Calibrated:
+    """All replicates of a calibration.
+
+    Parameters
+    ----------
+    replicates
+        By index.
+    """
+
+    replicates: Mapping[int, Replicate]
+
+    @property
+    def calibration(self) -> Calibration:
+        """Their ranks."""
+        return Calibration.of([*self.replicates.values()])
+
+    @property
+    def unconverged(self) -> int:
+        """Replicates that did not converge within the steps allowed; their ranks count all the same."""
+        return sum(not one.converged for one in self.replicates.values())
+
+    @property
+    def longer(self) -> int:
+        """Replicates that ran longer than `LONG` steps."""
+        return sum(one.steps > LONG for one in self.replicates.values())
+
+    @property
+    def passed(self) -> bool:
+        """Whether every replicate converged and no test raised the alarm."""
+        return not self.unconverged and not self.calibration.faults()
+
+    def ranks(self) -> pd.DataFrame:
+        """Return a row per replicate: steps, tau, converged, then rank and true value of every quantity."""
+        import pandas as pd
+
+        rows = {}
+        for index, one in self.replicates.items():
+            found = dict(zip(one.names, one.rank, strict=True))
+            true = {f"true_{name}": value for name, value in zip(one.names, one.truth, strict=True)}
+            rows[index] = {"steps": one.steps, "tau": one.tau, "converged": one.converged, **found, **true}
+        return pd.DataFrame.from_dict(rows, orient="index").rename_axis("replicate")
+
+    def coverage(self) -> pd.DataFrame:
+        """Return how often central intervals hold the truth, with the tests of each quantity beside it."""
+        import pandas as pd
+
+        calibration = self.calibration
+        judged = pd.DataFrame({name: one._asdict() for name, one in calibration.judge().items()}).T
+        return pd.DataFrame(calibration.coverage()).join(judged, on="quantity").set_index(["quantity", "mass"])
+
+    def sentence(self) -> str:
+        """Return the verdict in one line."""
+        size, calibration = len(self.replicates), self.calibration
+        head = f"{size} replicates ({self.longer} ran longer than {LONG} steps, {self.unconverged} did not converge)"
+        faults = calibration.faults()
+        if faults:
+            return f"Not calibrated: {head}: {'; '.join(faults)}."
+        worst = min(min(one.uniform_p, one.spread_p) for one in calibration.judge().values())
+        kind = "Calibrated" if self.passed else "Not decided"
+        return (
+            f"{kind}: {head}; ranks of {len(calibration.names)} quantities among {calibration.draws} draws are "
+            f"uniform: smallest p-value {worst:.2g}, alarm below {calibration.threshold:.1g}, which intervals "
+            f"{calibration.resolution:.2f} times too narrow would raise."
+        )
+
+    def save(self, directory: Path) -> None:
+        """Write ranks, coverage and verdict, each whole or not at all."""
+        for name, text in (
+            (RANKS, self.ranks().to_csv()),
+            (COVERAGE, self.coverage().to_csv()),
+            (VERDICT, self.sentence() + "\n"),
+        ):
+            _write_whole(directory / name, text)
+
+
+def calibrate(
+    scene: CalibrationScene,
+    options: RunOptions,
+    count: int,
+    directory: Path,
+    progress: Callable[[int, Replicate], None] | None = None,
+    settings: Settings | None = None,
+) -> Calibrated:
+    """Calibrate the model of a scene; replicates that a directory already holds are not run again.
+
+    Parameters
+    ----------
+    scene
+        Who rates what.
+    options
+        Priors, held parameters, readings, resolution, seed, processes, and the largest number of steps.
+    count
+        Number of replicates.
+    directory
+        Where each replicate leaves a file as soon as it is finished.
+    progress
+        Called with the number of finished replicates and the last of them.
+    settings
+        How to sample; `ENSEMBLES` ensembles and `options.max_steps` if left out.
+
+    Raises
+    ------
+    InputError
+        If the directory holds anything but a calibration that was asked for in the same way, apart from the
+        number of replicates and processes.
+    """
+    if count < 1:
+        raise InputError(f"calibration: {count} replicates, expected at least 1")
+    settings = settings or Settings(ensembles=ENSEMBLES, max_steps=options.max_steps, processes=1)
+    _prepare(directory, _manifest(scene, options, settings))
+    folder = directory / REPLICATES
+    done = {index: _read(path) for index in range(count) if (path := _path(folder, index)).is_file()}
+    missing = [index for index in range(count) if index not in done]
+    if missing:
+        posterior = scene.posterior(options)
+        processes = min(options.processes or available_processors(), len(missing))
+        with Workers(posterior, processes) as workers:
+            tasks = [(settings, options.seed, index, str(folder)) for index in missing]
+            for index, one in workers.as_finished(_run, tasks):
+                done[index] = one
+                if progress is not None:
+                    progress(len(done), one)
+    return Calibrated({index: done[index] for index in range(count)})
+
+
+def _run(posterior: Posterior, settings: Settings, seed: int, index: int, folder: str) -> tuple[int, Replicate]:
+    """Run one replicate and leave its file."""
+    one = replicate(posterior, settings, seed, index)
+    _write_whole(_path(Path(folder), index), json.dumps(one._asdict(), indent=1) + "\n")
+    return index, one
+
+
+def _path(folder: Path, index: int) -> Path:
+    return folder / f"{index:05d}.json"
+
+
+def _read(path: Path) -> Replicate:
+    fields = _json(path, "replicate")
+    try:
+        return Replicate(
+            names=tuple(fields["names"]),
+            rank=tuple(fields["rank"]),
+            truth=tuple(fields["truth"]),
+            steps=int(fields["steps"]),
+            tau=float(fields["tau"]),
+            converged=bool(fields["converged"]),
+        )
+    except (TypeError, KeyError, ValueError) as error:
+        raise InputError(f"{path}: not the file of a replicate ({error!r})") from None
+
+
+def _json(path: Path, what: str) -> dict[str, Any]:
+    try:
+        fields = json.loads(path.read_text(encoding="utf-8"))
+    except ValueError as error:
+        raise InputError(f"{path}: not the file of a {what} ({error})") from None
+    if not isinstance(fields, dict):
+        raise InputError(f"{path}: not the file of a {what}")
+    return fields
+
+
+def _write_whole(path: Path, text: str) -> None:
+    """Write a file that is there whole or not at all, also if two processes write it."""
+    part = path.with_name(f"{path.name}.{os.getpid()}.part")
+    with open(part, "w", encoding="utf-8", newline="") as file:
+        file.write(text)
+        file.flush()
+        os.fsync(file.fileno())
+    part.replace(path)
+
+
+def _manifest(scene: CalibrationScene, options: RunOptions, settings: Settings) -> dict[str, Any]:
+    """Return all that decides the ranks, as JSON holds it."""
+    fabrics = scene.fabrics
+    return {
+        "version": __version__,
+        "seed": options.seed,
+        "draws": DRAWS,
+        "participants": scene.participants,
+        "fabrics": dict(zip(fabrics.names, fabrics.modulus(options.readings.fabric_modulus).tolist(), strict=True)),
+        "poisson_ratio": np.asarray(fabrics.poisson_ratio).tolist(),
+        "loads": [str(load) for load in scene.loads],
+        "fix": dict(options.fix),
+        "priors": {name: str(prior) for name, prior in options.priors.items()},
+        "prior_set": options.prior_set,
+        "readings": options.readings.names,
+        "direction": options.direction.name,
+        "accuracy": str(options.discretisation),
+        "ensembles": settings.ensembles,
+        "max_steps": settings.max_steps,
+        "goal": str(settings.goal),
+    }
+
+
+def _prepare(directory: Path, manifest: dict[str, Any]) -> None:
+    """Make the directory, or make sure that what it holds was asked for in the same way."""
+    manifest = json.loads(json.dumps(manifest))
+    path = directory / MANIFEST
+    if path.is_file():
+        before = _json(path, "calibration")
+        for name in dict.fromkeys([*before, *manifest]):
+            if before.get(name) != manifest.get(name):
+                raise InputError(
+                    f"{path}: {name} was {before.get(name)} and is now {manifest.get(name)}; "
+                    "choose another --out, or ask for the same"
+                )
+    elif directory.is_dir() and any(directory.iterdir()):
+        raise InputError(f"{directory}: is not empty and holds no calibration; choose another --out")
+    (directory / REPLICATES).mkdir(parents=True, exist_ok=True)
+    _write_whole(path, json.dumps(manifest, indent=1) + "\n")

@@ -1,0 +1,153 @@
+"""`softness-bayes calibrate`: whether posteriors of simulated ratings hold the truth as often as they say."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, NoReturn
+
+import click
+
+from softness_bayes.cli.options import ReadingChoice, fix, prior, prior_set, readings, seed
+from softness_bayes.errors import NotConvergedError
+
+if TYPE_CHECKING:
+    from tqdm import tqdm
+
+    from softness_bayes.inference.calibration import Replicate
+    from softness_bayes.inference.priors import Prior
+
+
+@click.command()
+@click.option(
+    "--replicates",
+    type=click.IntRange(min=1),
+    default=200,
+    show_default=True,
+    metavar="N",
+    help="Draws of the prior that are simulated and fitted; more may be asked for later.",
+)
+@click.option(
+    "--fabrics", type=click.Path(path_type=Path), metavar="FILE", help="Fabric table (CSV); by default eight fabrics."
+)
+@click.option("--indentation-mm", type=float, multiple=True, metavar="mm", help="Indentation [mm]. Repeatable.")
+@click.option("--force-n", type=float, multiple=True, metavar="N", help="Contact force [N]. Repeatable.")
+@click.option("--participants", type=click.IntRange(min=1), default=20, show_default=True, help="Number of raters.")
+@fix
+@prior
+@prior_set
+@readings
+@click.option(
+    "--direction",
+    type=click.Choice(["softness", "inverse"]),
+    default="softness",
+    show_default=True,
+    help="Whether ratings rise (softness) or fall (inverse) with the response.",
+)
+@click.option(
+    "--max-steps",
+    type=click.IntRange(min=1),
+    default=100_000,
+    show_default=True,
+    help="Steps of each ensemble after which a replicate ends, converged or not.",
+)
+@click.option(
+    "--processes",
+    type=click.IntRange(min=1),
+    metavar="N",
+    help="Replicates side by side; by default one for each core. Ranks do not depend on it.",
+)
+@seed
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path),
+    metavar="DIR",
+    default=Path("calibration"),
+    show_default=True,
+    help="Directory to write to; a calibration there that was asked for in the same way is continued.",
+)
+def command(
+    replicates: int,
+    fabrics: Path | None,
+    indentation_mm: tuple[float, ...],
+    force_n: tuple[float, ...],
+    participants: int,
+    fixed: dict[str, float],
+    priors: dict[str, Prior],
+    prior_set: str,
+    choice: ReadingChoice,
+    direction: str,
+    max_steps: int,
+    processes: int | None,
+    seed: int,
+    out: Path,
+) -> None:
+    """Check the whole inference by simulation.
+
+    Draws parameters from the prior, simulates ratings, samples their posterior until it has converged, and
+    ranks the truth among its draws; the ranks of every parameter, of mu and of the log-likelihood must be
+    uniform. Without fabrics and loads a small scene is rated. Writes to --out: a file per replicate (an
+    interrupted run continues where it was), ranks.csv, coverage.csv, ecdf.png and verdict.txt. Exit code
+    3: some replicates have not converged; 4: not calibrated.
+    """
+    from softness_bayes.calibrate import COARSE, FIGURE, USUAL_FABRICS, USUAL_LOADS, CalibrationScene, calibrate
+    from softness_bayes.data import Fabrics, loads_of
+    from softness_bayes.errors import NumericalError
+    from softness_bayes.inference.observation import RATING_DIRECTIONS
+    from softness_bayes.plotting.calibration import rank_ecdf_figure
+    from softness_bayes.plotting.style import save
+    from softness_bayes.run import RunOptions
+
+    scene = CalibrationScene(
+        USUAL_FABRICS if fabrics is None else Fabrics.read(fabrics),
+        loads_of(indentation_mm, force_n) or USUAL_LOADS,
+        participants,
+    )
+    options = RunOptions(
+        fix=fixed,
+        priors=priors,
+        prior_set=prior_set,
+        readings=choice.resolve(),
+        direction=RATING_DIRECTIONS[direction],
+        discretisation=COARSE,
+        max_steps=max_steps,
+        processes=processes,
+        seed=seed,
+    )
+    bar = _Bar(replicates)
+    try:
+        found = calibrate(scene, options, replicates, out, bar.show)
+    finally:
+        bar.close()
+    found.save(out)
+    calibration = found.calibration
+    save(rank_ecdf_figure(calibration.rank, calibration.draws, calibration.names), out / FIGURE, formats=("png",))
+    table = found.coverage()
+    click.echo(table[["expected", "share", "low", "high"]].to_string(float_format=lambda x: f"{x:.3g}"))
+    click.echo(f"\nwritten to {out}")
+    click.echo(found.sentence())
+    if calibration.faults():
+        raise NumericalError("not calibrated: see the verdict above")
+    if found.unconverged:
+        raise NotConvergedError(f"{found.unconverged} replicates have not converged at --max-steps {max_steps}")
+
+
+class _Bar:
+    """Progress over replicates on the terminal."""
+
+    def __init__(self, total: int) -> None:
+        self._total = total
+        self._bar: tqdm[NoReturn] | None = None
+
+    def show(self, finished: int, one: Replicate) -> None:
+        """Move the bar to the number of finished replicates."""
+        if self._bar is None:
+            from tqdm import tqdm
+
+            self._bar = tqdm(total=self._total, unit="replicate", desc="calibrating", leave=False, dynamic_ncols=True)
+        self._bar.update(finished - self._bar.n)
+        self._bar.set_postfix_str(f"last one {one.steps} steps, tau {one.tau:.0f}")
+
+    def close(self) -> None:
+        """Clear the line."""
+        if self._bar is not None:
+            self._bar.close()

@@ -1,0 +1,199 @@
+"""Predictive checks of a run as a table and in sentences, from the groups of its result alone."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from softness_bayes.inference.design import Design
+from softness_bayes.inference.observation import RATING_DIRECTIONS
+from softness_bayes.inference.predictive import DROP, PLACE, QUANTITIES, TURNS_OVER, Columns, Finding, Layout, compare
+from softness_bayes.inference.uniformity import uniformity_p_value
+
+if TYPE_CHECKING:
+    import pandas as pd
+    import xarray as xr
+
+Array = NDArray[np.float64]
+
+PROBABILITY = 0.9
+"""Share of replicates that the limits hold."""
+
+DOUBTFUL = 0.05
+"""Two-sided p-value below which a model is said not to reproduce what was seen."""
+
+ALL = "all"
+"""Load, fabric or participant of a quantity that is over all of them."""
+
+NEW_PARTICIPANTS = "rating_of_new_participants"
+"""Replicated ratings of participants drawn anew, in the group `posterior_predictive`."""
+
+LOO_PIT, PARETO_K = "loo_pit", "loo_pareto_k"
+"""What each rating is given all the others, in the group `constant_data`."""
+
+FABRICS, EXPONENTS, PIT = "fabrics' own deviations", "participants' own exponents", "LOO-PIT"
+"""Checks of residuals at draws of the posterior, beside the test quantities."""
+
+_PIT_POINTS = np.arange(1, 100) / 100
+
+
+def layout_of(tree: xr.DataTree) -> Layout:
+    """Return who rated what in a result."""
+    constant = tree["constant_data"].to_dataset()
+    fabric, load = constant["fabric_index"].values, constant["load_index"].values
+    modulus = constant["effective_modulus_kpa"].values * 1e3
+    codes, condition = np.unique(load * modulus.size + fabric, return_inverse=True)
+    fabrics, loads = codes % modulus.size, codes // modulus.size
+    design = Design(
+        condition, constant["participant_index"].values, fabrics, _values(tree, "posterior", "participant").size
+    )
+    return Layout(design, modulus[fabrics], loads, RATING_DIRECTIONS[str(tree.attrs["direction"])].sign)
+
+
+def check_table(tree: xr.DataTree) -> pd.DataFrame:
+    """Return every test quantity of the data among its replicates.
+
+    Parameters
+    ----------
+    tree
+        The groups of a result.
+
+    Returns
+    -------
+    DataFrame
+        Columns: law (prior or posterior, whose replicates), quantity, participants (same: those who
+        rated; new: drawn anew), load, fabric, participant (or all of them), observed,
+        replicated (median; share for "turns over"), low, high (limits of 90 % of the replicates, joint
+        over the rows of one quantity), p_value: probability of a replicate above what was observed.
+        Posterior p-values are conservative, since the replicates come from a fit to the data. That of
+        the LOO-PIT takes its values as independent; they balance each other, so it is conservative too.
+    """
+    import pandas as pd
+
+    layout = layout_of(tree)
+    observed = _values(tree, "observed_data", "rating")
+    same, new = (_values(tree, "posterior_predictive", name)[0] for name in ("rating", NEW_PARTICIPANTS))
+    prior = _values(tree, "prior_predictive", "rating")[0]
+    fit = layout.fit(observed)
+    rows = []
+    for law, replicates in (("prior", {False: prior, True: prior}), ("posterior", {False: same, True: new})):
+        fits = {anew: layout.fit(ratings) for anew, ratings in replicates.items()}
+        for quantity in QUANTITIES:
+            anew = quantity.new_participants
+            findings = compare(quantity, layout, fit, fits[anew], PROBABILITY)
+            kind = "new" if anew or law == "prior" else "same"
+            labels = _labels(tree, layout, quantity.columns)
+            rows += [_row(law, quantity.name, kind, *label, one) for label, one in zip(labels, findings, strict=True)]
+    for what, name in (("fabric", FABRICS), ("exponent", EXPONENTS)):
+        deviation, p_value = (float(tree.attrs[f"{what}_{key}"]) for key in ("deviation", "p_value"))
+        rows.append(_row("posterior", name, "same", ALL, ALL, ALL, Finding(deviation, np.nan, np.nan, np.nan, p_value)))
+    pit = _values(tree, "constant_data", LOO_PIT)
+    p_value = uniformity_p_value(pit, _PIT_POINTS)
+    rows.append(_row("posterior", PIT, "same", ALL, ALL, ALL, Finding(pit.mean(), 0.5, np.nan, np.nan, p_value)))
+    return pd.DataFrame(rows).set_index(["law", "quantity"])
+
+
+def check_sentences(table: pd.DataFrame) -> list[str]:
+    """Say whether the model reproduces the inflection under each load, and what else it does not.
+
+    Parameters
+    ----------
+    table
+        From `check_table`.
+    """
+    return [inflection_sentence(table), *_doubts(_of_posterior(table))]
+
+
+def inflection_sentence(table: pd.DataFrame) -> str:
+    """Say in one line whether the model reproduces the inflection point under each load.
+
+    It does if presence, place and drop are all within the replicates' reach, at a p-value of `DOUBTFUL`
+    shared between them.
+    """
+    checks = _of_posterior(table)
+    turns = checks.loc[[TURNS_OVER]]
+    parts = []
+    for load in dict.fromkeys(turns["load"]):
+        row, place, drop = (
+            checks[(checks.index == name) & (checks["load"] == load)].iloc[0] for name in (TURNS_OVER, PLACE, DROP)
+        )
+        if np.isnan(row["observed"]):
+            parts.append(f"{load}: not judged, too few fabrics or ratings")
+            continue
+        known = [p for p in (row["p_value"], place["p_value"], drop["p_value"]) if np.isfinite(p)]
+        verdict = "yes" if min(_two_sided(p) for p in known) >= DOUBTFUL / len(known) else "no"
+        share = row["replicated"]
+        if row["observed"]:
+            seen = f"ratings turn over at {place['observed']:.3g} kPa, {share:.0%} of replicates do"
+            if np.isfinite(place["low"]):
+                seen += f" (at {place['low']:.3g} to {place['high']:.3g})"
+        else:
+            seen = f"ratings show no clear turn, as {1 - share:.0%} of replicates"
+        parts.append(f"{load}: {verdict}, {seen}")
+    return f"inflection reproduced? {'; '.join(parts)}"
+
+
+def _doubts(checks: pd.DataFrame) -> list[str]:
+    """Name the quantities, beyond the inflection, that the model does not reproduce."""
+    others = checks[~checks.index.isin([TURNS_OVER, PLACE, DROP])]
+    found = []
+    for name in dict.fromkeys(others.index):
+        rows = others.loc[[name]]
+        rows = rows[np.isfinite(rows["p_value"])]
+        if rows.empty:
+            continue
+        # those of one sign only, by construction
+        one_sided = name in (FABRICS, EXPONENTS, PIT)
+        p_values = rows["p_value"] if one_sided else rows["p_value"].map(_two_sided)
+        if p_values.min() < DOUBTFUL / len(rows):
+            worst = rows.iloc[int(np.argmin(p_values))]
+            where = " ".join(str(worst[k]) for k in ("fabric", "load", "participant") if worst[k] != ALL)
+            found.append(f"{name}{f' ({where})' if where else ''}")
+    if not found:
+        return ["predictive checks: nothing else that the model does not reproduce"]
+    return [f"predictive checks: the model does not reproduce: {', '.join(found)} (see predictive_checks.csv)"]
+
+
+def _of_posterior(table: pd.DataFrame) -> pd.DataFrame:
+    """Return the rows about posterior replicates, by quantity."""
+    return table[table.index.get_level_values("law") == "posterior"].droplevel("law")
+
+
+def _values(tree: xr.DataTree, group: str, name: str) -> NDArray[Any]:
+    """Return the values of one variable or coordinate."""
+    return np.asarray(tree[group].to_dataset()[name].values)
+
+
+def _two_sided(p_value: float) -> float:
+    return 2.0 * min(p_value, 1.0 - p_value)
+
+
+def _row(
+    law: str, quantity: str, participants: str, load: str, fabric: str, participant: str, finding: Finding
+) -> dict[str, object]:
+    return {
+        "law": law,
+        "quantity": quantity,
+        "participants": participants,
+        "load": load,
+        "fabric": fabric,
+        "participant": participant,
+        **finding._asdict(),
+    }
+
+
+def _labels(tree: xr.DataTree, layout: Layout, columns: Columns) -> list[tuple[str, str, str]]:
+    """Return load, fabric and participant of every column of a quantity."""
+    groups = {"load": "constant_data", "fabric": "constant_data", "participant": "posterior"}
+    load, fabric, participant = (_values(tree, group, what).astype(str) for what, group in groups.items())
+    match columns:
+        case Columns.CONDITION:
+            return [(load[k], fabric[f], ALL) for k, f in zip(layout.load, layout.design.fabric, strict=True)]
+        case Columns.LOAD:
+            return [(load[k], ALL, ALL) for k in layout.loads]
+        case Columns.PARTICIPANT:
+            return [(ALL, ALL, name) for name in participant]
+        case _:
+            return [(ALL, ALL, ALL)]

@@ -1,0 +1,110 @@
+"""Whether values are uniform: exact simultaneous limits of an empirical distribution function.
+
+Limits of the counts at several points are chosen with one local level such that independent uniform values
+stay within all of them with a stated probability (Säilynoja, Bürkner and Vehtari, Statistics and Computing
+32, 32, 2022). That probability is summed exactly, over the Markov chain of counts from point to point.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.special import bdtr, gammaln
+
+FloatArray = NDArray[np.float64]
+
+_HALVINGS = 40
+
+
+class Band(NamedTuple):
+    """Simultaneous limits of an empirical distribution function."""
+
+    points: FloatArray
+    """Where it is looked at, shape (points,)."""
+    low: FloatArray
+    """Smallest share of values up to each point that is within the limits."""
+    high: FloatArray
+    """Largest such share."""
+
+
+def simultaneous_band(size: int, points: ArrayLike, probability: float = 0.95) -> Band:
+    """Limits within which the distribution function of uniform values stays everywhere.
+
+    Parameters
+    ----------
+    size
+        Number of values.
+    points
+        Rising points inside (0, 1) at which values are counted, shape (points,).
+    probability
+        Least probability of staying within all limits.
+    """
+    points = np.asarray(points, float)
+    below, above = _tails(size, points)
+    least, most = 0.0, 1.0 - probability  # of the local level: one point alone would allow the latter
+    for _ in range(_HALVINGS):
+        level = 0.5 * (least + most)
+        if _stays(size, points, *_limits(below, above, level)) >= probability:
+            least = level
+        else:
+            most = level
+    low, high = _limits(below, above, least)
+    return Band(points, low / size, high / size)
+
+
+def uniformity_p_value(values: ArrayLike, points: ArrayLike) -> float:
+    """Probability that independent uniform values come as close to some local limit as these do.
+
+    Parameters
+    ----------
+    values
+        Numbers between 0 and 1, shape (values,); a value at a point counts as below it.
+    points
+        Rising points inside (0, 1), shape (points,). Of ranks 0 to L, written as (rank + 1) / (L + 1),
+        these are 1/(L+1) to L/(L+1), and the probability is exact.
+    """
+    values, points = np.sort(np.asarray(values, float)), np.asarray(points, float)
+    counts = np.searchsorted(values, points * (1.0 + 1e-12), side="right")
+    below, above = _tails(values.size, points)
+    place = np.arange(points.size)
+    level = float(np.minimum(1.0, 2.0 * np.minimum(below[place, counts], above[place, counts])).min())
+    # counts strictly less extreme everywhere; rounding must not exclude what is equal
+    return min(1.0, 1.0 - _stays(values.size, points, *_limits(below, above, level * (1.0 + 1e-9))))
+
+
+def _tails(size: int, points: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """P(C <= c) and P(C >= c) of the count at each point, shapes (points, size + 1)."""
+    counts = np.arange(size + 1)
+    below = bdtr(counts, size, points[:, None])
+    above = bdtr(size - counts, size, 1.0 - points[:, None])
+    return below, above
+
+
+def _limits(below: FloatArray, above: FloatArray, level: float) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Smallest and largest count at each point whose two-sided local probability exceeds a level."""
+    inside = 2.0 * np.minimum(below, above) > level
+    empty = ~inside.any(axis=1)
+    low, high = inside.argmax(axis=1), inside.shape[1] - 1 - inside[:, ::-1].argmax(axis=1)
+    return np.where(empty, 1, low), np.where(empty, 0, high)
+
+
+def _stays(size: int, points: FloatArray, low: NDArray[np.intp], high: NDArray[np.intp]) -> float:
+    """Probability that the counts at all points lie within low to high."""
+    if (low > high).any():
+        return 0.0
+    factorial = gammaln(np.arange(size + 1) + 1.0)
+    counts, weight, before = np.array([0]), np.array([1.0]), 0.0
+    for point, least, most in zip(points, low, high, strict=True):
+        share = (point - before) / (1.0 - before)
+        following = np.arange(least, most + 1)
+        new = following - counts[:, None]
+        left = size - counts[:, None]
+        possible = (new >= 0) & (new <= left)
+        k = np.where(possible, new, 0)
+        log_mass = factorial[left] - factorial[k] - factorial[left - k]
+        log_mass = log_mass + k * np.log(share) + (left - k) * np.log1p(-share)
+        weight = weight @ np.where(possible, np.exp(log_mass), 0.0)
+        counts, before = following, point
+    return float(weight.sum())

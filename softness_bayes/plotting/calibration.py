@@ -1,0 +1,67 @@
+"""Calibration: how the ranks of true values depart from uniformity."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from softness_bayes.errors import InputError
+from softness_bayes.inference.uniformity import simultaneous_band
+from softness_bayes.plotting.panels import free_panels
+from softness_bayes.plotting.style import USUAL, Style
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+def rank_ecdf_figure(
+    ranks: ArrayLike, draws: int, labels: Sequence[str], probability: float = 0.95, *, style: Style = USUAL
+) -> Figure:
+    """Draw the distribution function of each quantity's ranks minus the uniform one, with simultaneous limits.
+
+    Parameters
+    ----------
+    ranks
+        Ranks from 0 to `draws`, shape (replicates, quantities).
+    draws
+        Posterior draws that each true value was ranked among.
+    labels
+        Names of the quantities.
+    probability
+        With which a calibrated quantity's curve lies inside its band as a whole.
+    style
+        How it looks.
+
+    Returns
+    -------
+    Figure
+        Lines named ``ecdf/k`` and bands named ``band/k``, k the column.
+
+    Raises
+    ------
+    InputError
+        If labels and ranks disagree, or a rank lies outside its range.
+    """
+    ranks = np.asarray(ranks)
+    if ranks.ndim != 2 or ranks.shape[1] != len(labels) or not len(ranks):
+        raise InputError(f"calibration figure: ranks of shape {ranks.shape} for {len(labels)} quantities")
+    if ranks.min() < 0 or ranks.max() > draws:
+        raise InputError(f"calibration figure: ranks from {ranks.min()} to {ranks.max()}, expected 0 to {draws}")
+    points = np.arange(1, draws + 1) / (draws + 1)
+    band = simultaneous_band(len(ranks), points, probability)
+    with style.applied():
+        figure, panels = free_panels(len(labels), style, columns=4, height=1.2)
+        for place, (axes, label) in enumerate(zip(panels, labels, strict=True)):
+            share = (ranks[:, place, None] < np.arange(1, draws + 1)).mean(axis=0)
+            area = axes.fill_between(
+                points, band.low - points, band.high - points, step="mid", color=style.tint(style.prior, 0.4), lw=0
+            )
+            area.set_gid(f"band/{place}")
+            axes.plot(points, share - points, color=style.posterior, drawstyle="steps-mid")[0].set_gid(f"ecdf/{place}")
+            axes.set(title=label, xlim=(0, 1), xlabel="rank / draws")
+            if place % 4 == 0:
+                axes.set_ylabel("ECDF − uniform")
+    return figure
