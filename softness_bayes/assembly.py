@@ -18,10 +18,10 @@ from softness_bayes.inference.chains import Chains
 from softness_bayes.inference.checks import FabricCheck, check_fabrics
 from softness_bayes.inference.curves import curve_scene, find_inflection, response_curves
 from softness_bayes.inference.diagnostics import Verdict
-from softness_bayes.inference.observation import LogRatings, RatingParameters
+from softness_bayes.inference.observation import RatingParameters
 from softness_bayes.inference.parameters import PARAMETERS
 from softness_bayes.inference.posterior import Posterior
-from softness_bayes.inference.random_effects import Effects
+from softness_bayes.inference.scales import ObservedRatings
 from softness_bayes.inference.summary import summarise
 from softness_bayes.touch.parameters import TouchParameters
 from softness_bayes.touch.scene import Scene
@@ -64,7 +64,8 @@ class Draws(NamedTuple):
     theta: Array
     mean_rate: Array
     parameters: RatingParameters
-    effects: Effects
+    effects: Any
+    """As the rating model draws them."""
 
 
 class Assembly:
@@ -88,8 +89,8 @@ class Assembly:
         verdict: Verdict,
         rng: np.random.Generator,
     ) -> None:
-        if not isinstance(posterior.scene, Scene) or not isinstance(posterior.observation, LogRatings):
-            raise TypeError("a result is assembled from a compiled scene and log ratings")
+        if not isinstance(posterior.scene, Scene) or not isinstance(posterior.observation, ObservedRatings):
+            raise TypeError("a result is assembled from a compiled scene and ratings")
         self.experiment, self.posterior, self.verdict, self.rng = experiment, posterior, verdict, rng
         self.scene, self.ratings = posterior.scene, posterior.observation
         self.kept = chains.kept(verdict.burn_in, DRAWS_PER_WALKER)
@@ -97,6 +98,8 @@ class Assembly:
         self.mean_rate = posterior.mean_rate(self.theta)
         self.parameters = posterior.rating_parameters(self.theta)
         self.effects = self.ratings.draw_effects(rng, self.mean_rate, self.parameters)
+        model: Any = self.ratings.model
+        self.model = model
         self.grid = curve_scene(self.scene)
         self.prior = posterior.space.draw_prior(rng, PRIOR_DRAWS)
         self.error = self._error()
@@ -128,15 +131,16 @@ class Assembly:
         )
 
     def summary(self) -> pd.DataFrame:
-        """Return the table of the parameters and mu, from the draws that are kept."""
+        """Return the table of the parameters and of what all ratings share, from the draws that are kept."""
         ensembles, stored, walkers = self.kept.log_density.shape
-        draws = np.concatenate([self.theta, self.effects.mu[..., None]], axis=-1)
+        levels = {n: v for n, (v, dims) in self.model.named_effects(self.effects).items() if not dims}
+        draws = np.concatenate([self.theta, np.stack([*levels.values()], axis=-1)], axis=-1)
         apart = draws.reshape(ensembles, walkers, stored, -1).swapaxes(1, 2)
-        return summarise((*self.posterior.names, "mu"), apart)
+        return summarise((*self.posterior.names, *levels), apart)
 
     def _pick(self, size: int) -> Draws:
         """Return evenly spaced draws over the whole run."""
-        chains, stored = self.effects.mu.shape
+        chains, stored = self.theta.shape[:2]
         flat = np.linspace(0, chains * stored - 1, min(size, chains * stored)).astype(int)
         # draws of all walkers side by side in time
         index = flat % chains, flat // chains
@@ -144,7 +148,7 @@ class Assembly:
             self.theta[index],
             self.mean_rate[index],
             self.posterior.rating_parameters(self.theta[index]),
-            Effects(*(effect[index] for effect in self.effects)),
+            type(self.effects)(*(effect[index] for effect in self.effects)),
         )
 
     def _touch(self, theta: Array) -> TouchParameters:
@@ -169,9 +173,9 @@ class Assembly:
         density = kept.by_walker(kept.log_density)
         jacobian = space.log_jacobian(kept.by_walker(kept.coordinates))
         acceptance = np.broadcast_to(kept.accepted.reshape(-1, 1), density.shape)
-        drawn = {"mu": Variable(self.effects.mu), "participant_effect": self._by("participant")}
-        if "omega" in space.names:
-            drawn["fabric_effect"] = self._by("fabric")
+        drawn = {n: Variable(v, dims) for n, (v, dims) in self.model.named_effects(self.effects).items()}
+        if "omega" not in space.names:
+            drawn.pop("fabric_effect", None)
         return {
             "posterior": {**self._named(self.theta), **drawn},
             "sample_stats": {"lp": Variable(density), "acceptance_rate": Variable(acceptance)},
@@ -179,16 +183,13 @@ class Assembly:
             "log_likelihood": {"ratings": Variable(density - jacobian - log_prior.sum(axis=-1))},
         }
 
-    def _by(self, what: str) -> Variable:
-        return Variable(getattr(self.effects, what), (what,))
-
     def _named(self, theta: Array) -> dict[str, Variable]:
         space = self.posterior.space
         return {p.name: Variable(theta[..., k], units=p.unit) for k, p in enumerate(space.sampled)}
 
     def _predictive_groups(self) -> dict[str, dict[str, Variable]]:
         """Return replicated ratings of the same participants, and each rating given all the others."""
-        few, design, model = self._pick(REPLICATES), self.ratings.design, self.ratings.model
+        few, design, model = self._pick(REPLICATES), self.ratings.design, self.model
         drive = model.drive(design, few.mean_rate, few.parameters)
         again = model.draw_ratings(self.rng, design, drive, few.parameters, few.effects)
         alone = self.ratings.log_likelihood_loo(few.mean_rate, few.parameters)
@@ -200,7 +201,7 @@ class Assembly:
 
     def _prior_groups(self) -> dict[str, dict[str, Variable]]:
         """Return draws of the prior, and ratings that they make of new participants."""
-        design, model = self.ratings.design, self.ratings.model
+        design, model = self.ratings.design, self.model
         theta = self.prior[:REPLICATES]
         rate, parameters = self.posterior.mean_rate(theta), self.posterior.rating_parameters(theta)
         effects = model.draw_effects(self.rng, parameters, theta.shape[:1], design.n_participants, design.n_fabrics)
@@ -217,10 +218,10 @@ class Assembly:
         curves = response_curves(self.grid, self._touch(draws.theta))
         fabrics = float(self.scene.modulus.min()), float(self.scene.modulus.max())
         turn = find_inflection(curves, self.error, fabrics)
-        model, shape = self.ratings.model, curves.total_rate.shape
+        model, shape = self.model, curves.total_rate.shape
         everywhere = curves.total_rate.reshape(shape[0], -1) / self.scene.n_receptors
         drive = model.drive_at(everywhere, self.ratings.design, draws.mean_rate, draws.parameters)
-        typical = np.exp(draws.effects.mu[:, None] + drive).reshape(shape)
+        typical = model.typical(draws.effects, drive).reshape(shape)
         lines = {
             "total_rate": (curves.total_rate, "Hz"),
             "typical_rating": (typical, ""),

@@ -12,11 +12,12 @@ from softness_bayes.assembly import Assembly, versions
 from softness_bayes.data import Experiment
 from softness_bayes.inference.coordinates import Bent
 from softness_bayes.inference.design import Design
-from softness_bayes.inference.observation import SOFTNESS, LogRatings, RatingDirection, RatingModel
+from softness_bayes.inference.observation import SOFTNESS, RatingDirection, RatingParameters
 from softness_bayes.inference.parameters import parameter_space
 from softness_bayes.inference.posterior import Posterior
 from softness_bayes.inference.priors import Prior
 from softness_bayes.inference.sampling import Progress, Settings, sample_until
+from softness_bayes.inference.scales import MAGNITUDE, RatingScale
 from softness_bayes.result import SCHEMA, Result
 from softness_bayes.study import scene_of
 from softness_bayes.touch.readings import MENDED, Readings
@@ -34,8 +35,8 @@ class RunOptions:
     ----------
     fix, priors, prior_set
         As `parameter_space` takes them.
-    readings, direction
-        Readings of the chain and of what is rated.
+    readings, direction, scale
+        Readings of the chain, of what is rated, and of the scale of the ratings.
     discretisation
         Resolution of the scene.
     max_steps
@@ -53,6 +54,7 @@ class RunOptions:
     prior_set: str = "default"
     readings: Readings = MENDED
     direction: RatingDirection = SOFTNESS
+    scale: RatingScale = MAGNITUDE
     discretisation: Discretisation = Discretisation()
     max_steps: int = 30_000
     processes: int | None = None
@@ -66,16 +68,17 @@ def posterior_of(experiment: Experiment, options: RunOptions) -> Posterior:
     Raises
     ------
     InputError
-        If a rating is not positive, or the options name what does not exist.
+        If a rating does not suit the scale, or the options name what does not exist.
     """
     ratings, fabrics = experiment.ratings, experiment.fabrics
-    ratings.require_positive()
+    (ratings.require_positive if options.scale.positive else ratings.require_standardised)()
     space = parameter_space(
         fix=options.fix,
         priors=options.priors,
         prior_set=options.prior_set,
         skin_displacement=options.readings.skin_displacement,
         n_participants=len(ratings.participants),
+        absent=set(RatingParameters._fields) - set(options.scale.parameters),
     )
     conditions = ratings.conditions
     scene = scene_of(
@@ -91,7 +94,7 @@ def posterior_of(experiment: Experiment, options: RunOptions) -> Posterior:
     bend = Bent(float(scene.firing.curves(space.touch(space.median)).rheobase), ALPHA_WIDTH)
     space = replace(space, bent={"alpha": bend} if np.isfinite(bend.centre) else {})
     design = Design(conditions.of_rating, ratings.participant, conditions.fabric, len(ratings.participants))
-    return Posterior(space, scene, LogRatings(ratings.rating, design, RatingModel(options.direction)))
+    return Posterior(space, scene, options.scale.model(options.direction).observe(ratings.rating, design))
 
 
 def sample(
@@ -133,6 +136,7 @@ def sample(
         **{f"prior_{p.name}": str(p.prior) for p in posterior.space.sampled},
         **{f"reading_{place}": name for place, name in options.readings.names.items()},
         "direction": options.direction.name,
+        "rating_scale": options.scale.name,
         "digest_ratings": experiment.ratings.digest,
         "digest_fabrics": experiment.fabrics.digest,
         "missing_ratings": experiment.ratings.n_missing,

@@ -11,9 +11,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from softness_bayes.data import Fabrics, Ratings
 from softness_bayes.errors import InputError
-from softness_bayes.inference.observation import SOFTNESS, RatingDirection, RatingModel, RatingParameters
+from softness_bayes.inference.observation import SOFTNESS, RatingDirection, RatingParameters
 from softness_bayes.inference.parameters import PARAMETERS, parameter_space
+from softness_bayes.inference.priors import HalfNormal
 from softness_bayes.inference.random_effects import Design
+from softness_bayes.inference.scales import MAGNITUDE, RatingScale
+from softness_bayes.inference.standardised import Line, StandardisedModel
 from softness_bayes.touch.contact import Load
 from softness_bayes.touch.membrane import Channels, Membrane
 from softness_bayes.touch.parameters import TouchParameters
@@ -105,9 +108,9 @@ class Simulation(NamedTuple):
 
     ratings: Ratings
     truth: dict[str, float]
-    """Every parameter in natural units, and mu."""
+    """Every parameter in natural units, and mu, or c0 and c1 of standardised ratings."""
     participant_effect: NDArray[np.float64]
-    """Log modulus of each participant, shape (participants,)."""
+    """Log modulus of each participant, shape (participants,); standardised ratings have none left: 0."""
     total_rate: NDArray[np.float64]
     """Response [spikes/s], shape (fabrics, loads)."""
 
@@ -122,6 +125,8 @@ def simulate_ratings(
     missing: float = 0.0,
     mu: float | None = None,
     direction: RatingDirection = SOFTNESS,
+    scale: RatingScale = MAGNITUDE,
+    slope: float | None = None,
 ) -> Simulation:
     """Let simulated participants rate every fabric under every load once.
 
@@ -140,20 +145,28 @@ def simulate_ratings(
     missing
         Share of ratings left out at random.
     mu
-        Mean log rating; by default the centre of its prior.
+        Mean log rating of magnitude estimates; by default the centre of its prior.
     direction
         Whether softness rises or falls with the response.
+    scale
+        Scale of the ratings.
+    slope
+        c1 of standardised ratings, whose c0 is 0; by default the median of its prior.
 
     Raises
     ------
     InputError
-        If there is no participant or the share of gaps is not in [0, 1).
+        If there is no participant, the share of gaps is not in [0, 1), the slope is negative, or mu or
+        slope is given for the other scale.
     """
     if participants < 1 or not 0 <= missing < 1:
         raise InputError(
             f"simulate: {participants} participants with a share {missing} of gaps; "
             "expected at least 1, and a share in [0, 1)"
         )
+    wrong = ("slope", slope) if scale.positive else ("mu", mu)
+    if wrong[1] is not None or not (slope is None or slope >= 0):
+        raise InputError(f"simulate: {wrong[0]} is {wrong[1]}, expected none for {scale.name} ratings, and c1 >= 0")
     scene = scene_of(fabrics, loads, values, readings)
     rate = scene.total_rate(touch_parameters(values))
     n_conditions = scene.n_conditions
@@ -163,12 +176,19 @@ def simulate_ratings(
         scene.fabric,
         participants,
     )
-    model = RatingModel(direction)
+    model = scale.model(direction)
     parameters = RatingParameters(**{name: values[name] for name in RatingParameters._fields})
-    centre = math.log(model.centre) if mu is None else mu
-    effects = model.draw_effects(rng, parameters, (), participants, design.n_fabrics, centre)
     drive = model.drive(design, rate / scene.n_receptors, parameters)
-    filed = model.draw_ratings(rng, design, drive, parameters, effects)
+    effect = np.zeros(participants)
+    if isinstance(model, StandardisedModel):
+        line = Line(np.array(0.0), np.array(HalfNormal(1.0).median if slope is None else slope))
+        filed = model.draw_ratings(rng, design, drive, parameters, line)
+        truth = {"c0": float(line.c0), "c1": float(line.c1)}
+    else:
+        centre = math.log(model.centre) if mu is None else mu
+        effects = model.draw_effects(rng, parameters, (), participants, design.n_fabrics, centre)
+        filed = model.draw_ratings(rng, design, drive, parameters, effects)
+        truth, effect = {"mu": float(effects.mu)}, effects.participant
     # as few digits as a person gives; also what makes files equal where exp differs in its last bits
     filed = np.array([float(f"{rating:.4g}") for rating in filed])
     filed[rng.random(filed.size) < missing] = np.nan
@@ -177,5 +197,6 @@ def simulate_ratings(
     width = len(str(participants))
     names = [f"P{i:0{width}d}" for i in range(1, participants + 1)]
     ratings = Ratings.crossed(names, fabrics.names, loads, table)
-    truth = {**values, "mu": float(effects.mu)}
-    return Simulation(ratings, truth, effects.participant, rate.reshape(len(loads), len(fabrics)).T)
+    absent = set(RatingParameters._fields) - set(scale.parameters)
+    truth = {name: value for name, value in values.items() if name not in absent} | truth
+    return Simulation(ratings, truth, effect, rate.reshape(len(loads), len(fabrics)).T)

@@ -14,7 +14,7 @@ from softness_bayes.errors import SoftnessError
 VERBS: Mapping[str, str] = {
     "check": "Validate data files and say what was understood.",
     "sample": "Sample the posterior of skin, transduction and rating parameters given ratings.",
-    "simulate": "Simulate magnitude estimates of fabrics from stated parameters.",
+    "simulate": "Simulate ratings of fabrics from stated parameters.",
     "predict": "Predict contact, stress and firing for fabrics under loads.",
 }
 """Verb -> its one-line help; `softness_bayes.cli.<verb>` holds the click command `command`."""

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from softness_bayes.cli.options import DataFiles, data_files
+from softness_bayes.cli.options import DataFiles, data_files, rating_scale
 
 if TYPE_CHECKING:
     import numpy as np
@@ -17,7 +17,8 @@ if TYPE_CHECKING:
 
 @click.command()
 @data_files
-def command(files: DataFiles) -> None:
+@rating_scale
+def command(files: DataFiles, scale: str) -> None:
     """Validate data files and say what was understood.
 
     Ratings are one row each: participant, fabric, rating, and indentation_mm or force_n; trial if there are
@@ -25,12 +26,15 @@ def command(files: DataFiles) -> None:
     effective_modulus_kpa, or bending_rigidity_n_m, or tensile_modulus_mpa and thickness_mm; poisson_ratio
     where known. Errors name file, row, column and value. E_fab is shown in the default reading.
     """
+    from softness_bayes.inference.scales import RATING_SCALES
+
     experiment = files.read()
     for line in (*_summary(experiment), "", *_fabric_table(experiment)):
         click.echo(line)
     for note in experiment.notes:
         click.echo(f"note: {note}")
-    experiment.ratings.require_positive()
+    ratings = experiment.ratings
+    (ratings.require_positive if RATING_SCALES[scale].positive else ratings.require_standardised)()
 
 
 def _summary(experiment: Experiment) -> list[str]:

@@ -275,6 +275,25 @@ def readings(verb: Verb) -> Verb:
     return wrapped
 
 
+direction = click.option(
+    "--direction",
+    type=click.Choice(["softness", "inverse"]),
+    default="softness",
+    show_default=True,
+    help="Whether ratings rise (softness) or fall (inverse) with the response.",
+)
+"""Gives a verb `direction`, the name of a reading of what is rated."""
+
+rating_scale = click.option(
+    "--ratings",
+    "scale",
+    type=click.Choice(["magnitude", "standardised"]),
+    default="magnitude",
+    show_default=True,
+    help="Whether ratings are magnitude estimates, above 0, or z-scores.",
+)
+"""Gives a verb `scale`, the name of a reading of the rating scale."""
+
 seed = click.option(
     "--seed",
     type=click.IntRange(min=0),

@@ -73,7 +73,8 @@ def command(
         chosen, named = result.readings, result.values(DRAWS)
     parameters = touch_parameters(named)
     if posterior is not None:  # a table of draws has limits even where the run held every parameter of the chain
-        parameters = TouchParameters(*np.broadcast_arrays(*parameters, named["mu"])[:-1])
+        batch = np.empty(max(np.size(value) for value in named.values()))
+        parameters = TouchParameters(*np.broadcast_arrays(*parameters, batch)[:-1])
     scene = scene_of(fabrics, loads, named, chosen)
     table = prediction_table(fabrics, scene, parameters)
     if out is None:

@@ -13,11 +13,13 @@ from softness_bayes.cli.options import (
     DataFiles,
     ReadingChoice,
     data_files,
+    direction,
     fix,
     force,
     out,
     prior,
     prior_set,
+    rating_scale,
     readings,
     seed,
 )
@@ -37,13 +39,8 @@ if TYPE_CHECKING:
 @prior
 @prior_set
 @readings
-@click.option(
-    "--direction",
-    type=click.Choice(["softness", "inverse"]),
-    default="softness",
-    show_default=True,
-    help="Whether ratings rise (softness) or fall (inverse) with the response.",
-)
+@rating_scale
+@direction
 @click.option(
     "--max-steps",
     type=click.IntRange(min=1),
@@ -67,6 +64,7 @@ def command(
     priors: dict[str, Prior],
     prior_set: str,
     choice: ReadingChoice,
+    scale: str,
     direction: str,
     max_steps: int,
     processes: int | None,
@@ -82,6 +80,7 @@ def command(
     the response turns over under each load, and a verdict. Exit code 3: not converged.
     """
     from softness_bayes.inference.observation import RATING_DIRECTIONS
+    from softness_bayes.inference.scales import RATING_SCALES
     from softness_bayes.result import prepare_directory, require_vacant
     from softness_bayes.run import RunOptions, sample
 
@@ -96,6 +95,7 @@ def command(
         prior_set=prior_set,
         readings=chosen,
         direction=RATING_DIRECTIONS[direction],
+        scale=RATING_SCALES[scale],
         max_steps=max_steps,
         processes=processes,
         seed=seed,

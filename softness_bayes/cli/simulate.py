@@ -13,9 +13,11 @@ from softness_bayes import __version__
 from softness_bayes.cli.options import (
     ReadingChoice,
     Touches,
+    direction,
     force,
     out,
     prior_set,
+    rating_scale,
     readings,
     seed,
     set_values,
@@ -41,6 +43,9 @@ if TYPE_CHECKING:
     help="Share of ratings left out at random.",
 )
 @click.option("--typical-rating", type=float, metavar="Y", help="exp(mu), by default its prior's centre.")
+@rating_scale
+@direction
+@click.option("--slope", type=float, metavar="C1", help="c1 of standardised ratings, by default its prior's median.")
 @seed
 @out
 @force
@@ -52,11 +57,14 @@ def command(
     participants: int,
     missing: float,
     typical_rating: float | None,
+    scale: str,
+    direction: str,
+    slope: float | None,
     seed: int,
     out: Path,
     force: bool,
 ) -> None:
-    """Simulate magnitude estimates of fabrics from stated parameters.
+    """Simulate ratings of fabrics from stated parameters.
 
     Every participant rates every fabric under every load once. Writes ratings.csv (with the fabrics'
     columns), fabrics.csv and truth.json, which holds the parameters behind them.
@@ -65,6 +73,8 @@ def command(
 
     from softness_bayes.data import write_fabrics, write_ratings
     from softness_bayes.errors import InputError
+    from softness_bayes.inference.observation import RATING_DIRECTIONS
+    from softness_bayes.inference.scales import RATING_SCALES
     from softness_bayes.study import simulate_ratings, usual_values
 
     fabrics, loads = touches.read()
@@ -81,6 +91,9 @@ def command(
         participants,
         missing,
         mu,
+        RATING_DIRECTIONS[direction],
+        RATING_SCALES[scale],
+        slope,
     )
     made = ("ratings.csv", "fabrics.csv", "truth.json")
     present = [name for name in made if (out / name).exists()]
@@ -90,7 +103,8 @@ def command(
     write_fabrics(out / "fabrics.csv", fabrics)
     write_ratings(out / "ratings.csv", simulation.ratings, fabrics)
     story = _truth(simulation, fabrics.names, loads)
-    story |= {"seed": seed, "readings": chosen.names, "version": __version__, "simulated": True}
+    story |= {"seed": seed, "readings": chosen.names, "ratings": scale, "direction": direction}
+    story |= {"version": __version__, "simulated": True}
     (out / "truth.json").write_text(json.dumps(story, indent=1) + "\n", encoding="utf-8")
     click.echo(f"{out}: {len(simulation.ratings)} simulated ratings of {len(fabrics)} fabrics")
     silent = float((simulation.total_rate == 0).mean())

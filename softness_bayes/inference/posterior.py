@@ -73,9 +73,9 @@ class Posterior:
         return np.broadcast_to(rate, (*theta.shape[:-1], rate.shape[-1]))
 
     def rating_parameters(self, theta: FloatArray) -> RatingParameters:
-        """The parameters of the rating model at points theta."""
+        """The parameters of the rating model at points theta; NaN are those that it does not have."""
         values = self.space.values(theta)
-        return RatingParameters(*(values[name] for name in RatingParameters._fields))
+        return RatingParameters(*(values.get(name, np.nan) for name in RatingParameters._fields))
 
     def log_likelihood(self, theta: FloatArray) -> FloatArray:
         """Log density of the ratings at points theta (..., dimension), shape (...).

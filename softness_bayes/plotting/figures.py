@@ -45,7 +45,9 @@ def _response_ratio(result: Result, style: Style) -> Figure:
 def _rating(result: Result, style: Style) -> Figure:
     stored = result.group("predictions").isel(chain=0)
     modulus, rating = stored["e_fab_kpa"].values * 1e3, stored["typical_rating"].values
-    return rating_figure(modulus, rating, _observed(result), result.loads, style=style)
+    return rating_figure(
+        modulus, rating, _observed(result), result.loads, logarithmic=_logarithmic(result), style=style
+    )
 
 
 def _inflection(result: Result, style: Style) -> Figure:
@@ -136,7 +138,14 @@ def _observed(result: Result) -> Observed:
         participant,
         np.tile(modulus, count),
         np.repeat(np.arange(count), modulus.size),
+        logarithmic=_logarithmic(result),
     )
+
+
+def _logarithmic(result: Result) -> bool:
+    from softness_bayes.inference.scales import RATING_SCALES
+
+    return RATING_SCALES[str(result.attributes.get("rating_scale", "magnitude"))].positive
 
 
 def _sampled(result: Result) -> list[str]:
