@@ -26,6 +26,7 @@ GROUPS = (
     "log_prior",
     "log_likelihood",
     "log_likelihood_loo",
+    "log_likelihood_participant",
     "posterior_predictive",
     "predictions",
     "prior",
@@ -70,6 +71,32 @@ def hdi(draws: ArrayLike, probability: float) -> tuple[float, float]:
     name = "prob" if _next_line() else "hdi_prob"
     low, high = np.asarray(_arviz().hdi(flat, **{name: probability}))
     return float(low), float(high)
+
+
+def psis(log_ratios: ArrayLike) -> tuple[FloatArray, FloatArray]:
+    """Pareto-smoothed importance weights and the shape k of their tails.
+
+    Parameters
+    ----------
+    log_ratios
+        Log of the importance ratios up to a constant, shape (units, draws).
+
+    Returns
+    -------
+    log_weights, k : ndarray, shapes (units, draws) and (units,)
+        Weights that sum to 1 over the draws. k is 0 where all ratios are equal.
+    """
+    ratios = np.asarray(log_ratios, float)
+    if _next_line():
+        from arviz_stats.base import array_stats
+
+        # this line takes log densities, whose ratios are their inverses
+        smoothed, k = array_stats.psislw(-ratios, axis=-1)
+    else:
+        smoothed, k = _arviz().psislw(ratios)
+    smoothed = smoothed - np.logaddexp.reduce(smoothed, axis=-1)[:, None]
+    equal = np.ptp(ratios, axis=-1) == 0
+    return np.where(equal[:, None], -np.log(ratios.shape[-1]), smoothed), np.where(equal, 0.0, k)
 
 
 def to_tree(

@@ -14,17 +14,20 @@ from softness_bayes import arviz_bridge
 from softness_bayes.data import Experiment
 from softness_bayes.data.columns import EFFECTIVE_MODULUS, POISSON_RATIO
 from softness_bayes.data.ratings import LOAD_COLUMNS
+from softness_bayes.inference.blocks import block_log_likelihood
 from softness_bayes.inference.chains import Chains
 from softness_bayes.inference.checks import FabricCheck, check_fabrics
 from softness_bayes.inference.curves import curve_scene, find_inflection, response_curves
 from softness_bayes.inference.diagnostics import Verdict
 from softness_bayes.inference.observation import RatingParameters
-from softness_bayes.inference.parameters import PARAMETERS
+from softness_bayes.inference.parameters import EVERY_PARAMETER
 from softness_bayes.inference.posterior import Posterior
 from softness_bayes.inference.scales import ObservedRatings
 from softness_bayes.inference.summary import summarise
+from softness_bayes.plate_groups import plate_attributes, plate_coordinates, plate_groups
 from softness_bayes.touch.parameters import TouchParameters
 from softness_bayes.touch.scene import Scene
+from softness_bayes.variables import Groups, Variable, merged, named, sampled_groups, tree_of
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -48,14 +51,6 @@ ERROR_DRAWS = 32
 """Posterior draws at which the scene is compared with a finer one."""
 
 LIBRARIES = ("softness-bayes", "numpy", "scipy", "emcee", "arviz", "xarray")
-
-
-class Variable(NamedTuple):
-    """A variable of a group: values (chain, draw first in groups with draws), further axes, unit."""
-
-    values: NDArray[Any]
-    dims: tuple[str, ...] = ()
-    units: str = ""
 
 
 class Draws(NamedTuple):
@@ -107,7 +102,7 @@ class Assembly:
     def tree(self, attributes: Mapping[str, Any]) -> xr.DataTree:
         """Return the groups of the result, with `attributes` as their provenance."""
         check = self._fabric_check()
-        groups = {
+        groups: Groups = {
             **self._posterior_groups(),
             **self._predictive_groups(),
             **self._prior_groups(),
@@ -115,20 +110,15 @@ class Assembly:
             "observed_data": {"rating": Variable(self.experiment.ratings.rating, ("rating_row",))},
             "constant_data": self._constants(),
         }
+        plate, plate_found = self._plate()
         found = {
             "numerical_error": self.error,
             "fabric_check": check.sentence,
             "fabric_p_value": check.p_value,
             **self._shares(),
+            **plate_found,
         }
-        every = {name: variable for group in groups.values() for name, variable in group.items()}
-        return arviz_bridge.to_tree(
-            {group: {name: v.values for name, v in variables.items()} for group, variables in groups.items()},
-            {name: v.dims for name, v in every.items()},
-            self._coordinates(),
-            {**attributes, **found},
-            {name: {"units": v.units} for name, v in every.items() if v.units},
-        )
+        return tree_of(merged(groups, plate), self._coordinates(), {**attributes, **found})
 
     def summary(self) -> pd.DataFrame:
         """Return the table of the parameters and of what all ratings share, from the draws that are kept."""
@@ -168,24 +158,32 @@ class Assembly:
         return check_fabrics(self.ratings, draws.mean_rate, draws.parameters, draws.effects)
 
     def _posterior_groups(self) -> dict[str, dict[str, Variable]]:
-        space, kept = self.posterior.space, self.kept
-        log_prior = space.log_prior(self.theta)
-        density = kept.by_walker(kept.log_density)
-        jacobian = space.log_jacobian(kept.by_walker(kept.coordinates))
-        acceptance = np.broadcast_to(kept.accepted.reshape(-1, 1), density.shape)
+        data = "ratings" if self.posterior.compression is None else "ratings_and_compression"
+        groups = sampled_groups(self.posterior, self.kept, self.theta, data)
         drawn = {n: Variable(v, dims) for n, (v, dims) in self.model.named_effects(self.effects).items()}
-        if "omega" not in space.names:
+        if "omega" not in self.posterior.names:
             drawn.pop("fabric_effect", None)
-        return {
-            "posterior": {**self._named(self.theta), **drawn},
-            "sample_stats": {"lp": Variable(density), "acceptance_rate": Variable(acceptance)},
-            "log_prior": {name: Variable(log_prior[..., k]) for k, name in enumerate(space.names)},
-            "log_likelihood": {"ratings": Variable(density - jacobian - log_prior.sum(axis=-1))},
-        }
+        return merged(groups, {"posterior": drawn})
+
+    def _plate(self) -> tuple[Groups, dict[str, Any]]:
+        """Return what compression data add, if there are any."""
+        data, forces = self.experiment.compression, self.posterior.compression
+        if data is None or forces is None:
+            return {}, {}
+        groups, check = plate_groups(
+            self.rng,
+            data,
+            forces,
+            self.posterior.skin_parameters,
+            self.theta,
+            self._pick(REPLICATES).theta,
+            self._pick(CURVES).theta,
+            self.prior[:REPLICATES],
+        )
+        return groups, plate_attributes(data, check)
 
     def _named(self, theta: Array) -> dict[str, Variable]:
-        space = self.posterior.space
-        return {p.name: Variable(theta[..., k], units=p.unit) for k, p in enumerate(space.sampled)}
+        return named(self.posterior.space, theta)
 
     def _predictive_groups(self) -> dict[str, dict[str, Variable]]:
         """Return replicated ratings of the same participants, and each rating given all the others."""
@@ -193,10 +191,14 @@ class Assembly:
         drive = model.drive(design, few.mean_rate, few.parameters)
         again = model.draw_ratings(self.rng, design, drive, few.parameters, few.effects)
         alone = self.ratings.log_likelihood_loo(few.mean_rate, few.parameters)
+        person = self.experiment.ratings.participant
+        whole = block_log_likelihood(self.ratings, few.mean_rate, few.parameters, person)
         rows = ("rating_row",)
         return {
             "posterior_predictive": {"rating": Variable(again[None], rows)},
             "log_likelihood_loo": {"rating": Variable(alone[None], rows)},
+            # by another name than the rating's, which has another axis
+            "log_likelihood_participant": {"ratings_of_participant": Variable(whole[None], ("participant",))},
         }
 
     def _prior_groups(self) -> dict[str, dict[str, Variable]]:
@@ -250,7 +252,7 @@ class Assembly:
         held = self.posterior.space.held
         modulus = fabrics.modulus(self.scene.readings.fabric_modulus) / EFFECTIVE_MODULUS.factor
         return {
-            **{n: Variable(np.array(value), units=PARAMETERS[n].unit) for n, value in held.items()},
+            **{n: Variable(np.array(value), units=EVERY_PARAMETER[n].unit) for n, value in held.items()},
             EFFECTIVE_MODULUS.name: Variable(modulus, ("fabric",), EFFECTIVE_MODULUS.unit),
             POISSON_RATIO.name: Variable(fabrics.poisson_ratio, ("fabric",)),
             **{
@@ -277,6 +279,7 @@ class Assembly:
             "load": np.array([str(load) for load in ratings.loads]),
             "rating_row": ratings.rows,
             "e_fab_kpa": self.grid.modulus[:points] * 1e-3,
+            **({} if self.experiment.compression is None else plate_coordinates(self.experiment.compression)),
         }
 
     def _shares(self) -> dict[str, float]:

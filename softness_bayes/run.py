@@ -18,6 +18,7 @@ from softness_bayes.inference.posterior import Posterior
 from softness_bayes.inference.priors import Prior
 from softness_bayes.inference.sampling import Progress, Settings, sample_until
 from softness_bayes.inference.scales import MAGNITUDE, RatingScale
+from softness_bayes.plate_groups import forces_of
 from softness_bayes.result import SCHEMA, Result
 from softness_bayes.study import scene_of
 from softness_bayes.touch.readings import MENDED, Readings
@@ -62,6 +63,12 @@ class RunOptions:
     command: str = ""
 
 
+def design_of(experiment: Experiment) -> Design:
+    """Return who rated what, the conditions by fabric, then load."""
+    ratings, conditions = experiment.ratings, experiment.ratings.conditions
+    return Design(conditions.of_rating, ratings.participant, conditions.fabric, len(ratings.participants))
+
+
 def posterior_of(experiment: Experiment, options: RunOptions) -> Posterior:
     """Return the posterior density of an experiment.
 
@@ -79,6 +86,7 @@ def posterior_of(experiment: Experiment, options: RunOptions) -> Posterior:
         skin_displacement=options.readings.skin_displacement,
         n_participants=len(ratings.participants),
         absent=set(RatingParameters._fields) - set(options.scale.parameters),
+        n_fingers=None if experiment.compression is None else len(experiment.compression.participants),
     )
     conditions = ratings.conditions
     scene = scene_of(
@@ -93,8 +101,9 @@ def posterior_of(experiment: Experiment, options: RunOptions) -> Posterior:
     # the exponent's ridge with alpha is straight in the distance from the rheobase: tau falls by a third
     bend = Bent(float(scene.firing.curves(space.touch(space.median)).rheobase), ALPHA_WIDTH)
     space = replace(space, bent={"alpha": bend} if np.isfinite(bend.centre) else {})
-    design = Design(conditions.of_rating, ratings.participant, conditions.fabric, len(ratings.participants))
-    return Posterior(space, scene, options.scale.model(options.direction).observe(ratings.rating, design))
+    observation = options.scale.model(options.direction).observe(ratings.rating, design_of(experiment))
+    plate = None if experiment.compression is None else forces_of(experiment.compression, options.readings)
+    return Posterior(space, scene, observation, plate)
 
 
 def sample(

@@ -9,10 +9,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from softness_bayes.data import Fabrics, Ratings
+from softness_bayes.data import Compression, Fabrics, Ratings
 from softness_bayes.errors import InputError
+from softness_bayes.inference.compression import CompressionForces, SkinParameters
 from softness_bayes.inference.observation import SOFTNESS, RatingDirection, RatingParameters
-from softness_bayes.inference.parameters import PARAMETERS, parameter_space
+from softness_bayes.inference.parameters import EVERY_PARAMETER, PARAMETERS, parameter_space
 from softness_bayes.inference.priors import HalfNormal
 from softness_bayes.inference.random_effects import Design
 from softness_bayes.inference.scales import MAGNITUDE, RatingScale
@@ -36,16 +37,22 @@ def touch_parameters(values: Mapping[str, ArrayLike]) -> TouchParameters:
 
 
 def usual_values(
-    readings: Readings, prior_set: str = "default", given: Mapping[str, float] | None = None
+    readings: Readings,
+    prior_set: str = "default",
+    given: Mapping[str, float] | None = None,
+    n_fingers: int | None = None,
 ) -> dict[str, float]:
     """Return every parameter's value: those given, else the medians of their priors, in natural units.
+
+    With a number of fingers the parameters of compression data are among them.
 
     Raises
     ------
     InputError
         If a given name is unknown or its value not one that the parameter can take.
     """
-    space = parameter_space(fix=given, prior_set=prior_set, skin_displacement=readings.skin_displacement)
+    displacement = readings.skin_displacement
+    space = parameter_space(fix=given, prior_set=prior_set, skin_displacement=displacement, n_fingers=n_fingers)
     return {name: float(value) for name, value in space.values(space.median).items()}
 
 
@@ -200,3 +207,57 @@ def simulate_ratings(
     absent = set(RatingParameters._fields) - set(scale.parameters)
     truth = {name: value for name, value in values.items() if name not in absent} | truth
     return Simulation(ratings, truth, effect, rate.reshape(len(loads), len(fabrics)).T)
+
+
+PLATE_DEPTHS = (0.5e-3, 1e-3, 1.5e-3, 2e-3)
+"""Indentations [m] to which simulated fingers are pressed: those of the published measurements."""
+
+
+class SimulatedForces(NamedTuple):
+    """Simulated compression data, and how their fingers depart from the typical one."""
+
+    compression: Compression
+    log_b_effect: NDArray[np.float64]
+    """In ln b, shape (fingers,)."""
+    m_effect: NDArray[np.float64]
+    """In m, shape (fingers,)."""
+
+
+def simulate_compression(
+    rng: np.random.Generator,
+    values: Mapping[str, float],
+    readings: Readings = MENDED,
+    fingers: int = 8,
+    depths: tuple[float, ...] = PLATE_DEPTHS,
+) -> SimulatedForces:
+    """Press a rigid flat plate on simulated fingers, each to every depth once.
+
+    Parameters
+    ----------
+    rng
+        Source of the fingers and the noise.
+    values
+        b, m, tau_b, tau_m and varsigma_f in natural units (`usual_values` with a number of fingers).
+    readings
+        Readings of the model.
+    fingers
+        Their number.
+    depths
+        Indentations [m].
+
+    Raises
+    ------
+    InputError
+        If there is no finger.
+    """
+    if fingers < 1:
+        raise InputError(f"simulate: {fingers} fingers, expected at least 1")
+    skin = SkinParameters(*(np.float64(values[n]) * EVERY_PARAMETER[n].si for n in SkinParameters._fields))
+    finger, depth = np.repeat(np.arange(fingers), len(depths)), np.tile(depths, fingers)
+    plate = CompressionForces(depth, np.ones(depth.size), finger, fingers, displacement=readings.skin_displacement)
+    effects = plate.new_fingers(rng, skin, ())
+    # as few digits as an instrument gives; also what makes files equal where exp differs in its last bits
+    force = np.array([float(f"{value:.4g}") for value in plate.draw_forces(rng, skin, effects)])
+    names = tuple(f"F{i:0{len(str(fingers))}d}" for i in range(1, fingers + 1))
+    compression = Compression(names, finger, depth, force, np.arange(2, 2 + force.size))
+    return SimulatedForces(compression, effects.log_b, effects.m)

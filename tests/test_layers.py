@@ -19,8 +19,10 @@ LAYERS = (
     {"data"},
     {"arviz_bridge"},
     {"inference"},
-    {"study", "predict", "result", "storage"},
-    {"assembly", "run"},
+    {"study", "predict", "result", "storage", "variables"},
+    {"plate_groups"},
+    {"assembly", "run", "skin"},
+    {"restore", "compare"},
     {"plotting", "report"},
     {"cli", "benchmark"},
 )

@@ -12,16 +12,18 @@ from scipy import integrate
 from scipy.stats import halfnorm, kstest, multivariate_normal, norm
 from test_recovery import BRIEF, ENOUGH, REPLICATES, Case, coverage_holds
 
+from softness_bayes import run
 from softness_bayes.data import Experiment, Fabrics, Ratings
 from softness_bayes.errors import InputError
 from softness_bayes.inference.design import Design
 from softness_bayes.inference.observation import INVERSE, RATING_DIRECTIONS, SOFTNESS, RatingParameters
 from softness_bayes.inference.posterior import LEAST_FIRING
-from softness_bayes.inference.sampling import sample_until
+from softness_bayes.inference.sampling import Settings, sample_until
 from softness_bayes.inference.scales import RATING_SCALES, STANDARDISED
 from softness_bayes.inference.standardised import Line, StandardisedModel, StandardisedRatings
 from softness_bayes.inference.workers import Workers
-from softness_bayes.run import RunOptions, posterior_of
+from softness_bayes.plotting import FIGURES, USUAL, observed_ratings
+from softness_bayes.run import RunOptions, posterior_of, sample
 from softness_bayes.study import simulate_ratings, usual_values
 from softness_bayes.touch import scene
 from softness_bayes.touch.contact import Indentation
@@ -272,6 +274,55 @@ def test_names_of_scales_and_what_suits_them(values):
     with pytest.raises(InputError, match="slope is 1"):
         simulate_ratings(np.random.default_rng(1), CLOTH, LOADS, values, slope=1.0)
     assert isinstance(simulated(values, participants=2)[0].ratings, Ratings)
+
+
+# from end to end
+
+CHAIN = ("b", "m", "alpha", "beta", "sigma_0")
+
+
+@pytest.mark.parametrize("scale", RATING_SCALES.values(), ids=RATING_SCALES)
+@pytest.mark.parametrize("direction", RATING_DIRECTIONS.values(), ids=RATING_DIRECTIONS)
+def test_a_run_says_what_its_ratings_were_made_from(values, monkeypatch, scale, direction):
+    """Each scale with each direction: parameters, replicates and the curve of a typical rating."""
+    monkeypatch.setattr(run, "Settings", functools.partial(Settings, pilot=(40,), optima=1))
+    given = values | {"sigma_0": 6.0, "alpha": 21.5, "gamma": 0.9, "tau": 0.3}
+    rng = np.random.default_rng(6)
+    ratings = simulate_ratings(rng, CLOTH, LOADS[1:], given, participants=15, direction=direction, scale=scale).ratings
+    held = {name: given[name] for name in (*CHAIN, *(["tau"] if scale.positive else []))}
+    options = RunOptions(fix=held, direction=direction, scale=scale, max_steps=80, processes=1)
+    found = sample(Experiment(ratings, CLOTH, ()), options)
+    truth = (
+        {"gamma": 0.9, "varsigma": 0.4, "mu": np.log(20)}
+        if scale.positive
+        else {"varsigma": 0.4, "c0": 0, "c1": 0.6745}
+    )
+    table = found.summary()
+    assert {*table.index} == {*truth}
+    for name, value in truth.items():
+        assert abs(table.loc[name, "mean"] - value) < 4 * table.loc[name, "sd"], name
+    assert (found.attributes["rating_scale"], found.attributes["direction"]) == (scale.name, direction.name)
+    again = found.group("posterior_predictive")["rating"].values[0]
+    unit = np.log if scale.positive else np.asarray
+    assert np.corrcoef(unit(again).mean(axis=0), unit(ratings.rating))[0, 1] > 0.6
+    assert unit(again).std() == pytest.approx(unit(ratings.rating).std(), rel=0.15)
+    stored = found.group("predictions").isel(chain=0)
+    response, typical = (stored[name].values.reshape(-1) for name in ("total_rate", "typical_rating"))
+    assert np.corrcoef(response, unit(typical))[0, 1] * direction.sign > 0.8
+    assert found.group("log_likelihood_loo")["rating"].shape == (1, 500, len(ratings))
+    figure = FIGURES["rating"](found, USUAL)
+    assert figure.axes[0].get_yscale() == ("log" if scale.positive else "linear")
+    assert figure.axes[0].get_ylabel() == ("softness rating" if scale.positive else "softness rating [sd]")
+
+
+def test_z_scores_are_averaged_as_they_are():
+    """Two fabrics, three participants, one of whom rates the second twice; nobody is shifted."""
+    rating = [-1.0, 0.0, 0.4, 1.0, 2.0, -0.5]
+    found = observed_ratings(rating, [0, 0, 0, 1, 1, 1], [0, 1, 2, 0, 1, 1], [1e4, 1e5], [0, 0], logarithmic=False)
+    second = np.array([1.0, 0.75])  # a participant's repeated ratings count as their mean
+    assert_allclose(found.mean, [-0.2, second.mean()])
+    assert_allclose(found.high - found.mean, [np.std([-1, 0, 0.4], ddof=1), second.std(ddof=1)])
+    assert_allclose(found.mean - found.low, found.high - found.mean)
 
 
 # recovery, by the coverage of credible intervals

@@ -70,6 +70,8 @@ def command(
         if values or not choice.is_default or prior_set != "default":
             raise InputError("--posterior brings its own parameters and readings: leave out --set and others")
         result = Result.load(posterior)
+        if not result.has_ratings:
+            raise InputError(f"{posterior}: a run without ratings, which says nothing of the receptors; give --set")
         chosen, named = result.readings, result.values(DRAWS)
     parameters = touch_parameters(named)
     if posterior is not None:  # a table of draws has limits even where the run held every parameter of the chain

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NoReturn
 
 import click
+from click.core import ParameterSource
 
 from softness_bayes.cli.options import (
     DataFiles,
@@ -78,16 +79,25 @@ def command(
     Runs four independent ensembles until they have converged, or to --max-steps, and writes to --out:
     posterior.nc (draws, predictions, provenance), summary.csv and figures/. Prints the summary, where
     the response turns over under each load, and a verdict. Exit code 3: not converged.
+
+    --compression adds the forces of a rigid flat plate on fingerpads, which say what b and m are. Without
+    --data the run is on these alone: no response curves, no inflection, but how force grows with indentation.
     """
+    from softness_bayes.data import Compression
     from softness_bayes.inference.observation import RATING_DIRECTIONS
     from softness_bayes.inference.scales import RATING_SCALES
     from softness_bayes.result import prepare_directory, require_vacant
     from softness_bayes.run import RunOptions, sample
+    from softness_bayes.skin import sample_skin
 
-    experiment = files.read()
+    data = files.read()
+    alone = isinstance(data, Compression)
+    if alone and click.get_current_context().get_parameter_source("prior_set") is ParameterSource.DEFAULT:
+        prior_set = "wide"
+        click.echo("note: without ratings --priors is wide, which says little of the skin beforehand", err=True)
     chosen = choice.resolve()
     require_vacant(out, force)
-    for note in experiment.notes:
+    for note in data.notes:
         click.echo(f"note: {note}", err=True)
     options = RunOptions(
         fix=fixed,
@@ -103,7 +113,9 @@ def command(
     )
     bar = _Bar()
     try:
-        result = sample(experiment, options, bar.show)
+        result = (
+            sample_skin(data, options, bar.show) if isinstance(data, Compression) else sample(data, options, bar.show)
+        )
     finally:
         bar.close()
     # only now: a run that fails leaves no directory behind, and --force no gap
@@ -151,6 +163,17 @@ def _report(result: Result, out: Path) -> None:
     """Print summary, inflection, checks and verdict."""
     found = result.attributes
     click.echo(result.summary().to_string(float_format=lambda x: f"{x:.4g}"))
+    if result.has_compression:
+        click.echo(f"\n{found['exponent_check']}")
+    if result.has_ratings:
+        _report_ratings(result)
+    click.echo(f"written to {out}")
+    click.echo(str(found["verdict"]))
+
+
+def _report_ratings(result: Result) -> None:
+    """Print inflection and checks of what the ratings say."""
+    found = result.attributes
     click.echo("\nwhere the response turns over (probabilities; E_fab in kPa, medians and 90 % limits)")
     columns = ["p_interior", "p_none", "p_silent", "p_inside", "e_fab_kpa_low", "e_fab_kpa", "e_fab_kpa_high"]
     click.echo(result.inflection()[columns].to_string(float_format=lambda x: f"{x:.3g}", na_rep="–"))
@@ -168,5 +191,3 @@ def _report(result: Result, out: Path) -> None:
             f"meaningless: {found['contact_beyond_radius']:.0%}"
         )
     click.echo(f"numerical error of the response: {found['numerical_error']:.1e} of its peak, at most, over draws")
-    click.echo(f"written to {out}")
-    click.echo(str(found["verdict"]))

@@ -88,6 +88,7 @@ class CompressionForces:
         for what, values in (("an indentation", self.indentation), ("a force", self.force)):
             if not (np.isfinite(values) & (values > 0)).all():
                 raise InputError(f"compression: {what} is not a positive number")
+        self.displacement = displacement
         self._line = plate_line(self.indentation, shape, displacement)
         known = np.log(self.force) - self._line.offset
         self._turn = np.zeros((n_fingers, 2, 2))
