@@ -15,6 +15,7 @@ VERBS: Mapping[str, str] = {
     "check": "Validate data files and say what was understood.",
     "sample": "Sample the posterior of skin, transduction and rating parameters given ratings.",
     "simulate": "Simulate ratings of fabrics from stated parameters.",
+    "compare": "Rank finished runs by how well they predict what is left out.",
     "predict": "Predict contact, stress and firing for fabrics under loads.",
 }
 """Verb -> its one-line help; `softness_bayes.cli.<verb>` holds the click command `command`."""
