@@ -67,7 +67,7 @@ def options_of(result: Result) -> RunOptions:
         prior_set=str(found["prior_set"]),
         readings=result.readings,
         direction=RATING_DIRECTIONS[str(found["direction"])],
-        scale=RATING_SCALES[str(found["rating_scale"])],
+        scale=RATING_SCALES[str(found.get("rating_scale", "magnitude"))],
         seed=int(found["seed"]),
     )
 

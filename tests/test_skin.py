@@ -166,7 +166,7 @@ def test_groups_of_a_run_on_forces_alone(result, shipped):
     assert {*result.group("log_likelihood").data_vars} == {"compression"}
     found = result.attributes
     assert (found["digest_compression"], found["zero_forces"]) == (shipped.digest, 0)
-    assert found["prior_b"] == "lognormal(30,1.5)"
+    assert found["prior_b"] == "lognormal(30,1)"
     assert "steeper than Hertz's 1.5" in found["exponent_check"]
     assert "weak check" in found["exponent_check"]
 

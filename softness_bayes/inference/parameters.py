@@ -111,8 +111,8 @@ PRIOR_SETS: Mapping[str, Mapping[SkinDisplacement, Mapping[str, Prior]]] = Mappi
         },
         # for compression data alone: the others hold what such data are there to tell
         "wide": {
-            STRAIN: {"b": LogNormal(30, 1.5), "m": LogNormal(3, 0.7)},
-            DISPLACEMENT: {"b": LogNormal(30, 1.5), "m": LogNormal(1060, 0.7), "tau_m": HalfNormal(354)},
+            STRAIN: {"b": LogNormal(30, 1), "m": LogNormal(3, 0.5)},
+            DISPLACEMENT: {"b": LogNormal(30, 1), "m": LogNormal(1060, 0.5), "tau_m": HalfNormal(354)},
         },
     }
 )
