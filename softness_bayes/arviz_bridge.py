@@ -86,17 +86,18 @@ def psis(log_ratios: ArrayLike) -> tuple[FloatArray, FloatArray]:
     log_weights, k : ndarray, shapes (units, draws) and (units,)
         Weights that sum to 1 over the draws. k is 0 where all ratios are equal.
     """
-    ratios = np.asarray(log_ratios, float)
-    if _next_line():
-        from arviz_stats.base import array_stats
+    weights = np.array(log_ratios, float)
+    k = np.zeros(weights.shape[:-1])
+    uneven = np.ptp(weights, axis=-1) > 0  # a tail needs ratios that differ
+    if uneven.any():
+        if _next_line():
+            from arviz_stats.base import array_stats
 
-        # this line takes log densities, whose ratios are their inverses
-        smoothed, k = array_stats.psislw(-ratios, axis=-1)
-    else:
-        smoothed, k = _arviz().psislw(ratios)
-    smoothed = smoothed - np.logaddexp.reduce(smoothed, axis=-1)[:, None]
-    equal = np.ptp(ratios, axis=-1) == 0
-    return np.where(equal[:, None], -np.log(ratios.shape[-1]), smoothed), np.where(equal, 0.0, k)
+            # this line takes log densities, whose inverses are the ratios
+            weights[uneven], k[uneven] = array_stats.psislw(-weights[uneven], axis=-1)
+        else:
+            weights[uneven], k[uneven] = _arviz().psislw(weights[uneven])
+    return weights - np.logaddexp.reduce(weights, axis=-1)[:, None], k
 
 
 def to_tree(
