@@ -55,7 +55,7 @@ class Leave:
     predict: Callable[[Result, Settings, Callable[[str], None]], LeftOut]
 
 
-def _importance(log_density: Array) -> LeftOut:
+def leave_by_weights(log_density: Array) -> LeftOut:
     """Weight draws of the posterior by 1 / p(unit | others, theta): they become draws without the unit.
 
     Parameters
@@ -70,7 +70,7 @@ def _importance(log_density: Array) -> LeftOut:
 def _stored(group: str, name: str) -> Callable[[Result, Settings, Callable[[str], None]], LeftOut]:
     def predict(result: Result, settings: Settings, progress: Callable[[str], None]) -> LeftOut:
         values = result.group(group)[name].values
-        return _importance(values.reshape(-1, values.shape[-1]))
+        return leave_by_weights(values.reshape(-1, values.shape[-1]))
 
     return predict
 

@@ -12,7 +12,7 @@ from scipy.stats import multivariate_normal, norm
 
 from softness_bayes import arviz_bridge, run
 from softness_bayes.cli import main
-from softness_bayes.compare import LEAVE, Leave, LeftOut, _importance, compare
+from softness_bayes.compare import LEAVE, Leave, LeftOut, compare, leave_by_weights
 from softness_bayes.data import Experiment, Fabrics
 from softness_bayes.errors import InputError
 from softness_bayes.inference.blocks import block_log_likelihood
@@ -75,7 +75,7 @@ def test_importance_weights_give_the_exact_density_of_what_is_left_out(rng):
     y = rng.standard_normal(12) + 0.5
     precision = 1 + y.size
     theta = y.sum() / precision + rng.standard_normal(20_000) / np.sqrt(precision)
-    found = _importance(norm(theta[:, None], 1).logpdf(y))
+    found = leave_by_weights(norm(theta[:, None], 1).logpdf(y))
     others = (y.sum() - y) / y.size
     assert_allclose(found.log_density, norm(others, np.sqrt(1 + 1 / y.size)).logpdf(y), atol=0.02)
     assert (found.pareto_k < 0.5).all()

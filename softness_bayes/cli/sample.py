@@ -24,7 +24,7 @@ from softness_bayes.cli.options import (
     readings,
     seed,
 )
-from softness_bayes.errors import NotConvergedError
+from softness_bayes.errors import InputError, NotConvergedError
 
 if TYPE_CHECKING:
     from tqdm import tqdm
@@ -91,10 +91,13 @@ def command(
     from softness_bayes.skin import sample_skin
 
     data = files.read()
-    alone = isinstance(data, Compression)
-    if alone and click.get_current_context().get_parameter_source("prior_set") is ParameterSource.DEFAULT:
-        prior_set = "wide"
-        click.echo("note: without ratings --priors is wide, which says little of the skin beforehand", err=True)
+    if isinstance(data, Compression):
+        source = click.get_current_context().get_parameter_source
+        if any(source(name) is not ParameterSource.DEFAULT for name in ("scale", "direction")):
+            raise InputError("--ratings and --direction are for ratings: give --data, or leave them out")
+        if source("prior_set") is ParameterSource.DEFAULT:
+            prior_set = "wide"
+            click.echo("note: without ratings --priors is wide, which says little of the skin beforehand", err=True)
     chosen = choice.resolve()
     require_vacant(out, force)
     for note in data.notes:
