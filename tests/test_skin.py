@@ -336,6 +336,7 @@ def test_check_says_what_was_understood(here):
     [
         ([], "no data: give ratings with --data"),
         (["--compression", "nowhere.csv"], "nowhere.csv"),
+        (["--compression", DATA / "compression.csv", "--direction", "inverse"], "are for ratings"),
         (["--compression", DATA / "compression.csv", "--force-n", "1"], "are for ratings"),
         (
             ["--compression", DATA / "compression.csv", "--fix", "alpha=20"],
