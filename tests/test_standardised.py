@@ -2,8 +2,10 @@
 
 import dataclasses
 import functools
+import json
 import os
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,6 +15,7 @@ from scipy.stats import halfnorm, kstest, multivariate_normal, norm
 from test_recovery import BRIEF, ENOUGH, REPLICATES, Case, coverage_holds
 
 from softness_bayes import run
+from softness_bayes.cli import main
 from softness_bayes.data import Experiment, Fabrics, Ratings
 from softness_bayes.errors import InputError
 from softness_bayes.inference.design import Design
@@ -323,6 +326,37 @@ def test_z_scores_are_averaged_as_they_are():
     assert_allclose(found.mean, [-0.2, second.mean()])
     assert_allclose(found.high - found.mean, [np.std([-1, 0, 0.4], ddof=1), second.std(ddof=1)])
     assert_allclose(found.mean - found.low, found.high - found.mean)
+
+
+def test_z_scores_from_the_command_line(tmp_path, capsys):
+    """Simulated, checked, refused under the other scale with the option that reads them, and their story told."""
+    data = Path(__file__).resolve().parents[1] / "data"
+
+    def call(*arguments):
+        with pytest.raises(SystemExit) as end:
+            main([str(argument) for argument in arguments], prog_name="softness-bayes")
+        return end.value.code or 0, *capsys.readouterr()
+
+    standardised = ("--ratings", "standardised")
+    made = ("simulate", "--fabrics", data / "fabrics.csv", "--indentation-mm", "2", "--participants", "3")
+    code, _, err = call(*made, *standardised, "--direction", "inverse", "--slope", "0.8", "--out", tmp_path / "z")
+    assert code == 0, err
+    story = json.loads((tmp_path / "z" / "truth.json").read_text())
+    assert (story["ratings"], story["direction"]) == ("standardised", "inverse")
+    assert (story["truth"]["c0"], story["truth"]["c1"]) == (0.0, 0.8)
+    ratings = tmp_path / "z" / "ratings.csv"
+    assert call("check", "--data", ratings, *standardised)[0] == 0
+    for verb in ("check", "sample"):
+        code, _, err = call(verb, "--data", ratings)
+        assert code == 2
+        assert "--ratings standardised" in err
+    for verb in ("check", "sample"):
+        code, _, err = call(verb, "--data", data / "ratings.csv", *standardised)
+        assert code == 2
+        assert "expected standardised ratings, of mean 0" in err
+    code, _, err = call(*made, *standardised, "--typical-rating", "20", "--out", tmp_path / "y")
+    assert code == 2
+    assert "mu is" in err
 
 
 # recovery, by the coverage of credible intervals
