@@ -12,6 +12,7 @@ __version__ = "0.1.0"
 
 if TYPE_CHECKING:
     from softness_bayes.claims import evaluate_claims as evaluate_claims
+    from softness_bayes.data import Compression as Compression
     from softness_bayes.data import Experiment as Experiment
     from softness_bayes.data import Fabrics as Fabrics
     from softness_bayes.data import Ratings as Ratings
@@ -20,7 +21,9 @@ if TYPE_CHECKING:
     from softness_bayes.result import Result as Result
     from softness_bayes.run import RunOptions as RunOptions
     from softness_bayes.run import sample as sample
+    from softness_bayes.skin import sample_skin as sample_skin
     from softness_bayes.study import scene_of as scene_of
+    from softness_bayes.study import simulate_compression as simulate_compression
     from softness_bayes.study import simulate_ratings as simulate_ratings
     from softness_bayes.study import touch_parameters as touch_parameters
     from softness_bayes.study import usual_values as usual_values
@@ -32,6 +35,7 @@ if TYPE_CHECKING:
     from softness_bayes.touch.scene import Scene as Scene
 
 _HOMES = {
+    "Compression": "data",
     "Experiment": "data",
     "Fabrics": "data",
     "Finger": "touch.contact",
@@ -47,7 +51,9 @@ _HOMES = {
     "prediction_table": "predict",
     "read_experiment": "data",
     "sample": "run",
+    "sample_skin": "skin",
     "scene_of": "study",
+    "simulate_compression": "study",
     "simulate_ratings": "study",
     "touch_parameters": "study",
     "usual_values": "study",

@@ -27,6 +27,7 @@ GROUPS = (
     "log_prior",
     "log_likelihood",
     "log_likelihood_loo",
+    "log_likelihood_participant",
     "posterior_predictive",
     "predictions",
     "prior",

@@ -16,19 +16,22 @@ from softness_bayes.criticism import LOO_PIT, NEW_PARTICIPANTS, PARETO_K
 from softness_bayes.data import Experiment
 from softness_bayes.data.columns import EFFECTIVE_MODULUS, POISSON_RATIO
 from softness_bayes.data.ratings import LOAD_COLUMNS
+from softness_bayes.inference.blocks import block_log_likelihood
 from softness_bayes.inference.chains import Chains
 from softness_bayes.inference.checks import FabricCheck, check_fabrics
 from softness_bayes.inference.curves import curve_scene, find_inflection, response_curves
 from softness_bayes.inference.diagnostics import Verdict
 from softness_bayes.inference.exactness import Exactness, compare, resample
-from softness_bayes.inference.observation import LogRatings, RatingParameters
-from softness_bayes.inference.parameters import PARAMETERS
+from softness_bayes.inference.observation import RatingParameters
+from softness_bayes.inference.parameters import EVERY_PARAMETER
 from softness_bayes.inference.posterior import Posterior
 from softness_bayes.inference.predictive import ExponentCheck, check_exponents, loo_pit
-from softness_bayes.inference.random_effects import Effects
+from softness_bayes.inference.scales import ObservedRatings
 from softness_bayes.inference.summary import reweighted, summarise
+from softness_bayes.plate_groups import plate_attributes, plate_coordinates, plate_groups
 from softness_bayes.touch.parameters import TouchParameters
 from softness_bayes.touch.scene import Scene
+from softness_bayes.variables import Groups, Variable, merged, named, sampled_groups, tree_of
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -63,21 +66,14 @@ ERROR_DRAWS = 32
 LIBRARIES = ("softness-bayes", "numpy", "scipy", "emcee", "arviz", "xarray")
 
 
-class Variable(NamedTuple):
-    """A variable of a group: values (chain, draw first in groups with draws), further axes, unit."""
-
-    values: NDArray[Any]
-    dims: tuple[str, ...] = ()
-    units: str = ""
-
-
 class Draws(NamedTuple):
     """Some draws, one axis for all of them."""
 
     theta: Array
     mean_rate: Array
     parameters: RatingParameters
-    effects: Effects
+    effects: Any
+    """As the rating model draws them."""
 
 
 class Assembly:
@@ -104,8 +100,8 @@ class Assembly:
         rng: np.random.Generator,
         reweight: bool = False,
     ) -> None:
-        if not isinstance(posterior.scene, Scene) or not isinstance(posterior.observation, LogRatings):
-            raise TypeError("a result is assembled from a compiled scene and log ratings")
+        if not isinstance(posterior.scene, Scene) or not isinstance(posterior.observation, ObservedRatings):
+            raise TypeError("a result is assembled from a compiled scene and ratings")
         self.experiment, self.posterior, self.verdict, self.rng = experiment, posterior, verdict, rng
         self.scene, self.ratings = posterior.scene, posterior.observation
         self.kept = chains.kept(verdict.burn_in, DRAWS_PER_WALKER)
@@ -113,6 +109,8 @@ class Assembly:
         self.mean_rate = posterior.mean_rate(self.theta)
         self.parameters = posterior.rating_parameters(self.theta)
         self.effects = self.ratings.draw_effects(rng, self.mean_rate, self.parameters)
+        model: Any = self.ratings.model
+        self.model = model
         self.grid = curve_scene(self.scene)
         self.prior = posterior.space.draw_prior(rng, PRIOR_DRAWS)
         self.exactness = self._exactness(REWEIGHT_DRAWS if reweight else EXACT_DRAWS)
@@ -122,7 +120,7 @@ class Assembly:
     def tree(self, attributes: Mapping[str, Any]) -> xr.DataTree:
         """Return the groups of the result, with `attributes` as their provenance."""
         check, exponents = self._fabric_check(), self._exponent_check()
-        groups = {
+        groups: Groups = {
             **self._posterior_groups(),
             **self._predictive_groups(),
             **self._prior_groups(),
@@ -130,6 +128,7 @@ class Assembly:
             "observed_data": {"rating": Variable(self.experiment.ratings.rating, ("rating_row",))},
             "constant_data": self._constants(),
         }
+        plate, plate_found = self._plate()
         found = {
             "numerical_error": self.error,
             "fabric_check": check.sentence,
@@ -146,15 +145,9 @@ class Assembly:
             "exponent_p_value": exponents.p_value,
             "exponent_deviation": exponents.deviation,
             **self._shares(),
+            **plate_found,
         }
-        every = {name: variable for group in groups.values() for name, variable in group.items()}
-        tree = arviz_bridge.to_tree(
-            {group: {name: v.values for name, v in variables.items()} for group, variables in groups.items()},
-            {name: v.dims for name, v in every.items()},
-            self._coordinates(),
-            {**attributes, **found},
-            {name: {"units": v.units} for name, v in every.items() if v.units},
-        )
+        tree = tree_of(merged(groups, plate), self._coordinates(), {**attributes, **found})
         for group, size in PICKED.items():
             chain, draw = self._picked(size)
             which = {"posterior_chain": ("draw", chain), "posterior_draw": ("draw", draw)}
@@ -162,18 +155,19 @@ class Assembly:
         return tree
 
     def summary(self) -> pd.DataFrame:
-        """Return the table of the parameters and mu, from the draws that are kept."""
+        """Return the table of the parameters and of what all ratings share, from the draws that are kept."""
         ensembles, stored, walkers = self.kept.log_density.shape
-        draws = np.concatenate([self.theta, self.effects.mu[..., None]], axis=-1)
+        levels = {n: v for n, (v, dims) in self.model.named_effects(self.effects).items() if not dims}
+        draws = np.concatenate([self.theta, np.stack([*levels.values()], axis=-1)], axis=-1)
         apart = draws.reshape(ensembles, walkers, stored, -1).swapaxes(1, 2)
-        table = summarise((*self.posterior.names, "mu"), apart)
+        table = summarise((*self.posterior.names, *levels), apart)
         if not self.reweight:
             return table
         return reweighted(table, draws[self._even(REWEIGHT_DRAWS)], self.exactness.log_weight)
 
     def _even(self, size: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
         """Return chain and draw of draws evenly spaced over the whole run, all walkers side by side in time."""
-        chains, stored = self.effects.mu.shape
+        chains, stored = self.theta.shape[:2]
         flat = np.linspace(0, chains * stored - 1, min(size, chains * stored)).astype(int)
         return flat % chains, flat // chains
 
@@ -192,7 +186,7 @@ class Assembly:
             self.theta[index],
             self.mean_rate[index],
             self.posterior.rating_parameters(self.theta[index]),
-            Effects(*(effect[index] for effect in self.effects)),
+            type(self.effects)(*(effect[index] for effect in self.effects)),
         )
 
     def _touch(self, theta: Array) -> TouchParameters:
@@ -213,7 +207,7 @@ class Assembly:
             ("exact_difference", self.exactness.difference),
             ("exact_log_weight", self.exactness.log_weight),
         ):
-            everywhere = np.full(self.effects.mu.shape, np.nan)
+            everywhere = np.full(self.theta.shape[:2], np.nan)
             everywhere[index] = values
             found[name] = Variable(everywhere)
         return found
@@ -240,35 +234,36 @@ class Assembly:
         return check_exponents(self.ratings, draws.mean_rate, draws.parameters, draws.effects)
 
     def _posterior_groups(self) -> dict[str, dict[str, Variable]]:
-        space, kept = self.posterior.space, self.kept
-        log_prior = space.log_prior(self.theta)
-        # in natural units: the sampler's own coordinates are nobody else's concern
-        density = kept.by_walker(kept.log_density - space.log_jacobian(kept.coordinates))
-        acceptance = np.broadcast_to(kept.accepted.reshape(-1, 1), density.shape)
-        drawn = {"mu": Variable(self.effects.mu), "participant_effect": self._by("participant")}
-        if "omega" in space.names:
-            drawn["fabric_effect"] = self._by("fabric")
-        return {
-            "posterior": {**self._named(self.theta), **drawn},
-            "sample_stats": {
-                "lp": Variable(density),
-                "acceptance_rate": Variable(acceptance),
-                **self._exactness_stats(),
-            },
-            "log_prior": {name: Variable(log_prior[..., k]) for k, name in enumerate(space.names)},
-            "log_likelihood": {"ratings": Variable(density - log_prior.sum(axis=-1))},
-        }
+        data = "ratings" if self.posterior.compression is None else "ratings_and_compression"
+        groups = sampled_groups(self.posterior, self.kept, self.theta, data)
+        drawn = {n: Variable(v, dims) for n, (v, dims) in self.model.named_effects(self.effects).items()}
+        if "omega" not in self.posterior.names:
+            drawn.pop("fabric_effect", None)
+        return merged(groups, {"posterior": drawn, "sample_stats": self._exactness_stats()})
 
-    def _by(self, what: str) -> Variable:
-        return Variable(getattr(self.effects, what), (what,))
+    def _plate(self) -> tuple[Groups, dict[str, Any]]:
+        """Return what compression data add, if there are any."""
+        data, forces = self.experiment.compression, self.posterior.compression
+        if data is None or forces is None:
+            return {}, {}
+        groups, check = plate_groups(
+            self.rng,
+            data,
+            forces,
+            self.posterior.skin_parameters,
+            self.theta,
+            self._pick(REPLICATES).theta,
+            self._pick(CURVES).theta,
+            self.prior[:REPLICATES],
+        )
+        return groups, plate_attributes(data, check)
 
     def _named(self, theta: Array) -> dict[str, Variable]:
-        space = self.posterior.space
-        return {p.name: Variable(theta[..., k], units=p.unit) for k, p in enumerate(space.sampled)}
+        return named(self.posterior.space, theta)
 
     def _predictive_groups(self) -> dict[str, dict[str, Variable]]:
         """Return replicated ratings of the same and of new participants, and each rating given all the others."""
-        few, design, model = self._pick(REPLICATES), self.ratings.design, self.ratings.model
+        few, design, model = self._pick(REPLICATES), self.ratings.design, self.model
         drive = model.drive(design, few.mean_rate, few.parameters)
         again = model.draw_ratings(self.rng, design, drive, few.parameters, few.effects)
         size = few.effects.mu.shape, design.n_participants, design.n_fabrics
@@ -276,16 +271,20 @@ class Assembly:
         strangers = strangers._replace(fabric=few.effects.fabric)
         anew = model.draw_ratings(self.rng, design, drive, few.parameters, strangers)
         alone = self.ratings.log_likelihood_loo(few.mean_rate, few.parameters)
+        person = self.experiment.ratings.participant
+        whole = block_log_likelihood(self.ratings, few.mean_rate, few.parameters, person)
         rows = ("rating_row",)
         replicates = {"rating": Variable(again[None], rows), NEW_PARTICIPANTS: Variable(anew[None], rows)}
         return {
             "posterior_predictive": replicates,
             "log_likelihood_loo": {"rating": Variable(alone[None], rows)},
+            # by another name than the rating's, which has another axis
+            "log_likelihood_participant": {"ratings_of_participant": Variable(whole[None], ("participant",))},
         }
 
     def _prior_groups(self) -> dict[str, dict[str, Variable]]:
         """Return draws of the prior, and ratings that they make of new participants."""
-        design, model = self.ratings.design, self.ratings.model
+        design, model = self.ratings.design, self.model
         theta = self.prior[:REPLICATES]
         rate, parameters = self.posterior.mean_rate(theta), self.posterior.rating_parameters(theta)
         effects = model.draw_effects(self.rng, parameters, theta.shape[:1], design.n_participants, design.n_fabrics)
@@ -302,10 +301,10 @@ class Assembly:
         curves = response_curves(self.grid, self._touch(draws.theta))
         fabrics = float(self.scene.modulus.min()), float(self.scene.modulus.max())
         turn = find_inflection(curves, self.error, fabrics)
-        model, shape = self.ratings.model, curves.total_rate.shape
+        model, shape = self.model, curves.total_rate.shape
         everywhere = curves.total_rate.reshape(shape[0], -1) / self.scene.n_receptors
         drive = model.drive_at(everywhere, self.ratings.design, draws.mean_rate, draws.parameters)
-        typical = np.exp(draws.effects.mu[:, None] + drive).reshape(shape)
+        typical = model.typical(draws.effects, drive).reshape(shape)
         lines = {
             "total_rate": (curves.total_rate, "Hz"),
             "typical_rating": (typical, ""),
@@ -336,7 +335,7 @@ class Assembly:
         few = self._pick(REPLICATES)
         pit = loo_pit(self.ratings, few.mean_rate, few.parameters)
         return {
-            **{n: Variable(np.array(value), units=PARAMETERS[n].unit) for n, value in held.items()},
+            **{n: Variable(np.array(value), units=EVERY_PARAMETER[n].unit) for n, value in held.items()},
             "finger_radius_mm": Variable(np.array(self.scene.finger.radius * 1e3), units="mm"),
             LOO_PIT: Variable(pit.value, ("rating_row",)),
             PARETO_K: Variable(pit.pareto_k, ("rating_row",)),
@@ -366,6 +365,7 @@ class Assembly:
             "load": np.array([str(load) for load in ratings.loads]),
             "rating_row": ratings.rows,
             "e_fab_kpa": self.grid.modulus[:points] * 1e-3,
+            **({} if self.experiment.compression is None else plate_coordinates(self.experiment.compression)),
         }
 
     def _shares(self) -> dict[str, float]:

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from softness_bayes.inference.design import Design
 from softness_bayes.inference.observation import RATING_DIRECTIONS
 from softness_bayes.inference.predictive import DROP, PLACE, QUANTITIES, TURNS_OVER, Columns, Finding, Layout, compare
+from softness_bayes.inference.scales import RATING_SCALES
 from softness_bayes.inference.uniformity import uniformity_p_value
 
 if TYPE_CHECKING:
@@ -46,10 +47,10 @@ def layout_of(tree: xr.DataTree) -> Layout:
     modulus = constant["effective_modulus_kpa"].values * 1e3
     codes, condition = np.unique(load * modulus.size + fabric, return_inverse=True)
     fabrics, loads = codes % modulus.size, codes // modulus.size
-    design = Design(
-        condition, constant["participant_index"].values, fabrics, _values(tree, "posterior", "participant").size
-    )
-    return Layout(design, modulus[fabrics], loads, RATING_DIRECTIONS[str(tree.attrs["direction"])].sign)
+    people = _values(tree, "log_likelihood_participant", "participant").size
+    design = Design(condition, constant["participant_index"].values, fabrics, people)
+    sign = RATING_DIRECTIONS[str(tree.attrs["direction"])].sign
+    return Layout(design, modulus[fabrics], loads, sign, RATING_SCALES[str(tree.attrs["rating_scale"])].positive)
 
 
 def check_table(tree: xr.DataTree) -> pd.DataFrame:
@@ -186,7 +187,7 @@ def _row(
 
 def _labels(tree: xr.DataTree, layout: Layout, columns: Columns) -> list[tuple[str, str, str]]:
     """Return load, fabric and participant of every column of a quantity."""
-    groups = {"load": "constant_data", "fabric": "constant_data", "participant": "posterior"}
+    groups = {"load": "constant_data", "fabric": "constant_data", "participant": "log_likelihood_participant"}
     load, fabric, participant = (_values(tree, group, what).astype(str) for what, group in groups.items())
     match columns:
         case Columns.CONDITION:

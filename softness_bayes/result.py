@@ -74,13 +74,36 @@ class Result:
         return self.tree[name].to_dataset()
 
     @property
+    def has_ratings(self) -> bool:
+        """Whether the run was on ratings, and not on compression data alone."""
+        return "rating" in self.group("observed_data")
+
+    @property
+    def has_compression(self) -> bool:
+        """Whether the run was on compression data, alone or beside ratings."""
+        return "plate_force_n" in self.group("observed_data")
+
+    def _require_ratings(self) -> None:
+        if not self.has_ratings:
+            raise InputError(
+                "result: of compression data alone, without ratings: it has no loads, response curves or inflection"
+            )
+
+    @property
     def readings(self) -> Readings:
         """The readings that the run was made with."""
         return Readings().override({place: str(self.attributes[f"reading_{place}"]) for place in ALTERNATIVES})
 
     @property
     def loads(self) -> tuple[Load, ...]:
-        """The loads of the data."""
+        """The loads of the data.
+
+        Raises
+        ------
+        InputError
+            If the run had no ratings, as for all that follows from the response.
+        """
+        self._require_ratings()
         constant = self.group("constant_data")
         return tuple(
             Indentation(float(depth) * 1e-3) if np.isfinite(depth) else Force(float(newton))
@@ -110,6 +133,7 @@ class Result:
 
     def curves(self) -> Curves:
         """Return the response against E_fab that the run stored, draw by draw."""
+        self._require_ratings()
         stored = self.group("predictions").isel(chain=0)
         return Curves(
             stored["e_fab_kpa"].values * 1e3,
@@ -121,6 +145,7 @@ class Result:
 
     def inflections(self) -> Inflection:
         """Return where the response turns over, draw by draw."""
+        self._require_ratings()
         stored = self.group("predictions").isel(chain=0)
         return Inflection(
             stored["inflection_outcome"].values,

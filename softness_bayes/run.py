@@ -12,21 +12,18 @@ import numpy as np
 
 from softness_bayes.assembly import Assembly, versions
 from softness_bayes.criticism import check_table
-from softness_bayes.data import Experiment
+from softness_bayes.data import Compression, Experiment
 from softness_bayes.inference.coordinates import Bent
 from softness_bayes.inference.design import Design
-from softness_bayes.inference.observation import (
-    RATING_DIRECTIONS,
-    SOFTNESS,
-    LogRatings,
-    RatingDirection,
-    RatingModel,
-)
+from softness_bayes.inference.observation import RATING_DIRECTIONS, SOFTNESS, RatingDirection, RatingParameters
 from softness_bayes.inference.parameters import parameter_space
-from softness_bayes.inference.posterior import Posterior
+from softness_bayes.inference.posterior import Density, Posterior
 from softness_bayes.inference.priors import Prior, parse_prior
 from softness_bayes.inference.sampling import Progress, Settings, progress_of, sampled_of, walk
+from softness_bayes.inference.scales import MAGNITUDE, RATING_SCALES, RatingScale
+from softness_bayes.inference.state import RunState
 from softness_bayes.learning import direction_table, learning_table
+from softness_bayes.plate_groups import forces_of
 from softness_bayes.result import SCHEMA, Result
 from softness_bayes.storage.checkpoint import Checkpoint
 from softness_bayes.storage.identity import identity, require_density
@@ -46,8 +43,8 @@ class RunOptions:
     ----------
     fix, priors, prior_set
         As `parameter_space` takes them.
-    readings, direction
-        Readings of the chain and of what is rated.
+    readings, direction, scale
+        Readings of the chain, of what is rated, and of the scale of the ratings.
     discretisation
         Resolution of the scene.
     noise
@@ -71,6 +68,7 @@ class RunOptions:
     prior_set: str = "default"
     readings: Readings = MENDED
     direction: RatingDirection = SOFTNESS
+    scale: RatingScale = MAGNITUDE
     discretisation: Discretisation = Discretisation()
     noise: float = 0.0
     exact_reweight: bool = False
@@ -92,6 +90,7 @@ class RunOptions:
             "priors": {name: str(prior) for name, prior in self.priors.items()},
             "readings": self.readings.names,
             "direction": self.direction.name,
+            "scale": self.scale.name,
             "discretisation": asdict(self.discretisation),
             **{name: getattr(self, name) for name in plain},
         }
@@ -100,8 +99,14 @@ class RunOptions:
         """What decides the draws beside data, parameters and the sampler, by name."""
         readings = {f"reading of {place}": name for place, name in self.readings.names.items()}
         accuracy, seed = str(self.discretisation), str(self.seed)
-        direction, noise = self.direction.name, str(self.noise)
-        return {**readings, "direction": direction, "noise": noise, "accuracy": accuracy, "seed": seed}
+        return {
+            **readings,
+            "direction": self.direction.name,
+            "scale of the ratings": self.scale.name,
+            "noise": str(self.noise),
+            "accuracy": accuracy,
+            "seed": seed,
+        }
 
     @classmethod
     def from_record(cls, record: Mapping[str, Any]) -> Self:
@@ -116,9 +121,16 @@ class RunOptions:
             "priors": {name: parse_prior(text) for name, text in record["priors"].items()},
             "readings": Readings().override(record["readings"]),
             "direction": RATING_DIRECTIONS[record["direction"]],
+            "scale": RATING_SCALES[record["scale"]],
             "discretisation": Discretisation(**record["discretisation"]),
         }
         return cls(**{**record, **made})
+
+
+def design_of(experiment: Experiment) -> Design:
+    """Return who rated what, the conditions by fabric, then load."""
+    ratings, conditions = experiment.ratings, experiment.ratings.conditions
+    return Design(conditions.of_rating, ratings.participant, conditions.fabric, len(ratings.participants))
 
 
 def posterior_of(experiment: Experiment, options: RunOptions) -> Posterior:
@@ -127,16 +139,18 @@ def posterior_of(experiment: Experiment, options: RunOptions) -> Posterior:
     Raises
     ------
     InputError
-        If a rating is not positive, or the options name what does not exist.
+        If a rating does not suit the scale, or the options name what does not exist.
     """
     ratings, fabrics = experiment.ratings, experiment.fabrics
-    ratings.require_positive()
+    (ratings.require_positive if options.scale.positive else ratings.require_standardised)()
     space = parameter_space(
         fix=options.fix,
         priors=options.priors,
         prior_set=options.prior_set,
         skin_displacement=options.readings.skin_displacement,
         n_participants=len(ratings.participants),
+        absent=set(RatingParameters._fields) - set(options.scale.parameters),
+        n_fingers=None if experiment.compression is None else len(experiment.compression.participants),
     )
     conditions = ratings.conditions
     scene = scene_of(
@@ -152,8 +166,68 @@ def posterior_of(experiment: Experiment, options: RunOptions) -> Posterior:
     # the exponent's ridge with alpha is straight in the distance from the rheobase: tau falls by a third
     bend = Bent(float(scene.firing.curves(space.touch(space.median)).rheobase), ALPHA_WIDTH)
     space = replace(space, bent={"alpha": bend} if np.isfinite(bend.centre) else {})
-    design = Design(conditions.of_rating, ratings.participant, conditions.fabric, len(ratings.participants))
-    return Posterior(space, scene, LogRatings(ratings.rating, design, RatingModel(options.direction)))
+    observation = options.scale.model(options.direction).observe(ratings.rating, design_of(experiment))
+    plate = None if experiment.compression is None else forces_of(experiment.compression, options.readings)
+    return Posterior(space, scene, observation, plate)
+
+
+def walked(
+    data: Experiment | Compression,
+    density: Density,
+    options: RunOptions,
+    progress: Callable[[Progress], None] | None,
+    checkpoint: Checkpoint | None,
+) -> RunState:
+    """Walk to the goal or to a limit, from the start or from where the checkpoint is; arguments as `sample`'s."""
+    settings = Settings(
+        max_steps=options.max_steps,
+        max_seconds=options.max_seconds,
+        min_steps=options.min_steps,
+        processes=options.processes,
+    )
+    begin = None
+    if checkpoint is not None:
+        begin = checkpoint.begin(identity(data, density, settings, options.chosen()))
+        if begin is not None:
+            require_density(density, begin)
+    try:
+        for state in walk(density, settings, options.seed, begin):
+            if checkpoint is not None:
+                checkpoint.keep(state, settings, density)
+            if progress is not None:
+                progress(progress_of(state, settings))
+    finally:
+        if checkpoint is not None:
+            checkpoint.flush()
+    return state
+
+
+def rng_after(options: RunOptions) -> np.random.Generator:
+    """Return the source of what is drawn after a run, kept apart from the ensembles by a key of its own."""
+    return np.random.default_rng(np.random.SeedSequence(options.seed, spawn_key=(1 << 20,)))
+
+
+def provenance(density: Density, options: RunOptions, state: RunState) -> dict[str, Any]:
+    """Return what every run's result says of how it was made and how it ended."""
+    verdict = sampled_of(state).verdict
+    return {
+        "schema_version": SCHEMA,
+        "command": options.command,
+        "options": json.dumps(options.record()),
+        "seed": options.seed,
+        "prior_set": options.prior_set,
+        **{f"prior_{p.name}": str(p.prior) for p in density.space.sampled},
+        **{f"reading_{place}": name for place, name in options.readings.names.items()},
+        "verdict": verdict.sentence(),
+        "converged": int(verdict.converged),
+        "steps": verdict.steps,
+        "missing_steps": verdict.more_steps,
+        "burn_in": verdict.burn_in,
+        "sampling_seconds": state.seconds,
+        "evaluations": state.nonfinite.evaluations,
+        "failures": state.nonfinite.count,
+        **versions(),
+    }
 
 
 def sample(
@@ -185,54 +259,20 @@ def sample(
         If no start has a finite density, or too many points have none.
     """
     posterior = posterior_of(experiment, options)
-    settings = Settings(
-        max_steps=options.max_steps,
-        max_seconds=options.max_seconds,
-        min_steps=options.min_steps,
-        processes=options.processes,
-    )
-    begin = None
-    if checkpoint is not None:
-        begin = checkpoint.begin(identity(experiment, posterior, settings, options.chosen()))
-        if begin is not None:
-            require_density(posterior, begin)
-    try:
-        for state in walk(posterior, settings, options.seed, begin):
-            if checkpoint is not None:
-                checkpoint.keep(state, settings, posterior)
-            if progress is not None:
-                progress(progress_of(state, settings))
-    finally:
-        if checkpoint is not None:
-            checkpoint.flush()
+    state = walked(experiment, posterior, options, progress, checkpoint)
     sampled = sampled_of(state)
-    # a key of its own keeps what is drawn afterwards apart from the ensembles
-    rng = np.random.default_rng(np.random.SeedSequence(options.seed, spawn_key=(1 << 20,)))
+    rng = rng_after(options)
     assembly = Assembly(experiment, posterior, sampled.chains, sampled.verdict, rng, options.exact_reweight)
     attributes = {
-        "schema_version": SCHEMA,
-        "command": options.command,
-        "options": json.dumps(options.record()),
-        "seed": options.seed,
-        "prior_set": options.prior_set,
-        **{f"prior_{p.name}": str(p.prior) for p in posterior.space.sampled},
-        "prior_mu": str(assembly.ratings.model.level),
-        **{f"reading_{place}": name for place, name in options.readings.names.items()},
+        **provenance(posterior, options, state),
+        **{f"prior_{name}": str(prior) for name, prior in assembly.model.levels.items()},
         "direction": options.direction.name,
         "noise": options.noise,
+        "rating_scale": options.scale.name,
         "digest_ratings": experiment.ratings.digest,
         "digest_fabrics": experiment.fabrics.digest,
         "missing_ratings": experiment.ratings.n_missing,
         "accuracy": str(options.discretisation),
-        "verdict": sampled.verdict.sentence(),
-        "converged": int(sampled.verdict.converged),
-        "steps": sampled.verdict.steps,
-        "missing_steps": sampled.verdict.more_steps,
-        "burn_in": sampled.verdict.burn_in,
-        "sampling_seconds": state.seconds,
-        "evaluations": state.nonfinite.evaluations,
-        "failures": state.nonfinite.count,
-        **versions(),
     }
     tree = assembly.tree(attributes)
     summary = assembly.summary().join(learning_table(tree))

@@ -9,11 +9,15 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from softness_bayes.data import Fabrics, Ratings
+from softness_bayes.data import Compression, Fabrics, Ratings
 from softness_bayes.errors import InputError
-from softness_bayes.inference.observation import SOFTNESS, RatingDirection, RatingModel, RatingParameters
-from softness_bayes.inference.parameters import PARAMETERS, parameter_space
+from softness_bayes.inference.compression import CompressionForces, SkinParameters
+from softness_bayes.inference.observation import SOFTNESS, RatingDirection, RatingParameters
+from softness_bayes.inference.parameters import EVERY_PARAMETER, PARAMETERS, parameter_space
+from softness_bayes.inference.priors import HalfNormal
 from softness_bayes.inference.random_effects import Design
+from softness_bayes.inference.scales import MAGNITUDE, RatingScale
+from softness_bayes.inference.standardised import Line, StandardisedModel
 from softness_bayes.touch.contact import Load
 from softness_bayes.touch.membrane import Channels, Membrane
 from softness_bayes.touch.parameters import TouchParameters
@@ -34,16 +38,22 @@ def touch_parameters(values: Mapping[str, ArrayLike]) -> TouchParameters:
 
 
 def usual_values(
-    readings: Readings, prior_set: str = "default", given: Mapping[str, float] | None = None
+    readings: Readings,
+    prior_set: str = "default",
+    given: Mapping[str, float] | None = None,
+    n_fingers: int | None = None,
 ) -> dict[str, float]:
     """Return every parameter's value: those given, else the medians of their priors, in natural units.
+
+    With a number of fingers the parameters of compression data are among them.
 
     Raises
     ------
     InputError
         If a given name is unknown or its value not one that the parameter can take.
     """
-    space = parameter_space(fix=given, prior_set=prior_set, skin_displacement=readings.skin_displacement)
+    displacement = readings.skin_displacement
+    space = parameter_space(fix=given, prior_set=prior_set, skin_displacement=displacement, n_fingers=n_fingers)
     return {name: float(value) for name, value in space.values(space.median).items()}
 
 
@@ -122,9 +132,9 @@ class Simulation(NamedTuple):
 
     ratings: Ratings
     truth: dict[str, float]
-    """Every parameter in natural units, and mu."""
+    """Every parameter in natural units, and mu, or c0 and c1 of standardised ratings."""
     participant_effect: NDArray[np.float64]
-    """Log modulus of each participant, shape (participants,)."""
+    """Log modulus of each participant, shape (participants,); standardised ratings have none left: 0."""
     total_rate: NDArray[np.float64]
     """Response [spikes/s], shape (fabrics, loads)."""
 
@@ -139,6 +149,8 @@ def simulate_ratings(
     missing: float = 0.0,
     mu: float | None = None,
     direction: RatingDirection = SOFTNESS,
+    scale: RatingScale = MAGNITUDE,
+    slope: float | None = None,
 ) -> Simulation:
     """Let simulated participants rate every fabric under every load once.
 
@@ -157,20 +169,28 @@ def simulate_ratings(
     missing
         Share of ratings left out at random.
     mu
-        Mean log rating; by default the centre of its prior.
+        Mean log rating of magnitude estimates; by default the centre of its prior.
     direction
         Whether softness rises or falls with the response.
+    scale
+        Scale of the ratings.
+    slope
+        c1 of standardised ratings, whose c0 is 0; by default the median of its prior.
 
     Raises
     ------
     InputError
-        If there is no participant or the share of gaps is not in [0, 1).
+        If there is no participant, the share of gaps is not in [0, 1), the slope is negative, or mu or
+        slope is given for the other scale.
     """
     if participants < 1 or not 0 <= missing < 1:
         raise InputError(
             f"simulate: {participants} participants with a share {missing} of gaps; "
             "expected at least 1, and a share in [0, 1)"
         )
+    wrong = ("slope", slope) if scale.positive else ("mu", mu)
+    if wrong[1] is not None or not (slope is None or slope >= 0):
+        raise InputError(f"simulate: {wrong[0]} is {wrong[1]}, expected none for {scale.name} ratings, and c1 >= 0")
     scene = scene_of(fabrics, loads, values, readings)
     rate = scene.total_rate(touch_parameters(values))
     n_conditions = scene.n_conditions
@@ -180,12 +200,19 @@ def simulate_ratings(
         scene.fabric,
         participants,
     )
-    model = RatingModel(direction)
+    model = scale.model(direction)
     parameters = RatingParameters(**{name: values[name] for name in RatingParameters._fields})
-    centre = math.log(model.centre) if mu is None else mu
-    effects = model.draw_effects(rng, parameters, (), participants, design.n_fabrics, centre)
     drive = model.drive(design, rate / scene.n_receptors, parameters)
-    filed = model.draw_ratings(rng, design, drive, parameters, effects)
+    effect = np.zeros(participants)
+    if isinstance(model, StandardisedModel):
+        line = Line(np.array(0.0), np.array(HalfNormal(1.0).median if slope is None else slope))
+        filed = model.draw_ratings(rng, design, drive, parameters, line)
+        truth = {"c0": float(line.c0), "c1": float(line.c1)}
+    else:
+        centre = math.log(model.centre) if mu is None else mu
+        effects = model.draw_effects(rng, parameters, (), participants, design.n_fabrics, centre)
+        filed = model.draw_ratings(rng, design, drive, parameters, effects)
+        truth, effect = {"mu": float(effects.mu)}, effects.participant
     # as few digits as a person gives; also what makes files equal where exp differs in its last bits
     filed = np.array([float(f"{rating:.4g}") for rating in filed])
     filed[rng.random(filed.size) < missing] = np.nan
@@ -194,5 +221,60 @@ def simulate_ratings(
     width = len(str(participants))
     names = [f"P{i:0{width}d}" for i in range(1, participants + 1)]
     ratings = Ratings.crossed(names, fabrics.names, loads, table)
-    truth = {**values, "mu": float(effects.mu)}
-    return Simulation(ratings, truth, effects.participant, rate.reshape(len(loads), len(fabrics)).T)
+    absent = set(RatingParameters._fields) - set(scale.parameters)
+    truth = {name: value for name, value in values.items() if name not in absent} | truth
+    return Simulation(ratings, truth, effect, rate.reshape(len(loads), len(fabrics)).T)
+
+
+PLATE_DEPTHS = (0.5e-3, 1e-3, 1.5e-3, 2e-3)
+"""Indentations [m] to which simulated fingers are pressed: those of the published measurements."""
+
+
+class SimulatedForces(NamedTuple):
+    """Simulated compression data, and how their fingers depart from the typical one."""
+
+    compression: Compression
+    log_b_effect: NDArray[np.float64]
+    """In ln b, shape (fingers,)."""
+    m_effect: NDArray[np.float64]
+    """In m, shape (fingers,)."""
+
+
+def simulate_compression(
+    rng: np.random.Generator,
+    values: Mapping[str, float],
+    readings: Readings = MENDED,
+    fingers: int = 8,
+    depths: tuple[float, ...] = PLATE_DEPTHS,
+) -> SimulatedForces:
+    """Press a rigid flat plate on simulated fingers, each to every depth once.
+
+    Parameters
+    ----------
+    rng
+        Source of the fingers and the noise.
+    values
+        b, m, tau_b, tau_m and varsigma_f in natural units (`usual_values` with a number of fingers).
+    readings
+        Readings of the model.
+    fingers
+        Their number.
+    depths
+        Indentations [m].
+
+    Raises
+    ------
+    InputError
+        If there is no finger.
+    """
+    if fingers < 1:
+        raise InputError(f"simulate: {fingers} fingers, expected at least 1")
+    skin = SkinParameters(*(np.float64(values[n]) * EVERY_PARAMETER[n].si for n in SkinParameters._fields))
+    finger, depth = np.repeat(np.arange(fingers), len(depths)), np.tile(depths, fingers)
+    plate = CompressionForces(depth, np.ones(depth.size), finger, fingers, displacement=readings.skin_displacement)
+    effects = plate.new_fingers(rng, skin, ())
+    # as few digits as an instrument gives; also what makes files equal where exp differs in its last bits
+    force = np.array([float(f"{value:.4g}") for value in plate.draw_forces(rng, skin, effects)])
+    names = tuple(f"F{i:0{len(str(fingers))}d}" for i in range(1, fingers + 1))
+    compression = Compression(names, finger, depth, force, np.arange(2, 2 + force.size))
+    return SimulatedForces(compression, effects.log_b, effects.m)

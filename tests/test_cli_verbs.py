@@ -137,7 +137,7 @@ def test_simulate_makes_the_data_byte_for_byte(tmp_path):
     assert arguments[-3:] == ["--out", "data", "--force"]
     done = run(*arguments[:-2], tmp_path)
     assert done.returncode == 0, done.stderr
-    names = ["fabrics.csv", "ratings.csv", "truth.json"]
+    names = ["compression.csv", "fabrics.csv", "ratings.csv", "truth.json"]
     assert sorted(path.name for path in tmp_path.iterdir()) == names
     for name in names:
         assert (tmp_path / name).read_bytes() == (DATA / name).read_bytes(), name

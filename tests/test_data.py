@@ -428,7 +428,7 @@ def test_damaged_files_are_read_or_refused_but_never_crash(file, seed):
 
 def test_fabrics_given_by_name(file):
     path = file(FABRICS, "cloth.csv")
-    ratings, fabrics, notes = read_experiment(file(RATINGS), path)
+    ratings, fabrics, notes, _ = read_experiment(file(RATINGS), path)
     assert ratings.fabrics == fabrics.names == ("voile", "denim")
     assert fabrics.source == str(path)
     assert [fabrics.names[i] for i in ratings.fabric] == ["denim", "voile", "voile"]
@@ -454,7 +454,7 @@ b,2,,2,.5
 
 def test_fabrics_in_the_ratings_win_over_those_beside(file):
     file(FABRICS, "fabrics.csv")
-    ratings, fabrics, notes = read_experiment(file(OWN))
+    ratings, fabrics, notes, _ = read_experiment(file(OWN))
     assert fabrics.names == ratings.fabrics == ("a", "b")
     assert fabrics.tensile_modulus.tolist() == [3e6, 2e6]
     assert fabrics.thickness.tolist() == [0.5e-3, 0.5e-3]
@@ -582,7 +582,7 @@ def test_writing_is_deterministic_and_plain(tmp_path):
 
 @needs_shared
 def test_laboratory_ratings():
-    ratings, fabrics, notes = read_experiment(SHARED / "lab_ratings.csv", SHARED / "lab_fabrics.csv")
+    ratings, fabrics, notes, _ = read_experiment(SHARED / "lab_ratings.csv", SHARED / "lab_fabrics.csv")
     assert len(ratings) == 1053
     assert ratings.participants[:2] == ("P01", "P02")
     assert len(ratings.participants) == 30

@@ -19,9 +19,10 @@ LAYERS = (
     {"data"},
     {"arviz_bridge"},
     {"inference"},
-    {"study", "predict", "result", "storage", "learning", "criticism"},
-    {"assembly", "run", "claims"},
-    {"calibrate"},
+    {"study", "predict", "result", "storage", "learning", "criticism", "variables"},
+    {"plate_groups"},
+    {"assembly", "run", "skin", "claims"},
+    {"restore", "compare", "calibrate"},
     {"plotting", "report"},
     {"cli", "benchmark", "benchmark_moves"},
 )

@@ -343,7 +343,7 @@ def finished_run() -> Result:
 def test_a_finished_run_has_all_its_figures(tmp_path) -> None:
     result = finished_run()
     paths = plotting.draw_figures(result, tmp_path / "figures", formats=("png",))
-    assert [path.stem for path in paths] == list(plotting.FIGURES)
+    assert [path.stem for path in paths] == [name for name in plotting.FIGURES if name != "compression"]
     assert all(path.stat().st_size > 5000 for path in paths)
     rating = plotting.FIGURES["rating"](result, plotting.USUAL)
     values = result.group("observed_data")["rating"].values.reshape(4, 3, 2)

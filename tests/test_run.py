@@ -100,6 +100,7 @@ def test_groups_and_their_variables(result):
         "posterior_predictive": {"rating", "rating_of_new_participants"},
         "prior_predictive": {"rating"},
         "log_likelihood_loo": {"rating"},
+        "log_likelihood_participant": {"ratings_of_participant"},
     }
     assert {*result.tree.children} == {*groups, "log_likelihood", "predictions", "constant_data"}
     for group, variables in groups.items():

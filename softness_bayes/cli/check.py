@@ -6,31 +6,60 @@ from typing import TYPE_CHECKING
 
 import click
 
-from softness_bayes.cli.options import DataFiles, data_files
+from softness_bayes.cli.options import DataFiles, data_files, rating_scale
 
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from softness_bayes.data import Experiment
+    from softness_bayes.data import Compression, Experiment
 
 
 @click.command()
 @data_files
-def command(files: DataFiles) -> None:
+@rating_scale
+def command(files: DataFiles, scale: str) -> None:
     """Validate data files and say what was understood.
 
     Ratings are one row each: participant, fabric, rating, and indentation_mm or force_n; trial if there are
     any. Fabrics are one row each, in their own table, or columns of the ratings: fabric, and
     effective_modulus_kpa, or bending_rigidity_n_m, or tensile_modulus_mpa and thickness_mm; poisson_ratio
-    where known. Errors name file, row, column and value. E_fab is shown in the default reading.
+    where known. Compression data are one row per force of a rigid flat plate: participant, indentation_mm,
+    force_n; indentor, if other rows are to be left out. Errors name file, row, column and value. E_fab is
+    shown in the default reading.
     """
+    from softness_bayes.data import Compression
+    from softness_bayes.inference.scales import RATING_SCALES
+
     experiment = files.read()
+    if isinstance(experiment, Compression):
+        _show_compression(experiment)
+        for note in experiment.notes:
+            click.echo(f"note: {note}")
+        return
     for line in (*_summary(experiment), "", *_fabric_table(experiment)):
         click.echo(line)
+    if experiment.compression is not None:
+        click.echo()
+        _show_compression(experiment.compression)
     for note in experiment.notes:
         click.echo(f"note: {note}")
-    experiment.ratings.require_positive()
+    ratings = experiment.ratings
+    (ratings.require_positive if RATING_SCALES[scale].positive else ratings.require_standardised)()
+
+
+def _show_compression(compression: Compression) -> None:
+    """Print whose fingers were pressed, how deep and how hard."""
+    import numpy as np
+
+    lines = {
+        "forces": f"{len(compression)}, from {compression.force.min():.3g} to {compression.force.max():.3g} N; "
+        f"{compression.n_zero} of 0 dropped",
+        "fingers": f"{_span(compression.participants)}, {_extent(np.bincount(compression.participant))} forces each",
+        "indentations": f"{compression.indentation.min() * 1e3:.3g} to {compression.indentation.max() * 1e3:.3g} mm",
+    }
+    for name, text in lines.items():
+        click.echo(f"{name:14}{text}")
 
 
 def _summary(experiment: Experiment) -> list[str]:

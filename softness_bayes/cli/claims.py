@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from softness_bayes.cli.options import DataFiles, fix, force, named, out, prior, seed
+from softness_bayes.cli.options import fix, force, named, out, prior, seed
 from softness_bayes.errors import InputError
 
 if TYPE_CHECKING:
@@ -153,7 +153,7 @@ def _materials(
 ) -> tuple[Fabrics, Ratings | None, tuple[Load, ...]]:
     """Return the fabric set, its ratings if there are any, and the loads asked for."""
     from softness_bayes.claims import CLOTH
-    from softness_bayes.data import Fabrics, loads_of
+    from softness_bayes.data import Fabrics, loads_of, read_experiment
 
     if data is None:
         if columns and fabrics is None:
@@ -162,8 +162,8 @@ def _materials(
         return chosen, None, loads_of(indentation_mm, force_n)
     if len(indentation_mm) > 1 or len(force_n) > 1:
         raise InputError("--data brings its own loads: give --indentation-mm or --force-n once at most, for all of it")
-    single = [next(iter(values), None) for values in (indentation_mm, force_n)]
-    experiment = DataFiles(data, fabrics, columns, *single).read()
+    indentation, held_force = (next(iter(values), None) for values in (indentation_mm, force_n))
+    experiment = read_experiment(data, fabrics, columns=columns, indentation_mm=indentation, force_n=held_force)
     for note in experiment.notes:
         click.echo(f"note: {note}", err=True)
     return experiment.fabrics, experiment.ratings, experiment.ratings.loads

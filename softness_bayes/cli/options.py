@@ -14,7 +14,7 @@ import click
 from softness_bayes.errors import InputError
 
 if TYPE_CHECKING:
-    from softness_bayes.data import Experiment, Fabrics
+    from softness_bayes.data import Compression, Experiment, Fabrics
     from softness_bayes.inference.priors import Prior
     from softness_bayes.touch.contact import Load
     from softness_bayes.touch.readings import Readings
@@ -104,42 +104,68 @@ def _loads(multiple: bool, text: str) -> Decorator:
 class DataFiles:
     """The files of an experiment and how to read them, as asked for on the command line."""
 
-    data: Path
+    data: Path | None
     fabrics: Path | None
     columns: Mapping[str, str]
     indentation_mm: float | None
     force_n: float | None
+    compression: Path | None
 
-    def read(self) -> Experiment:
-        """Return the ratings and their fabrics."""
-        from softness_bayes.data import read_experiment
+    def read(self) -> Experiment | Compression:
+        """Return the ratings, their fabrics and compression data if there are any; or these alone.
 
-        return read_experiment(
-            self.data,
-            self.fabrics,
-            columns=self.columns,
-            indentation_mm=self.indentation_mm,
-            force_n=self.force_n,
-        )
+        Raises
+        ------
+        UsageError
+            If there is neither table.
+        InputError
+            If there is an option of ratings without them.
+        """
+        from softness_bayes.data import Compression, read_experiment
+
+        if self.data is not None:
+            return read_experiment(
+                self.data,
+                self.fabrics,
+                columns=self.columns,
+                indentation_mm=self.indentation_mm,
+                force_n=self.force_n,
+                compression_path=self.compression,
+            )
+        if self.compression is None:
+            raise click.UsageError("no data: give ratings with --data, a plate's forces with --compression, or both")
+        if not self.fabrics is self.indentation_mm is self.force_n is None:
+            raise InputError(
+                "--fabrics, --indentation-mm and --force-n are for ratings: give --data, or leave them out"
+            )
+        return Compression.read(self.compression, columns=self.columns)
 
 
 def data_files(verb: Verb) -> Verb:
     """Give a verb the options that name an experiment; it receives `files`, a `DataFiles`."""
 
-    @click.option("--data", type=_FILE, metavar="FILE", required=True, help="Table of ratings (CSV).")
+    @click.option("--data", type=_FILE, metavar="FILE", help="Table of ratings (CSV).")
+    @click.option(
+        "--compression",
+        type=_FILE,
+        metavar="FILE",
+        help="Forces of a rigid flat plate on fingerpads (CSV: participant, indentation_mm, force_n), beside "
+        "ratings or alone.",
+    )
     @_fabrics(False, "Fabric table (CSV); by default columns of the ratings, or a fabrics.csv beside them.")
     @_column
     @_loads(False, "of all ratings, where the table has no column for it.")
     @functools.wraps(verb)
     def wrapped(
-        data: Path,
+        data: Path | None,
         fabrics: Path | None,
         columns: dict[str, str],
         indentation_mm: float | None,
         force_n: float | None,
+        compression: Path | None,
         **others: Any,
     ) -> Any:
-        return verb(files=DataFiles(data, fabrics, columns, indentation_mm, force_n), **others)
+        return verb(files=DataFiles(data, fabrics, columns, indentation_mm, force_n, compression), **others)
 
     return wrapped
 
@@ -224,7 +250,7 @@ prior_set = click.option(
     default="default",
     show_default=True,
     metavar="SET",
-    help="Named set of priors that --prior departs from: default or in-vivo.",
+    help="Named set of priors that --prior departs from: default, in-vivo or wide.",
 )
 """Gives a verb `prior_set`, the name of one of the sets."""
 
@@ -274,6 +300,25 @@ def readings(verb: Verb) -> Verb:
 
     return wrapped
 
+
+direction = click.option(
+    "--direction",
+    type=click.Choice(["softness", "inverse"]),
+    default="softness",
+    show_default=True,
+    help="Whether ratings rise (softness) or fall (inverse) with the response.",
+)
+"""Gives a verb `direction`, the name of a reading of what is rated."""
+
+rating_scale = click.option(
+    "--ratings",
+    "scale",
+    type=click.Choice(["magnitude", "standardised"]),
+    default="magnitude",
+    show_default=True,
+    help="Whether ratings are magnitude estimates, above 0, or z-scores.",
+)
+"""Gives a verb `scale`, the name of a reading of the rating scale."""
 
 seed = click.option(
     "--seed",

@@ -71,10 +71,13 @@ def command(
         if values or not choice.is_default or prior_set != "default":
             raise InputError("--posterior brings its own parameters and readings: leave out --set and others")
         result = Result.load(posterior)
+        if not result.has_ratings:
+            raise InputError(f"{posterior}: a run without ratings, which says nothing of the receptors; give --set")
         chosen, named, noise = result.readings, result.values(DRAWS), float(result.attributes["noise"])
     parameters = touch_parameters(named)
     if posterior is not None:  # a table of draws has limits even where the run held every parameter of the chain
-        parameters = TouchParameters(*np.broadcast_arrays(*parameters, named["mu"])[:-1])
+        batch = np.empty(max(np.size(value) for value in named.values()))
+        parameters = TouchParameters(*np.broadcast_arrays(*parameters, batch)[:-1])
     scene = scene_of(fabrics, loads, named, chosen, noise=noise)
     table = prediction_table(fabrics, scene, parameters)
     if out is None:

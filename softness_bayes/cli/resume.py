@@ -29,6 +29,7 @@ if TYPE_CHECKING:
 @processes
 @click.option("--data", type=click.Path(path_type=Path), metavar="FILE", help="The ratings, if they were moved.")
 @click.option("--fabrics", type=click.Path(path_type=Path), metavar="FILE", help="The fabrics, if they were moved.")
+@click.option("--compression", type=click.Path(path_type=Path), metavar="FILE", help="The forces, if they were moved.")
 @no_figures
 def command(
     directory: Path,
@@ -37,6 +38,7 @@ def command(
     processes: int | None,
     data: Path | None,
     fabrics: Path | None,
+    compression: Path | None,
     no_figures: bool,
 ) -> None:
     """Continue the run in DIR with the options it was begun with.
@@ -65,7 +67,12 @@ def command(
         processes=processes or checkpoint.request["options"]["processes"],
     )
     files = recorded_files(checkpoint.request["files"])
-    files = replace(files, data=data or files.data, fabrics=fabrics or files.fabrics)
+    files = replace(
+        files,
+        data=data or files.data,
+        fabrics=fabrics or files.fabrics,
+        compression=compression or files.compression,
+    )
     run(checkpoint, files, files.read(), options, checkpoint.request["figures"] and not no_figures)
 
 

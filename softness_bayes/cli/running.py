@@ -15,6 +15,7 @@ from softness_bayes.cli.options import DataFiles
 if TYPE_CHECKING:
     from softness_bayes.inference.diagnostics import Verdict
 
+_PATHS = ("data", "fabrics", "compression")
 _SECONDS = {"": 1, "s": 1, "m": 60, "h": 3600}
 
 
@@ -62,15 +63,15 @@ def in_numbers(verdict: Verdict, seconds: float) -> str:
 
 def recorded_files(record: dict[str, Any]) -> DataFiles:
     """Return the files that a run was begun with."""
-    fabrics = record["fabrics"]
-    return DataFiles(**{**record, "data": Path(record["data"]), "fabrics": None if fabrics is None else Path(fabrics)})
+    paths = {name: None if record[name] is None else Path(record[name]) for name in _PATHS}
+    return DataFiles(**{**record, **paths})
 
 
 def record_of(files: DataFiles) -> dict[str, Any]:
     """Return files as JSON holds them, found from wherever the run is continued."""
+    paths = {name: getattr(files, name) for name in _PATHS}
     return {
-        "data": str(files.data.absolute()),
-        "fabrics": None if files.fabrics is None else str(files.fabrics.absolute()),
+        **{name: None if path is None else str(path.absolute()) for name, path in paths.items()},
         "columns": dict(files.columns),
         "indentation_mm": files.indentation_mm,
         "force_n": files.force_n,

@@ -6,26 +6,29 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NoReturn
 
 import click
+from click.core import ParameterSource
 
 from softness_bayes.cli.options import (
     DataFiles,
     ReadingChoice,
     data_files,
+    direction,
     fix,
     force,
     out,
     prior,
     prior_set,
+    rating_scale,
     readings,
     seed,
 )
 from softness_bayes.cli.running import command_line, in_numbers, max_time, no_figures, processes, record_of
-from softness_bayes.errors import NotConvergedError, NumericalError
+from softness_bayes.errors import InputError, NotConvergedError, NumericalError
 
 if TYPE_CHECKING:
     from tqdm import tqdm
 
-    from softness_bayes.data import Experiment
+    from softness_bayes.data import Compression, Experiment
     from softness_bayes.inference.priors import Prior
     from softness_bayes.inference.sampling import Progress
     from softness_bayes.result import Result
@@ -39,13 +42,8 @@ if TYPE_CHECKING:
 @prior
 @prior_set
 @readings
-@click.option(
-    "--direction",
-    type=click.Choice(["softness", "inverse"]),
-    default="softness",
-    show_default=True,
-    help="Whether ratings rise (softness) or fall (inverse) with the response.",
-)
+@rating_scale
+@direction
 @click.option(
     "--noise",
     type=click.FloatRange(min=0),
@@ -78,6 +76,7 @@ def command(
     priors: dict[str, Prior],
     prior_set: str,
     choice: ReadingChoice,
+    scale: str,
     direction: str,
     noise: float,
     exact_reweight: bool,
@@ -95,20 +94,36 @@ def command(
     --out: posterior.nc (draws, predictions, provenance), summary.csv and figures/. Prints the summary, where
     the response turns over under each load, and a verdict. Exit code 3: not converged.
 
+    --compression adds the forces of a rigid flat plate on fingerpads, which say what b and m are. Without
+    --data the run is on these alone: no response curves, no inflection, but how force grows with indentation.
+
     The run is kept in --out all along: 'status' says how far it is, and 'resume' continues it, interrupted or
     ended, to the draws of a run that was never interrupted.
     """
+    from softness_bayes.data import Compression
     from softness_bayes.inference.observation import RATING_DIRECTIONS
+    from softness_bayes.inference.scales import RATING_SCALES
     from softness_bayes.run import RunOptions
     from softness_bayes.storage.checkpoint import Checkpoint
 
-    experiment = files.read()
+    data = files.read()
+    if isinstance(data, Compression):
+        source = click.get_current_context().get_parameter_source
+        of_ratings = ("scale", "direction", "noise", "exact_reweight")
+        if any(source(name) is not ParameterSource.DEFAULT for name in of_ratings):
+            raise InputError(
+                "--ratings, --direction, --noise and --exact-reweight are for ratings: give --data, or leave them out"
+            )
+        if source("prior_set") is ParameterSource.DEFAULT:
+            prior_set = "wide"
+            click.echo("note: without ratings --priors is wide, which says little of the skin beforehand", err=True)
     options = RunOptions(
         fix=fixed,
         priors=priors,
         prior_set=prior_set,
         readings=choice.resolve(),
         direction=RATING_DIRECTIONS[direction],
+        scale=RATING_SCALES[scale],
         noise=noise,
         exact_reweight=exact_reweight,
         max_steps=max_steps,
@@ -117,10 +132,12 @@ def command(
         seed=seed,
         command=command_line(),
     )
-    run(Checkpoint.create(out, force), files, experiment, options, not no_figures)
+    run(Checkpoint.create(out, force), files, data, options, not no_figures)
 
 
-def run(checkpoint: Checkpoint, files: DataFiles, experiment: Experiment, options: RunOptions, figures: bool) -> None:
+def run(
+    checkpoint: Checkpoint, files: DataFiles, data: Experiment | Compression, options: RunOptions, figures: bool
+) -> None:
     """Sample, from the start or from where the checkpoint is, and leave results and a report.
 
     Raises
@@ -128,16 +145,21 @@ def run(checkpoint: Checkpoint, files: DataFiles, experiment: Experiment, option
     NotConvergedError
         If a limit was reached first; everything is written all the same.
     """
+    from softness_bayes.data import Compression
     from softness_bayes.run import sample
+    from softness_bayes.skin import sample_skin
 
     out = checkpoint.directory
-    for note in experiment.notes:
+    for note in data.notes:
         click.echo(f"note: {note}", err=True)
     with checkpoint:
         checkpoint.request = {"files": record_of(files), "options": options.record(), "figures": figures}
         bar = _Bar()
         try:
-            result = sample(experiment, options, bar.show, checkpoint)
+            if isinstance(data, Compression):
+                result = sample_skin(data, options, bar.show, checkpoint)
+            else:
+                result = sample(data, options, bar.show, checkpoint)
             result.save(out)
             if figures:
                 from softness_bayes.plotting.figures import draw_figures
@@ -190,7 +212,6 @@ class _Bar:
 
 def _report(result: Result, out: Path) -> None:
     """Print summary, inflection, checks and verdict."""
-    from softness_bayes.criticism import check_sentences
     from softness_bayes.learning import learning_sentences
 
     found, summary = result.attributes, result.summary()
@@ -198,6 +219,19 @@ def _report(result: Result, out: Path) -> None:
     click.echo()
     for sentence in (*learning_sentences(summary), *result.tables["directions"]["meaning"]):
         click.echo(sentence)
+    if result.has_compression:
+        click.echo(f"\n{found['force_check']}")
+    if result.has_ratings:
+        _report_ratings(result)
+    click.echo(f"written to {out}")
+    click.echo(str(found["verdict"]))
+
+
+def _report_ratings(result: Result) -> None:
+    """Print inflection and checks of what the ratings say."""
+    from softness_bayes.criticism import check_sentences
+
+    found = result.attributes
     click.echo("\nwhere the response turns over (probabilities; E_fab in kPa, medians and 90 % limits)")
     columns = ["p_interior", "p_none", "p_silent", "p_inside", "e_fab_kpa_low", "e_fab_kpa", "e_fab_kpa_high"]
     click.echo(result.inflection()[columns].to_string(float_format=lambda x: f"{x:.3g}", na_rep="–"))
@@ -222,5 +256,3 @@ def _report(result: Result, out: Path) -> None:
     click.echo(f"numerical error of the response: {found['numerical_error']:.1e} of its peak, at most, over draws")
     click.echo(f"error of the firing rates: {found['firing_error']:.1e} of the peak response, at most")
     click.echo(str(found["exactness"]))
-    click.echo(f"written to {out}")
-    click.echo(str(found["verdict"]))

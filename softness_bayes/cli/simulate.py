@@ -13,9 +13,11 @@ from softness_bayes import __version__
 from softness_bayes.cli.options import (
     ReadingChoice,
     Touches,
+    direction,
     force,
     out,
     prior_set,
+    rating_scale,
     readings,
     seed,
     set_values,
@@ -41,6 +43,16 @@ if TYPE_CHECKING:
     help="Share of ratings left out at random.",
 )
 @click.option("--typical-rating", type=float, metavar="Y", help="exp(mu), by default its prior's centre.")
+@rating_scale
+@direction
+@click.option("--slope", type=float, metavar="C1", help="c1 of standardised ratings, by default its prior's median.")
+@click.option(
+    "--fingers",
+    type=click.IntRange(min=0),
+    default=0,
+    show_default=True,
+    help="Fingers to press with a rigid flat plate to 0.5, 1, 1.5 and 2 mm, for compression.csv.",
+)
 @seed
 @out
 @force
@@ -52,37 +64,49 @@ def command(
     participants: int,
     missing: float,
     typical_rating: float | None,
+    scale: str,
+    direction: str,
+    slope: float | None,
+    fingers: int,
     seed: int,
     out: Path,
     force: bool,
 ) -> None:
-    """Simulate magnitude estimates of fabrics from stated parameters.
+    """Simulate ratings of fabrics from stated parameters.
 
     Every participant rates every fabric under every load once. Writes ratings.csv (with the fabrics'
-    columns), fabrics.csv and truth.json, which holds the parameters behind them.
+    columns), fabrics.csv and truth.json, which holds the parameters behind them; with --fingers also
+    compression.csv, the forces of a rigid flat plate on fingers of the same skin.
     """
     import numpy as np
 
-    from softness_bayes.data import write_fabrics, write_ratings
+    from softness_bayes.data import write_compression, write_fabrics, write_ratings
     from softness_bayes.errors import InputError
-    from softness_bayes.study import simulate_ratings, usual_values
+    from softness_bayes.inference.observation import RATING_DIRECTIONS
+    from softness_bayes.inference.parameters import FINGER_PARAMETERS
+    from softness_bayes.inference.scales import RATING_SCALES
+    from softness_bayes.study import simulate_compression, simulate_ratings, usual_values
 
     fabrics, loads = touches.read()
     chosen = choice.resolve()
     if typical_rating is not None and not (math.isfinite(typical_rating) and typical_rating > 0):
         raise InputError(f"--typical-rating is {typical_rating}, expected a positive number")
+    usual = usual_values(chosen, prior_set, values, fingers or None)
     mu = None if typical_rating is None else math.log(typical_rating)
     simulation = simulate_ratings(
         np.random.default_rng(seed),
         fabrics,
         loads,
-        usual_values(chosen, prior_set, values),
+        {name: value for name, value in usual.items() if name not in FINGER_PARAMETERS},
         chosen,
         participants,
         missing,
         mu,
+        RATING_DIRECTIONS[direction],
+        RATING_SCALES[scale],
+        slope,
     )
-    made = ("ratings.csv", "fabrics.csv", "truth.json")
+    made = ["ratings.csv", "fabrics.csv", "truth.json", *(["compression.csv"] if fingers else [])]
     present = [name for name in made if (out / name).exists()]
     if present and not force:
         raise InputError(f"{out}: {', '.join(present)} exists; choose another --out, or --force to replace it")
@@ -90,9 +114,18 @@ def command(
     write_fabrics(out / "fabrics.csv", fabrics)
     write_ratings(out / "ratings.csv", simulation.ratings, fabrics)
     story = _truth(simulation, fabrics.names, loads)
-    story |= {"seed": seed, "readings": chosen.names, "version": __version__, "simulated": True}
+    story |= {"seed": seed, "readings": chosen.names, "ratings": scale, "direction": direction}
+    story |= {"version": __version__, "simulated": True}
+    if fingers:
+        # numbers of its own, so that the ratings do not depend on whether fingers are pressed
+        forces = simulate_compression(np.random.default_rng([seed, 1]), usual, chosen, fingers)
+        write_compression(out / "compression.csv", forces.compression)
+        story["truth"] |= {name: usual[name] for name in FINGER_PARAMETERS}
+        for name in ("log_b_effect", "m_effect"):
+            story[name] = dict(zip(forces.compression.participants, getattr(forces, name).tolist(), strict=True))
     (out / "truth.json").write_text(json.dumps(story, indent=1) + "\n", encoding="utf-8")
-    click.echo(f"{out}: {len(simulation.ratings)} simulated ratings of {len(fabrics)} fabrics")
+    pressed = f", and {len(forces.compression)} forces on {fingers} fingers" if fingers else ""
+    click.echo(f"{out}: {len(simulation.ratings)} simulated ratings of {len(fabrics)} fabrics{pressed}")
     silent = float((simulation.total_rate == 0).mean())
     if silent:
         click.echo(f"note: no receptor fires in {silent:.0%} of the conditions", err=True)

@@ -7,7 +7,17 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-from softness_bayes.data.columns import LABELS, MODULUS_SOURCES, NUMBERS, RATING, THICKNESS, Column
+from softness_bayes.data.columns import (
+    FORCE,
+    INDENTATION,
+    LABELS,
+    MODULUS_SOURCES,
+    NUMBERS,
+    RATING,
+    THICKNESS,
+    Column,
+)
+from softness_bayes.data.compression import Compression
 from softness_bayes.data.fabrics import USUAL_POISSON_RATIO, Fabrics
 from softness_bayes.data.ratings import LOAD_COLUMNS, Conditions, LoadColumn, Ratings, loads_of
 from softness_bayes.data.tables import check_renames, listing, read_table
@@ -19,6 +29,7 @@ __all__ = [
     "NUMBERS",
     "USUAL_POISSON_RATIO",
     "Column",
+    "Compression",
     "Conditions",
     "Experiment",
     "Fabrics",
@@ -26,6 +37,7 @@ __all__ = [
     "Ratings",
     "loads_of",
     "read_experiment",
+    "write_compression",
     "write_fabrics",
     "write_ratings",
 ]
@@ -41,6 +53,8 @@ class Experiment(NamedTuple):
     fabrics: Fabrics
     notes: tuple[str, ...]
     """What was assumed, left out or found on the way."""
+    compression: Compression | None = None
+    """Forces of a rigid plate on fingerpads, not necessarily of the same people."""
 
 
 def read_experiment(
@@ -50,6 +64,7 @@ def read_experiment(
     columns: Mapping[str, str] | None = None,
     indentation_mm: float | None = None,
     force_n: float | None = None,
+    compression_path: str | Path | None = None,
 ) -> Experiment:
     """Read ratings and their fabrics.
 
@@ -65,6 +80,8 @@ def read_experiment(
         Name of a column here -> name in either file, where they differ.
     indentation_mm, force_n
         The load of every row [mm] or [N], where the table of ratings has no column for it.
+    compression_path
+        CSV file of compression data, whose columns are those of `Compression.read`.
 
     Raises
     ------
@@ -91,14 +108,20 @@ def read_experiment(
             f"{FABRICS_BESIDE} beside the ratings, or give these a column of "
             f"{', '.join(column.name for column in MODULUS_SOURCES)} (the last with {THICKNESS.name})"
         )
-    check_renames(columns, table, fabric_table)
+    plate_table = None if compression_path is None else read_table(compression_path, columns)
+    check_renames(columns, table, fabric_table, *([] if plate_table is None else [plate_table]))
+    compression = None if plate_table is None else Compression.from_table(plate_table)
     fabrics = Fabrics.from_table(fabric_table, repeated=fabric_table is table)
     ratings = Ratings.from_table(table, fabrics, indentation_mm, force_n)
     unrated = [name for name in fabrics.names if name not in set(ratings.fabrics)]
     if unrated:
         notes.append(f"fabrics without a rating, left out: {listing(unrated)}")
+    notes += [] if compression is None else compression.notes
     return Experiment(
-        ratings, fabrics.take(ratings.fabrics), tuple(dict.fromkeys((*ratings.notes, *fabrics.notes, *notes)))
+        ratings,
+        fabrics.take(ratings.fabrics),
+        tuple(dict.fromkeys((*ratings.notes, *fabrics.notes, *notes))),
+        compression,
     )
 
 
@@ -123,6 +146,16 @@ def write_ratings(path: str | Path, ratings: Ratings, fabrics: Fabrics | None = 
     if fabrics is not None:
         place = [fabrics.names.index(name) for name in names]
         columns |= {name: [texts[i] for i in place] for name, texts in fabrics.cells().items()}
+    _write(path, columns)
+
+
+def write_compression(path: str | Path, compression: Compression) -> None:
+    """Write compression data to a table that reads back to the same values."""
+    columns = {
+        "participant": [compression.participants[i] for i in compression.participant],
+        INDENTATION.name: [INDENTATION.write(value) for value in compression.indentation],
+        FORCE.name: [FORCE.write(value) for value in compression.force],
+    }
     _write(path, columns)
 
 

@@ -87,7 +87,7 @@ POISSON_RATIO = Column("poisson_ratio", "Poisson ratio", "", low=-1.0, high=0.5)
 BENDING_RIGIDITY = Column("bending_rigidity_n_m", "bending rigidity", "N m", low=0.0)
 EFFECTIVE_MODULUS = Column("effective_modulus_kpa", "effective modulus", "kPa", power=3, low=0.0)
 
-LABELS = ("participant", "fabric", "trial")
+LABELS = ("participant", "fabric", "trial", "indentor")
 """The columns of names."""
 NUMBERS: Mapping[str, Column] = {
     column.name: column

@@ -26,6 +26,9 @@ from softness_bayes.data.tables import (
 from softness_bayes.errors import InputError
 from softness_bayes.touch.contact import Force, Indentation, Load
 
+STANDARDISED_MEAN, STANDARDISED_SD = 1.0, 3.0
+"""Largest mean, up or down, and standard deviation of ratings that are taken for z-scores."""
+
 SOLE_PARTICIPANT = "participant"
 """Name of the participant of a table that has no column of participants."""
 
@@ -141,8 +144,24 @@ class Ratings:
             raise InputError(
                 f"{self.source}: row {self.rows[i]}, column {self.rating_column!r}: expected a magnitude "
                 f"estimate above 0, got '{self.rating[i]:g}' ({wrong.size} of {len(self)} ratings are zero "
-                "or negative and have no logarithm); leave the cell of a missing rating empty, and give "
-                "ratings as filed, not standardised"
+                "or negative and have no logarithm); leave the cell of a missing rating empty; if these are "
+                "z-scores, say so with --ratings standardised"
+            )
+
+    def require_standardised(self) -> None:
+        """Refuse ratings that cannot be z-scores: `STANDARDISED_MEAN` and `STANDARDISED_SD` (model.md 9).
+
+        Raises
+        ------
+        InputError
+            Naming mean and standard deviation of the ratings, and what can be done.
+        """
+        mean, sd = float(self.rating.mean()), float(self.rating.std())
+        if abs(mean) > STANDARDISED_MEAN or sd > STANDARDISED_SD:
+            raise InputError(
+                f"{self.source}: column {self.rating_column!r}: expected standardised ratings, of mean 0 and "
+                f"standard deviation 1, got mean {mean:.3g} and standard deviation {sd:.3g}; standardise them, "
+                "or leave out --ratings standardised if they are magnitude estimates"
             )
 
     @classmethod

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtrc
 
-from softness_bayes.inference.observation import LogRatings, RatingParameters
-from softness_bayes.inference.random_effects import Effects
+from softness_bayes.inference.observation import RatingParameters
+from softness_bayes.inference.scales import ObservedRatings
 
 Array = NDArray[np.float64]
 
@@ -23,22 +23,26 @@ class FabricCheck(NamedTuple):
     p_value: float
     """Probability that replicated ratings spread at least as much between fabrics as the real ones."""
     deviation: float
-    """Standard deviation between fabrics that the excess amounts to, in the log rating."""
+    """Standard deviation between fabrics that the excess amounts to, in the (log) rating."""
+    logarithmic: bool = True
+    """Whether the model is one of log ratings; that of z-scores has no effect per fabric to offer."""
 
     @property
     def sentence(self) -> str:
         """One line for the user."""
         if self.p_value >= NEEDED:
             return f"fabrics: no deviations of their own beyond noise (p = {self.p_value:.2g})"
+        quantity = "log rating" if self.logarithmic else "z-score"
+        remedy = ": add --prior omega='halfnormal(0.5)'" if self.logarithmic else ", and z-scores have none"
         return (
-            f"fabrics: deviate from the response by about {self.deviation:.2g} in the log rating, more than "
+            f"fabrics: deviate from the response by about {self.deviation:.2g} in the {quantity}, more than "
             f"noise explains (p = {self.p_value:.2g}); without an effect per fabric the intervals are too "
-            "narrow: add --prior omega='halfnormal(0.5)'"
+            f"narrow{remedy}"
         )
 
 
 def check_fabrics(
-    observation: LogRatings, mean_rate: Array, parameters: RatingParameters, effects: Effects
+    observation: ObservedRatings, mean_rate: Array, parameters: RatingParameters, effects: Any
 ) -> FabricCheck:
     """Compare the residuals' spread between fabrics with what the model replicates.
 
@@ -56,9 +60,7 @@ def check_fabrics(
         Draws of the rating model's parameters, shape (draws,), and of the effects given them.
     """
     design = observation.design
-    drive = observation.model.drive(design, mean_rate, parameters)
-    expected = effects.mu[:, None] + (drive + effects.fabric[:, design.fabric])[:, design.condition]
-    residual = np.log(observation.ratings) - expected - effects.participant[:, design.participant]
+    residual = observation.residual(mean_rate, parameters, effects)
     fabric = design.fabric[design.condition]
     count = np.bincount(fabric, minlength=design.n_fabrics).astype(float)
     seen = count > 0
@@ -67,4 +69,5 @@ def check_fabrics(
     variance = np.broadcast_to(np.asarray(parameters.varsigma, float) ** 2, between.shape)
     p_value = float(chdtrc(seen.sum(), between / variance).mean())
     excess = (between / seen.sum() - variance) / count[seen].mean()
-    return FabricCheck(p_value, float(np.sqrt(max(np.median(excess), 0.0))))
+    deviation = float(np.sqrt(max(np.median(excess), 0.0)))
+    return FabricCheck(p_value, deviation, observation.model.logarithmic)

@@ -73,6 +73,10 @@ class Design:
         """Share of the rows in each condition, shape (conditions,)."""
         return self.cells.sum(axis=0) / self.n_rows
 
+    def without(self, rows: NDArray[np.bool_]) -> Design:
+        """The design of the other rows, with the same conditions and participants."""
+        return Design(self.condition[~rows], self.participant[~rows], self.fabric, self.n_participants)
+
 
 def _require_range(name: str, index: IndexArray, size: int) -> None:
     if not ((index >= 0) & (index < size)).all():

@@ -6,14 +6,15 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.special import ndtr
 
 from softness_bayes.errors import InputError
 from softness_bayes.inference.design import Design
-from softness_bayes.inference.priors import Normal
+from softness_bayes.inference.priors import Normal, Prior
 from softness_bayes.inference.random_effects import Effects, LeaveOneOut, RandomEffects, Spreads
 
 FloatArray = NDArray[np.float64]
@@ -67,6 +68,7 @@ class RatingModel:
         Median of the prior of exp mu, and the standard deviation of mu.
     """
 
+    logarithmic: ClassVar[bool] = True
     direction: RatingDirection = SOFTNESS
     centre: float = 20.0
     spread: float = 3.0
@@ -134,6 +136,27 @@ class RatingModel:
         noise = rng.standard_normal(log_rating.shape)
         return np.exp(log_rating + np.asarray(parameters.varsigma, float)[..., None] * noise)
 
+    def typical(self, effects: Effects, drive: FloatArray) -> FloatArray:
+        """Median rating of a typical participant (s = 0) where the response drives it by ``drive``, shape (..., k)."""
+        return np.exp(effects.mu[..., None] + drive)
+
+    def named_effects(self, effects: Effects) -> Mapping[str, tuple[FloatArray, tuple[str, ...]]]:
+        """Effects by their names in files, each with its axes beyond the batch's."""
+        return {
+            "mu": (effects.mu, ()),
+            "participant_effect": (effects.participant, ("participant",)),
+            "fabric_effect": (effects.fabric, ("fabric",)),
+        }
+
+    @property
+    def levels(self) -> Mapping[str, Prior]:
+        """Priors of what is drawn after a run and shared by all ratings, by name."""
+        return {"mu": self.level}
+
+    def observe(self, ratings: ArrayLike, design: Design) -> LogRatings:
+        """These ratings under this model."""
+        return LogRatings(ratings, design, self)
+
 
 class LogRatings:
     """Positive ratings under a `RatingModel`, with mu, participants and fabrics integrated out.
@@ -148,6 +171,8 @@ class LogRatings:
         Who rated what.
     model
         The rating model.
+    over
+        Design over whose rows the response is centred, if not over those of `design`.
 
     Raises
     ------
@@ -155,7 +180,13 @@ class LogRatings:
         If a rating is not a positive finite number, or their number is not that of the design's rows.
     """
 
-    def __init__(self, ratings: ArrayLike, design: Design, model: RatingModel = RatingModel()) -> None:
+    def __init__(
+        self,
+        ratings: ArrayLike,
+        design: Design,
+        model: RatingModel = RatingModel(),
+        over: Design | None = None,
+    ) -> None:
         self.ratings = np.array(ratings, dtype=float)
         self.ratings.flags.writeable = False
         if self.ratings.shape != (design.n_rows,):
@@ -166,7 +197,7 @@ class LogRatings:
                 f"ratings: {wrong.sum()} of {wrong.size} are not positive numbers, the first is "
                 f"{self.ratings[wrong][0]}; magnitude estimates have no zeros or negatives"
             )
-        self.design, self.model = design, model
+        self.design, self.model, self._over = design, model, over or design
         self._log = np.log(self.ratings)
         self._effects = RandomEffects(design, self._log, math.log(model.centre), model.spread)
 
@@ -184,12 +215,12 @@ class LogRatings:
         -------
         ndarray, shape (...)
         """
-        drive = self.model.drive(self.design, mean_rate, parameters)
+        drive = self.model.drive(self._over, mean_rate, parameters)
         return self._effects.log_density(drive, _spreads(parameters)) - self._log.sum()
 
     def leave_one_out(self, mean_rate: FloatArray, parameters: RatingParameters) -> LeaveOneOut:
         """The normal law of each log rating given all the others, arrays of shape (..., rows)."""
-        drive = self.model.drive(self.design, mean_rate, parameters)
+        drive = self.model.drive(self._over, mean_rate, parameters)
         return self._effects.leave_one_out(drive, _spreads(parameters))
 
     def log_likelihood_loo(self, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
@@ -197,10 +228,25 @@ class LogRatings:
         mean, sd = self.leave_one_out(mean_rate, parameters)
         return -0.5 * ((self._log - mean) / sd) ** 2 - np.log(sd) - _LOG_ROOT_TWO_PI - self._log
 
+    def below_loo(self, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
+        """Probability of a rating smaller than each one, given all the others, shape (..., rows)."""
+        mean, sd = self.leave_one_out(mean_rate, parameters)
+        return np.asarray(ndtr((self._log - mean) / sd))
+
     def draw_effects(self, rng: np.random.Generator, mean_rate: FloatArray, parameters: RatingParameters) -> Effects:
         """Exact draws of mu, participants and fabrics given the ratings, one for each point of the batch."""
-        drive = self.model.drive(self.design, mean_rate, parameters)
+        drive = self.model.drive(self._over, mean_rate, parameters)
         return self._effects.draw_effects(rng, drive, _spreads(parameters))
+
+    def residual(self, mean_rate: FloatArray, parameters: RatingParameters, effects: Effects) -> FloatArray:
+        """What noise must explain of the log of each rating, shape (..., rows)."""
+        drive, design = self.model.drive(self._over, mean_rate, parameters), self.design
+        expected = effects.mu[..., None] + (drive + effects.fabric[..., design.fabric])[..., design.condition]
+        return self._log - expected - effects.participant[..., design.participant]
+
+    def without(self, rows: NDArray[np.bool_]) -> LogRatings:
+        """The other ratings alone, x still centred over all rows: p(y) = p(others) p(rows | others)."""
+        return LogRatings(self.ratings[~rows], self.design.without(rows), self.model, self._over)
 
 
 def _spreads(parameters: RatingParameters) -> Spreads:

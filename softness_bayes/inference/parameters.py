@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 
@@ -87,15 +87,35 @@ PARAMETERS: Mapping[str, Parameter] = MappingProxyType(
 )
 """Every parameter by name, in the order of files and tables."""
 
+FINGER_PARAMETERS: Mapping[str, Parameter] = MappingProxyType(
+    {
+        parameter.name: parameter
+        for parameter in (
+            Parameter("tau_b", r"$\tau_b$", "–", "spread of fingers' log b", HalfNormal(0.5), vanishing=True),
+            Parameter("tau_m", r"$\tau_m$", "–", "spread of fingers' m", HalfNormal(1), vanishing=True),
+            Parameter("varsigma_f", r"$\varsigma_F$", "–", "spread of a finger's log forces", HalfNormal(0.3)),
+        )
+    }
+)
+"""What compression data add to the parameters: how fingers and single forces depart from b and m."""
+
+EVERY_PARAMETER: Mapping[str, Parameter] = MappingProxyType({**PARAMETERS, **FINGER_PARAMETERS})
+"""All parameters that a run may sample, by name."""
+
 HELD: Mapping[str, float] = MappingProxyType({"omega": 0.0, "eps": 0.1})
 """Parameters that are held at a value unless they are freed or given a prior."""
 
 PRIOR_SETS: Mapping[str, Mapping[SkinDisplacement, Mapping[str, Prior]]] = MappingProxyType(
     {
-        "default": {STRAIN: {}, DISPLACEMENT: {"m": LogNormal(707, 0.3)}},
+        "default": {STRAIN: {}, DISPLACEMENT: {"m": LogNormal(707, 0.3), "tau_m": HalfNormal(354)}},
         "in-vivo": {
             STRAIN: {"b": LogNormal(7.5, 0.25), "m": LogNormal(3.9, 0.1)},
-            DISPLACEMENT: {"b": LogNormal(15.8, 0.2), "m": LogNormal(630, 0.1)},
+            DISPLACEMENT: {"b": LogNormal(15.8, 0.2), "m": LogNormal(630, 0.1), "tau_m": HalfNormal(354)},
+        },
+        # for compression data alone: the others hold what such data are there to tell
+        "wide": {
+            STRAIN: {"b": LogNormal(30, 1), "m": LogNormal(3, 0.5)},
+            DISPLACEMENT: {"b": LogNormal(30, 1), "m": LogNormal(1060, 0.5), "tau_m": HalfNormal(354)},
         },
     }
 )
@@ -175,9 +195,10 @@ class ParameterSpace:
         return np.array([p.prior.median for p in self.sampled])
 
     def values(self, theta: FloatArray) -> dict[str, FloatArray | float]:
-        """Every parameter by name in natural units: sampled ones of shape (...), held ones a float."""
-        sampled = {p.name: theta[..., k] for k, p in enumerate(self.sampled)}
-        return {name: sampled[name] if name in sampled else self.held[name] for name in PARAMETERS}
+        """Every parameter of the model by name in natural units: sampled ones of shape (...), held ones a float."""
+        known: dict[str, FloatArray | float] = {**self.held}
+        known |= {p.name: theta[..., k] for k, p in enumerate(self.sampled)}
+        return {name: known[name] for name in EVERY_PARAMETER if name in known}
 
     def touch(self, theta: FloatArray) -> TouchParameters:
         """The parameters of the forward model in SI at points ``theta``."""
@@ -192,6 +213,8 @@ def parameter_space(
     prior_set: str = "default",
     skin_displacement: SkinDisplacement = STRAIN,
     n_participants: int | None = None,
+    absent: Collection[str] = (),
+    n_fingers: int | None = None,
 ) -> ParameterSpace:
     """Decide which parameters are sampled, under which priors, and where the others are held.
 
@@ -209,42 +232,55 @@ def parameter_space(
         Reading of the skin's displacement, which decides unit and prior of m.
     n_participants
         With one, tau cannot be told from mu and is held at 0.
+    absent
+        Parameters that the model at hand does not have: neither sampled nor held.
+    n_fingers
+        Fingers of the compression data; without any there are no `FINGER_PARAMETERS`. With one, the
+        spreads between fingers cannot be told from b and m and are held at 0.
 
     Raises
     ------
     InputError
-        If a name is unknown, a parameter is both held and sampled, or a value or a prior's support
+        If a name is unknown or absent, a parameter is both held and sampled, or a value or a prior's support
         leaves the values that a parameter can take.
     """
     fix, priors = dict(fix or {}), dict(priors or {})
     freed = set(free) | set(priors)
+    absent = {*absent, *(() if n_fingers else FINGER_PARAMETERS)}
     for name in (*fix, *freed):
         _declared(name)
+        if name in absent:
+            raise InputError(f"{name}: the model of these data has no such parameter; leave it out")
     if clash := sorted(freed & fix.keys()):
         raise InputError(f"{clash[0]} is both fixed and given a prior or freed; choose one")
     if prior_set not in PRIOR_SETS:
         raise InputError(f"prior set '{prior_set}': expected one of {', '.join(PRIOR_SETS)}")
-    if n_participants == 1:
+    if n_participants == 1 and "tau" not in absent:
         if "tau" in freed:
             raise InputError("tau cannot be sampled: there is one participant only, so fix it or leave it out")
         fix.setdefault("tau", 0.0)
-    held = {name: value for name, value in HELD.items() if name not in freed} | fix
+    if n_fingers == 1:
+        for name in ("tau_b", "tau_m"):
+            if name in freed:
+                raise InputError(f"{name} cannot be sampled: there is one finger only, so fix it or leave it out")
+            fix.setdefault(name, 0.0)
+    held = {name: value for name, value in HELD.items() if name not in (*freed, *absent)} | fix
     for name, value in held.items():
-        _require_value(PARAMETERS[name], value)
+        _require_value(EVERY_PARAMETER[name], value)
     chosen = {**PRIOR_SETS[prior_set][skin_displacement], **priors}
-    units = {"m": skin_displacement.exponent_unit}
+    units = dict.fromkeys(("m", "tau_m"), skin_displacement.exponent_unit)
     sampled = tuple(
         replace(p, prior=_suitable(p, chosen.get(name, p.prior)), unit=units.get(name, p.unit))
-        for name, p in PARAMETERS.items()
-        if name not in held
+        for name, p in EVERY_PARAMETER.items()
+        if name not in held and name not in absent
     )
     return ParameterSpace(_within_surface(sampled, held), held)
 
 
 def _declared(name: str) -> Parameter:
-    if name not in PARAMETERS:
-        raise InputError(f"no parameter '{name}'; expected one of {', '.join(PARAMETERS)}")
-    return PARAMETERS[name]
+    if name not in EVERY_PARAMETER:
+        raise InputError(f"no parameter '{name}'; expected one of {', '.join(EVERY_PARAMETER)}")
+    return EVERY_PARAMETER[name]
 
 
 def _require_value(parameter: Parameter, value: float) -> None:

@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from softness_bayes.errors import InputError, NumericalError
+from softness_bayes.inference.compression import CompressionForces, SkinParameters
 from softness_bayes.inference.observation import RatingParameters
-from softness_bayes.inference.parameters import ParameterSpace
+from softness_bayes.inference.parameters import EVERY_PARAMETER, ParameterSpace
 from softness_bayes.touch.parameters import TouchParameters
 
 FloatArray = NDArray[np.float64]
@@ -43,15 +44,13 @@ class Observation(Protocol):
 
 
 @dataclass(frozen=True)
-class Posterior:
-    """log p(theta | ratings) = log p(theta) + log p(ratings | theta), up to a constant.
+class Density:
+    """log p(theta | data) = log p(theta) + log p(data | theta), up to a constant.
 
     Called with sampler coordinates z it returns the density in z, Jacobian included.
     """
 
     space: ParameterSpace
-    scene: ForwardModel
-    observation: Observation
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -66,19 +65,12 @@ class Posterior:
         """Log prior density at points theta (..., dimension), shape (...)."""
         return self.space.log_prior(theta).sum(axis=-1)
 
-    def mean_rate(self, theta: FloatArray) -> FloatArray:
-        """The pad's mean rate N/N_ref [Hz] at points theta, shape (..., conditions)."""
-        # with every parameter of the chain held there is one response for all points
-        rate = self.scene.total_rate(self.space.touch(theta)) / self.scene.n_receptors
-        return np.broadcast_to(rate, (*theta.shape[:-1], rate.shape[-1]))
-
-    def rating_parameters(self, theta: FloatArray) -> RatingParameters:
-        """The parameters of the rating model at points theta."""
-        values = self.space.values(theta)
-        return RatingParameters(*(values[name] for name in RatingParameters._fields))
+    def data_density(self, theta: FloatArray) -> FloatArray:
+        """Log density of the data at points theta, as the model computes it."""
+        raise NotImplementedError
 
     def log_likelihood(self, theta: FloatArray) -> FloatArray:
-        """Log density of the ratings at points theta (..., dimension), shape (...).
+        """Log density of the data at points theta (..., dimension), shape (...).
 
         Raises
         ------
@@ -93,9 +85,12 @@ class Posterior:
         return value
 
     def _likelihood(self, theta: FloatArray) -> FloatArray:
-        """Log density of the ratings, whatever comes out."""
-        value = self.observation.log_likelihood(self.mean_rate(theta), self.rating_parameters(theta))
-        return np.broadcast_to(value, theta.shape[:-1])
+        """Log density of the data, whatever comes out."""
+        return np.broadcast_to(self.data_density(theta), theta.shape[:-1])
+
+    def response_is_finite(self, theta: FloatArray) -> bool:
+        """Whether the forward model gives numbers at one point theta, shape (dimension,)."""
+        return True
 
     def failing_stage(self, z: FloatArray) -> str:
         """Name of the first stage that gives no finite number at one point ``z``, shape (dimension,)."""
@@ -104,7 +99,7 @@ class Posterior:
             return "coordinates"
         if not np.isfinite(self.log_prior(theta)):
             return "prior"
-        if not np.isfinite(self.mean_rate(theta)).all():
+        if not self.response_is_finite(theta):
             return "response"
         return "likelihood"
 
@@ -125,6 +120,62 @@ class Posterior:
         value = np.where(inside, value, np.where(np.isnan(log_prior).any(axis=-1), np.nan, -np.inf))
         if inside.any():
             value[inside] += _finite(self._likelihood(theta[inside]))
+        return value
+
+    def draw_start(self, rng: np.random.Generator, size: int) -> FloatArray:
+        """Prior draws, in sampler coordinates."""
+        return self.space.coordinates(self.space.draw_prior(rng, size))
+
+    def skin_parameters(self, theta: FloatArray) -> SkinParameters:
+        """The skin and how fingers depart from it, in SI, at points theta."""
+        values, shape = self.space.values(theta), theta.shape[:-1]
+        return SkinParameters(
+            *(np.broadcast_to(values[name] * EVERY_PARAMETER[name].si, shape) for name in SkinParameters._fields)
+        )
+
+
+@dataclass(frozen=True)
+class SkinPosterior(Density):
+    """The posterior of the skin alone, from compression data without ratings."""
+
+    compression: CompressionForces
+
+    def data_density(self, theta: FloatArray) -> FloatArray:
+        """Log density of the forces at points theta."""
+        return self.compression.log_likelihood(self.skin_parameters(theta))
+
+
+@dataclass(frozen=True)
+class Posterior(Density):
+    """The posterior given ratings and, if there are any, compression data.
+
+    Raters and fingers are not matched: the typical finger's b and m are those of the typical rater.
+    """
+
+    scene: ForwardModel
+    observation: Observation
+    compression: CompressionForces | None = None
+
+    def mean_rate(self, theta: FloatArray) -> FloatArray:
+        """The pad's mean rate N/N_ref [Hz] at points theta, shape (..., conditions)."""
+        # with every parameter of the chain held there is one response for all points
+        rate = self.scene.total_rate(self.space.touch(theta)) / self.scene.n_receptors
+        return np.broadcast_to(rate, (*theta.shape[:-1], rate.shape[-1]))
+
+    def response_is_finite(self, theta: FloatArray) -> bool:
+        """Whether the forward model gives numbers at one point theta, shape (dimension,)."""
+        return bool(np.isfinite(self.mean_rate(theta)).all())
+
+    def rating_parameters(self, theta: FloatArray) -> RatingParameters:
+        """The parameters of the rating model at points theta; NaN are those that it does not have."""
+        values = self.space.values(theta)
+        return RatingParameters(*(values.get(name, np.nan) for name in RatingParameters._fields))
+
+    def data_density(self, theta: FloatArray) -> FloatArray:
+        """Log density of ratings and forces at points theta."""
+        value = self.observation.log_likelihood(self.mean_rate(theta), self.rating_parameters(theta))
+        if self.compression is not None:
+            value = value + self.compression.log_likelihood(self.skin_parameters(theta))
         return value
 
     def draw_start(self, rng: np.random.Generator, size: int) -> FloatArray:

@@ -1,8 +1,8 @@
 """Test quantities of ratings: numbers of a data set that a model should reproduce.
 
 Each is computed in the same way from the ratings that were filed and from replicated ones, without knowing
-any parameter. All start from the additive fit of participants and conditions to log ratings, which a gap in
-the table does not bias.
+any parameter. All start from the additive fit of participants and conditions to log ratings (to z-scores as
+they are), which a gap in the table does not bias.
 """
 
 from __future__ import annotations
@@ -10,16 +10,16 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from enum import Enum
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.special import chdtrc, ndtr
+from scipy.special import chdtrc
 
 from softness_bayes import arviz_bridge
 from softness_bayes.inference.design import Design
-from softness_bayes.inference.observation import LogRatings, RatingParameters
-from softness_bayes.inference.random_effects import Effects
+from softness_bayes.inference.observation import RatingParameters
+from softness_bayes.inference.scales import ObservedRatings
 
 FloatArray = NDArray[np.float64]
 IndexArray = NDArray[np.intp]
@@ -55,12 +55,15 @@ class Layout:
         Index of each condition's load, shape (conditions,).
     sign
         Whether ratings rise (+1) or fall (-1) with the response.
+    logarithmic
+        Whether the logarithm of ratings is what is additive; z-scores are themselves.
     """
 
     design: Design
     modulus: FloatArray
     load: IndexArray
     sign: float = 1.0
+    logarithmic: bool = True
 
     @property
     def loads(self) -> IndexArray:
@@ -73,9 +76,10 @@ class Layout:
         Parameters
         ----------
         ratings
-            Positive, shape (..., rows).
+            Shape (..., rows); positive if they have logarithms.
         """
-        design, y = self.design, np.log(np.asarray(ratings, float))
+        design, y = self.design, np.asarray(ratings, float)
+        y = np.log(y) if self.logarithmic else y
         cells, count = design.cells, design.cells.sum(axis=1)
         per_person = (
             np.eye(design.n_participants)[design.participant] / np.maximum(count, 1.0)[design.participant, None]
@@ -286,14 +290,15 @@ class ExponentCheck(NamedTuple):
 
 
 def check_exponents(
-    observation: LogRatings, mean_rate: FloatArray, parameters: RatingParameters, effects: Effects
+    observation: ObservedRatings, mean_rate: FloatArray, parameters: RatingParameters, effects: Any
 ) -> ExponentCheck:
     """Compare how residuals follow the response within participants with what the model replicates.
 
     The discrepancy is T = sum_p S_p slope_p², slope_p that of participant p's residuals on the logarithm of
-    the response, S_p the sum of squares of the latter about its mean. Given a draw of all parameters and
-    effects, T / varsigma² of replicated residuals follows a chi-squared law with one degree of freedom for
-    each participant under whom the response varies; draws where it varies for nobody say nothing.
+    the response (z-scores: on the standardised response), S_p the sum of squares of the latter about its
+    mean. Given a draw of all parameters and effects, T / varsigma² of replicated residuals follows a
+    chi-squared law with one degree of freedom for each participant under whom the response varies; draws
+    where it varies for nobody say nothing.
 
     Parameters
     ----------
@@ -305,10 +310,11 @@ def check_exponents(
         Draws of the rating model's parameters, shape (draws,), and of the effects given them.
     """
     design, model = observation.design, observation.model
-    drive = model.drive(design, mean_rate, parameters)
-    expected = effects.mu[:, None] + (drive + effects.fabric[:, design.fabric])[:, design.condition]
-    residual = np.log(observation.ratings) - expected - effects.participant[:, design.participant]
-    x = np.log(mean_rate + np.asarray(parameters.eps, float)[..., None])
+    residual = observation.residual(mean_rate, parameters, effects)
+    if model.logarithmic:
+        x = np.log(mean_rate + np.asarray(parameters.eps, float)[..., None])
+    else:
+        x = model.drive(design, mean_rate, parameters)
     count = np.maximum(design.cells.sum(axis=1), 1.0)
     centre = x @ (design.cells / count[:, None]).T
     squares = x**2 @ design.cells.T - count * centre**2
@@ -334,11 +340,11 @@ class LooPit(NamedTuple):
     """Shape of the weights' tail: above 0.7 the draws of the full posterior cannot stand in."""
 
 
-def loo_pit(observation: LogRatings, mean_rate: FloatArray, parameters: RatingParameters) -> LooPit:
+def loo_pit(observation: ObservedRatings, mean_rate: FloatArray, parameters: RatingParameters) -> LooPit:
     """Probability integral transform of each rating given all the others.
 
-    With mu, participants and fabrics integrated out, p(y_i | y_-i, theta) is a normal law of log y_i; over
-    theta it is averaged with weights 1 / p(y_i | y_-i, theta), smoothed by a generalised Pareto law, which
+    With what participants, fabrics and ratings share integrated out, p(y_i | y_-i, theta) is known in closed
+    form; over theta it is averaged with weights 1 / p(y_i | y_-i, theta), smoothed by a generalised Pareto law, which
     turn draws given all ratings into draws given the others (Bürkner, Gabry and Vehtari, Computational
     Statistics 36, 1243, 2021).
 
@@ -349,8 +355,7 @@ def loo_pit(observation: LogRatings, mean_rate: FloatArray, parameters: RatingPa
     mean_rate, parameters
         Draws, batch shape (draws,).
     """
-    mean, sd = observation.leave_one_out(mean_rate, parameters)
     alone = observation.log_likelihood_loo(mean_rate, parameters)
     log_weights, pareto_k = arviz_bridge.psis(-alone.T)
-    below = ndtr((np.log(observation.ratings) - mean) / sd)
+    below = observation.below_loo(mean_rate, parameters)
     return LooPit(np.clip((np.exp(log_weights) * below.T).sum(axis=1), 0.0, 1.0), pareto_k)

@@ -5,7 +5,8 @@ each has a ``gid`` of the form ``what/load``, as in ``median/1 mm``.
 """
 
 from softness_bayes.plotting.chains import rank_figure, trace_figure
-from softness_bayes.plotting.figures import FIGURES, draw_figures
+from softness_bayes.plotting.compression import compression_figure
+from softness_bayes.plotting.figures import FIGURES, draw_figures, figures_of
 from softness_bayes.plotting.inflection import inflection_figure
 from softness_bayes.plotting.parameters import corner_figure, prior_figure
 from softness_bayes.plotting.rating import Observed, observed_ratings, rating_figure
@@ -17,8 +18,10 @@ __all__ = [
     "USUAL",
     "Observed",
     "Style",
+    "compression_figure",
     "corner_figure",
     "draw_figures",
+    "figures_of",
     "inflection_figure",
     "observed_ratings",
     "prior_figure",

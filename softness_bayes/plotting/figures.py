@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from softness_bayes.plotting.chains import rank_figure, trace_figure
+from softness_bayes.plotting.compression import compression_figure
 from softness_bayes.plotting.inflection import inflection_figure
 from softness_bayes.plotting.parameters import corner_figure, prior_figure
 from softness_bayes.plotting.rating import Observed, observed_ratings, rating_figure
@@ -45,7 +46,9 @@ def _response_ratio(result: Result, style: Style) -> Figure:
 def _rating(result: Result, style: Style) -> Figure:
     stored = result.group("predictions").isel(chain=0)
     modulus, rating = stored["e_fab_kpa"].values * 1e3, stored["typical_rating"].values
-    return rating_figure(modulus, rating, _observed(result), result.loads, style=style)
+    return rating_figure(
+        modulus, rating, _observed(result), result.loads, logarithmic=_logarithmic(result), style=style
+    )
 
 
 def _inflection(result: Result, style: Style) -> Figure:
@@ -73,6 +76,18 @@ def _rank(result: Result, style: Style) -> Figure:
     return rank_figure(*_walkers(result, names), _labels(names), style=style)
 
 
+def _compression(result: Result, style: Style) -> Figure:
+    stored, constant = result.group("predictions").isel(chain=0), result.group("constant_data")
+    return compression_figure(
+        stored["plate_indentation_mm"].values * 1e-3,
+        stored["typical_force_n"].values,
+        constant["force_indentation_mm"].values * 1e-3,
+        result.group("observed_data")["plate_force_n"].values,
+        constant["finger_index"].values,
+        style=style,
+    )
+
+
 FIGURES: Mapping[str, Callable[[Result, Style], Figure]] = MappingProxyType(
     {
         "response": _response,
@@ -83,15 +98,24 @@ FIGURES: Mapping[str, Callable[[Result, Style], Figure]] = MappingProxyType(
         "prior": _prior,
         "trace": _trace,
         "rank": _rank,
+        "compression": _compression,
     }
 )
 """File name -> what draws it from a result."""
+
+_OF_RATINGS = ("response", "response_ratio", "rating", "inflection")
+
+
+def figures_of(result: Result) -> list[str]:
+    """Return the names of the figures that a result can fill: those of ratings, of compression data, or both."""
+    absent = (*(() if result.has_ratings else _OF_RATINGS), *(() if result.has_compression else ("compression",)))
+    return [name for name in FIGURES if name not in absent]
 
 
 def draw_figures(
     result: Result,
     directory: str | Path,
-    names: Sequence[str] = tuple(FIGURES),
+    names: Sequence[str] | None = None,
     formats: Sequence[str] = ("png", "pdf"),
     style: Style = USUAL,
 ) -> list[Path]:
@@ -104,7 +128,7 @@ def draw_figures(
     directory
         Where to write.
     names
-        Which of `FIGURES`.
+        Which of `FIGURES`; by default those of `figures_of`.
     formats
         File formats, as `save` takes them.
     style
@@ -117,7 +141,8 @@ def draw_figures(
     """
     directory = Path(directory)
     directory.mkdir(parents=True, exist_ok=True)
-    drawn = [save(FIGURES[name](result, style), directory / name, formats, style) for name in names]
+    chosen = figures_of(result) if names is None else names
+    drawn = [save(FIGURES[name](result, style), directory / name, formats, style) for name in chosen]
     return [path for paths in drawn for path in paths]
 
 
@@ -136,19 +161,26 @@ def _observed(result: Result) -> Observed:
         participant,
         np.tile(modulus, count),
         np.repeat(np.arange(count), modulus.size),
+        logarithmic=_logarithmic(result),
     )
 
 
-def _sampled(result: Result) -> list[str]:
-    from softness_bayes.inference.parameters import PARAMETERS
+def _logarithmic(result: Result) -> bool:
+    from softness_bayes.inference.scales import RATING_SCALES
 
-    return [name for name in PARAMETERS if name in result.group("posterior")]
+    return RATING_SCALES[str(result.attributes.get("rating_scale", "magnitude"))].positive
+
+
+def _sampled(result: Result) -> list[str]:
+    from softness_bayes.inference.parameters import EVERY_PARAMETER
+
+    return [name for name in EVERY_PARAMETER if name in result.group("posterior")]
 
 
 def _labels(names: Sequence[str]) -> list[str]:
-    from softness_bayes.inference.parameters import PARAMETERS
+    from softness_bayes.inference.parameters import EVERY_PARAMETER
 
-    return [PARAMETERS[name].label for name in names]
+    return [EVERY_PARAMETER[name].label for name in names]
 
 
 def _draws(result: Result, group: str, names: Sequence[str]) -> Array:

@@ -18,6 +18,8 @@ if TYPE_CHECKING:
 MOST_DRAWS = 5000
 """Draws that a corner plot takes; more of them cost time and change nothing that is seen."""
 
+_SHOWN = (0.025, 0.975)
+
 FEWEST_DRAWS_FOR_CONTOURS = 400
 """With fewer draws the corner plot shows them as points."""
 
@@ -155,6 +157,10 @@ def prior_figure(posterior: ArrayLike, prior: ArrayLike, labels: Sequence[str], 
             for name, values, look in kinds:
                 height, edges = _histogram(values)
                 axes.stairs(height, edges, label=name, **look).set_gid(f"{name}/{place}")
+            # a wide prior must not shrink the posterior to a line: beyond its central 95 % it may be cut
+            (low, high), (least, most) = _ranges(after[:, [place]], 0.05)[0], np.quantile(before[:, place], _SHOWN)
+            if most > least:
+                axes.set_xlim(min(low, least), max(high, most))
             axes.set(xlabel=label, yticks=(), ylim=(0.0, None))
             if place % 4 == 0:
                 axes.set_ylabel("density")

@@ -34,11 +34,12 @@ class Observed(NamedTuple):
     load: NDArray[np.intp]
     """Index of the load."""
     mean: Array
-    """Geometric mean over the participants; NaN where nobody rated."""
+    """Mean over the participants, geometric unless of z-scores; NaN where nobody rated."""
     low: Array
-    """Mean divided by one geometric standard deviation between participants; NaN for fewer than two."""
+    """Mean divided by one geometric standard deviation between participants (of z-scores, less one standard
+    deviation); NaN for fewer than two."""
     high: Array
-    """Mean times that; NaN for fewer than two participants."""
+    """Mean times (plus) that; NaN for fewer than two participants."""
     participants: NDArray[np.intp]
     """Number of participants who rated the condition."""
 
@@ -49,6 +50,8 @@ def observed_ratings(
     participant: ArrayLike,
     modulus: ArrayLike,
     load: ArrayLike,
+    *,
+    logarithmic: bool = True,
 ) -> Observed:
     """Summarise ratings by condition, each participant's own modulus removed.
 
@@ -66,28 +69,31 @@ def observed_ratings(
         Indices of each rating's condition and participant, shape (ratings,).
     modulus, load
         E_fab [Pa] and index of the load of each condition, shape (conditions,).
+    logarithmic
+        Whether all this is done with logarithms, or for z-scores with the ratings themselves: the means
+        are then arithmetic, and participants keep what sets them apart, having been standardised.
 
     Raises
     ------
     InputError
-        If a rating is not positive.
+        If a rating has no logarithm where one is taken.
     """
     rating, condition = np.asarray(rating, float), np.asarray(condition, np.intp)
     modulus, load = np.asarray(modulus, float), np.asarray(load, np.intp)
     known = ~np.isnan(rating)
-    if not (rating[known] > 0).all():
+    if logarithmic and not (rating[known] > 0).all():
         raise InputError("observed ratings: expected positive ratings; a geometric mean needs them")
     _, participant = np.unique(np.asarray(participant), return_inverse=True)
     shape = (modulus.size, int(participant.max(initial=-1)) + 1)
     total, trials = np.zeros(shape), np.zeros(shape)
-    np.add.at(total, (condition[known], participant[known]), np.log(rating[known]))
+    np.add.at(total, (condition[known], participant[known]), np.log(rating[known]) if logarithmic else rating[known])
     np.add.at(trials, (condition[known], participant[known]), 1.0)
     rows, columns = np.nonzero(trials)
     value = total[rows, columns] / trials[rows, columns]
     design = np.zeros((rows.size, sum(shape)))
     design[np.arange(rows.size), rows] = 1.0
     design[np.arange(rows.size), shape[0] + columns] = 1.0
-    effect = np.linalg.lstsq(design, value, rcond=None)[0][shape[0] :]
+    effect = np.linalg.lstsq(design, value, rcond=None)[0][shape[0] :] * logarithmic
     present = np.unique(columns)
     aligned = value - (effect - effect[present].mean() if present.size else effect)[columns]
     count = np.bincount(rows, minlength=shape[0])
@@ -95,7 +101,9 @@ def observed_ratings(
         mean = np.bincount(rows, aligned, shape[0]) / count
         variance = np.bincount(rows, (aligned - mean[rows]) ** 2, shape[0]) / (count - 1)
     spread = np.sqrt(np.where(count > 1, variance, np.nan))
-    return Observed(modulus, load, np.exp(mean), np.exp(mean - spread), np.exp(mean + spread), count)
+    limits = np.stack([mean, mean - spread, mean + spread])
+    middle, low, high = np.exp(limits) if logarithmic else limits
+    return Observed(modulus, load, middle, low, high, count)
 
 
 def rating_figure(

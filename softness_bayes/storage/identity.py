@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from softness_bayes.data import Experiment
+from softness_bayes.data import Compression, Experiment
 from softness_bayes.errors import InputError
-from softness_bayes.inference.posterior import Posterior
+from softness_bayes.inference.posterior import Density
 from softness_bayes.inference.sampling import Settings
 from softness_bayes.inference.state import RunState
 
@@ -19,23 +19,20 @@ _RELATIVE, _ABSOLUTE = 1e-9, 1e-6  # of a log density: other versions of the lib
 
 
 def identity(
-    experiment: Experiment, posterior: Posterior, settings: Settings, choices: Mapping[str, str]
+    data: Experiment | Compression, density: Density, settings: Settings, choices: Mapping[str, str]
 ) -> dict[str, str]:
     """What decides the draws of a run, by name; two runs have the same draws if they agree in all of it.
 
     Parameters
     ----------
-    experiment, posterior, settings
+    data, density, settings
         Data, what is sampled, and how.
     choices
         What else was chosen, the seed for one.
     """
-    ratings, fabrics, space = experiment.ratings, experiment.fabrics, posterior.space
-    touched = (ratings.participant, ratings.fabric, ratings.load)
-    sources = [text for source in fabrics.cells().values() for text in source]
+    space = density.space
     return {
-        "ratings": _digest(ratings.rating, *touched, np.array([str(load) for load in ratings.loads])),
-        "fabrics": _digest(np.array(sources)),
+        **_digests(data),
         "parameters": ", ".join(space.names),
         **{f"prior of {p.name}": str(p.prior) for p in space.sampled},
         **{f"value of {name}": repr(value) for name, value in space.held.items()},
@@ -45,7 +42,21 @@ def identity(
     }
 
 
-def require_density(posterior: Posterior, state: RunState) -> None:
+def _digests(data: Experiment | Compression) -> dict[str, str]:
+    """Digests of the tables of some data, by what they hold."""
+    if isinstance(data, Compression):
+        return {"compression data": _digest(data.participant, data.indentation, data.force)}
+    ratings, fabrics = data.ratings, data.fabrics
+    touched = (ratings.participant, ratings.fabric, ratings.load)
+    sources = [text for source in fabrics.cells().values() for text in source]
+    return {
+        "ratings": _digest(ratings.rating, *touched, np.array([str(load) for load in ratings.loads])),
+        "fabrics": _digest(np.array(sources)),
+        **({} if data.compression is None else _digests(data.compression)),
+    }
+
+
+def require_density(density: Density, state: RunState) -> None:
     """Refuse to continue where the density is not what it was, because of other software perhaps.
 
     Raises
@@ -54,7 +65,7 @@ def require_density(posterior: Posterior, state: RunState) -> None:
         If it differs at a walker by more than rounding.
     """
     for ensemble in state.ensembles:
-        then, now = ensemble.log_density, posterior(state.map.forward(ensemble.coordinates))
+        then, now = ensemble.log_density, density(state.map.forward(ensemble.coordinates))
         apart = ~np.isclose(now, then, rtol=_RELATIVE, atol=_ABSOLUTE)
         if apart.any():
             k = int(apart.argmax())

@@ -1,0 +1,127 @@
+"""Forces on fingerpads pressed by a rigid flat plate."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from softness_bayes.data.columns import FORCE, INDENTATION, Column
+from softness_bayes.data.tables import FloatArray, IntArray, Table, check_renames, natural, read_only, read_table
+from softness_bayes.errors import InputError
+
+FLAT_PLATE = ("flat_plate", "flat plate", "plate", "flat")
+"""What a column `indentor` calls a rigid flat plate, in any case; without the column every row is one."""
+
+# in this file 0 stands for a finger that is not touched yet
+_INDENTATION = Column(INDENTATION.name, INDENTATION.label, INDENTATION.unit, power=INDENTATION.power)
+_FORCE = Column(FORCE.name, FORCE.label, FORCE.unit)
+
+
+@dataclass(frozen=True, eq=False)
+class Compression:
+    """Forces at held indentations of some fingerpads by a rigid flat plate; rows without a force left out.
+
+    Parameters
+    ----------
+    participants
+        Whose fingers they are.
+    participant
+        Index (n,) of each row's finger.
+    indentation, force
+        Indentation [m] and force [N], both (n,) and positive.
+    rows
+        Line (n,) of each row in its file.
+    n_zero
+        Rows that were dropped for a force of 0, which has no logarithm.
+    source, digest, notes
+        File, SHA-256 of its bytes, and what its reader should be told.
+    """
+
+    participants: tuple[str, ...]
+    participant: IntArray
+    indentation: FloatArray
+    force: FloatArray
+    rows: IntArray
+    n_zero: int = 0
+    source: str = "compression"
+    digest: str = ""
+    notes: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        arrays = {"participant": int, "indentation": float, "force": float, "rows": int}
+        for name, kind in arrays.items():
+            object.__setattr__(self, name, read_only(getattr(self, name), kind))
+        if len({getattr(self, name).shape for name in arrays}) > 1:
+            raise InputError(f"{self.source}: {', '.join(arrays)} differ in length")
+
+    def __len__(self) -> int:
+        return len(self.force)
+
+    @classmethod
+    def read(cls, path: str | Path, *, columns: Mapping[str, str] | None = None) -> Compression:
+        """Read a table of forces, one row each.
+
+        Columns: `participant`, `indentation_mm`, `force_n`; where there is a column `indentor`, rows of
+        another than a flat plate are left out, with a note. So are rows without a force, or with one of 0.
+
+        Parameters
+        ----------
+        path
+            CSV file.
+        columns
+            Name above -> name in the file, where they differ.
+
+        Raises
+        ------
+        InputError
+            Naming file, row, column and value.
+        """
+        table = read_table(path, columns or {})
+        check_renames(columns or {}, table)
+        return cls.from_table(table)
+
+    @classmethod
+    def from_table(cls, table: Table) -> Compression:
+        """Return the rows of a table; its columns are those of `read`."""
+        for name in ("participant", INDENTATION.name, FORCE.name):
+            table.require(name)
+        notes = [f"{table.path.name}: {note}" for note in table.notes]
+        if "indentor" in table:
+            flat = np.array([name.casefold() in FLAT_PLATE for name in table.labels("indentor")])
+            if not flat.all():
+                notes.append(
+                    f"{table.path.name}: {(~flat).sum()} of {len(table)} rows are not of a flat plate, left out"
+                )
+            table = table.take(np.flatnonzero(flat))
+        by, depth, force = table.labels("participant"), table.numbers(_INDENTATION), table.numbers(_FORCE)
+        for i in range(len(table)):
+            if force[i] < 0:
+                raise table.error(i, FORCE.name, f"expected 0 or a positive force, got {table.cells[FORCE.name][i]!r}")
+            if force[i] > 0 and not depth[i] > 0:
+                found = table.cells[INDENTATION.name][i]
+                raise table.error(
+                    i, INDENTATION.name, f"expected a positive number where there is a force, got {found!r}"
+                )
+        zero, missing = int((force == 0).sum()), int(np.isnan(force).sum())
+        if missing:
+            notes.append(f"{table.path.name}: {missing} forces are missing")
+        if zero:
+            notes.append(f"{table.path.name}: {zero} rows with a force of 0 dropped, which have no logarithm")
+        kept = np.flatnonzero(force > 0).tolist()
+        if not kept:
+            raise InputError(f"{table.path}: no row with a force above 0 on a flat plate")
+        names = natural(by[i] for i in kept)
+        return cls(
+            tuple(names),
+            np.array([names.index(by[i]) for i in kept]),
+            depth[kept],
+            force[kept],
+            table.rows[kept],
+            n_zero=zero,
+            source=str(table.path),
+            digest=table.digest,
+            notes=tuple(notes),
+        )

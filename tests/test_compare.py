@@ -1,0 +1,309 @@
+"""Which model predicts best: exact answers, simulated data with a right one, and data that cannot tell."""
+
+import dataclasses
+import functools
+
+import numpy as np
+import pandas as pd
+import pytest
+from numpy.testing import assert_allclose
+from scipy.special import logsumexp
+from scipy.stats import multivariate_normal, norm
+
+from softness_bayes import arviz_bridge, run
+from softness_bayes.cli import main
+from softness_bayes.compare import LEAVE, Leave, LeftOut, compare, leave_by_weights
+from softness_bayes.data import Experiment, Fabrics
+from softness_bayes.errors import InputError
+from softness_bayes.inference.blocks import block_log_likelihood
+from softness_bayes.inference.design import Design
+from softness_bayes.inference.diagnostics import Goal
+from softness_bayes.inference.observation import INVERSE, LogRatings, RatingParameters
+from softness_bayes.inference.sampling import Settings
+from softness_bayes.inference.scales import STANDARDISED
+from softness_bayes.inference.standardised import StandardisedRatings
+from softness_bayes.restore import differences, experiment_of, options_of
+from softness_bayes.result import Result
+from softness_bayes.run import RunOptions, posterior_of, sample
+from softness_bayes.skin import sample_skin
+from softness_bayes.study import simulate_compression, simulate_ratings, usual_values
+from softness_bayes.touch import scene
+from softness_bayes.touch.contact import Indentation
+from softness_bayes.touch.readings import MENDED
+
+CLOTH = Fabrics(
+    ("gauze", "lawn", "drill", "felt"),
+    effective_modulus=np.array([3e4, 8e4, 2e5, 6e5]),
+    poisson_ratio=np.array([0.2, 0.3, 0.25, 0.3]),
+)
+LOADS = (Indentation(2e-3),)
+HELD = {"b": 100.0, "m": 2.0, "alpha": 21.5, "beta": 0.6, "sigma_0": 6.0, "tau": 0.5}
+BRIEF = Settings(ensembles=2, max_steps=60, processes=1, pilot=(20,), optima=1, goal=Goal(lengths=1.0, looks=1))
+
+
+@pytest.fixture(scope="module", autouse=True)
+def quickly():
+    """Learn little in the pilot walk, and compute the membrane's one rate curve once."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(run, "Settings", functools.partial(Settings, pilot=(40,), optima=1))
+        patch.setattr(scene, "exact_curve", functools.cache(scene.exact_curve))
+        yield
+
+
+# smoothed importance weights
+
+
+@pytest.mark.parametrize("shape", [0.2, 0.5, 0.9])
+def test_k_is_the_shape_of_the_tail(rng, shape):
+    """Ratios of a Pareto law: also a control of the sign, which the lines of ArviZ take differently."""
+    log_ratios = shape * rng.exponential(size=(20, 20_000))
+    weights, k = arviz_bridge.psis(log_ratios)
+    assert_allclose(np.exp(weights).sum(axis=1), 1.0)
+    assert k.mean() == pytest.approx(shape, abs=0.1)
+    # larger ratios weigh more
+    assert all(np.corrcoef(w, r)[0, 1] > 0.5 for w, r in zip(weights, log_ratios, strict=True))
+
+
+def test_equal_ratios_weigh_the_same():
+    weights, k = arviz_bridge.psis(np.full((2, 100), 3.0))
+    assert_allclose(weights, -np.log(100))
+    assert_allclose(k, 0.0)
+
+
+def test_importance_weights_give_the_exact_density_of_what_is_left_out(rng):
+    """Normal data of an unknown mean: the exact predictive density of each value is known."""
+    y = rng.standard_normal(12) + 0.5
+    precision = 1 + y.size
+    theta = y.sum() / precision + rng.standard_normal(20_000) / np.sqrt(precision)
+    found = leave_by_weights(norm(theta[:, None], 1).logpdf(y))
+    others = (y.sum() - y) / y.size
+    assert_allclose(found.log_density, norm(others, np.sqrt(1 + 1 / y.size)).logpdf(y), atol=0.02)
+    assert (found.pareto_k < 0.5).all()
+
+
+# densities of whole groups
+
+
+def lab(rng, rows=40):
+    design = Design(rng.integers(6, size=rows), np.arange(rows) % 5, np.arange(6) % 3, 5)
+    return design, rng.gamma(1, 10, (3, 6)), rng.standard_normal(rows)
+
+
+@pytest.mark.parametrize("omega", [0.0, 0.4])
+def test_blocks_of_log_ratings_by_the_dense_normal_law(rng, omega):
+    design, rate, noise = lab(rng)
+    observed, point = LogRatings(np.exp(3 + noise), design), RatingParameters(0.8, 0.5, 0.3, omega)
+    fabric = design.fabric[design.condition]
+    same, alike = (index[:, None] == index for index in (design.participant, fabric))
+    covariance = 9.0 + 0.25 * same + omega**2 * alike + 0.09 * np.eye(noise.size)
+    for block in (design.participant, fabric):
+        found = block_log_likelihood(observed, rate, point, block)
+        assert found.shape == (3, block.max() + 1)
+        for d in range(3):
+            x = np.log(rate[d] + 0.1)[design.condition]
+            residual = 3 + noise - np.log(20) - 0.8 * (x - x.mean())
+            for k in range(block.max() + 1):
+                own, rest = block == k, block != k
+                gain = covariance[np.ix_(own, rest)] @ np.linalg.inv(covariance[np.ix_(rest, rest)])
+                law = multivariate_normal(
+                    gain @ residual[rest], covariance[np.ix_(own, own)] - gain @ covariance[rest][:, own]
+                )
+                expected = law.logpdf(residual[own]) - (3 + noise[own]).sum()
+                assert found[d, k] == pytest.approx(expected, rel=1e-8)
+
+
+def test_a_block_of_one_rating_is_that_rating_left_out(rng):
+    design, rate, noise = lab(rng, rows=15)
+    each = np.arange(15)
+    for observed, point in (
+        (LogRatings(np.exp(noise), design), RatingParameters(0.8, 0.5, 0.3)),
+        (StandardisedRatings(noise, design), RatingParameters(np.nan, np.nan, 0.7)),
+    ):
+        alone = observed.log_likelihood_loo(rate, point)
+        assert_allclose(block_log_likelihood(observed, rate, point, each), alone, rtol=1e-7, atol=1e-9)
+        # one block of everything leaves nothing to condition on
+        whole = block_log_likelihood(observed, rate, point, np.zeros(15, int))
+        assert_allclose(whole[:, 0], observed.log_likelihood(rate, point))
+
+
+# runs
+
+
+def made(seed, **options):
+    values = usual_values(MENDED, given={**HELD, "gamma": 0.9, "varsigma": 0.3})
+    return simulate_ratings(np.random.default_rng(seed), CLOTH, LOADS, values, participants=12, **options).ratings
+
+
+@pytest.fixture(scope="module")
+def experiment():
+    return Experiment(dataclasses.replace(made(1), digest="d1"), CLOTH, ())
+
+
+@pytest.fixture(scope="module")
+def results(experiment):
+    """The model that made the ratings, it with a skin hardly any stiffer, and the opposite direction."""
+    options = RunOptions(fix=HELD, max_steps=120, processes=1)
+    return {
+        "right": sample(experiment, options),
+        "as good": sample(experiment, dataclasses.replace(options, fix=HELD | {"b": 100.5})),
+        "upside down": sample(experiment, dataclasses.replace(options, direction=INVERSE)),
+    }
+
+
+def test_a_result_restores_its_data_and_model(results, experiment):
+    for result in results.values():
+        again = posterior_of(experiment_of(result), options_of(result))
+        stored = result.group("posterior")
+        theta = np.stack([stored[name].values[::9, ::40] for name in again.names], axis=-1)
+        expected = result.group("log_likelihood")["ratings"].values[::9, ::40]
+        assert_allclose(again.log_likelihood(theta), expected, rtol=1e-7)
+    assert experiment_of(results["right"]).ratings.participants == experiment.ratings.participants
+
+
+def test_what_sets_models_apart(results):
+    assert differences(results) == {
+        "right": "direction=softness, b=100",
+        "as good": "direction=softness, b=100.5",
+        "upside down": "direction=inverse, b=100",
+    }
+
+
+def test_stored_densities_of_participants(results, experiment):
+    stored = results["right"].group("log_likelihood_participant")["ratings_of_participant"]
+    assert stored.dims == ("chain", "draw", "participant")
+    assert stored.shape == (1, 500, 12)
+    # conditionals are not the marginals: their sum is not the joint density
+    assert stored["participant"].values.tolist() == list(experiment.ratings.participants)
+
+
+@pytest.mark.parametrize("leave", ["rating", "participant", "fabric"])
+def test_the_generating_model_is_picked(results, leave):
+    pair = {label: results[label] for label in ("upside down", "right")}
+    found = compare(pair, LEAVE[leave], BRIEF)
+    assert found.table.index.tolist() == ["right", "upside down"]
+    best, worst = found.table.loc["right"], found.table.loc["upside down"]
+    assert best["elpd_diff"] == 0
+    assert worst["elpd_diff"] < -10
+    assert best["units"] == {"rating": 48, "participant": 12, "fabric": 4}[leave]
+    if leave == "fabric":  # four units say little of their own spread
+        assert found.sentence.startswith(("right predicts best", "the data cannot tell right from upside down"))
+    else:
+        assert worst["elpd_diff"] < -2 * worst["se_diff"]
+        assert found.sentence.startswith("right predicts best, before upside down")
+    assert np.isnan(best["pareto_k_max"]) == (leave == "fabric")
+
+
+@pytest.mark.parametrize("leave", ["rating", "participant"])
+def test_data_that_cannot_tell(results, leave):
+    pair = {label: results[label] for label in ("as good", "right")}
+    found = compare(pair, LEAVE[leave])
+    assert abs(found.table.iloc[1]["elpd_diff"]) < 1
+    assert found.sentence.startswith("the data cannot tell ")
+
+
+def test_the_sum_over_ratings_is_that_of_their_densities_as_filed(results, experiment):
+    """Brute force: the average over draws without each rating, at the draws that importance weights stand for."""
+    result = results["right"]
+    values = result.group("log_likelihood_loo")["rating"].values[0]
+    ratio = -values - logsumexp(-values, axis=0)
+    plain = logsumexp(ratio + values, axis=0)  # unsmoothed importance sampling
+    table = compare({"a": result, "b": results["as good"]}).table
+    assert table.loc["a", "elpd"] == pytest.approx(plain.sum(), abs=0.5)
+    assert table.loc["a", "se"] == pytest.approx(np.sqrt(48) * plain.std(ddof=1), rel=0.05)
+    # of the ratings, not of their logarithms
+    filed = np.log(experiment.ratings.rating).sum()
+    assert abs(table.loc["a", "elpd"] + filed) < abs(table.loc["a", "elpd"] - 2)
+
+
+def test_a_fabric_left_out_by_hand(results, experiment):
+    """p(y_k | y_-k) = p(y) / p(y_-k), both integrated on a grid over the two sampled parameters."""
+    posterior = posterior_of(experiment, RunOptions(fix=HELD))
+    assert posterior.names == ("gamma", "varsigma")
+    axes = np.linspace(0.4, 1.6, 61), np.linspace(0.2, 0.5, 61)
+    theta = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 2)
+    prior, whole = posterior.log_prior(theta), posterior.log_likelihood(theta)
+    found = LEAVE["fabric"].predict(results["right"], dataclasses.replace(BRIEF, max_steps=200), lambda _: None)
+    for k in range(4):
+        rest = dataclasses.replace(posterior, observation=posterior.observation.without(experiment.ratings.fabric == k))
+        expected = logsumexp(prior + whole) - logsumexp(prior + rest.log_likelihood(theta))
+        assert found.log_density[k] == pytest.approx(expected, abs=0.15)
+
+
+def test_errors_are_those_of_the_units(results):
+    """Differences unit by unit, as of independent units: errors shrink with their number, not with the rows."""
+    values = {"a": np.array([1.0, 2.0, 3.0]), "b": np.array([0.5, 2.0, 2.0])}
+    turn = iter(values.values())
+    leave = Leave("participant", lambda *_: LeftOut(next(turn), np.array([0.1, 0.95, 0.2]), 500, 1))
+    found = compare({"a": results["right"], "b": results["as good"]}, leave)
+    row = found.table.loc["b"]
+    assert row["elpd_diff"] == pytest.approx(-1.5)
+    assert row["se_diff"] == pytest.approx(np.sqrt(3) * np.std([-0.5, 0.0, -1.0], ddof=1))
+    assert found.table.loc["a", "se"] == pytest.approx(np.sqrt(3))
+    told = "\n".join(found.warnings)
+    assert "a: Pareto k is high for 1 of 3 (largest 0.95)" in told
+    assert "b: 1 of 3 refits did not converge" in told
+
+
+def test_what_is_not_comparable_is_refused(results, experiment):
+    right = results["right"]
+    quick = RunOptions(fix=HELD, max_steps=2, processes=1)
+    with pytest.raises(InputError, match="expected at least two"):
+        compare({"a": right})
+    other = sample(experiment._replace(ratings=dataclasses.replace(made(2), digest="d2")), quick)
+    with pytest.raises(InputError, match=r"b: fitted to other data than a \(digest of ratings\)"):
+        compare({"a": right, "b": other})
+    # also where no file gave them a digest
+    same = sample(experiment._replace(ratings=dataclasses.replace(made(2), digest="d1")), quick)
+    with pytest.raises(InputError, match=r"other data than a \(rating\)"):
+        compare({"a": right, "b": same})
+    scores = (np.log(experiment.ratings.rating) - 3) / 2
+    scores = experiment._replace(ratings=dataclasses.replace(experiment.ratings, rating=scores))
+    held = {name: value for name, value in HELD.items() if name != "tau"}
+    fitted = sample(scores, dataclasses.replace(quick, fix=held, scale=STANDARDISED))
+    with pytest.raises(InputError, match="z-scores are not ranked against fits to ratings"):
+        compare({"a": right, "b": fitted})
+    fingers = simulate_compression(np.random.default_rng(1), usual_values(MENDED, n_fingers=3), fingers=3).compression
+    with pytest.raises(InputError, match="b: a run without ratings"):
+        compare({"a": right, "b": sample_skin(fingers, quick_skin())})
+
+
+def quick_skin():
+    return RunOptions(prior_set="wide", max_steps=2, processes=1)
+
+
+# the command line
+
+
+def test_compare_from_the_command_line(results, tmp_path, capsys):
+    for label, result in results.items():
+        result.save(tmp_path / label)
+    directories = [str(tmp_path / label) for label in results]
+
+    def call(*arguments):
+        with pytest.raises(SystemExit) as end:
+            main(["compare", *arguments], prog_name="softness-bayes")
+        return end.value.code or 0, *capsys.readouterr()
+
+    code, out, err = call(*directories, "--leave", "participant", "--out", str(tmp_path))
+    assert code == 0, err
+    table = pd.read_csv(tmp_path / "compare.csv", index_col="result")
+    assert table["rank"].tolist() == [1, 2, 3]
+    assert table.index[2] == directories[2]
+    assert {"elpd", "se", "elpd_diff", "se_diff", "pareto_k_max", "pareto_k_high"} <= {*table}
+    assert "direction=inverse" in out
+    assert "the run itself has not converged" in out
+    assert "the data cannot tell" in out
+    before = (tmp_path / "compare.csv").read_bytes()
+    for arguments, message in (
+        ([*directories, "--out", str(tmp_path)], "--force"),
+        ([directories[0], directories[0]], "named twice"),
+        ([directories[0]], "expected at least two"),
+        ([directories[0], str(tmp_path / "nowhere")], "nowhere"),
+        ([*directories, "--leave", "finger"], "--leave"),
+        ([], "RESULT_DIR"),
+    ):
+        code, out, err = call(*arguments)
+        assert (code, out) == (2, ""), arguments
+        assert message in err
+    assert (tmp_path / "compare.csv").read_bytes() == before
+    assert isinstance(Result.load(directories[0]), Result)

@@ -1,0 +1,175 @@
+"""A rigid plate on fingerpads: the limit of the contact, the dense normal law, simulated and real forces."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from scipy.stats import kstest, multivariate_normal
+
+from softness_bayes.errors import InputError
+from softness_bayes.inference.compression import CompressionForces, SkinParameters, check_exponent
+from softness_bayes.touch.contact import DISPLACEMENT, STRAIN, Finger, Indentation, solve_contact
+from softness_bayes.touch.plate import plate_force, plate_line
+
+DEPTHS = np.array([0.5e-3, 1e-3, 1.5e-3, 2e-3])
+TYPICAL = SkinParameters(8e3, 3.8, 0.3, 0.4, 0.1)
+
+POINTS = {
+    "usual": TYPICAL,
+    "alike in m": TYPICAL._replace(tau_m=0.0),
+    "alike": TYPICAL._replace(tau_b=0.0, tau_m=0.0),
+    "far apart": TYPICAL._replace(tau_b=3.0, tau_m=5.0),
+    "small error": TYPICAL._replace(varsigma_f=1e-3),
+    "another skin": SkinParameters(1e5, 2.0, 0.5, 1.0, 0.3),
+}
+
+
+def forces(rng, fingers=5, rows=17, displacement=STRAIN):
+    """An unbalanced set of forces: some fingers have one, others none."""
+    finger = rng.integers(fingers, size=rows)
+    depth = rng.choice(DEPTHS, rows) * rng.uniform(0.9, 1.1, rows)
+    m = {STRAIN: 3.8, DISPLACEMENT: 630.0}[displacement]
+    force = plate_force(depth, 8e3, m, displacement=displacement) * np.exp(0.3 * rng.standard_normal(rows))
+    return CompressionForces(depth, force, finger, fingers, displacement=displacement)
+
+
+def dense(observed, p, displacement=STRAIN):
+    """Mean and covariance of the log forces, written out row by row."""
+    radius = np.sqrt(8e-3 * observed.indentation)
+    u = radius / 8e-3 if displacement is STRAIN else observed.indentation
+    skin = p.b * np.exp(p.m * u)
+    mean = np.log(4 * skin / (1 - 0.48**2) * radius**3 / (3 * 8e-3))
+    same = observed.finger[:, None] == observed.finger
+    covariance = same * (p.tau_b**2 + p.tau_m**2 * np.outer(u, u)) + p.varsigma_f**2 * np.eye(u.size)
+    return mean, covariance
+
+
+@pytest.mark.parametrize("displacement", [STRAIN, DISPLACEMENT], ids=lambda d: d.name)
+def test_a_plate_is_the_limit_of_ever_stiffer_fabrics(displacement):
+    m = {STRAIN: 3.8, DISPLACEMENT: 630.0}[displacement]
+    error = []
+    for modulus in (1e9, 1e11, 1e13):
+        stiff = [solve_contact(modulus, 0.3, Indentation(d), 8e3, m, displacement=displacement).force for d in DEPTHS]
+        error.append(np.abs(np.log(np.array(stiff) / plate_force(DEPTHS, 8e3, m, displacement=displacement))).max())
+    assert error[2] < 1e-7
+    assert_allclose(error[:2], [error[2] * 1e4, error[2] * 1e2], rtol=0.05)  # like 1 / E_fab
+
+
+def test_the_force_of_the_paper():
+    """model.md 10: about 0.16 N at 1 mm on skin of 7.5 kPa that stiffens with 3.9; 1 N at 1 mm on 100 kPa and 2."""
+    assert plate_force(1e-3, 7.5e3, 3.9) == pytest.approx(0.16, rel=0.1)
+    assert plate_force(1e-3, 1e5, 2.0) == pytest.approx(1.0, rel=0.1)
+    line = plate_line(1e-3, Finger(radius=4e-3, poisson_ratio=0.0))
+    assert line.slope == pytest.approx(0.5)
+    assert np.exp(line.offset) == pytest.approx(4 / 3 * 0.5 * 4e-6)
+
+
+@pytest.mark.parametrize("point", POINTS.values(), ids=POINTS)
+@pytest.mark.parametrize("size", [(5, 17), (1, 4), (6, 3), (1, 1), (2, 40)])
+def test_likelihood_is_the_dense_normal_law(rng, size, point):
+    observed = forces(rng, *size)
+    mean, covariance = dense(observed, point)
+    expected = multivariate_normal(mean, covariance).logpdf(np.log(observed.force)) - np.log(observed.force).sum()
+    assert observed.log_likelihood(point) == pytest.approx(expected, rel=1e-7, abs=1e-7)
+
+
+def test_likelihood_under_the_other_reading_of_the_displacement(rng):
+    observed, point = forces(rng, displacement=DISPLACEMENT), SkinParameters(16e3, 630.0, 0.3, 100.0, 0.1)
+    expected = multivariate_normal(*dense(observed, point, DISPLACEMENT)).logpdf(np.log(observed.force))
+    assert observed.log_likelihood(point) == pytest.approx(expected - np.log(observed.force).sum(), rel=1e-9)
+
+
+def test_a_batch_is_its_points_one_by_one(rng):
+    observed = forces(rng)
+    batch = SkinParameters(*(np.array([point[k] for point in POINTS.values()]) for k in range(5)))
+    expected = [observed.log_likelihood(point) for point in POINTS.values()]
+    assert_allclose(observed.log_likelihood(batch), expected, rtol=1e-12)
+    # parameters that are held need no batch
+    assert observed.log_likelihood(batch._replace(m=3.8, tau_m=0.4)).shape == (len(POINTS),)
+
+
+@pytest.mark.parametrize("point", [POINTS["usual"], POINTS["alike in m"], POINTS["far apart"]])
+def test_fingers_given_their_forces_have_the_dense_moments(rng, point):
+    n, observed = 30_000, forces(rng, fingers=3, rows=9)
+    draws = observed.draw_effects(rng, SkinParameters(*(np.full(n, value) for value in point)))
+    mean, covariance = dense(observed, point)
+    own = np.eye(3)[observed.finger]
+    loadings = np.hstack([own, own * np.sqrt(observed.indentation / 8e-3)[:, None]])
+    prior = np.repeat([point.tau_b**2, point.tau_m**2], 3)
+    gain = (prior[:, None] * loadings.T) @ np.linalg.inv(covariance)
+    expected = gain @ (np.log(observed.force) - mean)
+    spread = np.diag(prior) - gain @ loadings * prior
+    drawn, scale = np.hstack([draws.log_b, draws.m]), np.sqrt(np.diag(spread)) + 1e-12
+    assert_allclose((drawn.mean(axis=0) - expected) / scale, 0, atol=0.035)
+    assert_allclose((np.cov(drawn.T) - spread) / np.outer(scale, scale), 0, atol=0.035)
+
+
+def test_forces_of_new_fingers_follow_the_model(rng):
+    n, observed = 20_000, forces(rng, fingers=2, rows=6)
+    point = SkinParameters(*(np.full(n, value) for value in TYPICAL))
+    made = np.log(observed.draw_forces(rng, point, observed.new_fingers(rng, point, (n,))))
+    mean, covariance = dense(observed, TYPICAL)
+    scale = np.sqrt(np.diag(covariance))
+    assert_allclose((made.mean(axis=0) - mean) / scale, 0, atol=0.04)
+    assert_allclose((np.cov(made.T) - covariance) / np.outer(scale, scale), 0, atol=0.05)
+
+
+def balanced(rng, point, fingers=6, depths=DEPTHS):
+    depth, finger = np.tile(depths, fingers), np.repeat(np.arange(fingers), len(depths))
+    blank = CompressionForces(depth, np.ones(depth.size), finger, fingers)
+    made = blank.draw_forces(rng, point, blank.new_fingers(rng, point, ()))
+    return CompressionForces(depth, made, finger, fingers)
+
+
+def test_the_exponent_is_that_of_a_power_law():
+    depth, finger = np.tile(DEPTHS, 3), np.repeat([0, 1, 2], 4)
+    observed = CompressionForces(depth, 7.0 * depth**2.2, finger, 3)
+    # a scale of its own for each finger changes nothing
+    assert observed.exponent(observed.force * np.exp(finger)) == pytest.approx(2.2)
+    assert observed.exponent(np.stack([depth**1.5, depth**3])) == pytest.approx([1.5, 3.0])
+    # of skin that does not stiffen it is Hertz's; of skin that does, more by m a / (2 R)
+    assert observed.exponent(plate_force(depth, 8e3, 0.0)) == pytest.approx(1.5)
+    assert 2.1 < observed.exponent(plate_force(depth, 8e3, 3.8)) < 2.3
+    single = CompressionForces([1e-3, 1e-3], [0.1, 0.2], [0, 1], 2)
+    assert np.isnan(single.exponent(single.force))
+    assert "cannot be checked" in check_exponent(single, np.ones((3, 2))).sentence
+
+
+def test_the_check_accepts_its_model_and_refuses_another(rng):
+    """Replicates of fingers drawn given the forces; forces that grow linearly are not of this skin."""
+    n = 400
+    point = SkinParameters(*(np.full(n, value) for value in TYPICAL))
+
+    def check(observed):
+        return check_exponent(observed, observed.draw_forces(rng, point, observed.draw_effects(rng, point)))
+
+    found = [check(balanced(rng, TYPICAL)) for _ in range(20)]
+    assert sum(one.p_value < 0.05 for one in found) <= 4
+    assert "steeper than Hertz's 1.5" in found[0].sentence
+    assert "with 4 forces of a finger a weak check" in found[0].sentence
+    right = balanced(rng, TYPICAL)
+    # no noise that TYPICAL allows for explains saturation at every depth
+    wrong = CompressionForces(right.indentation, 0.2 * (right.indentation / 1e-3) ** 0.3, right.finger, 6)
+    assert check(wrong).p_value < 0.05
+    many = check(balanced(rng, TYPICAL, fingers=2, depths=np.geomspace(3e-4, 3e-3, 12)))
+    assert "weak" not in many.sentence
+
+
+def test_effects_and_forces_are_calibrated(rng):
+    """The finger's true departure is anywhere in its posterior, equally often."""
+    place = []
+    for _ in range(150):
+        blank = balanced(rng, TYPICAL, fingers=2)
+        truth = blank.new_fingers(rng, TYPICAL, ())
+        made = CompressionForces(blank.indentation, blank.draw_forces(rng, TYPICAL, truth), blank.finger, 2)
+        drawn = made.draw_effects(rng, SkinParameters(*(np.full(100, value) for value in TYPICAL)))
+        place += [(drawn.log_b < truth.log_b).mean(axis=0)[0], (drawn.m < truth.m).mean(axis=0)[1]]
+    assert kstest(np.array(place) + 0.005 * rng.uniform(-1, 1, len(place)), "uniform").pvalue > 1e-3
+
+
+@pytest.mark.parametrize(
+    ("depth", "force", "message"),
+    [([], [], "no force at all"), ([1e-3], [0.0], "a force is not"), ([0.0], [1.0], "an indentation is not")],
+)
+def test_forces_that_are_none_are_refused(depth, force, message):
+    with pytest.raises(InputError, match=message):
+        CompressionForces(depth, force, np.zeros(len(depth), int), 1)
