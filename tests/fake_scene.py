@@ -6,6 +6,7 @@ from softness_bayes.inference.design import Design
 from softness_bayes.inference.observation import LogRatings, RatingModel, RatingParameters
 from softness_bayes.inference.parameters import parameter_space
 from softness_bayes.inference.posterior import Posterior
+from softness_bayes.touch.membrane import PAPER_CHANNELS
 
 FABRICS, LOADS, PARTICIPANTS = 6, 2, 8
 TRUTH = RatingParameters(0.9, 0.5, 0.3)
@@ -28,8 +29,8 @@ class FakeScene:
         return 250.0 * 12.0 * np.sqrt(np.maximum(current - self.rheobase, 0.0))
 
 
-def fake_posterior(scene=None, **choices):
-    """Posterior of ratings that the fake scene made at the priors' medians."""
+def fake_posterior(scene=None, fix=None, **choices):
+    """Posterior of ratings that the fake scene made at the priors' medians; it knows nothing of channels."""
     source, rng, model = FakeScene(), np.random.default_rng(0), RatingModel()
     conditions = FABRICS * LOADS
     rows = np.arange(PARTICIPANTS * conditions)
@@ -38,4 +39,5 @@ def fake_posterior(scene=None, **choices):
     rate = source.total_rate(space.touch(space.median)) / source.n_receptors
     effects = model.draw_effects(rng, TRUTH, (), PARTICIPANTS, FABRICS, mu=np.log(20))
     ratings = model.draw_ratings(rng, design, model.drive(design, rate, TRUTH), TRUTH, effects)
-    return Posterior(parameter_space(**choices), scene or source, LogRatings(ratings, design))
+    fix = {**PAPER_CHANNELS._asdict(), **(fix or {})}
+    return Posterior(parameter_space(fix=fix, **choices), scene or source, LogRatings(ratings, design))
