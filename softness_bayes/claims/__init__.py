@@ -10,7 +10,7 @@ import numpy as np
 from softness_bayes.claims.criteria import CLAIMS, Claim, Verdict
 from softness_bayes.claims.numbers import Bench, Numbers
 from softness_bayes.data import Fabrics, Ratings
-from softness_bayes.inference.parameters import PRIOR_SETS, parameter_space
+from softness_bayes.inference.parameters import parameter_space
 from softness_bayes.inference.priors import Prior
 from softness_bayes.study import firing_of
 from softness_bayes.touch.contact import Force, Indentation, Load
@@ -18,7 +18,7 @@ from softness_bayes.touch.membrane import Membrane
 from softness_bayes.touch.readings import NAMED_READINGS, Readings
 from softness_bayes.touch.scene import FixedChannels
 
-__all__ = ["CLAIMS", "CLOTH", "TOUCHES", "Claim", "Finding", "Numbers", "Trial", "Verdict", "evaluate_claims"]
+__all__ = ["CLAIMS", "CLOTH", "PRIORS", "TOUCHES", "Claim", "Finding", "Numbers", "Trial", "Verdict", "evaluate_claims"]
 
 CLOTH = Fabrics(
     tuple(f"cloth {k}" for k in range(1, 13)), effective_modulus=np.geomspace(1.1e3, 110e3, 12), source="real cloth"
@@ -31,6 +31,9 @@ TOUCHES: Mapping[str, tuple[Load, ...]] = {
 }
 """The usual loads, by what is held."""
 
+
+PRIORS = ("default", "in-vivo")
+"""The usual prior sets: of the paper's forces, and of real fingerpads."""
 
 DRAWS = 200
 """Usual number of prior draws: probabilities are good to three or four per cent."""
@@ -76,7 +79,7 @@ class Trial(NamedTuple):
 
 def evaluate_claims(
     readings: Mapping[str, Readings] = NAMED_READINGS,
-    prior_sets: Sequence[str] = tuple(PRIOR_SETS),
+    prior_sets: Sequence[str] = PRIORS,
     touches: Mapping[str, tuple[Load, ...]] = TOUCHES,
     fabrics: Fabrics = CLOTH,
     ratings: Ratings | None = None,
@@ -92,7 +95,7 @@ def evaluate_claims(
     readings
         Sets of readings by name.
     prior_sets
-        Names of `PRIOR_SETS`.
+        Names of `inference.parameters.PRIOR_SETS`.
     touches
         Loads by what is held: claims compare loads of one kind.
     fabrics

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from softness_bayes.cli.options import DataFiles, fix, force, named, out, prior, seed
+from softness_bayes.cli.options import fix, force, named, out, prior, seed
 from softness_bayes.errors import InputError
 
 if TYPE_CHECKING:
@@ -105,9 +105,8 @@ def command(
     the probability over draws of the prior that the claim holds, and writes claims.csv, claims.md and
     claims_loads.csv.
     """
-    from softness_bayes.claims import TOUCHES, evaluate_claims
+    from softness_bayes.claims import PRIORS, TOUCHES, evaluate_claims
     from softness_bayes.claims.report import findings_table, loads_table, markdown, plain
-    from softness_bayes.inference.parameters import PRIOR_SETS
 
     made = ("claims.csv", "claims.md", "claims_loads.csv")
     present = [name for name in made if (out / name).exists()]
@@ -116,7 +115,7 @@ def command(
     touched, ratings, loads = _materials(data, fabrics, columns, indentation_mm, force_n)
     trials = evaluate_claims(
         _readings(reading_sets, overrides),
-        prior_sets or tuple(PRIOR_SETS),
+        prior_sets or PRIORS,
         _by_kind(loads) or TOUCHES,
         touched,
         ratings,
@@ -137,11 +136,8 @@ def _readings(names: tuple[str, ...], overrides: Mapping[str, str]) -> dict[str,
     """Return the sets asked for, named with what departs from them."""
     from softness_bayes.touch.readings import NAMED_READINGS, readings_named
 
-    departures = ", ".join(f"{place}={name}" for place, name in overrides.items())
-    return {
-        f"{name}, {departures}" if departures else name: readings_named(name, overrides)
-        for name in (names or NAMED_READINGS)
-    }
+    chosen = [readings_named(name, overrides) for name in (names or NAMED_READINGS)]
+    return {readings.label: readings for readings in chosen}
 
 
 def _materials(
@@ -153,7 +149,7 @@ def _materials(
 ) -> tuple[Fabrics, Ratings | None, tuple[Load, ...]]:
     """Return the fabric set, its ratings if there are any, and the loads asked for."""
     from softness_bayes.claims import CLOTH
-    from softness_bayes.data import Fabrics, loads_of
+    from softness_bayes.data import Fabrics, loads_of, read_experiment
 
     if data is None:
         if columns and fabrics is None:
@@ -162,8 +158,8 @@ def _materials(
         return chosen, None, loads_of(indentation_mm, force_n)
     if len(indentation_mm) > 1 or len(force_n) > 1:
         raise InputError("--data brings its own loads: give --indentation-mm or --force-n once at most, for all of it")
-    single = [next(iter(values), None) for values in (indentation_mm, force_n)]
-    experiment = DataFiles(data, fabrics, columns, *single).read()
+    indentation, newton = (next(iter(values), None) for values in (indentation_mm, force_n))
+    experiment = read_experiment(data, fabrics, columns=columns, indentation_mm=indentation, force_n=newton)
     for note in experiment.notes:
         click.echo(f"note: {note}", err=True)
     return experiment.fabrics, experiment.ratings, experiment.ratings.loads
