@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from softness_bayes.claims import CLAIMS, CLOTH, TOUCHES, Verdict, evaluate_claims
+from softness_bayes.claims import CLAIMS, CLOTH, DRAWS, TOUCHES, Verdict, evaluate_claims
 from softness_bayes.claims.criteria import CLEAR_DROP
 from softness_bayes.claims.numbers import CENTRES, DEPTHS, ERROR, GRID, Bench, Numbers, mean_standardised, pearson
 from softness_bayes.claims.report import COLUMNS, findings_table, loads_table, markdown, plain
@@ -390,6 +390,13 @@ def test_command_with_ratings(tmp_path, quick, capsys):
     printed = capsys.readouterr().out
     assert "holds if" in printed
     assert "3 draws of the prior" in printed
+
+
+def test_command_and_function_draw_alike():
+    from softness_bayes.cli.claims import command
+
+    (option,) = (parameter for parameter in command.params if parameter.name == "draws")
+    assert option.default == DRAWS
 
 
 def test_command_takes_loads_and_fabrics(tmp_path, quick):

@@ -28,7 +28,7 @@ SINGLE = [
     if place != "membrane" and MENDED.names[place] != name
 ]
 EVERY = list(dict.fromkeys([*NAMED_READINGS.values(), *SINGLE]))
-FABRICS = np.array([2e3, 6e4, 4e5, 1e7])
+FABRICS = np.array([2e3, 6e4, 3e5, 1e6])
 LOADS = (Indentation(1.5e-3), Force(1.0))
 
 

@@ -18,7 +18,19 @@ from softness_bayes.touch.membrane import Membrane
 from softness_bayes.touch.readings import NAMED_READINGS, Readings
 from softness_bayes.touch.scene import FixedChannels
 
-__all__ = ["CLAIMS", "CLOTH", "PRIORS", "TOUCHES", "Claim", "Finding", "Numbers", "Trial", "Verdict", "evaluate_claims"]
+__all__ = [
+    "CLAIMS",
+    "CLOTH",
+    "DRAWS",
+    "PRIORS",
+    "TOUCHES",
+    "Claim",
+    "Finding",
+    "Numbers",
+    "Trial",
+    "Verdict",
+    "evaluate_claims",
+]
 
 CLOTH = Fabrics(
     tuple(f"cloth {k}" for k in range(1, 13)), effective_modulus=np.geomspace(1.1e3, 110e3, 12), source="real cloth"
