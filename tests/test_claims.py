@@ -15,6 +15,7 @@ from softness_bayes.claims.numbers import CENTRES, DEPTHS, ERROR, GRID, Bench, N
 from softness_bayes.claims.report import COLUMNS, findings_table, loads_table, markdown, plain
 from softness_bayes.cli import main
 from softness_bayes.data import Fabrics, Ratings, read_experiment
+from softness_bayes.errors import InputError
 from softness_bayes.inference.parameters import parameter_space
 from softness_bayes.study import touch_parameters, usual_values
 from softness_bayes.touch.contact import Finger, Indentation
@@ -226,6 +227,20 @@ def test_ratings_are_standardised_by_participant():
     second = (table[1] - 30) / np.nanstd(table[1])
     found = mean_standardised(ratings, loads[::-1], fabrics)
     np.testing.assert_allclose(found, np.nanmean([first, second], axis=0).T[::-1], rtol=1e-12)
+
+
+def test_ratings_must_be_of_the_fabric_set(firing):
+    ratings = Ratings.crossed(["P1"], ("a", "b"), TOUCHES[HELD][:1], np.array([[[1.0], [2.0]]]))
+    with pytest.raises(InputError, match="lacks: b"):
+        Bench(MENDED, TOUCHES[HELD][:1], Fabrics(("a",), effective_modulus=1e5), firing, ratings)
+    two = Fabrics(("a", "b"), effective_modulus=np.array([1e5, 2e5]))
+    assert not Bench(MENDED, TOUCHES[HELD][:1], two, firing, ratings).rated  # a slope through two points is none
+
+
+@pytest.mark.parametrize("nothing", [{"readings": {}}, {"prior_sets": ()}, {"touches": {}}, {"draws": -1}], ids=str)
+def test_something_must_be_judged(nothing):
+    with pytest.raises(InputError, match="at least one"):
+        evaluate_claims(**nothing)
 
 
 # what the readings say

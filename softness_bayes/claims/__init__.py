@@ -10,6 +10,7 @@ import numpy as np
 from softness_bayes.claims.criteria import CLAIMS, Claim, Verdict
 from softness_bayes.claims.numbers import Bench, Numbers
 from softness_bayes.data import Fabrics, Ratings
+from softness_bayes.errors import InputError
 from softness_bayes.inference.parameters import parameter_space
 from softness_bayes.inference.priors import Prior
 from softness_bayes.study import firing_of
@@ -129,8 +130,11 @@ def evaluate_claims(
     Raises
     ------
     InputError
-        If a prior set or parameter does not exist, or a channel multiplier is freed.
+        If a prior set or parameter does not exist, a channel multiplier is freed, a rated fabric is not in the set,
+        or there is nothing to judge.
     """
+    if not (readings and prior_sets and touches) or draws < 0:
+        raise InputError("claims: expected at least one set of readings, prior set and load, and no fewer than 0 draws")
     trials: list[Trial] = []
     firing: dict[Membrane, FixedChannels] = {}
     for name, chosen in readings.items():
@@ -152,6 +156,5 @@ def evaluate_claims(
             for control, bench in benches.items():
                 median = bench.measure(space.touch(space.median[None]))
                 some = bench.measure(space.touch(drawn)) if draws else None
-                rated = bool(np.isfinite(bench.standardised).any())
-                trials.append(Trial(name, prior_set, control, bench.loads, median, some, rated))
+                trials.append(Trial(name, prior_set, control, bench.loads, median, some, bench.rated))
     return tuple(trials)
