@@ -37,7 +37,7 @@ def prediction_table(fabrics: Fabrics, scene: Scene, parameters: TouchParameters
         A row per condition: fabric, indentation_mm, force_n, e_fab_kpa, e_skin_kpa,
         contact_radius_mm, peak_stress_kpa, total_rate_hz, responding, mean_rate_hz,
         mean_interval_ms; of a batch the medians, with `_low` and `_high` beside each. Mean rate and
-        interval are empty where no receptor fires.
+        interval are empty where no receptor fires. The last column, readings, says which were used.
     """
     import pandas as pd
 
@@ -48,6 +48,7 @@ def prediction_table(fabrics: Fabrics, scene: Scene, parameters: TouchParameters
             columns[name] = values
         else:
             columns[f"{name}_low"], columns[name], columns[f"{name}_high"] = _limits(values, prob)
+    columns["readings"] = scene.readings.label
     return pd.DataFrame(columns)
 
 

@@ -9,12 +9,13 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from softness_bayes.claims import CLAIMS, CLOTH, TOUCHES, Verdict, evaluate_claims
+from softness_bayes.claims import CLAIMS, CLOTH, DRAWS, TOUCHES, Verdict, evaluate_claims
 from softness_bayes.claims.criteria import CLEAR_DROP
 from softness_bayes.claims.numbers import CENTRES, DEPTHS, ERROR, GRID, Bench, Numbers, mean_standardised, pearson
 from softness_bayes.claims.report import COLUMNS, findings_table, loads_table, markdown, plain
 from softness_bayes.cli import main
 from softness_bayes.data import Fabrics, Ratings, read_experiment
+from softness_bayes.errors import InputError
 from softness_bayes.inference.parameters import parameter_space
 from softness_bayes.study import touch_parameters, usual_values
 from softness_bayes.touch.contact import Finger, Indentation
@@ -228,6 +229,20 @@ def test_ratings_are_standardised_by_participant():
     np.testing.assert_allclose(found, np.nanmean([first, second], axis=0).T[::-1], rtol=1e-12)
 
 
+def test_ratings_must_be_of_the_fabric_set(firing):
+    ratings = Ratings.crossed(["P1"], ("a", "b"), TOUCHES[HELD][:1], np.array([[[1.0], [2.0]]]))
+    with pytest.raises(InputError, match="lacks: b"):
+        Bench(MENDED, TOUCHES[HELD][:1], Fabrics(("a",), effective_modulus=1e5), firing, ratings)
+    two = Fabrics(("a", "b"), effective_modulus=np.array([1e5, 2e5]))
+    assert not Bench(MENDED, TOUCHES[HELD][:1], two, firing, ratings).rated  # a slope through two points is none
+
+
+@pytest.mark.parametrize("nothing", [{"readings": {}}, {"prior_sets": ()}, {"touches": {}}, {"draws": -1}], ids=str)
+def test_something_must_be_judged(nothing):
+    with pytest.raises(InputError, match="at least one"):
+        evaluate_claims(**nothing)
+
+
 # what the readings say
 
 
@@ -390,6 +405,13 @@ def test_command_with_ratings(tmp_path, quick, capsys):
     printed = capsys.readouterr().out
     assert "holds if" in printed
     assert "3 draws of the prior" in printed
+
+
+def test_command_and_function_draw_alike():
+    from softness_bayes.cli.claims import command
+
+    (option,) = (parameter for parameter in command.params if parameter.name == "draws")
+    assert option.default == DRAWS
 
 
 def test_command_takes_loads_and_fabrics(tmp_path, quick):

@@ -15,6 +15,7 @@ import pytest
 
 from softness_bayes.cli import main
 from softness_bayes.result import Result
+from softness_bayes.touch.readings import MENDED
 
 ROOT = Path(__file__).resolve().parents[1]
 DATA = ROOT / "data"
@@ -96,6 +97,7 @@ def test_predict_takes_readings_and_prior_sets():
     truth = pd.read_csv(DATA / "fabrics.csv")
     modulus = truth.tensile_modulus_mpa * truth.thickness_mm**3 / (12 * (1 - truth.poisson_ratio**2)) * 1e3
     np.testing.assert_allclose(plate["e_fab_kpa"], modulus, rtol=1e-9)
+    assert (plate["readings"] == "mended, fabric_modulus=plate").all()
     soft = predicted("--priors", "in-vivo", "--set", "m=0")
     np.testing.assert_allclose(soft["e_skin_kpa"], 7.5, rtol=1e-9)
 
@@ -111,6 +113,8 @@ def test_predict_takes_readings_and_prior_sets():
         (["--priors", "mine"], "mine"),
         (["--posterior", "nowhere"], "nowhere"),
         (["--posterior", "nowhere", "--set", "b=80"], "--posterior brings its own parameters"),
+        (["--posterior", "nowhere", "--readings", "hertz"], "--posterior brings its own parameters and readings"),
+        (["--posterior", "nowhere", "--reading", "pressure=hertz"], "--posterior brings its own"),
         (["--column", "fabric=name"], "name"),
         (["--indentation-mm", "-1"], "indentation_mm"),
     ],
@@ -151,6 +155,7 @@ def test_simulate_says_what_the_ratings_were_made_from(here, tmp_path):
     assert story["truth"]["b"] == 70
     assert story["truth"]["mu"] == pytest.approx(np.log(50))
     assert story["seed"] == 4
+    assert story["readings"] == MENDED.names
     table = predicted("--set", "b=70")
     assert [*story["total_rate"]] == ["2 mm"]
     np.testing.assert_allclose(list(story["total_rate"]["2 mm"].values()), table["total_rate_hz"], rtol=1e-6)
@@ -222,6 +227,8 @@ def test_the_posterior_of_a_run_predicts(alone):
     np.testing.assert_allclose(table["total_rate_hz_low"], table["total_rate_hz_high"], rtol=1e-9)
     hertz = [part for name, value in HELD.items() for part in ("--set", f"{name}={value}")]
     plain = predicted(*hertz, "--reading", "pressure=hertz")
+    # the table says the readings of the run, whatever the defaults are
+    assert (table["readings"] == "mended, pressure=hertz").all()
     np.testing.assert_allclose(table["total_rate_hz"], plain["total_rate_hz"], rtol=1e-9)
 
 

@@ -47,7 +47,8 @@ def batch(paper, rng, size):
 
 def test_one_row_for_each_fabric_and_load(scene, paper):
     table = prediction_table(CLOTH, scene, paper())
-    assert list(table) == ["fabric", *QUANTITIES]
+    assert list(table) == ["fabric", *QUANTITIES, "readings"]
+    assert (table["readings"] == "mended").all()
     assert table["fabric"].tolist() == ["gauze", "lawn", "drill"] * 2
     assert_allclose(table["e_fab_kpa"], [1, 80, 400] * 2)
     assert_allclose(table["indentation_mm"][:3], 2)
@@ -80,7 +81,7 @@ def test_where_nothing_fires_rate_and_interval_are_empty(scene, paper):
     for name in QUANTITIES:
         assert_array_equal(table[name].isna(), silent & (name in ("mean_rate_hz", "mean_interval_ms")))
     lines = table.to_csv(index=False).splitlines()
-    assert lines[1 + int(np.flatnonzero(silent)[0])].endswith(",0.0,0.0,,")
+    assert lines[1 + int(np.flatnonzero(silent)[0])].endswith(",0.0,0.0,,,mended")
     assert "nan" not in "".join(lines)
 
 
@@ -89,7 +90,7 @@ def test_draws_give_a_median_between_its_limits(scene, paper, rng):
     table = prediction_table(CLOTH, scene, draws, prob=0.8)
     expected = [f"{name}{end}" for name in QUANTITIES for end in ("", "_low", "_high")]
     assert next(iter(table)) == "fabric"
-    assert sorted(table) == sorted(["fabric", *expected])
+    assert sorted(table) == sorted(["fabric", *expected, "readings"])
     for name in QUANTITIES:  # each has its limits beside it
         place = list(table).index(name)
         assert {list(table)[place - 1], list(table)[place + 1]} == {f"{name}_low", f"{name}_high"}
@@ -142,7 +143,8 @@ def test_618_real_fabrics_after_renaming_two_columns():
     )
     assert done.returncode == 0, done.stderr
     table, source = pd.read_csv(io.StringIO(done.stdout)), pd.read_csv(path)
-    assert list(table) == ["fabric", *QUANTITIES]
+    assert list(table) == ["fabric", *QUANTITIES, "readings"]
+    assert (table["readings"] == "mended").all()
     assert table["fabric"].tolist() == source["fabric_id"].tolist()
     assert len(table) == 618
     # E_fab = D / (1 mm)^3

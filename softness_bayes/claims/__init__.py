@@ -10,7 +10,8 @@ import numpy as np
 from softness_bayes.claims.criteria import CLAIMS, Claim, Verdict
 from softness_bayes.claims.numbers import Bench, Numbers
 from softness_bayes.data import Fabrics, Ratings
-from softness_bayes.inference.parameters import PRIOR_SETS, parameter_space
+from softness_bayes.errors import InputError
+from softness_bayes.inference.parameters import parameter_space
 from softness_bayes.inference.priors import Prior
 from softness_bayes.study import firing_of
 from softness_bayes.touch.contact import Force, Indentation, Load
@@ -18,7 +19,19 @@ from softness_bayes.touch.membrane import PAPER_CHANNELS, Membrane
 from softness_bayes.touch.readings import NAMED_READINGS, Readings
 from softness_bayes.touch.scene import Firing
 
-__all__ = ["CLAIMS", "CLOTH", "TOUCHES", "Claim", "Finding", "Numbers", "Trial", "Verdict", "evaluate_claims"]
+__all__ = [
+    "CLAIMS",
+    "CLOTH",
+    "DRAWS",
+    "PRIORS",
+    "TOUCHES",
+    "Claim",
+    "Finding",
+    "Numbers",
+    "Trial",
+    "Verdict",
+    "evaluate_claims",
+]
 
 CLOTH = Fabrics(
     tuple(f"cloth {k}" for k in range(1, 13)), effective_modulus=np.geomspace(1.1e3, 110e3, 12), source="real cloth"
@@ -31,6 +44,9 @@ TOUCHES: Mapping[str, tuple[Load, ...]] = {
 }
 """The usual loads, by what is held."""
 
+
+PRIORS = ("default", "in-vivo")
+"""The usual prior sets: of the paper's forces, and of real fingerpads."""
 
 DRAWS = 200
 """Usual number of prior draws: probabilities are good to three or four per cent."""
@@ -76,7 +92,7 @@ class Trial(NamedTuple):
 
 def evaluate_claims(
     readings: Mapping[str, Readings] = NAMED_READINGS,
-    prior_sets: Sequence[str] = tuple(PRIOR_SETS),
+    prior_sets: Sequence[str] = PRIORS,
     touches: Mapping[str, tuple[Load, ...]] = TOUCHES,
     fabrics: Fabrics = CLOTH,
     ratings: Ratings | None = None,
@@ -92,7 +108,7 @@ def evaluate_claims(
     readings
         Sets of readings by name.
     prior_sets
-        Names of `PRIOR_SETS`.
+        Names of `inference.parameters.PRIOR_SETS`.
     touches
         Loads by what is held: claims compare loads of one kind.
     fabrics
@@ -114,8 +130,11 @@ def evaluate_claims(
     Raises
     ------
     InputError
-        If a prior set or parameter does not exist, or a channel multiplier is freed.
+        If a prior set or parameter does not exist, a channel multiplier is freed, a rated fabric is not in the set,
+        or there is nothing to judge.
     """
+    if not (readings and prior_sets and touches) or draws < 0:
+        raise InputError("claims: expected at least one set of readings, prior set and load, and no fewer than 0 draws")
     trials: list[Trial] = []
     firing: dict[Membrane, Firing] = {}
     held = {**PAPER_CHANNELS._asdict(), **(fix or {})}
@@ -138,6 +157,5 @@ def evaluate_claims(
             for control, bench in benches.items():
                 median = bench.measure(space.touch(space.median[None]))
                 some = bench.measure(space.touch(drawn)) if draws else None
-                rated = bool(np.isfinite(bench.standardised).any())
-                trials.append(Trial(name, prior_set, control, bench.loads, median, some, rated))
+                trials.append(Trial(name, prior_set, control, bench.loads, median, some, bench.rated))
     return tuple(trials)

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from softness_bayes.data import USUAL_POISSON_RATIO, Fabrics, Ratings
+from softness_bayes.errors import InputError
 from softness_bayes.inference.curves import Curves, find_inflection, response_curves
 from softness_bayes.touch.contact import Finger, Load
 from softness_bayes.touch.parameters import TouchParameters
@@ -81,6 +82,11 @@ class Bench:
         Firing of the receptors.
     ratings
         Ratings of the fabrics under these loads, if there are any.
+
+    Raises
+    ------
+    InputError
+        If a rated fabric is not in the set.
     """
 
     def __init__(
@@ -96,6 +102,11 @@ class Bench:
         self.standardised = np.full((len(loads), len(fabrics)), np.nan)
         if ratings is not None:
             self.standardised = mean_standardised(ratings, loads, fabrics.names)
+
+    @property
+    def rated(self) -> bool:
+        """Whether under some load enough fabrics are rated for a slope."""
+        return bool((np.isfinite(self.standardised).sum(axis=1) > 2).any())
 
     def measure(self, parameters: TouchParameters) -> Numbers:
         """Return the numbers of a batch of parameter vectors, shape (draws,)."""
@@ -210,7 +221,14 @@ def mean_standardised(ratings: Ratings, loads: tuple[Load, ...], fabrics: tuple[
     -------
     ndarray, shape (loads, fabrics)
         NaN where a fabric was not rated under a load.
+
+    Raises
+    ------
+    InputError
+        If a rated fabric is not among `fabrics`.
     """
+    if missing := [name for name in ratings.fabrics if name not in fabrics]:
+        raise InputError(f"claims: rated fabrics that the fabric set lacks: {', '.join(missing)}")
     rating, rater = np.asarray(ratings.rating, float), ratings.participant
     count = np.bincount(rater)
     centred = rating - (np.bincount(rater, rating) / count)[rater]

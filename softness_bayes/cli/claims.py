@@ -105,9 +105,8 @@ def command(
     the probability over draws of the prior that the claim holds, and writes claims.csv, claims.md and
     claims_loads.csv.
     """
-    from softness_bayes.claims import TOUCHES, evaluate_claims
+    from softness_bayes.claims import PRIORS, TOUCHES, evaluate_claims
     from softness_bayes.claims.report import findings_table, loads_table, markdown, plain
-    from softness_bayes.inference.parameters import PRIOR_SETS
 
     made = ("claims.csv", "claims.md", "claims_loads.csv")
     present = [name for name in made if (out / name).exists()]
@@ -116,7 +115,7 @@ def command(
     touched, ratings, loads = _materials(data, fabrics, columns, indentation_mm, force_n)
     trials = evaluate_claims(
         _readings(reading_sets, overrides),
-        prior_sets or tuple(PRIOR_SETS),
+        prior_sets or PRIORS,
         _by_kind(loads) or TOUCHES,
         touched,
         ratings,
@@ -137,11 +136,8 @@ def _readings(names: tuple[str, ...], overrides: Mapping[str, str]) -> dict[str,
     """Return the sets asked for, named with what departs from them."""
     from softness_bayes.touch.readings import NAMED_READINGS, readings_named
 
-    departures = ", ".join(f"{place}={name}" for place, name in overrides.items())
-    return {
-        f"{name}, {departures}" if departures else name: readings_named(name, overrides)
-        for name in (names or NAMED_READINGS)
-    }
+    chosen = [readings_named(name, overrides) for name in (names or NAMED_READINGS)]
+    return {readings.label: readings for readings in chosen}
 
 
 def _materials(

@@ -58,6 +58,16 @@ class Readings:
         """The chosen name for each place."""
         return {field.name: str(getattr(self, field.name).name) for field in fields(self)}
 
+    @property
+    def label(self) -> str:
+        """The named set that these readings are, or depart from in the fewest places, with what departs."""
+        departures = {
+            name: [f"{place}={chosen}" for place, chosen in self.names.items() if chosen != named.names[place]]
+            for name, named in NAMED_READINGS.items()
+        }
+        nearest = min(departures, key=lambda name: len(departures[name]))
+        return ", ".join([nearest, *departures[nearest]])
+
     def override(self, choices: Mapping[str, str]) -> Readings:
         """Return these readings with some places given another named alternative.
 

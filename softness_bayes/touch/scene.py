@@ -223,9 +223,10 @@ class Scene:
         self._population = Population(self._fields[0].root, self.count, discretisation.nodes, discretisation.saturation)
 
     def _field(self, load: Load) -> StressField:
-        softness, compliance = 1.0 - self.finger.poisson_ratio**2, (1.0 - self.poisson**2) / self.modulus
-        high = float(1.0 / (softness / STIFFEST_SKIN_MODULUS + compliance.min()))
-        low = float(1.0 / (softness / LEAST_SKIN_MODULUS + compliance.max()))
+        softness, least = 1.0 - self.finger.poisson_ratio**2, self.modulus.argmin()
+        high = min(float((self.modulus / (1.0 - self.poisson**2)).max()), STIFFEST_SKIN_MODULUS / softness)
+        fabric = (1.0 - self.poisson[least] ** 2) / self.modulus[least]
+        low = float(1.0 / (softness / LEAST_SKIN_MODULUS + fabric))
         tolerance = self.discretisation.field_tolerance
         return StressField(load, self.finger, self.readings, (min(low, 0.5 * high), high), tolerance)
 

@@ -1,0 +1,211 @@
+"""Every reading of every place answers to the same contract, alone and in the named sets."""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import fields
+
+import numpy as np
+import pytest
+
+from softness_bayes.errors import InputError
+from softness_bayes.study import touch_parameters, usual_values
+from softness_bayes.touch.contact import Finger, Force, Indentation, solve_contact
+from softness_bayes.touch.parameters import TouchParameters
+from softness_bayes.touch.rate import firing_rate
+from softness_bayes.touch.readings import ALTERNATIVES, MENDED, NAMED_READINGS, Readings, readings_named
+from softness_bayes.touch.reference import reference_response
+from softness_bayes.touch.scene import Scene
+from softness_bayes.touch.stress import stress
+
+PLACES = [field.name for field in fields(Readings)]
+MEMBRANES = list(ALTERNATIVES["membrane"].values())
+SINGLE = [
+    MENDED.override({place: name})
+    for place, names in ALTERNATIVES.items()
+    for name in names
+    # a scene takes its firing from outside: membranes have a contract of their own
+    if place != "membrane" and MENDED.names[place] != name
+]
+EVERY = list(dict.fromkeys([*NAMED_READINGS.values(), *SINGLE]))
+FABRICS = np.array([2e3, 6e4, 3e5, 1e6])
+LOADS = (Indentation(1.5e-3), Force(1.0))
+
+
+def label(readings):
+    return readings.label.replace(", ", "-")
+
+
+@pytest.fixture(scope="module", params=EVERY, ids=label)
+def scene(request, smooth_firing):
+    return Scene(FABRICS, 0.3, LOADS, smooth_firing(), readings=request.param)
+
+
+@pytest.fixture
+def parameters(scene):
+    return touch_parameters(usual_values(scene.readings, given={"sigma_0": 6.0}))
+
+
+def many(parameters, rng, size):
+    """Draws around a point: twice and half the skin, a half more or less of the transduction."""
+    spread = {"b": 0.5, "m": 0.2, "beta": 0.3, "sigma_0": 0.3, "alpha": 0.05}
+    drawn = {name: getattr(parameters, name) * np.exp(sd * rng.normal(size=size)) for name, sd in spread.items()}
+    return parameters._replace(**drawn)
+
+
+def one_of(parameters, k):
+    return TouchParameters(*(value[k] if np.ndim(value) else value for value in parameters))
+
+
+# the tables
+
+
+def test_a_place_for_every_field_and_the_default_first():
+    assert [*ALTERNATIVES] == PLACES
+    for place, names in ALTERNATIVES.items():
+        assert next(iter(names.values())) is getattr(Readings(), place)
+        assert all(value.name == name for name, value in names.items())
+        assert len({id(value) for value in names.values()}) == len(names) > 1
+
+
+def test_every_alternative_is_reached_by_its_name():
+    for place, names in ALTERNATIVES.items():
+        for name in names:
+            base = {"stress_kernel": "line"} if place == "stress_component" else {}
+            assert MENDED.override({**base, place: name}).names[place] == name
+
+
+def test_every_combination_composes_or_says_why():
+    refused = 0
+    for choice in itertools.product(*ALTERNATIVES.values()):
+        chosen = dict(zip(ALTERNATIVES, choice, strict=True))
+        if chosen["stress_kernel"] == "axisymmetric" and chosen["stress_component"] == "principal":
+            with pytest.raises(InputError, match="axisymmetric"):
+                MENDED.override(chosen)
+            refused += 1
+        else:
+            assert MENDED.override(chosen).names == chosen
+    assert refused == 2 * 2 * 3 * 3 * 2
+
+
+def test_labels_tell_readings_apart():
+    assert [readings.label for readings in NAMED_READINGS.values()] == [*NAMED_READINGS]
+    assert len({readings.label for readings in EVERY}) == len(EVERY)
+    two = readings_named("hertz", {"pressure": "attenuated", "membrane": "hodgkin-huxley"})
+    assert two.label == "hertz, pressure=attenuated, membrane=hodgkin-huxley"
+    for readings in EVERY:  # a label is what the options take
+        name, *departures = readings.label.split(", ")
+        assert readings_named(name, dict(text.split("=") for text in departures)) == readings
+
+
+# every reading, in a scene
+
+
+def test_responses_are_what_responses_can_be(scene, parameters, rng):
+    found = scene.respond(many(parameters, rng, 40))
+    for values in (found.total_rate, found.responding, found.peak_stress, *found.contact):
+        assert np.isfinite(values).all()
+    assert (found.total_rate >= 0).all()
+    assert (found.total_rate > 0).any()
+    assert ((found.responding >= 0) & (found.responding <= scene.n_receptors * (1 + 1e-9))).all()
+    assert (found.peak_stress > 0).all()
+    assert all((values > 0).all() for values in found.contact)
+    assert ((found.total_rate > 0) == (found.responding > 0)).all()
+
+
+def test_a_batch_is_its_single_vectors(scene, parameters, rng):
+    batch = many(parameters, rng, 5)
+    together = scene.respond(batch)
+    for k in range(5):
+        alone = scene.respond(one_of(batch, k))
+        for name in ("total_rate", "responding", "peak_stress"):
+            np.testing.assert_allclose(getattr(alone, name), getattr(together, name)[k], rtol=1e-10, err_msg=name)
+
+
+def test_response_by_adaptive_integration(scene, parameters, rng):
+    batch = many(parameters, rng, 2)
+    for k in range(2):
+        exact = reference_response(scene, one_of(batch, k), scene.firing.curve, rtol=1e-6)
+        found = scene.respond(one_of(batch, k))
+        np.testing.assert_allclose(found.total_rate, exact.total_rate, atol=2e-4 * max(exact.total_rate.max(), 1))
+        np.testing.assert_allclose(found.peak_stress, exact.peak_stress, rtol=1e-5)
+
+
+def test_transduction_is_monotone(scene, parameters):
+    """More current, or a lower threshold, never makes a receptor fire less, whatever it is pressed by."""
+    for name, values in (("alpha", np.linspace(17, 30, 14)), ("sigma_0", np.geomspace(2e4, 1e3, 14))):
+        rate = scene.total_rate(parameters._replace(**{name: values}))
+        assert (np.diff(rate, axis=0) >= -2e-4 * rate.max()).all(), name
+        assert rate[-1].max() > rate[0].max(), name
+
+
+def test_transduction_has_its_limits(scene, parameters):
+    quiet = {"alpha": 17.9, "sigma_0": 1e12}
+    for name, value in quiet.items():
+        assert (scene.total_rate(parameters._replace(**{name: value})) == 0).all(), name
+    # with the threshold far below, every receptor of the pad fires at the largest current
+    everywhere = scene.respond(parameters._replace(sigma_0=-1e8))
+    np.testing.assert_allclose(everywhere.responding, scene.n_receptors, rtol=1e-6)
+    np.testing.assert_allclose(
+        everywhere.mean_rate, scene.firing.curve.rate(np.array([parameters.alpha]))[0], rtol=1e-6
+    )
+
+
+@pytest.mark.parametrize("readings", EVERY, ids=label)
+@pytest.mark.parametrize("load", LOADS, ids=str)
+def test_rigid_and_limp_fabrics(readings, load):
+    """Past any skin a fabric's modulus no longer counts; a fabric of no modulus is all there is to E_star."""
+    values = touch_parameters(usual_values(readings))
+    fabric = np.array([1e-2, 1.0, 1e12, 1e14])
+    found = solve_contact(fabric, 0.3, load, values.b, values.m, displacement=readings.skin_displacement)
+    laws = readings.pressure, readings.stress_kernel, readings.stress_component
+    peak = stress(0.0, found.reduced_modulus, found.radius, Finger(), *laws)
+    assert (peak > 0).all()
+    assert peak[2] == pytest.approx(peak[3], rel=1e-5)
+    np.testing.assert_allclose(found.reduced_modulus[:2], fabric[:2] / (1 - 0.3**2), rtol=1e-4)
+    if isinstance(load, Indentation):  # proportional to E_star, while the pressure is too weak to be attenuated
+        assert peak[1] / peak[0] == pytest.approx(100, rel=1e-3)
+
+
+def test_stress_has_the_units_of_a_modulus(scene, parameters):
+    """Where the pressure has no force of its own (its decay is 0), and only there, ratios of stresses are all."""
+    factor = 3.7
+    other = Scene(factor * FABRICS, 0.3, LOADS[:1], scene.firing, readings=scene.readings)
+    scaled = parameters._replace(
+        b=factor * parameters.b, sigma_0=factor * parameters.sigma_0, beta=parameters.beta / factor
+    )
+    rate = scene.take(np.arange(FABRICS.size)).total_rate(parameters)
+    difference = np.abs(other.total_rate(scaled) - rate).max() / rate.max()
+    assert difference < 2e-4 if scene.readings.pressure.name == "hertz" else difference > 2e-2
+
+
+def test_both_displacements_stiffen_alike_where_their_exponents_say():
+    """The exponents of the default priors give equal stiffening at 1 mm on a finger of 8 mm (model.md 10)."""
+    fabric, load = np.geomspace(1e2, 1e9, 15), Indentation(1e-3)
+    strain, displacement = ALTERNATIVES["skin_displacement"].values()
+    radius = np.sqrt(8e-3 * 1e-3)
+    one = solve_contact(fabric, 0.3, load, 1e5, 2.0, displacement=strain)
+    two = solve_contact(fabric, 0.3, load, 1e5, 2.0 / radius, displacement=displacement)
+    np.testing.assert_allclose(one.skin_modulus, two.skin_modulus, rtol=1e-12)
+    assert usual_values(MENDED.override({"skin_displacement": "displacement"}))["m"] == pytest.approx(
+        2 / radius, rel=1e-3
+    )
+    deeper = [
+        solve_contact(fabric, 0.3, Indentation(3e-3), 1e5, m, displacement=d).skin_modulus
+        for m, d in ((2.0, strain), (2.0 / radius, displacement))
+    ]
+    assert (deeper[1][fabric > 1e4] > deeper[0][fabric > 1e4]).all()
+
+
+# every membrane
+
+
+@pytest.mark.parametrize("membrane", MEMBRANES, ids=lambda membrane: membrane.name)
+def test_membranes(membrane):
+    """Silent without a current; a rate that rises with the current beyond the onset; one current as in a batch."""
+    start = {"connor-stevens": 18.0, "hodgkin-huxley": 10.0, "printed": 55.0}[membrane.name]
+    current = np.array([-5.0, 0.0, 2.0, 1.2 * start, 1.6 * start])
+    rate = firing_rate(current, membrane=membrane)
+    assert (rate[:3] == 0).all()
+    assert 1 < rate[3] < rate[4] < 400
+    assert firing_rate(current[4], membrane=membrane) == pytest.approx(rate[4], rel=1e-6)
