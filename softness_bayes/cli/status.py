@@ -24,7 +24,7 @@ def command(directory: Path) -> None:
 
     status = read_status(directory)
     click.echo(f"{directory}: {_what(status)}")
-    togo = "" if status.ended else f", about {status.missing} to go"
+    togo = f", about {status.missing} to go" if status.missing else ""
     click.echo(f"steps: {status.steps} in {status.seconds:.0f} s{togo}")
     if status.failures:
         click.echo(f"density not computable: at {status.failures} points, in nonfinite.csv")
