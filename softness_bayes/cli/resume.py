@@ -46,6 +46,7 @@ def command(
     priors, the readings or anything else that decides the draws is not what it was, the run is refused and the
     difference named.
     """
+    from softness_bayes.assembly import versions
     from softness_bayes.run import RunOptions
     from softness_bayes.storage.checkpoint import Checkpoint, read_status
 
@@ -64,6 +65,10 @@ def command(
         max_seconds=max_time,
         processes=processes or checkpoint.request["options"]["processes"],
     )
+    now, then = versions(), checkpoint.request["versions"]
+    names = [name for name in now if now[name] != then.get(name)]
+    if changed := [f"{name.removeprefix('version_')} {then.get(name)} (now {now[name]})" for name in names]:
+        click.echo(f"note: begun with {', '.join(changed)}: draws may differ from an uninterrupted run's", err=True)
     files = recorded_files(checkpoint.request["files"])
     files = replace(files, data=data or files.data, fabrics=fabrics or files.fabrics)
     run(checkpoint, files, files.read(), options, checkpoint.request["figures"] and not no_figures)

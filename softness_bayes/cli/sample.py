@@ -111,13 +111,15 @@ def run(checkpoint: Checkpoint, files: DataFiles, experiment: Experiment, option
     NotConvergedError
         If a limit was reached first; everything is written all the same.
     """
+    from softness_bayes.assembly import versions
     from softness_bayes.run import sample
 
     out = checkpoint.directory
     for note in experiment.notes:
         click.echo(f"note: {note}", err=True)
     with checkpoint:
-        checkpoint.request = {"files": record_of(files), "options": options.record(), "figures": figures}
+        asked = {"files": record_of(files), "options": options.record(), "figures": figures}
+        checkpoint.request = {**asked, "versions": versions()}
         bar = _Bar()
         try:
             result = sample(experiment, options, bar.show, checkpoint)
