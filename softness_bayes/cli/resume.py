@@ -39,12 +39,12 @@ def command(
     fabrics: Path | None,
     no_figures: bool,
 ) -> None:
-    """Continue the run in DIR with the options it was begun with.
+    """Continue a run that was interrupted, or that ended.
 
-    The draws are those of a run with the same seed that was never interrupted. A run that has ended at its
-    --max-steps gets as many steps again; one that has converged goes on with --more-steps only. If the data, the
-    priors, the readings or anything else that decides the draws is not what it was, the run is refused and the
-    difference named.
+    It goes on in DIR with the options it was begun with, to the draws of a run with the same seed that was never
+    interrupted. A run that has ended at its --max-steps gets as many steps again; one that has converged goes on
+    with --more-steps only. If the data, the priors, the readings or anything else that decides the draws is not
+    what it was, the run is refused and the difference named.
     """
     from softness_bayes.assembly import versions
     from softness_bayes.run import RunOptions

@@ -16,9 +16,10 @@ if TYPE_CHECKING:
 @click.command()
 @click.argument("directory", type=click.Path(path_type=Path), metavar="DIR")
 def command(directory: Path) -> None:
-    """Say how the run in DIR is getting on: steps, what the last look found, verdict, whether it is running.
+    """Say how a run is getting on, without disturbing it.
 
-    Reads one small file that the run replaces whole every few seconds.
+    Prints steps, what the last look at the chains found, the verdict, and whether a process is at it. Reads one
+    small file of DIR, which the run replaces whole every few seconds.
     """
     from softness_bayes.storage.checkpoint import read_status
 
