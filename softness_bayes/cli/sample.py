@@ -144,7 +144,7 @@ def run(checkpoint: Checkpoint, files: DataFiles, experiment: Experiment, option
     if not result.attributes["converged"]:
         raise NotConvergedError(
             f"not converged after {result.attributes['steps']} steps; what was drawn is in {out}, for inspection only; "
-            f"'softness-bayes resume {out} --more-steps {result.attributes['missing_steps']}' continues"
+            f"'softness-bayes resume {out}' continues the run"
         )
 
 
