@@ -228,9 +228,6 @@ class Result:
         return cls(tree, pd.read_csv(table, index_col="parameter"), tables)
 
 
-_TRACES = (Path(CHECKPOINT), Path(CHECKPOINT) / LOCK)
-
-
 def require_vacant(directory: Path, replace: bool) -> None:
     """Refuse a directory that a run may not write to; nothing is touched.
 
@@ -242,9 +239,9 @@ def require_vacant(directory: Path, replace: bool) -> None:
     for place in (directory, *directory.parents):
         if place.exists() and not place.is_dir():
             raise InputError(f"{place}: is a file, expected a directory for the results")
-    # a lock alone is what a run leaves that was killed before it had anything to keep
-    if directory.is_dir() and any(p for p in directory.rglob("*") if p.relative_to(directory) not in _TRACES):
-        begun = (directory / CHECKPOINT / MANIFEST).exists()
+    # a checkpoint without a manifest is what a run leaves that was killed before it had anything to keep
+    begun = (directory / CHECKPOINT / MANIFEST).exists()
+    if begun or (directory.is_dir() and any(path.name != CHECKPOINT for path in directory.iterdir())):
         if not replace:
             instead = "'softness-bayes resume' to continue its run" if begun else "--force to replace what it holds"
             also = ", --force to replace it" if begun else ""

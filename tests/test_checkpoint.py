@@ -324,6 +324,7 @@ def test_a_run_that_keeps_nothing_leaves_nothing(tmp_path):
     with Checkpoint.create(tmp_path / "a" / "b") as checkpoint:
         assert (tmp_path / "a" / "b").is_dir()
         assert checkpoint.status is None
+        assert read_status(tmp_path / "a" / "b").running
     assert list(tmp_path.iterdir()) == []
     with pytest.raises(InputError, match="no run to continue"):
         Checkpoint.open(tmp_path)
@@ -348,6 +349,28 @@ def test_an_earlier_run_goes_when_the_new_one_has_begun(tmp_path, states):
         checkpoint.keep(states[0], settings(STEPS), posterior_of_the_fake())
         assert [path.name for path in tmp_path.iterdir()] == ["checkpoint"]
     same(load(tmp_path), states[0])
+
+
+@pytest.mark.usefixtures("eager")
+def test_no_room_for_the_first_state_leaves_nothing(tmp_path, states, monkeypatch):
+    write = storage.write_whole
+
+    def full(path, content):
+        if path.name == "manifest.json":
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(path))
+        write(path, content)
+
+    monkeypatch.setattr(storage, "write_whole", full)
+    with pytest.raises(OSError, match="No space left"):
+        keep(tmp_path / "run", states[:1])
+    assert list(tmp_path.iterdir()) == []
+    # nor does a run that was killed there stand in the way of another
+    (tmp_path / "run" / "checkpoint").mkdir(parents=True)
+    (tmp_path / "run" / "checkpoint" / "state-0000001.npz").write_bytes(b"half")
+    monkeypatch.undo()
+    keep(tmp_path / "run", states[:1])
+    same(load(tmp_path / "run"), states[0])
+    assert len([*(tmp_path / "run" / "checkpoint").iterdir()]) == 3
 
 
 @pytest.mark.usefixtures("eager")

@@ -177,8 +177,10 @@ def test_another_density_under_the_same_options_is_refused(copied, here, monkeyp
 
 def test_moved_data_are_asked_for_and_found(killed, copied, here):
     manifest = copied / "checkpoint" / "manifest.json"
-    manifest.write_text(manifest.read_text().replace("ratings.csv", "gone.csv"))
-    refused(here("resume", copied), "gone.csv")
+    kept = json.loads(manifest.read_text().replace("ratings.csv", "gone.csv"))
+    kept["request"]["versions"]["version_emcee"] = "2.0"
+    manifest.write_text(json.dumps(kept))
+    refused(here("resume", copied), "gone.csv", "note: begun with emcee 2.0 (now ")
     done = here("resume", copied, "--data", killed / "ratings.csv", "--max-time", "0s", "--processes", "1")
     assert done.returncode == 3, done.stderr
     assert "continues" in done.stderr

@@ -41,13 +41,14 @@ def command(
     compression: Path | None,
     no_figures: bool,
 ) -> None:
-    """Continue the run in DIR with the options it was begun with.
+    """Continue a run that was interrupted, or that ended.
 
-    The draws are those of a run with the same seed that was never interrupted. A run that has ended at its
-    --max-steps gets as many steps again; one that has converged goes on with --more-steps only. If the data, the
-    priors, the readings or anything else that decides the draws is not what it was, the run is refused and the
-    difference named.
+    It goes on in DIR with the options it was begun with, to the draws of a run with the same seed that was never
+    interrupted. A run that has ended at its --max-steps gets as many steps again; one that has converged goes on
+    with --more-steps only. If the data, the priors, the readings or anything else that decides the draws is not
+    what it was, the run is refused and the difference named.
     """
+    from softness_bayes.assembly import versions
     from softness_bayes.run import RunOptions
     from softness_bayes.storage.checkpoint import Checkpoint, read_status
 
@@ -66,6 +67,10 @@ def command(
         max_seconds=max_time,
         processes=processes or checkpoint.request["options"]["processes"],
     )
+    now, then = versions(), checkpoint.request["versions"]
+    names = [name for name in now if now[name] != then.get(name)]
+    if changed := [f"{name.removeprefix('version_')} {then.get(name)} (now {now[name]})" for name in names]:
+        click.echo(f"note: begun with {', '.join(changed)}: draws may differ from an uninterrupted run's", err=True)
     files = recorded_files(checkpoint.request["files"])
     files = replace(
         files,

@@ -145,6 +145,7 @@ def run(
     NotConvergedError
         If a limit was reached first; everything is written all the same.
     """
+    from softness_bayes.assembly import versions
     from softness_bayes.data import Compression
     from softness_bayes.run import sample
     from softness_bayes.skin import sample_skin
@@ -153,7 +154,8 @@ def run(
     for note in data.notes:
         click.echo(f"note: {note}", err=True)
     with checkpoint:
-        checkpoint.request = {"files": record_of(files), "options": options.record(), "figures": figures}
+        asked = {"files": record_of(files), "options": options.record(), "figures": figures}
+        checkpoint.request = {**asked, "versions": versions()}
         bar = _Bar()
         try:
             if isinstance(data, Compression):
@@ -181,7 +183,7 @@ def run(
     if not result.attributes["converged"]:
         raise NotConvergedError(
             f"not converged after {result.attributes['steps']} steps; what was drawn is in {out}, for inspection only; "
-            f"'softness-bayes resume {out} --more-steps {result.attributes['missing_steps']}' continues"
+            f"'softness-bayes resume {out}' continues the run"
         )
 
 

@@ -16,15 +16,16 @@ if TYPE_CHECKING:
 @click.command()
 @click.argument("directory", type=click.Path(path_type=Path), metavar="DIR")
 def command(directory: Path) -> None:
-    """Say how the run in DIR is getting on: steps, what the last look found, verdict, whether it is running.
+    """Say how a run is getting on, without disturbing it.
 
-    Reads one small file that the run replaces whole every few seconds.
+    Prints steps, what the last look at the chains found, the verdict, and whether a process is at it. Reads one
+    small file of DIR, which the run replaces whole every few seconds.
     """
     from softness_bayes.storage.checkpoint import read_status
 
     status = read_status(directory)
     click.echo(f"{directory}: {_what(status)}")
-    togo = "" if status.ended else f", about {status.missing} to go"
+    togo = f", about {status.missing} to go" if status.missing else ""
     click.echo(f"steps: {status.steps} in {status.seconds:.0f} s{togo}")
     if status.failures:
         click.echo(f"density not computable: at {status.failures} points, in nonfinite.csv")

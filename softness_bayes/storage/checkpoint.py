@@ -75,7 +75,11 @@ def read_status(directory: str | Path) -> Status:
     InputError
         If the directory holds no checkpoint, or one of another version.
     """
-    return _status(_read_manifest(Path(directory)), is_held(Path(directory) / CHECKPOINT / LOCK))
+    home = Path(directory) / CHECKPOINT
+    running = is_held(home / LOCK)
+    if running and not (home / MANIFEST).exists():  # it still looks for a place to start
+        return Status(True, True, 0, 0, 0.0, 0, False, False, 0, None)
+    return _status(_read_manifest(Path(directory)), running)
 
 
 class Checkpoint:
@@ -297,11 +301,10 @@ class Checkpoint:
 
         The manifest on the disk decides: it may be newer than what this process knows, if an error struck in between.
         """
-        try:
+        named: set[str] = set()
+        if (self._home / MANIFEST).exists():
             manifest = _read_manifest(self.directory)
-        except InputError:
-            return
-        named = {manifest["arrays"], *manifest["pieces"]}
+            named = {manifest["arrays"], *manifest["pieces"]}
         for path in self._home.glob("*"):
             if path.suffix in (".npz", PART) and path.name not in named:
                 with suppress(OSError):
