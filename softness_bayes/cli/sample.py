@@ -78,8 +78,9 @@ def command(
     """Sample the posterior of skin, transduction and rating parameters given ratings.
 
     Runs four independent ensembles until they have converged, or to --max-steps, and writes to --out:
-    posterior.nc (draws, predictions, provenance), summary.csv and figures/. Prints the summary, where
-    the response turns over under each load, and a verdict. Exit code 3: not converged.
+    posterior.nc (draws, predictions, provenance), summary.csv, directions.csv, predictive_checks.csv and
+    figures/. Prints the summary, what the prior decides, where the response turns over under each load,
+    whether the model reproduces it, and a verdict. Exit code 3: not converged.
     """
     from softness_bayes.inference.observation import RATING_DIRECTIONS
     from softness_bayes.result import prepare_directory, require_vacant
