@@ -101,14 +101,20 @@ class Calibrated:
         return not self.unconverged and not self.calibration.faults()
 
     def ranks(self) -> pd.DataFrame:
-        """Return a row per replicate: steps, tau, converged, then rank and true value of every quantity."""
+        """Return a row per replicate: steps, autocorrelation_time, converged, then rank and true value of every quantity."""
         import pandas as pd
 
         rows = {}
         for index, one in self.replicates.items():
             found = dict(zip(one.names, one.rank, strict=True))
             true = {f"true_{name}": value for name, value in zip(one.names, one.truth, strict=True)}
-            rows[index] = {"steps": one.steps, "tau": one.tau, "converged": one.converged, **found, **true}
+            rows[index] = {
+                "steps": one.steps,
+                "autocorrelation_time": one.tau,
+                "converged": one.converged,
+                **found,
+                **true,
+            }
         return pd.DataFrame.from_dict(rows, orient="index").rename_axis("replicate")
 
     def coverage(self) -> pd.DataFrame:
