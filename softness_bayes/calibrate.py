@@ -101,7 +101,7 @@ class Calibrated:
         return not self.unconverged and not self.calibration.faults()
 
     def ranks(self) -> pd.DataFrame:
-        """Return a row per replicate: steps, autocorrelation_time, converged, then rank and true value of every quantity."""
+        """Return a row per replicate: its walk (steps, autocorrelation_time, converged), then every rank and truth."""
         import pandas as pd
 
         rows = {}
