@@ -101,14 +101,20 @@ class Calibrated:
         return not self.unconverged and not self.calibration.faults()
 
     def ranks(self) -> pd.DataFrame:
-        """Return a row per replicate: steps, tau, converged, then rank and true value of every quantity."""
+        """Return a row per replicate: its walk (steps, autocorrelation_time, converged), then every rank and truth."""
         import pandas as pd
 
         rows = {}
         for index, one in self.replicates.items():
             found = dict(zip(one.names, one.rank, strict=True))
             true = {f"true_{name}": value for name, value in zip(one.names, one.truth, strict=True)}
-            rows[index] = {"steps": one.steps, "tau": one.tau, "converged": one.converged, **found, **true}
+            rows[index] = {
+                "steps": one.steps,
+                "autocorrelation_time": one.tau,
+                "converged": one.converged,
+                **found,
+                **true,
+            }
         return pd.DataFrame.from_dict(rows, orient="index").rename_axis("replicate")
 
     def coverage(self) -> pd.DataFrame:
@@ -153,6 +159,11 @@ def calibrate(
     settings: Settings | None = None,
 ) -> Calibrated:
     """Calibrate the model of a scene; replicates that a directory already holds are not run again.
+
+    A replicate is cheap where its posterior is smooth. Where a prior draw has hardly any noise (varsigma of a
+    few thousandths, one draw in a hundred by default), the posterior is a bent sheet as thin, on which walkers
+    may not converge within any usual number of steps; such a replicate counts with the draws that it has, and
+    the verdict stays open. A prior that expects the noise of real ratings avoids it.
 
     Parameters
     ----------

@@ -271,7 +271,7 @@ def test_what_is_written_says_how_it_went(tmp_path):
 
     table = pd.read_csv(tmp_path / "ranks.csv", index_col="replicate")
     assert list(table) == [
-        *("steps", "tau", "converged", "gamma", "mu", LOG_LIKELIHOOD),
+        *("steps", "autocorrelation_time", "converged", "gamma", "mu", LOG_LIKELIHOOD),
         *("true_gamma", "true_mu", f"true_{LOG_LIKELIHOOD}"),
     ]
     assert table.index.tolist() == [0, 1]
@@ -299,6 +299,9 @@ def test_replicates_that_ran_longer_or_did_not_converge_are_counted_and_kept():
     assert not late.passed
     assert "(1 ran longer than 2000 steps, 1 did not converge)" in late.sentence()
     assert len(late.ranks()) == 100
+    # the parameter tau and the autocorrelation time are two columns
+    named = Calibrated({0: made_up(3)._replace(names=("tau",))}).ranks()
+    assert named.loc[0, ["tau", "autocorrelation_time"]].tolist() == [3, 5.0]
     wrong = Calibrated({k: made_up(99) for k in range(100)})
     assert wrong.sentence().startswith("Not calibrated: 100 replicates")
     assert "gamma (too " in wrong.sentence()
