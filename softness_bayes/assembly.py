@@ -266,9 +266,7 @@ class Assembly:
         few, design, model = self._pick(REPLICATES), self.ratings.design, self.model
         drive = model.drive(design, few.mean_rate, few.parameters)
         again = model.draw_ratings(self.rng, design, drive, few.parameters, few.effects)
-        size = few.effects.mu.shape, design.n_participants, design.n_fabrics
-        strangers = model.draw_effects(self.rng, few.parameters, *size, mu=few.effects.mu)
-        strangers = strangers._replace(fabric=few.effects.fabric)
+        strangers = model.with_new_participants(self.rng, few.parameters, few.effects)
         anew = model.draw_ratings(self.rng, design, drive, few.parameters, strangers)
         alone = self.ratings.log_likelihood_loo(few.mean_rate, few.parameters)
         person = self.experiment.ratings.participant

@@ -274,7 +274,8 @@ def test_the_joint_likelihood_is_the_sum_of_both(joint):
 
 
 def test_a_joint_run_holds_both(joint, tmp_path):
-    held = {"alpha": 21.5, "beta": 0.6, "sigma_0": 5.0, "gamma": 1.0, "tau": 0.5}
+    held = {"c_Na": 1.05, "c_K": 1.16, "c_L": 1.0, "c_A": 1.5}
+    held |= {"alpha": 21.5, "beta": 0.6, "sigma_0": 5.0, "gamma": 1.0, "tau": 0.5}
     found = sample(joint, RunOptions(fix=held, max_steps=60, processes=1))
     assert {"participant_effect", "m_effect", "mu"} <= {*found.group("posterior").data_vars}
     assert {*found.group("log_likelihood").data_vars} == {"ratings_and_compression"}

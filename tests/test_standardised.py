@@ -202,6 +202,8 @@ def test_what_cannot_be_z_scores_is_refused():
 # from the data to the posterior
 
 CLOTH = Fabrics(("felt", "lawn", "drill", "gauze", "voile"), effective_modulus=np.array([8e4, 2e4, 4e5, 2e5, 5e4]))
+CHAIN = ("b", "m", "alpha", "beta", "sigma_0", "c_Na", "c_K", "c_L", "c_A")
+CHANNELS = {"c_Na": 1.05, "c_K": 1.16, "c_L": 1.0, "c_A": 1.5}
 WEAVES = Fabrics(tuple("abcdefgh"), effective_modulus=np.geomspace(3e3, 6e5, 8))
 LOADS = (Indentation(1.5e-3), Indentation(2.5e-3))
 
@@ -232,7 +234,7 @@ def test_the_posterior_of_simulated_z_scores(values, direction):
     assert made.truth["c1"] == 0.9
     assert not {"gamma", "tau", "omega", "eps", "mu"} & {*made.truth}
     assert (made.ratings.rating < 0).any()
-    held = {name: values[name] for name in ("b", "m", "alpha", "beta", "sigma_0")}
+    held = {name: values[name] for name in CHAIN}
     peak = {}
     for reading in RATING_DIRECTIONS.values():
         posterior = posterior_of(experiment, RunOptions(fix=held, direction=reading, scale=STANDARDISED))
@@ -254,7 +256,7 @@ def test_the_posterior_of_simulated_z_scores(values, direction):
 def test_the_model_of_z_scores_has_neither_exponent_nor_participants(values):
     _, experiment = simulated(values, participants=3)
     posterior = posterior_of(experiment, RunOptions(scale=STANDARDISED))
-    assert posterior.names == ("b", "m", "alpha", "beta", "sigma_0", "varsigma")
+    assert posterior.names == (*CHAIN, "varsigma")
     assert not {"gamma", "tau", "omega", "eps"} & {*posterior.space.held}
     with pytest.raises(InputError, match="gamma: the model of these data has no such parameter"):
         posterior_of(experiment, RunOptions(scale=STANDARDISED, fix={"gamma": 1.0}))
@@ -280,8 +282,6 @@ def test_names_of_scales_and_what_suits_them(values):
 
 
 # from end to end
-
-CHAIN = ("b", "m", "alpha", "beta", "sigma_0")
 
 
 @pytest.mark.parametrize("scale", RATING_SCALES.values(), ids=RATING_SCALES)
@@ -401,7 +401,7 @@ def upside_down(observation):
 def coverage_posterior():
     rng = np.random.default_rng(0)
     some = simulate_ratings(rng, WEAVES, LOADS, usual_values(MENDED), participants=20, scale=STANDARDISED).ratings
-    return posterior_of(Experiment(some, WEAVES, ()), RunOptions(scale=STANDARDISED))
+    return posterior_of(Experiment(some, WEAVES, ()), RunOptions(fix=CHANNELS, scale=STANDARDISED))
 
 
 def test_the_machinery_of_coverage_on_one_replicate():

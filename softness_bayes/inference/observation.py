@@ -122,6 +122,13 @@ class RatingModel:
         fabric = omega * rng.standard_normal((*shape, n_fabrics))
         return Effects(np.broadcast_to(np.asarray(mu, float), shape), participant, fabric)
 
+    def with_new_participants(
+        self, rng: np.random.Generator, parameters: RatingParameters, effects: Effects
+    ) -> Effects:
+        """These effects with as many participants drawn anew."""
+        tau = np.asarray(parameters.tau, float)[..., None]
+        return effects._replace(participant=tau * rng.standard_normal(effects.participant.shape))
+
     def draw_ratings(
         self,
         rng: np.random.Generator,

@@ -74,6 +74,10 @@ class StandardisedModel:
         """Draws of the line from its prior, of batch ``shape``."""
         return Line(rng.standard_normal(shape), np.abs(rng.standard_normal(shape)))
 
+    def with_new_participants(self, rng: np.random.Generator, parameters: RatingParameters, effects: Line) -> Line:
+        """The same line: nothing of a participant's own is left in z-scores."""
+        return effects
+
     def draw_ratings(
         self,
         rng: np.random.Generator,
