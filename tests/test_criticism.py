@@ -23,7 +23,7 @@ def tree(rng, seen=STEEP, assumed=STEEP, direction="softness"):
     who = LAY.design
     return arviz_bridge.to_tree(
         {
-            "posterior": {"participant_effect": np.zeros((1, 1, 15))},
+            "log_likelihood_participant": {"ratings_of_participant": np.zeros((1, 1, 15))},
             "posterior_predictive": {"rating": same[None], NEW_PARTICIPANTS: new[None]},
             "prior_predictive": {"rating": np.exp(rng.normal(3, 3, (1, 50, who.n_rows)))},
             "observed_data": {"rating": filed},
@@ -37,7 +37,7 @@ def tree(rng, seen=STEEP, assumed=STEEP, direction="softness"):
             },
         },
         dims={
-            "participant_effect": ["participant"],
+            "ratings_of_participant": ["participant"],
             "effective_modulus_kpa": ["fabric"],
             "indentation_mm": ["load"],
             **{name: ["rating_row"] for name in BY_ROW},
@@ -45,6 +45,7 @@ def tree(rng, seen=STEEP, assumed=STEEP, direction="softness"):
         coords={"participant": [f"P{k}" for k in range(15)], "fabric": [*"abcdef"], "load": ["1 mm", "2 mm"]},
         attrs={
             "direction": direction,
+            "rating_scale": "magnitude",
             **{f"{what}_{k}": 0.5 for what in ("fabric", "exponent") for k in ("p_value", "deviation")},
         },
     )
