@@ -11,7 +11,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.stats import kstest, multivariate_normal
 
-from softness_bayes import run, skin
+from softness_bayes import run
 from softness_bayes.cli import main
 from softness_bayes.data import Compression, Experiment, Fabrics, read_experiment, write_compression
 from softness_bayes.errors import InputError
@@ -36,8 +36,7 @@ SAMPLED = ("b", "m", "tau_b", "tau_m", "varsigma_f")
 def quickly():
     """Learn little in the pilot walk, and compute the membrane's one rate curve once."""
     with pytest.MonkeyPatch.context() as patch:
-        for module in (run, skin):
-            patch.setattr(module, "Settings", functools.partial(Settings, pilot=(60, 60), optima=1))
+        patch.setattr(run, "Settings", functools.partial(Settings, pilot=(60, 60), optima=1))
         patch.setattr(scene, "exact_curve", functools.cache(scene.exact_curve))
         yield
 
@@ -279,7 +278,7 @@ def test_a_joint_run_holds_both(joint, tmp_path):
     found = sample(joint, RunOptions(fix=held, max_steps=60, processes=1))
     assert {"participant_effect", "m_effect", "mu"} <= {*found.group("posterior").data_vars}
     assert {*found.group("log_likelihood").data_vars} == {"ratings_and_compression"}
-    assert {"rating", "plate_force_n"} == {*found.group("posterior_predictive").data_vars}
+    assert {"rating", "plate_force_n"} <= {*found.group("posterior_predictive").data_vars}
     assert figures_of(found)[-1] == "compression"
     assert "response" in figures_of(found)
     assert "force_check" in found.attributes
