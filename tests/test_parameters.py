@@ -47,6 +47,22 @@ def test_alpha_ends_where_its_rate_curves_end():
         parameter_space(priors={"alpha": LogNormal(1e6, 0.1)}).draw_prior(np.random.default_rng(0), 5)
 
 
+def test_every_prior_ends_where_firing_begins_at_a_jump():
+    space = parameter_space()
+    theta = np.tile(space.median, (3, 1))
+    theta[1, 5:9] = 0.945, 1.276, 0.9, 1.35
+    density = space.log_prior(theta)
+    assert np.isneginf(density[1, 5:9]).all()
+    assert np.isfinite(density[[0, 2]]).all()
+    wide = parameter_space(priors={"c_K": Uniform(1.2, 1.276), "c_A": Uniform(1.35, 1.4), "c_Na": Uniform(0.945, 1)})
+    drawn = wide.draw_prior(np.random.default_rng(0), 500)
+    assert np.isfinite(wide.log_prior(drawn)).all()
+    unlimited = replace(wide, firing=None).draw_prior(np.random.default_rng(0), 500)
+    assert np.isneginf(wide.log_prior(unlimited)).any()
+    held = parameter_space(fix={"c_Na": 0.945, "c_K": 1.276, "c_L": 0.9, "c_A": 1.35})
+    assert np.isfinite(held.log_prior(held.median)).all()
+
+
 def test_prior_sets():
     b, m = parameter_space(prior_set="in-vivo").sampled[:2]
     assert (b.prior, m.prior, m.unit) == (LogNormal(7.5, 0.25), LogNormal(3.9, 0.1), "–")

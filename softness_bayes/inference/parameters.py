@@ -17,6 +17,7 @@ from softness_bayes.touch.contact import DISPLACEMENT, STRAIN, SkinDisplacement
 from softness_bayes.touch.membrane import Channels
 from softness_bayes.touch.parameters import TouchParameters
 from softness_bayes.touch.scene import LARGEST_CURRENT
+from softness_bayes.touch.surface import FiringSurface
 
 FloatArray = NDArray[np.float64]
 
@@ -132,6 +133,9 @@ class ParameterSpace:
 
     sampled: tuple[Parameter, ...]
     held: Mapping[str, float]
+    firing: FiringSurface | None = field(default=None, repr=False, compare=False)
+    """Where channel multipliers are sampled, the surface that answers for them. Every prior ends at the border of
+    its corner, where firing begins at a jump: less than 1e-4 of the default one lies beyond."""
     bent: Mapping[str, Coordinate] = field(default_factory=dict)
     """Coordinates of sampled parameters that differ from what their priors' supports suggest."""
     _coordinates: tuple[Coordinate, ...] = field(init=False, repr=False, compare=False)
@@ -144,9 +148,9 @@ class ParameterSpace:
 
     def __reduce__(
         self,
-    ) -> tuple[type, tuple[tuple[Parameter, ...], dict[str, float], dict[str, Coordinate]]]:
+    ) -> tuple[type, tuple[tuple[Parameter, ...], dict[str, float], FiringSurface | None, dict[str, Coordinate]]]:
         # a mapping proxy cannot travel to a worker
-        return type(self), (self.sampled, dict(self.held), dict(self.bent))
+        return type(self), (self.sampled, dict(self.held), self.firing, dict(self.bent))
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -175,9 +179,20 @@ class ParameterSpace:
         """Log prior density of each parameter [1/natural unit], shape (..., dimension).
 
         It is -inf outside the open interval of a support: the sampler's coordinates never reach the
-        ends except by rounding.
+        ends except by rounding; and of the channel multipliers where firing begins at a jump.
         """
-        return _columnwise([_open_log_density(p, theta[..., k]) for k, p in enumerate(self.sampled)], theta)
+        density = _columnwise([_open_log_density(p, theta[..., k]) for k, p in enumerate(self.sampled)], theta)
+        if self.firing is not None:
+            channels = [k for k, p in enumerate(self.sampled) if p.name in Channels._fields]
+            density[..., channels] = np.where(self._answered(theta)[..., None], density[..., channels], -np.inf)
+        return density
+
+    def _answered(self, theta: FloatArray) -> NDArray[np.bool_]:
+        """Whether the firing-rate surface answers at points theta, shape (...)."""
+        if self.firing is None:
+            return np.ones(theta.shape[:-1], dtype=bool)
+        values = self.values(theta)
+        return self.firing.answers(Channels(*(values[name] for name in Channels._fields)))
 
     def draw_prior(self, rng: np.random.Generator, size: int) -> FloatArray:
         """Independent draws from the prior, shape (size, dimension).
@@ -187,7 +202,16 @@ class ParameterSpace:
         InputError
             If all but nothing of a prior lies where the model answers.
         """
-        return _columnwise([_draw(p, rng, size) for p in self.sampled], np.empty((size, self.dimension)))
+        theta = _columnwise([_draw(p, rng, size) for p in self.sampled], np.empty((size, self.dimension)))
+        for _ in range(_REDRAWS):
+            beyond = np.flatnonzero(~self._answered(theta))
+            if not beyond.size:
+                return theta
+            theta[beyond] = np.stack([_draw(p, rng, beyond.size) for p in self.sampled], axis=-1)
+        raise InputError(
+            "the priors of the channel multipliers lie where firing begins at a jump, in the corner that the "
+            "firing-rate surface leaves out; hold the multipliers"
+        )
 
     @property
     def median(self) -> FloatArray:
@@ -274,7 +298,9 @@ def parameter_space(
         for name, p in EVERY_PARAMETER.items()
         if name not in held and name not in absent
     )
-    return ParameterSpace(_within_surface(sampled, held), held)
+    free_channels = any(p.name in Channels._fields for p in sampled)
+    firing = FiringSurface.load() if free_channels else None
+    return ParameterSpace(_within_surface(sampled, held), held, firing)
 
 
 def _declared(name: str) -> Parameter:

@@ -250,6 +250,15 @@ class FiringSurface:
         margin = -np.inf if border is None else border.margin
         return self.before_corner(place) < margin
 
+    def answers(self, channels: Channels) -> NDArray[np.bool_]:
+        """Whether channel vectors lie in the box and out of the corner, of their batch shape."""
+        values = np.broadcast_arrays(*(np.asarray(c, float) for c in channels))
+        place = self.design.place(np.array([v.reshape(-1) for v in values]))
+        inside = np.flatnonzero((np.abs(place) <= 1.0 + _AT_THE_EDGE).all(axis=0))
+        found = np.zeros(place.shape[1], dtype=bool)
+        found[inside] = ~self.corner(place[:, inside])
+        return found.reshape(values[0].shape)
+
     def before_corner(self, place: FloatArray) -> FloatArray:
         """How far places of shape (axes, n) are from the corner's border along ``c_K``; negative in the corner."""
         border = self.design.border
