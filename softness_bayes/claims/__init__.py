@@ -11,6 +11,7 @@ from softness_bayes.claims.criteria import CLAIMS, Claim, Verdict
 from softness_bayes.claims.numbers import Bench, Numbers
 from softness_bayes.data import Fabrics, Ratings
 from softness_bayes.errors import InputError
+from softness_bayes.errors import InputError
 from softness_bayes.inference.parameters import parameter_space
 from softness_bayes.inference.priors import Prior
 from softness_bayes.study import firing_of
@@ -137,6 +138,8 @@ def evaluate_claims(
         raise InputError("claims: expected at least one set of readings, prior set and load, and no fewer than 0 draws")
     trials: list[Trial] = []
     firing: dict[Membrane, Firing] = {}
+    if freed := [name for name in PAPER_CHANNELS._fields if name in (priors or {})]:
+        raise InputError(f"{', '.join(freed)}: channel multipliers are held; give a value instead of a prior")
     held = {**PAPER_CHANNELS._asdict(), **(fix or {})}
     for name, chosen in readings.items():
         spaces = {
