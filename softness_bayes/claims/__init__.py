@@ -11,7 +11,6 @@ from softness_bayes.claims.criteria import CLAIMS, Claim, Verdict
 from softness_bayes.claims.numbers import Bench, Numbers
 from softness_bayes.data import Fabrics, Ratings
 from softness_bayes.errors import InputError
-from softness_bayes.errors import InputError
 from softness_bayes.inference.parameters import parameter_space
 from softness_bayes.inference.priors import Prior
 from softness_bayes.study import firing_of

@@ -81,7 +81,7 @@ def command(
     seed: int,
     out: Path,
 ) -> None:
-    """Check the whole inference by simulation: do posteriors hold the truth as often as they say?
+    """Check the whole inference by simulation: whether posteriors hold the truth as often as they say.
 
     Draws parameters from the prior, simulates ratings, samples their posterior until it has converged, and
     ranks the truth among its draws; the ranks of every parameter, of mu and of the log-likelihood must be
