@@ -61,7 +61,7 @@ class CalibrationScene:
     participants: int = 20
 
     def posterior(self, options: RunOptions) -> Posterior:
-        """Return the model of the scene, compiled once for all replicates; its ratings are placeholders."""
+        """Return the model of the scene, compiled once for all replicates; its ratings are all 1, to be replaced."""
         names = [f"P{k}" for k in range(1, self.participants + 1)]
         table = np.ones((self.participants, len(self.fabrics), len(self.loads)))
         ratings = Ratings.crossed(names, self.fabrics.names, self.loads, table)

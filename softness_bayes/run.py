@@ -164,7 +164,8 @@ def posterior_of(experiment: Experiment, options: RunOptions) -> Posterior:
         options.noise,
     )
     # the exponent's ridge with alpha is straight in the distance from the rheobase: tau falls by a third
-    bend = Bent(float(scene.firing.curves(space.touch(space.median)).rheobase), ALPHA_WIDTH)
+    rheobase = float(scene.firing.curves(space.touch(space.median)).rheobase)
+    bend = Bent(rheobase - float(space.rheobase_shift(space.median)), ALPHA_WIDTH)
     space = replace(space, bent={"alpha": bend} if np.isfinite(bend.centre) else {})
     observation = options.scale.model(options.direction).observe(ratings.rating, design_of(experiment))
     plate = None if experiment.compression is None else forces_of(experiment.compression, options.readings)

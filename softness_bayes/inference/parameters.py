@@ -164,11 +164,25 @@ class ParameterSpace:
 
     def natural(self, z: FloatArray) -> FloatArray:
         """Points theta [natural units] at sampler coordinates ``z``, both of shape (..., dimension)."""
-        return _columnwise([c.natural(z[..., k]) for k, c in enumerate(self._coordinates)], z)
+        return self._sheared(_columnwise([c.natural(z[..., k]) for k, c in enumerate(self._coordinates)], z), +1.0)
 
     def coordinates(self, theta: FloatArray) -> FloatArray:
         """Sampler coordinates z at points ``theta``, the inverse of `natural`."""
+        theta = self._sheared(np.array(theta, dtype=float), -1.0)
         return _columnwise([c.coordinate(theta[..., k]) for k, c in enumerate(self._coordinates)], theta)
+
+    def rheobase_shift(self, theta: FloatArray) -> FloatArray:
+        """How far the channel multipliers at points theta move the rheobase [µA/cm²], shape (...)."""
+        if self.firing is None:
+            return np.zeros(theta.shape[:-1])
+        values = self.values(theta)
+        return self.firing.rheobase_shift(Channels(*(values[name] for name in Channels._fields)))
+
+    def _sheared(self, theta: FloatArray, sign: float) -> FloatArray:
+        """Move a bent alpha, in place, along with the rheobase that it is bent about: a shear, which keeps volumes."""
+        if self.firing is not None and "alpha" in self.bent:
+            theta[..., self.names.index("alpha")] += sign * self.rheobase_shift(theta)
+        return theta
 
     def log_jacobian(self, z: FloatArray) -> FloatArray:
         """Log of the volume of theta per volume of z at ``z``, shape (...)."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -44,7 +45,7 @@ class Observation(Protocol):
 
 
 @dataclass(frozen=True)
-class Density:
+class Density(ABC):
     """log p(theta | data) = log p(theta) + log p(data | theta), up to a constant.
 
     Called with sampler coordinates z it returns the density in z, Jacobian included.
@@ -65,9 +66,9 @@ class Density:
         """Log prior density at points theta (..., dimension), shape (...)."""
         return self.space.log_prior(theta).sum(axis=-1)
 
+    @abstractmethod
     def data_density(self, theta: FloatArray) -> FloatArray:
         """Log density of the data at points theta, as the model computes it."""
-        raise NotImplementedError
 
     def log_likelihood(self, theta: FloatArray) -> FloatArray:
         """Log density of the data at points theta (..., dimension), shape (...).

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from types import MappingProxyType
@@ -44,12 +45,12 @@ class Prior(Protocol):
         """Independent draws of shape ``size``."""
 
 
-class Law:
+class Law(ABC):
     """What all laws share: draws by inversion, and a written form that `parse_prior` reads."""
 
+    @abstractmethod
     def quantile(self, p: ArrayLike) -> FloatArray:
         """Value up to which the probability is ``p``."""
-        raise NotImplementedError
 
     def draw(self, rng: np.random.Generator, size: int | tuple[int, ...]) -> FloatArray:
         """Independent draws of shape ``size``."""

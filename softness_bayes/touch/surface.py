@@ -250,6 +250,15 @@ class FiringSurface:
         margin = -np.inf if border is None else border.margin
         return self.before_corner(place) < margin
 
+    def rheobase_shift(self, channels: Channels) -> FloatArray:
+        """Change of the rheobase from that at the box's centre [µA/cm²], to second order: within some 0.05."""
+        values = np.broadcast_arrays(*(np.asarray(c, float) for c in channels))
+        place = self.design.place(np.array([v.reshape(-1) for v in values]))
+        quadratic = TotalDegree(len(self.design.axes), 2)
+        leading = self.table[self._terms.exponents.sum(axis=0) <= 2, 0]
+        origin = quadratic.basis(np.zeros((len(place), 1))) @ leading
+        return (quadratic.basis(place) @ leading - origin).reshape(values[0].shape)
+
     def answers(self, channels: Channels) -> NDArray[np.bool_]:
         """Whether channel vectors lie in the box and out of the corner, of their batch shape."""
         values = np.broadcast_arrays(*(np.asarray(c, float) for c in channels))
