@@ -33,7 +33,7 @@ DRAWS = 40_000
         (LogNormal(100.0, 0.5), lognorm(0.5, scale=100)),
         (LogNormal(0.1, 1.0), lognorm(1.0, scale=0.1)),
     ],
-    ids=str,
+    ids=["normal", "half-normal", "uniform", "log-normal", "wide log-normal"],
 )
 def test_moments_of_priors(prior, oracle):
     assert prior_moments(prior) == pytest.approx((oracle.mean(), oracle.std()), rel=2e-3)
