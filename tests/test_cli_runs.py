@@ -107,7 +107,7 @@ def test_a_killed_run_is_reported_on_continued_and_draws_what_an_uninterrupted_o
     pd.testing.assert_frame_equal(one.table, other.table, check_exact=True)
     assert one.attributes["verdict"] == other.attributes["verdict"]
     assert one.attributes["command"].startswith("softness-bayes")
-    assert one.attributes["command"].count("; softness-bayes ") == 1
+    assert one.attributes["command"].count("; softness-bayes") == 1
 
     said = here("status", copied)
     assert "it has ended, its results are written" in said.stdout

@@ -118,6 +118,7 @@ SPACES = {
     "everything": EVERYTHING,
     "other priors": parameter_space(priors={"b": Uniform(20, 300), "m": HalfNormal(2), "c_K": Uniform(1.1, 1.2)}),
     "bent about the rheobase": replace(parameter_space(), bent={"alpha": Bent(17.99, 0.3)}),
+    "alpha held": replace(parameter_space(fix={"alpha": 21.0}), bent={"alpha": Bent(17.99, 0.3)}),
     "bent about a held rheobase": replace(
         parameter_space(fix=PAPER_CHANNELS._asdict()), bent={"alpha": Bent(17.99, 0.3)}
     ),

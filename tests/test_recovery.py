@@ -24,6 +24,7 @@ from softness_bayes.inference.workers import Workers
 from softness_bayes.run import RunOptions, posterior_of
 from softness_bayes.study import simulate_ratings, usual_values
 from softness_bayes.touch.contact import Indentation
+from softness_bayes.touch.membrane import PAPER_CHANNELS
 from softness_bayes.touch.readings import MENDED
 
 MASS = 0.9
@@ -109,7 +110,7 @@ def replicate(posterior: Posterior, case: Case, seed: int) -> Replicate:
 def fit(case: Case, replicates: int, processes: int) -> list[Replicate]:
     """Fit the first replicates, side by side."""
     anyone = simulate_ratings(np.random.default_rng(0), CLOTH, LOADS, usual_values(MENDED), participants=PARTICIPANTS)
-    posterior = posterior_of(Experiment(anyone.ratings, CLOTH, ()), RunOptions())
+    posterior = posterior_of(Experiment(anyone.ratings, CLOTH, ()), RunOptions(fix=PAPER_CHANNELS._asdict()))
     with Workers(posterior, processes) as workers:
         return workers.map(replicate, [(case, seed) for seed in range(replicates)])
 

@@ -180,7 +180,7 @@ class ParameterSpace:
 
     def _sheared(self, theta: FloatArray, sign: float) -> FloatArray:
         """Move a bent alpha, in place, along with the rheobase that it is bent about: a shear, which keeps volumes."""
-        if self.firing is not None and "alpha" in self.bent:
+        if self.firing is not None and "alpha" in self.bent and "alpha" in self.names:
             theta[..., self.names.index("alpha")] += sign * self.rheobase_shift(theta)
         return theta
 
