@@ -50,7 +50,8 @@ if TYPE_CHECKING:
     default=0.0,
     show_default=True,
     metavar="STRENGTH",
-    help="White current on every membrane [µA/cm² √ms], averaged over; needs --fix of c_Na, c_K, c_L and c_A.",
+    help="White current on every membrane [µA/cm² √ms], averaged over by simulation, which takes minutes; needs --fix "
+    "of c_Na, c_K, c_L and c_A.",
 )
 @click.option(
     "--exact-reweight",

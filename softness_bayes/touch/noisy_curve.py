@@ -77,7 +77,8 @@ def noisy_curve(
     s_max = float(np.sqrt(max_current - begin))
     share = 0.5 * (1.0 - np.cos(np.pi * np.arange(_NODES) / (_NODES - 1)))
     s = s_max * (_CLOSEST + (1.0 - _CLOSEST) * share)
-    found = firing_statistics(begin + s**2, noise, rng, channels, membrane, duration, runs, _STEP)
+    current = np.minimum(begin + s**2, max_current)  # rounding may pass the end
+    found = firing_statistics(current, noise, rng, channels, membrane, duration, runs, _STEP)
     # a run without a spike has no spread of its own: one spike more or less is the least error
     spread = np.maximum(found.rate_error, 1000.0 / (duration * runs))
     w = 2.0 * s / s_max - 1.0
@@ -85,7 +86,7 @@ def noisy_curve(
     fitted = np.linalg.lstsq(rows, (found.rate - LEAST_RATE) / spread, rcond=None)[0]
     coefficients = np.asarray(chebyshev.cheb2poly(fitted), dtype=float)
     curve = RateCurve(np.array(begin), np.array(LEAST_RATE), coefficients, max_current, CurveError(0.0, 0.0, 0.0))
-    deviation = np.abs(curve.rate(begin + s**2) - found.rate)
+    deviation = np.abs(curve.rate(current) - found.rate)
     of_fit = spread * np.sqrt((rows @ np.linalg.pinv(rows)).diagonal())
     size = np.maximum(deviation, 2.0 * of_fit)
     error = CurveError(float(size.max()), float((size / np.maximum(found.rate, LEAST_RATE)).max()), LEAST_RATE)

@@ -80,7 +80,8 @@ class FixedChannels:
     ) -> None:
         self.channels, self.membrane, self.noise, self.max_current = channels, membrane, noise, max_current
         self.curve = self._made(max_current, nodes)
-        self._longer: RateCurve | None = None
+        # a curve of averages takes minutes: made now, for all the processes that a run may have
+        self._longer: RateCurve | None = self._made(LARGEST_CURRENT, nodes) if noise else None
 
     def _made(self, max_current: float, nodes: int) -> RateCurve:
         if self.noise:

@@ -1,0 +1,47 @@
+"""The noise-averaged rate curve against independent simulations, and where it meets the exact one."""
+
+import numpy as np
+import pytest
+
+from softness_bayes.errors import InputError
+from softness_bayes.touch import noisy_curve as module
+from softness_bayes.touch.noisy_curve import LEAST_RATE, noisy_curve
+from softness_bayes.touch.rate import firing_rate
+from softness_bayes.touch.spikes import firing_statistics
+
+
+@pytest.fixture(scope="module")
+def curve():
+    return noisy_curve(4.0, runs=4, duration=400.0, seed=1)
+
+
+def test_rates_agree_with_other_simulations_within_the_stated_error(curve):
+    current = np.array([17.8, 18.5, 20.3, 30.0])
+    again = firing_statistics(current, 4.0, np.random.default_rng(7), duration=600.0, runs=6, step=0.02)
+    allowed = curve.error.hertz + 4.0 * again.rate_error
+    assert (np.abs(curve.rate(current) - again.rate) < allowed).all()
+    # far above the rheobase noise changes little; about it, noise makes membranes fire that would be silent
+    assert curve.rate(np.array([38.0]))[0] == pytest.approx(float(firing_rate(38.0)), rel=0.02)
+    assert curve.rate(np.array([17.8]))[0] > 0.5
+    assert firing_rate(17.8) == 0.0
+
+
+def test_the_curve_ends_where_the_mean_rate_is_least(curve):
+    assert 14.0 < float(curve.rheobase) < 17.8
+    at = np.array([float(curve.rheobase) - 0.1, float(curve.rheobase) + 1e-9])
+    np.testing.assert_allclose(curve.rate(at), [0.0, LEAST_RATE], atol=1e-2)
+    assert 0 < curve.error.hertz < 5.0
+
+
+def test_equal_seeds_equal_curves(monkeypatch):
+    monkeypatch.setattr(module, "_end", lambda *_: 16.0)
+    first, second, other = (noisy_curve(2.0, runs=2, duration=50.0, seed=seed) for seed in (3, 3, 4))
+    np.testing.assert_array_equal(first.coefficients, second.coefficients)
+    assert (first.coefficients != other.coefficients).any()
+
+
+def test_noise_that_is_none_and_currents_that_are_silent_are_refused():
+    with pytest.raises(InputError, match="expected a positive number"):
+        noisy_curve(0.0)
+    with pytest.raises(InputError, match="silent up to 10"):
+        noisy_curve(1.0, max_current=10.0)
