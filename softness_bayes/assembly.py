@@ -31,7 +31,7 @@ from softness_bayes.inference.summary import reweighted, summarise
 from softness_bayes.plate_groups import plate_attributes, plate_coordinates, plate_groups
 from softness_bayes.touch.parameters import TouchParameters
 from softness_bayes.touch.scene import Scene
-from softness_bayes.variables import Groups, Variable, merged, named, sampled_groups, tree_of
+from softness_bayes.variables import Groups, Variable, evenly, merged, named, sampled_groups, tree_of
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -163,20 +163,14 @@ class Assembly:
         table = summarise((*self.posterior.names, *levels), apart)
         if not self.reweight:
             return table
-        return reweighted(table, draws[self._even(REWEIGHT_DRAWS)], self.exactness.log_weight)
-
-    def _even(self, size: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-        """Return chain and draw of draws evenly spaced over the whole run, all walkers side by side in time."""
-        chains, stored = self.theta.shape[:2]
-        flat = np.linspace(0, chains * stored - 1, min(size, chains * stored)).astype(int)
-        return flat % chains, flat // chains
+        return reweighted(table, draws[evenly(self.theta.shape, REWEIGHT_DRAWS)], self.exactness.log_weight)
 
     def _picked(self, size: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
         """Return chain and draw of evenly spaced draws, or of as many in proportion to their exact weights."""
         if not self.reweight:
-            return self._even(size)
+            return evenly(self.theta.shape, size)
         chosen = resample(self.exactness.log_weight, size)
-        chain, draw = self._even(REWEIGHT_DRAWS)
+        chain, draw = evenly(self.theta.shape, REWEIGHT_DRAWS)
         return chain[chosen], draw[chosen]
 
     def _pick(self, size: int) -> Draws:
@@ -195,13 +189,13 @@ class Assembly:
 
     def _exactness(self, size: int) -> Exactness:
         """Return the exact log-likelihood's difference to the fast one at evenly spaced draws."""
-        theta = self.theta[self._even(size)]
+        theta = self.theta[evenly(self.theta.shape, size)]
         exact = replace(self.posterior, scene=self.scene.exact())
         return compare(self.posterior.names, theta, self.posterior.log_likelihood(theta), exact.log_likelihood(theta))
 
     def _exactness_stats(self) -> dict[str, Variable]:
         """Return the differences of the log-likelihood and the log weights; NaN at draws that were not compared."""
-        index = self._even(self.exactness.difference.size)
+        index = evenly(self.theta.shape, self.exactness.difference.size)
         found = {}
         for name, values in (
             ("exact_difference", self.exactness.difference),

@@ -91,8 +91,8 @@ def sample_skin(
         posterior.compression,
         posterior.skin_parameters,
         theta,
-        evenly(theta, REPLICATES),
-        evenly(theta, CURVES),
+        theta[evenly(theta.shape, REPLICATES)],
+        theta[evenly(theta.shape, CURVES)],
         prior[:REPLICATES],
     )
     held = {n: Variable(np.array(v), units=EVERY_PARAMETER[n].unit) for n, v in posterior.space.held.items()}

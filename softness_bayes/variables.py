@@ -78,8 +78,16 @@ def sampled_groups(density: Density, kept: Chains, theta: Array, data: str) -> G
     }
 
 
-def evenly(theta: Array, size: int) -> Array:
-    """Return draws (size, dimension) evenly spaced over the whole run, all walkers side by side in time."""
-    chains, stored = theta.shape[:2]
+def evenly(shape: tuple[int, ...], size: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Return chain and draw of draws evenly spaced over a whole run, all walkers side by side in time.
+
+    Parameters
+    ----------
+    shape
+        Of the run's draws: chains, draws and whatever follows.
+    size
+        Their number, if there are as many.
+    """
+    chains, stored = shape[:2]
     flat = np.linspace(0, chains * stored - 1, min(size, chains * stored)).astype(int)
-    return theta[flat % chains, flat // chains]
+    return flat % chains, flat // chains

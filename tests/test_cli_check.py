@@ -115,6 +115,19 @@ def test_errors_become_exit_codes(kind, monkeypatch, capsys):
 # check
 
 
+def test_check_shows_moduli_in_the_reading_that_is_asked_for(files):
+    """The printed rigidity divides by 1 - nu, that of a plate by 1 - nu²: they differ by 1 + nu."""
+    ratings, cloth = files
+    cloth.write_text("fabric,tensile_modulus_mpa,thickness_mm,poisson_ratio\na,10,0.5,0.25\nb,20,0.4,0.25\n")
+    shown = []
+    for reading in ("printed", "plate"):
+        done = run("check", "--data", ratings, "--fabrics", cloth, "--reading", f"fabric_modulus={reading}")
+        assert done.returncode == 0, done.stderr
+        (line,) = (line for line in done.stdout.splitlines() if line.split()[:1] == ["a"])
+        shown.append(float(line.split()[1]))
+    assert shown[0] / shown[1] == pytest.approx(1.25, rel=1e-3)
+
+
 def test_check_says_what_it_understood(files):
     ratings, cloth = files
     done = run("check", "--data", ratings, "--fabrics", cloth)

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from softness_bayes.cli.options import DataFiles, data_files, rating_scale
+from softness_bayes.cli.options import DataFiles, ReadingChoice, data_files, rating_scale, readings
 
 if TYPE_CHECKING:
     import numpy as np
@@ -18,7 +18,8 @@ if TYPE_CHECKING:
 @click.command()
 @data_files
 @rating_scale
-def command(files: DataFiles, scale: str) -> None:
+@readings
+def command(files: DataFiles, scale: str, choice: ReadingChoice) -> None:
     """Validate data files and say what was understood.
 
     Ratings are one row each: participant, fabric, rating, and indentation_mm or force_n; trial if there are
@@ -26,18 +27,20 @@ def command(files: DataFiles, scale: str) -> None:
     effective_modulus_kpa, or bending_rigidity_n_m, or tensile_modulus_mpa and thickness_mm; poisson_ratio
     where known. Compression data are one row per force of a rigid flat plate: participant, indentation_mm,
     force_n; indentor, if other rows are to be left out. Errors name file, row, column and value. E_fab is
-    shown in the default reading.
+    shown in the reading that is asked for.
     """
     from softness_bayes.data import Compression
     from softness_bayes.inference.scales import RATING_SCALES
 
+    fabric_modulus = choice.resolve().fabric_modulus
     experiment = files.read()
     if isinstance(experiment, Compression):
         _show_compression(experiment)
         for note in experiment.notes:
             click.echo(f"note: {note}")
         return
-    for line in (*_summary(experiment), "", *_fabric_table(experiment)):
+    modulus = experiment.fabrics.modulus(fabric_modulus) / 1e3
+    for line in (*_summary(experiment, modulus), "", *_fabric_table(experiment, modulus)):
         click.echo(line)
     if experiment.compression is not None:
         click.echo()
@@ -62,13 +65,12 @@ def _show_compression(compression: Compression) -> None:
         click.echo(f"{name:14}{text}")
 
 
-def _summary(experiment: Experiment) -> list[str]:
-    """Return lines that say who rated what, under which loads."""
+def _summary(experiment: Experiment, modulus: NDArray[np.float64]) -> list[str]:
+    """Return lines that say who rated what, under which loads; moduli in kPa."""
     import numpy as np
 
     ratings = experiment.ratings
     each = np.bincount(ratings.participant)
-    modulus = experiment.fabrics.modulus() / 1e3
     loads = zip(ratings.loads, np.bincount(ratings.load), strict=True)
     conditions = ratings.conditions
     pairs = len(ratings.fabrics) * len(ratings.loads)
@@ -89,7 +91,7 @@ def _summary(experiment: Experiment) -> list[str]:
     return [f"{name:14}{text}" for name, text in lines.items()]
 
 
-def _fabric_table(experiment: Experiment) -> list[str]:
+def _fabric_table(experiment: Experiment, moduli: NDArray[np.float64]) -> list[str]:
     """Return a table of the fabrics: modulus, what it is from, Poisson ratio, number of ratings."""
     import numpy as np
 
@@ -98,7 +100,7 @@ def _fabric_table(experiment: Experiment) -> list[str]:
     lines = [f"{'fabric':{width}}  E_fab (kPa)  Poisson ratio  ratings  modulus from"]
     for name, modulus, poisson, count, basis in zip(
         fabrics.names,
-        fabrics.modulus() / 1e3,
+        moduli,
         fabrics.poisson_ratio,
         np.bincount(ratings.fabric),
         fabrics.basis,

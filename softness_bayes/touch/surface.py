@@ -244,6 +244,17 @@ class FiringSurface:
     def _terms(self) -> TotalDegree:
         return TotalDegree(len(self.design.axes), self.design.degree)
 
+    @cached_property
+    def _border_terms(self) -> TotalDegree:
+        return TotalDegree(3, self.design.border.degree if self.design.border is not None else 0)
+
+    @cached_property
+    def _quadratic_rheobase(self) -> tuple[TotalDegree, FloatArray, FloatArray]:
+        """Terms and coefficients of the rheobase up to second order, and their sum at the box's centre."""
+        terms = TotalDegree(len(self.design.axes), 2)
+        leading = self.table[self._terms.exponents.sum(axis=0) <= 2, 0]
+        return terms, leading, terms.basis(np.zeros((len(self.design.axes), 1))) @ leading
+
     def corner(self, place: FloatArray) -> NDArray[np.bool_]:
         """Whether places of shape (axes, n) lie in the corner, or in the strip beside it that counts as the corner."""
         border = self.design.border
@@ -252,28 +263,28 @@ class FiringSurface:
 
     def rheobase_shift(self, channels: Channels) -> FloatArray:
         """Change of the rheobase from that at the box's centre [µA/cm²], to second order: within some 0.05."""
+        shape, place = self._places(channels)
+        terms, leading, origin = self._quadratic_rheobase
+        return (terms.basis(place) @ leading - origin).reshape(shape)
+
+    def _places(self, channels: Channels) -> tuple[tuple[int, ...], FloatArray]:
+        """Batch shape of channel vectors, and their places, shape (axes, n), wherever they lie."""
         values = np.broadcast_arrays(*(np.asarray(c, float) for c in channels))
-        place = self.design.place(np.array([v.reshape(-1) for v in values]))
-        quadratic = TotalDegree(len(self.design.axes), 2)
-        leading = self.table[self._terms.exponents.sum(axis=0) <= 2, 0]
-        origin = quadratic.basis(np.zeros((len(place), 1))) @ leading
-        return (quadratic.basis(place) @ leading - origin).reshape(values[0].shape)
+        return values[0].shape, self.design.place(np.array([v.reshape(-1) for v in values]))
 
     def answers(self, channels: Channels) -> NDArray[np.bool_]:
         """Whether channel vectors lie in the box and out of the corner, of their batch shape."""
-        values = np.broadcast_arrays(*(np.asarray(c, float) for c in channels))
-        place = self.design.place(np.array([v.reshape(-1) for v in values]))
+        shape, place = self._places(channels)
         inside = np.flatnonzero((np.abs(place) <= 1.0 + _AT_THE_EDGE).all(axis=0))
         found = np.zeros(place.shape[1], dtype=bool)
         found[inside] = ~self.corner(place[:, inside])
-        return found.reshape(values[0].shape)
+        return found.reshape(shape)
 
     def before_corner(self, place: FloatArray) -> FloatArray:
         """How far places of shape (axes, n) are from the corner's border along ``c_K``; negative in the corner."""
-        border = self.design.border
-        if border is None:
+        if self.design.border is None:
             return np.full(place.shape[1], np.inf)
-        return TotalDegree(3, border.degree).basis(place[[0, 2, 3]]) @ self.border - place[1]
+        return self._border_terms.basis(place[[0, 2, 3]]) @ self.border - place[1]
 
     def curve(self, channels: Channels) -> RateCurve:
         """Rate curves of channel vectors.
