@@ -28,6 +28,8 @@ Array = NDArray[np.float64]
 WIDE = 0.02
 """A patch that ends at a smaller share of the peak stress is wide: the count's pole at stress 0 comes close."""
 
+_SEARCH, _SAME = 60, 1e-14  # most steps of a search in y, and the step that ends it
+
 
 class Drive(NamedTuple):
     """Transduction and firing of a batch of parameter vectors; arrays of shape (batch, 1)."""
@@ -152,7 +154,7 @@ class Population:
     def _wide(self, profile: Profile, onset: _Onset, beta: Array, reach: Array, intervals: bool) -> Sums:
         """Integrate where the patch may reach past the pad's first kink, one interval after another."""
         kinks = self.count.kinks
-        t_kinks = [np.minimum(self._t_at(profile, onset, beta, distance), np.sqrt(reach)) for distance in kinks]
+        t_kinks = np.minimum(self._t_at(profile, onset, beta, kinks), np.sqrt(reach)[:, None]).T
         y_onset = self._y(profile, onset.stress)
         responding = self.count.anywhere(profile.squared_distance(y_onset[:, None])[:, 0])
         # where saturation comes first the integral ends there
@@ -166,6 +168,8 @@ class Population:
         interval = inner.interval
         for k in range(1, len(kinks)):
             outer, near = np.minimum(t_kinks[k], bottom), np.minimum(t_kinks[k - 1], bottom)
+            if not (near > outer).any():
+                continue
             # just outside a kink the count opens like a square root: x² smooths it
             t = near[:, None] - (near - outer)[:, None] * self.part**2
             weight = (near - outer)[:, None] * 2.0 * self.part * self.weight
@@ -196,15 +200,38 @@ class Population:
         weight = (stop - start)[:, None] * self.weight * scale[:, None] * np.cosh(w)
         return _Nodes(t, weight * height / np.maximum(t, 1e-300))
 
-    def _t_at(self, profile: Profile, onset: _Onset, beta: Array, distance: float) -> Array:
-        """Return t where the stress is that at `distance` from the axis; 0 if the patch does not reach it."""
-        low, high = profile.y_least.copy(), np.ones_like(profile.peak)
-        for _ in range(48):
-            middle = 0.5 * (low + high)
-            outside = profile.squared_distance(middle[:, None])[:, 0] > distance**2
-            low, high = np.where(outside, middle, low), np.where(outside, high, middle)
-        stress = profile.peak * (0.5 * (low + high)) ** (1.0 / self.root)
-        return np.sqrt(np.maximum(beta * (stress - onset.stress), 0.0))
+    def _t_at(self, profile: Profile, onset: _Onset, beta: Array, distance: Array) -> Array:
+        """Return t where the stress is that at some distances from the axis, shape (n, distances); 0 outside the patch.
+
+        In y the condition rho² = d² is Q(y) (1 - y) = d² y, a straight line but for what Q varies: false
+        position in Illinois's form gains digits as fast as the secant does and never leaves the bracket.
+        """
+        squared = distance**2
+
+        def beyond(y: Array) -> Array:
+            return y * (profile.squared_distance(y) - squared)
+
+        shape = (profile.peak.size, distance.size)
+        low, high = np.broadcast_to(profile.y_least[:, None], shape).copy(), np.ones(shape)
+        at_low, at_high = beyond(low), np.broadcast_to(-squared, shape).copy()
+        low_stays = np.ones(shape, dtype=bool)
+        # where the table ends before the distance its end stands in for the root
+        inside = at_low > 0.0
+        at_low[~inside] = 1.0
+        y = low
+        for _ in range(_SEARCH):
+            step = np.where(inside, at_high / (at_high - at_low), 0.0)
+            y, before = np.where(inside, high - step * (high - low), low), y
+            if np.abs(y - before).max() <= _SAME:
+                break
+            at_y = beyond(y)
+            up = at_y > 0.0
+            # the end that stays twice in a row counts half, or it would stay for good
+            at_high = np.where(up, np.where(low_stays, at_high, 0.5 * at_high), at_y)
+            at_low = np.where(up, at_y, np.where(low_stays, 0.5 * at_low, at_low))
+            low, high, low_stays = np.where(up, y, low), np.where(up, high, y), ~up
+        stress = profile.peak[:, None] * y ** (1.0 / self.root)
+        return np.sqrt(np.maximum(beta[:, None] * (stress - onset.stress[:, None]), 0.0))
 
 
 class _Nodes(NamedTuple):
