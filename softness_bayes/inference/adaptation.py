@@ -9,6 +9,7 @@ decides how fast the walk mixes, never what it converges to.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -135,12 +136,12 @@ class _Bends:
         self._moments, self._shrinkage = features.T @ features / len(t), shrinkage
         self._dimension = t.shape[-1]
         self._pair = np.zeros((self._dimension, self._dimension), dtype=int)
-        first, second = np.triu_indices(self._dimension)
+        first, second = _pairs(self._dimension)
         self._pair[first, second] = self._pair[second, first] = 1 + self._dimension + np.arange(first.size)
 
     def fit(self, k: int, others: list[int]) -> tuple[FloatArray, float]:
         """Coefficients of t_k on the features of the others, and the mean square that they explain."""
-        first, second = np.triu_indices(len(others))
+        first, second = _pairs(len(others))
         index = np.array(others, dtype=int)
         terms = np.concatenate([[0], 1 + index, self._pair[index[first], index[second]]])
         normal = self._moments[np.ix_(terms, terms)] + self._shrinkage * np.diag(terms > 0)
@@ -157,7 +158,10 @@ class _Bends:
         return order[::-1]
 
 
+_pairs = cache(np.triu_indices)
+
+
 def _features(t: FloatArray) -> FloatArray:
     """1, t_j and t_i t_j, shape (..., 1 + k + k (k + 1) / 2)."""
-    first, second = np.triu_indices(t.shape[-1])
+    first, second = _pairs(t.shape[-1])
     return np.concatenate([np.ones((*t.shape[:-1], 1)), t, t[..., first] * t[..., second]], axis=-1)

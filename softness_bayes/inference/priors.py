@@ -7,6 +7,7 @@ import re
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
+from functools import cached_property
 from types import MappingProxyType
 from typing import Protocol
 
@@ -246,7 +247,7 @@ class LogNormal(Law):
         # rounding in ndtri must not carry a draw past the truncation
         return np.clip(self.median * np.exp(self.sd_log * deviate), *self.support)
 
-    @property
+    @cached_property
     def _mass_limits(self) -> tuple[float, float]:
         low, high = self.support
         below = 0.0 if low == 0.0 else float(ndtr(self._standardised(np.asarray(math.log(low)))))

@@ -222,6 +222,7 @@ class Scene:
         self._columns = [np.flatnonzero(self.load == index) for index in used]
         self._fields = [self._field(self.loads[index]) for index in used]
         self._population = Population(self._fields[0].root, self.count, discretisation.nodes, discretisation.saturation)
+        self._finer: Scene | None = None
 
     def _field(self, load: Load) -> StressField:
         softness, least = 1.0 - self.finger.poisson_ratio**2, self.modulus.argmin()
@@ -287,28 +288,22 @@ class Scene:
         return Contact(*(np.concatenate(part).reshape(*shape, self.n_conditions) for part in fields))
 
     def refined(self) -> Scene:
-        """Return the same scene resolved more finely, to measure this one's error against."""
-        d = self.discretisation
-        finer = Discretisation(d.nodes + 12, d.saturation + 8.0, 1e-2 * d.field_tolerance)
-        return self._with(self.modulus, self.poisson, np.arange(self.n_conditions), self.load, finer)
+        """Return the same scene resolved more finely, to measure this one's error against; made once."""
+        if self._finer is None:
+            d = self.discretisation
+            finer = Discretisation(d.nodes + 12, d.saturation + 8.0, 1e-2 * d.field_tolerance)
+            conditions = np.arange(self.n_conditions)
+            self._finer = self._with(self.modulus, self.poisson, conditions, self.load, finer)
+        return self._finer
 
     def exact(self) -> Scene:
         """Return the same scene resolved more finely and with exact firing rates.
 
         It agrees with adaptive integration over the pad to 1e-8 of the peak; milliseconds for each vector.
         """
-        fine = self.refined()
-        return Scene(
-            fine.modulus,
-            fine.poisson,
-            fine.loads,
-            self.firing.exact(),
-            np.arange(fine.n_conditions),
-            fine.load,
-            finger=fine.finger,
-            readings=fine.readings,
-            discretisation=fine.discretisation,
-        )
+        fine = copy.copy(self.refined())
+        fine.firing = self.firing.exact()
+        return fine
 
     @property
     def field_error(self) -> float:
@@ -349,6 +344,7 @@ class Scene:
         chosen, part = _indices(conditions, self.n_conditions, "condition"), copy.copy(self)
         if not chosen.size:
             raise InputError("scene: expected at least one condition")
+        part._finer = None
         part.finger, part.count = finger, ReceptorCount(finger, self.readings.receptor_density)
         for name in ("fabric", "load", "modulus", "poisson", "_log_k", "_log_scale", "_skin_power"):
             setattr(part, name, getattr(self, name)[chosen])
