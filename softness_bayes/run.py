@@ -13,10 +13,10 @@ import numpy as np
 from softness_bayes.assembly import Assembly, versions
 from softness_bayes.criticism import check_table
 from softness_bayes.data import Compression, Experiment
-from softness_bayes.inference.coordinates import Bent
+from softness_bayes.inference.coordinates import Bent, Scaled
 from softness_bayes.inference.design import Design
 from softness_bayes.inference.observation import RATING_DIRECTIONS, SOFTNESS, RatingDirection, RatingParameters
-from softness_bayes.inference.parameters import parameter_space
+from softness_bayes.inference.parameters import PARAMETERS, parameter_space
 from softness_bayes.inference.posterior import Density, Posterior
 from softness_bayes.inference.priors import Prior, parse_prior
 from softness_bayes.inference.sampling import Progress, Settings, progress_of, sampled_of, walk
@@ -163,10 +163,13 @@ def posterior_of(experiment: Experiment, options: RunOptions) -> Posterior:
         options.discretisation,
         options.noise,
     )
-    # the exponent's ridge with alpha is straight in the distance from the rheobase: tau falls by a third
+    # the exponent's ridge with alpha is straight in the distance from the rheobase: tau falls by a third; and what
+    # data tell of sigma_0 is the stress where firing begins: precise data make a thin sheet, straight in that alone
     rheobase = float(scene.firing.curves(space.touch(space.median)).rheobase)
-    bend = Bent(rheobase - float(space.rheobase_shift(space.median)), ALPHA_WIDTH)
-    space = replace(space, bent={"alpha": bend} if np.isfinite(bend.centre) else {})
+    rheobase -= float(space.rheobase_shift(space.median))
+    if np.isfinite(rheobase):
+        unit = PARAMETERS["sigma_0"].prior.median
+        space = replace(space, bent={"alpha": Bent(rheobase, ALPHA_WIDTH), "sigma_0": Scaled(unit)}, rheobase=rheobase)
     observation = options.scale.model(options.direction).observe(ratings.rating, design_of(experiment))
     plate = None if experiment.compression is None else forces_of(experiment.compression, options.readings)
     return Posterior(space, scene, observation, plate)

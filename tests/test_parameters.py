@@ -8,7 +8,7 @@ import pytest
 from scipy import stats
 
 from softness_bayes.errors import InputError
-from softness_bayes.inference.coordinates import Bent, HalfLine, Interval, Line, coordinate_for
+from softness_bayes.inference.coordinates import Bent, HalfLine, Interval, Line, Scaled, coordinate_for
 from softness_bayes.inference.parameters import HELD, PARAMETERS, PRIOR_SETS, parameter_space
 from softness_bayes.inference.priors import HalfNormal, LogNormal, Normal, Uniform
 from softness_bayes.touch import surface
@@ -119,6 +119,14 @@ SPACES = {
     "other priors": parameter_space(priors={"b": Uniform(20, 300), "m": HalfNormal(2), "c_K": Uniform(1.1, 1.2)}),
     "bent about the rheobase": replace(parameter_space(), bent={"alpha": Bent(17.99, 0.3)}),
     "alpha held": replace(parameter_space(fix={"alpha": 21.0}), bent={"alpha": Bent(17.99, 0.3)}),
+    "sigma_0 along the threshold": replace(
+        parameter_space(), bent={"alpha": Bent(17.99, 0.3), "sigma_0": Scaled(9.0)}, rheobase=17.99
+    ),
+    "sigma_0 along the threshold of held channels, alpha and beta": replace(
+        parameter_space(fix={**PAPER_CHANNELS._asdict(), "alpha": 21.0, "beta": 0.6}),
+        bent={"sigma_0": Scaled(9.0)},
+        rheobase=17.99,
+    ),
     "bent about a held rheobase": replace(
         parameter_space(fix=PAPER_CHANNELS._asdict()), bent={"alpha": Bent(17.99, 0.3)}
     ),
@@ -167,10 +175,11 @@ def test_prior_draws_and_density_by_parameter():
 
 
 def test_far_coordinates_have_no_prior_and_give_no_warning():
-    for far in (-1e4, -750.0, 750.0, 1e4):
-        z = np.full((1, EVERYTHING.dimension), far)
-        total = EVERYTHING.log_prior(EVERYTHING.natural(z)).sum(-1) + EVERYTHING.log_jacobian(z)
-        assert total == -np.inf
+    for space in (EVERYTHING, SPACES["sigma_0 along the threshold"]):
+        for far in (-1e4, -750.0, 750.0, 1e4):
+            z = np.full((1, space.dimension), far)
+            total = space.log_prior(space.natural(z)).sum(-1) + space.log_jacobian(z)
+            assert total == -np.inf
 
 
 def test_values_by_name_in_natural_units_and_si():

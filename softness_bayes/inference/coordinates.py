@@ -44,6 +44,25 @@ class Line:
 
 
 @dataclass(frozen=True)
+class Scaled:
+    """x = unit z, for a quantity of either sign and of a known size."""
+
+    unit: float
+
+    def natural(self, z: FloatArray) -> FloatArray:
+        """Return x = unit z."""
+        return self.unit * z
+
+    def coordinate(self, x: FloatArray) -> FloatArray:
+        """Return z = x / unit."""
+        return x / self.unit
+
+    def log_slope(self, z: FloatArray) -> FloatArray:
+        """Log of the unit."""
+        return np.full_like(z, math.log(self.unit))
+
+
+@dataclass(frozen=True)
 class HalfLine:
     """x = low + exp z, for a quantity above ``low``."""
 

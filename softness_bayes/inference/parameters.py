@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -106,6 +107,9 @@ EVERY_PARAMETER: Mapping[str, Parameter] = MappingProxyType({**PARAMETERS, **FIN
 HELD: Mapping[str, float] = MappingProxyType({"omega": 0.0, "eps": 0.1})
 """Parameters that are held at a value unless they are freed or given a prior."""
 
+LEAST_ODDS = 0.01
+"""Least alpha / rheobase - 1 in the coordinate of sigma_0, which would have no end otherwise."""
+
 PRIOR_SETS: Mapping[str, Mapping[SkinDisplacement, Mapping[str, Prior]]] = MappingProxyType(
     {
         "default": {STRAIN: {}, DISPLACEMENT: {"m": LogNormal(707, 0.3), "tau_m": HalfNormal(354)}},
@@ -138,6 +142,9 @@ class ParameterSpace:
     its corner, where firing begins at a jump: less than 1e-4 of the default one lies beyond."""
     bent: Mapping[str, Coordinate] = field(default_factory=dict)
     """Coordinates of sampled parameters that differ from what their priors' supports suggest."""
+    rheobase: float | None = None
+    """Rheobase at the centre of the channels' box, or of the held channels [µA/cm²]. Where it is known sigma_0 walks
+    as the stress at which receptors begin to fire, of which the data tell most."""
     _coordinates: tuple[Coordinate, ...] = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
@@ -146,11 +153,9 @@ class ParameterSpace:
         coordinates = tuple(self.bent.get(p.name) or coordinate_for(p.prior.support) for p in self.sampled)
         object.__setattr__(self, "_coordinates", coordinates)
 
-    def __reduce__(
-        self,
-    ) -> tuple[type, tuple[tuple[Parameter, ...], dict[str, float], FiringSurface | None, dict[str, Coordinate]]]:
+    def __reduce__(self) -> tuple[type, tuple[Any, ...]]:
         # a mapping proxy cannot travel to a worker
-        return type(self), (self.sampled, dict(self.held), self.firing, dict(self.bent))
+        return type(self), (self.sampled, dict(self.held), self.firing, dict(self.bent), self.rheobase)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -164,12 +169,39 @@ class ParameterSpace:
 
     def natural(self, z: FloatArray) -> FloatArray:
         """Points theta [natural units] at sampler coordinates ``z``, both of shape (..., dimension)."""
-        return self._sheared(_columnwise([c.natural(z[..., k]) for k, c in enumerate(self._coordinates)], z), +1.0)
+        theta = _columnwise([c.natural(z[..., k]) for k, c in enumerate(self._coordinates)], z)
+        if self._walks_along("alpha", self.firing):
+            theta[..., self.names.index("alpha")] += self.rheobase_shift(theta)
+        if self._walks_along("sigma_0", self.rheobase):
+            theta[..., self.names.index("sigma_0")] += self._beyond_threshold(theta)
+        return theta
 
     def coordinates(self, theta: FloatArray) -> FloatArray:
         """Sampler coordinates z at points ``theta``, the inverse of `natural`."""
-        theta = self._sheared(np.array(theta, dtype=float), -1.0)
+        theta = np.array(theta, dtype=float)
+        if self._walks_along("sigma_0", self.rheobase):
+            theta[..., self.names.index("sigma_0")] -= self._beyond_threshold(theta)
+        if self._walks_along("alpha", self.firing):
+            theta[..., self.names.index("alpha")] -= self.rheobase_shift(theta)
         return _columnwise([c.coordinate(theta[..., k]) for k, c in enumerate(self._coordinates)], theta)
+
+    def _walks_along(self, name: str, other: object) -> bool:
+        """Whether a parameter's coordinate moves along with others that are known: a shear, which keeps volumes."""
+        return other is not None and name in self.bent and name in self.names
+
+    def _beyond_threshold(self, theta: FloatArray) -> FloatArray:
+        """How far sigma_0 lies above the stress at which receptors begin to fire [kPa], nearly: ln(odds) / beta.
+
+        The odds of the current at the rheobase are kept above `LEAST_ODDS`: it is a coordinate only.
+        """
+        if self.rheobase is None:
+            return np.zeros(theta.shape[:-1])
+        values = self.values(theta)
+        odds = values["alpha"] / (self.rheobase + self.rheobase_shift(theta)) - 1.0
+        # where others have overflowed there is no prior, and must be no NaN
+        with np.errstate(divide="ignore", invalid="ignore"):
+            beyond = np.log(np.maximum(odds, 0.0) + LEAST_ODDS) / values["beta"]
+        return np.where(np.isnan(beyond), 0.0, beyond)
 
     def rheobase_shift(self, theta: FloatArray) -> FloatArray:
         """How far the channel multipliers at points theta move the rheobase [µA/cm²], shape (...)."""
@@ -177,12 +209,6 @@ class ParameterSpace:
             return np.zeros(theta.shape[:-1])
         values = self.values(theta)
         return self.firing.rheobase_shift(Channels(*(values[name] for name in Channels._fields)))
-
-    def _sheared(self, theta: FloatArray, sign: float) -> FloatArray:
-        """Move a bent alpha, in place, along with the rheobase that it is bent about: a shear, which keeps volumes."""
-        if self.firing is not None and "alpha" in self.bent and "alpha" in self.names:
-            theta[..., self.names.index("alpha")] += sign * self.rheobase_shift(theta)
-        return theta
 
     def log_jacobian(self, z: FloatArray) -> FloatArray:
         """Log of the volume of theta per volume of z at ``z``, shape (...)."""
