@@ -44,7 +44,8 @@ STRETCH: Moves = ((StretchMove(), 1.0),)
 
 MOVES: Moves = (
     (MHMove(StudentProposal()), 0.6),
-    (DEMove(), 0.37),
+    (DEMove(), 0.27),
+    (DEMove(gamma0=0.12), 0.1),  # frees a walker in a tail that the map misses, where longer steps find nothing
     (DEMove(gamma0=1.0), 0.03),  # carries a walker from one mode to another
 )
 """Proposals with their probabilities in the coordinates of the learnt map.
