@@ -26,7 +26,7 @@ from softness_bayes.study import simulate_ratings, usual_values
 from softness_bayes.touch.contact import Force, Indentation, Load
 from softness_bayes.touch.readings import MENDED
 
-STEPS, ENSEMBLES, LENGTHS = 6000, 2, 50.0
+STEPS, ENSEMBLES, LENGTHS = 3000, 2, 50.0
 
 
 class Way(NamedTuple):
@@ -110,16 +110,16 @@ DATA: Mapping[str, Callable[[], Target]] = {
 
 
 def main() -> None:
-    """Print the table."""
+    """Print a table for each data set."""
     for data, make in DATA.items():
         target = make()
-        print(f"{data} ({len(target.names)} parameters)")
-        print(f"  {'':62} tau [steps]   effective draws / s")
+        print(f"\n{data} ({len(target.names)} parameters):\n")
+        print("| way to walk | tau [steps] | effective draws / s |\n|---|---|---|")
         for name, way in WAYS.items():
             found = measure(target, way, STEPS)
             short = found.lengths < LENGTHS
             tau, draws = f"{'> ' * short}{found.tau:.0f}", f"{'< ' * short}{found.ess_per_second:.3g}"
-            print(f"  {name:62} {tau:>11}   {draws:>21}", flush=True)
+            print(f"| {name} | {tau} | {draws} |", flush=True)
 
 
 if __name__ == "__main__":
