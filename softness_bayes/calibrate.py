@@ -19,13 +19,14 @@ from softness_bayes.inference.posterior import Posterior
 from softness_bayes.inference.sampling import Settings
 from softness_bayes.inference.workers import Workers, available_processors
 from softness_bayes.run import RunOptions, posterior_of
+from softness_bayes.storage.lock import Lock
 from softness_bayes.touch.contact import Indentation, Load
 from softness_bayes.touch.scene import Discretisation
 
 if TYPE_CHECKING:
     import pandas as pd
 
-MANIFEST, REPLICATES = "manifest.json", "replicates"
+MANIFEST, REPLICATES, LOCK = "manifest.json", "replicates", "lock"
 RANKS, COVERAGE, VERDICT, FIGURE = "ranks.csv", "coverage.csv", "verdict.txt", "ecdf"
 
 LONG = 2_000
@@ -185,23 +186,30 @@ def calibrate(
     InputError
         If the directory holds anything but a calibration that was asked for in the same way, apart from the
         number of replicates and processes.
+    LockedError
+        If another process is calibrating there.
     """
     if count < 1:
         raise InputError(f"calibration: {count} replicates, expected at least 1")
     settings = settings or Settings(ensembles=ENSEMBLES, max_steps=options.max_steps, processes=1)
-    _prepare(directory, _manifest(scene, options, settings))
-    folder = directory / REPLICATES
-    done = {index: _read(path) for index in range(count) if (path := _path(folder, index)).is_file()}
-    missing = [index for index in range(count) if index not in done]
-    if missing:
-        posterior = scene.posterior(options)
-        processes = min(options.processes or available_processors(), len(missing))
-        with Workers(posterior, processes) as workers:
-            tasks = [(settings, options.seed, index, str(folder)) for index in missing]
-            for index, one in workers.as_finished(_run, tasks):
-                done[index] = one
-                if progress is not None:
-                    progress(len(done), one)
+    manifest, folder = _manifest(scene, options, settings), directory / REPLICATES
+    _require_alike(directory, manifest)
+    folder.mkdir(parents=True, exist_ok=True)
+    with Lock(directory / LOCK) as lock:
+        _require_alike(directory, manifest)
+        _write_whole(directory / MANIFEST, json.dumps(manifest, indent=1) + "\n")
+        done = {index: _read(path) for index in range(count) if (path := _path(folder, index)).is_file()}
+        missing = [index for index in range(count) if index not in done]
+        if missing:
+            posterior = scene.posterior(options)
+            processes = min(options.processes or available_processors(), len(missing))
+            with Workers(posterior, processes) as workers:
+                tasks = [(settings, options.seed, index, str(folder)) for index in missing]
+                for index, one in workers.as_finished(_run, tasks):
+                    done[index] = one
+                    if progress is not None:
+                        progress(len(done), one)
+        lock.vanish()
     return Calibrated({index: done[index] for index in range(count)})
 
 
@@ -274,8 +282,8 @@ def _manifest(scene: CalibrationScene, options: RunOptions, settings: Settings) 
     }
 
 
-def _prepare(directory: Path, manifest: dict[str, Any]) -> None:
-    """Make the directory, or make sure that what it holds was asked for in the same way."""
+def _require_alike(directory: Path, manifest: dict[str, Any]) -> None:
+    """Make sure that a directory is empty, or holds what was asked for in the same way."""
     manifest = json.loads(json.dumps(manifest))
     path = directory / MANIFEST
     if path.is_file():
@@ -286,7 +294,5 @@ def _prepare(directory: Path, manifest: dict[str, Any]) -> None:
                     f"{path}: {name} was {before.get(name)} and is now {manifest.get(name)}; "
                     "choose another --out, or ask for the same"
                 )
-    elif directory.is_dir() and any(directory.iterdir()):
+    elif directory.is_dir() and any(entry.name not in (LOCK, REPLICATES) for entry in directory.iterdir()):
         raise InputError(f"{directory}: is not empty and holds no calibration; choose another --out")
-    (directory / REPLICATES).mkdir(parents=True, exist_ok=True)
-    _write_whole(path, json.dumps(manifest, indent=1) + "\n")

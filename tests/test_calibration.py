@@ -17,7 +17,7 @@ from scipy.stats import norm
 
 from softness_bayes.calibrate import CalibrationScene, calibrate
 from softness_bayes.cli import main
-from softness_bayes.errors import InputError
+from softness_bayes.errors import InputError, LockedError
 from softness_bayes.inference.calibration import (
     DRAWS,
     LOG_LIKELIHOOD,
@@ -35,6 +35,7 @@ from softness_bayes.inference.sampling import Sampled, Settings
 from softness_bayes.inference.workers import Workers
 from softness_bayes.plotting.calibration import rank_ecdf_figure
 from softness_bayes.run import RunOptions
+from softness_bayes.storage.lock import Lock
 
 # exact posteriors: slope and intercept of a line, known noise
 
@@ -278,9 +279,9 @@ def test_what_is_written_says_how_it_went(tmp_path):
     coverage = pd.read_csv(tmp_path / "coverage.csv", index_col=["quantity", "mass"])
     assert {"expected", "covered", "share", "low", "high", "uniform_p", "spread_p", "spread"} == {*coverage}
     assert len(coverage) == 12
-    assert (
-        (tmp_path / "verdict.txt").read_text().startswith("Not decided: 2 replicates (0 ran longer than 2000 steps, 2")
-    )
+    assert done.unconverged > 0
+    said = f"Not decided: 2 replicates (0 ran longer than 2000 steps, {done.unconverged} did not converge)"
+    assert (tmp_path / "verdict.txt").read_text().startswith(said)
     assert json.loads((tmp_path / "manifest.json").read_text())["loads"] == ["1.5 mm", "2.5 mm"]
 
 
@@ -335,3 +336,12 @@ def test_the_command_from_end_to_end(tmp_path):
     again = CliRunner().invoke(main, [*arguments, "--seed", "4", "--out", str(tmp_path / "out")])
     assert again.exit_code == 2
     assert "seed was 0 and is now 4" in again.output
+
+
+def test_two_processes_do_not_calibrate_in_one_place(tmp_path):
+    run(tmp_path, 1)
+    with Lock(tmp_path / "lock"), pytest.raises(LockedError, match="another run"):
+        run(tmp_path, 2)
+    _, finished = run(tmp_path, 2)
+    assert finished == [2]
+    assert not (tmp_path / "lock").exists()
