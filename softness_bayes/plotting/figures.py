@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING
@@ -10,6 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from softness_bayes.errors import InputError
 from softness_bayes.plotting.chains import rank_figure, trace_figure
 from softness_bayes.plotting.compression import compression_figure
 from softness_bayes.plotting.inflection import inflection_figure
@@ -43,12 +45,21 @@ def _response_ratio(result: Result, style: Style) -> Figure:
     return ratio_figure(result.curves(), result.loads, _fabric_modulus(result), style=style)
 
 
-def _rating(result: Result, style: Style) -> Figure:
+def _rating(result: Result, style: Style, against_ratio: bool = False) -> Figure:
     stored = result.group("predictions").isel(chain=0)
-    modulus, rating = stored["e_fab_kpa"].values * 1e3, stored["typical_rating"].values
     return rating_figure(
-        modulus, rating, _observed(result), result.loads, logarithmic=_logarithmic(result), style=style
+        stored["e_fab_kpa"].values * 1e3,
+        stored["typical_rating"].values,
+        _observed(result),
+        result.loads,
+        logarithmic=_logarithmic(result),
+        skin_modulus=stored["e_skin_kpa"].values * 1e3 if against_ratio else None,
+        style=style,
     )
+
+
+def _rating_ratio(result: Result, style: Style) -> Figure:
+    return _rating(result, style, against_ratio=True)
 
 
 def _inflection(result: Result, style: Style) -> Figure:
@@ -88,28 +99,93 @@ def _compression(result: Result, style: Style) -> Figure:
     )
 
 
-FIGURES: Mapping[str, Callable[[Result, Style], Figure]] = MappingProxyType(
+@dataclass(frozen=True)
+class Source:
+    """Something stored in a result that a figure needs."""
+
+    place: str
+    """Group and variable, as in ``predictions/total_rate``."""
+    absent: str
+    """What to say where it is not there."""
+
+    def is_in(self, result: Result) -> bool:
+        """Whether a result has it."""
+        group, name = self.place.split("/")
+        return group in result.tree.children and name in result.tree[group].data_vars
+
+
+CURVES = Source("predictions/total_rate", "the run had no ratings, so it has no response curves")
+FORCES = Source("predictions/typical_force_n", "the run had no compression data")
+
+
+@dataclass(frozen=True)
+class Drawing:
+    """One figure of a finished run: ``drawing(result)`` returns it.
+
+    Parameters
+    ----------
+    draw
+        Makes the figure from what the result stores.
+    shows
+        What is seen on it, in a line.
+    needs
+        What must be stored.
+    """
+
+    draw: Callable[[Result, Style], Figure]
+    shows: str
+    needs: tuple[Source, ...] = ()
+
+    def lacks(self, result: Result) -> str:
+        """Say why a result cannot fill this figure; empty if it can."""
+        return next((source.absent for source in self.needs if not source.is_in(result)), "")
+
+    def __call__(self, result: Result, style: Style = USUAL) -> Figure:
+        """Draw it.
+
+        Raises
+        ------
+        InputError
+            If the result does not hold what the figure shows.
+        """
+        if reason := self.lacks(result):
+            raise InputError(f"figure: cannot show {self.shows}: {reason}")
+        return self.draw(result, style)
+
+
+FIGURES: Mapping[str, Drawing] = MappingProxyType(
     {
-        "response": _response,
-        "response_ratio": _response_ratio,
-        "rating": _rating,
-        "inflection": _inflection,
-        "corner": _corner,
-        "prior": _prior,
-        "trace": _trace,
-        "rank": _rank,
-        "compression": _compression,
+        "response": Drawing(_response, "response against E_fab under each load", (CURVES,)),
+        "response_ratio": Drawing(_response_ratio, "response against E_fab / E_skin", (CURVES,)),
+        "rating": Drawing(_rating, "predicted and observed ratings against E_fab", (CURVES,)),
+        "rating_ratio": Drawing(_rating_ratio, "predicted and observed ratings against E_fab / E_skin", (CURVES,)),
+        "inflection": Drawing(_inflection, "where the response turns over under each load", (CURVES,)),
+        "corner": Drawing(_corner, "the posterior of every pair of parameters"),
+        "prior": Drawing(_prior, "prior against posterior of every parameter"),
+        "trace": Drawing(_trace, "the course of the ensembles"),
+        "rank": Drawing(_rank, "ranks of the draws of each ensemble"),
+        "compression": Drawing(_compression, "force of a rigid plate against indentation", (FORCES,)),
     }
 )
-"""File name -> what draws it from a result."""
-
-_OF_RATINGS = ("response", "response_ratio", "rating", "inflection")
+"""Every figure by the name of its file: the only list of them."""
 
 
 def figures_of(result: Result) -> list[str]:
     """Return the names of the figures that a result can fill: those of ratings, of compression data, or both."""
-    absent = (*(() if result.has_ratings else _OF_RATINGS), *(() if result.has_compression else ("compression",)))
-    return [name for name in FIGURES if name not in absent]
+    return [name for name, drawing in FIGURES.items() if not drawing.lacks(result)]
+
+
+def require_figures(names: Iterable[str]) -> None:
+    """Refuse names that are not those of figures.
+
+    Raises
+    ------
+    InputError
+        Naming the first, and the figures that there are.
+    """
+    for name in names:
+        if name not in FIGURES:
+            raise InputError(f"figures: there is no {name!r}; expected some of {', '.join(FIGURES)}")
 
 
 def draw_figures(
@@ -138,10 +214,16 @@ def draw_figures(
     -------
     list of Path
         The files written.
+
+    Raises
+    ------
+    InputError
+        If a name or a format is unknown, or the result does not hold what a figure asked for shows.
     """
     directory = Path(directory)
     directory.mkdir(parents=True, exist_ok=True)
     chosen = figures_of(result) if names is None else names
+    require_figures(chosen)
     drawn = [save(FIGURES[name](result, style), directory / name, formats, style) for name in chosen]
     return [path for paths in drawn for path in paths]
 
