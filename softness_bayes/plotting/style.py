@@ -139,7 +139,22 @@ def save(figure: Figure, path: str | Path, formats: Sequence[str] = ("png", "pdf
     if unknown:
         raise InputError(f"figure: unknown format {unknown[0]!r}, expected one of {', '.join(METADATA)}")
     paths = [Path(f"{path}.{name}") for name in formats]
-    with style.applied():
+    with style.applied(), _laid_out(figure):
         for name, target in zip(formats, paths, strict=True):
             figure.savefig(target, format=name, metadata=dict(METADATA[name]))
     return paths
+
+
+@contextmanager
+def _laid_out(figure: Figure) -> Iterator[None]:
+    """Lay a figure out once for all that is done inside, instead of once for each format."""
+    engine = figure.get_layout_engine()
+    if engine is None:
+        yield
+        return
+    engine.execute(figure)
+    figure.set_layout_engine("none")
+    try:
+        yield
+    finally:
+        figure.set_layout_engine(engine)
