@@ -86,9 +86,10 @@ def rank_figure(
                 steps = axes.stairs(height, edges, baseline=None, color=colour, label=f"ensemble {name}")
                 steps.set_gid(f"rank/{place}/{name}")
             axes.set_title(label)
-            axes.set(xlim=(0, 1), xticks=(0, 0.5, 1), ylim=(0.0, None))
+            axes.set(xlim=(0, 1), xticks=(0, 0.5, 1))
             if place % 4 == 0:
                 axes.set_ylabel("density [–]")
+        panels[0].set_ylim(0.0, None)  # the axis that all share, once all is on it
         for axes in panels[-4:]:
             axes.set_xlabel("rank / draws [–]")
             axes.xaxis.set_tick_params(labelbottom=True)

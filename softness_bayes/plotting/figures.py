@@ -13,12 +13,15 @@ from numpy.typing import NDArray
 
 from softness_bayes.errors import InputError
 from softness_bayes.plotting.chains import rank_figure, trace_figure
+from softness_bayes.plotting.checks import Means, Replicated, checks_figure, loo_pit_figure
 from softness_bayes.plotting.compression import compression_figure
 from softness_bayes.plotting.inflection import inflection_figure
+from softness_bayes.plotting.membrane import membrane_figure
 from softness_bayes.plotting.parameters import corner_figure, prior_figure
 from softness_bayes.plotting.rating import Observed, observed_ratings, rating_figure
 from softness_bayes.plotting.response import ratio_figure, response_figure
 from softness_bayes.plotting.style import USUAL, Style, save
+from softness_bayes.plotting.touch import Touches, touch_figure
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -26,6 +29,19 @@ if TYPE_CHECKING:
     from softness_bayes.result import Result
 
 Array = NDArray[np.float64]
+
+TOLD: Mapping[str, str] = MappingProxyType(
+    {
+        "turns over": "turns over [–]",
+        "inflection e_fab_kpa": "inflection [kPa]",
+        "drop beyond inflection": "drop [{scale}]",
+        "spread of participants": "spread of participants [{scale}]",
+        "residual spread": "residual spread [{scale}]",
+        "largest residual / sd": "largest residual / sd [–]",
+        "smallest residual / sd": "smallest residual / sd [–]",
+    }
+)
+"""Test quantities as their axes say them, `scale` being the unit of what is additive."""
 
 
 def _response(result: Result, style: Style) -> Figure:
@@ -99,6 +115,80 @@ def _compression(result: Result, style: Style) -> Figure:
     )
 
 
+def _checks(result: Result, style: Style) -> Figure:
+    from softness_bayes.criticism import ALL, posterior_quantities
+    from softness_bayes.inference.predictive import Columns
+
+    table = result.tables["predictive_checks"].loc["posterior"]
+    modulus = dict(zip(result.group("constant_data")["fabric"].values, _fabric_modulus(result), strict=True))
+    means, shown, scale = [], [], "log" if _logarithmic(result) else "sd"
+    for found in posterior_quantities(result.tree):
+        rows = table.loc[[found.quantity.name]]
+        if found.quantity.columns is Columns.CONDITION:
+            means = [
+                Means(
+                    str(load),
+                    np.array([modulus[name] for name in of_load["fabric"]]),
+                    *(of_load[field].to_numpy() for field in ("observed", "low", "high")),
+                )
+                for load, of_load in rows.groupby("load", sort=False)
+            ]
+        elif found.quantity.columns is not Columns.PARTICIPANT:
+            shown += [
+                Replicated(
+                    TOLD[found.quantity.name].format(scale=scale) + (f", {load}" if load != ALL else ""),
+                    found.observed[k],
+                    found.replicated[:, k],
+                    rows["p_value"].iloc[k],
+                )
+                for k, (load, _, _) in enumerate(found.labels)
+            ]
+    return checks_figure(means, shown, scale, style=style)
+
+
+def _loo_pit(result: Result, style: Style) -> Figure:
+    from softness_bayes.criticism import LOO_PIT, PIT_POINTS
+
+    return loo_pit_figure(result.group("constant_data")[LOO_PIT].values, PIT_POINTS, style=style)
+
+
+def _touch(result: Result, style: Style) -> Figure:
+    stored = result.group("illustrations")
+    low, middle, high = (stored.sel(quantile=level) for level in (0.025, 0.5, 0.975))
+
+    def limits(name: str) -> Array:
+        return np.stack([part[name].values for part in (low, middle, high)]) * 1e3
+
+    touches = Touches(
+        stored["distance_mm"].values * 1e-3,
+        limits("touch_pressure_kpa"),
+        limits("touch_stress_kpa"),
+        middle["touch_rate_hz"].values,
+        middle["touch_radius_mm"].values * 1e-3,
+        [str(name) for name in stored["touch_load"].values],
+        [str(name) for name in stored["touch_fabric"].values],
+        stored["touch_e_fab_kpa"].values * 1e3,
+        np.stack([stored[f"receptor_{side}_mm"].values for side in "xy"], axis=-1) * 1e-3,
+        stored["pad_mm"].values * 1e-3,
+        stored["contact_centre_mm"].values * 1e-3,
+    )
+    return touch_figure(touches, style=style)
+
+
+def _membrane(result: Result, style: Style) -> Figure:
+    stored, examples = result.group("predictions").isel(chain=0), result.group("illustrations")
+    return membrane_figure(
+        stored["current_ua_cm2"].values,
+        stored["firing_rate_hz"].values,
+        stored["rheobase_ua_cm2"].values,
+        stored["largest_current_ua_cm2"].values,
+        examples["spike_time_ms"].values,
+        examples["train_current_ua_cm2"].values,
+        float(examples["train_duration_ms"]),
+        style=style,
+    )
+
+
 @dataclass(frozen=True)
 class Source:
     """Something stored in a result that a figure needs."""
@@ -115,6 +205,13 @@ class Source:
 
 
 CURVES = Source("predictions/total_rate", "the run had no ratings, so it has no response curves")
+REPLICATES = Source("posterior_predictive/rating_of_new_participants", "it holds no replicated ratings")
+PIT = Source("constant_data/loo_pit", "it holds no ratings predicted from all the others")
+_OLDER = (
+    "the run is of a version that did not store it; 'softness-bayes resume DIR --more-steps 1' writes the results anew"
+)
+TOUCH = Source("illustrations/touch_stress_kpa", _OLDER)
+FIRING = Source("predictions/firing_rate_hz", _OLDER)
 FORCES = Source("predictions/typical_force_n", "the run had no compression data")
 
 
@@ -160,6 +257,12 @@ FIGURES: Mapping[str, Drawing] = MappingProxyType(
         "rating": Drawing(_rating, "predicted and observed ratings against E_fab", (CURVES,)),
         "rating_ratio": Drawing(_rating_ratio, "predicted and observed ratings against E_fab / E_skin", (CURVES,)),
         "inflection": Drawing(_inflection, "where the response turns over under each load", (CURVES,)),
+        "predictive_checks": Drawing(
+            _checks, "test quantities of the ratings among those of replicates", (CURVES, REPLICATES)
+        ),
+        "loo_pit": Drawing(_loo_pit, "ratings in their predictions from all the others", (CURVES, PIT)),
+        "touch": Drawing(_touch, "pressure and stress under the pad, and its receptors by their rate", (CURVES, TOUCH)),
+        "membrane": Drawing(_membrane, "firing rate against current, and example spike trains", (CURVES, FIRING)),
         "corner": Drawing(_corner, "the posterior of every pair of parameters"),
         "prior": Drawing(_prior, "prior against posterior of every parameter"),
         "trace": Drawing(_trace, "the course of the ensembles"),

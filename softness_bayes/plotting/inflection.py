@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
-from softness_bayes.plotting.panels import MODULUS_LABEL, Array, check_loads, number_ticks, title
+from softness_bayes.plotting.panels import MODULUS_LABEL, Array, check_loads, number_ticks, short, title
 from softness_bayes.plotting.style import USUAL, Style
 from softness_bayes.touch.contact import Load
 
@@ -144,7 +144,7 @@ def _draw_density(axes: Axes, edges: Array, inflection: Inflection, index: int, 
         for artist in (bar, dot):
             artist.set(color=colour, clip_on=False, zorder=3)
         within = percent(float(np.mean(inflection.inside[:, index])))
-        words = f"{_short(middle)} kPa [{_short(low)}, {_short(high)}]\n{within} within the fabrics' range"
+        words = f"{short(middle)} kPa [{short(low)}, {short(high)}]\n{within} within the fabrics' range"
         axes.text(0.99, 0.95, words, transform=axes.transAxes, ha="right", va="top", fontsize=style.small)
 
 
@@ -171,7 +171,3 @@ def percent(share: float) -> str:
     if 0 < share < 0.01:
         return "<1 %"
     return ">99 %" if 0.99 < share < 1 else f"{100 * share:.0f} %"
-
-
-def _short(value: float) -> str:
-    return f"{float(f'{value:.3g}'):.12g}"

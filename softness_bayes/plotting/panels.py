@@ -82,13 +82,20 @@ def grid_of_panels(count: int, xlabel: str, ylabel: str, style: Style, margin: f
 
 
 def free_panels(
-    count: int, style: Style, columns: int, height: float, sharex: bool = False, sharey: bool = False
+    count: int,
+    style: Style,
+    columns: int,
+    height: float,
+    sharex: bool = False,
+    sharey: bool = False,
+    narrow: bool = False,
 ) -> tuple[Figure, list[Axes]]:
-    """Return a figure of `count` panels over a page, for axes that have units of their own."""
+    """Return a figure of `count` panels over a page, or a column (`narrow`), for axes that have units of their own."""
     from matplotlib.figure import Figure
 
     rows = -(-count // columns)
-    figure = Figure(figsize=(style.page, height * rows + 0.5), layout="constrained")
+    width = style.column if narrow else style.page
+    figure = Figure(figsize=(width, height * rows + 0.5), layout="constrained")
     cells = figure.subplots(rows, columns, sharex=sharex, sharey=sharey, squeeze=False).ravel()
     for spare in cells[count:]:
         spare.remove()
@@ -143,10 +150,17 @@ def number_ticks(axis: Axis) -> None:
     axis.set_major_locator(LogLocator(subs=marks, numticks=9))
     axis.set_major_formatter(FuncFormatter(_number))
     axis.set_minor_formatter(NullFormatter())
+    if decades > 4:
+        axis.set_minor_locator(LogLocator(subs=(2, 5), numticks=99))
 
 
 def _number(value: float, _: int | None = None) -> str:
     return f"{value:g}" if 0.01 <= value < 10000 else rf"$10^{{{np.log10(value):.0f}}}$"
+
+
+def short(value: float) -> str:
+    """Return a number to three digits, without an exponent."""
+    return f"{float(f'{value:.3g}'):.12g}"
 
 
 def legend_below(figure: Figure, axes: Sequence[Axes]) -> None:

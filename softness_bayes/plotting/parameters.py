@@ -23,6 +23,9 @@ MOST_DRAWS = 5000
 CORNER_BINS = 24
 """Bins of a parameter over the range of its panels."""
 
+CHARACTER = 0.05
+"""Width of a digit of a tick's label [in]."""
+
 _SHOWN = (0.025, 0.975)
 
 FEWEST_DRAWS_FOR_CONTOURS = 400
@@ -147,24 +150,32 @@ def _label(axes: Axes, labels: Sequence[str], row: int, column: int, dimension: 
     for axis, wanted, label in ((axes.xaxis, below, labels[column]), (axes.yaxis, left, labels[row])):
         if wanted:
             axis.set_label_text(_stacked(label))
-            axis.set_ticks(_inner_ticks(*axis.get_view_interval()))
+            axis.set_ticks(_inner_ticks(*axis.get_view_interval(), panel))
         else:
             axis.set_visible(False)
     axes.xaxis.set_label_coords(0.5, -0.26 / panel)
     axes.yaxis.set_label_coords(-0.37 / panel, 0.5)
 
 
-def _inner_ticks(low: float, high: float) -> Array:
-    """Return two round numbers so far inside limits that they do not touch those of the next panel."""
+def _inner_ticks(low: float, high: float, width: float) -> Array:
+    """Return one or two round numbers that touch neither each other nor those of the next panel.
+
+    They keep a margin from the limits of a panel of some width [in], and stand as far apart as they are long.
+    """
     from matplotlib.ticker import MaxNLocator
 
     margin = 0.14 * (high - low)
+    one = np.array([0.5 * (low + high)])
     for bins in range(1, 12):
-        ticks = np.array(MaxNLocator(bins, steps=[1, 2, 2.5, 5, 10]).tick_values(low, high))
+        ticks = np.array(MaxNLocator(bins, steps=[1, 2, 5, 10]).tick_values(low, high))
         inner = ticks[(ticks >= low + margin) & (ticks <= high - margin)]
-        if inner.size > 1 and inner[-1] - inner[0] > 0.4 * (high - low):
-            return inner[[0, -1]]
-    return np.array([0.5 * (low + high)])
+        if inner.size and bins < 4:
+            one = inner[[inner.size // 2]]
+        if inner.size > 1:
+            length = CHARACTER * (1 + max(len(f"{tick:.6g}") for tick in inner[[0, -1]]))
+            if inner[-1] - inner[0] > max(0.35, length / width) * (high - low):
+                return inner[[0, -1]]
+    return one
 
 
 def _ranges(values: Array, beyond: float) -> list[tuple[float, float]]:
