@@ -79,15 +79,15 @@ def checks_figure(
     if not means and not quantities:
         raise InputError("predictive checks: nothing to show")
     with style.applied():
-        figure, panels = free_panels(len(means) + len(quantities), style, columns=4, height=1.2)
-        for axes, of_load in zip(panels, means, strict=False):
+        grid = free_panels(len(means) + len(quantities), style, columns=4, height=1.2)
+        for axes, of_load in zip(grid.panels, means, strict=False):
             _draw_means(axes, of_load, style)
-        for place, (axes, quantity) in enumerate(zip(panels[len(means) :], quantities, strict=True)):
+        for place, (axes, quantity) in enumerate(zip(grid.panels[len(means) :], quantities, strict=True)):
             _draw_quantity(axes, quantity, style, str(place))
-        for axes in panels[: len(means) : 4]:
+        for axes in grid.panels[: len(means) : grid.columns]:
             axes.set_ylabel(f"mean rating [{scale}]")
-        legend_below(figure, panels)
-    return figure
+        legend_below(grid.figure, grid.panels)
+    return grid.figure
 
 
 def _draw_means(axes: Axes, means: Means, style: Style) -> None:
@@ -164,7 +164,7 @@ def loo_pit_figure(values: ArrayLike, points: ArrayLike, probability: float = 0.
     band = simultaneous_band(pit.size, x, probability)
     share = np.searchsorted(np.sort(pit), x, side="right") / pit.size
     with style.applied():
-        figure, (axes,) = free_panels(1, style, columns=1, height=1.7, narrow=True)
+        figure, (axes,), _ = free_panels(1, style, columns=1, height=1.7, narrow=True)
         area = axes.fill_between(
             x,
             band.low - x,

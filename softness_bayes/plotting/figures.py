@@ -20,7 +20,7 @@ from softness_bayes.plotting.membrane import membrane_figure
 from softness_bayes.plotting.parameters import corner_figure, prior_figure
 from softness_bayes.plotting.rating import Observed, observed_ratings, rating_figure
 from softness_bayes.plotting.response import ratio_figure, response_figure
-from softness_bayes.plotting.style import USUAL, Style, save
+from softness_bayes.plotting.style import USUAL, Style, require_formats, save
 from softness_bayes.plotting.touch import Touches, touch_figure
 
 if TYPE_CHECKING:
@@ -324,9 +324,10 @@ def draw_figures(
         If a name or a format is unknown, or the result does not hold what a figure asked for shows.
     """
     directory = Path(directory)
-    directory.mkdir(parents=True, exist_ok=True)
     chosen = figures_of(result) if names is None else names
     require_figures(chosen)
+    require_formats(formats)
+    directory.mkdir(parents=True, exist_ok=True)
     drawn = [save(FIGURES[name](result, style), directory / name, formats, style) for name in chosen]
     return [path for paths in drawn for path in paths]
 

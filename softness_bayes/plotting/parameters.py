@@ -20,6 +20,9 @@ if TYPE_CHECKING:
 MOST_DRAWS = 5000
 """Draws that a corner plot takes; more of them cost time and change nothing that is seen."""
 
+LEAST_CORNER = 0.53
+"""Least width of a panel [in]: many parameters take a page, whatever the style's."""
+
 CORNER_BINS = 24
 """Bins of a parameter over the range of its panels."""
 
@@ -68,7 +71,7 @@ def corner_figure(draws: ArrayLike, labels: Sequence[str], *, style: Style = USU
 
     limits = _ranges(values, 0.05)
     with style.applied():
-        width = style.page if dimension > 3 else style.column
+        width = max(style.page if dimension > 3 else style.column, LEAST_CORNER * (dimension + 1))
         figure = Figure(figsize=(width, width))
         grid = _corner_grid(figure, dimension, width)
         for row in range(dimension):
@@ -212,8 +215,8 @@ def prior_figure(posterior: ArrayLike, prior: ArrayLike, labels: Sequence[str], 
     """
     after, before = check_draws(posterior, labels), check_draws(prior, labels)
     with style.applied():
-        figure, panels = free_panels(len(labels), style, columns=4, height=1.1)
-        for place, (axes, label) in enumerate(zip(panels, labels, strict=True)):
+        grid = free_panels(len(labels), style, columns=4, height=1.1)
+        for place, (axes, label) in enumerate(zip(grid.panels, labels, strict=True)):
             kinds = (
                 ("posterior", after[:, place], {"fill": True, "color": style.tint(style.posterior, 0.5)}),
                 ("prior", before[:, place], {"color": style.prior}),
@@ -226,10 +229,10 @@ def prior_figure(posterior: ArrayLike, prior: ArrayLike, labels: Sequence[str], 
             if most > least:
                 axes.set_xlim(min(low, least), max(high, most))
             axes.set(xlabel=label, yticks=(), ylim=(0.0, None))
-            if place % 4 == 0:
-                axes.set_ylabel("density")
-        legend_below(figure, panels)
-    return figure
+        for axes in grid.leftmost:
+            axes.set_ylabel("density")
+        legend_below(grid.figure, grid.panels)
+    return grid.figure
 
 
 def _histogram(values: Array) -> tuple[Array, Array]:

@@ -6,9 +6,10 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from softness_bayes.errors import InputError
-from softness_bayes.plotting.panels import Array, short
+from softness_bayes.plotting.panels import WIDE, Array, fitting, short
 from softness_bayes.plotting.style import USUAL, Style
 
 if TYPE_CHECKING:
@@ -53,7 +54,7 @@ class Touches(NamedTuple):
 def touch_figure(touches: Touches, *, style: Style = USUAL) -> Figure:
     """Draw pressure and stress against the distance from the axis, and below them the pad's receptors.
 
-    Each column is a load. Lines are medians over the draws, bands their central 95 %. The receptors, drawn at random
+    Each column is a load, of which a narrow page has room for the least and the greatest. Lines are medians over the draws, bands their central 95 %. The receptors, drawn at random
     from their density, have the colour of the median rate at their distance; open ones are silent; the circle is the
     edge of the contact.
 
@@ -73,12 +74,14 @@ def touch_figure(touches: Touches, *, style: Style = USUAL) -> Figure:
         raise InputError(f"touch figure: stress of shape {touches.stress.shape}, expected {(3, *shape)}")
     from matplotlib.figure import Figure
 
-    columns, rows = shape[:2]
+    columns, rows = fitting(shape[0], style), shape[1]
+    touches = _under(touches, np.unique(np.linspace(0, shape[0] - 1, columns).round().astype(int)))
     with style.applied():
         width = style.column if columns == 1 else style.page
         # the pad's panels fix the height: they have its proportions
         tall = (width - 0.9) / columns * touches.pad[1] / touches.pad[0]
-        figure = Figure(figsize=(width, 2.0 + rows * (tall + 0.12) + 0.8), layout="constrained")
+        words = 0.0 if width >= WIDE else 0.5  # of the legend
+        figure = Figure(figsize=(width, 2.0 + words + rows * (tall + 0.12) + 0.8), layout="constrained")
         grid = figure.add_gridspec(rows + 1, columns, height_ratios=[1.9 / tall, *[1.0] * rows])
         _draw_profiles(figure, grid, touches, style)
         top = float(touches.rate.max()) or 1.0
@@ -95,6 +98,17 @@ def touch_figure(touches: Touches, *, style: Style = USUAL) -> Figure:
             axes.set_xlabel("along the finger [mm]")
         _key_of_rates(figure, [axes for panels in maps for axes in panels], top)
     return figure
+
+
+def _under(touches: Touches, loads: NDArray[np.intp]) -> Touches:
+    """Return the touches under some loads."""
+    return touches._replace(
+        pressure=touches.pressure[:, loads],
+        stress=touches.stress[:, loads],
+        rate=touches.rate[loads],
+        radius=touches.radius[loads],
+        loads=[touches.loads[k] for k in loads],
+    )
 
 
 def _called(touches: Touches, fabric: int) -> str:
@@ -132,7 +146,7 @@ def _draw_profiles(figure: Figure, grid: GridSpec, touches: Touches, style: Styl
         keys += [
             Line2D([], [], color=_colour(style, k), label=_called(touches, k)) for k in range(len(touches.fabrics))
         ]
-        figure.legend(handles=keys, loc="outside upper left", ncols=3 if len(touches.loads) > 1 else 1)
+        figure.legend(handles=keys, loc="outside upper left", ncols=3 if figure.get_figwidth() >= WIDE else 1)
 
 
 def _draw_pad(axes: Axes, touches: Touches, load: int, fabric: int, top: float, style: Style) -> Axes:
