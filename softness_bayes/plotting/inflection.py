@@ -146,16 +146,10 @@ def _draw_density(axes: Axes, edges: Array, inflection: Inflection, index: int, 
         for artist in (bar, dot):
             artist.set(color=colour, clip_on=False, zorder=3)
         within = percent(float(np.mean(inflection.inside[:, index])))
-        words = f"{short(middle)} kPa [{short(low)}, {short(high)}]\n{within} within the fabrics' range"
-        axes.text(
-            0.99,
-            0.95 if style.page >= WIDE else 0.78,
-            words,
-            transform=axes.transAxes,
-            ha="right",
-            va="top",
-            fontsize=style.small,
-        )
+        wide = style.page >= WIDE
+        words = f"{short(middle)} kPa [{short(low)}, {short(high)}]\n{within} within{' ' if wide else chr(10)}"
+        place = axes.text(0.99, 0.95 if wide else 0.8, f"{words}the fabrics' range", transform=axes.transAxes)
+        place.set(ha="right", va="top", fontsize=style.small)
 
 
 def _draw_outcomes(axes: Axes, inflection: Inflection, index: int, style: Style, gid: str) -> None:

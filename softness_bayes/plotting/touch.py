@@ -54,9 +54,9 @@ class Touches(NamedTuple):
 def touch_figure(touches: Touches, *, style: Style = USUAL) -> Figure:
     """Draw pressure and stress against the distance from the axis, and below them the pad's receptors.
 
-    Each column is a load, of which a narrow page has room for the least and the greatest. Lines are medians over the draws, bands their central 95 %. The receptors, drawn at random
-    from their density, have the colour of the median rate at their distance; open ones are silent; the circle is the
-    edge of the contact.
+    Each column is a load, of which a narrow page has room for the least and the greatest. Lines are medians over the
+    draws, bands their central 95 %. The receptors, drawn at random from their density, have the colour of the median
+    rate at their distance; open ones are silent; the circle is the edge of the contact.
 
     Returns
     -------
@@ -134,7 +134,7 @@ def _draw_profiles(figure: Figure, grid: GridSpec, touches: Touches, style: Styl
             band.set_gid(f"band95/{gid}")
             axes.plot(x, middle, color=colour, gid=f"stress/{gid}")
             axes.plot(x, pressure[1, k, fabric], color=colour, linewidth=0.7, linestyle="--", gid=f"pressure/{gid}")
-        axes.set(title=load, xlim=(0.0, seen.max(initial=x[1])), xlabel="distance from the axis [mm]")
+        axes.set(title=load, xlim=(0.0, seen.max(initial=x[1])), xlabel="from the axis [mm]")
         axes.tick_params(labelleft=first is None)
         first = first or axes
     if first is not None:
