@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from softness_bayes.data import Fabrics as Fabrics
     from softness_bayes.data import Ratings as Ratings
     from softness_bayes.data import read_experiment as read_experiment
+    from softness_bayes.plotting.plots import Plots as Plots
     from softness_bayes.predict import prediction_table as prediction_table
     from softness_bayes.result import Result as Result
     from softness_bayes.run import RunOptions as RunOptions
@@ -41,6 +42,7 @@ _HOMES = {
     "Finger": "touch.contact",
     "Force": "touch.contact",
     "Indentation": "touch.contact",
+    "Plots": "plotting.plots",
     "Ratings": "data",
     "Readings": "touch.readings",
     "Result": "result",

@@ -34,6 +34,7 @@ GROUPS = (
     "prior_predictive",
     "observed_data",
     "constant_data",
+    "illustrations",
 )
 """The groups of a result, in the order of the file."""
 
@@ -43,7 +44,7 @@ SAMPLE_DIMS = ("chain", "draw")
 ENSEMBLE = "ensemble"
 """Coordinate that says which ensemble a chain, a walker, belongs to."""
 
-_WITHOUT_DRAWS = ("observed_data", "constant_data")
+_WITHOUT_DRAWS = ("observed_data", "constant_data", "illustrations")
 
 
 def r_hat(chains: ArrayLike) -> float:

@@ -16,6 +16,7 @@ from softness_bayes.criticism import LOO_PIT, NEW_PARTICIPANTS, PARETO_K
 from softness_bayes.data import Experiment
 from softness_bayes.data.columns import EFFECTIVE_MODULUS, POISSON_RATIO
 from softness_bayes.data.ratings import LOAD_COLUMNS
+from softness_bayes.illustrations import membrane_illustration, touch_illustration
 from softness_bayes.inference.blocks import block_log_likelihood
 from softness_bayes.inference.chains import Chains
 from softness_bayes.inference.checks import FabricCheck, check_fabrics
@@ -53,6 +54,9 @@ PICKED = {"posterior_predictive": REPLICATES, "log_likelihood_loo": REPLICATES, 
 
 PRIOR_DRAWS = 1000
 """Draws of the prior."""
+
+ILLUSTRATED = 64
+"""Posterior draws whose touches are stored in detail."""
 
 EXACT_DRAWS = 200
 """Posterior draws at which the log-likelihood is compared with an exact one."""
@@ -147,7 +151,8 @@ class Assembly:
             **self._shares(),
             **plate_found,
         }
-        tree = tree_of(merged(groups, plate), self._coordinates(), {**attributes, **found})
+        shown, axes = self._illustrations(groups["predictions"]["inflection_e_fab_kpa"].values[0] * 1e3)
+        tree = tree_of(merged(groups, plate, shown), {**self._coordinates(), **axes}, {**attributes, **found})
         for group, size in PICKED.items():
             chain, draw = self._picked(size)
             which = {"posterior_chain": ("draw", chain), "posterior_draw": ("draw", draw)}
@@ -318,6 +323,13 @@ class Assembly:
             **{n: Variable(v[None], at, unit) for n, (v, unit) in points.items()},
             **{f"at_{n}": v for n, v in self._named(draws.theta[None]).items()},
         }
+
+    def _illustrations(self, turn: Array) -> tuple[Groups, dict[str, NDArray[Any]]]:
+        """Return what the figures of touch and membrane show; `turn` holds E_fab at draws' inflections [Pa]."""
+        touched, fired = (self._touch(self._pick(size).theta) for size in (ILLUSTRATED, CURVES))
+        touch, along = touch_illustration(self.rng, self.scene, touched, turn)
+        membrane, currents = membrane_illustration(self.rng, self.scene, fired)
+        return merged(touch, membrane), {**along, **currents}
 
     def _constants(self) -> dict[str, Variable]:
         """Return the held parameters, the fabrics, the loads, and what each rating is of."""

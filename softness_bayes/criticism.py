@@ -2,14 +2,24 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from softness_bayes.inference.design import Design
 from softness_bayes.inference.observation import RATING_DIRECTIONS
-from softness_bayes.inference.predictive import DROP, PLACE, QUANTITIES, TURNS_OVER, Columns, Finding, Layout, compare
+from softness_bayes.inference.predictive import (
+    DROP,
+    PLACE,
+    QUANTITIES,
+    TURNS_OVER,
+    Columns,
+    Finding,
+    Layout,
+    Quantity,
+    compare,
+)
 from softness_bayes.inference.scales import RATING_SCALES
 from softness_bayes.inference.uniformity import uniformity_p_value
 
@@ -37,7 +47,8 @@ LOO_PIT, PARETO_K = "loo_pit", "loo_pareto_k"
 FABRICS, EXPONENTS, PIT = "fabrics' own deviations", "participants' own exponents", "LOO-PIT"
 """Checks of residuals at draws of the posterior, beside the test quantities."""
 
-_PIT_POINTS = np.arange(1, 100) / 100
+PIT_POINTS = np.arange(1, 100) / 100
+"""Where the distribution function of LOO-PIT values is looked at."""
 
 
 def layout_of(tree: xr.DataTree) -> Layout:
@@ -75,11 +86,10 @@ def check_table(tree: xr.DataTree) -> pd.DataFrame:
 
     layout = layout_of(tree)
     observed = _values(tree, "observed_data", "rating")
-    same, new = (_values(tree, "posterior_predictive", name)[0] for name in ("rating", NEW_PARTICIPANTS))
     prior = _values(tree, "prior_predictive", "rating")[0]
     fit = layout.fit(observed)
     rows = []
-    for law, replicates in (("prior", {False: prior, True: prior}), ("posterior", {False: same, True: new})):
+    for law, replicates in (("prior", {False: prior, True: prior}), ("posterior", _posterior_replicates(tree))):
         fits = {anew: layout.fit(ratings) for anew, ratings in replicates.items()}
         for quantity in QUANTITIES:
             anew = quantity.new_participants
@@ -91,9 +101,43 @@ def check_table(tree: xr.DataTree) -> pd.DataFrame:
         deviation, p_value = (float(tree.attrs[f"{what}_{key}"]) for key in ("deviation", "p_value"))
         rows.append(_row("posterior", name, "same", ALL, ALL, ALL, Finding(deviation, np.nan, np.nan, np.nan, p_value)))
     pit = _values(tree, "constant_data", LOO_PIT)
-    p_value = uniformity_p_value(pit, _PIT_POINTS)
+    p_value = uniformity_p_value(pit, PIT_POINTS)
     rows.append(_row("posterior", PIT, "same", ALL, ALL, ALL, Finding(pit.mean(), 0.5, np.nan, np.nan, p_value)))
     return pd.DataFrame(rows).set_index(["law", "quantity"])
+
+
+class Replicates(NamedTuple):
+    """A test quantity of the data and of the posterior's replicates."""
+
+    quantity: Quantity
+    labels: list[tuple[str, str, str]]
+    """Load, fabric and participant of every column, `ALL` where it is over all of them."""
+    observed: Array
+    """Shape (columns,); NaN where the data do not have it."""
+    replicated: Array
+    """Shape (replicates, columns); NaN where a replicate does not have it."""
+
+
+def posterior_quantities(tree: xr.DataTree) -> list[Replicates]:
+    """Return the test quantities of which `check_table` tells limits and p-values, replicate by replicate.
+
+    Parameters
+    ----------
+    tree
+        The groups of a result.
+    """
+    layout = layout_of(tree)
+    fit = layout.fit(_values(tree, "observed_data", "rating"))
+    fits = {anew: layout.fit(ratings) for anew, ratings in _posterior_replicates(tree).items()}
+    return [
+        Replicates(
+            quantity,
+            _labels(tree, layout, quantity.columns),
+            quantity.of(layout, fit),
+            quantity.of(layout, fits[quantity.new_participants]),
+        )
+        for quantity in QUANTITIES
+    ]
 
 
 def check_sentences(table: pd.DataFrame) -> list[str]:
@@ -160,6 +204,12 @@ def _doubts(checks: pd.DataFrame) -> list[str]:
 def _of_posterior(table: pd.DataFrame) -> pd.DataFrame:
     """Return the rows about posterior replicates, by quantity."""
     return table[table.index.get_level_values("law") == "posterior"].droplevel("law")
+
+
+def _posterior_replicates(tree: xr.DataTree) -> dict[bool, Array]:
+    """Return the posterior's replicated ratings, (draws, rows), by whether they are of new participants."""
+    names = {False: "rating", True: NEW_PARTICIPANTS}
+    return {anew: _values(tree, "posterior_predictive", name)[0] for anew, name in names.items()}
 
 
 def _values(tree: xr.DataTree, group: str, name: str) -> NDArray[Any]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from softness_bayes.data import Compression, Experiment, Fabrics, Ratings
+from softness_bayes.data import Compression, Experiment, Ratings
 from softness_bayes.inference.observation import RATING_DIRECTIONS
 from softness_bayes.inference.parameters import EVERY_PARAMETER
 from softness_bayes.inference.priors import parse_prior
@@ -23,16 +23,10 @@ def experiment_of(result: Result) -> Experiment:
     """
     loads, constant, found = result.loads, result.group("constant_data"), result.attributes
     rating = result.group("observed_data")["rating"]
-    names = tuple(str(name) for name in constant["fabric"].values)
-    fabrics = Fabrics(
-        names,
-        effective_modulus=constant["effective_modulus_kpa"].values * 1e3,
-        poisson_ratio=constant["poisson_ratio"].values,
-        digest=str(found["digest_fabrics"]),
-    )
+    fabrics = result.fabrics
     ratings = Ratings(
         tuple(str(name) for name in result.group("log_likelihood_participant")["participant"].values),
-        names,
+        fabrics.names,
         loads,
         participant=constant["participant_index"].values,
         fabric=constant["fabric_index"].values,

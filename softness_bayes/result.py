@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -20,6 +21,9 @@ from softness_bayes.touch.readings import ALTERNATIVES, Readings
 if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
+
+    from softness_bayes import Plots
+    from softness_bayes.data import Fabrics
 
 Array = NDArray[np.float64]
 
@@ -183,6 +187,84 @@ class Result:
                 row[f"{name}_low"], row[name], row[f"{name}_high"] = limits
             rows.append(row)
         return pd.DataFrame(rows).set_index("load")
+
+    def predict(
+        self, fabrics: Fabrics | None = None, loads: Sequence[Load] | None = None, draws: int = 400
+    ) -> pd.DataFrame:
+        """Predict contact, stress and firing of fabrics under loads, with their credible limits.
+
+        Parameters
+        ----------
+        fabrics
+            What is touched; by default the fabrics of the data, by their moduli.
+        loads
+            How; by default the loads of the data.
+        draws
+            Posterior draws that median and limits are of.
+
+        Returns
+        -------
+        DataFrame
+            As `prediction_table` gives it: a row per fabric and load, medians, with 5-95 % limits as NAME_low and
+            NAME_high.
+
+        Raises
+        ------
+        InputError
+            If the run had no ratings, which say what the receptors do.
+        """
+        from softness_bayes.predict import drawn_scene, prediction_table
+
+        here = self.loads
+        fabrics = self.fabrics if fabrics is None else fabrics
+        scene, parameters = drawn_scene(
+            fabrics,
+            here if loads is None else tuple(loads),
+            self.values(draws),
+            self.readings,
+            float(self.attributes.get("noise", 0.0)),
+        )
+        return prediction_table(fabrics, scene, parameters)
+
+    @property
+    def fabrics(self) -> Fabrics:
+        """The fabrics of the data, by the moduli that the run's readings made of them.
+
+        Raises
+        ------
+        InputError
+            If the run had no ratings.
+        """
+        from softness_bayes.data import Fabrics
+
+        self._require_ratings()
+        constant = self.group("constant_data")
+        return Fabrics(
+            tuple(str(name) for name in constant["fabric"].values),
+            effective_modulus=constant["effective_modulus_kpa"].values * 1e3,
+            poisson_ratio=constant["poisson_ratio"].values,
+            digest=str(self.attributes.get("digest_fabrics", "")),
+        )
+
+    @property
+    def plot(self) -> Plots:
+        """Its figures, a method each: ``result.plot.response()`` (see `plotting.plots.Plots`)."""
+        # by the package's public name: figures lie above results, which otherwise know nothing of them
+        from softness_bayes import Plots
+
+        return Plots(self)
+
+    def _repr_html_(self) -> str:
+        """Return verdict, inflection and summary as a notebook shows them."""
+        verdict = f"<p><strong>{escape(str(self.attributes.get('verdict', '')))}</strong></p>"
+        columns = ["p_interior", "p_none", "p_silent", "e_fab_kpa_low", "e_fab_kpa", "e_fab_kpa_high"]
+        tables = {"where the response turns over": self.inflection()[columns]} if self.has_ratings else {}
+        tables["parameters"] = self.summary()
+        shown = [
+            f"<p>{name}</p>{table.to_html(float_format='{:.4g}'.format, na_rep='–', border=0)}"
+            for name, table in tables.items()
+        ]
+        return "\n".join([verdict, *shown])
 
     def save(self, directory: str | Path) -> None:
         """Write ``posterior.nc`` and the tables into a directory; each file appears whole or not at all."""

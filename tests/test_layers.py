@@ -20,7 +20,7 @@ LAYERS = (
     {"arviz_bridge"},
     {"inference"},
     {"study", "predict", "result", "storage", "learning", "criticism", "variables"},
-    {"plate_groups"},
+    {"plate_groups", "illustrations"},
     {"assembly", "run", "skin", "claims"},
     {"restore", "compare", "calibrate"},
     {"plotting", "report"},

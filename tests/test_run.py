@@ -102,7 +102,7 @@ def test_groups_and_their_variables(result):
         "log_likelihood_loo": {"rating"},
         "log_likelihood_participant": {"ratings_of_participant"},
     }
-    assert {*result.tree.children} == {*groups, "log_likelihood", "predictions", "constant_data"}
+    assert {*result.tree.children} == {*groups, "log_likelihood", "predictions", "constant_data", "illustrations"}
     for group, variables in groups.items():
         assert {*result.group(group).data_vars} == variables, group
     assert {*held} <= {*result.group("constant_data").data_vars}

@@ -16,6 +16,7 @@ VERBS: Mapping[str, str] = {
     "sample": "Sample the posterior of skin, transduction and rating parameters given ratings.",
     "status": "Say how a run is getting on, without disturbing it.",
     "resume": "Continue a run that was interrupted, or that ended.",
+    "plot": "Draw the figures of a finished run.",
     "simulate": "Simulate ratings of fabrics from stated parameters.",
     "compare": "Rank finished runs by how well they predict what is left out.",
     "predict": "Predict contact, stress and firing for fabrics under loads.",

@@ -12,10 +12,6 @@ from softness_bayes.cli.options import ReadingChoice, Touches, prior_set, readin
 from softness_bayes.errors import InputError
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from numpy.typing import ArrayLike
-
     from softness_bayes.touch.parameters import TouchParameters
     from softness_bayes.touch.scene import Scene
 
@@ -54,17 +50,15 @@ def command(
     One row for each fabric and load. Parameters are the medians of their priors; --set changes single
     ones, --posterior takes the draws of a run instead.
     """
-    import numpy as np
-
-    from softness_bayes.predict import prediction_table
+    from softness_bayes.predict import drawn_scene, prediction_table
     from softness_bayes.study import scene_of, touch_parameters, usual_values
-    from softness_bayes.touch.parameters import TouchParameters
 
     fabrics, loads = touches.read()
     if posterior is None:
         chosen = choice.resolve()
-        named: Mapping[str, ArrayLike] = usual_values(chosen, prior_set, values)
-        noise = 0.0
+        named = usual_values(chosen, prior_set, values)
+        parameters = touch_parameters(named)
+        scene = scene_of(fabrics, loads, named, chosen)
     else:
         from softness_bayes.result import Result
 
@@ -73,12 +67,8 @@ def command(
         result = Result.load(posterior)
         if not result.has_ratings:
             raise InputError(f"{posterior}: a run without ratings, which says nothing of the receptors; give --set")
-        chosen, named, noise = result.readings, result.values(DRAWS), float(result.attributes["noise"])
-    parameters = touch_parameters(named)
-    if posterior is not None:  # a table of draws has limits even where the run held every parameter of the chain
-        batch = np.empty(max(np.size(value) for value in named.values()))
-        parameters = TouchParameters(*np.broadcast_arrays(*parameters, batch)[:-1])
-    scene = scene_of(fabrics, loads, named, chosen, noise=noise)
+        noise = float(result.attributes["noise"])
+        scene, parameters = drawn_scene(fabrics, loads, result.values(DRAWS), result.readings, noise)
     table = prediction_table(fabrics, scene, parameters)
     if out is None:
         table.to_csv(sys.stdout, index=False)

@@ -53,8 +53,8 @@ def rank_ecdf_figure(
     points = np.arange(1, draws + 1) / (draws + 1)
     band = simultaneous_band(len(ranks), points, probability)
     with style.applied():
-        figure, panels = free_panels(len(labels), style, columns=4, height=1.2)
-        for place, (axes, label) in enumerate(zip(panels, labels, strict=True)):
+        grid = free_panels(len(labels), style, columns=4, height=1.2)
+        for place, (axes, label) in enumerate(zip(grid.panels, labels, strict=True)):
             share = (ranks[:, place, None] < np.arange(1, draws + 1)).mean(axis=0)
             area = axes.fill_between(
                 points, band.low - points, band.high - points, step="mid", color=style.tint(style.prior, 0.4), lw=0
@@ -62,6 +62,6 @@ def rank_ecdf_figure(
             area.set_gid(f"band/{place}")
             axes.plot(points, share - points, color=style.posterior, drawstyle="steps-mid")[0].set_gid(f"ecdf/{place}")
             axes.set(title=label, xlim=(0, 1), xlabel="rank / draws")
-            if place % 4 == 0:
-                axes.set_ylabel("ECDF − uniform")
-    return figure
+        for axes in grid.leftmost:
+            axes.set_ylabel("ECDF − uniform")
+    return grid.figure

@@ -46,8 +46,8 @@ def trace_figure(draws: ArrayLike, ensemble: ArrayLike, labels: Sequence[str], *
     walkers, members = _walkers(draws, ensemble, labels)
     steps = np.unique(np.linspace(0, walkers.shape[1] - 1, MOST_STEPS).round().astype(int))
     with style.applied():
-        figure, panels = free_panels(len(labels), style, columns=2, height=0.85, sharex=True)
-        for place, (axes, label) in enumerate(zip(panels, labels, strict=True)):
+        grid = free_panels(len(labels), style, columns=2, height=0.85, sharex=True)
+        for place, (axes, label) in enumerate(zip(grid.panels, labels, strict=True)):
             for turn, name in enumerate(np.unique(members)):
                 course = np.quantile(walkers[members == name][:, steps, place], [0.05, 0.5, 0.95], axis=0)
                 colour = style.ensembles[turn % len(style.ensembles)]
@@ -56,11 +56,11 @@ def trace_figure(draws: ArrayLike, ensemble: ArrayLike, labels: Sequence[str], *
                     line.set_gid(f"{kind}/{place}/{name}")
                     line.set_label(f"ensemble {name}" if kind == "median" else None)
             axes.set(ylabel=label, xlim=(0, max(1, steps[-1])))
-        for axes in panels[-2:]:
+        for axes in grid.lowest:
             axes.set_xlabel("kept step")
             axes.xaxis.set_tick_params(labelbottom=True)
-        legend_below(figure, panels)
-    return figure
+        legend_below(grid.figure, grid.panels)
+    return grid.figure
 
 
 def rank_figure(
@@ -73,8 +73,8 @@ def rank_figure(
     walkers, members = _walkers(draws, ensemble, labels)
     edges = np.linspace(0.0, 1.0, bins + 1)
     with style.applied():
-        figure, panels = free_panels(len(labels), style, columns=4, height=1.0, sharex=True, sharey=True)
-        for place, (axes, label) in enumerate(zip(panels, labels, strict=True)):
+        grid = free_panels(len(labels), style, columns=4, height=1.0, sharex=True, sharey=True)
+        for place, (axes, label) in enumerate(zip(grid.panels, labels, strict=True)):
             flat = walkers[..., place].ravel()
             rank = np.empty(flat.size)
             rank[np.argsort(flat, kind="stable")] = (np.arange(flat.size) + 0.5) / flat.size
@@ -86,14 +86,15 @@ def rank_figure(
                 steps = axes.stairs(height, edges, baseline=None, color=colour, label=f"ensemble {name}")
                 steps.set_gid(f"rank/{place}/{name}")
             axes.set_title(label)
-            axes.set(xlim=(0, 1), xticks=(0, 0.5, 1), ylim=(0.0, None))
-            if place % 4 == 0:
-                axes.set_ylabel("density [–]")
-        for axes in panels[-4:]:
+            axes.set(xlim=(0, 1), xticks=(0, 0.5, 1))
+        grid.panels[0].set_ylim(0.0, None)  # the axis that all share, once all is on it
+        for axes in grid.leftmost:
+            axes.set_ylabel("density [–]")
+        for axes in grid.lowest:
             axes.set_xlabel("rank / draws [–]")
             axes.xaxis.set_tick_params(labelbottom=True)
-        legend_below(figure, panels)
-    return figure
+        legend_below(grid.figure, grid.panels)
+    return grid.figure
 
 
 def _walkers(draws: ArrayLike, ensemble: ArrayLike, labels: Sequence[str]) -> tuple[Array, NDArray[Any]]:

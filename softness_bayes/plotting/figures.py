@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING
@@ -10,13 +11,17 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from softness_bayes.errors import InputError
 from softness_bayes.plotting.chains import rank_figure, trace_figure
+from softness_bayes.plotting.checks import Means, Replicated, checks_figure, loo_pit_figure
 from softness_bayes.plotting.compression import compression_figure
 from softness_bayes.plotting.inflection import inflection_figure
+from softness_bayes.plotting.membrane import membrane_figure
 from softness_bayes.plotting.parameters import corner_figure, prior_figure
 from softness_bayes.plotting.rating import Observed, observed_ratings, rating_figure
 from softness_bayes.plotting.response import ratio_figure, response_figure
-from softness_bayes.plotting.style import USUAL, Style, save
+from softness_bayes.plotting.style import USUAL, Style, require_formats, save
+from softness_bayes.plotting.touch import Touches, touch_figure
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -24,6 +29,19 @@ if TYPE_CHECKING:
     from softness_bayes.result import Result
 
 Array = NDArray[np.float64]
+
+TOLD: Mapping[str, str] = MappingProxyType(
+    {
+        "turns over": "turns over [–]",
+        "inflection e_fab_kpa": "inflection [kPa]",
+        "drop beyond inflection": "drop [{scale}]",
+        "spread of participants": "spread of participants [{scale}]",
+        "residual spread": "residual spread [{scale}]",
+        "largest residual / sd": "largest residual / sd [–]",
+        "smallest residual / sd": "smallest residual / sd [–]",
+    }
+)
+"""Test quantities as their axes say them, `scale` being the unit of what is additive."""
 
 
 def _response(result: Result, style: Style) -> Figure:
@@ -43,12 +61,21 @@ def _response_ratio(result: Result, style: Style) -> Figure:
     return ratio_figure(result.curves(), result.loads, _fabric_modulus(result), style=style)
 
 
-def _rating(result: Result, style: Style) -> Figure:
+def _rating(result: Result, style: Style, against_ratio: bool = False) -> Figure:
     stored = result.group("predictions").isel(chain=0)
-    modulus, rating = stored["e_fab_kpa"].values * 1e3, stored["typical_rating"].values
     return rating_figure(
-        modulus, rating, _observed(result), result.loads, logarithmic=_logarithmic(result), style=style
+        stored["e_fab_kpa"].values * 1e3,
+        stored["typical_rating"].values,
+        _observed(result),
+        result.loads,
+        logarithmic=_logarithmic(result),
+        skin_modulus=stored["e_skin_kpa"].values * 1e3 if against_ratio else None,
+        style=style,
     )
+
+
+def _rating_ratio(result: Result, style: Style) -> Figure:
+    return _rating(result, style, against_ratio=True)
 
 
 def _inflection(result: Result, style: Style) -> Figure:
@@ -88,28 +115,180 @@ def _compression(result: Result, style: Style) -> Figure:
     )
 
 
-FIGURES: Mapping[str, Callable[[Result, Style], Figure]] = MappingProxyType(
+def _checks(result: Result, style: Style) -> Figure:
+    from softness_bayes.criticism import ALL, posterior_quantities
+    from softness_bayes.inference.predictive import Columns
+
+    table = result.tables["predictive_checks"].loc["posterior"]
+    modulus = dict(zip(result.group("constant_data")["fabric"].values, _fabric_modulus(result), strict=True))
+    means, shown, scale = [], [], "log" if _logarithmic(result) else "sd"
+    for found in posterior_quantities(result.tree):
+        rows = table.loc[[found.quantity.name]]
+        if found.quantity.columns is Columns.CONDITION:
+            means = [
+                Means(
+                    str(load),
+                    np.array([modulus[name] for name in of_load["fabric"]]),
+                    *(of_load[field].to_numpy() for field in ("observed", "low", "high")),
+                )
+                for load, of_load in rows.groupby("load", sort=False)
+            ]
+        elif found.quantity.columns is not Columns.PARTICIPANT:
+            shown += [
+                Replicated(
+                    TOLD[found.quantity.name].format(scale=scale) + (f", {load}" if load != ALL else ""),
+                    found.observed[k],
+                    found.replicated[:, k],
+                    rows["p_value"].iloc[k],
+                )
+                for k, (load, _, _) in enumerate(found.labels)
+            ]
+    return checks_figure(means, shown, scale, style=style)
+
+
+def _loo_pit(result: Result, style: Style) -> Figure:
+    from softness_bayes.criticism import LOO_PIT, PIT_POINTS
+
+    return loo_pit_figure(result.group("constant_data")[LOO_PIT].values, PIT_POINTS, style=style)
+
+
+def _touch(result: Result, style: Style) -> Figure:
+    stored = result.group("illustrations")
+    low, middle, high = (stored.sel(quantile=level) for level in (0.025, 0.5, 0.975))
+
+    def limits(name: str) -> Array:
+        return np.stack([part[name].values for part in (low, middle, high)]) * 1e3
+
+    touches = Touches(
+        stored["distance_mm"].values * 1e-3,
+        limits("touch_pressure_kpa"),
+        limits("touch_stress_kpa"),
+        middle["touch_rate_hz"].values,
+        middle["touch_radius_mm"].values * 1e-3,
+        [str(name) for name in stored["touch_load"].values],
+        [str(name) for name in stored["touch_fabric"].values],
+        stored["touch_e_fab_kpa"].values * 1e3,
+        np.stack([stored[f"receptor_{side}_mm"].values for side in "xy"], axis=-1) * 1e-3,
+        stored["pad_mm"].values * 1e-3,
+        stored["contact_centre_mm"].values * 1e-3,
+    )
+    return touch_figure(touches, style=style)
+
+
+def _membrane(result: Result, style: Style) -> Figure:
+    stored, examples = result.group("predictions").isel(chain=0), result.group("illustrations")
+    return membrane_figure(
+        stored["current_ua_cm2"].values,
+        stored["firing_rate_hz"].values,
+        stored["rheobase_ua_cm2"].values,
+        stored["largest_current_ua_cm2"].values,
+        examples["spike_time_ms"].values,
+        examples["train_current_ua_cm2"].values,
+        float(examples["train_duration_ms"]),
+        style=style,
+    )
+
+
+@dataclass(frozen=True)
+class Source:
+    """Something stored in a result that a figure needs."""
+
+    place: str
+    """Group and variable, as in ``predictions/total_rate``."""
+    absent: str
+    """What to say where it is not there."""
+
+    def is_in(self, result: Result) -> bool:
+        """Whether a result has it."""
+        group, name = self.place.split("/")
+        return group in result.tree.children and name in result.tree[group].data_vars
+
+
+CURVES = Source("predictions/total_rate", "the run had no ratings, so it has no response curves")
+REPLICATES = Source("posterior_predictive/rating_of_new_participants", "it holds no replicated ratings")
+PIT = Source("constant_data/loo_pit", "it holds no ratings predicted from all the others")
+_OLDER = (
+    "the run is of a version that did not store it; 'softness-bayes resume DIR --more-steps 1' writes the results anew"
+)
+TOUCH = Source("illustrations/touch_stress_kpa", _OLDER)
+FIRING = Source("predictions/firing_rate_hz", _OLDER)
+FORCES = Source("predictions/typical_force_n", "the run had no compression data")
+
+
+@dataclass(frozen=True)
+class Drawing:
+    """One figure of a finished run: ``drawing(result)`` returns it.
+
+    Parameters
+    ----------
+    draw
+        Makes the figure from what the result stores.
+    shows
+        What is seen on it, in a line.
+    needs
+        What must be stored.
+    """
+
+    draw: Callable[[Result, Style], Figure]
+    shows: str
+    needs: tuple[Source, ...] = ()
+
+    def lacks(self, result: Result) -> str:
+        """Say why a result cannot fill this figure; empty if it can."""
+        return next((source.absent for source in self.needs if not source.is_in(result)), "")
+
+    def __call__(self, result: Result, style: Style = USUAL) -> Figure:
+        """Draw it.
+
+        Raises
+        ------
+        InputError
+            If the result does not hold what the figure shows.
+        """
+        if reason := self.lacks(result):
+            raise InputError(f"figure: cannot show {self.shows}: {reason}")
+        return self.draw(result, style)
+
+
+FIGURES: Mapping[str, Drawing] = MappingProxyType(
     {
-        "response": _response,
-        "response_ratio": _response_ratio,
-        "rating": _rating,
-        "inflection": _inflection,
-        "corner": _corner,
-        "prior": _prior,
-        "trace": _trace,
-        "rank": _rank,
-        "compression": _compression,
+        "response": Drawing(_response, "response against E_fab under each load", (CURVES,)),
+        "response_ratio": Drawing(_response_ratio, "response against E_fab / E_skin", (CURVES,)),
+        "rating": Drawing(_rating, "predicted and observed ratings against E_fab", (CURVES,)),
+        "rating_ratio": Drawing(_rating_ratio, "predicted and observed ratings against E_fab / E_skin", (CURVES,)),
+        "inflection": Drawing(_inflection, "where the response turns over under each load", (CURVES,)),
+        "predictive_checks": Drawing(
+            _checks, "test quantities of the ratings among those of replicates", (CURVES, REPLICATES)
+        ),
+        "loo_pit": Drawing(_loo_pit, "ratings in their predictions from all the others", (CURVES, PIT)),
+        "touch": Drawing(_touch, "pressure and stress under the pad, and its receptors by their rate", (CURVES, TOUCH)),
+        "membrane": Drawing(_membrane, "firing rate against current, and example spike trains", (CURVES, FIRING)),
+        "corner": Drawing(_corner, "the posterior of every pair of parameters"),
+        "prior": Drawing(_prior, "prior against posterior of every parameter"),
+        "trace": Drawing(_trace, "the course of the ensembles"),
+        "rank": Drawing(_rank, "ranks of the draws of each ensemble"),
+        "compression": Drawing(_compression, "force of a rigid plate against indentation", (FORCES,)),
     }
 )
-"""File name -> what draws it from a result."""
-
-_OF_RATINGS = ("response", "response_ratio", "rating", "inflection")
+"""Every figure by the name of its file: the only list of them."""
 
 
 def figures_of(result: Result) -> list[str]:
     """Return the names of the figures that a result can fill: those of ratings, of compression data, or both."""
-    absent = (*(() if result.has_ratings else _OF_RATINGS), *(() if result.has_compression else ("compression",)))
-    return [name for name in FIGURES if name not in absent]
+    return [name for name, drawing in FIGURES.items() if not drawing.lacks(result)]
+
+
+def require_figures(names: Iterable[str]) -> None:
+    """Refuse names that are not those of figures.
+
+    Raises
+    ------
+    InputError
+        Naming the first, and the figures that there are.
+    """
+    for name in names:
+        if name not in FIGURES:
+            raise InputError(f"figures: there is no {name!r}; expected some of {', '.join(FIGURES)}")
 
 
 def draw_figures(
@@ -138,10 +317,17 @@ def draw_figures(
     -------
     list of Path
         The files written.
+
+    Raises
+    ------
+    InputError
+        If a name or a format is unknown, or the result does not hold what a figure asked for shows.
     """
     directory = Path(directory)
-    directory.mkdir(parents=True, exist_ok=True)
     chosen = figures_of(result) if names is None else names
+    require_figures(chosen)
+    require_formats(formats)
+    directory.mkdir(parents=True, exist_ok=True)
     drawn = [save(FIGURES[name](result, style), directory / name, formats, style) for name in chosen]
     return [path for paths in drawn for path in paths]
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
-from softness_bayes.plotting.panels import MODULUS_LABEL, Array, check_loads, number_ticks, title
+from softness_bayes.plotting.panels import MODULUS_LABEL, WIDE, Array, check_loads, number_ticks, short, title
 from softness_bayes.plotting.style import USUAL, Style
 from softness_bayes.touch.contact import Load
 
@@ -68,8 +68,9 @@ def inflection_figure(
     fabrics = np.asarray(fabric_modulus, float) / 1e3
     limits = np.array([fabrics.min() / RANGE_FACTOR, fabrics.max() * RANGE_FACTOR])
     edges = bin_edges(limits, inflection.modulus / 1e3)
+    wide = style.page >= WIDE
     with style.applied():
-        figure = Figure(figsize=(style.page, 0.75 * len(loads) + 0.75), layout="constrained")
+        figure = Figure(figsize=(style.page, (0.75 if wide else 1.0) * len(loads) + 0.75), layout="constrained")
         cells = figure.subplots(len(loads), 2, sharex="col", sharey="col", squeeze=False, width_ratios=(2.4, 1))
         for index, ((left, right), load) in enumerate(zip(cells, loads, strict=True)):
             left.axvspan(fabrics.min(), fabrics.max(), color="#EFEFEF", linewidth=0, gid=f"fabrics/{load}")
@@ -79,7 +80,8 @@ def inflection_figure(
         left, right = cells[-1]
         left.set_xscale("log")
         top = max(density(column / 1e3, edges).max() for column in inflection.modulus.T)
-        left.set(xlim=limits, ylim=(0.0, 1.05 * top or 1.0), xlabel=f"{MODULUS_LABEL} at the inflection")
+        xlabel = f"{MODULUS_LABEL}{' ' if wide else chr(10)}at the inflection"
+        left.set(xlim=limits, ylim=(0.0, 1.05 * top or 1.0), xlabel=xlabel)
         number_ticks(left.xaxis)
         right.set(xlim=(0, 100), xticks=(0, 50, 100), xlabel="probability [%]")
         figure.supylabel("posterior density [1/decade]", fontsize="medium")
@@ -144,8 +146,10 @@ def _draw_density(axes: Axes, edges: Array, inflection: Inflection, index: int, 
         for artist in (bar, dot):
             artist.set(color=colour, clip_on=False, zorder=3)
         within = percent(float(np.mean(inflection.inside[:, index])))
-        words = f"{_short(middle)} kPa [{_short(low)}, {_short(high)}]\n{within} within the fabrics' range"
-        axes.text(0.99, 0.95, words, transform=axes.transAxes, ha="right", va="top", fontsize=style.small)
+        wide = style.page >= WIDE
+        words = f"{short(middle)} kPa [{short(low)}, {short(high)}]\n{within} within{' ' if wide else chr(10)}"
+        place = axes.text(0.99, 0.95 if wide else 0.8, f"{words}the fabrics' range", transform=axes.transAxes)
+        place.set(ha="right", va="top", fontsize=style.small)
 
 
 def _draw_outcomes(axes: Axes, inflection: Inflection, index: int, style: Style, gid: str) -> None:
@@ -171,7 +175,3 @@ def percent(share: float) -> str:
     if 0 < share < 0.01:
         return "<1 %"
     return ">99 %" if 0.99 < share < 1 else f"{100 * share:.0f} %"
-
-
-def _short(value: float) -> str:
-    return f"{float(f'{value:.3g}'):.12g}"

@@ -25,6 +25,12 @@ LEVELS = (0.5, 0.95)
 TINTS = (0.5, 0.22)
 """Strength of colour of each of them."""
 
+WIDE = 6.0
+"""Least width of a figure whose words, a legend's too, have room on one line [in]."""
+
+NARROWEST = 1.6
+"""Least width of a panel with numbers and labels of its own [in]."""
+
 MODULUS_LABEL = r"fabric modulus $E_\mathrm{fab}$ [kPa]"
 RATIO_LABEL = r"$E_\mathrm{fab}\,/\,E_\mathrm{skin}$ [–]"
 RATE_LABEL = "total rate [spikes/s]"
@@ -51,14 +57,14 @@ class Grid(NamedTuple):
 
 
 def grid_of_panels(count: int, xlabel: str, ylabel: str, style: Style, margin: float = 0.0) -> Grid:
-    """Return a figure of `count` panels with common axes, at most four beside each other.
+    """Return a figure of `count` panels with common axes, at most four beside each other, fewer on a narrow page.
 
     Rows balance their panels; a single panel takes one column of a page. A `margin`, as a share of
     a panel's height, is an axes of its own above each.
     """
     from matplotlib.figure import Figure
 
-    rows = -(-count // 4)
+    rows = -(-count // fitting(4, style))
     columns = -(-count // rows)
     ratios = [margin, 1.0] * rows if margin else [1.0] * rows
     width, height = style.column if count == 1 else style.page, 2.0 * (1.0 + margin)
@@ -81,18 +87,50 @@ def grid_of_panels(count: int, xlabel: str, ylabel: str, style: Style, margin: f
     return Grid(figure, list(panels[:count]), list(heads[:count]))
 
 
+class FreePanels(NamedTuple):
+    """A figure of panels that have units of their own."""
+
+    figure: Figure
+    panels: list[Axes]
+    columns: int
+    """Panels beside each other."""
+
+    @property
+    def lowest(self) -> list[Axes]:
+        """The lowest panel of each column."""
+        return self.panels[-self.columns :]
+
+    @property
+    def leftmost(self) -> list[Axes]:
+        """The first panel of each row."""
+        return self.panels[:: self.columns]
+
+
 def free_panels(
-    count: int, style: Style, columns: int, height: float, sharex: bool = False, sharey: bool = False
-) -> tuple[Figure, list[Axes]]:
-    """Return a figure of `count` panels over a page, for axes that have units of their own."""
+    count: int,
+    style: Style,
+    columns: int,
+    height: float,
+    sharex: bool = False,
+    sharey: bool = False,
+    narrow: bool = False,
+) -> FreePanels:
+    """Return a figure of `count` panels over a page, or a column (`narrow`), as many beside each other as fit."""
     from matplotlib.figure import Figure
 
+    columns = fitting(columns, style)
     rows = -(-count // columns)
-    figure = Figure(figsize=(style.page, height * rows + 0.5), layout="constrained")
+    width = style.column if narrow else style.page
+    figure = Figure(figsize=(width, height * rows + 0.5), layout="constrained")
     cells = figure.subplots(rows, columns, sharex=sharex, sharey=sharey, squeeze=False).ravel()
     for spare in cells[count:]:
         spare.remove()
-    return figure, list(cells[:count])
+    return FreePanels(figure, list(cells[:count]), columns)
+
+
+def fitting(columns: int, style: Style) -> int:
+    """Return how many of so many panels a page has room for beside each other."""
+    return max(1, min(columns, int(style.page / NARROWEST)))
 
 
 def check_draws(draws: ArrayLike, labels: Sequence[str]) -> Array:
@@ -143,10 +181,17 @@ def number_ticks(axis: Axis) -> None:
     axis.set_major_locator(LogLocator(subs=marks, numticks=9))
     axis.set_major_formatter(FuncFormatter(_number))
     axis.set_minor_formatter(NullFormatter())
+    if decades > 4:
+        axis.set_minor_locator(LogLocator(subs=(2, 5), numticks=99))
 
 
 def _number(value: float, _: int | None = None) -> str:
     return f"{value:g}" if 0.01 <= value < 10000 else rf"$10^{{{np.log10(value):.0f}}}$"
+
+
+def short(value: float) -> str:
+    """Return a number to three digits, without an exponent."""
+    return f"{float(f'{value:.3g}'):.12g}"
 
 
 def legend_below(figure: Figure, axes: Sequence[Axes]) -> None:
@@ -155,5 +200,5 @@ def legend_below(figure: Figure, axes: Sequence[Axes]) -> None:
     for panel in axes:
         for handle, label in zip(*panel.get_legend_handles_labels(), strict=True):
             handles.setdefault(label, handle)
-    columns = 2 if len(axes) == 1 else len(handles)
+    columns = 2 if len(axes) == 1 or figure.get_figwidth() < WIDE else len(handles)
     figure.legend(list(handles.values()), list(handles), loc="outside lower center", ncols=columns)

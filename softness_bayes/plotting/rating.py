@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from softness_bayes.errors import InputError
 from softness_bayes.plotting.panels import (
     MODULUS_LABEL,
+    RATIO_LABEL,
     Array,
     check_loads,
     draw_bands,
@@ -19,10 +20,12 @@ from softness_bayes.plotting.panels import (
     number_ticks,
     title,
 )
+from softness_bayes.plotting.ratio import RatioAxis
 from softness_bayes.plotting.style import USUAL, Style
 from softness_bayes.touch.contact import Load
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 
@@ -113,9 +116,10 @@ def rating_figure(
     loads: Sequence[Load],
     *,
     logarithmic: bool = True,
+    skin_modulus: ArrayLike | None = None,
     style: Style = USUAL,
 ) -> Figure:
-    """Draw predicted and observed ratings against E_fab, one panel per load.
+    """Draw predicted and observed ratings against E_fab or E_fab / E_skin, one panel per load.
 
     The bands are credible intervals of the rating that a typical participant (s = 0) gives on
     average: the noise of single ratings and the participants' scales are not in them. The points
@@ -133,6 +137,9 @@ def rating_figure(
         The load of each panel.
     logarithmic
         Whether the axis of ratings is: for magnitude estimates, not for z-scores.
+    skin_modulus
+        E_skin [Pa] of every draw along the grid, shape (draws, loads, points). If given, curves and data stand
+        over E_fab / E_skin: each draw's curve by its own ratio, the data at the medians of theirs.
     style
         How it looks.
 
@@ -140,32 +147,44 @@ def rating_figure(
     -------
     Figure
         Artists named ``median/1 mm``, ``band95/1 mm``, ``band50/1 mm``, ``ratings/1 mm`` (points) and
-        ``spread/1 mm`` (bars); E_fab in kPa.
+        ``spread/1 mm`` (bars); E_fab in kPa, or its ratio to E_skin.
 
     Raises
     ------
     InputError
         If there is not one load for each set of curves.
     """
-    kilopascal, draws = np.asarray(modulus, float) / 1e3, np.asarray(rating, float)
+    modulus, draws = np.asarray(modulus, float), np.asarray(rating, float)
     check_loads(loads, draws.shape[1])
     ylabel = "softness rating" if logarithmic else "softness rating [sd]"
+    xlabel = MODULUS_LABEL if skin_modulus is None else RATIO_LABEL
+    ends = []
     with style.applied():
-        figure, panels, _ = grid_of_panels(len(loads), MODULUS_LABEL, ylabel, style)
+        figure, panels, _ = grid_of_panels(len(loads), xlabel, ylabel, style)
         for index, (axes, load) in enumerate(zip(panels, loads, strict=True)):
-            draw_bands(axes, kilopascal, draws[:, index], style.posterior, style, str(load))
             here = (observed.load == index) & np.isfinite(observed.mean)
-            x, mean = observed.modulus[here] / 1e3, observed.mean[here]
-            low, high = observed.low[here], observed.high[here]
-            spread = axes.vlines(x, low, high, color=style.tint(style.data, 0.6), linewidth=0.8)
-            spread.set(label="± 1 sd between participants", gid=f"spread/{load}", zorder=2)
-            points = axes.plot(x, mean, "o", color=style.data, markersize=3, gid=f"ratings/{load}")[0]
-            points.set(label="geometric mean" if logarithmic else "mean", zorder=3)
+            if skin_modulus is None:
+                x, curves, places = modulus / 1e3, draws[:, index], observed.modulus[here] / 1e3
+            else:
+                axis = RatioAxis.of(modulus, np.asarray(skin_modulus)[:, index])
+                x, curves, places = axis.grid, axis.carry(draws[:, index]), axis.place(observed.modulus[here])
+            draw_bands(axes, x, curves, style.posterior, style, str(load))
+            _draw_observed(axes, places, observed, here, logarithmic, style, str(load))
             axes.set(xscale="log", yscale="log" if logarithmic else "linear", title=title(load))
+            ends += [x.min(), x.max()]
         for axes in panels:
-            axes.set_xlim(kilopascal.min(), kilopascal.max())
+            axes.set_xlim(min(ends), max(ends))
             number_ticks(axes.xaxis)
             if logarithmic:
                 number_ticks(axes.yaxis)
         legend_below(figure, panels)
     return figure
+
+
+def _draw_observed(
+    axes: Axes, x: Array, observed: Observed, here: NDArray[np.bool_], logarithmic: bool, style: Style, gid: str
+) -> None:
+    spread = axes.vlines(x, observed.low[here], observed.high[here], color=style.tint(style.data, 0.6), linewidth=0.8)
+    spread.set(label="± 1 sd between participants", gid=f"spread/{gid}", zorder=2)
+    points = axes.plot(x, observed.mean[here], "o", color=style.data, markersize=3, gid=f"ratings/{gid}")[0]
+    points.set(label="geometric mean" if logarithmic else "mean", zorder=3)

@@ -22,6 +22,7 @@ from softness_bayes.plotting.panels import (
     number_ticks,
     title,
 )
+from softness_bayes.plotting.ratio import RatioAxis
 from softness_bayes.plotting.style import USUAL, Style
 from softness_bayes.touch.contact import Load
 
@@ -100,20 +101,15 @@ def ratio_figure(curves: Curves, loads: Sequence[Load], fabric_modulus: ArrayLik
     medians of their ratios.
     """
     check_loads(loads, curves.total_rate.shape[1])
-    log_modulus, log_fabric = np.log(curves.modulus), np.log(np.asarray(fabric_modulus, float))
-    log_ratio = log_modulus - np.log(curves.skin_modulus)
-    ends = log_ratio[..., 0].max(axis=0), log_ratio[..., -1].min(axis=0)
     with style.applied():
         figure, panels, _ = grid_of_panels(len(loads), RATIO_LABEL, RATE_LABEL, style)
+        axis = [RatioAxis.of(curves.modulus, curves.skin_modulus[:, index]) for index in range(len(loads))]
         for index, (axes, load) in enumerate(zip(panels, loads, strict=True)):
-            own, rate = log_ratio[:, index], curves.total_rate[:, index]
-            grid = np.linspace(ends[0][index], ends[1][index], log_modulus.size)
-            common = np.stack([np.interp(grid, x, y) for x, y in zip(own, rate, strict=True)])
-            fabrics = [np.interp(log_fabric, log_modulus, x) for x in own]
-            draw_bands(axes, np.exp(grid), common, style.posterior, style, str(load))
-            draw_rug(axes, np.exp(np.median(fabrics, axis=0)), style, str(load))
+            common = axis[index].carry(curves.total_rate[:, index])
+            draw_bands(axes, axis[index].grid, common, style.posterior, style, str(load))
+            draw_rug(axes, axis[index].place(fabric_modulus), style, str(load))
             axes.set_title(title(load))
-        _finish(figure, panels, np.exp(ends), _top(curves.total_rate))
+        _finish(figure, panels, np.array([each.grid for each in axis]), _top(curves.total_rate))
     return figure
 
 

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Self
 
 from softness_bayes.errors import InputError
 
@@ -91,6 +92,46 @@ class Style:
     small: float = 7.0
     rc: Mapping[str, Any] = field(default_factory=lambda: RC)
 
+    @classmethod
+    def read(cls, path: str | Path) -> Self:
+        """Return the usual style with what a matplotlib style file sets.
+
+        Fonts, lines and all else are the file's where it says something. Its ``axes.prop_cycle`` gives the colours of
+        what was inferred, measured and found of the inflection, in that order, and those of the ensembles; the width
+        of its ``figure.figsize`` is that of a page, and of a column if it is narrower.
+
+        Parameters
+        ----------
+        path
+            A ``.mplstyle`` file.
+
+        Raises
+        ------
+        InputError
+            If there is no such file, or it sets what matplotlib does not know.
+        """
+        from matplotlib import rc_params_from_file
+
+        if not Path(path).is_file():
+            raise InputError(f"{path}: no such file; expected a style file of matplotlib (.mplstyle)")
+        with _complaints("matplotlib") as complaints:
+            try:
+                chosen = dict(rc_params_from_file(path, use_default_template=False))
+            except UnicodeDecodeError:
+                complaints.append("is not text")
+        if complaints:
+            raise InputError(f"{path}: not a style file of matplotlib: {' '.join(complaints[0].split())}")
+        usual = cls()
+        changed: dict[str, Any] = {"rc": {**RC, **chosen}}
+        if "axes.prop_cycle" in chosen:
+            cycle = chosen["axes.prop_cycle"].by_key().get("color", [])
+            changed |= dict(zip(("posterior", "data", "inflection"), cycle, strict=False))
+            changed |= {"ensembles": tuple(cycle)} if cycle else {}
+        if "figure.figsize" in chosen:
+            width = float(chosen["figure.figsize"][0])
+            changed |= {"page": width, "column": min(usual.column, width)}
+        return replace(usual, **changed)
+
     @contextmanager
     def applied(self) -> Iterator[None]:
         """Let matplotlib draw in this style inside a ``with`` block."""
@@ -107,8 +148,37 @@ class Style:
         return red, green, blue
 
 
+@contextmanager
+def _complaints(logger: str) -> Iterator[list[str]]:
+    """Collect what a logger warns of, instead of showing it."""
+    heard: list[str] = []
+    handler = logging.Handler(logging.WARNING)
+    handler.emit = lambda record: heard.append(record.getMessage())  # type: ignore[method-assign]
+    source = logging.getLogger(logger)
+    propagated, source.propagate = source.propagate, False
+    source.addHandler(handler)
+    try:
+        yield heard
+    finally:
+        source.removeHandler(handler)
+        source.propagate = propagated
+
+
 USUAL = Style()
 """The style of every figure unless another is given."""
+
+
+def require_formats(formats: Sequence[str]) -> None:
+    """Refuse formats that figures are not written in.
+
+    Raises
+    ------
+    InputError
+        Naming the first, and the formats that there are.
+    """
+    unknown = [name for name in formats if name not in METADATA]
+    if unknown:
+        raise InputError(f"figure: unknown format {unknown[0]!r}, expected one of {', '.join(METADATA)}")
 
 
 def save(figure: Figure, path: str | Path, formats: Sequence[str] = ("png", "pdf"), style: Style = USUAL) -> list[Path]:
@@ -135,11 +205,24 @@ def save(figure: Figure, path: str | Path, formats: Sequence[str] = ("png", "pdf
     InputError
         If a format is unknown.
     """
-    unknown = [name for name in formats if name not in METADATA]
-    if unknown:
-        raise InputError(f"figure: unknown format {unknown[0]!r}, expected one of {', '.join(METADATA)}")
+    require_formats(formats)
     paths = [Path(f"{path}.{name}") for name in formats]
-    with style.applied():
+    with style.applied(), _laid_out(figure):
         for name, target in zip(formats, paths, strict=True):
             figure.savefig(target, format=name, metadata=dict(METADATA[name]))
     return paths
+
+
+@contextmanager
+def _laid_out(figure: Figure) -> Iterator[None]:
+    """Lay a figure out once for all that is done inside, instead of once for each format."""
+    engine = figure.get_layout_engine()
+    if engine is None:
+        yield
+        return
+    engine.execute(figure)
+    figure.set_layout_engine("none")
+    try:
+        yield
+    finally:
+        figure.set_layout_engine(engine)

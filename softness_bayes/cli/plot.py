@@ -1,0 +1,62 @@
+"""`softness-bayes plot`: the figures of a finished run."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+_PATH = click.Path(path_type=Path)
+
+
+@click.command()
+@click.argument("directory", type=_PATH, metavar="DIR")
+@click.option(
+    "--figures",
+    "names",
+    multiple=True,
+    metavar="NAME",
+    help="Draw this figure only. Repeatable; an unknown name lists all. By default every figure that the run can fill.",
+)
+@click.option(
+    "--format",
+    "formats",
+    multiple=True,
+    default=("png", "pdf"),
+    show_default=True,
+    metavar="FORMAT",
+    help="Format of the files: png, pdf or svg. Repeatable.",
+)
+@click.option(
+    "--style",
+    "style_file",
+    type=_PATH,
+    metavar="FILE",
+    help="Style file of matplotlib (.mplstyle) to lay over the usual style; the width of its figure.figsize is that "
+    "of the page, as in 'figure.figsize: 3.4, 3' for one column.",
+)
+@click.option("--out", type=_PATH, metavar="DIR", help="Directory to write to; by default DIR/figures.")
+def command(
+    directory: Path, names: tuple[str, ...], formats: tuple[str, ...], style_file: Path | None, out: Path | None
+) -> None:
+    """Draw the figures of a finished run.
+
+    All that they show is stored in DIR: the model is not run, and DIR may come from another machine. Figures that
+    the run cannot fill are left out and named.
+    """
+    from softness_bayes.plotting.figures import FIGURES, draw_figures, require_figures
+    from softness_bayes.plotting.style import USUAL, Style, require_formats
+    from softness_bayes.result import Result
+
+    require_figures(names)
+    require_formats(formats)
+    style = USUAL if style_file is None else Style.read(style_file)
+    result = Result.load(directory)
+    if out is None:
+        out = (directory if directory.is_dir() else directory.parent) / "figures"
+    paths = draw_figures(result, out, tuple(dict.fromkeys(names)) or None, tuple(dict.fromkeys(formats)), style)
+    for path in paths:
+        click.echo(str(path))
+    for name, drawing in FIGURES.items():
+        if not names and (reason := drawing.lacks(result)):
+            click.echo(f"note: no {name}: {reason}", err=True)

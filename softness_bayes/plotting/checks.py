@@ -1,0 +1,183 @@
+"""Predictive checks: what replicated ratings have, beside what the ratings have."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from softness_bayes.errors import InputError
+from softness_bayes.inference.uniformity import simultaneous_band
+from softness_bayes.plotting.panels import MODULUS_LABEL, Array, free_panels, legend_below, number_ticks
+from softness_bayes.plotting.style import USUAL, Style
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+
+BINS = 24
+"""Of the replicates of a quantity."""
+
+
+class Means(NamedTuple):
+    """Mean log ratings of the fabrics under one load, every field of shape (fabrics,)."""
+
+    load: str
+    """What the load is called."""
+    modulus: Array
+    """E_fab [Pa]."""
+    observed: Array
+    low: Array
+    """Lower limit of the replicates', joint over all conditions."""
+    high: Array
+
+
+class Replicated(NamedTuple):
+    """One test quantity of the data among those of replicates."""
+
+    name: str
+    observed: float
+    """NaN where the data do not have it."""
+    replicates: Array
+    """Shape (replicates,), NaN where a replicate does not have it."""
+    p_value: float
+    """Probability of a replicate above what was observed."""
+
+
+def checks_figure(
+    means: Sequence[Means], quantities: Sequence[Replicated], scale: str = "log", *, style: Style = USUAL
+) -> Figure:
+    """Draw observed mean log ratings within the replicates' limits, and test quantities among their replicates.
+
+    A bar holds 90 % of the replicates, over all conditions at once. The histograms are of the replicates that have
+    the quantity; an inflection's place stands on a logarithmic axis.
+
+    Parameters
+    ----------
+    means
+        One panel for each load.
+    quantities
+        One panel each.
+    scale
+        Unit of the means.
+    style
+        How it looks.
+
+    Returns
+    -------
+    Figure
+        Artists named ``limits/1 mm`` and ``observed/1 mm`` (E_fab in kPa), ``replicates/k`` and ``observed/k``.
+
+    Raises
+    ------
+    InputError
+        If there is nothing to show.
+    """
+    if not means and not quantities:
+        raise InputError("predictive checks: nothing to show")
+    with style.applied():
+        grid = free_panels(len(means) + len(quantities), style, columns=4, height=1.2)
+        for axes, of_load in zip(grid.panels, means, strict=False):
+            _draw_means(axes, of_load, style)
+        for place, (axes, quantity) in enumerate(zip(grid.panels[len(means) :], quantities, strict=True)):
+            _draw_quantity(axes, quantity, style, str(place))
+        for axes in grid.panels[: len(means) : grid.columns]:
+            axes.set_ylabel(f"mean rating [{scale}]")
+        legend_below(grid.figure, grid.panels)
+    return grid.figure
+
+
+def _draw_means(axes: Axes, means: Means, style: Style) -> None:
+    x = means.modulus / 1e3
+    bars = axes.vlines(x, means.low, means.high, color=style.tint(style.posterior, 0.5), linewidth=3.0)
+    bars.set(label="90 % of replicates", gid=f"limits/{means.load}")
+    points = axes.plot(x, means.observed, "o", color=style.data, markersize=2.5, gid=f"observed/{means.load}")[0]
+    points.set(label="observed", zorder=3)
+    axes.set(xscale="log", title=means.load, xlabel=MODULUS_LABEL)
+    number_ticks(axes.xaxis)
+
+
+def _draw_quantity(axes: Axes, quantity: Replicated, style: Style, gid: str) -> None:
+    known, seen = quantity.replicates[np.isfinite(quantity.replicates)], quantity.observed
+    every = np.append(known, seen) if np.isfinite(seen) else known
+    yes_or_no = bool(np.isin(every, (0.0, 1.0)).all())
+    low, high = (float(every.min()), float(every.max())) if every.size else (0.0, 1.0)
+    wide = low > 0 and high > 10 * low
+    if yes_or_no:
+        edges = np.array([-0.5, 0.5, 1.5])
+    elif wide:
+        edges = np.geomspace(low, high, BINS + 1)
+    else:
+        spare = 0.5 * (low == high)
+        edges = np.linspace(low - spare, high + spare, BINS + 1)
+    heights = np.histogram(known, edges)[0] / max(known.size, 1)
+    steps = axes.stairs(heights, edges, fill=True, color=style.tint(style.posterior, 0.5))
+    steps.set(gid=f"replicates/{gid}", label="replicates")
+    if np.isfinite(seen):
+        axes.axvline(seen, color=style.data, linewidth=1.2, gid=f"observed/{gid}", label="of the data")
+    p_value = f"p = {quantity.p_value:.2f}" if np.isfinite(quantity.p_value) else "not in the data"
+    words = axes.text(0.98, 0.99, p_value, transform=axes.transAxes, ha="right", va="top", fontsize=style.small)
+    words.set_bbox({"facecolor": "white", "edgecolor": "none", "pad": 1})
+    axes.set(xlabel=quantity.name, yticks=(), xscale="log" if wide else "linear")
+    axes.set_ylim(0.0, 1.3 * heights.max() or 1.0)  # room for the words
+    axes.spines["left"].set_visible(False)
+    if yes_or_no:
+        axes.set_xticks((0, 1), ("no", "yes"))
+    elif wide:
+        number_ticks(axes.xaxis)
+
+
+def loo_pit_figure(values: ArrayLike, points: ArrayLike, probability: float = 0.95, *, style: Style = USUAL) -> Figure:
+    """Draw the distribution function of LOO-PIT values minus the uniform one, with simultaneous limits.
+
+    The limits are those of independent values. Ratings predicted from all the others balance one another, so that
+    the limits are approximate, on the wide side.
+
+    Parameters
+    ----------
+    values
+        Where each rating lies in its prediction from the others, between 0 and 1, shape (ratings,).
+    points
+        Where the distribution function is looked at, rising inside (0, 1), shape (points,).
+    probability
+        With which independent uniform values stay inside the limits everywhere.
+    style
+        How it looks.
+
+    Returns
+    -------
+    Figure
+        Artists named ``ecdf`` and ``band``.
+
+    Raises
+    ------
+    InputError
+        If a value is not a probability.
+    """
+    pit = np.asarray(values, float)
+    if pit.ndim != 1 or not pit.size or not ((pit >= 0) & (pit <= 1)).all():
+        raise InputError(f"LOO-PIT figure: expected values between 0 and 1, one for each rating, not {pit.shape}")
+    x = np.asarray(points, float)
+    band = simultaneous_band(pit.size, x, probability)
+    share = np.searchsorted(np.sort(pit), x, side="right") / pit.size
+    with style.applied():
+        figure, (axes,), _ = free_panels(1, style, columns=1, height=1.7, narrow=True)
+        area = axes.fill_between(
+            x,
+            band.low - x,
+            band.high - x,
+            step="mid",
+            color=style.tint(style.prior, 0.4),
+            linewidth=0,
+        )
+        area.set(gid="band", label=f"{100 * probability:.0f} % of independent ones: approximate for ratings")
+        axes.plot(x, share - x, color=style.posterior, drawstyle="steps-mid", gid="ecdf")[0].set_label(
+            "ratings in their predictions from all the others"
+        )
+        axes.axhline(0.0, color=style.prior, linewidth=0.6)
+        axes.set(xlim=(0, 1), xlabel="LOO-PIT [–]", ylabel="ECDF − uniform [–]")
+        figure.legend(loc="outside lower center")
+    return figure

@@ -1,0 +1,95 @@
+"""The membrane: how fast it fires at a current, and example spike trains (model.md 7)."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from softness_bayes.errors import InputError
+from softness_bayes.plotting.panels import Array, draw_bands, legend_below, short
+from softness_bayes.plotting.style import USUAL, Style
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+CURRENT_LABEL = "receptor current [µA/cm²]"
+
+
+def membrane_figure(
+    current: ArrayLike,
+    rate: ArrayLike,
+    rheobase: ArrayLike,
+    largest: ArrayLike,
+    spikes: ArrayLike,
+    train_current: ArrayLike,
+    duration: float,
+    *,
+    style: Style = USUAL,
+) -> Figure:
+    """Draw firing rate against current with credible bands, and below it example trains at some currents.
+
+    Parameters
+    ----------
+    current
+        Grid of currents [µA/cm²], shape (points,).
+    rate
+        Draws of the rate [Hz], shape (draws, points).
+    rheobase, largest
+        Draws of the rheobase and of alpha [µA/cm²], shape (draws,); the rheobase infinite where nothing fires. Bars
+        along the foot hold 95 % of each.
+    spikes
+        Times of the trains' spikes [ms], shape (trains, most spikes), NaN where there are fewer.
+    train_current
+        Current of each train [µA/cm²], shape (trains,).
+    duration
+        Length of the trains [ms].
+    style
+        How it looks.
+
+    Returns
+    -------
+    Figure
+        Artists named ``median/rate``, ``band95/rate``, ``band50/rate``, ``rheobase``, ``alpha`` and ``train/k``.
+
+    Raises
+    ------
+    InputError
+        If the shapes disagree.
+    """
+    x, draws = np.asarray(current, float), np.asarray(rate, float)
+    times, given = np.asarray(spikes, float), np.asarray(train_current, float)
+    if draws.ndim != 2 or draws.shape[1:] != x.shape or times.shape[:1] != given.shape:
+        raise InputError(f"membrane figure: rates of shape {draws.shape} at {x.size} currents")
+    from matplotlib.figure import Figure
+
+    with style.applied():
+        figure = Figure(figsize=(style.column, 2.6 + 0.25 * given.size), layout="constrained")
+        above, below = figure.subplots(2, 1, height_ratios=(2.0, 0.25 + 0.25 * given.size))
+        draw_bands(above, x, draws, style.posterior, style, "rate")
+        _draw_interval(above, np.asarray(rheobase, float), 0.03, style.inflection, "rheobase")
+        _draw_interval(above, np.asarray(largest, float), 0.08, style.data, "alpha")
+        above.set(xlim=(x[0], x[-1]), ylim=(0.0, None), xlabel=CURRENT_LABEL, ylabel="firing rate [Hz]")
+        for place, train in enumerate(times):
+            ticks = below.eventplot(train[np.isfinite(train)], lineoffsets=place, linelengths=0.7, linewidths=0.8)[0]
+            ticks.set(color=style.posterior, gid=f"train/{place}")
+        below.set(xlim=(0.0, duration), ylim=(-0.6, given.size - 0.4), xlabel="time since the current began [ms]")
+        below.set_yticks(range(given.size), [short(each) for each in given])
+        below.tick_params(axis="y", length=0)
+        below.set_ylabel("current\n[µA/cm²]")
+        below.spines["left"].set_visible(False)
+        legend_below(figure, [above])
+    return figure
+
+
+def _draw_interval(axes: Axes, draws: Array, height: float, colour: str, name: str) -> None:
+    """Draw a bar over the central 95 % of draws, and a dot at their median, near the foot of a panel."""
+    foot, words = axes.get_xaxis_transform(), {"rheobase": "rheobase", "alpha": r"largest current $\alpha$"}[name]
+    known = draws[np.isfinite(draws)]
+    if known.size:
+        low, middle, high = np.quantile(known, [0.025, 0.5, 0.975])
+        (bar,) = axes.plot([low, high], [height] * 2, color=colour, linewidth=2.0, transform=foot, gid=name)
+        bar.set(label=words, zorder=3)
+        axes.plot([middle], [height], "o", color=colour, markersize=3, transform=foot, zorder=3)

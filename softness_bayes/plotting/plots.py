@@ -1,0 +1,58 @@
+"""The figures of one result by name, for use in Python: ``result.plot.response()``."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+from softness_bayes.plotting.figures import FIGURES, Drawing, figures_of, require_figures
+from softness_bayes.plotting.style import USUAL, Style
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from softness_bayes.result import Result
+
+
+class Plots:
+    """What a result can be drawn as: one method for each entry of `FIGURES`, which returns the figure.
+
+    Parameters
+    ----------
+    result
+        A finished run.
+    """
+
+    def __init__(self, result: Result) -> None:
+        self._result = result
+
+    def __call__(self, name: str, style: Style = USUAL) -> Figure:
+        """Draw a figure by its name.
+
+        Raises
+        ------
+        InputError
+            If there is no such figure, or the result does not hold what it shows.
+        """
+        require_figures([name])
+        return FIGURES[name](self._result, style)
+
+    def __repr__(self) -> str:
+        return f"figures of a run: {', '.join(figures_of(self._result))}"
+
+    if TYPE_CHECKING:
+
+        def __getattr__(self, name: str) -> Callable[..., Figure]: ...
+
+
+def _method(name: str, drawing: Drawing) -> Any:
+    def draw(self: Plots, style: Style = USUAL) -> Figure:
+        return self(name, style)
+
+    draw.__name__, draw.__qualname__ = name, f"Plots.{name}"
+    draw.__doc__ = f"Draw {drawing.shows}."
+    return draw
+
+
+for _name, _drawing in FIGURES.items():
+    setattr(Plots, _name, _method(_name, _drawing))

@@ -1,0 +1,91 @@
+"""One touch in detail: pressure, stress and firing rate along the pad, and where its receptors lie (model.md 4-8)."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from softness_bayes.touch.contact import Finger
+from softness_bayes.touch.parameters import TouchParameters
+from softness_bayes.touch.receptors import CONSISTENT, Density, receptor_current
+from softness_bayes.touch.scene import Scene
+from softness_bayes.touch.stress import stress
+
+Array = NDArray[np.float64]
+
+
+DRAWS_AT_ONCE = 8
+"""Draws whose stress is integrated together: more do not fit into the cache."""
+
+
+class Profiles(NamedTuple):
+    """A touch along the distance from its axis, every field of shape (draws, conditions, distances)."""
+
+    pressure: Array
+    """Pressure between fabric and skin [Pa]; 0 outside the contact."""
+    stress: Array
+    """Compressive stress at the receptors' depth [Pa]."""
+    rate: Array
+    """Firing rate of a receptor there [Hz]."""
+
+
+def touch_profiles(scene: Scene, parameters: TouchParameters, distance: ArrayLike) -> Profiles:
+    """Evaluate every condition of a scene along a line from the contact's axis outwards.
+
+    Parameters
+    ----------
+    scene
+        What is touched; its readings, its finger and its rate curves are used, its tables are not.
+    parameters
+        A batch of parameter vectors, shape (draws,).
+    distance
+        Distances from the axis [m], shape (distances,).
+
+    Raises
+    ------
+    InputError
+        If a parameter is not one that the chain can take.
+    """
+    r, contact = np.asarray(distance, float), scene.contact(parameters)
+    shares = np.array_split(np.arange(len(contact.radius)), -(-len(contact.radius) // DRAWS_AT_ONCE))
+    parts = [
+        _profiles(scene, TouchParameters(*(np.asarray(v)[some] for v in parameters)), r, *touch)
+        for some in shares
+        for touch in [(contact.reduced_modulus[some, :, None], contact.radius[some, :, None])]
+    ]
+    return Profiles(*(np.concatenate(field) for field in zip(*parts, strict=True)))
+
+
+def _profiles(scene: Scene, parameters: TouchParameters, r: Array, modulus: Array, radius: Array) -> Profiles:
+    readings, finger = scene.readings, scene.finger
+    pressure = readings.pressure(r, modulus, radius, finger)
+    felt = stress(r, modulus, radius, finger, readings.pressure, readings.stress_kernel, readings.stress_component)
+    alpha, beta, sigma_0 = (v[:, None, None] for v in (parameters.alpha, parameters.beta, parameters.sigma_0))
+    current = receptor_current(felt, alpha, beta, sigma_0)
+    rate = scene.firing.curves(parameters).rate(current.reshape(len(current), -1)).reshape(current.shape)
+    return Profiles(pressure, felt, rate)
+
+
+def draw_receptors(rng: np.random.Generator, finger: Finger = Finger(), density: Density = CONSISTENT) -> Array:
+    """Draw the places of a pad's receptors: a Poisson process of the given density.
+
+    Places are drawn evenly at the largest density and kept in proportion to the density where they fall.
+
+    Parameters
+    ----------
+    rng
+        Source of the places.
+    finger, density
+        The pad and the reading of its density.
+
+    Returns
+    -------
+    ndarray
+        Along the finger from its end and across it [m], shape (receptors, 2).
+    """
+    highest = float(density.at(np.linspace(0.0, finger.pad_length, 1001)).max())
+    extent = np.array([finger.pad_length, finger.pad_width])
+    places = rng.uniform(0.0, extent, (rng.poisson(highest * extent.prod()), 2))
+    return np.asarray(places[rng.uniform(0.0, highest, len(places)) < density.at(places[:, 0])])
