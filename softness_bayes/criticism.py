@@ -139,7 +139,7 @@ def inflection_reproduced(table: pd.DataFrame) -> list[Reproduction]:
             found.append(Reproduction(load, None, "too few fabrics or ratings"))
             continue
         known = [p for p in (row["p_value"], place["p_value"], drop["p_value"]) if np.isfinite(p)]
-        reproduced = min(_two_sided(p) for p in known) >= DOUBTFUL / len(known)
+        reproduced = bool(min(_two_sided(p) for p in known) >= DOUBTFUL / len(known))
         share = row["replicated"]
         if row["observed"]:
             seen = f"ratings turn over at {place['observed']:.3g} kPa, {share:.0%} of replicates do"

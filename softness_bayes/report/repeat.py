@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import shlex
+from itertools import zip_longest
 from typing import NamedTuple
 
 from softness_bayes.restore import options_of
@@ -75,7 +76,7 @@ def _more_steps(words: list[str]) -> str:
 def _pairs(words: list[str]) -> list[tuple[str, str]]:
     """Return every option of a command with the word that follows it or is tied to it."""
     found = []
-    for word, after in zip(words, [*words[1:], ""], strict=True):
+    for word, after in zip_longest(words, words[1:], fillvalue=""):
         flag, tied, value = word.partition("=")
         if word.startswith("--"):
             found.append((flag, value) if tied else (word, after))
