@@ -170,6 +170,9 @@ def test_paper_has_every_load_and_no_switch(opened):
     seen = "e => getComputedStyle(e).display !== 'none'"
     assert not opened.script(f"[...document.querySelectorAll('.controls, .interactive')].some({seen})")
     assert opened.script(f"[...document.querySelectorAll('.replaced')].every({seen})")
+    opened.resize(750)
+    assert opened.script("document.documentElement.scrollWidth") <= 750
+    opened.resize(1200)
     opened("Emulation.setEmulatedMedia", media="")
     assert opened.printed()[:5] == b"%PDF-"
     # what was folded away is printed too

@@ -42,7 +42,7 @@ def parameter_table(result: Result) -> Table:
                 name,
                 parameter.meaning if parameter else LEVELS_MEANING.get(name, "–"),
                 parameter.unit if parameter else "–",
-                str(found.get(f"prior_{name}", "–")),
+                str(found.get(f"prior_{name}", "–")).replace(",", ", "),
                 number(row["mean"], 4),
                 number(row["sd"]),
                 f"{number(row['hdi_low'])} to {number(row['hdi_high'])}",
