@@ -35,6 +35,7 @@ def result():
 def opened(chromium, result, tmp_path_factory):
     """The report of ratings in a window as wide as a desk's, all charts drawn."""
     path = write_report(result, tmp_path_factory.mktemp("report") / "report.html")
+    assert path.stat().st_size < 5e6
     chromium.resize(1200)
     chromium.open(path)
     chromium.wait(DRAWN)
@@ -63,6 +64,7 @@ def test_it_loads_in_silence_and_asks_for_nothing(opened, result):
     # both charts stand, and every figure that is not kept for paper is drawn
     assert opened.script("document.querySelectorAll('.chart .bk-Figure').length") == 2
     assert opened.script("[...document.images].every(image => image.complete && image.naturalWidth > 300)")
+    assert {*opened.script("[...document.images].map(image => image.alt)")} <= {*page.CAPTIONS.values()}
     # no name became an element, nor ran
     assert opened.script("document.querySelectorAll('[onerror]').length") == 0
 
