@@ -40,6 +40,11 @@ CAPTIONS: Mapping[str, str] = MappingProxyType(
         "response": "Response against the fabric's modulus under each load: median, 50 % and 95 % credible bands.",
         "response_ratio": "Response against the fabric's modulus over the skin's under each load.",
         "rating": "Predicted rating against the fabric's modulus under each load, with the data.",
+        "rating_ratio": "Predicted rating against the fabric's modulus over the skin's under each load, with the data.",
+        "touch": "The touch at the posterior's middle: pressure and stress under the pad, receptors by their rate.",
+        "membrane": "Firing rate against current with its credible band, and example spike trains.",
+        "predictive_checks": "What the ratings show, among what the fitted model replicates.",
+        "loo_pit": "Where each rating lies in what all the others predict of it: level where predictions are right.",
         "inflection": "Posterior of the fabric modulus at which the response turns over, and how probable a turn is.",
         "prior": "Prior (grey) and posterior (blue) of every parameter.",
         "corner": "Joint posterior of every pair of parameters.",
@@ -50,8 +55,11 @@ CAPTIONS: Mapping[str, str] = MappingProxyType(
 )
 """What a figure shows, by its name; read out where it cannot be seen."""
 
-SWITCHED = ("rating", "response", "response_ratio")
+SWITCHED = ("rating", "rating_ratio", "response", "response_ratio")
 """Figures that the interactive charts stand for; they take over on paper and without scripts."""
+
+CHECKING = ("predictive_checks", "loo_pit")
+"""Figures of what the model reproduces."""
 
 SAMPLING = ("trace", "rank")
 """Figures for those who doubt the sampler."""
@@ -111,7 +119,7 @@ def report_page(result: Result) -> str:
     )
     result = _with_tables(result)
     pictures = {name: picture(result, name) for name in figures_of(result)}
-    later = [name for name in pictures if name not in (*SWITCHED, *SAMPLING)]
+    later = [name for name in pictures if name not in (*SWITCHED, *CHECKING, *SAMPLING)]
     return environment.get_template("report.html").render(
         generator=GENERATOR,
         subject=subject(result),
@@ -128,6 +136,7 @@ def report_page(result: Result) -> str:
         **(_switched(result) if result.has_ratings else {}),
         replaced=[pictures[name] for name in SWITCHED if name in pictures],
         pictures=[pictures[name] for name in later],
+        checking=[pictures[name] for name in CHECKING if name in pictures],
         sampling=[pictures[name] for name in SAMPLING if name in pictures],
         inflection=tables.inflection_table(result) if result.has_ratings else None,
         parameters=tables.parameter_table(result),

@@ -120,7 +120,7 @@ def provenance(result: Result) -> list[Table]:
         model += [("Ratings", options.scale.name), ("Direction", options.direction.name)]
         model += [
             ("Noise on the membranes", number(options.noise)),
-            ("Discretisation", str(found.get("accuracy", "–"))),
+            ("Resolution", str(options.discretisation)),
         ]
     model += [("Set of priors", options.prior_set)]
     model += [(f"{name} held at", _value(held, name)) for name in EVERY_PARAMETER if name in held]
