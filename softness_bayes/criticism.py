@@ -151,24 +151,39 @@ def check_sentences(table: pd.DataFrame) -> list[str]:
     return [inflection_sentence(table), *_doubts(_of_posterior(table))]
 
 
-def inflection_sentence(table: pd.DataFrame) -> str:
-    """Say in one line whether the model reproduces the inflection point under each load.
+class Reproduction(NamedTuple):
+    """Whether the model reproduces what the ratings under one load show of an inflection."""
+
+    load: str
+    reproduced: bool | None
+    """None where there are too few fabrics or ratings to judge."""
+    seen: str
+    """What the ratings show, and how many of the replicates do."""
+
+
+def inflection_reproduced(table: pd.DataFrame) -> list[Reproduction]:
+    """Judge load by load whether the model reproduces the inflection point.
 
     It does if presence, place and drop are all within the replicates' reach, at a p-value of `DOUBTFUL`
     shared between them.
+
+    Parameters
+    ----------
+    table
+        From `check_table`.
     """
     checks = _of_posterior(table)
     turns = checks.loc[[TURNS_OVER]]
-    parts = []
+    found = []
     for load in dict.fromkeys(turns["load"]):
         row, place, drop = (
             checks[(checks.index == name) & (checks["load"] == load)].iloc[0] for name in (TURNS_OVER, PLACE, DROP)
         )
         if np.isnan(row["observed"]):
-            parts.append(f"{load}: not judged, too few fabrics or ratings")
+            found.append(Reproduction(load, None, "too few fabrics or ratings"))
             continue
         known = [p for p in (row["p_value"], place["p_value"], drop["p_value"]) if np.isfinite(p)]
-        verdict = "yes" if min(_two_sided(p) for p in known) >= DOUBTFUL / len(known) else "no"
+        reproduced = bool(min(_two_sided(p) for p in known) >= DOUBTFUL / len(known))
         share = row["replicated"]
         if row["observed"]:
             seen = f"ratings turn over at {place['observed']:.3g} kPa, {share:.0%} of replicates do"
@@ -176,7 +191,14 @@ def inflection_sentence(table: pd.DataFrame) -> str:
                 seen += f" (at {place['low']:.3g} to {place['high']:.3g})"
         else:
             seen = f"ratings show no clear turn, as {1 - share:.0%} of replicates"
-        parts.append(f"{load}: {verdict}, {seen}")
+        found.append(Reproduction(load, reproduced, seen))
+    return found
+
+
+def inflection_sentence(table: pd.DataFrame) -> str:
+    """Say in one line what `inflection_reproduced` found under each load."""
+    words = {True: "yes", False: "no", None: "not judged"}
+    parts = [f"{load}: {words[reproduced]}, {seen}" for load, reproduced, seen in inflection_reproduced(table)]
     return f"inflection reproduced? {'; '.join(parts)}"
 
 

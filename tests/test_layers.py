@@ -27,7 +27,12 @@ LAYERS = (
     {"cli", "benchmark", "benchmark_moves"},
 )
 RANK = {name: rank for rank, names in enumerate(LAYERS) for name in names}
-HOMES = {"arviz": {"arviz_bridge"}, "emcee": {"inference.sampling"}}
+HOMES = {
+    "arviz": {"arviz_bridge"},
+    "bokeh": {"report.charts"},
+    "emcee": {"inference.sampling"},
+    "jinja2": {"report.page"},
+}
 """Modules outside of which a library may not be imported."""
 PROGRAMS = {"benchmark", "benchmark_moves", "touch.surface_build"}
 """Run with ``python -m``, beside the command line: they may print, and nothing imports them."""

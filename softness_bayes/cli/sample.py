@@ -227,7 +227,7 @@ def _report(result: Result, out: Path) -> None:
         click.echo(f"\n{found['force_check']}")
     if result.has_ratings:
         _report_ratings(result)
-    click.echo(f"written to {out}")
+    click.echo(f"written to {out}; 'softness-bayes report {out}' makes one page of it")
     click.echo(str(found["verdict"]))
 
 

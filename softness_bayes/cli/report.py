@@ -1,0 +1,36 @@
+"""`softness-bayes report`: one page about a finished run."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+REPORT = "report.html"
+
+
+@click.command()
+@click.argument("directory", type=click.Path(path_type=Path), metavar="DIR")
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path),
+    metavar="FILE",
+    help=f"File to write; by default {REPORT} in DIR. An earlier report is replaced.",
+)
+@click.option("--force", is_flag=True, help="Replace --out even if it is no report.")
+def command(directory: Path, out: Path | None, force: bool) -> None:
+    """Write one page about a finished run, to read, print or send.
+
+    The verdict comes first: converged or not, exact enough or not, whether the model reproduces the inflection under
+    each load, which parameters the data informed. Then charts of response and rating (switch load and axis, point at
+    a curve for its values), figures, tables, how the run was made, and the command that repeats it. The file is a
+    single HTML page that needs no network. Reads what 'sample' left in DIR; runs nothing.
+    """
+    from softness_bayes.report import write_report
+    from softness_bayes.result import Result
+
+    result = Result.load(directory)
+    home = directory if directory.is_dir() else directory.parent
+    path = write_report(result, out or home / REPORT, force)
+    click.echo(f"written to {path} ({path.stat().st_size / 1e6:.1f} MB)")
+    click.echo(str(result.attributes["verdict"]))

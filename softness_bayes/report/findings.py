@@ -1,0 +1,168 @@
+"""The verdict on a run in a few findings, each with its standing, from the result alone."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from enum import Enum
+
+import numpy as np
+
+from softness_bayes.criticism import DOUBTFUL, check_sentences, inflection_reproduced
+from softness_bayes.inference.exactness import Exactness, compare
+from softness_bayes.inference.sensitivity import PRIOR_DRIVEN
+from softness_bayes.learning import learning_sentences
+from softness_bayes.report.words import sentence, share
+from softness_bayes.result import Result
+
+
+class Standing(Enum):
+    """How a finding bears on what may be concluded; the value is its style."""
+
+    GOOD = "good"
+    DOUBTFUL = "doubtful"
+    BAD = "bad"
+    NEUTRAL = "neutral"
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One answer of the verdict.
+
+    Parameters
+    ----------
+    question
+        What was asked.
+    answer
+        In a word or two.
+    standing
+        What it means for the conclusions.
+    details
+        Sentences behind it.
+    """
+
+    question: str
+    answer: str
+    standing: Standing
+    details: Sequence[str]
+
+
+UNRELIABLE = "Of draws that have not converged: for inspection only."
+
+
+def findings(result: Result) -> list[Finding]:
+    """Return the verdict, most decisive first; without convergence nothing in it stands as good."""
+    convergence = _convergence(result)
+    rest = [*(_of_ratings(result) if result.has_ratings else _without_ratings()), _information(result)]
+    rest += [_plate(result)] if result.has_compression else []
+    if convergence.standing is not Standing.GOOD:
+        rest = [_shaken(finding) for finding in rest]
+    return [convergence, *rest]
+
+
+def _shaken(finding: Finding) -> Finding:
+    if finding.standing is not Standing.GOOD:
+        return finding
+    return replace(finding, standing=Standing.DOUBTFUL, details=[*finding.details, UNRELIABLE])
+
+
+def _convergence(result: Result) -> Finding:
+    converged = bool(result.attributes["converged"])
+    return Finding(
+        "Has the sampler converged?",
+        "Converged" if converged else "Not converged",
+        Standing.GOOD if converged else Standing.BAD,
+        [str(result.attributes["verdict"])],
+    )
+
+
+def exactness_of(result: Result) -> Exactness:
+    """Return what the comparison with exact firing rates found, from the differences that the result keeps."""
+    stats, draws = result.group("sample_stats"), result.group("posterior")
+    difference = stats["exact_difference"].values
+    compared = np.isfinite(difference)
+    names = tuple(str(name) for name in result.group("log_prior"))
+    theta = np.stack([draws[name].values[compared] for name in names], axis=-1)
+    return compare(names, theta, np.zeros(int(compared.sum())), difference[compared])
+
+
+def _of_ratings(result: Result) -> list[Finding]:
+    return [_exactness(result), _inflection(result), _criticism(result)]
+
+
+def _exactness(result: Result) -> Finding:
+    enough = exactness_of(result).exact_enough
+    weighted = bool(result.attributes["exact_reweight"])
+    numbers = (
+        f"Quadrature: {float(result.attributes['numerical_error']):.1e} of the peak response at most; "
+        f"firing rates: {float(result.attributes['firing_error']):.1e}."
+    )
+    tail = ["Summary and predictions are those of draws weighted by the exact likelihood."] if weighted else []
+    return Finding(
+        "Are the fast model's numbers exact enough?",
+        "Exact enough" if enough else "Not exact enough",
+        Standing.GOOD if enough else Standing.BAD,
+        [str(result.attributes["exactness"]), numbers, *tail],
+    )
+
+
+def _inflection(result: Result) -> Finding:
+    judged = inflection_reproduced(result.tables["predictive_checks"])
+    known = [one.reproduced for one in judged if one.reproduced is not None]
+    words = {True: "reproduced", False: "not reproduced", None: "not judged"}
+    answer = f"Under {sum(known)} of {len(known)} loads" if known else "Not judged"
+    if known and all(known):
+        answer = "Under every load" if len(known) == len(judged) else f"{answer} that can be judged"
+    standing = (Standing.GOOD if all(known) else Standing.BAD) if known else Standing.NEUTRAL
+    turning = result.inflection()["p_interior"]
+    details = [
+        f"{one.load}: {words[one.reproduced]}; {one.seen}. Posterior probability of a turn: {share(turning[one.load])}."
+        for one in judged
+    ]
+    return Finding("Does the model reproduce the inflection under each load?", answer, standing, details)
+
+
+def _criticism(result: Result) -> Finding:
+    doubts = check_sentences(result.tables["predictive_checks"])[1:]
+    found = result.attributes
+    sentences = [*doubts, str(found["exponent_check"]), str(found["fabric_check"])]
+    clean = all("nothing else" in doubt for doubt in doubts)
+    return Finding(
+        "Does it reproduce everything else that was checked?",
+        "Nothing else amiss" if clean else "Not everything",
+        Standing.GOOD if clean else Standing.DOUBTFUL,
+        [*map(sentence, sentences)],
+    )
+
+
+def _without_ratings() -> list[Finding]:
+    reason = "The run is on compression data alone: no receptor, no response and no rating is in it."
+    return [
+        Finding(question, "Does not apply", Standing.NEUTRAL, [reason])
+        for question in (
+            "Are the fast model's numbers exact enough?",
+            "Does the model reproduce the inflection under each load?",
+        )
+    ]
+
+
+def _information(result: Result) -> Finding:
+    summary = result.summary()
+    told = [str(name) for name in summary.index[summary["contraction"] >= PRIOR_DRIVEN]]
+    driven = [str(name) for name in summary.index[summary["contraction"] < PRIOR_DRIVEN]]
+    sentences = [f"Told by the data: {', '.join(told) or 'none'}.", *map(sentence, learning_sentences(summary))]
+    return Finding(
+        "Which parameters did the data inform?",
+        f"{len(told)} of {len(told) + len(driven)}",
+        Standing.NEUTRAL,
+        sentences,
+    )
+
+
+def _plate(result: Result) -> Finding:
+    found = result.attributes
+    question, details = "Does the skin reproduce the plate's forces?", [sentence(str(found["force_check"]))]
+    if not np.isfinite(float(found["force_exponent"])):
+        return Finding(question, "Not judged", Standing.NEUTRAL, details)
+    well = float(found["force_p_value"]) >= DOUBTFUL
+    return Finding(question, "Yes" if well else "No", Standing.GOOD if well else Standing.BAD, details)

@@ -1,0 +1,216 @@
+"""The page: what the other modules say, laid out by a template, everything it needs inside."""
+
+from __future__ import annotations
+
+import base64
+import io
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any, NamedTuple
+
+import numpy as np
+from jinja2 import Environment, PackageLoader, StrictUndefined
+
+from softness_bayes.criticism import check_table
+from softness_bayes.errors import InputError
+from softness_bayes.learning import direction_table
+from softness_bayes.plotting.figures import FIGURES, figures_of
+from softness_bayes.plotting.panels import TINTS
+from softness_bayes.plotting.style import METADATA, USUAL
+from softness_bayes.report import tables
+from softness_bayes.report.charts import TURN_TINT, charts
+from softness_bayes.report.curves import AXES, Shown, logarithmic, shown
+from softness_bayes.report.findings import Standing, findings
+from softness_bayes.report.repeat import repetition
+from softness_bayes.result import Result
+
+RESOLUTION = 150
+"""Of the figures on the page [dots per inch]: sharp on a screen, and small."""
+
+COARSE = 100
+"""Of the figures in `SAMPLING`, whose many lines make large files."""
+
+GENERATOR = '<meta name="generator" content="softness-bayes">'
+"""By which a report is told from any other file."""
+
+CAPTIONS: Mapping[str, str] = MappingProxyType(
+    {
+        "response": "Response against the fabric's modulus under each load: median, 50 % and 95 % credible bands.",
+        "response_ratio": "Response against the fabric's modulus over the skin's under each load.",
+        "rating": "Predicted rating against the fabric's modulus under each load, with the data.",
+        "rating_ratio": "Predicted rating against the fabric's modulus over the skin's under each load, with the data.",
+        "touch": "The touch at the posterior's middle: pressure and stress under the pad, receptors by their rate.",
+        "membrane": "Firing rate against current with its credible band, and example spike trains.",
+        "predictive_checks": "What the ratings show, among what the fitted model replicates.",
+        "loo_pit": "Where each rating lies in what all the others predict of it: level where predictions are right.",
+        "inflection": "Posterior of the fabric modulus at which the response turns over, and how probable a turn is.",
+        "prior": "Prior (grey) and posterior (blue) of every parameter.",
+        "corner": "Joint posterior of every pair of parameters.",
+        "trace": "Every ensemble's walk through each parameter, against its steps.",
+        "rank": "Ranks of each ensemble's draws among all draws: level where the ensembles agree.",
+        "compression": "Force of a rigid plate on the typical finger with credible bands, and the data.",
+    }
+)
+"""What a figure shows, by its name; read out where it cannot be seen."""
+
+SWITCHED = ("rating", "rating_ratio", "response", "response_ratio")
+"""Figures that the interactive charts stand for; they take over on paper and without scripts."""
+
+CHECKING = ("predictive_checks", "loo_pit")
+"""Figures of what the model reproduces."""
+
+SAMPLING = ("trace", "rank")
+"""Figures for those who doubt the sampler."""
+
+
+class Picture(NamedTuple):
+    """A figure, ready to be embedded."""
+
+    name: str
+    source: str
+    caption: str
+
+
+def write_report(result: Result, path: str | Path, force: bool = False) -> Path:
+    """Write the report of a run; the file appears whole or not at all.
+
+    Parameters
+    ----------
+    result
+        A finished run.
+    path
+        The file; directories on the way to it are made.
+    force
+        Whether a file may be replaced that is no report.
+
+    Returns
+    -------
+    Path
+        The file.
+
+    Raises
+    ------
+    InputError
+        If it is a directory, or a file that is no report and may not be replaced.
+    """
+    path = Path(path)
+    if path.is_dir():
+        raise InputError(f"{path}: is a directory, expected a file for the report")
+    if path.exists() and not force and GENERATOR.encode() not in path.read_bytes()[:2000]:
+        raise InputError(f"{path}: exists and is no report; choose another --out, or --force to replace it")
+    page = report_page(result)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    part = path.with_name(f"{path.name}.part")
+    part.write_text(page, encoding="utf-8")
+    part.replace(path)
+    return path
+
+
+def report_page(result: Result) -> str:
+    """Return the report of a run as one HTML document that loads nothing from elsewhere."""
+    environment = Environment(
+        loader=PackageLoader("softness_bayes.report"),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    result = _with_tables(result)
+    pictures = {name: picture(result, name) for name in figures_of(result)}
+    later = [name for name in pictures if name not in (*SWITCHED, *CHECKING, *SAMPLING)]
+    return environment.get_template("report.html").render(
+        generator=GENERATOR,
+        subject=subject(result),
+        converged=bool(result.attributes["converged"]),
+        verdict=str(result.attributes["verdict"]),
+        findings=findings(result),
+        words={
+            Standing.GOOD: "good",
+            Standing.DOUBTFUL: "with doubt",
+            Standing.BAD: "bad",
+            Standing.NEUTRAL: "for information",
+        },
+        has_ratings=result.has_ratings,
+        **(_switched(result) if result.has_ratings else {}),
+        replaced=[pictures[name] for name in SWITCHED if name in pictures],
+        pictures=[pictures[name] for name in later],
+        checking=[pictures[name] for name in CHECKING if name in pictures],
+        sampling=[pictures[name] for name in SAMPLING if name in pictures],
+        inflection=tables.inflection_table(result) if result.has_ratings else None,
+        parameters=tables.parameter_table(result),
+        directions=tables.direction_table(result),
+        checks=tables.check_table(result) if result.has_ratings else None,
+        provenance=tables.provenance(result),
+        repetition=repetition(result),
+        command=str(result.attributes["command"]),
+    )
+
+
+def _with_tables(result: Result) -> Result:
+    """Return a result with the tables whose files somebody took away; its draws hold all that is in them."""
+    made = dict(result.tables)
+    if "directions" not in made:
+        made["directions"] = direction_table(result.tree)
+    if result.has_ratings and "predictive_checks" not in made:
+        made["predictive_checks"] = check_table(result.tree)
+    return replace(result, tables=made)
+
+
+def subject(result: Result) -> str:
+    """Return what the run was of, in one line."""
+    parts = []
+    if result.has_ratings:
+        people = result.group("log_likelihood_participant").sizes["participant"]
+        fabrics = result.group("constant_data").sizes["fabric"]
+        loads = " and ".join(", ".join(map(str, result.loads)).rsplit(", ", 1))
+        ratings = int(np.isfinite(result.group("observed_data")["rating"].values).sum())
+        parts.append(f"{ratings} ratings of {fabrics} fabrics by {people} participants under {loads}")
+    if result.has_compression:
+        forces, fingers = result.group("observed_data")["plate_force_n"].size, result.group("posterior").sizes["finger"]
+        parts.append(f"{forces} forces of a rigid plate on {fingers} fingerpads")
+    return "; ".join(parts)
+
+
+def picture(result: Result, name: str) -> Picture:
+    """Return one of `FIGURES`, drawn and embedded."""
+    drawn, dpi = io.BytesIO(), COARSE if name in SAMPLING else RESOLUTION
+    with USUAL.applied():
+        FIGURES[name](result, USUAL).savefig(drawn, format="png", dpi=dpi, metadata=dict(METADATA["png"]))
+    source = f"data:image/png;base64,{base64.b64encode(drawn.getvalue()).decode('ascii')}"
+    return Picture(name, source, CAPTIONS.get(name, f"{name.replace('_', ' ').capitalize()}."))
+
+
+def _switched(result: Result) -> dict[str, Any]:
+    """Return the interactive charts, what their switches offer, and the data behind them."""
+    every = shown(result)
+    flat = [one for loads in every.values() for one in loads]
+    drawn = charts(every[AXES[0].name][0], flat, logarithmic(result))
+    return {
+        "charts": drawn,
+        "style": USUAL,
+        "tints": TINTS,
+        "turn_tint": TURN_TINT,
+        "axes": AXES,
+        "loads": [one.title for one in every[AXES[0].name]],
+        "told": every[AXES[0].name][0].told,
+        "payload": {
+            "labels": {axis.name: axis.label for axis in AXES},
+            "shown": {name: [_json(one) for one in loads] for name, loads in every.items()},
+        },
+    }
+
+
+def _json(one: Shown) -> dict[str, Any]:
+    """Return what is shown as JSON has it: None for numbers that are none."""
+
+    def plain(value: Any) -> Any:
+        if isinstance(value, dict):
+            return {str(key): plain(inner) for key, inner in value.items()}
+        if isinstance(value, (list, tuple)):
+            return [plain(inner) for inner in value]
+        return None if isinstance(value, float) and not np.isfinite(value) else value
+
+    found: dict[str, Any] = plain(one._asdict())
+    return found

@@ -1,0 +1,115 @@
+"""The commands that repeat a run, from what its result says of it."""
+
+from __future__ import annotations
+
+import json
+import math
+import shlex
+from itertools import zip_longest
+from typing import NamedTuple
+
+from softness_bayes.restore import options_of
+from softness_bayes.result import Result
+from softness_bayes.run import RunOptions
+from softness_bayes.touch.readings import MENDED
+from softness_bayes.touch.scene import Discretisation
+
+PROGRAM = "softness-bayes"
+
+DATA_FLAGS = ("--data", "--fabrics", "--compression", "--column", "--indentation-mm", "--force-n")
+"""Options of `sample` that say where the data are and how to read them; only the command line knows them."""
+
+AGAIN = "again/"
+"""Directory that the repeated run is written to."""
+
+
+class Repetition(NamedTuple):
+    """How to draw the same posterior again."""
+
+    commands: tuple[str, ...]
+    """To be typed one after the other."""
+    notes: tuple[str, ...]
+    """What they take for granted."""
+
+
+def repetition(result: Result) -> Repetition:
+    """Return commands with every option that the draws depend on, the seed included.
+
+    Parameters
+    ----------
+    result
+        A finished run, begun at the command line or in Python.
+    """
+    found, options = result.attributes, recorded_options(result)
+    begun, *continued = _split(str(found["command"]))
+    data, notes = _data(result, begun)
+    words = [PROGRAM, "sample", *data, *_model(options), *(_rating(options) if result.has_ratings else ())]
+    steps = options.max_steps
+    if not found["converged"] and math.isfinite(options.max_seconds):
+        steps = int(found["steps"])
+        notes.append(f"The run ended at its time limit; --max-steps {steps} ends it at the same step.")
+    if options.discretisation != Discretisation():
+        notes.append(f"The run was made in Python with another accuracy: {options.discretisation}.")
+    words += ["--seed", str(options.seed), "--max-steps", str(steps), "--out", AGAIN]
+    more = [shlex.join([PROGRAM, "resume", AGAIN, "--more-steps", count]) for count in map(_more_steps, continued)]
+    notes.append("Same draws need the same files (compare their digests) and the same versions, both listed above.")
+    return Repetition((shlex.join(words), *more), tuple(notes))
+
+
+def recorded_options(result: Result) -> RunOptions:
+    """Return the options that a run recorded."""
+    if "options" not in result.attributes:
+        return options_of(result)
+    return RunOptions.from_record(json.loads(str(result.attributes["options"])))
+
+
+def _split(command: str) -> list[list[str]]:
+    """Return the words of the command that began a run and of those that walked further than asked at first."""
+    begun, *later = command.split(f"; {PROGRAM} ")
+    return [shlex.split(begun), *(words for words in map(shlex.split, later) if _more_steps(words))]
+
+
+def _more_steps(words: list[str]) -> str:
+    return next((value for flag, value in _pairs(words) if flag == "--more-steps"), "")
+
+
+def _pairs(words: list[str]) -> list[tuple[str, str]]:
+    """Return every option of a command with the word that follows it or is tied to it."""
+    found = []
+    for word, after in zip_longest(words, words[1:], fillvalue=""):
+        flag, tied, value = word.partition("=")
+        if word.startswith("--"):
+            found.append((flag, value) if tied else (word, after))
+    return found
+
+
+def _data(result: Result, begun: list[str]) -> tuple[list[str], list[str]]:
+    """Return the options that name the data, and what to know of them."""
+    typed = [word for flag, value in _pairs(begun) if flag in DATA_FLAGS for word in (flag, value)]
+    if typed:
+        return typed, ["Paths are those typed then; they start from the directory the run was started in."]
+    names = [("--data", "RATINGS.csv"), ("--fabrics", "FABRICS.csv")] if result.has_ratings else []
+    names += [("--compression", "FORCES.csv")] if result.has_compression else []
+    note = "The run was begun in Python, which knows no file names: put yours in place of those in capitals."
+    return [word for pair in names for word in pair], [note]
+
+
+def _model(options: RunOptions) -> list[str]:
+    """Return what every run's model is made of: readings, priors, held parameters."""
+    words = ["--readings", "mended"]
+    for place, name in options.readings.names.items():
+        if name != MENDED.names[place]:
+            words += ["--reading", f"{place}={name}"]
+    words += ["--priors", options.prior_set]
+    for name, prior in options.priors.items():
+        words += ["--prior", f"{name}={prior}"]
+    for name, value in options.fix.items():
+        words += ["--fix", f"{name}={float(value)!r}"]
+    return words
+
+
+def _rating(options: RunOptions) -> list[str]:
+    """Return what only ratings have."""
+    words = ["--ratings", options.scale.name, "--direction", options.direction.name]
+    words += ["--noise", repr(float(options.noise))] if options.noise else []
+    return [*words, *(["--exact-reweight"] if options.exact_reweight else [])]

@@ -1,0 +1,171 @@
+"""The tables of the page, as words: what was learnt, what is reproduced, and how the run was made."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+import pandas as pd
+
+from softness_bayes.criticism import ALL
+from softness_bayes.inference.parameters import EVERY_PARAMETER
+from softness_bayes.report.repeat import recorded_options
+from softness_bayes.report.words import number, share
+from softness_bayes.result import Result
+
+
+class Table(NamedTuple):
+    """A table of words; the first cell of a row heads it."""
+
+    name: str
+    caption: str
+    head: Sequence[str]
+    rows: Sequence[Sequence[str]]
+
+
+LEVELS_MEANING = {"mu": "mean log rating of a typical participant", "c0": "intercept", "c1": "slope"}
+"""What is drawn after a run and has no prior of a parameter."""
+
+
+def parameter_table(result: Result) -> Table:
+    """Return what was learnt of every parameter."""
+    found = result.attributes
+    head = ["Parameter", "Meaning", "Unit", "Prior", "Mean", "Sd", "HDI", "Contraction"]
+    head += ["Prior’s pull", "Data’s pull", "R-hat", "ESS bulk", "ESS tail", "MCSE of mean"]
+    rows = []
+    for label, row in result.summary().iterrows():
+        name = str(label)
+        parameter = EVERY_PARAMETER.get(name)
+        rows.append(
+            [
+                name,
+                parameter.meaning if parameter else LEVELS_MEANING.get(name, "–"),
+                parameter.unit if parameter else "–",
+                str(found.get(f"prior_{name}", "–")).replace(",", ", "),
+                number(row["mean"], 4),
+                number(row["sd"]),
+                f"{number(row['hdi_low'])} to {number(row['hdi_high'])}",
+                share(row["contraction"]),
+                number(row["psens_prior"], 2),
+                number(row["psens_likelihood"], 2),
+                number(row["r_hat"], 5),
+                number(round(row["ess_bulk"]), 6),
+                number(round(row["ess_tail"]), 6),
+                number(row["mcse_mean"], 2),
+            ]
+        )
+    interval = share(result.summary()["hdi_prob"].iloc[0])
+    caption = (
+        f"Posterior of every parameter. HDI: the narrowest interval with {interval}. Contraction: share of the prior’s "
+        "variance that the data took away. Pulls: how far the posterior moves when prior or likelihood is given twice "
+        "the power."
+    )
+    return Table("summary", caption, head, rows)
+
+
+def direction_table(result: Result) -> Table:
+    """Return the combinations of parameters from best to least known."""
+    table = result.tables["directions"]
+    rows = [[str(k), share(row["contraction"]), str(row["meaning"])] for k, row in table.iterrows()]
+    caption = "What the data tell best and least: independent combinations of the parameters’ logarithms."
+    return Table("directions", caption, ["Direction", "Contraction", "In words"], rows)
+
+
+def inflection_table(result: Result) -> Table:
+    """Return where the response turns over under each load."""
+    head = ["Load", "Turns over", "Does not", "Silent", "Among the fabrics"]
+    head += ["E_fab [kPa]", "E_fab / E_skin", "Force [N]", "Drop beyond"]
+    rows = []
+    for load, row in result.inflection().iterrows():
+        places = [_interval(row, name) for name in ("e_fab_kpa", "ratio", "force_n")]
+        chances = [share(row[f"p_{what}"]) for what in ("interior", "none", "silent", "inside")]
+        drop = "–" if np.isnan(row["drop"]) else f"{share(row['drop'])} ({share(row['drop_low'])} to "
+        drop += "" if np.isnan(row["drop"]) else f"{share(row['drop_high'])})"
+        rows.append([str(load), *chances, *places, drop])
+    caption = (
+        "Where the response turns over: probabilities (anywhere, and among the fabrics’ own moduli), then medians and "
+        "90 % intervals over the draws with a turn."
+    )
+    return Table("inflection", caption, head, rows)
+
+
+def _interval(row: pd.Series, name: str) -> str:
+    low, middle, high = (number(row[key]) for key in (f"{name}_low", name, f"{name}_high"))
+    return "–" if middle == "–" else f"{middle} ({low} to {high})"
+
+
+def check_table(result: Result) -> Table:
+    """Return every predictive check of the posterior."""
+    checks = result.tables["predictive_checks"].reset_index()
+    rows = []
+    for _, row in checks[checks["law"] == "posterior"].iterrows():
+        where = ", ".join(str(row[k]) for k in ("load", "fabric", "participant") if row[k] != ALL)
+        limits = "–" if np.isnan(row["low"]) else f"{number(row['low'])} to {number(row['high'])}"
+        cells = [number(row["observed"]), number(row["replicated"]), limits, number(row["p_value"], 2)]
+        rows.append([str(row["quantity"]), where or "all ratings", *cells])
+    caption = (
+        "Predictive checks: what the data show beside what the fitted model replicates. Limits hold 90 % of the "
+        "replicates, jointly over the rows of a quantity; p is the probability of a replicate above the data."
+    )
+    return Table("checks", caption, ["Quantity", "Of", "Data", "Replicates", "Limits", "p"], rows)
+
+
+def provenance(result: Result) -> list[Table]:
+    """Return how the run was made: data, model, sampling, numerical errors, versions."""
+    found, options = result.attributes, recorded_options(result)
+    held = result.group("constant_data")
+    model = [("Readings", options.readings.label), *((place, name) for place, name in options.readings.names.items())]
+    if result.has_ratings:
+        model += [("Ratings", options.scale.name), ("Direction", options.direction.name)]
+        model += [
+            ("Noise on the membranes", number(options.noise)),
+            ("Resolution", str(options.discretisation)),
+        ]
+    model += [("Set of priors", options.prior_set)]
+    model += [(f"{name} held at", _value(held, name)) for name in EVERY_PARAMETER if name in held]
+    sampling = [
+        ("Seed", str(found["seed"])),
+        ("Steps of each ensemble", str(found["steps"])),
+        ("of these burn-in", str(found["burn_in"])),
+        ("Points evaluated", str(found["evaluations"])),
+        ("of these not computable", str(found["failures"])),
+        ("Sampling took", f"{float(found['sampling_seconds']):.0f} s"),
+    ]
+    versions = [(key.removeprefix("version_"), str(found[key])) for key in found if key.startswith("version_")]
+    parts: Iterable[tuple[str, str, list[tuple[str, str]]]] = (
+        ("data", "Data", _data(result)),
+        ("model", "Model", model),
+        ("sampling", "Sampling", sampling),
+        *((("errors", "Numerical errors", _errors(found)),) if result.has_ratings else ()),
+        ("versions", "Versions", [*versions, ("schema of posterior.nc", str(found["schema_version"]))]),
+    )
+    return [Table(name, caption, [], rows) for name, caption, rows in parts]
+
+
+def _value(held: Any, name: str) -> str:
+    unit = EVERY_PARAMETER[name].unit
+    return f"{float(held[name]):.6g}{f' {unit}' if unit != '–' else ''}"
+
+
+def _data(result: Result) -> list[tuple[str, str]]:
+    found = result.attributes
+    digests = [(f"SHA-256 of {what}", str(found.get(f"digest_{what}", ""))) for what in ("ratings", "fabrics")]
+    rows = [*digests, ("Missing ratings", str(found["missing_ratings"]))] if result.has_ratings else []
+    if result.has_compression:
+        rows += [("SHA-256 of compression", str(found["digest_compression"]))]
+        rows += [("Rows without force, dropped", str(found["zero_forces"]))]
+    return [(name, value or "not recorded: the data were made in Python") for name, value in rows]
+
+
+def _errors(found: dict[str, Any]) -> list[tuple[str, str]]:
+    return [
+        ("Response, share of its peak, at most", f"{float(found['numerical_error']):.1e}"),
+        ("Firing rates, share of the peak response, at most", f"{float(found['firing_error']):.1e}"),
+        ("Log-likelihood of draws, sd of its error", f"{float(found['exactness_sd']):.1g}"),
+        ("Log-likelihood of draws, largest error", f"{float(found['exactness_largest']):.1g}"),
+        ("Silent in every condition, share of the prior", share(found["prior_silent_everywhere"])),
+        ("Silent in every condition, share of the posterior", share(found["posterior_silent_everywhere"])),
+        ("Contact beyond half the fingertip’s radius", share(found["contact_beyond_half_radius"])),
+        ("Contact beyond the fingertip’s radius", share(found["contact_beyond_radius"])),
+    ]

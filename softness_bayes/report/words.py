@@ -1,0 +1,23 @@
+"""Numbers and sentences as the page writes them."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+
+def number(value: Any, digits: int = 3) -> str:
+    """Return a number in a few digits, a dash where there is none."""
+    value = float(value)
+    return f"{value:.{digits}g}" if np.isfinite(value) else "–"
+
+
+def share(value: Any) -> str:
+    """Return a share in per cent, the sign behind a space that no line breaks at; a dash where there is none."""
+    return f"{round(100 * float(value))}\u00a0%" if np.isfinite(value) else "–"
+
+
+def sentence(text: str) -> str:
+    """Return a text with a capital and one period."""
+    return f"{text[:1].upper()}{text[1:].rstrip('.')}."

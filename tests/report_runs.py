@@ -1,0 +1,84 @@
+"""Brief runs with awkward names, for the tests of the report: whatever a page must cope with is in one of them."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from softness_bayes import run
+from softness_bayes.data import Experiment, Fabrics
+from softness_bayes.inference.sampling import Settings
+from softness_bayes.inference.scales import STANDARDISED
+from softness_bayes.result import Result
+from softness_bayes.run import RunOptions, sample
+from softness_bayes.skin import WIDE, sample_skin
+from softness_bayes.study import simulate_compression, simulate_ratings, usual_values
+from softness_bayes.touch import scene
+from softness_bayes.touch.contact import Force, Indentation
+from softness_bayes.touch.firing import CurveError, RateCurve
+from softness_bayes.touch.membrane import PAPER_CHANNELS
+from softness_bayes.touch.readings import MENDED
+from softness_bayes.touch.scene import Discretisation
+
+EVIL = "<script>alert('felt')</script>"
+PERSON = '"><img src=x onerror=alert(1)>'
+CLOTH = Fabrics((EVIL, "lawn", "drill & twill", "gauze"), effective_modulus=np.array([8e4, 2e4, 4e5, 2e5]))
+LOADS = (Indentation(2e-3), Force(1.5))
+HELD = {"m": 2.0, "beta": 0.6, "tau": 0.5, **PAPER_CHANNELS._asdict()}
+COARSE = Discretisation(8, 9.0, 1e-4)
+TYPED = "softness-bayes sample --data 'my ratings.csv' --out results --seed 3"
+OPTIONS = RunOptions(fix=HELD, max_steps=40, processes=1, seed=3, command=TYPED, discretisation=COARSE)
+
+
+@contextmanager
+def quickly() -> Iterator[None]:
+    """Learn little in the pilot walk, and let a curve chosen by hand stand for the membrane's."""
+    curve = RateCurve(
+        np.array(18.0), np.array(0.0), np.array([14.0, 4.0, -0.8, 0.3]), 60.0, CurveError(0.01, 1e-5, 1e-4)
+    )
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(run, "Settings", functools.partial(Settings, pilot=(20,), optima=1))
+        patch.setattr(scene, "exact_curve", lambda *_: curve)
+        yield
+
+
+def experiment(standardised: bool = False) -> Experiment:
+    """Return simulated ratings, one participant's name an attack too."""
+    values, rng = usual_values(MENDED, given={"sigma_0": 7.0, "varsigma": 0.2}), np.random.default_rng(11)
+    scale = {"scale": STANDARDISED} if standardised else {}
+    made = simulate_ratings(rng, CLOTH, LOADS, values, participants=5, **scale)
+    people = (PERSON, *made.ratings.participants[1:])
+    return Experiment(replace(made.ratings, participants=people), CLOTH, ())
+
+
+def ratings_run() -> Result:
+    """Return a run on ratings that is far from converged."""
+    with quickly():
+        return sample(experiment(), OPTIONS)
+
+
+def z_score_run() -> Result:
+    """Return a run on z-scores."""
+    held = {name: value for name, value in HELD.items() if name != "tau"}
+    with quickly():
+        return sample(experiment(standardised=True), replace(OPTIONS, fix=held, scale=STANDARDISED))
+
+
+def skin_run() -> Result:
+    """Return a run on compression data alone."""
+    rng = np.random.default_rng(4)
+    made = simulate_compression(rng, usual_values(MENDED, n_fingers=4), fingers=4)
+    with quickly():
+        return sample_skin(made.compression, replace(WIDE, max_steps=40, processes=1, seed=3))
+
+
+def converged(result: Result) -> Result:
+    """Return a result that says that it has converged."""
+    tree = result.tree.copy()
+    tree.attrs = {**result.tree.attrs, "converged": 1, "verdict": "Converged, as this test pretends."}
+    return replace(result, tree=tree)
