@@ -56,7 +56,7 @@ class _Panels(NamedTuple):
     high: Array
 
     def take(self, which: NDArray[np.bool_]) -> _Panels:
-        return _Panels(*(field[which] for field in self))
+        return _Panels(self.vector[which], self.low[which], self.high[which])
 
     def halves(self) -> _Panels:
         middle = 0.5 * (self.low + self.high)
