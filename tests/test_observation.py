@@ -243,6 +243,19 @@ def test_new_participants_and_ratings_follow_the_model():
     np.testing.assert_array_equal(fixed.mu, np.full(5, 1.5))
 
 
+@pytest.mark.parametrize("mu", [-1e4, -690.0, 690.0, 1e4])
+def test_ratings_beyond_floating_point_are_held_at_its_ends(mu):
+    rng = np.random.default_rng(6)
+    parameters, design = RatingParameters(1.0, 0.5, 100.0), Design(np.arange(4), np.zeros(4, int), np.arange(4), 1)
+    effects = DEFAULT.draw_effects(rng, parameters, (500,), 1, 4, mu=mu)
+    drawn = DEFAULT.draw_ratings(rng, design, np.zeros((500, 4)), parameters, effects)
+    for rating in (drawn, DEFAULT.typical(effects, np.zeros((500, 4)))):
+        assert np.isfinite(rating).all()
+        assert (rating > 0).all()
+        np.testing.assert_allclose(np.median(np.log(rating)), np.clip(mu, -700, 700), atol=20)
+    assert np.isfinite(LogRatings(drawn[0], design).log_likelihood(np.ones(4), parameters))
+
+
 def test_leave_one_out_is_calibrated_on_ratings_of_the_model():
     """Each rating's place in its law is uniform; with a wrong error spread it is not."""
     rng = np.random.default_rng(11)

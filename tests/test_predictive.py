@@ -234,9 +234,21 @@ def test_silence_says_nothing_about_exponents(rng):
     observation = LogRatings(ratings(rng, who), who, MODEL)
     silent = np.zeros((3, 12))
     assumed = type(PLAIN)(*(np.full(3, value) for value in PLAIN))
-    assert np.isnan(
-        check_exponents(observation, silent, assumed, observation.draw_effects(rng, silent, assumed)).p_value
-    )
+    found = check_exponents(observation, silent, assumed, observation.draw_effects(rng, silent, assumed))
+    assert np.isnan(found.p_value)
+    assert "cannot be told" in found.sentence
+
+
+@pytest.mark.parametrize("rating", [20.0, 1e-300, 0.1])
+def test_identical_ratings_have_no_residuals_to_judge(rng, rating):
+    lay = layout()
+    again = replicates(rng, lay, ratings(rng, lay.design))
+    fits = lay.fit(np.full(lay.design.n_rows, rating)), lay.fit(again)
+    found = {name: compare(quantity, lay, *fits)[0] for name, quantity in BY_NAME.items()}
+    assert found["residual spread"].p_value == 1.0
+    for name in ("largest residual / sd", "smallest residual / sd", "turns over", "drop beyond inflection"):
+        assert np.isnan(found[name].observed), name
+        assert np.isnan(found[name].p_value), name
 
 
 def test_loo_pit_is_uniform_under_the_model_only(rng):

@@ -88,6 +88,10 @@ def _summary(experiment: Experiment, modulus: NDArray[np.float64]) -> list[str]:
         if several
         else "one participant: the spread tau of participants' own moduli cannot be estimated",
     }
+    if len(conditions.fabric) == 1:
+        lines["gamma"] = "one condition: the response does not vary, and says nothing of skin, receptors or gamma"
+    if len(ratings) > 1 and ratings.rating.min() == ratings.rating.max():
+        lines["varsigma"] = "all ratings are the same: nothing says how they vary"
     return [f"{name:14}{text}" for name, text in lines.items()]
 
 

@@ -19,6 +19,9 @@ from softness_bayes.inference.random_effects import Effects, LeaveOneOut, Random
 
 FloatArray = NDArray[np.float64]
 
+LARGEST_LOG_RATING = 700.0
+"""Largest log rating, up or down, that is drawn or predicted: floating point ends at 709.78."""
+
 _LOG_ROOT_TWO_PI = 0.5 * math.log(2.0 * math.pi)
 
 
@@ -141,11 +144,11 @@ class RatingModel:
         log_rating = effects.mu[..., None] + (drive + effects.fabric[..., design.fabric])[..., design.condition]
         log_rating = log_rating + effects.participant[..., design.participant]
         noise = rng.standard_normal(log_rating.shape)
-        return np.exp(log_rating + np.asarray(parameters.varsigma, float)[..., None] * noise)
+        return _rating(log_rating + np.asarray(parameters.varsigma, float)[..., None] * noise)
 
     def typical(self, effects: Effects, drive: FloatArray) -> FloatArray:
         """Median rating of a typical participant (s = 0) where the response drives it by ``drive``, shape (..., k)."""
-        return np.exp(effects.mu[..., None] + drive)
+        return _rating(effects.mu[..., None] + drive)
 
     def named_effects(self, effects: Effects) -> Mapping[str, tuple[FloatArray, tuple[str, ...]]]:
         """Effects by their names in files, each with its axes beyond the batch's."""
@@ -254,6 +257,11 @@ class LogRatings:
     def without(self, rows: NDArray[np.bool_]) -> LogRatings:
         """The other ratings alone, x still centred over all rows: p(y) = p(others) p(rows | others)."""
         return LogRatings(self.ratings[~rows], self.design.without(rows), self.model, self._over)
+
+
+def _rating(log_rating: FloatArray) -> FloatArray:
+    """Return exp of log ratings, held at `LARGEST_LOG_RATING`: no rating of the model is 0 or infinite."""
+    return np.exp(np.clip(log_rating, -LARGEST_LOG_RATING, LARGEST_LOG_RATING))
 
 
 def _spreads(parameters: RatingParameters) -> Spreads:

@@ -191,12 +191,14 @@ class Posterior(Density):
         for _ in range(_ATTEMPTS):
             theta = self.space.draw_prior(rng, size)
             rate = self.mean_rate(theta)
-            found.extend(theta[(rate > 0).sum(axis=-1) >= min(LEAST_FIRING, rate.shape[-1])])
+            needed = min(LEAST_FIRING, rate.shape[-1])
+            found.extend(theta[(rate > 0).sum(axis=-1) >= needed])
             if len(found) >= size:
                 return self.space.coordinates(np.array(found[:size]))
         raise InputError(
-            f"only {len(found)} of {_ATTEMPTS * size} prior draws make receptors fire in {LEAST_FIRING} "
-            "conditions: check the units of fabrics and loads, and the priors of alpha, beta and sigma_0"
+            f"only {len(found)} of {_ATTEMPTS * size} prior draws make receptors fire in {needed} of "
+            f"{rate.shape[-1]} conditions: check the units of fabrics and loads, and the priors of alpha, beta and "
+            "sigma_0"
         )
 
 

@@ -27,6 +27,9 @@ IndexArray = NDArray[np.intp]
 CLEAR = 2.0
 """Standard errors by which a mean rating must exceed those at both ends to count as an interior maximum."""
 
+ROUNDING = 1e-12
+"""Spread of residuals [-] below which there is none: what is left are roundings of log ratings."""
+
 
 class Additive(NamedTuple):
     """The additive fit log y = condition + participant + residual of one or many data sets."""
@@ -126,7 +129,7 @@ def find_turn(layout: Layout, fit: Additive) -> Turn:
 def _turn_of_load(layout: Layout, fit: Additive, count: FloatArray, conditions: IndexArray) -> tuple[FloatArray, ...]:
     conditions = conditions[np.argsort(layout.modulus[conditions], kind="stable")]
     mean, x = layout.sign * fit.condition[..., conditions], np.log(layout.modulus[conditions])
-    if np.unique(x).size < 3 or not np.isfinite(fit.sd).all():
+    if np.unique(x).size < 3 or not (fit.sd > ROUNDING).all():
         return (np.full(mean.shape[:-1], np.nan),) * 3
     top = mean.argmax(axis=-1)
     peak = mean.max(axis=-1)
@@ -190,6 +193,11 @@ def _spread_of_participants(_: Layout, fit: Additive) -> FloatArray:
     return present.std(axis=-1, ddof=1, keepdims=True)
 
 
+def _in_spreads(extreme: FloatArray, sd: FloatArray) -> FloatArray:
+    """Return an extreme residual in standard deviations, NaN where there are no deviations."""
+    return np.where(sd > ROUNDING, extreme / np.maximum(sd, ROUNDING), np.nan)[..., None]
+
+
 QUANTITIES = (
     Quantity("mean log rating", False, Columns.CONDITION, lambda _, fit: fit.condition),
     Quantity(TURNS_OVER, False, Columns.LOAD, lambda layout, fit: find_turn(layout, fit).interior, np.mean),
@@ -199,10 +207,10 @@ QUANTITIES = (
     Quantity("spread of participants", True, Columns.ALL, _spread_of_participants),
     Quantity("residual spread", False, Columns.ALL, lambda _, fit: fit.sd[..., None]),
     Quantity(
-        "largest residual / sd", False, Columns.ALL, lambda _, fit: (fit.residual.max(axis=-1) / fit.sd)[..., None]
+        "largest residual / sd", False, Columns.ALL, lambda _, fit: _in_spreads(fit.residual.max(axis=-1), fit.sd)
     ),
     Quantity(
-        "smallest residual / sd", False, Columns.ALL, lambda _, fit: (fit.residual.min(axis=-1) / fit.sd)[..., None]
+        "smallest residual / sd", False, Columns.ALL, lambda _, fit: _in_spreads(fit.residual.min(axis=-1), fit.sd)
     ),
 )
 """The test quantities, in the order of their table."""
@@ -274,14 +282,17 @@ class ExponentCheck(NamedTuple):
     """Whether participants' exponents differ by more than noise explains."""
 
     p_value: float
-    """Probability that replicated residuals follow the response as strongly within participants."""
+    """Probability that replicated residuals follow the response as strongly within participants; NaN where the
+    response varies for nobody."""
     deviation: float
     """Standard deviation of participants' own exponents that the excess amounts to."""
 
     @property
     def sentence(self) -> str:
         """One line for the user."""
-        if not self.p_value < 0.05:
+        if np.isnan(self.p_value):
+            return "participants: whether their exponents differ cannot be told, for none does the response vary"
+        if self.p_value >= 0.05:
             return f"participants: no exponents of their own beyond noise (p = {self.p_value:.2g})"
         return (
             f"participants: their exponents differ by about {self.deviation:.2g} (standard deviation), more than noise "

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from softness_bayes.errors import InputError
+from softness_bayes.inference.observation import LARGEST_LOG_RATING
 from softness_bayes.plotting.panels import (
     MODULUS_LABEL,
     RATIO_LABEL,
@@ -105,7 +106,9 @@ def observed_ratings(
         variance = np.bincount(rows, (aligned - mean[rows]) ** 2, shape[0]) / (count - 1)
     spread = np.sqrt(np.where(count > 1, variance, np.nan))
     limits = np.stack([mean, mean - spread, mean + spread])
-    middle, low, high = np.exp(limits) if logarithmic else limits
+    if logarithmic:
+        limits = np.exp(np.clip(limits, -LARGEST_LOG_RATING, LARGEST_LOG_RATING))
+    middle, low, high = limits
     return Observed(modulus, load, middle, low, high, count)
 
 

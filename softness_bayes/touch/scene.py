@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple, Protocol
 
@@ -19,6 +19,7 @@ from softness_bayes.touch.contact import (
     reduced_modulus,
     skin_modulus,
 )
+from softness_bayes.touch.family import MANY, Family
 from softness_bayes.touch.field import StressField, profiles
 from softness_bayes.touch.firing import RateCurve, exact_curve
 from softness_bayes.touch.membrane import CONNOR_STEVENS, PAPER_CHANNELS, Channels, Membrane
@@ -259,10 +260,27 @@ class Scene:
         ------
         InputError
             If a parameter is not finite, b, alpha or beta is not positive, or m is negative.
+
+        Notes
+        -----
+        Where a load has more than `MANY` fabrics the rates are interpolated between fabrics (`Family`), with an error
+        of the order of the stress fields' tolerance; `respond` evaluates every fabric.
         """
+        if max(columns.size for columns in self._columns) > MANY:
+            return self._interpolated_rate(parameters)
         shape, chunks = self._chunks(parameters)
         rates = [self._sums(chunk, contact, intervals=False)[0].rate for chunk, contact in chunks]
         return np.concatenate(rates).reshape(*shape, self.n_conditions)
+
+    def _interpolated_rate(self, parameters: TouchParameters) -> Array:
+        shape, flat = _flat(parameters)
+        found, curve = np.empty((flat.b.size, self.n_conditions)), self.firing.curves(flat)
+        for columns, field in zip(self._columns, self._fields, strict=True):
+            compression = field.load.compression(self.finger, self.readings.skin_displacement)
+            family = Family(field, self._log_k[columns], compression)
+            chunk = CHUNK // self.discretisation.nodes
+            found[:, columns] = family.total_rate(flat, curve, self._population, self.finger, chunk)
+        return found.reshape(*shape, self.n_conditions)
 
     def respond(self, parameters: TouchParameters) -> Response:
         """Return everything a condition's response has, for a batch of parameter vectors.
@@ -385,17 +403,13 @@ class Scene:
         radius = self.contact(parameters).radius / self.finger.radius
         return BeyondHertz(float((radius > 0.5).mean()), float((radius >= 1.0).mean()))
 
-    def _chunks(self, parameters: TouchParameters) -> tuple[tuple[int, ...], list[tuple[TouchParameters, Contact]]]:
-        values = np.broadcast_arrays(*(np.asarray(value, float) for value in parameters))
-        shape = values[0].shape
-        flat = TouchParameters(*(value.reshape(-1) for value in values))
-        _check(flat)
+    def _chunks(self, parameters: TouchParameters) -> tuple[tuple[int, ...], Iterator[tuple[TouchParameters, Contact]]]:
+        shape, flat = _flat(parameters)
         rows = max(1, CHUNK // (self.n_conditions * self.discretisation.nodes))
-        chunks = []
-        for start in range(0, max(flat[0].size, 1), rows):
-            chunk = TouchParameters(*(value[start : start + rows] for value in flat))
-            chunks.append((chunk, self._contact(chunk)))
-        return shape, chunks
+        # one after another: what a chunk needs in memory is gone before the next
+        starts = range(0, max(flat[0].size, 1), rows)
+        chunks = (TouchParameters(*(value[start : start + rows] for value in flat)) for start in starts)
+        return shape, ((chunk, self._contact(chunk)) for chunk in chunks)
 
     def _contact(self, parameters: TouchParameters) -> Contact:
         b, m = parameters.b[:, None], parameters.m[:, None]
@@ -425,6 +439,14 @@ def _indices(values: ArrayLike, size: int, what: str) -> NDArray[np.intp]:
         raise InputError(f"scene: a {what} index lies outside 0 to {size - 1}")
     array.flags.writeable = False
     return array
+
+
+def _flat(parameters: TouchParameters) -> tuple[tuple[int, ...], TouchParameters]:
+    """Return the batch shape of parameter vectors, and these as checked arrays of one axis."""
+    values = np.broadcast_arrays(*(np.asarray(value, float) for value in parameters))
+    flat = TouchParameters(*(value.reshape(-1) for value in values))
+    _check(flat)
+    return values[0].shape, flat
 
 
 def _check(parameters: TouchParameters) -> None:

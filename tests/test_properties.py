@@ -1,0 +1,372 @@
+"""Properties that hold for every scene, likelihood, prior and table; examples are drawn, the same in every run."""
+
+from __future__ import annotations
+
+import csv
+import itertools
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as hnp
+from scipy import integrate
+
+from softness_bayes.data import Fabrics, Ratings, write_fabrics, write_ratings
+from softness_bayes.inference.design import Design
+from softness_bayes.inference.observation import INVERSE, SOFTNESS, LogRatings, RatingModel, RatingParameters
+from softness_bayes.inference.priors import HalfNormal, LogNormal, Normal, Uniform
+from softness_bayes.touch.contact import Force, Indentation
+from softness_bayes.touch.parameters import TouchParameters
+from softness_bayes.touch.readings import Readings
+from softness_bayes.touch.scene import Discretisation, Scene
+from softness_bayes.touch.stress import HERTZ
+
+FEW = settings(derandomize=True, deadline=None, database=None, max_examples=25)
+VERY_FEW = settings(FEW, max_examples=4)
+"""Where each example makes scenes of its own."""
+
+RHEOBASE = 18.0
+FABRICS = np.geomspace(3e3, 1e7, 12)
+INDENTED, PRESSED = Indentation(1.5e-3), Force(1.0)
+RESOLVED = 3e-5
+"""What the default discretisation leaves, relative to the largest response."""
+COARSE = Discretisation(nodes=8, saturation=9.0, field_tolerance=1e-4)
+"""Enough to tell laws apart, and quickly made."""
+
+
+def in_decades(low, high):
+    return st.floats(math.log10(low), math.log10(high)).map(lambda power: 10.0**power)
+
+
+@st.composite
+def touched(draw):
+    """Parameters of the chain far beyond the priors' bulk, with a current above the rheobase."""
+    return TouchParameters(
+        b=draw(in_decades(3e3, 1e6)),
+        m=draw(st.floats(0.0, 6.0)),
+        alpha=draw(st.floats(RHEOBASE + 0.01, 59.0)),
+        beta=draw(in_decades(5e-5, 1e-2)),
+        sigma_0=draw(st.floats(300.0, 3e4)),
+        c_Na=1.05,
+        c_K=1.16,
+        c_L=1.0,
+        c_A=1.5,
+    )
+
+
+@pytest.fixture(scope="session")
+def hertz(smooth_firing):
+    return Scene(FABRICS, 0.3, [INDENTED], smooth_firing(), readings=Readings(pressure=HERTZ))
+
+
+@pytest.fixture(scope="session")
+def scene(smooth_firing):
+    return Scene(FABRICS, 0.3, [INDENTED, PRESSED], smooth_firing())
+
+
+def assert_rises(lower, higher):
+    assert (higher >= lower - RESOLVED * max(higher.max(), lower.max())).all()
+
+
+# the response
+
+
+@FEW
+@given(touched(), st.floats(1.001, 2.0))
+def test_more_current_and_a_lower_threshold_never_fire_less(scene, parameters, factor):
+    """Each receptor's current rises with alpha and falls with sigma_0, and its rate rises with the current."""
+    rate = scene.total_rate(parameters)
+    assert_rises(rate, scene.total_rate(parameters._replace(alpha=min(factor * parameters.alpha, 60.0))))
+    assert_rises(scene.total_rate(parameters._replace(sigma_0=factor * parameters.sigma_0)), rate)
+
+
+@FEW
+@given(touched(), st.floats(1.001, 3.0))
+def test_what_stiffens_the_contact_raises_hertz_stress_under_indentation(hertz, parameters, factor):
+    """The contact radius is held and the whole pressure is proportional to E_star, which rises with E_fab, b and m."""
+    rate = hertz.total_rate(parameters)
+    assert_rises(rate[:-1], rate[1:])
+    assert_rises(rate, hertz.total_rate(parameters._replace(b=factor * parameters.b)))
+    assert_rises(rate, hertz.total_rate(parameters._replace(m=factor * parameters.m)))
+
+
+def test_neither_holds_for_the_attenuated_pressure(smooth_firing, paper):
+    """Negative control: there the response turns over, and the test above would see it."""
+    turning = Scene(FABRICS, 0.3, [Indentation(3e-3)], smooth_firing()).total_rate(paper(m=1.0))
+    with pytest.raises(AssertionError):
+        assert_rises(turning[:-1], turning[1:])
+
+
+def times(parameters, factor):
+    """Every stress and modulus times a factor."""
+    return parameters._replace(
+        b=factor * parameters.b, sigma_0=factor * parameters.sigma_0, beta=parameters.beta / factor
+    )
+
+
+@VERY_FEW
+@given(touched(), in_decades(0.03, 30.0), st.sampled_from([INDENTED, PRESSED]))
+def test_hertz_knows_no_unit_of_stress(smooth_firing, parameters, factor, load):
+    """E_fab, b, sigma_0, 1/beta and a held force times k: u and a stay, every stress is k times as large, and
+    beta (sigma - sigma_0) is the same."""
+    choices = {"readings": Readings(pressure=HERTZ), "discretisation": COARSE}
+    scaled = load if isinstance(load, Indentation) else Force(load.newton * factor)
+    rate = Scene(FABRICS[2:9:3], 0.3, [load], smooth_firing(), **choices).total_rate(parameters)
+    other = Scene(factor * FABRICS[2:9:3], 0.3, [scaled], smooth_firing(), **choices).total_rate(
+        times(parameters, factor)
+    )
+    np.testing.assert_allclose(other, rate, atol=1e-3 * max(rate.max(), 1e-3), rtol=0)
+
+
+def test_the_attenuated_pressure_has_a_unit_of_stress(smooth_firing, paper):
+    """Negative control: its constant is a force times a length, and does not grow with the moduli."""
+    rates = [
+        Scene(k * FABRICS[2:9:3], 0.3, [Indentation(3e-3)], smooth_firing(), discretisation=COARSE).total_rate(
+            times(paper(), k)
+        )
+        for k in (1.0, 3.0)
+    ]
+    assert np.abs(rates[1] - rates[0]).max() > 0.05 * rates[0].max()
+
+
+@FEW
+@given(st.lists(touched(), min_size=2, max_size=6))
+def test_a_batch_is_its_single_vectors(scene, several):
+    together = scene.total_rate(TouchParameters(*(np.array(value) for value in zip(*several, strict=True))))
+    alone = np.array([scene.total_rate(parameters) for parameters in several])
+    np.testing.assert_allclose(together, alone, rtol=1e-12)
+
+
+@VERY_FEW
+@given(touched(), st.permutations(range(4)))
+def test_the_order_of_fabrics_does_not_show(smooth_firing, parameters, order):
+    moduli = FABRICS[2::3]
+    rates = [
+        Scene(chosen, 0.3, [INDENTED, Indentation(1e-3)], smooth_firing(), discretisation=COARSE).total_rate(parameters)
+        for chosen in (moduli, moduli[order])
+    ]
+    np.testing.assert_allclose(rates[1].reshape(2, -1), rates[0].reshape(2, -1)[:, order], rtol=1e-12)
+
+
+@FEW
+@given(touched())
+def test_no_more_receptors_than_there_are_and_none_without_a_rate(scene, parameters):
+    found = scene.respond(parameters)
+    largest = float(scene.firing.curve.rate(np.array([parameters.alpha]))[0])
+    assert (found.responding <= scene.n_receptors * (1 + 1e-9)).all()
+    assert (found.total_rate <= found.responding * largest * (1 + 1e-3) + 1e-9).all()
+    assert ((found.total_rate > 0) == (found.responding > 0)).all()
+
+
+@pytest.mark.parametrize(("onset_rate", "power"), [(0.0, 1.5), (10.0, 1.0)])
+@FEW
+@given(parameters=touched(), where=st.integers(3, 11))
+def test_the_order_of_the_kink_at_the_onset(smooth_firing, scene, onset_rate, power, parameters, where):
+    """How firing starts in a condition as alpha rises by d beyond what the peak stress needs.
+
+    Stress falls from its peak like rho², so an area proportional to d responds. At a fold the rate starts like a
+    root: summed over that area, N ~ d^(3/2), whose derivative is continuous (0 on both sides) and whose second
+    is not. At a jump N ~ d: only N itself is continuous.
+    """
+    jumps = scene.take([where])
+    jumps.firing = smooth_firing(onset_rate=onset_rate)
+    peak = jumps.respond(parameters).peak_stress[0]
+    odds = math.exp(-parameters.beta * (peak - parameters.sigma_0))
+    if not 1e-3 < odds < 2.0:  # the onset lies outside the curve, or a hair above the rheobase
+        return
+    alpha = RHEOBASE * (1 + odds * (1 + np.array([-1e-4, -1e-9, 1e-7, 4e-7])))
+    below, barely_below, one, four = jumps.total_rate(parameters._replace(alpha=alpha))[:, 0]
+    assert below == barely_below == 0
+    assert math.log(four / one, 4) == pytest.approx(power, abs=0.01)
+    # the slope on this side, that on the other being 0: continuous for the fold alone
+    slopes = np.array([one, four]) / (RHEOBASE * odds * np.array([1e-7, 4e-7]))
+    assert slopes[0] / slopes[1] == pytest.approx(0.5 if power == 1.5 else 1.0, rel=0.02)
+
+
+# the likelihood
+
+
+@st.composite
+def rated(draw):
+    """Ratings of up to five fabrics under up to two loads by up to four participants, and mean rates."""
+    fabrics, loads, people = draw(st.integers(1, 5)), draw(st.integers(1, 2)), draw(st.integers(1, 4))
+    rows = draw(st.integers(1, 12))
+    index = st.integers(0, 10**6)
+    condition = np.array(draw(st.lists(index, min_size=rows, max_size=rows))) % (fabrics * loads)
+    participant = np.array(draw(st.lists(index, min_size=rows, max_size=rows))) % people
+    ratings = np.array(draw(st.lists(in_decades(1e-3, 1e5), min_size=rows, max_size=rows)))
+    rate = draw(hnp.arrays(float, fabrics * loads, elements=st.just(0.0) | st.floats(1e-3, 40.0)))
+    parameters = RatingParameters(
+        draw(st.floats(0.1, 3.0)), draw(in_decades(1e-3, 3.0)), draw(in_decades(0.02, 3.0)), draw(st.floats(0.0, 1.0))
+    )
+    return Design(condition, participant, np.tile(np.arange(fabrics), loads), people), ratings, rate, parameters
+
+
+@FEW
+@given(rated(), st.randoms(use_true_random=False))
+def test_likelihood_knows_no_order(case, random):
+    design, ratings, rate, parameters = case
+    value = float(LogRatings(ratings, design).log_likelihood(rate, parameters))
+
+    def shuffled(size):
+        return np.array(random.sample(range(size), size), dtype=int)
+
+    # rows, conditions, names of fabrics and of participants, all at once
+    rows, conditions = shuffled(design.n_rows), shuffled(design.n_conditions)
+    fabrics, people = shuffled(design.n_fabrics), shuffled(design.n_participants)
+    place = np.argsort(conditions)
+    other = Design(
+        place[design.condition[rows]],
+        people[design.participant[rows]],
+        fabrics[design.fabric[conditions]],
+        design.n_participants,
+    )
+    found = LogRatings(ratings[rows], other).log_likelihood(rate[conditions], parameters)
+    assert found == pytest.approx(value, rel=1e-10, abs=1e-9)
+
+
+@FEW
+@given(rated(), in_decades(1e-6, 1e6), st.sampled_from([SOFTNESS, INVERSE]))
+def test_likelihood_knows_no_unit_of_ratings(case, factor, direction):
+    """With the prior's centre in the same unit the density changes by the Jacobian alone."""
+    design, ratings, rate, parameters = case
+    one = LogRatings(ratings, design, RatingModel(direction)).log_likelihood(rate, parameters)
+    other = LogRatings(factor * ratings, design, RatingModel(direction, centre=20.0 * factor))
+    expected = float(one) - design.n_rows * math.log(factor)
+    assert float(other.log_likelihood(rate, parameters)) == pytest.approx(expected, rel=1e-9, abs=1e-8)
+
+
+@FEW
+@given(rated(), in_decades(0.1, 10.0))
+def test_likelihood_sees_ratios_of_rates_only(case, factor):
+    """The logarithm of rate and eps is centred over the rows: one factor on both leaves it alone."""
+    design, ratings, rate, parameters = case
+    observed = LogRatings(ratings, design)
+    found = observed.log_likelihood(factor * rate, parameters._replace(eps=0.1 * factor))
+    assert float(found) == pytest.approx(float(observed.log_likelihood(rate, parameters)), rel=1e-9, abs=1e-8)
+
+
+@FEW
+@given(rated())
+def test_one_batch_of_likelihoods_is_its_points(case):
+    design, ratings, rate, parameters = case
+    observed = LogRatings(ratings, design)
+    batch = RatingParameters(*(np.array([value, 1.3 * value + 0.01]) for value in parameters))
+    together = observed.log_likelihood(np.stack([rate, 2 * rate]), batch)
+    for k in (0, 1):
+        alone = observed.log_likelihood((1 + k) * rate, RatingParameters(*(value[k] for value in batch)))
+        assert together[k] == pytest.approx(float(alone), rel=1e-12, abs=1e-11)
+
+
+# the priors
+
+PRIORS = st.one_of(
+    st.builds(LogNormal, in_decades(1e-3, 1e6), st.floats(0.02, 1.5)),
+    st.builds(LogNormal, in_decades(1e-3, 1e3), st.floats(0.02, 1.0), st.floats(0.02, 0.5)),
+    st.builds(HalfNormal, in_decades(1e-3, 1e3)),
+    st.builds(Normal, st.floats(-100, 100), in_decades(1e-2, 1e2)),
+    st.tuples(st.floats(-100, 100), in_decades(1e-2, 1e2)).map(lambda t: Uniform(t[0], t[0] + t[1])),
+)
+
+
+@FEW
+@given(PRIORS)
+def test_every_prior_integrates_to_its_own_distribution_function(prior):
+    p = np.array([1e-6, 0.02, 0.3, 0.5, 0.8, 0.99, 1 - 1e-6])
+    x = prior.quantile(p)
+    # x itself is rounded, which moves the probability by its density; and so is 1 - p
+    rounding = np.spacing(np.abs(x)) * np.exp(prior.log_density(x)) + np.finfo(float).eps
+    assert (np.abs(prior.cumulative(x) - p) <= 1e-10 * p + 4 * rounding).all()
+    for (low, high), share in zip(itertools.pairwise(x), np.diff(p), strict=True):
+        mass, _ = integrate.quad(lambda at: math.exp(prior.log_density(at)), low, high, epsabs=0, epsrel=1e-10)
+        assert mass == pytest.approx(share, rel=1e-6)
+
+
+@FEW
+@given(in_decades(1e-3, 1e3), st.floats(0.02, 1.5), in_decades(1e-3, 1e3), st.floats(-3, 3))
+def test_lognormal_knows_no_unit(median, sd, factor, deviate):
+    x = median * math.exp(sd * deviate)
+    found = LogNormal(factor * median, sd).log_density(factor * x)
+    assert float(found) == pytest.approx(float(LogNormal(median, sd).log_density(x)) - math.log(factor), abs=1e-9)
+
+
+# the tables
+
+NAMES = (
+    st.text(st.characters(exclude_categories=("Cc", "Cs", "Zl", "Zp")), min_size=1, max_size=8)
+    .map(str.strip)
+    .filter(bool)
+)
+POSITIVE = st.floats(min_value=0.0, exclude_min=True, allow_infinity=False)
+FINITE = st.floats(allow_nan=False, allow_infinity=False)
+
+
+@st.composite
+def tables_of_ratings(draw):
+    people = draw(st.lists(NAMES, min_size=1, max_size=3, unique=True))
+    fabrics = draw(st.lists(NAMES, min_size=1, max_size=3, unique=True))
+    depths = draw(st.lists(POSITIVE, max_size=2, unique=True))
+    forces = draw(st.lists(POSITIVE, min_size=0 if depths else 1, max_size=2, unique=True))
+    loads = [*map(Indentation, depths), *map(Force, forces)]
+    rating = draw(hnp.arrays(float, (len(people), len(fabrics), len(loads)), elements=FINITE))
+    return Ratings.crossed(people, fabrics, loads, rating)
+
+
+def rows_of(ratings):
+    return sorted(
+        (ratings.participants[p], ratings.fabrics[f], str(type(ratings.loads[k])), ratings.loads[k], y)
+        for p, f, k, y in zip(ratings.participant, ratings.fabric, ratings.load, ratings.rating, strict=True)
+    )
+
+
+def rewritten(path, separator):
+    """The same table with another separator, and decimal commas where they do not separate."""
+    with path.open(encoding="utf-8", newline="") as file:
+        rows = list(csv.reader(file))
+    numeric = [k for k, title in enumerate(rows[0]) if title not in ("participant", "fabric")]
+    if separator != ",":
+        rows[1:] = [[c.replace(".", ",") if k in numeric else c for k, c in enumerate(row)] for row in rows[1:]]
+    other = path.with_name("other.csv")
+    with other.open("w", encoding="utf-8-sig", newline="") as file:
+        csv.writer(file, delimiter=separator, lineterminator="\r\n").writerows(rows)
+    return other
+
+
+@FEW
+@given(tables_of_ratings(), st.sampled_from(",;\t"))
+def test_ratings_survive_a_file(tmp_path_factory, ratings, separator):
+    path = tmp_path_factory.mktemp("ratings") / "ratings.csv"
+    write_ratings(path, ratings)
+    assert rows_of(Ratings.read(path)) == rows_of(ratings)
+    assert rows_of(Ratings.read(rewritten(path, separator))) == rows_of(ratings)
+
+
+@st.composite
+def tables_of_fabrics(draw):
+    names = draw(st.lists(NAMES, min_size=1, max_size=4, unique=True))
+    maybe = st.just(math.nan) | POSITIVE
+
+    def column(elements):
+        return np.array(draw(st.lists(elements, min_size=len(names), max_size=len(names))))
+
+    poisson = column(st.floats(-1.0, 0.5, exclude_min=True))
+    return Fabrics(
+        tuple(names),
+        bending_rigidity=column(maybe),
+        effective_modulus=column(POSITIVE),
+        poisson_ratio=poisson,
+        thickness=column(maybe),
+    )
+
+
+@FEW
+@given(tables_of_fabrics(), st.sampled_from(",;\t"))
+def test_fabrics_survive_a_file(tmp_path_factory, fabrics, separator):
+    path = tmp_path_factory.mktemp("fabrics") / "fabrics.csv"
+    write_fabrics(path, fabrics)
+    for found in (Fabrics.read(path), Fabrics.read(rewritten(path, separator))):
+        assert found.names == fabrics.names
+        for name in ("bending_rigidity", "effective_modulus", "poisson_ratio", "thickness"):
+            np.testing.assert_array_equal(getattr(found, name), getattr(fabrics, name))
