@@ -31,7 +31,11 @@ POSTERIOR, SUMMARY = "posterior.nc", "summary.csv"
 CHECKPOINT, MANIFEST, LOCK = "checkpoint", "manifest.json", "lock"
 """Directory of a run's checkpoint inside that of its results, and two files in it."""
 
-TABLES: Mapping[str, str | list[str]] = {"directions": "direction", "predictive_checks": ["law", "quantity"]}
+TABLES: Mapping[str, str | list[str]] = {
+    "directions": "direction",
+    "predictive_checks": ["law", "quantity"],
+    "eps_sensitivity": ["eps_hz", "quantity"],
+}
 """Further tables of a result by the name of their file, with the columns that identify a row."""
 
 PERCENTS = (0.05, 0.5, 0.95)

@@ -13,6 +13,7 @@ from softness_bayes.errors import SoftnessError
 
 VERBS: Mapping[str, str] = {
     "check": "Validate data files and say what was understood.",
+    "plan": "Say how sample would evaluate the model: resolution, errors and cost.",
     "sample": "Sample the posterior of skin, transduction and rating parameters given ratings.",
     "status": "Say how a run is getting on, without disturbing it.",
     "resume": "Continue a run that was interrupted, or that ended.",

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from softness_bayes.cli.options import ReadingChoice, Touches, prior_set, readings, set_values, touches
+from softness_bayes.cli.options import ReadingChoice, Touches, accuracy, prior_set, readings, set_values, touches
 from softness_bayes.errors import InputError
 
 if TYPE_CHECKING:
@@ -28,6 +28,7 @@ DRAWS = 400
 @set_values
 @prior_set
 @readings
+@accuracy
 @click.option(
     "--posterior",
     type=click.Path(path_type=Path),
@@ -46,6 +47,7 @@ def command(
     values: dict[str, float],
     prior_set: str,
     choice: ReadingChoice,
+    accuracy: float,
     posterior: Path | None,
     out: Path | None,
 ) -> None:
@@ -56,6 +58,7 @@ def command(
     """
     import numpy as np
 
+    from softness_bayes.plan import given_draws, scene_with_accuracy
     from softness_bayes.predict import prediction_table
     from softness_bayes.study import scene_of, touch_parameters, usual_values
     from softness_bayes.touch.parameters import TouchParameters
@@ -78,7 +81,11 @@ def command(
     if posterior is not None:  # a table of draws has limits even where the run held every parameter of the chain
         batch = np.empty(max(np.size(value) for value in named.values()))
         parameters = TouchParameters(*np.broadcast_arrays(*parameters, batch)[:-1])
-    scene = scene_of(fabrics, loads, named, chosen, noise=noise)
+    scene, _ = scene_with_accuracy(
+        lambda discretisation: scene_of(fabrics, loads, named, chosen, discretisation=discretisation, noise=noise),
+        given_draws(named, parameters),
+        accuracy,
+    )
     table = prediction_table(fabrics, scene, parameters)
     if out is None:
         table.to_csv(sys.stdout, index=False)

@@ -79,6 +79,7 @@ class FixedChannels:
         nodes: int = 18,
     ) -> None:
         self.channels, self.membrane, self.noise, self.max_current = channels, membrane, noise, max_current
+        self.nodes = nodes
         self.curve = self._made(max_current, nodes)
         # a curve of averages takes minutes: made now, for all the processes that a run may have
         self._longer: RateCurve | None = self._made(LARGEST_CURRENT, nodes) if noise else None
@@ -90,7 +91,9 @@ class FixedChannels:
 
     def exact(self) -> FixedChannels:
         """Return a source with more nodes; itself where the curve is an average over noise."""
-        return self if self.noise else FixedChannels(self.channels, self.membrane, self.max_current, nodes=28)
+        if self.noise:
+            return self
+        return FixedChannels(self.channels, self.membrane, self.max_current, nodes=max(28, self.nodes + 6))
 
     def curves(self, parameters: TouchParameters) -> RateCurve:
         """Return the one curve, of batch shape (), or one for each vector where an alpha needs a longer one.
@@ -134,6 +137,8 @@ class Discretisation:
     """How far the integral follows the sigmoid, in units of its exponent beyond the rheobase."""
     field_tolerance: float = 3e-6
     """Error allowed in the tabulated stress field."""
+    rate_nodes: int = 18
+    """Exact rates that the curve of held channels goes through."""
 
 
 class Response(NamedTuple):
@@ -222,6 +227,18 @@ class Scene:
         self._columns = [np.flatnonzero(self.load == index) for index in used]
         self._fields = [self._field(self.loads[index]) for index in used]
         self._population = Population(self._fields[0].root, self.count, discretisation.nodes, discretisation.saturation)
+        self._once = self._each_once()
+
+    def _each_once(self) -> tuple[Scene, NDArray[np.intp]] | None:
+        """Return the scene of the different conditions and where each one is in it, if some are the same."""
+        touched = np.column_stack([self.load, self.modulus, self.poisson])
+        _, first, place = np.unique(touched, axis=0, return_index=True, return_inverse=True)
+        return None if first.size == self.n_conditions else (self.take(first), place.reshape(-1))
+
+    @property
+    def n_repeated(self) -> int:
+        """Conditions that repeat another's load and fabric, whose total rate is not computed again."""
+        return 0 if self._once is None else self.n_conditions - self._once[0].n_conditions
 
     def _field(self, load: Load) -> StressField:
         softness, least = 1.0 - self.finger.poisson_ratio**2, self.modulus.argmin()
@@ -259,6 +276,9 @@ class Scene:
         InputError
             If a parameter is not finite, b, alpha or beta is not positive, or m is negative.
         """
+        if self._once is not None:
+            once, place = self._once
+            return once.total_rate(parameters)[..., place]
         shape, chunks = self._chunks(parameters)
         rates = [self._sums(chunk, contact, intervals=False)[0].rate for chunk, contact in chunks]
         return np.concatenate(rates).reshape(*shape, self.n_conditions)
@@ -289,7 +309,7 @@ class Scene:
     def refined(self) -> Scene:
         """Return the same scene resolved more finely, to measure this one's error against."""
         d = self.discretisation
-        finer = Discretisation(d.nodes + 12, d.saturation + 8.0, 1e-2 * d.field_tolerance)
+        finer = replace(d, nodes=d.nodes + 12, saturation=d.saturation + 8.0, field_tolerance=1e-2 * d.field_tolerance)
         return self._with(self.modulus, self.poisson, np.arange(self.n_conditions), self.load, finer)
 
     def exact(self) -> Scene:
@@ -357,6 +377,25 @@ class Scene:
         part._fields = [field for field, columns in zip(self._fields, places, strict=True) if columns.size]
         d = self.discretisation
         part._population = Population(part._fields[0].root, part.count, d.nodes, d.saturation)
+        part._once = None
+        return part
+
+    def coarser(self, discretisation: Discretisation) -> Scene:
+        """Return the scene resolved less finely, its stress fields cut from the ones that it has: nothing is computed.
+
+        Its responses are those of a scene compiled so, within the tolerance of the fields.
+        """
+        part, d = copy.copy(self), discretisation
+        part.discretisation, part._once = d, None
+        part._fields = [field.cut(d.field_tolerance) for field in self._fields]
+        part._population = Population(part._fields[0].root, self.count, d.nodes, d.saturation)
+        return part
+
+    def fired_by(self, firing: Firing) -> Scene:
+        """Return the scene with its rate curves from another source."""
+        part = copy.copy(self)
+        part.firing = firing
+        part._once = None if self._once is None else (self._once[0].fired_by(firing), self._once[1])
         return part
 
     def on_grid(self, modulus: Array) -> Scene:
