@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from test_cli_verbs import here, refused
 
 from softness_bayes.data import read_experiment
 from softness_bayes.errors import InputError
@@ -24,6 +25,9 @@ from softness_bayes.touch.readings import MENDED
 from softness_bayes.touch.scene import Discretisation, Scene
 from softness_bayes.touch.surface import FiringSurface
 
+__all__ = ["here"]  # a fixture
+
+RATINGS = Path(__file__).resolve().parents[1] / "data" / "ratings.csv"
 HELD = PAPER_CHANNELS._asdict()
 EPS = 0.1
 LOADS = (Indentation(2e-3), Force(1.5))
@@ -160,7 +164,7 @@ def test_equal_conditions_are_evaluated_once(scenes):
 
 
 def test_a_run_takes_the_choice_with_it_and_a_record_brings_it_back():
-    experiment = read_experiment(Path(__file__).parents[1] / "data" / "ratings.csv")
+    experiment = read_experiment(RATINGS)
     options, choice = with_accuracy(lambda asked: posterior_of(experiment, asked), RunOptions(fix=HELD), 1e-2)
     assert options.discretisation == choice.discretisation != Discretisation()
     assert options.accuracy == 1e-2
@@ -184,3 +188,19 @@ def test_a_single_vector_is_never_coarser_than_usual(scenes):
     scene, _ = scene_with_accuracy(scenes, draws, 1e-2)
     assert scene.discretisation == dataclasses.replace(Discretisation(), rate_nodes=18)
     assert isinstance(draws.parameters, TouchParameters)
+
+
+def test_plan_prints_stages_errors_cost_and_the_ladder(here):
+    held = [part for name, value in HELD.items() for part in ("--fix", f"{name}={value}")]
+    done = here("plan", "--data", RATINGS, "--accuracy", "1e-2", *held)
+    assert done.returncode == 0, done.stderr
+    for said in ("stress field", "population", "firing rates", "sum", "µs for each parameter vector", "left out:"):
+        assert said in done.stdout
+    assert done.stdout.count("<- chosen") == 2
+    assert "one rate curve" in done.stdout
+
+
+def test_plan_refuses_what_is_out_of_reach_or_range(here):
+    refused(here("plan", "--data", RATINGS, "--accuracy", "1e-5"), "accuracy 1e-05 is out of", "hold c_Na")
+    assert here("plan", "--data", RATINGS, "--accuracy", "0.5").returncode == 2
+    refused(here("plan", "--compression", RATINGS.parent / "compression.csv"), "give --data")

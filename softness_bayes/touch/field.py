@@ -197,6 +197,8 @@ class StressField:
 
     def cut(self, tolerance: float) -> StressField:
         """Return the field with its series cut at a larger tolerance; `reached` remains that of the whole ones."""
+        if tolerance <= self.tolerance:
+            return self
         part = copy.copy(self)
         size = np.abs(self.table) / np.r_[self._scale[0], np.full(self.table.shape[1] - 1, self._scale[1])]
         part.tolerance, part.table = tolerance, _cut(self.table, size, tolerance)

@@ -19,7 +19,7 @@ from softness_bayes.touch.contact import (
     reduced_modulus,
     skin_modulus,
 )
-from softness_bayes.touch.field import StressField, profiles
+from softness_bayes.touch.field import Profile, StressField, profiles
 from softness_bayes.touch.firing import RateCurve, exact_curve
 from softness_bayes.touch.membrane import CONNOR_STEVENS, PAPER_CHANNELS, Channels, Membrane
 from softness_bayes.touch.noisy_curve import noisy_curve
@@ -306,6 +306,10 @@ class Scene:
         fields = zip(*(contact for _, contact in chunks), strict=True)
         return Contact(*(np.concatenate(part).reshape(*shape, self.n_conditions) for part in fields))
 
+    def stress_profile(self, contact: Contact) -> Profile:
+        """Return the stress fields in states of the contact, of shape (batch, conditions)."""
+        return profiles(self._fields, self._columns, contact.reduced_modulus, contact.radius)
+
     def refined(self) -> Scene:
         """Return the same scene resolved more finely, to measure this one's error against."""
         d = self.discretisation
@@ -452,7 +456,7 @@ class Scene:
     def _sums(self, parameters: TouchParameters, contact: Contact, intervals: bool) -> tuple[Sums, Array]:
         named = TouchParameters(*(value[:, None] for value in parameters))
         drive = Drive(named.alpha, named.beta, named.sigma_0, self.firing.curves(parameters))
-        profile = profiles(self._fields, self._columns, contact.reduced_modulus, contact.radius)
+        profile = self.stress_profile(contact)
         return self._population.sums(profile, drive, intervals), profile.peak
 
 
