@@ -20,7 +20,7 @@ from softness_bayes.illustrations import membrane_illustration, touch_illustrati
 from softness_bayes.inference.blocks import block_log_likelihood
 from softness_bayes.inference.chains import Chains
 from softness_bayes.inference.checks import FabricCheck, check_fabrics
-from softness_bayes.inference.curves import curve_scene, find_inflection, response_curves
+from softness_bayes.inference.curves import Inflection, curve_scene, find_inflection, response_curves
 from softness_bayes.inference.diagnostics import Verdict
 from softness_bayes.inference.exactness import Exactness, compare, resample
 from softness_bayes.inference.observation import RatingParameters
@@ -30,6 +30,7 @@ from softness_bayes.inference.predictive import ExponentCheck, check_exponents, 
 from softness_bayes.inference.scales import ObservedRatings
 from softness_bayes.inference.summary import reweighted, summarise
 from softness_bayes.plate_groups import plate_attributes, plate_coordinates, plate_groups
+from softness_bayes.silence import eps_table
 from softness_bayes.touch.parameters import TouchParameters
 from softness_bayes.touch.scene import Scene
 from softness_bayes.variables import Groups, Variable, evenly, merged, named, sampled_groups, tree_of
@@ -120,6 +121,7 @@ class Assembly:
         self.exactness = self._exactness(REWEIGHT_DRAWS if reweight else EXACT_DRAWS)
         self.reweight = reweight
         self.error = self._error()
+        self.turn: Inflection | None = None
 
     def tree(self, attributes: Mapping[str, Any]) -> xr.DataTree:
         """Return the groups of the result, with `attributes` as their provenance."""
@@ -169,6 +171,15 @@ class Assembly:
         if not self.reweight:
             return table
         return reweighted(table, draws[evenly(self.theta.shape, REWEIGHT_DRAWS)], self.exactness.log_weight)
+
+    def eps_table(self) -> pd.DataFrame | None:
+        """Return how far conclusions rest on eps; None where it is sampled, or the model has none."""
+        if self.turn is None or "eps" not in self.posterior.space.held:
+            return None
+        draws = self._pick(CURVES)
+        named = {name: draws.theta[:, k] for k, name in enumerate(self.posterior.names)}
+        loads = [str(load) for load in self.experiment.ratings.loads]
+        return eps_table(self.ratings, draws.mean_rate, draws.parameters, named, self.turn, loads)
 
     def _picked(self, size: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
         """Return chain and draw of evenly spaced draws, or of as many in proportion to their exact weights."""
@@ -297,7 +308,7 @@ class Assembly:
         draws = self._pick(CURVES)
         curves = response_curves(self.grid, self._touch(draws.theta))
         fabrics = float(self.scene.modulus.min()), float(self.scene.modulus.max())
-        turn = find_inflection(curves, self.error, fabrics)
+        turn = self.turn = find_inflection(curves, self.error, fabrics)
         model, shape = self.model, curves.total_rate.shape
         everywhere = curves.total_rate.reshape(shape[0], -1) / self.scene.n_receptors
         drive = model.drive_at(everywhere, self.ratings.design, draws.mean_rate, draws.parameters)

@@ -21,7 +21,6 @@ from softness_bayes.inference.workers import Workers, available_processors
 from softness_bayes.run import RunOptions, posterior_of
 from softness_bayes.storage.lock import Lock
 from softness_bayes.touch.contact import Indentation, Load
-from softness_bayes.touch.scene import Discretisation
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -40,9 +39,6 @@ USUAL_FABRICS = Fabrics(tuple("abcdefgh"), effective_modulus=np.geomspace(3e3, 6
 """Cloth from silent under a light touch to past the turn of the response under a firm one."""
 
 USUAL_LOADS: tuple[Load, ...] = (Indentation(1.5e-3), Indentation(2.5e-3))
-
-COARSE = Discretisation(8, 9.0, 1e-5)
-"""Resolution of the scene unless another is asked for: ratings are simulated and fitted with the same one."""
 
 
 @dataclass(frozen=True)
@@ -275,7 +271,7 @@ def _manifest(scene: CalibrationScene, options: RunOptions, settings: Settings) 
         "prior_set": options.prior_set,
         "readings": options.readings.names,
         "direction": options.direction.name,
-        "accuracy": str(options.discretisation),
+        "discretisation": str(options.discretisation),
         "ensembles": settings.ensembles,
         "max_steps": settings.max_steps,
         "goal": str(settings.goal),

@@ -9,10 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from softness_bayes.data import Fabrics
-from softness_bayes.study import scene_of, touch_parameters
-from softness_bayes.touch.contact import Load
+from softness_bayes.study import touch_parameters
 from softness_bayes.touch.parameters import TouchParameters
-from softness_bayes.touch.readings import Readings
 from softness_bayes.touch.scene import Response, Scene
 
 if TYPE_CHECKING:
@@ -56,25 +54,17 @@ def prediction_table(fabrics: Fabrics, scene: Scene, parameters: TouchParameters
     return pd.DataFrame(columns)
 
 
-def drawn_scene(
-    fabrics: Fabrics, loads: tuple[Load, ...], values: Mapping[str, ArrayLike], readings: Readings, noise: float = 0.0
-) -> tuple[Scene, TouchParameters]:
-    """Return the scene of fabrics under loads for draws of a run, and the draws as it takes them.
+def drawn_parameters(values: Mapping[str, ArrayLike]) -> TouchParameters:
+    """Return draws of a run as a scene takes them, one axis for all: a table of them has limits in any case.
 
     Parameters
     ----------
-    fabrics, loads
-        What is touched, and how.
     values
         Every parameter by name in natural units: a number where the run held it, else draws (draws,). At least one
         must be drawn, as those of the rating model are.
-    readings, noise
-        Those of the run.
     """
-    scene = scene_of(fabrics, loads, values, readings, noise=noise)
-    # a table of draws has limits even where the run held every parameter of the chain
     batch = np.empty(max(np.size(value) for value in values.values()))
-    return scene, TouchParameters(*np.broadcast_arrays(*touch_parameters(values), batch)[:-1])
+    return TouchParameters(*np.broadcast_arrays(*touch_parameters(values), batch)[:-1])
 
 
 def _quantities(response: Response, scene: Scene) -> dict[str, Array]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+
 import numpy as np
 
 from softness_bayes.data import Compression, Experiment, Ratings
@@ -11,6 +13,7 @@ from softness_bayes.inference.priors import parse_prior
 from softness_bayes.inference.scales import RATING_SCALES
 from softness_bayes.result import Result
 from softness_bayes.run import RunOptions
+from softness_bayes.touch.scene import Discretisation
 
 
 def experiment_of(result: Result) -> Experiment:
@@ -53,8 +56,9 @@ def _compression_of(result: Result) -> Compression:
 
 
 def options_of(result: Result) -> RunOptions:
-    """Return the model that a result was sampled from: held parameters, priors, readings; usual settings else."""
+    """Return the model that a result was sampled from: held parameters, priors, readings, resolution; usual else."""
     found, constant = result.attributes, result.group("constant_data")
+    asked = json.loads(found["options"])
     return RunOptions(
         fix={name: float(constant[name]) for name in EVERY_PARAMETER if name in constant},
         priors={n: parse_prior(str(found[f"prior_{n}"])) for n in EVERY_PARAMETER if f"prior_{n}" in found},
@@ -62,6 +66,8 @@ def options_of(result: Result) -> RunOptions:
         readings=result.readings,
         direction=RATING_DIRECTIONS[str(found["direction"])],
         scale=RATING_SCALES[str(found.get("rating_scale", "magnitude"))],
+        discretisation=Discretisation(**asked["discretisation"]),
+        accuracy=asked.get("accuracy"),
         noise=float(found.get("noise", 0.0)),
         seed=int(found["seed"]),
     )

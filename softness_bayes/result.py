@@ -35,7 +35,11 @@ POSTERIOR, SUMMARY = "posterior.nc", "summary.csv"
 CHECKPOINT, MANIFEST, LOCK = "checkpoint", "manifest.json", "lock"
 """Directory of a run's checkpoint inside that of its results, and two files in it."""
 
-TABLES: Mapping[str, str | list[str]] = {"directions": "direction", "predictive_checks": ["law", "quantity"]}
+TABLES: Mapping[str, str | list[str]] = {
+    "directions": "direction",
+    "predictive_checks": ["law", "quantity"],
+    "eps_sensitivity": ["eps_hz", "quantity"],
+}
 """Further tables of a result by the name of their file, with the columns that identify a row."""
 
 PERCENTS = (0.05, 0.5, 0.95)
@@ -213,18 +217,14 @@ class Result:
         InputError
             If the run had no ratings, which say what the receptors do.
         """
-        from softness_bayes.predict import drawn_scene, prediction_table
+        from softness_bayes.predict import drawn_parameters, prediction_table
+        from softness_bayes.study import scene_of
 
-        here = self.loads
+        pressed, named = self.loads if loads is None else tuple(loads), self.values(draws)
         fabrics = self.fabrics if fabrics is None else fabrics
-        scene, parameters = drawn_scene(
-            fabrics,
-            here if loads is None else tuple(loads),
-            self.values(draws),
-            self.readings,
-            float(self.attributes.get("noise", 0.0)),
-        )
-        return prediction_table(fabrics, scene, parameters)
+        noise = float(self.attributes.get("noise", 0.0))
+        scene = scene_of(fabrics, pressed, named, self.readings, noise=noise)
+        return prediction_table(fabrics, scene, drawn_parameters(named))
 
     @property
     def fabrics(self) -> Fabrics:

@@ -47,6 +47,8 @@ class RunOptions:
         Readings of the chain, of what is rated, and of the scale of the ratings.
     discretisation
         Resolution of the scene.
+    accuracy
+        What the discretisation was chosen to keep to (`plan.with_accuracy`), for the record; it decides nothing.
     noise
         Strength of the membranes' white current [µA/cm² sqrt(ms)]; needs fixed channel multipliers.
     exact_reweight
@@ -70,6 +72,7 @@ class RunOptions:
     direction: RatingDirection = SOFTNESS
     scale: RatingScale = MAGNITUDE
     discretisation: Discretisation = Discretisation()
+    accuracy: float | None = None
     noise: float = 0.0
     exact_reweight: bool = False
     max_steps: int = 30_000
@@ -82,7 +85,7 @@ class RunOptions:
     def record(self) -> dict[str, Any]:
         """These options as JSON holds them; `from_record` is the inverse."""
         plain = (
-            *("prior_set", "noise", "exact_reweight"),
+            *("prior_set", "accuracy", "noise", "exact_reweight"),
             *("max_steps", "max_seconds", "min_steps", "processes", "seed", "command"),
         )
         return {
@@ -98,14 +101,13 @@ class RunOptions:
     def chosen(self) -> dict[str, str]:
         """What decides the draws beside data, parameters and the sampler, by name."""
         readings = {f"reading of {place}": name for place, name in self.readings.names.items()}
-        accuracy, seed = str(self.discretisation), str(self.seed)
         return {
             **readings,
             "direction": self.direction.name,
             "scale of the ratings": self.scale.name,
             "noise": str(self.noise),
-            "accuracy": accuracy,
-            "seed": seed,
+            "discretisation": str(self.discretisation),
+            "seed": str(self.seed),
         }
 
     @classmethod
@@ -276,8 +278,12 @@ def sample(
         "digest_ratings": experiment.ratings.digest,
         "digest_fabrics": experiment.fabrics.digest,
         "missing_ratings": experiment.ratings.n_missing,
-        "accuracy": str(options.discretisation),
+        "accuracy": math.nan if options.accuracy is None else options.accuracy,
+        "discretisation": str(options.discretisation),
     }
     tree = assembly.tree(attributes)
     summary = assembly.summary().join(learning_table(tree))
-    return Result(tree, summary, {"directions": direction_table(tree), "predictive_checks": check_table(tree)})
+    tables = {"directions": direction_table(tree), "predictive_checks": check_table(tree)}
+    if (rests_on_eps := assembly.eps_table()) is not None:
+        tables["eps_sensitivity"] = rests_on_eps
+    return Result(tree, summary, tables)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -57,7 +58,18 @@ def usual_values(
     return {name: float(value) for name, value in space.values(space.median).items()}
 
 
-def firing_of(values: Mapping[str, ArrayLike], membrane: Membrane, noise: float = 0.0) -> Firing:
+@lru_cache(maxsize=8)
+def _held(channels: Channels, membrane: Membrane, noise: float, nodes: int) -> FixedChannels:
+    """Return the curve of held channels, which takes a second: a run and the choice of its accuracy share one."""
+    return FixedChannels(channels, membrane, noise=noise, nodes=nodes)
+
+
+def firing_of(
+    values: Mapping[str, ArrayLike],
+    membrane: Membrane,
+    noise: float = 0.0,
+    nodes: int = Discretisation().rate_nodes,
+) -> Firing:
     """Return the rate curve of the channel multipliers in `values`, or the surface where one is missing or varies.
 
     Parameters
@@ -68,6 +80,8 @@ def firing_of(values: Mapping[str, ArrayLike], membrane: Membrane, noise: float 
         Reading of the membrane.
     noise
         Strength of the white current [µA/cm² sqrt(ms)] over which the rate curve is averaged.
+    nodes
+        Exact rates that the curve of held channels goes through.
 
     Raises
     ------
@@ -83,7 +97,7 @@ def firing_of(values: Mapping[str, ArrayLike], membrane: Membrane, noise: float 
     if varying:
         return FiringSurface.load(membrane)
     channels = Channels(*(float(np.asarray(values[name])) for name in Channels._fields))
-    return FixedChannels(channels, membrane, noise=noise)
+    return _held(channels, membrane, noise, nodes)
 
 
 def scene_of(
@@ -114,7 +128,7 @@ def scene_of(
         Strength of the membrane's white current, as `firing_of` takes it.
     """
     modulus = fabrics.modulus(readings.fabric_modulus)
-    firing = firing_of(values, readings.membrane, noise)
+    firing = firing_of(values, readings.membrane, noise, discretisation.rate_nodes)
     return Scene(
         modulus,
         fabrics.poisson_ratio,
@@ -151,6 +165,7 @@ def simulate_ratings(
     direction: RatingDirection = SOFTNESS,
     scale: RatingScale = MAGNITUDE,
     slope: float | None = None,
+    discretisation: Discretisation = Discretisation(),
 ) -> Simulation:
     """Let simulated participants rate every fabric under every load once.
 
@@ -176,6 +191,8 @@ def simulate_ratings(
         Scale of the ratings.
     slope
         c1 of standardised ratings, whose c0 is 0; by default the median of its prior.
+    discretisation
+        Resolution of the scene.
 
     Raises
     ------
@@ -191,7 +208,7 @@ def simulate_ratings(
     wrong = ("slope", slope) if scale.positive else ("mu", mu)
     if wrong[1] is not None or not (slope is None or slope >= 0):
         raise InputError(f"simulate: {wrong[0]} is {wrong[1]}, expected none for {scale.name} ratings, and c1 >= 0")
-    scene = scene_of(fabrics, loads, values, readings)
+    scene = scene_of(fabrics, loads, values, readings, discretisation=discretisation)
     rate = scene.total_rate(touch_parameters(values))
     n_conditions = scene.n_conditions
     design = Design(

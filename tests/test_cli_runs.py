@@ -105,6 +105,7 @@ def test_a_killed_run_is_reported_on_continued_and_draws_what_an_uninterrupted_o
     for group in other.tree.children:
         assert one.tree[group].identical(other.tree[group]), group
     pd.testing.assert_frame_equal(one.table, other.table, check_exact=True)
+    assert one.attributes["discretisation"] == other.attributes["discretisation"] != str(scene.Discretisation())
     assert one.attributes["verdict"] == other.attributes["verdict"]
     assert one.attributes["command"].startswith("softness-bayes")
     assert one.attributes["command"].count("; softness-bayes") == 1

@@ -19,12 +19,13 @@ LAYERS = (
     {"data"},
     {"arviz_bridge"},
     {"inference"},
-    {"study", "predict", "result", "storage", "learning", "criticism", "variables"},
+    {"study", "predict", "result", "storage", "learning", "criticism", "silence", "variables"},
     {"plate_groups", "illustrations"},
     {"assembly", "run", "skin", "claims"},
-    {"restore", "compare", "calibrate"},
+    {"restore", "compare", "calibrate", "plan"},
+    {"bench"},
     {"plotting", "report"},
-    {"cli", "benchmark", "benchmark_moves"},
+    {"cli", "benchmark_moves"},
 )
 RANK = {name: rank for rank, names in enumerate(LAYERS) for name in names}
 HOMES = {
@@ -34,7 +35,7 @@ HOMES = {
     "jinja2": {"report.page"},
 }
 """Modules outside of which a library may not be imported."""
-PROGRAMS = {"benchmark", "benchmark_moves", "touch.surface_build"}
+PROGRAMS = {"benchmark_moves", "touch.firing_sample_build", "touch.surface_build"}
 """Run with ``python -m``, beside the command line: they may print, and nothing imports them."""
 
 

@@ -5,12 +5,13 @@ import pytest
 from fake_scene import fake_posterior
 from scipy.stats import multivariate_t
 
-from softness_bayes.calibrate import COARSE, CalibrationScene
+from softness_bayes.calibrate import CalibrationScene
 from softness_bayes.data import Experiment
 from softness_bayes.inference.sampling import Settings, sample_until
 from softness_bayes.run import RunOptions, posterior_of
 from softness_bayes.study import simulate_ratings, usual_values
 from softness_bayes.touch.readings import MENDED
+from softness_bayes.touch.scene import Discretisation
 
 
 def nested(posterior, rng, live, walk):
@@ -88,7 +89,9 @@ def default():
     scene, rng = CalibrationScene(), np.random.default_rng(20261121)
     values = usual_values(MENDED, given={"alpha": 21.5})
     made = simulate_ratings(rng, scene.fabrics, scene.loads, values, participants=scene.participants)
-    posterior = posterior_of(Experiment(made.ratings, scene.fabrics, ()), RunOptions(discretisation=COARSE))
+    posterior = posterior_of(
+        Experiment(made.ratings, scene.fabrics, ()), RunOptions(discretisation=Discretisation(8, 9.0, 1e-5))
+    )
     return posterior, ensembles(posterior, 4)
 
 

@@ -172,6 +172,8 @@ def test_provenance(result):
     assert found["verdict"].startswith("Not converged after 200 steps of 4 x 24 walkers")
     assert 0 < found["numerical_error"] < 1e-3
     assert "accuracy" in found
+    assert found["discretisation"] == str(scene.Discretisation())
+    assert not result.tables["eps_sensitivity"].empty
     assert result.group("constant_data")["finger_radius_mm"] == 8
 
 

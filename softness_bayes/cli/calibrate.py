@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, NoReturn
 
 import click
 
-from softness_bayes.cli.options import ReadingChoice, fix, prior, prior_set, readings, seed
+from softness_bayes.cli.options import ReadingChoice, accuracy, fix, prior, prior_set, readings, seed
 from softness_bayes.errors import NotConvergedError
 
 if TYPE_CHECKING:
@@ -43,6 +43,7 @@ if TYPE_CHECKING:
     show_default=True,
     help="Whether ratings rise (softness) or fall (inverse) with the response.",
 )
+@accuracy
 @click.option(
     "--max-steps",
     type=click.IntRange(min=1),
@@ -76,6 +77,7 @@ def command(
     prior_set: str,
     choice: ReadingChoice,
     direction: str,
+    accuracy: float,
     max_steps: int,
     processes: int | None,
     seed: int,
@@ -89,10 +91,11 @@ def command(
     interrupted run continues where it was), ranks.csv, coverage.csv, ecdf.png and verdict.txt. Exit code
     3: some replicates have not converged; 4: not calibrated.
     """
-    from softness_bayes.calibrate import COARSE, FIGURE, USUAL_FABRICS, USUAL_LOADS, CalibrationScene, calibrate
+    from softness_bayes.calibrate import FIGURE, USUAL_FABRICS, USUAL_LOADS, CalibrationScene, calibrate
     from softness_bayes.data import Fabrics, loads_of
     from softness_bayes.errors import NumericalError
     from softness_bayes.inference.observation import RATING_DIRECTIONS
+    from softness_bayes.plan import with_accuracy
     from softness_bayes.plotting.calibration import rank_ecdf_figure
     from softness_bayes.plotting.style import save
     from softness_bayes.run import RunOptions
@@ -108,11 +111,11 @@ def command(
         prior_set=prior_set,
         readings=choice.resolve(),
         direction=RATING_DIRECTIONS[direction],
-        discretisation=COARSE,
         max_steps=max_steps,
         processes=processes,
         seed=seed,
     )
+    options, _ = with_accuracy(scene.posterior, options, accuracy)
     bar = _Bar(replicates)
     try:
         found = calibrate(scene, options, replicates, out, bar.show)

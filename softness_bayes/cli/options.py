@@ -301,6 +301,17 @@ def readings(verb: Verb) -> Verb:
     return wrapped
 
 
+accuracy = click.option(
+    "--accuracy",
+    type=click.FloatRange(1e-6, 1e-2),
+    default=1e-3,
+    show_default=True,
+    metavar="X",
+    help="Bound of the response's numerical error, relative to its peak and in log(N/N_ref + eps): the cheapest "
+    "resolution that keeps to it over the parameters in question is chosen; 'plan' shows how.",
+)
+"""Gives a verb `accuracy`."""
+
 direction = click.option(
     "--direction",
     type=click.Choice(["softness", "inverse"]),

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
-from softness_bayes.cli.options import ReadingChoice, Touches, prior_set, readings, set_values, touches
+from softness_bayes.cli.options import ReadingChoice, Touches, accuracy, prior_set, readings, set_values, touches
 from softness_bayes.errors import InputError
 
 if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
+
     from softness_bayes.touch.parameters import TouchParameters
     from softness_bayes.touch.scene import Scene
 
@@ -24,6 +27,7 @@ DRAWS = 400
 @set_values
 @prior_set
 @readings
+@accuracy
 @click.option(
     "--posterior",
     type=click.Path(path_type=Path),
@@ -42,6 +46,7 @@ def command(
     values: dict[str, float],
     prior_set: str,
     choice: ReadingChoice,
+    accuracy: float,
     posterior: Path | None,
     out: Path | None,
 ) -> None:
@@ -50,15 +55,15 @@ def command(
     One row for each fabric and load. Parameters are the medians of their priors; --set changes single
     ones, --posterior takes the draws of a run instead.
     """
-    from softness_bayes.predict import drawn_scene, prediction_table
+    from softness_bayes.plan import given_draws, scene_with_accuracy
+    from softness_bayes.predict import drawn_parameters, prediction_table
     from softness_bayes.study import scene_of, touch_parameters, usual_values
 
     fabrics, loads = touches.read()
+    named: Mapping[str, ArrayLike]
     if posterior is None:
         chosen = choice.resolve()
-        named = usual_values(chosen, prior_set, values)
-        parameters = touch_parameters(named)
-        scene = scene_of(fabrics, loads, named, chosen)
+        named, noise = usual_values(chosen, prior_set, values), 0.0
     else:
         from softness_bayes.result import Result
 
@@ -67,8 +72,13 @@ def command(
         result = Result.load(posterior)
         if not result.has_ratings:
             raise InputError(f"{posterior}: a run without ratings, which says nothing of the receptors; give --set")
-        noise = float(result.attributes["noise"])
-        scene, parameters = drawn_scene(fabrics, loads, result.values(DRAWS), result.readings, noise)
+        chosen, named, noise = result.readings, result.values(DRAWS), float(result.attributes["noise"])
+    parameters = touch_parameters(named) if posterior is None else drawn_parameters(named)
+    scene, _ = scene_with_accuracy(
+        lambda discretisation: scene_of(fabrics, loads, named, chosen, discretisation=discretisation, noise=noise),
+        given_draws(named, parameters),
+        accuracy,
+    )
     table = prediction_table(fabrics, scene, parameters)
     if out is None:
         table.to_csv(sys.stdout, index=False)

@@ -11,6 +11,7 @@ from click.core import ParameterSource
 from softness_bayes.cli.options import (
     DataFiles,
     ReadingChoice,
+    accuracy,
     data_files,
     direction,
     fix,
@@ -44,6 +45,7 @@ if TYPE_CHECKING:
 @readings
 @rating_scale
 @direction
+@accuracy
 @click.option(
     "--noise",
     type=click.FloatRange(min=0),
@@ -79,6 +81,7 @@ def command(
     choice: ReadingChoice,
     scale: str,
     direction: str,
+    accuracy: float,
     noise: float,
     exact_reweight: bool,
     max_steps: int,
@@ -105,16 +108,18 @@ def command(
     from softness_bayes.data import Compression
     from softness_bayes.inference.observation import RATING_DIRECTIONS
     from softness_bayes.inference.scales import RATING_SCALES
-    from softness_bayes.run import RunOptions
+    from softness_bayes.plan import with_accuracy
+    from softness_bayes.run import RunOptions, posterior_of
     from softness_bayes.storage.checkpoint import Checkpoint
 
     data = files.read()
     if isinstance(data, Compression):
         source = click.get_current_context().get_parameter_source
-        of_ratings = ("scale", "direction", "noise", "exact_reweight")
+        of_ratings = ("scale", "direction", "accuracy", "noise", "exact_reweight")
         if any(source(name) is not ParameterSource.DEFAULT for name in of_ratings):
             raise InputError(
-                "--ratings, --direction, --noise and --exact-reweight are for ratings: give --data, or leave them out"
+                "--ratings, --direction, --accuracy, --noise and --exact-reweight are for ratings: give --data, or "
+                "leave them out"
             )
         if source("prior_set") is ParameterSource.DEFAULT:
             prior_set = "wide"
@@ -134,7 +139,10 @@ def command(
         seed=seed,
         command=command_line(),
     )
-    run(Checkpoint.create(out, force), files, data, options, not no_figures)
+    checkpoint = Checkpoint.create(out, force)
+    if not isinstance(data, Compression):
+        options, _ = with_accuracy(lambda asked: posterior_of(data, asked), options, accuracy)
+    run(checkpoint, files, data, options, not no_figures)
 
 
 def run(
@@ -234,6 +242,7 @@ def _report(result: Result, out: Path) -> None:
 def _report_ratings(result: Result) -> None:
     """Print inflection and checks of what the ratings say."""
     from softness_bayes.criticism import check_sentences
+    from softness_bayes.silence import eps_sentence
 
     found = result.attributes
     click.echo("\nwhere the response turns over (probabilities; E_fab in kPa, medians and 90 % limits)")
@@ -257,6 +266,11 @@ def _report_ratings(result: Result) -> None:
             f"{found['contact_beyond_half_radius']:.0%} of draws and conditions; beyond R, where it is "
             f"meaningless: {found['contact_beyond_radius']:.0%}"
         )
-    click.echo(f"numerical error of the response: {found['numerical_error']:.1e} of its peak, at most, over draws")
+    if "eps_sensitivity" in result.tables:
+        click.echo(eps_sentence(result.tables["eps_sensitivity"]))
+    click.echo(
+        f"numerical error of the response: {found['numerical_error']:.1e} of its peak, at most, over draws; "
+        f"accuracy asked for {found['accuracy']:g}"
+    )
     click.echo(f"error of the firing rates: {found['firing_error']:.1e} of the peak response, at most")
     click.echo(str(found["exactness"]))

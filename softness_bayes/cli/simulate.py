@@ -13,6 +13,7 @@ from softness_bayes import __version__
 from softness_bayes.cli.options import (
     ReadingChoice,
     Touches,
+    accuracy,
     direction,
     force,
     out,
@@ -45,6 +46,7 @@ if TYPE_CHECKING:
 @click.option("--typical-rating", type=float, metavar="Y", help="exp(mu), by default its prior's centre.")
 @rating_scale
 @direction
+@accuracy
 @click.option("--slope", type=float, metavar="C1", help="c1 of standardised ratings, by default its prior's median.")
 @click.option(
     "--fingers",
@@ -66,6 +68,7 @@ def command(
     typical_rating: float | None,
     scale: str,
     direction: str,
+    accuracy: float,
     slope: float | None,
     fingers: int,
     seed: int,
@@ -85,19 +88,32 @@ def command(
     from softness_bayes.inference.observation import RATING_DIRECTIONS
     from softness_bayes.inference.parameters import FINGER_PARAMETERS
     from softness_bayes.inference.scales import RATING_SCALES
-    from softness_bayes.study import simulate_compression, simulate_ratings, usual_values
+    from softness_bayes.plan import given_draws, scene_with_accuracy
+    from softness_bayes.study import (
+        scene_of,
+        simulate_compression,
+        simulate_ratings,
+        touch_parameters,
+        usual_values,
+    )
 
     fabrics, loads = touches.read()
     chosen = choice.resolve()
     if typical_rating is not None and not (math.isfinite(typical_rating) and typical_rating > 0):
         raise InputError(f"--typical-rating is {typical_rating}, expected a positive number")
     usual = usual_values(chosen, prior_set, values, fingers or None)
+    values_of_ratings = {name: value for name, value in usual.items() if name not in FINGER_PARAMETERS}
+    scene, _ = scene_with_accuracy(
+        lambda discretisation: scene_of(fabrics, loads, usual, chosen, discretisation=discretisation),
+        given_draws(usual, touch_parameters(usual)),
+        accuracy,
+    )
     mu = None if typical_rating is None else math.log(typical_rating)
     simulation = simulate_ratings(
         np.random.default_rng(seed),
         fabrics,
         loads,
-        {name: value for name, value in usual.items() if name not in FINGER_PARAMETERS},
+        values_of_ratings,
         chosen,
         participants,
         missing,
@@ -105,6 +121,7 @@ def command(
         RATING_DIRECTIONS[direction],
         RATING_SCALES[scale],
         slope,
+        scene.discretisation,
     )
     made = ["ratings.csv", "fabrics.csv", "truth.json", *(["compression.csv"] if fingers else [])]
     present = [name for name in made if (out / name).exists()]

@@ -13,6 +13,7 @@ ln(E_star + shift) represents it. The series is cut where its own coefficients f
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -190,11 +191,18 @@ class StressField:
             by_modulus = size.max(axis=1)[::-1].cumsum()[::-1]
             if by_modulus[-4] <= self.tolerance:
                 break
-        by_shape = size[:, 1:].max(axis=0)[::-1].cumsum()[::-1]
-        keep_modulus = max(int((by_modulus > 0.5 * self.tolerance).sum()), 2)
-        keep_shape = max(int((by_shape > 0.5 * self.tolerance).sum()), 2)
-        self.table = np.ascontiguousarray(table[:keep_modulus, : 1 + keep_shape])
-        self.reached = self._measure(scale[0], largest)
+        self.table = _cut(table, size, self.tolerance)
+        self._scale = float(scale[0]), float(largest)
+        self.reached = self._measure(*self._scale)
+
+    def cut(self, tolerance: float) -> StressField:
+        """Return the field with its series cut at a larger tolerance; `reached` remains that of the whole ones."""
+        if tolerance <= self.tolerance:
+            return self
+        part = copy.copy(self)
+        size = np.abs(self.table) / np.r_[self._scale[0], np.full(self.table.shape[1] - 1, self._scale[1])]
+        part.tolerance, part.table = tolerance, _cut(self.table, size, tolerance)
+        return part
 
     def _measure(self, peak_scale: float, shape_scale: float) -> float:
         """Return the largest difference between table and field at points that are nodes of neither series."""
@@ -248,6 +256,14 @@ def profiles(
         y_least[where] = field.y_least
     first = fields[0]
     return Profile(first.readings.pressure.amplitude(modulus, radius, first.finger) * unit, shape, y_least)
+
+
+def _cut(table: Array, size: Array, tolerance: float) -> Array:
+    """Leave out the orders whose coefficients, of the given relative size, sum to less than half the tolerance."""
+    by_modulus = size.max(axis=1)[::-1].cumsum()[::-1]
+    by_shape = size[:, 1:].max(axis=0)[::-1].cumsum()[::-1]
+    keep_modulus, keep_shape = (max(int((sums > 0.5 * tolerance).sum()), 2) for sums in (by_modulus, by_shape))
+    return np.ascontiguousarray(table[:keep_modulus, : 1 + keep_shape])
 
 
 def _values_to_coefficients(order: int) -> Array:

@@ -20,7 +20,7 @@ from softness_bayes.touch.contact import (
     skin_modulus,
 )
 from softness_bayes.touch.family import MANY, Family
-from softness_bayes.touch.field import StressField, profiles
+from softness_bayes.touch.field import Profile, StressField, profiles
 from softness_bayes.touch.firing import RateCurve, exact_curve
 from softness_bayes.touch.membrane import CONNOR_STEVENS, PAPER_CHANNELS, Channels, Membrane
 from softness_bayes.touch.noisy_curve import noisy_curve
@@ -80,6 +80,7 @@ class FixedChannels:
         nodes: int = 18,
     ) -> None:
         self.channels, self.membrane, self.noise, self.max_current = channels, membrane, noise, max_current
+        self.nodes = nodes
         self.curve = self._made(max_current, nodes)
         # a curve of averages takes minutes: made now, for all the processes that a run may have
         self._longer: RateCurve | None = self._made(LARGEST_CURRENT, nodes) if noise else None
@@ -91,7 +92,9 @@ class FixedChannels:
 
     def exact(self) -> FixedChannels:
         """Return a source with more nodes; itself where the curve is an average over noise."""
-        return self if self.noise else FixedChannels(self.channels, self.membrane, self.max_current, nodes=28)
+        if self.noise:
+            return self
+        return FixedChannels(self.channels, self.membrane, self.max_current, nodes=max(28, self.nodes + 6))
 
     def curves(self, parameters: TouchParameters) -> RateCurve:
         """Return the one curve, of batch shape (), or one for each vector where an alpha needs a longer one.
@@ -135,6 +138,8 @@ class Discretisation:
     """How far the integral follows the sigmoid, in units of its exponent beyond the rheobase."""
     field_tolerance: float = 3e-6
     """Error allowed in the tabulated stress field."""
+    rate_nodes: int = 18
+    """Exact rates that the curve of held channels goes through."""
 
 
 class Response(NamedTuple):
@@ -224,6 +229,18 @@ class Scene:
         self._fields = [self._field(self.loads[index]) for index in used]
         self._population = Population(self._fields[0].root, self.count, discretisation.nodes, discretisation.saturation)
         self._finer: Scene | None = None
+        self._once = self._each_once()
+
+    def _each_once(self) -> tuple[Scene, NDArray[np.intp]] | None:
+        """Return the scene of the different conditions and where each one is in it, if some are the same."""
+        touched = np.column_stack([self.load, self.modulus, self.poisson])
+        _, first, place = np.unique(touched, axis=0, return_index=True, return_inverse=True)
+        return None if first.size == self.n_conditions else (self.take(first), place.reshape(-1))
+
+    @property
+    def n_repeated(self) -> int:
+        """Conditions that repeat another's load and fabric, whose total rate is not computed again."""
+        return 0 if self._once is None else self.n_conditions - self._once[0].n_conditions
 
     def _field(self, load: Load) -> StressField:
         softness, least = 1.0 - self.finger.poisson_ratio**2, self.modulus.argmin()
@@ -266,6 +283,9 @@ class Scene:
         Where a load has more than `MANY` fabrics the rates are interpolated between fabrics (`Family`), with an error
         of the order of the stress fields' tolerance; `respond` evaluates every fabric.
         """
+        if self._once is not None:
+            once, place = self._once
+            return once.total_rate(parameters)[..., place]
         if max(columns.size for columns in self._columns) > MANY:
             return self._interpolated_rate(parameters)
         shape, chunks = self._chunks(parameters)
@@ -305,11 +325,16 @@ class Scene:
         fields = zip(*(contact for _, contact in chunks), strict=True)
         return Contact(*(np.concatenate(part).reshape(*shape, self.n_conditions) for part in fields))
 
+    def stress_profile(self, contact: Contact) -> Profile:
+        """Return the stress fields in states of the contact, of shape (batch, conditions)."""
+        return profiles(self._fields, self._columns, contact.reduced_modulus, contact.radius)
+
     def refined(self) -> Scene:
         """Return the same scene resolved more finely, to measure this one's error against; made once."""
         if self._finer is None:
             d = self.discretisation
-            finer = Discretisation(d.nodes + 12, d.saturation + 8.0, 1e-2 * d.field_tolerance)
+            nodes, saturation, tolerance = d.nodes + 12, d.saturation + 8.0, 1e-2 * d.field_tolerance
+            finer = replace(d, nodes=nodes, saturation=saturation, field_tolerance=tolerance)
             conditions = np.arange(self.n_conditions)
             self._finer = self._with(self.modulus, self.poisson, conditions, self.load, finer)
         return self._finer
@@ -319,9 +344,7 @@ class Scene:
 
         It agrees with adaptive integration over the pad to 1e-8 of the peak; milliseconds for each vector.
         """
-        fine = copy.copy(self.refined())
-        fine.firing = self.firing.exact()
-        return fine
+        return self.refined().fired_by(self.firing.exact())
 
     @property
     def field_error(self) -> float:
@@ -371,6 +394,25 @@ class Scene:
         part._fields = [field for field, columns in zip(self._fields, places, strict=True) if columns.size]
         d = self.discretisation
         part._population = Population(part._fields[0].root, part.count, d.nodes, d.saturation)
+        part._once = None
+        return part
+
+    def coarser(self, discretisation: Discretisation) -> Scene:
+        """Return the scene resolved less finely, its stress fields cut from the ones that it has: nothing is computed.
+
+        Its responses are those of a scene compiled so, within the tolerance of the fields.
+        """
+        part, d = copy.copy(self), discretisation
+        part.discretisation, part._once, part._finer = d, None, None
+        part._fields = [field.cut(d.field_tolerance) for field in self._fields]
+        part._population = Population(part._fields[0].root, self.count, d.nodes, d.saturation)
+        return part
+
+    def fired_by(self, firing: Firing) -> Scene:
+        """Return the scene with its rate curves from another source."""
+        part = copy.copy(self)
+        part.firing, part._finer = firing, None
+        part._once = None if self._once is None else (self._once[0].fired_by(firing), self._once[1])
         return part
 
     def on_grid(self, modulus: Array) -> Scene:
@@ -423,7 +465,7 @@ class Scene:
     def _sums(self, parameters: TouchParameters, contact: Contact, intervals: bool) -> tuple[Sums, Array]:
         named = TouchParameters(*(value[:, None] for value in parameters))
         drive = Drive(named.alpha, named.beta, named.sigma_0, self.firing.curves(parameters))
-        profile = profiles(self._fields, self._columns, contact.reduced_modulus, contact.radius)
+        profile = self.stress_profile(contact)
         return self._population.sums(profile, drive, intervals), profile.peak
 
 

@@ -1,0 +1,92 @@
+"""How far the forward model is from the machine: the operations that it cannot do without, done bare."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from softness_bayes.bench.subject import BATCH, Effort, Subject, first, quickest
+from softness_bayes.plan import scene_in
+
+Array = NDArray[np.float64]
+
+EXPONENTIALS, ROOTS, DIVISIONS = 2, 3, 3
+"""For each node: exp(-t²) and expm1(-t²); s, y and the count's argument; the sigmoid, 1/s and (1 - y)/y."""
+
+NEWTON_STEPS, NEWTON_EXPONENTIALS = 4, 2
+"""Of the skin's modulus, for each condition."""
+
+
+class Limit(NamedTuple):
+    """Operations of one parameter vector, and how long they take."""
+
+    exponentials: int
+    roots: int
+    divisions: int
+    multiply_adds: int
+    megabytes: float
+    """Read and written if every operation is one pass over memory, as NumPy makes it."""
+    seconds: float
+    """That the scene takes for a vector."""
+    bare_seconds: float
+    """That these operations alone take in NumPy, in place, in blocks that fit the cache."""
+    flop_seconds: float
+    """That the multiply-adds alone would take at the rate of a matrix product."""
+
+    @property
+    def over_bare(self) -> float:
+        """The scene's time over that of the bare operations."""
+        return self.seconds / self.bare_seconds
+
+
+def limit(of: Subject, effort: Effort) -> Limit:
+    """Count and time.
+
+    The polynomials of a node are those of the stress field's inverse (three passes of a Clenshaw recurrence each
+    order), of the rate's slope and of the receptor count (two of Horner's).
+    """
+    scene = scene_in(of.posterior)
+    some = first(of.draws.parameters, BATCH)
+    contact = scene.contact(some)
+    orders = scene.stress_profile(contact).shape.shape[-1]
+    rates = scene.firing.curves(some).coefficients.shape[-1]
+    count = scene.count.coefficients[0].size
+    nodes = scene.discretisation.nodes + 2
+    conditions = scene.n_conditions
+    lanes = conditions * nodes
+    passes = 3 * orders + 2 * (rates + count)
+    adds = lanes * (2 * orders + rates + count)
+    exponentials = lanes * EXPONENTIALS + conditions * NEWTON_STEPS * NEWTON_EXPONENTIALS
+    roots, divisions = lanes * ROOTS, lanes * DIVISIONS
+    traffic = 8.0 * (3 * passes * lanes + 2 * (exponentials + roots + divisions))
+    block = np.random.default_rng(0).uniform(0.1, 0.9, (BATCH, conditions, nodes))
+    work = partial(_bare, block, np.empty_like(block), passes)
+    matrix = np.random.default_rng(1).uniform(size=(256, 256))
+    product = quickest(lambda: matrix @ matrix, effort.repeats)
+    return Limit(
+        exponentials,
+        roots,
+        divisions,
+        adds,
+        traffic / 1e6,
+        quickest(partial(scene.total_rate, some), effort.repeats) / BATCH,
+        quickest(work, effort.repeats) / BATCH,
+        product / 256**3 * adds,
+    )
+
+
+def _bare(block: Array, out: Array, passes: int) -> None:
+    """Do the operations of a batch, one block of conditions that fits the cache after another."""
+    for x, y in zip(block, out, strict=True):
+        for _ in range(EXPONENTIALS):
+            np.exp(x, out=y)
+        for _ in range(ROOTS):
+            np.sqrt(x, out=y)
+        for _ in range(DIVISIONS):
+            np.divide(x, y, out=y)
+        for _ in range(passes // 2):
+            np.multiply(y, x, out=y)
+            np.add(y, x, out=y)

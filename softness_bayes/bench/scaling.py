@@ -1,0 +1,78 @@
+"""How the cost grows with conditions and batch, and what the sampler draws in a second."""
+
+from __future__ import annotations
+
+from collections import deque
+from functools import partial
+from typing import NamedTuple
+
+import numpy as np
+
+from softness_bayes.bench.subject import BATCH, LOADS, Effort, Subject, first, quickest
+from softness_bayes.inference.diagnostics import Goal
+from softness_bayes.inference.sampling import Settings, walk
+from softness_bayes.plan import scene_in
+from softness_bayes.touch.scene import Scene
+
+BATCHES = (1, 4, 16, 64, 256, 1024)
+
+
+class Size(NamedTuple):
+    """One size of a scene or of a batch."""
+
+    what: str
+    size: int
+    conditions: int
+    batch: int
+    seconds: float
+    """For each parameter vector."""
+    per_condition: float
+    """For each vector and condition [s]."""
+
+
+def scaling(of: Subject, effort: Effort) -> list[Size]:
+    """Time larger scenes of as many loads, then larger batches of the usual scene."""
+    scene, found = scene_in(of.posterior), []
+    counts = np.unique(np.geomspace(2, effort.most_fabrics, 8).round().astype(int))
+    for count in counts.tolist():
+        moduli = np.geomspace(scene.modulus.min(), scene.modulus.max(), count)
+        large = Scene(moduli, 0.3, LOADS, scene.firing, discretisation=scene.discretisation)
+        found.append(_size("conditions", large, BATCH, of, effort))
+    found += [_size("batch", scene, batch, of, effort) for batch in BATCHES if batch <= effort.most_vectors]
+    return found
+
+
+def _size(what: str, scene: Scene, batch: int, of: Subject, effort: Effort) -> Size:
+    n = scene.n_conditions
+    some = first(of.draws.parameters, batch)
+    # the largest take a second a call
+    repeats = max(2, min(effort.repeats, int(effort.repeats * 5e3 / (n * batch))))
+    spent = quickest(partial(scene.total_rate, some), repeats) / batch
+    return Size(what, n if what == "conditions" else batch, n, batch, spent, spent / n)
+
+
+class Drawing(NamedTuple):
+    """What the sampler does in one process."""
+
+    steps: int
+    tau: float
+    """Longest autocorrelation time of any quantity [steps]."""
+    lengths: float
+    """Kept steps in that time."""
+    seconds: float
+    ess: float
+    ess_per_second: float
+    """Effective draws of the worst quantity for each second, the learning of the moves included."""
+
+
+def sampler(of: Subject, effort: Effort) -> Drawing | None:
+    """Time a walk of a fixed number of steps over the parameters of simulated ratings."""
+    if not effort.sampler_steps:
+        return None
+    steps = effort.sampler_steps
+    settings = Settings(ensembles=1, processes=1, min_steps=steps, max_steps=steps, goal=Goal(lengths=np.inf))
+    state = deque(walk(of.posterior, settings, 1), maxlen=1).pop()
+    verdict = state.verdict
+    assert verdict is not None, "a walk that has ended was looked at"
+    ess = verdict.walkers * verdict.lengths
+    return Drawing(steps, float(verdict.tau.max()), verdict.lengths, state.seconds, ess, ess / state.seconds)

@@ -1,0 +1,112 @@
+"""The scene that is measured, its parameter vectors, and the machine."""
+
+from __future__ import annotations
+
+import os
+import platform
+import time
+from collections.abc import Callable
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from softness_bayes.data import Experiment, Fabrics
+from softness_bayes.inference.posterior import Posterior
+from softness_bayes.plan import Draws, prior_draws
+from softness_bayes.run import RunOptions, posterior_of
+from softness_bayes.study import simulate_ratings, usual_values
+from softness_bayes.touch.contact import Indentation
+from softness_bayes.touch.membrane import PAPER_CHANNELS
+from softness_bayes.touch.parameters import TouchParameters
+from softness_bayes.touch.readings import MENDED
+from softness_bayes.touch.scene import Discretisation
+
+Array = NDArray[np.float64]
+
+FABRICS = Fabrics(tuple(f"F{k}" for k in range(1, 13)), effective_modulus=np.geomspace(1e3, 5e6, 12))
+LOADS = (Indentation(1e-3), Indentation(2e-3), Indentation(3e-3))
+PARTICIPANTS = 30
+BATCH = 64
+
+
+class Effort(NamedTuple):
+    """How much is measured."""
+
+    draws: int
+    """Prior draws of errors."""
+    repeats: int
+    """Calls of which the quickest counts."""
+    finest: float
+    """Tolerance of the stress fields that errors are measured against."""
+    most_fabrics: int
+    """Fabrics of the largest scene, under each of the loads."""
+    most_vectors: int
+    """Vectors of the largest batch."""
+    lanes: int
+    """Receptors that vectorised peers integrate."""
+    loop: int
+    """Receptors that a loop integrates."""
+    duration: float
+    """Time that peers integrate [ms]."""
+    sampler_steps: int
+    """Steps of the sampler that is timed."""
+
+
+FULL = Effort(1000, 40, 1e-8, 3334, 1024, 400, 6, 600.0, 1500)
+QUICK = Effort(64, 3, 1e-5, 40, 64, 20, 1, 400.0, 0)
+
+
+class Subject(NamedTuple):
+    """The model, with simulated ratings, at one resolution, and prior draws of its parameters."""
+
+    posterior: Posterior
+    draws: Draws
+    theta: Array
+    """Points that the likelihood is asked at, shape (BATCH, parameters)."""
+
+
+def subject(discretisation: Discretisation, held: bool, size: int) -> Subject:
+    """Return the model of simulated ratings, its channel multipliers held or free."""
+    options = RunOptions(fix=PAPER_CHANNELS._asdict() if held else {}, discretisation=discretisation)
+    values = usual_values(MENDED, given={"sigma_0": 7.0})
+    made = simulate_ratings(np.random.default_rng(1), FABRICS, LOADS, values, participants=PARTICIPANTS)
+    posterior = posterior_of(Experiment(made.ratings, FABRICS, ()), options)
+    theta = posterior.space.draw_prior(np.random.default_rng(0), BATCH)
+    return Subject(posterior, prior_draws(posterior.space, size), theta)
+
+
+def first(parameters: TouchParameters, size: int) -> TouchParameters:
+    """Return the first parameter vectors, again and again if there are too few."""
+    return TouchParameters(*(np.resize(value, (size,)) for value in parameters))
+
+
+def quickest(call: Callable[[], Any], repeats: int) -> float:
+    """Return the least time of some calls [s]."""
+    taken = []
+    for _ in range(repeats):
+        begun = time.perf_counter()
+        call()
+        taken.append(time.perf_counter() - begun)
+    return min(taken)
+
+
+def machine() -> dict[str, str]:
+    """Return what the numbers are of: processor, cores, how busy they were, versions."""
+    info = Path("/proc/cpuinfo")
+    names = [line.split(":", 1)[1].strip() for line in _lines(info) if line.startswith("model name")]
+    load = f"{os.getloadavg()[0]:.1f}" if hasattr(os, "getloadavg") else "unknown"
+    return {
+        "processor": names[0] if names else platform.processor() or platform.machine(),
+        "cores": str(os.cpu_count()),
+        "load": load,
+        "system": platform.system(),
+        "python": platform.python_version(),
+        **{name: version(name) for name in ("numpy", "scipy", "emcee", "softness-bayes")},
+    }
+
+
+def _lines(path: Path) -> list[str]:
+    return path.read_text(encoding="utf-8", errors="replace").splitlines() if path.is_file() else []

@@ -1,0 +1,135 @@
+"""`softness-bayes bench`: time and error of the forward model on this machine, beside other ways to compute it."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from softness_bayes.cli.options import force
+from softness_bayes.errors import InputError
+
+if TYPE_CHECKING:
+    from softness_bayes.bench.precision import Point
+
+PRECISION, SCALING, FACTS, FIGURE = "work_precision.csv", "scaling.csv", "bench.json", "work_precision"
+
+
+@click.command()
+@click.option("--quick", is_flag=True, help="Few draws, small scenes and no sampler: numbers to try it out by.")
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path),
+    metavar="DIR",
+    default=Path("bench"),
+    show_default=True,
+    help="Directory to write to.",
+)
+@force
+def command(quick: bool, out: Path, force: bool) -> None:
+    """Measure time and error of the forward model on this machine, beside other ways to compute it.
+
+    Each stage, then the whole likelihood, at all resolutions, on one core: 12 fabrics under 3 indentations, prior
+    draws. Then larger scenes and batches, the sampler, the machine's limit, and peers that simulate every receptor,
+    each with its own error and the ratio of time at no more than that error. Writes work_precision.csv, scaling.csv,
+    bench.json (machine, sampler, limit, ratios) and work_precision.png and .pdf.
+    """
+    from threadpoolctl import threadpool_limits
+
+    made = (PRECISION, SCALING, FACTS)
+    if not force and (present := [name for name in made if (out / name).exists()]):
+        raise InputError(f"{out}: {', '.join(present)} exists; choose another --out, or --force to replace it")
+    with threadpool_limits(1):
+        _measure(quick, out)
+    click.echo(f"written to {out}")
+
+
+def _measure(quick: bool, out: Path) -> None:
+    """Measure everything, say it, and write it."""
+    import pandas as pd
+
+    from softness_bayes.bench.brian import ABSENT, brian_peers
+    from softness_bayes.bench.limit import limit
+    from softness_bayes.bench.peers import PEERS, faster, measure_peer, work_of
+    from softness_bayes.bench.precision import DIAL, LIKELIHOOD, dialled, work_precision
+    from softness_bayes.bench.scaling import sampler, scaling
+    from softness_bayes.bench.subject import FULL, QUICK, machine
+
+    effort, about = QUICK if quick else FULL, machine()
+    name = f"{about['processor']}, {about['cores']} cores, Python {about['python']}, NumPy {about['numpy']}"
+    click.echo(f"{name}; load {about['load']}; one core is used\n")
+    click.echo(f"{'':62} µs/vector   error/peak: largest, median   of log: largest, median")
+    points: list[Point] = []
+    for point in work_precision(effort):
+        points.append(point)
+        click.echo(_line(point))
+    chosen = next(p for p in points if p.stage == LIKELIHOOD and p.dial == DIAL and "free" in p.setting)
+    held, free = dialled(DIAL, effort)
+    work, ratios = work_of(held), {}
+    brian = brian_peers()
+    for peer in (*PEERS, *brian):
+        point = measure_peer(peer, work, effort)
+        click.echo(_line(point))
+        if found := faster(point, points):
+            ratios[point.setting] = {"ratio": found[0], "setting": found[1].setting}
+            click.echo(f"{'':6}takes {found[0]:.3g} times as long as the likelihood at no more error")
+        points.append(point)
+    if not brian:
+        click.echo(f"left out: {ABSENT}")
+    sizes = scaling(held, effort)
+    click.echo("\nconditions or batch   µs/vector   ns/vector and condition")
+    for size in sizes:
+        click.echo(f"{size.what:10} {size.size:8} {1e6 * size.seconds:12.1f} {1e9 * size.per_condition:14.0f}")
+    bare, drawing = limit(held, effort), sampler(free, effort)
+    click.echo(
+        f"\nmachine's limit: {bare.exponentials} exponentials, {bare.roots} roots, {bare.divisions} divisions, "
+        f"{bare.multiply_adds} multiply-adds, {bare.megabytes:.1f} MB of passes for each vector: "
+        f"{1e6 * bare.bare_seconds:.1f} µs bare in NumPy; the scene takes {1e6 * bare.seconds:.1f} µs, "
+        f"{bare.over_bare:.2f} times that (a matrix product does the multiply-adds in {1e6 * bare.flop_seconds:.2f} µs)"
+    )
+    if drawing is not None:
+        click.echo(
+            f"sampler, all parameters free, one process: {drawing.ess_per_second:.3g} effective draws/s "
+            f"(tau {drawing.tau:.0f} steps, {drawing.lengths:.0f} tau kept"
+            + (", too few to trust)" if drawing.lengths < 50 else ")")
+        )
+    out.mkdir(parents=True, exist_ok=True)
+    pd.DataFrame(points).to_csv(out / PRECISION, index=False)
+    pd.DataFrame(sizes).to_csv(out / SCALING, index=False)
+    facts: dict[str, Any] = {"machine": about, "quick": quick, "receptors": work.receptors, "ratios": ratios}
+    facts |= {"limit": bare._asdict() | {"over_bare": bare.over_bare}}
+    facts |= {"sampler": None if drawing is None else drawing._asdict()}
+    (out / FACTS).write_text(json.dumps(facts, indent=1) + "\n", encoding="utf-8")
+    _draw(points, chosen, name, out)
+
+
+def _line(point: Point) -> str:
+    errors = (point.max_peak, point.median_peak, point.max_log, point.median_log)
+    shown = "  ".join(f"{error:9.1e}" for error in errors)
+    mark = f"  dial {point.dial:g}" if point.dial == point.dial else ""
+    return f"{f'{point.stage}: {point.setting}':62} {1e6 * point.seconds:9.1f}   {shown}{mark}"
+
+
+def _draw(points: Sequence[Point], chosen: Point, machine: str, out: Path) -> None:
+    from softness_bayes.bench.peers import PEER
+    from softness_bayes.bench.precision import LIKELIHOOD
+    from softness_bayes.plotting.benchmark import work_precision_figure
+    from softness_bayes.plotting.style import save
+
+    series: dict[str, list[tuple[float, float]]] = {}
+    for point in points:
+        if point.stage != PEER:
+            part = f", {point.setting.split(',')[0]}" if point.stage == LIKELIHOOD else ""
+            series.setdefault(point.stage + part, []).append((point.seconds, point.max_peak))
+    columns = {name: tuple(zip(*rows, strict=True)) for name, rows in series.items()}
+    peers = {p.setting: (p.seconds, p.max_peak) for p in points if p.stage == PEER}
+    figure = work_precision_figure(
+        {name: (time, error) for name, (time, error) in columns.items()},
+        peers,
+        [(chosen.seconds, chosen.max_peak)],
+        machine,
+    )
+    save(figure, out / FIGURE)

@@ -1,0 +1,112 @@
+"""`softness-bayes plan`: how a run would evaluate the model, with what error and at what cost."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import click
+
+from softness_bayes.cli.options import (
+    DataFiles,
+    ReadingChoice,
+    accuracy,
+    data_files,
+    direction,
+    fix,
+    prior,
+    prior_set,
+    rating_scale,
+    readings,
+)
+from softness_bayes.errors import InputError
+
+if TYPE_CHECKING:
+    from softness_bayes.inference.priors import Prior
+    from softness_bayes.plan import Setting
+    from softness_bayes.touch.accuracy import Errors
+
+
+@click.command()
+@data_files
+@fix
+@prior
+@prior_set
+@readings
+@rating_scale
+@direction
+@accuracy
+def command(
+    files: DataFiles,
+    fixed: dict[str, float],
+    priors: dict[str, Prior],
+    prior_set: str,
+    choice: ReadingChoice,
+    scale: str,
+    direction: str,
+    accuracy: float,
+) -> None:
+    """Say how 'sample' would evaluate the model with the same options: stages, nodes, errors and cost.
+
+    Errors are the largest over draws of the prior and conditions, relative to each draw's peak response and of
+    log(N/N_ref + eps); costs are the time for each parameter vector in batches of 64, measured here and now.
+    """
+    from softness_bayes.data import Compression
+    from softness_bayes.inference.observation import RATING_DIRECTIONS
+    from softness_bayes.inference.scales import RATING_SCALES
+    from softness_bayes.plan import BATCH, DRAWS, ladder, left_out, prior_draws, scene_in, seconds, with_accuracy
+    from softness_bayes.run import RunOptions, posterior_of
+
+    data = files.read()
+    if isinstance(data, Compression):
+        raise InputError("plan: forces alone are fitted without a response: give --data")
+    options = RunOptions(
+        fix=fixed,
+        priors=priors,
+        prior_set=prior_set,
+        readings=choice.resolve(),
+        direction=RATING_DIRECTIONS[direction],
+        scale=RATING_SCALES[scale],
+    )
+    options, chosen = with_accuracy(lambda asked: posterior_of(data, asked), options, accuracy)
+    posterior, d = posterior_of(data, options), options.discretisation
+    scene, draws = scene_in(posterior), prior_draws(posterior.space)
+    settings = ladder(chosen, draws)
+    cost = seconds(scene, draws.parameters)
+    click.echo(f"accuracy {accuracy:g}, {scene.n_conditions} conditions, errors over {DRAWS} draws of the prior\n")
+    for line in (
+        _row("stage", "resolution", "error / peak", "error of log"),
+        _row("mechanics", "", *_numbers(chosen.mechanics)),
+        _row("  stress field", f"tolerance {d.field_tolerance:.0e}", "", ""),
+        _row("  population", f"{d.nodes} nodes, to exp(-{d.saturation:g})", "", ""),
+        _row("firing rates", _rates(scene.firing, d.rate_nodes), *_numbers(chosen.firing)),
+        _row("sum", "", *_numbers(chosen.errors)),
+    ):
+        click.echo(line.rstrip())
+    click.echo(f"\ncost: {1e6 * cost:.1f} µs for each parameter vector, {BATCH} at a time, on one core")
+    click.echo("\nleft out:")
+    for reason in left_out(posterior):
+        click.echo(f"- {reason}")
+    click.echo("\nwhat there is to choose from, the other stage as chosen:")
+    for setting in settings:
+        click.echo(_choice(setting))
+
+
+def _rates(firing: object, nodes: int) -> str:
+    from softness_bayes.touch.scene import FixedChannels
+
+    return f"curve through {nodes} rates" if isinstance(firing, FixedChannels) else "surface over the channels"
+
+
+def _numbers(errors: Errors) -> tuple[str, str]:
+    return f"{float(errors.peak):.1e}", f"{float(errors.log):.1e}"
+
+
+def _row(stage: str, resolution: str, peak: str, log: str) -> str:
+    return f"{stage:16} {resolution:28} {peak:>12} {log:>14}"
+
+
+def _choice(setting: Setting) -> str:
+    d, population = setting.discretisation, setting.stage == "population"
+    what = f"{d.nodes} nodes, to exp(-{d.saturation:g})" if population else f"tolerance {d.field_tolerance:.0e}"
+    mark = "  <- chosen" if setting.chosen else ""
+    return f"{_row(setting.stage, what, *_numbers(setting.errors))} {1e6 * setting.seconds:9.1f} µs{mark}"

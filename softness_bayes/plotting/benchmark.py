@@ -1,0 +1,81 @@
+"""Work against precision: time for each parameter vector and error, both logarithmic."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from softness_bayes.errors import InputError
+from softness_bayes.plotting.style import USUAL, Style
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+MARKERS = "s^vDP*"
+"""Of the peers, in turn."""
+
+
+def work_precision_figure(
+    series: Mapping[str, tuple[ArrayLike, ArrayLike]],
+    peers: Mapping[str, tuple[float, float]],
+    dial: Sequence[tuple[float, float]] = (),
+    machine: str = "",
+    *,
+    style: Style = USUAL,
+) -> Figure:
+    """Draw time against error of each stage, and peers as points.
+
+    Parameters
+    ----------
+    series
+        Name -> times for each parameter vector [s] and largest errors, each of shape (settings,).
+    peers
+        Name -> time [s] and error.
+    dial
+        Time and error of the dial's usual setting, marked.
+    machine
+        What the times are of.
+    style
+        How it looks.
+
+    Returns
+    -------
+    Figure
+        Lines named ``series/NAME``, points named ``peer/NAME`` and ``dial``.
+
+    Raises
+    ------
+    InputError
+        If there is nothing to draw.
+    """
+    from matplotlib.figure import Figure
+
+    if not series:
+        raise InputError("work against precision: expected at least one series")
+    colours = [*style.ensembles]
+    with style.applied():
+        figure = Figure(figsize=(style.page, 0.55 * style.page), layout="constrained")
+        axes = figure.add_subplot()
+        for k, (name, (seconds, error)) in enumerate(series.items()):
+            time, wrong = 1e6 * np.asarray(seconds, float), np.asarray(error, float)
+            some = (time > 0) & (wrong > 0)
+            colour = colours[k % len(colours)]
+            (line,) = axes.plot(wrong[some], time[some], "o-", ms=2.5, color=colour, label=name)
+            line.set_gid(f"series/{name}")
+        for k, (name, (second, off)) in enumerate(peers.items()):
+            mark = MARKERS[k % len(MARKERS)]
+            (line,) = axes.plot([off], [1e6 * second], mark, ms=4, color=style.prior, ls="none", label=name)
+            line.set_gid(f"peer/{name}")
+        if dial:
+            time, wrong = 1e6 * np.array(dial).T[0], np.array(dial).T[1]
+            (line,) = axes.plot(wrong, time, "o", ms=9, mfc="none", color="black", ls="none", label="the dial's 1e-3")
+            line.set_gid("dial")
+        axes.set(xscale="log", yscale="log", xlabel="largest error, relative to the peak response")
+        axes.set_ylabel("time for each parameter vector [µs]")
+        axes.invert_xaxis()
+        axes.set_title(machine)
+        axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5))
+    return figure

@@ -1,0 +1,67 @@
+"""Exact rate curves of a sample of channel vectors, to measure a firing-rate surface's error by on any scene.
+
+Exact rates take milliseconds for each current, so that the curves are kept: ``python -m
+softness_bayes.touch.firing_sample_build`` makes them anew for every membrane that has a surface.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from importlib import resources
+
+import numpy as np
+from numpy.typing import NDArray
+
+from softness_bayes.touch.firing import RateCurve
+from softness_bayes.touch.membrane import Channels, Membrane
+from softness_bayes.touch.parameters import TouchParameters
+from softness_bayes.touch.surface import FiringSurface
+
+Array = NDArray[np.float64]
+
+TABLE = "firing_sample.npz"
+"""Name of the data file beside this module."""
+
+
+@dataclass(frozen=True)
+class FiringSample:
+    """The channel vectors, log-normal about the box's centre within the box, and the curves that they have.
+
+    Parameters
+    ----------
+    channels
+        Multipliers, each of shape (n,).
+    curve
+        Their exact curves, of batch shape (n,).
+    """
+
+    channels: Channels
+    curve: RateCurve
+    noise = 0.0
+
+    @classmethod
+    def load(cls, membrane: Membrane) -> FiringSample | None:
+        """Return the sample that is kept for a membrane, if there is one."""
+        with (resources.files(__package__) / TABLE).open("rb") as file, np.load(file) as data:
+            if membrane.name not in data:
+                return None
+            rows = data[membrane.name]
+        surface = FiringSurface.load(membrane)
+        curve = RateCurve(rows[:, 4], rows[:, 5], rows[:, 6:], surface.max_current, surface.error)
+        return cls(Channels(*rows[:, :4].T), curve)
+
+    def put_into(self, parameters: TouchParameters) -> TouchParameters:
+        """Return the first parameter vectors, shape (vectors,), with the sample's channel multipliers in turn."""
+        size = min(np.size(parameters.alpha), self.curve.rheobase.size)
+        first = TouchParameters(*(np.broadcast_to(v, np.shape(parameters.alpha))[:size] for v in parameters))
+        return first._replace(**{name: values[:size] for name, values in self.channels._asdict().items()})
+
+    def curves(self, parameters: TouchParameters) -> RateCurve:
+        """Return the curves of parameter vectors, shape (vectors,), whose multipliers are of the sample."""
+        order = np.argsort(self.channels.c_Na)
+        place = np.searchsorted(np.asarray(self.channels.c_Na)[order], parameters.c_Na)
+        return self.curve.take(order[place])
+
+    def exact(self) -> FiringSample:
+        """Return itself."""
+        return self
