@@ -5,6 +5,7 @@ from __future__ import annotations
 import platform
 from collections.abc import Mapping
 from dataclasses import replace
+from functools import cached_property
 from importlib.metadata import version
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -29,6 +30,7 @@ from softness_bayes.inference.posterior import Posterior
 from softness_bayes.inference.predictive import ExponentCheck, check_exponents, loo_pit
 from softness_bayes.inference.scales import ObservedRatings
 from softness_bayes.inference.summary import reweighted, summarise
+from softness_bayes.inference.workers import Workers
 from softness_bayes.plate_groups import plate_attributes, plate_coordinates, plate_groups
 from softness_bayes.silence import eps_table
 from softness_bayes.touch.parameters import TouchParameters
@@ -81,6 +83,13 @@ class Draws(NamedTuple):
     """As the rating model draws them."""
 
 
+def exact_log_likelihood(posterior: Posterior, theta: Array) -> Array:
+    """Return the log-likelihood at points theta with exact firing rates and a finer quadrature, shape (points,)."""
+    if not isinstance(posterior.scene, Scene):
+        raise TypeError("the exact likelihood is that of a compiled scene")
+    return replace(posterior, scene=posterior.scene.exact()).log_likelihood(theta)
+
+
 class Assembly:
     """All that is computed from the draws of one run.
 
@@ -92,6 +101,8 @@ class Assembly:
         The draws, and whether they have converged.
     rng
         Source of everything drawn afterwards.
+    workers
+        With `posterior` as their resident: the exact likelihood is computed there, beside everything else.
     reweight
         Whether summary, predictions and replicates are those of draws weighted by the exact likelihood.
     """
@@ -103,6 +114,7 @@ class Assembly:
         chains: Chains,
         verdict: Verdict,
         rng: np.random.Generator,
+        workers: Workers,
         reweight: bool = False,
     ) -> None:
         if not isinstance(posterior.scene, Scene) or not isinstance(posterior.observation, ObservedRatings):
@@ -111,6 +123,8 @@ class Assembly:
         self.scene, self.ratings = posterior.scene, posterior.observation
         self.kept = chains.kept(verdict.burn_in, DRAWS_PER_WALKER)
         self.theta = self.kept.by_walker(posterior.natural(self.kept.coordinates))
+        self.compared = self.theta[evenly(self.theta.shape, REWEIGHT_DRAWS if reweight else EXACT_DRAWS)]
+        self._exact = workers.start(exact_log_likelihood, self.compared)
         self.mean_rate = posterior.mean_rate(self.theta)
         self.parameters = posterior.rating_parameters(self.theta)
         self.effects = self.ratings.draw_effects(rng, self.mean_rate, self.parameters)
@@ -118,7 +132,6 @@ class Assembly:
         self.model = model
         self.grid = curve_scene(self.scene)
         self.prior = posterior.space.draw_prior(rng, PRIOR_DRAWS)
-        self.exactness = self._exactness(REWEIGHT_DRAWS if reweight else EXACT_DRAWS)
         self.reweight = reweight
         self.error = self._error()
         self.turn: Inflection | None = None
@@ -126,14 +139,15 @@ class Assembly:
     def tree(self, attributes: Mapping[str, Any]) -> xr.DataTree:
         """Return the groups of the result, with `attributes` as their provenance."""
         check, exponents = self._fabric_check(), self._exponent_check()
-        groups: Groups = {
-            **self._posterior_groups(),
+        after: Groups = {
             **self._predictive_groups(),
             **self._prior_groups(),
             "predictions": self._predictions(),
             "observed_data": {"rating": Variable(self.experiment.ratings.rating, ("rating_row",))},
             "constant_data": self._constants(),
         }
+        # last of all, for it waits for the exact likelihood
+        groups: Groups = {**self._posterior_groups(), **after}
         plate, plate_found = self._plate()
         found = {
             "numerical_error": self.error,
@@ -203,11 +217,11 @@ class Assembly:
         """Return the chain's parameters at theta, held ones as often as sampled ones."""
         return TouchParameters(*(np.broadcast_to(v, theta.shape[:-1]) for v in self.posterior.space.touch(theta)))
 
-    def _exactness(self, size: int) -> Exactness:
-        """Return the exact log-likelihood's difference to the fast one at evenly spaced draws."""
-        theta = self.theta[evenly(self.theta.shape, size)]
-        exact = replace(self.posterior, scene=self.scene.exact())
-        return compare(self.posterior.names, theta, self.posterior.log_likelihood(theta), exact.log_likelihood(theta))
+    @cached_property
+    def exactness(self) -> Exactness:
+        """The exact log-likelihood's difference to the fast one at evenly spaced draws."""
+        theta = self.compared
+        return compare(self.posterior.names, theta, self.posterior.log_likelihood(theta), self._exact())
 
     def _exactness_stats(self) -> dict[str, Variable]:
         """Return the differences of the log-likelihood and the log weights; NaN at draws that were not compared."""

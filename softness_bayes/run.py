@@ -22,6 +22,7 @@ from softness_bayes.inference.priors import Prior, parse_prior
 from softness_bayes.inference.sampling import Progress, Settings, progress_of, sampled_of, walk
 from softness_bayes.inference.scales import MAGNITUDE, RATING_SCALES, RatingScale
 from softness_bayes.inference.state import RunState
+from softness_bayes.inference.workers import Workers, available_processors
 from softness_bayes.learning import direction_table, learning_table
 from softness_bayes.plate_groups import forces_of
 from softness_bayes.result import SCHEMA, Result
@@ -268,22 +269,25 @@ def sample(
     state = walked(experiment, posterior, options, progress, checkpoint)
     sampled = sampled_of(state)
     rng = rng_after(options)
-    assembly = Assembly(experiment, posterior, sampled.chains, sampled.verdict, rng, options.exact_reweight)
-    attributes = {
-        **provenance(posterior, options, state),
-        **{f"prior_{name}": str(prior) for name, prior in assembly.model.levels.items()},
-        "direction": options.direction.name,
-        "noise": options.noise,
-        "rating_scale": options.scale.name,
-        "digest_ratings": experiment.ratings.digest,
-        "digest_fabrics": experiment.fabrics.digest,
-        "missing_ratings": experiment.ratings.n_missing,
-        "accuracy": math.nan if options.accuracy is None else options.accuracy,
-        "discretisation": str(options.discretisation),
-    }
-    tree = assembly.tree(attributes)
-    summary = assembly.summary().join(learning_table(tree))
-    tables = {"directions": direction_table(tree), "predictive_checks": check_table(tree)}
-    if (rests_on_eps := assembly.eps_table()) is not None:
-        tables["eps_sensitivity"] = rests_on_eps
+    with Workers(posterior, min(options.processes or available_processors(), 2)) as workers:
+        assembly = Assembly(
+            experiment, posterior, sampled.chains, sampled.verdict, rng, workers, options.exact_reweight
+        )
+        attributes = {
+            **provenance(posterior, options, state),
+            **{f"prior_{name}": str(prior) for name, prior in assembly.model.levels.items()},
+            "direction": options.direction.name,
+            "noise": options.noise,
+            "rating_scale": options.scale.name,
+            "digest_ratings": experiment.ratings.digest,
+            "digest_fabrics": experiment.fabrics.digest,
+            "missing_ratings": experiment.ratings.n_missing,
+            "accuracy": math.nan if options.accuracy is None else options.accuracy,
+            "discretisation": str(options.discretisation),
+        }
+        tree = assembly.tree(attributes)
+        summary = assembly.summary().join(learning_table(tree))
+        tables = {"directions": direction_table(tree), "predictive_checks": check_table(tree)}
+        if (rests_on_eps := assembly.eps_table()) is not None:
+            tables["eps_sensitivity"] = rests_on_eps
     return Result(tree, summary, tables)

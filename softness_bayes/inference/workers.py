@@ -70,6 +70,26 @@ class Workers:
         except BrokenProcessPool:
             raise SoftnessError(_DIED) from None
 
+    def start(self, work: Callable[..., Result], *task: Any) -> Callable[[], Result]:
+        """Start ``work(resident, *task)`` and return what waits for its result; in this process it runs when asked.
+
+        Raises
+        ------
+        SoftnessError
+            When asked, if the process died.
+        """
+        if self._pool is None:
+            return lambda: _on_one_thread(work, self._resident, task)
+        future = self._pool.submit(_in_worker, work, task)
+
+        def finished() -> Result:
+            try:
+                return future.result()
+            except BrokenProcessPool:
+                raise SoftnessError(_DIED) from None
+
+        return finished
+
     def as_finished(self, work: Callable[..., Result], tasks: Sequence[tuple[Any, ...]]) -> Iterator[Result]:
         """Yield ``work(resident, *task)`` of every task as soon as it is there, in any order; otherwise as `map`."""
         if self._pool is None:
