@@ -233,6 +233,16 @@ def test_rating_shows_prediction_and_data(logarithmic: bool) -> None:
     assert figure.axes[0].get_xlabel().endswith("[kPa]")
 
 
+def test_ratings_at_the_ends_of_floating_point_are_drawn() -> None:
+    grid = np.geomspace(1e3, 1e7, 20)
+    draws = np.exp(np.random.default_rng(0).uniform(-700, 700, (50, 1, 20)))
+    people, conditions = [0, 0, 1, 1], [0, 1, 0, 1]
+    observed = plotting.observed_ratings([1e-300, 1e300, 1e300, 1e-300], conditions, people, FABRICS[:2], [0, 0])
+    figure = drawn(plotting.rating_figure(grid, draws, observed, LOADS["mixture"][:1]))
+    assert np.isfinite(figure.axes[0].get_ylim()).all()
+    assert artist(figure, "median/1 mm").get_ydata().size == 20
+
+
 @pytest.mark.parametrize("limits", [(3.0, 8.0), (2.0, 60.0), (0.02, 3e5)])
 def test_a_logarithmic_axis_always_has_numbers(limits: tuple[float, float]) -> None:
     axes = Figure().subplots()

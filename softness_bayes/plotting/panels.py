@@ -176,7 +176,7 @@ def number_ticks(axis: Axis) -> None:
     from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
     low, high = axis.get_view_interval()
-    decades = np.log10(high / low)
+    decades = np.log10(high) - np.log10(low)
     marks = (1, 2, 3, 4, 6, 8) if decades < 1 else (1, 2, 5) if decades < 2 else (1,)
     axis.set_major_locator(LogLocator(subs=marks, numticks=9))
     axis.set_major_formatter(FuncFormatter(_number))

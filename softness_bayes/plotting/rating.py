@@ -30,6 +30,10 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
+DRAWN = (1e-200, 1e200)
+"""Magnitude estimates that a logarithmic axis can hold with its margins and ticks."""
+
+
 class Observed(NamedTuple):
     """Ratings of each condition in short, every field of shape (conditions,)."""
 
@@ -46,6 +50,11 @@ class Observed(NamedTuple):
     """Mean times (plus) that; NaN for fewer than two participants."""
     participants: NDArray[np.intp]
     """Number of participants who rated the condition."""
+
+    def within(self, least: float, most: float) -> Observed:
+        """Return the same with ratings held between two limits."""
+        mean, low, high = (np.clip(value, least, most) for value in (self.mean, self.low, self.high))
+        return self._replace(mean=mean, low=low, high=high)
 
 
 def observed_ratings(
@@ -126,7 +135,7 @@ def rating_figure(
 
     The bands are credible intervals of the rating that a typical participant (s = 0) gives on
     average: the noise of single ratings and the participants' scales are not in them. The points
-    are as `observed_ratings` has them.
+    are as `observed_ratings` has them. Magnitude estimates outside `DRAWN` stand at its ends.
 
     Parameters
     ----------
@@ -159,6 +168,8 @@ def rating_figure(
     """
     modulus, draws = np.asarray(modulus, float), np.asarray(rating, float)
     check_loads(loads, draws.shape[1])
+    if logarithmic:
+        draws, observed = np.clip(draws, *DRAWN), observed.within(*DRAWN)
     ylabel = "softness rating" if logarithmic else "softness rating [sd]"
     xlabel = MODULUS_LABEL if skin_modulus is None else RATIO_LABEL
     ends = []
