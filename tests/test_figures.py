@@ -229,6 +229,7 @@ def test_a_file_of_an_older_version_fills_the_other_figures_and_says_why(run):
 
 
 def test_what_a_notebook_shows(run):
+    assert run.plot.loo_pit()._repr_png_().startswith(b"\x89PNG")
     page = run._repr_html_()
     assert "Converged &lt;fine&gt;." in page
     assert page.count("<table") == 2
