@@ -112,14 +112,14 @@ class Replicates(NamedTuple):
     quantity: Quantity
     labels: list[tuple[str, str, str]]
     """Load, fabric and participant of every column, `ALL` where it is over all of them."""
-    observed: Array
-    """Shape (columns,); NaN where the data do not have it."""
+    findings: list[Finding]
+    """What `check_table` tells of every column."""
     replicated: Array
     """Shape (replicates, columns); NaN where a replicate does not have it."""
 
 
 def posterior_quantities(tree: xr.DataTree) -> list[Replicates]:
-    """Return the test quantities of which `check_table` tells limits and p-values, replicate by replicate.
+    """Return the test quantities of ratings that `check_table` lists, replicate by replicate.
 
     Parameters
     ----------
@@ -133,10 +133,11 @@ def posterior_quantities(tree: xr.DataTree) -> list[Replicates]:
         Replicates(
             quantity,
             _labels(tree, layout, quantity.columns),
-            quantity.of(layout, fit),
-            quantity.of(layout, fits[quantity.new_participants]),
+            compare(quantity, layout, fit, replicates, PROBABILITY),
+            quantity.of(layout, replicates),
         )
         for quantity in QUANTITIES
+        for replicates in [fits[quantity.new_participants]]
     ]
 
 

@@ -145,7 +145,7 @@ def test_checks_show_every_quantity_of_the_table(run):
         ends = np.array([segment[:, 1] for segment in artist(figure, f"limits/{load}").get_segments()])
         assert_allclose(ends, rows[["low", "high"]])
     scalar = [q for q in posterior_quantities(run.tree) if q.quantity.columns in (Columns.ALL, Columns.LOAD)]
-    columns = [(q.observed[k], q.replicated[:, k]) for q in scalar for k in range(q.observed.size)]
+    columns = [(found.observed, q.replicated[:, k]) for q in scalar for k, found in enumerate(q.findings)]
     assert len(figure.axes) == LOADS + len(columns)
     for place, (observed, replicated) in enumerate(columns):
         heights = artist(figure, f"replicates/{place}").get_data().values
@@ -158,11 +158,13 @@ def test_quantities_agree_with_the_table_of_checks(run):
     table = run.tables["predictive_checks"].loc["posterior"]
     for found in posterior_quantities(run.tree):
         rows = table.loc[[found.quantity.name]]
-        assert_allclose(found.observed, rows["observed"])
+        observed = [finding.observed for finding in found.findings]
+        assert_allclose(observed, rows["observed"])
+        assert_allclose([finding.high for finding in found.findings], rows["high"])
         above = np.array(
             [
                 np.mean(known > value) if known.size and np.isfinite(value) else np.nan
-                for value, column in zip(found.observed, found.replicated.T, strict=True)
+                for value, column in zip(observed, found.replicated.T, strict=True)
                 for known in [column[np.isfinite(column)]]
             ]
         )
@@ -227,6 +229,7 @@ def test_a_file_of_an_older_version_fills_the_other_figures_and_says_why(run):
 
 
 def test_what_a_notebook_shows(run):
+    assert run.plot.loo_pit()._repr_png_().startswith(b"\x89PNG")
     page = run._repr_html_()
     assert "Converged &lt;fine&gt;." in page
     assert page.count("<table") == 2

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from operator import attrgetter
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -38,7 +38,7 @@ class LoadColumn(NamedTuple):
 
     column: Column
     kind: type[Indentation] | type[Force]
-    value: attrgetter[float]
+    value: Callable[[Any], float]
 
 
 LOAD_COLUMNS = (

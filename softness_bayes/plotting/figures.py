@@ -119,29 +119,19 @@ def _checks(result: Result, style: Style) -> Figure:
     from softness_bayes.criticism import ALL, posterior_quantities
     from softness_bayes.inference.predictive import Columns
 
-    table = result.tables["predictive_checks"].loc["posterior"]
     modulus = dict(zip(result.group("constant_data")["fabric"].values, _fabric_modulus(result), strict=True))
     means, shown, scale = [], [], "log" if _logarithmic(result) else "sd"
     for found in posterior_quantities(result.tree):
-        rows = table.loc[[found.quantity.name]]
         if found.quantity.columns is Columns.CONDITION:
-            means = [
-                Means(
-                    str(load),
-                    np.array([modulus[name] for name in of_load["fabric"]]),
-                    *(of_load[field].to_numpy() for field in ("observed", "low", "high")),
-                )
-                for load, of_load in rows.groupby("load", sort=False)
-            ]
+            for load in dict.fromkeys(load for load, _, _ in found.labels):
+                here = [k for k, label in enumerate(found.labels) if label[0] == load]
+                limits = np.array([[getattr(found.findings[k], name) for k in here] for name in Means._fields[2:]])
+                means.append(Means(load, np.array([modulus[found.labels[k][1]] for k in here]), *limits))
         elif found.quantity.columns is not Columns.PARTICIPANT:
+            told = TOLD[found.quantity.name].format(scale=scale)
             shown += [
-                Replicated(
-                    TOLD[found.quantity.name].format(scale=scale) + (f", {load}" if load != ALL else ""),
-                    found.observed[k],
-                    found.replicated[:, k],
-                    rows["p_value"].iloc[k],
-                )
-                for k, (load, _, _) in enumerate(found.labels)
+                Replicated(told + (f", {load}" if load != ALL else ""), finding.observed, values, finding.p_value)
+                for (load, _, _), finding, values in zip(found.labels, found.findings, found.replicated.T, strict=True)
             ]
     return checks_figure(means, shown, scale, style=style)
 

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
+from io import BytesIO
 from typing import TYPE_CHECKING, Any
 
 from softness_bayes.plotting.figures import FIGURES, Drawing, figures_of, require_figures
@@ -35,7 +37,10 @@ class Plots:
             If there is no such figure, or the result does not hold what it shows.
         """
         require_figures([name])
-        return FIGURES[name](self._result, style)
+        figure = FIGURES[name](self._result, style)
+        # a notebook shows figures of pyplot by itself, but these are made without it
+        setattr(figure, "_repr_png_", partial(_png, figure, style))  # noqa: B010
+        return figure
 
     def __repr__(self) -> str:
         return f"figures of a run: {', '.join(figures_of(self._result))}"
@@ -43,6 +48,14 @@ class Plots:
     if TYPE_CHECKING:
 
         def __getattr__(self, name: str) -> Callable[..., Figure]: ...
+
+
+def _png(figure: Figure, style: Style) -> bytes:
+    """Return a figure as a notebook shows it."""
+    picture = BytesIO()
+    with style.applied():
+        figure.savefig(picture, format="png", dpi=figure.dpi)
+    return picture.getvalue()
 
 
 def _method(name: str, drawing: Drawing) -> Any:
