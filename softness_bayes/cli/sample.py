@@ -270,7 +270,7 @@ def _report_ratings(result: Result) -> None:
         click.echo(eps_sentence(result.tables["eps_sensitivity"]))
     click.echo(
         f"numerical error of the response: {found['numerical_error']:.1e} of its peak, at most, over draws; "
-        f"accuracy asked for {found['accuracy']:g}"
+        f"accuracy: {found['accuracy']}"
     )
     click.echo(f"error of the firing rates: {found['firing_error']:.1e} of the peak response, at most")
     click.echo(str(found["exactness"]))
