@@ -194,7 +194,8 @@ def test_a_run_that_has_not_converged_ends_with_3_and_its_files(alone):
     assert done.returncode == 3, done.stderr
     assert "Traceback" not in done.stderr
     written = {path.name for path in (directory / "results").iterdir()}
-    assert written == {"checkpoint", "posterior.nc", "summary.csv", "directions.csv", "predictive_checks.csv"}
+    tables = {"summary.csv", "directions.csv", "predictive_checks.csv", "eps_sensitivity.csv"}
+    assert written == {"checkpoint", "posterior.nc", *tables}
     assert "prior-driven" in done.stdout
     assert done.stdout.count("inflection reproduced?") == 1
     assert "Not converged after 20 steps" in done.stdout

@@ -95,8 +95,8 @@ def command(
     """Sample the posterior of skin, transduction and rating parameters given ratings.
 
     Runs four independent ensembles until they have converged, or to --max-steps or --max-time, and writes to
-    --out: posterior.nc (draws, predictions, provenance), summary.csv, directions.csv, predictive_checks.csv and
-    figures/. Prints the summary, what the prior decides, where the response turns over under each load, whether
+    --out: posterior.nc (draws, predictions, provenance), summary.csv, directions.csv, predictive_checks.csv,
+    eps_sensitivity.csv and figures/. Prints the summary, what the prior decides, where the response turns over under each load, whether
     the model reproduces it, and a verdict. Exit code 3: not converged.
 
     --compression adds the forces of a rigid flat plate on fingerpads, which say what b and m are. Without
