@@ -96,8 +96,8 @@ def command(
 
     Runs four independent ensembles until they have converged, or to --max-steps or --max-time, and writes to
     --out: posterior.nc (draws, predictions, provenance), summary.csv, directions.csv, predictive_checks.csv,
-    eps_sensitivity.csv and figures/. Prints the summary, what the prior decides, where the response turns over under each load, whether
-    the model reproduces it, and a verdict. Exit code 3: not converged.
+    eps_sensitivity.csv and figures/. Prints the summary, what the prior decides, where the response turns over
+    under each load, whether the model reproduces it, and a verdict. Exit code 3: not converged.
 
     --compression adds the forces of a rigid flat plate on fingerpads, which say what b and m are. Without
     --data the run is on these alone: no response curves, no inflection, but how force grows with indentation.
