@@ -14,6 +14,7 @@ from softness_bayes.inference.parameters import PARAMETERS, ParameterSpace
 from softness_bayes.inference.posterior import Posterior
 from softness_bayes.run import RunOptions
 from softness_bayes.touch.accuracy import (
+    COARSEST,
     QUADRATURES,
     RATES_SHARE,
     TOLERANCES,
@@ -55,9 +56,8 @@ class Draws(NamedTuple):
     """Whether all channel multipliers vary, under the priors that they have unless others are asked for."""
 
     def firing(self, scene: Scene) -> Errors:
-        """Return the error of a scene's rate curves."""
-        if not isinstance(scene.firing, FiringSurface):
-            return held_rates(scene)
+        """Return the error of a scene's firing-rate surface."""
+        assert isinstance(scene.firing, FiringSurface)
         kept = FiringSample.load(scene.firing.design.membrane) if self.usual_channels else None
         if kept is not None:
             return sampled_rates(scene, kept, kept.put_into(self.parameters), self.eps)
@@ -78,7 +78,7 @@ def prior_draws(space: ParameterSpace, size: int = DRAWS, seed: int = 0) -> Draw
 def given_draws(values: Mapping[str, ArrayLike], parameters: TouchParameters) -> Draws:
     """Return the parameter vectors of a verb that evaluates these alone."""
     shape = np.broadcast_shapes(*(np.shape(v) for v in parameters), (1,))
-    eps = float(np.median(np.asarray(values["eps"], float)))
+    eps = float(np.median(np.asarray(values["eps"], float))) if "eps" in values else None
     whole = TouchParameters(*(np.broadcast_to(v, shape) for v in parameters))
     return Draws(_first(whole, min(DRAWS, shape[0])), eps, False)
 
@@ -102,13 +102,13 @@ def with_accuracy(
     InputError
         If the model cannot reach it.
     """
-    for setting in references(accuracy):
-        made = posterior(replace(options, discretisation=setting))
-        scene = scene_in(made)
-        if held_rates(scene).largest <= RATES_SHARE * accuracy:
-            break
-    draws = prior_draws(made.space)
-    choice = choose(scene, draws.parameters, accuracy, draws.eps, draws.firing(scene))
+    made: list[Posterior] = []
+
+    def compiled(discretisation: Discretisation) -> Scene:
+        made.append(posterior(replace(options, discretisation=discretisation)))
+        return scene_in(made[-1])
+
+    choice = _chosen(compiled, lambda: prior_draws(made[-1].space), accuracy, accuracy)
     return replace(options, discretisation=choice.discretisation, accuracy=accuracy), choice
 
 
@@ -124,12 +124,32 @@ def scene_with_accuracy(
     InputError
         If the scene cannot reach the accuracy.
     """
-    for setting in references(min(accuracy, 1e2 * least.field_tolerance)):
-        scene = compiled(setting)
-        if held_rates(scene).largest <= RATES_SHARE * accuracy:
-            break
-    choice = choose(scene, draws.parameters, accuracy, draws.eps, draws.firing(scene), least)
+    choice = _chosen(compiled, lambda: draws, accuracy, min(accuracy, 1e2 * least.field_tolerance), least)
     return compiled(choice.discretisation), choice
+
+
+def _chosen(
+    compiled: Callable[[Discretisation], Scene],
+    draws: Callable[[], Draws],
+    accuracy: float,
+    reference: float,
+    least: Discretisation = COARSEST,
+) -> Choice:
+    """Choose among settings of a scene that is compiled for the accuracy `reference`; draws are asked for after it."""
+    scenes: list[Scene] = []
+    for setting in references(reference):
+        scenes.append(compiled(setting))
+        rates = held_rates(scenes[-1])
+        if enough := rates.largest <= RATES_SHARE * accuracy:
+            break
+    at, scene = draws(), scenes[-1]
+    if isinstance(scene.firing, FiringSurface):
+        rates = at.firing(scene)
+    elif not enough:
+        # the bound holds at every rate, also at those that hardly count: what two curves differ by counts
+        one, other = (thinned(s).total_rate(at.parameters) for s in scenes)
+        rates = errors(one, other, scene.n_receptors, at.eps).worst()
+    return choose(scene, at.parameters, accuracy, at.eps, rates, least)
 
 
 def scene_in(posterior: Posterior) -> Scene:

@@ -282,7 +282,7 @@ def sample(
             "digest_ratings": experiment.ratings.digest,
             "digest_fabrics": experiment.fabrics.digest,
             "missing_ratings": experiment.ratings.n_missing,
-            "accuracy": math.nan if options.accuracy is None else options.accuracy,
+            "accuracy": "none asked for" if options.accuracy is None else options.accuracy,
             "discretisation": str(options.discretisation),
         }
         tree = assembly.tree(attributes)

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from test_cli_verbs import here, refused
 
+from softness_bayes import plan
 from softness_bayes.data import read_experiment
 from softness_bayes.errors import InputError
 from softness_bayes.inference.parameters import parameter_space
@@ -188,6 +189,16 @@ def test_a_single_vector_is_never_coarser_than_usual(scenes):
     scene, _ = scene_with_accuracy(scenes, draws, 1e-2)
     assert scene.discretisation == dataclasses.replace(Discretisation(), rate_nodes=18)
     assert isinstance(draws.parameters, TouchParameters)
+
+
+def test_where_a_bound_on_every_rate_is_too_much_two_curves_are_compared(scenes, monkeypatch):
+    """A curve may be poor where it is hardly asked: what counts is what it does to the response."""
+    values = usual_values(MENDED)
+    draws = given_draws(values, touch_parameters(values))
+    poor = Errors(np.array(0.5), np.array(0.5))
+    monkeypatch.setattr(plan, "held_rates", lambda scene: poor)
+    _, choice = scene_with_accuracy(scenes, draws, 1e-3)
+    assert choice.firing.largest == 0.0
 
 
 def test_plan_prints_stages_errors_cost_and_the_ladder(here):

@@ -162,6 +162,8 @@ def test_what_changed_is_named(killed, copied, here):
     refused(asked("direction", "inverse"), "direction softness (now inverse)")
     readings = json.loads(kept[manifest])["request"]["options"]["readings"]
     refused(asked("readings", {**readings, "pressure": "hertz"}), "reading of pressure attenuated (now hertz)")
+    resolution = json.loads(kept[manifest])["request"]["options"]["discretisation"]
+    refused(asked("discretisation", {**resolution, "nodes": 40}), "discretisation Discretisation(", "(now Discretis")
     fixed = json.loads(kept[manifest])["request"]["options"]["fix"]
     refused(asked("fix", {**fixed, "b": 81.0}), "value of b 80.0 (now 81.0)")
     del fixed["tau"]

@@ -380,6 +380,7 @@ def test_the_summary(result, directory):
 def test_a_result_reads_back_identically(result, directory):
     assert sorted(path.name for path in directory.iterdir()) == [
         "directions.csv",
+        "eps_sensitivity.csv",
         "posterior.nc",
         "predictive_checks.csv",
         "summary.csv",

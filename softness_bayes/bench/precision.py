@@ -46,11 +46,14 @@ class Point(NamedTuple):
     """The accuracy for which the dial chooses this."""
 
 
-def work_precision(effort: Effort) -> list[Point]:
-    """Measure every stage and the whole."""
+def work_precision(effort: Effort) -> Iterator[Point]:
+    """Measure every stage and the whole, one setting after another."""
     best = Discretisation(*REFERENCE, field_tolerance=effort.finest, rate_nodes=28)
     held, free = (subject(best, is_held, effort.draws) for is_held in (True, False))
-    return [*_fields(held, effort), *_population(held, effort), *_rates(free, effort), *_whole(held, free, effort)]
+    yield from _fields(held, effort)
+    yield from _population(held, effort)
+    yield from _rates(free, effort)
+    yield from _whole(held, free, effort)
 
 
 def _point(stage: str, setting: str, seconds: float, found: Errors, dial: float = np.nan) -> Point:

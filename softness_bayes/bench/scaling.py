@@ -34,10 +34,11 @@ def scaling(of: Subject, effort: Effort) -> list[Size]:
     """Time larger scenes of as many loads, then larger batches of the usual scene."""
     scene, found = scene_in(of.posterior), []
     counts = np.unique(np.geomspace(2, effort.most_fabrics, 8).round().astype(int))
+    moduli = np.geomspace(scene.modulus.min(), scene.modulus.max(), effort.most_fabrics)
+    large = Scene(moduli, 0.3, LOADS, scene.firing, discretisation=scene.discretisation)
     for count in counts.tolist():
-        moduli = np.geomspace(scene.modulus.min(), scene.modulus.max(), count)
-        large = Scene(moduli, 0.3, LOADS, scene.firing, discretisation=scene.discretisation)
-        found.append(_size("conditions", large, BATCH, of, effort))
+        some = np.linspace(0, effort.most_fabrics - 1, count).round().astype(int)
+        found.append(_size("conditions", large.take(np.flatnonzero(np.isin(large.fabric, some))), BATCH, of, effort))
     found += [_size("batch", scene, batch, of, effort) for batch in BATCHES if batch <= effort.most_vectors]
     return found
 

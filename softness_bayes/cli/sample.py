@@ -95,9 +95,9 @@ def command(
     """Sample the posterior of skin, transduction and rating parameters given ratings.
 
     Runs four independent ensembles until they have converged, or to --max-steps or --max-time, and writes to
-    --out: posterior.nc (draws, predictions, provenance), summary.csv, directions.csv, predictive_checks.csv and
-    figures/. Prints the summary, what the prior decides, where the response turns over under each load, whether
-    the model reproduces it, and a verdict. Exit code 3: not converged.
+    --out: posterior.nc (draws, predictions, provenance), summary.csv, directions.csv, predictive_checks.csv,
+    eps_sensitivity.csv and figures/. Prints the summary, what the prior decides, where the response turns over
+    under each load, whether the model reproduces it, and a verdict. Exit code 3: not converged.
 
     --compression adds the forces of a rigid flat plate on fingerpads, which say what b and m are. Without
     --data the run is on these alone: no response curves, no inflection, but how force grows with indentation.
@@ -270,7 +270,7 @@ def _report_ratings(result: Result) -> None:
         click.echo(eps_sentence(result.tables["eps_sensitivity"]))
     click.echo(
         f"numerical error of the response: {found['numerical_error']:.1e} of its peak, at most, over draws; "
-        f"accuracy asked for {found['accuracy']:g}"
+        f"accuracy: {found['accuracy']}"
     )
     click.echo(f"error of the firing rates: {found['firing_error']:.1e} of the peak response, at most")
     click.echo(str(found["exactness"]))
