@@ -19,7 +19,7 @@ VERBS: Mapping[str, str] = {
     "resume": "Continue a run that was interrupted, or that ended.",
     "plot": "Draw the figures of a finished run.",
     "simulate": "Simulate ratings of fabrics from stated parameters.",
-    "report": "Write one page about a finished run: verdict, charts, tables, provenance.",
+    "report": "Write one page about a finished run, to read, print or send.",
     "compare": "Rank finished runs by how well they predict what is left out.",
     "predict": "Predict contact, stress and firing for fabrics under loads.",
     "claims": "Say which of the paper's claims hold under which readings of its equations.",
