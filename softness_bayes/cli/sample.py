@@ -37,6 +37,10 @@ if TYPE_CHECKING:
     from softness_bayes.storage.checkpoint import Checkpoint
 
 
+DRAWING = 4
+"""Most processes that draw figures: each takes a second to begin."""
+
+
 @click.command()
 @data_files
 @fix
@@ -157,6 +161,7 @@ def run(
     """
     from softness_bayes.assembly import versions
     from softness_bayes.data import Compression
+    from softness_bayes.inference.workers import available_processors
     from softness_bayes.run import sample
     from softness_bayes.skin import sample_skin
 
@@ -176,7 +181,8 @@ def run(
             if figures:
                 from softness_bayes.plotting.figures import draw_figures
 
-                draw_figures(result, out / "figures")
+                processes = min(options.processes or available_processors(), DRAWING)
+                draw_figures(result, out / "figures", processes=processes)
             checkpoint.finish()
         except (KeyboardInterrupt, NumericalError, OSError):
             bar.close()

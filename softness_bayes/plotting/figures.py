@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from softness_bayes.errors import InputError
+from softness_bayes.inference.workers import Workers
 from softness_bayes.plotting.chains import rank_figure, trace_figure
 from softness_bayes.plotting.checks import Means, Replicated, checks_figure, loo_pit_figure
 from softness_bayes.plotting.compression import compression_figure
@@ -287,6 +288,7 @@ def draw_figures(
     names: Sequence[str] | None = None,
     formats: Sequence[str] = ("png", "pdf"),
     style: Style = USUAL,
+    processes: int = 1,
 ) -> list[Path]:
     """Draw a result's figures and write them to a directory, which is made if there is none.
 
@@ -302,6 +304,8 @@ def draw_figures(
         File formats, as `save` takes them.
     style
         How they look.
+    processes
+        Processes that share the work.
 
     Returns
     -------
@@ -318,8 +322,13 @@ def draw_figures(
     require_figures(chosen)
     require_formats(formats)
     directory.mkdir(parents=True, exist_ok=True)
-    drawn = [save(FIGURES[name](result, style), directory / name, formats, style) for name in chosen]
+    with Workers(result, min(processes, len(chosen))) as workers:
+        drawn = workers.map(_draw, [(name, directory / name, tuple(formats), style) for name in chosen])
     return [path for paths in drawn for path in paths]
+
+
+def _draw(result: Result, name: str, path: Path, formats: tuple[str, ...], style: Style) -> list[Path]:
+    return save(FIGURES[name](result, style), path, formats, style)
 
 
 def _fabric_modulus(result: Result) -> Array:

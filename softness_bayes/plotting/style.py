@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Self
@@ -91,6 +91,11 @@ class Style:
     page: float = 7.2
     small: float = 7.0
     rc: Mapping[str, Any] = field(default_factory=lambda: RC)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        # a mapping proxy cannot travel to a worker
+        values = {one.name: getattr(self, one.name) for one in fields(self)}
+        return type(self), tuple((values | {"rc": dict(self.rc)}).values())
 
     @classmethod
     def read(cls, path: str | Path) -> Self:
