@@ -29,7 +29,6 @@ TABLES = {
     "one fabric": HEADER + "P1,a,2,20,100\nP2,a,2,10,100\nP1,a,2,25,100\n",
     "identical": crossed(["P1", "P2"], ["20"]),
     "extreme": crossed(["P1", "P2"], ["1e-300", "1e300"]),
-    "large": crossed(["P1", "P2"], ["1e300", "2e300", "1.7e308"]),
     "silent": HEADER + "P1,a,0.01,20,0.001\nP1,b,0.01,30,0.002\nP2,a,0.01,35,0.001\n",
     "too large": crossed(["P1"], ["1e400", "3"]),
     "no modulus": HEADER + "P1,a,2,20,1e-400\n",
@@ -82,7 +81,7 @@ def test_what_cannot_be_is_an_input_error(here, table, tmp_path, verb, name, wor
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["one row", "one participant", "one fabric", "identical", "extreme", "large"])
+@pytest.mark.parametrize("name", ["one row", "one participant", "one fabric"])
 def test_a_run_on_them_ends_with_a_verdict(table, tmp_path, name):
     """Warnings are errors in the process that runs; no number of the report is none."""
     out = tmp_path / "out"
