@@ -26,7 +26,7 @@ from softness_bayes.study import simulate_ratings, usual_values
 from softness_bayes.touch.contact import Force, Indentation, Load
 from softness_bayes.touch.readings import MENDED
 
-STEPS, ENSEMBLES, LENGTHS = 3000, 2, 50.0
+STEPS, ENSEMBLES, LENGTHS = 1200, 2, 50.0
 
 
 class Way(NamedTuple):
