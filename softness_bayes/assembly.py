@@ -21,7 +21,7 @@ from softness_bayes.inference.chains import Chains
 from softness_bayes.inference.checks import FabricCheck, check_fabrics
 from softness_bayes.inference.curves import curve_scene, find_inflection, response_curves
 from softness_bayes.inference.diagnostics import Verdict
-from softness_bayes.inference.exactness import Exactness, compare, resample
+from softness_bayes.inference.exactness import EXACT_RATES, SAME_RATES, Exactness, compare, resample
 from softness_bayes.inference.observation import RatingParameters
 from softness_bayes.inference.parameters import EVERY_PARAMETER
 from softness_bayes.inference.posterior import Posterior
@@ -191,7 +191,9 @@ class Assembly:
         """Return the exact log-likelihood's difference to the fast one at evenly spaced draws."""
         theta = self.theta[evenly(self.theta.shape, size)]
         exact = replace(self.posterior, scene=self.scene.exact())
-        return compare(self.posterior.names, theta, self.posterior.log_likelihood(theta), exact.log_likelihood(theta))
+        fast = self.posterior.log_likelihood(theta)
+        rates = SAME_RATES if self.scene.firing.noise else EXACT_RATES
+        return compare(self.posterior.names, theta, fast, exact.log_likelihood(theta), rates)
 
     def _exactness_stats(self) -> dict[str, Variable]:
         """Return the differences of the log-likelihood and the log weights; NaN at draws that were not compared."""

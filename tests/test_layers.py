@@ -24,12 +24,12 @@ LAYERS = (
     {"assembly", "run", "skin", "claims"},
     {"restore", "compare", "calibrate"},
     {"plotting", "report"},
-    {"cli", "benchmark", "benchmark_moves"},
+    {"cli", "benchmark", "benchmark_firing", "benchmark_moves"},
 )
 RANK = {name: rank for rank, names in enumerate(LAYERS) for name in names}
 HOMES = {"arviz": {"arviz_bridge"}, "emcee": {"inference.sampling"}}
 """Modules outside of which a library may not be imported."""
-PROGRAMS = {"benchmark", "benchmark_moves", "touch.surface_build"}
+PROGRAMS = {"benchmark", "benchmark_firing", "benchmark_moves", "touch.surface_build"}
 """Run with ``python -m``, beside the command line: they may print, and nothing imports them."""
 
 

@@ -11,11 +11,11 @@ from softness_bayes.errors import InputError
 from softness_bayes.inference.coordinates import Bent, HalfLine, Interval, Line, coordinate_for
 from softness_bayes.inference.parameters import HELD, PARAMETERS, PRIOR_SETS, parameter_space
 from softness_bayes.inference.priors import HalfNormal, LogNormal, Normal, Uniform
-from softness_bayes.touch import surface
 from softness_bayes.touch.contact import DISPLACEMENT, STRAIN
 from softness_bayes.touch.membrane import PAPER_CHANNELS, Channels
 from softness_bayes.touch.parameters import TouchParameters
 from softness_bayes.touch.scene import LARGEST_CURRENT
+from softness_bayes.touch.surface_design import DESIGNS
 
 EVERYTHING = parameter_space(free=HELD)
 
@@ -38,7 +38,7 @@ def test_alpha_ends_where_its_rate_curves_end():
     def largest(space):
         return next(p.largest for p in space.sampled if p.name == "alpha")
 
-    assert largest(parameter_space()) == surface.LARGEST_CURRENT
+    assert largest(parameter_space()) == DESIGNS["connor-stevens"].max_current
     channels = PAPER_CHANNELS._asdict()
     wide = parameter_space(fix=channels, priors={"alpha": LogNormal(100, 1)})
     assert largest(wide) == LARGEST_CURRENT

@@ -1,8 +1,9 @@
 """Builds and measures the firing-rate surfaces: ``python -m softness_bayes.touch.surface_build``.
 
-It takes some ten minutes for each membrane on one processor and writes the same tables on every run with the same
+It takes some twenty minutes for each membrane on one processor and writes the same tables on every run with the same
 versions on the same machine; elsewhere they agree to 1e-7, because exp differs in its last bits between processors.
-``--measure`` only measures the tables that are there against exact rates, on random points.
+``--measure`` only measures the tables that are there against exact rates, on random points; ``--membrane`` does one and
+leaves the others as they are.
 """
 
 from __future__ import annotations
@@ -12,7 +13,11 @@ import json
 import time
 import zipfile
 from collections.abc import Callable, Mapping
+from concurrent.futures import ProcessPoolExecutor
+from contextlib import ExitStack
+from importlib import resources
 from io import BytesIO
+from multiprocessing import get_context
 from pathlib import Path
 
 import numpy as np
@@ -28,7 +33,8 @@ from softness_bayes.touch.limit_cycle import steady_orbit
 from softness_bayes.touch.membrane import Channels
 from softness_bayes.touch.onset import Onset, onset
 from softness_bayes.touch.rate import simulated
-from softness_bayes.touch.surface import DESIGNS, ERRORS, TABLES, Border, Design, FiringSurface, TotalDegree
+from softness_bayes.touch.surface import ERRORS, TABLES, FiringSurface, TotalDegree
+from softness_bayes.touch.surface_design import DESIGNS, Border, Design
 
 FloatArray = NDArray[np.float64]
 Say = Callable[[str], None]
@@ -36,8 +42,18 @@ Say = Callable[[str], None]
 _BORDER_SEARCH = (-2.0, 1.6)  # places of c_K between which the border is looked for
 _BORDER_USED = 1.3  # places of c_K up to which it is fitted: a little beyond the box
 _HALVINGS = 24
+_SCOUTS = 100  # channel vectors whose onset is looked for everywhere
+_SCOUT_DEGREE = 5  # total degree of what they say of the others' rheobase
 _LOOSE = 1e-5  # agreement of periods that suffices to tell firing from silence
 _UNMEASURED = CurveError(np.nan, np.nan, np.nan)
+
+ONSET_VECTORS = 200
+"""Channel vectors at which the onset is measured where it is a jump."""
+
+NEAR_JUMP = 1e-3
+"""Currents from a jump [µA/cm²] within which the error of the onset is what is measured."""
+
+_MEASURED_TOGETHER = 2000  # points simulated side by side
 
 NEAR_BORDER = 0.1
 """Places of c_K from the corner's border, in half-widths of the box, that count as near: 1 % of the multiplier."""
@@ -64,7 +80,7 @@ def build(design: Design, say: Say) -> FiringSurface:
     if design.border is not None:
         place = place[:, surface.before_corner(place) > design.border.margin]
     channels = design.channels_at(place)
-    begin = _begin_at_fold(design, channels) if design.closest == 0.0 else onset(channels, design.membrane)
+    begin = (_begin_at_fold if design.closest == 0.0 else _begin_at_births)(design, channels)
     if design.closest > 0.0 and not begin.born.all():
         raise NumericalError(f"{design.membrane.name}: firing does not begin in one way over the box")
     say(f"{place.shape[1]} channel vectors, firing begins at {begin.rheobase.min():.3f} to {begin.rheobase.max():.3f}")
@@ -96,6 +112,17 @@ def _begin_at_fold(design: Design, channels: Channels) -> Onset:
     return Onset(found.current, zero, found.prefactor, zero.astype(bool))
 
 
+def _begin_at_births(design: Design, channels: Channels) -> Onset:
+    """Onset of membranes that are known to begin where their orbits do: most of them near where some others do."""
+    scouts = np.arange(channels.c_K.size) < _SCOUTS
+    some = onset(Channels(*(c[scouts] for c in channels)), design.membrane)
+    terms, place = TotalDegree(len(design.axes), _SCOUT_DEGREE), design.place(np.array(channels))
+    fitted = np.linalg.lstsq(terms.basis(place[:, scouts]), some.rheobase, rcond=None)[0]
+    expected = terms.basis(place) @ fitted
+    expected[scouts] = some.rheobase
+    return onset(channels, design.membrane, expected)
+
+
 def _padded(coefficients: ArrayLike, size: int) -> FloatArray:
     known = np.asarray(coefficients, dtype=float)
     return np.append(known, np.zeros(size - known.size))
@@ -120,7 +147,13 @@ def _fires_near_fold(design: Design, place: FloatArray, distance: float) -> NDAr
 
 
 def measure(
-    surface: FiringSurface, say: Say, points: int = 100_000, corner: int = 16, seed: int = 1
+    surface: FiringSurface,
+    say: Say,
+    points: int = 100_000,
+    corner: int = 16,
+    seed: int = 1,
+    onsets: int = ONSET_VECTORS,
+    processes: int = 1,
 ) -> dict[str, float]:
     """Measure a surface against exact rates.
 
@@ -137,14 +170,18 @@ def measure(
         Channel vectors within the corner whose own curves are measured besides.
     seed : int
         Of the points.
+    onsets : int
+        Channel vectors whose onset is compared with the exact one, where it is a jump.
+    processes : int
+        Processes that share the points; the numbers do not depend on it.
 
     Returns
     -------
     dict
         Numbers of points; the largest error [Hz], relative to the rate, and relative to its allowance of
         max(0.1 Hz, 1e-3 of the rate), all but within 1e-3 µA/cm² of a jump; the median and the 99.9 % quantile of the
-        relative error where the membrane fires; the largest error of the rate just above a jump [Hz]; and the same of
-        the corner's own curves.
+        relative error where the membrane fires; the largest error of the rate just above a jump [Hz] and of its place
+        [µA/cm²]; and the same of the corner's own curves.
     """
     rng, design = np.random.default_rng(seed), surface.design
     near = points // 10 if design.border is not None else 0
@@ -152,30 +189,61 @@ def measure(
     channels = design.channels_at(place)
     current = np.asarray(rng.uniform(0.0, design.max_current, place.shape[1]))
     # a third of the currents close above the rheobase, where errors are largest
-    begin = surface.curve(channels).rheobase
+    begin, jump = surface.curve(channels).rheobase, design.closest > 0.0
     close = rng.random(current.size) < 1 / 3
-    current[close] = np.minimum(begin + 10.0 ** rng.uniform(-4.0, 0.0, current.size), design.max_current)[close]
-    difference, exact = np.empty_like(current), np.empty_like(current)
-    for start in range(0, current.size, 10_000):
-        some = slice(start, start + 10_000)
-        here = Channels(*(c[some] for c in channels))
-        exact[some] = simulated(current[some], here, design.membrane, current[some] - begin[some]).rate
-        difference[some] = surface.curve(here).rate(current[some, None])[:, 0] - exact[some]
-        say(f"{min(start + 10_000, current.size)} of {current.size} points")
-    jump = design.closest > 0.0
-    judged = ~(jump & (np.abs(current - begin) <= 1e-3))
-    found = _quantiles(difference[judged], exact[judged])
+    nearest = np.log10(NEAR_JUMP) if jump else -4.0
+    current[close] = np.minimum(begin + 10.0 ** rng.uniform(nearest, 0.0, current.size), design.max_current)[close]
+    if jump:
+        current = np.where(np.abs(current - begin) < NEAR_JUMP, begin + NEAR_JUMP, current)
+    exact = _exact_rates(surface, current, channels, begin, say, processes)
+    difference = surface.curve(channels).rate(current[:, None])[:, 0] - exact
+    found = _quantiles(difference, exact)
+    place_error, rate_error = _measure_onset(surface, rng, onsets) if jump else (0.0, 0.0)
     vectors = _inside_corner(surface, rng, corner) if design.border is not None else np.zeros((4, 0))
     own = [_measure_own(design, vector, rng, say) for vector in vectors.T]
     return {
         "points": int(current.size),
         "near_border": int(near),
         **found,
-        "onset_hertz": float(np.abs(difference[~judged]).max(initial=0.0)),
+        "onset_hertz": rate_error,
+        "onset_current": place_error,
         "corner_vectors": len(own),
         "corner_hertz": max((e.hertz for e in own), default=0.0),
         "corner_onset_hertz": max((e.onset_hertz for e in own), default=0.0),
     }
+
+
+def _exact_rates(
+    surface: FiringSurface, current: FloatArray, channels: Channels, begin: FloatArray, say: Say, processes: int
+) -> FloatArray:
+    """Exact rates of all points, some at a time."""
+    starts = range(0, current.size, _MEASURED_TOGETHER)
+    parts = [slice(start, start + _MEASURED_TOGETHER) for start in starts]
+    exact = np.empty_like(current)
+    with ExitStack() as stack:
+        several = processes > 1
+        pool = stack.enter_context(ProcessPoolExecutor(processes, get_context("spawn"))) if several else None
+        found = (map if pool is None else pool.map)(
+            simulated,
+            [current[part] for part in parts],
+            [Channels(*(c[part] for c in channels)) for part in parts],
+            [surface.design.membrane] * len(parts),
+            [(current - begin)[part] for part in parts],
+        )
+        for part, orbit in zip(parts, found, strict=True):
+            exact[part] = orbit.rate
+            say(f"{min(part.stop, current.size)} of {current.size} points")
+    return exact
+
+
+def _measure_onset(surface: FiringSurface, rng: np.random.Generator, vectors: int) -> tuple[float, float]:
+    """Largest errors of a jump's place [µA/cm²] and of the rate just above it [Hz], at random places of the box."""
+    design = surface.design
+    channels = design.channels_at(rng.uniform(-1.0, 1.0, (len(design.axes), vectors)))
+    curve = surface.curve(channels)
+    begin = onset(channels, design.membrane, curve.rheobase)
+    place, rate = np.abs(begin.rheobase - curve.rheobase), np.abs(begin.rate - curve.onset_rate)
+    return float(place.max(initial=0.0)), float(rate.max(initial=0.0))
 
 
 def _anywhere(surface: FiringSurface, rng: np.random.Generator, points: int) -> FloatArray:
@@ -252,22 +320,27 @@ def main() -> None:
     parser.add_argument("--out", type=Path, default=Path(__file__).parent, help="folder to write to")
     parser.add_argument("--measure", action="store_true", help="only measure the tables that are shipped")
     parser.add_argument("--points", type=int, default=100_000, help="points of the measurement")
+    parser.add_argument("--membrane", choices=DESIGNS, action="append", help="only this one; may be repeated")
+    parser.add_argument("--processes", type=int, default=1, help="processes that share the measurement")
     options = parser.parse_args()
-    errors = {}
+    chosen = options.membrane or list(DESIGNS)
+    shipped = chosen if options.measure else [name for name in DESIGNS if name not in chosen]
+    surfaces = {name: FiringSurface.load(DESIGNS[name].membrane) for name in shipped}
+    errors = json.loads((resources.files(__package__) / ERRORS).read_text())
     with threadpool_limits(1):
 
         def say(line: str, start: float = time.perf_counter()) -> None:
             print(f"{time.perf_counter() - start:6.0f} s  {line}", flush=True)
 
-        if options.measure:
-            surfaces = {name: FiringSurface.load(design.membrane) for name, design in DESIGNS.items()}
-        else:
-            surfaces = {name: build(design, say) for name, design in DESIGNS.items()}
+        if not options.measure:
+            surfaces |= {name: build(DESIGNS[name], say) for name in chosen}
             write(surfaces, options.out / TABLES)
-        for name, surface in surfaces.items():
-            errors[name] = measure(surface, say, options.points)
+        for name in chosen:
+            errors[name] = measure(surfaces[name], say, options.points, processes=options.processes)
             say(f"{name}: {errors[name]}")
-    (options.out / ERRORS).write_text(json.dumps(errors, indent=2) + "\n")
+    (options.out / ERRORS).write_text(
+        json.dumps({name: error for name, error in errors.items() if name in DESIGNS}, indent=2) + "\n"
+    )
 
 
 if __name__ == "__main__":
