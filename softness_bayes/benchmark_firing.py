@@ -1,7 +1,7 @@
 """Exact firing rates against Brian2's, in time and error: ``python -m softness_bayes.benchmark_firing``.
 
-Prints, for one batch of currents into the Connor-Stevens membrane at the paper's multipliers, the time for each current
-and the largest relative error of the exact rate, of the same method with looser tolerances, and of Brian2's simulations
+Prints, for one batch of currents into the Connor-Stevens membrane at the paper's multipliers, the processor time for
+each current and the largest relative error of the exact rate, of the same method with looser tolerances, and of Brian2's simulations
 (Runge-Kutta of fourth order) at several step lengths; and how many times longer Brian2 takes than the fastest of ours
 that is at least as accurate. Brian2 comes with the extra ``peers``, in an environment of its own while it needs an
 older NumPy. It is given its best: crossings of the spike voltage are interpolated within a step, and what it takes to
@@ -82,7 +82,7 @@ class Peer(NamedTuple):
     simulator: str
     setting: str
     seconds: float
-    """For each current."""
+    """Processor time for each current."""
     error: float
     """Largest, relative to the exact rate; of the exact rate itself, to one with a tolerance a tenth as large."""
     ratio: float
@@ -95,7 +95,7 @@ class Simulated(NamedTuple):
     rate: FloatArray
     """Rates [Hz], shape (n,); NaN with fewer than two spikes after the settling."""
     seconds: float
-    """Time of the simulation, without compiling."""
+    """Processor time of the simulation, without compiling."""
 
 
 def brian2_rates(
@@ -184,9 +184,9 @@ def firing_peers(
     best = _ours(current, 0.1 * TOLERANCE, 0.1 * AGREEMENT)
     ours = []
     for tolerance, agreement in LOOSER:
-        begun = time.perf_counter()
+        begun = time.process_time()
         rate = _ours(current, tolerance, agreement)
-        seconds = (time.perf_counter() - begun) / currents
+        seconds = (time.process_time() - begun) / currents
         ours.append(Peer("softness-bayes", f"local error {tolerance:.0e}", seconds, _error(rate, best), 1.0))
     exact = firing_rate(current)
     theirs = []
@@ -211,9 +211,9 @@ def _error(rate: FloatArray, exact: FloatArray) -> float:
 
 
 def _seconds(run: Callable[[], object]) -> float:
-    begun = time.perf_counter()
+    begun = time.process_time()
     run()
-    return time.perf_counter() - begun
+    return time.process_time() - begun
 
 
 def main() -> None:

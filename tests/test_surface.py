@@ -12,8 +12,7 @@ from softness_bayes.touch import surface as module
 from softness_bayes.touch import surface_build
 from softness_bayes.touch.equilibrium import fold
 from softness_bayes.touch.firing import exact_curve, exact_curves
-from softness_bayes.touch.membrane import CONNOR_STEVENS, HODGKIN_HUXLEY, PAPER_CHANNELS, PRINTED, Channels
-from softness_bayes.touch.onset import onset
+from softness_bayes.touch.membrane import CONNOR_STEVENS, PAPER_CHANNELS, PRINTED, Channels
 from softness_bayes.touch.parameters import TouchParameters
 from softness_bayes.touch.rate import firing_rate
 from softness_bayes.touch.surface import ERRORS, TABLES, FiringSurface, TotalDegree
@@ -30,11 +29,6 @@ def surface(request: pytest.FixtureRequest) -> FiringSurface:
 @pytest.fixture(scope="module")
 def connor_stevens() -> FiringSurface:
     return FiringSurface.load(CONNOR_STEVENS)
-
-
-@pytest.fixture(scope="module")
-def hodgkin_huxley() -> FiringSurface:
-    return FiringSurface.load(HODGKIN_HUXLEY)
 
 
 def test_rates_at_random_points(surface: FiringSurface, rng: np.random.Generator) -> None:
@@ -111,29 +105,6 @@ def test_the_border_is_where_firing_stops_beginning_at_the_fold(
         channels = design.channels_at(place)
         current = fold(channels, CONNOR_STEVENS).current + design.border.distance**2
         assert ((firing_rate(current, channels) > 0.0) == fires).mean() > 0.95
-
-
-def test_firing_begins_where_orbits_are_born(hodgkin_huxley: FiringSurface) -> None:
-    # the first of these was once taken for another kind of onset, for passing slowly by the lost orbit
-    place = np.array([[-0.627, 0.987, -0.734], [0.9, -0.95, 0.2]]).T
-    channels = hodgkin_huxley.design.channels_at(place)
-    curve = hodgkin_huxley.curve(channels)
-    begin = onset(channels, HODGKIN_HUXLEY, curve.rheobase)
-    assert begin.born.all()
-    np.testing.assert_allclose(curve.rheobase, begin.rheobase, atol=surface_build.NEAR_JUMP)
-    np.testing.assert_allclose(curve.onset_rate, begin.rate, atol=0.1)
-    # an expectation only says where to look first
-    for shift in (0.003, 0.5):
-        other = onset(channels, HODGKIN_HUXLEY, begin.rheobase + shift)
-        np.testing.assert_allclose(other.rheobase, begin.rheobase, atol=1e-4)
-    below, above = (curve.rate(curve.rheobase[:, None] + step)[:, 0] for step in (-1e-9, 1e-9))
-    assert (below == 0.0).all()
-    assert (above > 40.0).all()
-
-
-def test_a_current_that_the_membrane_lacks_has_no_effect(hodgkin_huxley: FiringSurface) -> None:
-    usual, other = (hodgkin_huxley.curve(PAPER_CHANNELS._replace(c_A=c_a)) for c_a in (1.5, 0.2))
-    np.testing.assert_array_equal(usual.coefficients, other.coefficients)
 
 
 def test_exact_curves_of_a_batch_go_through_exact_rates(surface: FiringSurface, rng: np.random.Generator) -> None:

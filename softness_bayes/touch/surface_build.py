@@ -12,13 +12,14 @@ import argparse
 import json
 import time
 import zipfile
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from concurrent.futures import ProcessPoolExecutor
-from contextlib import ExitStack
+from contextlib import contextmanager
 from importlib import resources
 from io import BytesIO
 from multiprocessing import get_context
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.polynomial import chebyshev
@@ -38,12 +39,14 @@ from softness_bayes.touch.surface_design import DESIGNS, Border, Design
 
 FloatArray = NDArray[np.float64]
 Say = Callable[[str], None]
+Spread = Callable[..., Iterable[Any]]
 
 _BORDER_SEARCH = (-2.0, 1.6)  # places of c_K between which the border is looked for
 _BORDER_USED = 1.3  # places of c_K up to which it is fitted: a little beyond the box
 _HALVINGS = 24
 _SCOUTS = 100  # channel vectors whose onset is looked for everywhere
 _SCOUT_DEGREE = 5  # total degree of what they say of the others' rheobase
+_ONSETS_TOGETHER = 71  # of the others: parts that processes share
 _LOOSE = 1e-5  # agreement of periods that suffices to tell firing from silence
 _UNMEASURED = CurveError(np.nan, np.nan, np.nan)
 
@@ -71,7 +74,7 @@ def low_discrepancy(variables: int, points: int) -> FloatArray:
     return np.cos(np.pi * ((0.5 + np.outer(steps, np.arange(1, points + 1))) % 1.0))
 
 
-def build(design: Design, say: Say) -> FiringSurface:
+def build(design: Design, say: Say, spread: Spread = map) -> FiringSurface:
     """Make one surface."""
     axes = len(design.axes)
     place = low_discrepancy(axes, design.points)
@@ -80,23 +83,27 @@ def build(design: Design, say: Say) -> FiringSurface:
     if design.border is not None:
         place = place[:, surface.before_corner(place) > design.border.margin]
     channels = design.channels_at(place)
-    begin = (_begin_at_fold if design.closest == 0.0 else _begin_at_births)(design, channels)
+    begin = _begin_at_fold(design, channels) if design.closest == 0.0 else _begin_at_births(design, channels, spread)
     if design.closest > 0.0 and not begin.born.all():
         raise NumericalError(f"{design.membrane.name}: firing does not begin in one way over the box")
     say(f"{place.shape[1]} channel vectors, firing begins at {begin.rheobase.min():.3f} to {begin.rheobase.max():.3f}")
     s_max = np.sqrt(design.max_current - begin.rheobase)
-    values = np.empty((design.nodes, begin.rheobase.size))
-    for node, w in enumerate(design.nodes_w):
-        s = 0.5 * (w + 1.0) * s_max
-        if w == -1.0:
-            values[node] = begin.prefactor
-            continue
-        start = time.perf_counter()
-        rate = simulated(begin.rheobase + s * s, channels, design.membrane, s * s).rate
-        if not (rate > 0.0).all():
-            raise NumericalError(f"{(rate == 0.0).sum()} of {rate.size} membranes are silent above their rheobase")
-        values[node] = (rate - begin.rate) / s
-        say(f"node {node + 1} of {design.nodes}: {time.perf_counter() - start:.1f} s")
+    distances = 0.5 * (design.nodes_w[:, None] + 1.0) * s_max
+    first = int(design.closest == 0.0)
+    values = np.empty_like(distances)
+    values[:first] = begin.prefactor
+    found = spread(
+        simulated,
+        list(begin.rheobase + distances[first:] ** 2),
+        [channels] * (design.nodes - first),
+        [design.membrane] * (design.nodes - first),
+        list(distances[first:] ** 2),
+    )
+    for node, orbit in enumerate(found, first):
+        if not (orbit.rate > 0.0).all():
+            raise NumericalError(f"{(orbit.rate == 0.0).sum()} membranes are silent above their rheobase")
+        values[node] = (orbit.rate - begin.rate) / distances[node]
+        say(f"node {node + 1} of {design.nodes}")
     polynomials = np.linalg.solve(chebyshev.chebvander(design.nodes_w, design.nodes - 1), values)
     basis = TotalDegree(axes, design.degree).basis(place)
     known = np.vstack([begin.rheobase, begin.rate, polynomials]).T
@@ -112,15 +119,35 @@ def _begin_at_fold(design: Design, channels: Channels) -> Onset:
     return Onset(found.current, zero, found.prefactor, zero.astype(bool))
 
 
-def _begin_at_births(design: Design, channels: Channels) -> Onset:
+def _begin_at_births(design: Design, channels: Channels, spread: Spread) -> Onset:
     """Onset of membranes that are known to begin where their orbits do: most of them near where some others do."""
-    scouts = np.arange(channels.c_K.size) < _SCOUTS
-    some = onset(Channels(*(c[scouts] for c in channels)), design.membrane)
-    terms, place = TotalDegree(len(design.axes), _SCOUT_DEGREE), design.place(np.array(channels))
-    fitted = np.linalg.lstsq(terms.basis(place[:, scouts]), some.rheobase, rcond=None)[0]
-    expected = terms.basis(place) @ fitted
-    expected[scouts] = some.rheobase
-    return onset(channels, design.membrane, expected)
+    some, others = (Channels(*(c[part] for c in channels)) for part in (slice(_SCOUTS), slice(_SCOUTS, None)))
+    scouted = onset(some, design.membrane)
+    terms = TotalDegree(len(design.axes), _SCOUT_DEGREE)
+    fitted = np.linalg.lstsq(terms.basis(design.place(np.array(some))), scouted.rheobase, rcond=None)[0]
+    expected = terms.basis(design.place(np.array(others))) @ fitted
+    parts = _parts(expected.size, _ONSETS_TOGETHER)
+    found = spread(
+        onset,
+        [Channels(*(c[part] for c in others)) for part in parts],
+        [design.membrane] * len(parts),
+        [expected[part] for part in parts],
+    )
+    return Onset(*(np.concatenate(arrays) for arrays in zip(scouted, *found, strict=True)))
+
+
+def _parts(size: int, together: int) -> list[slice]:
+    return [slice(start, start + together) for start in range(0, size, together)]
+
+
+@contextmanager
+def spread_over(processes: int) -> Iterator[Spread]:
+    """A map over arguments that several processes share."""
+    if processes == 1:
+        yield map
+    else:
+        with ProcessPoolExecutor(processes, get_context("spawn")) as pool:
+            yield pool.map
 
 
 def _padded(coefficients: ArrayLike, size: int) -> FloatArray:
@@ -153,7 +180,7 @@ def measure(
     corner: int = 16,
     seed: int = 1,
     onsets: int = ONSET_VECTORS,
-    processes: int = 1,
+    spread: Spread = map,
 ) -> dict[str, float]:
     """Measure a surface against exact rates.
 
@@ -172,8 +199,8 @@ def measure(
         Of the points.
     onsets : int
         Channel vectors whose onset is compared with the exact one, where it is a jump.
-    processes : int
-        Processes that share the points; the numbers do not depend on it.
+    spread : callable
+        What maps over parts of the points, as :func:`spread_over`; the numbers do not depend on it.
 
     Returns
     -------
@@ -195,7 +222,7 @@ def measure(
     current[close] = np.minimum(begin + 10.0 ** rng.uniform(nearest, 0.0, current.size), design.max_current)[close]
     if jump:
         current = np.where(np.abs(current - begin) < NEAR_JUMP, begin + NEAR_JUMP, current)
-    exact = _exact_rates(surface, current, channels, begin, say, processes)
+    exact = _exact_rates(surface, current, channels, begin, say, spread)
     difference = surface.curve(channels).rate(current[:, None])[:, 0] - exact
     found = _quantiles(difference, exact)
     place_error, rate_error = _measure_onset(surface, rng, onsets) if jump else (0.0, 0.0)
@@ -214,25 +241,21 @@ def measure(
 
 
 def _exact_rates(
-    surface: FiringSurface, current: FloatArray, channels: Channels, begin: FloatArray, say: Say, processes: int
+    surface: FiringSurface, current: FloatArray, channels: Channels, begin: FloatArray, say: Say, spread: Spread
 ) -> FloatArray:
     """Exact rates of all points, some at a time."""
-    starts = range(0, current.size, _MEASURED_TOGETHER)
-    parts = [slice(start, start + _MEASURED_TOGETHER) for start in starts]
+    parts = _parts(current.size, _MEASURED_TOGETHER)
     exact = np.empty_like(current)
-    with ExitStack() as stack:
-        several = processes > 1
-        pool = stack.enter_context(ProcessPoolExecutor(processes, get_context("spawn"))) if several else None
-        found = (map if pool is None else pool.map)(
-            simulated,
-            [current[part] for part in parts],
-            [Channels(*(c[part] for c in channels)) for part in parts],
-            [surface.design.membrane] * len(parts),
-            [(current - begin)[part] for part in parts],
-        )
-        for part, orbit in zip(parts, found, strict=True):
-            exact[part] = orbit.rate
-            say(f"{min(part.stop, current.size)} of {current.size} points")
+    found = spread(
+        simulated,
+        [current[part] for part in parts],
+        [Channels(*(c[part] for c in channels)) for part in parts],
+        [surface.design.membrane] * len(parts),
+        [(current - begin)[part] for part in parts],
+    )
+    for part, orbit in zip(parts, found, strict=True):
+        exact[part] = orbit.rate
+        say(f"{min(part.stop, current.size)} of {current.size} points")
     return exact
 
 
@@ -321,7 +344,7 @@ def main() -> None:
     parser.add_argument("--measure", action="store_true", help="only measure the tables that are shipped")
     parser.add_argument("--points", type=int, default=100_000, help="points of the measurement")
     parser.add_argument("--membrane", choices=DESIGNS, action="append", help="only this one; may be repeated")
-    parser.add_argument("--processes", type=int, default=1, help="processes that share the measurement")
+    parser.add_argument("--processes", type=int, default=1, help="processes that share the work")
     options = parser.parse_args()
     chosen = options.membrane or list(DESIGNS)
     shipped = chosen if options.measure else [name for name in DESIGNS if name not in chosen]
@@ -332,15 +355,15 @@ def main() -> None:
         def say(line: str, start: float = time.perf_counter()) -> None:
             print(f"{time.perf_counter() - start:6.0f} s  {line}", flush=True)
 
-        if not options.measure:
-            surfaces |= {name: build(DESIGNS[name], say) for name in chosen}
-            write(surfaces, options.out / TABLES)
-        for name in chosen:
-            errors[name] = measure(surfaces[name], say, options.points, processes=options.processes)
-            say(f"{name}: {errors[name]}")
-    (options.out / ERRORS).write_text(
-        json.dumps({name: error for name, error in errors.items() if name in DESIGNS}, indent=2) + "\n"
-    )
+        with spread_over(options.processes) as spread:
+            if not options.measure:
+                surfaces |= {name: build(DESIGNS[name], say, spread) for name in chosen}
+                write(surfaces, options.out / TABLES)
+            for name in chosen:
+                errors[name] = measure(surfaces[name], say, options.points, spread=spread)
+                say(f"{name}: {errors[name]}")
+    errors = {name: error for name, error in errors.items() if name in DESIGNS}
+    (options.out / ERRORS).write_text(json.dumps(errors, indent=2) + "\n")
 
 
 if __name__ == "__main__":

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from softness_bayes.touch.limit_cycle import AGREEMENT, TOLERANCE
-from softness_bayes.touch.membrane import CONNOR_STEVENS, HODGKIN_HUXLEY, PAPER_CHANNELS, Channels, Membrane
+from softness_bayes.touch.membrane import CONNOR_STEVENS, PAPER_CHANNELS, Channels, Membrane
 
 FloatArray = NDArray[np.float64]
 
@@ -120,10 +120,7 @@ def _declared(value: Any) -> Any:
 DESIGNS: Mapping[str, Design] = MappingProxyType(
     {
         design.membrane.name: design
-        for design in (
-            Design(CONNOR_STEVENS, max_current=60.0, degree=10, points=3072, nodes=20, border=Border()),
-            Design(HODGKIN_HUXLEY, max_current=60.0, degree=9, points=512, nodes=20, closest=0.015),
-        )
+        for design in (Design(CONNOR_STEVENS, max_current=60.0, degree=10, points=3072, nodes=20, border=Border()),)
     }
 )
 """The surfaces that are shipped, by membrane.
