@@ -1,11 +1,11 @@
 """Exact firing rates against Brian2's, in time and error: ``python -m softness_bayes.benchmark_firing``.
 
 Prints, for one batch of currents into the Connor-Stevens membrane at the paper's multipliers, the processor time for
-each current and the largest relative error of the exact rate, of the same method with looser tolerances, and of Brian2's simulations
-(Runge-Kutta of fourth order) at several step lengths; and how many times longer Brian2 takes than the fastest of ours
-that is at least as accurate. Brian2 comes with the extra ``peers``, in an environment of its own while it needs an
-older NumPy. It is given its best: crossings of the spike voltage are interpolated within a step, and what it takes to
-compile is left out.
+each current and the largest relative error of the exact rate, of the same method with looser tolerances, and of
+Brian2's simulations (Runge-Kutta of fourth order) at several step lengths; and how many times longer Brian2 takes than
+the fastest of ours that is at least as accurate. Brian2 comes with the extra ``peers``, in an environment of its own
+while it needs an older NumPy. It is given its best: crossings of the spike voltage are interpolated within a step, and
+what it takes to compile is left out.
 """
 
 from __future__ import annotations
