@@ -23,7 +23,7 @@ from softness_bayes.inference.chains import Chains
 from softness_bayes.inference.checks import FabricCheck, check_fabrics
 from softness_bayes.inference.curves import Inflection, curve_scene, find_inflection, response_curves
 from softness_bayes.inference.diagnostics import Verdict
-from softness_bayes.inference.exactness import Exactness, compare, resample
+from softness_bayes.inference.exactness import EXACT_RATES, SAME_RATES, Exactness, compare, resample
 from softness_bayes.inference.observation import RatingParameters
 from softness_bayes.inference.parameters import EVERY_PARAMETER
 from softness_bayes.inference.posterior import Posterior
@@ -220,8 +220,9 @@ class Assembly:
     @cached_property
     def exactness(self) -> Exactness:
         """The exact log-likelihood's difference to the fast one at evenly spaced draws."""
-        theta = self.compared
-        return compare(self.posterior.names, theta, self.posterior.log_likelihood(theta), self._exact())
+        fast = self.posterior.log_likelihood(self.compared)
+        rates = SAME_RATES if self.scene.firing.noise else EXACT_RATES
+        return compare(self.posterior.names, self.compared, fast, self._exact(), rates)
 
     def _exactness_stats(self) -> dict[str, Variable]:
         """Return the differences of the log-likelihood and the log weights; NaN at draws that were not compared."""

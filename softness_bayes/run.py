@@ -154,6 +154,7 @@ def posterior_of(experiment: Experiment, options: RunOptions) -> Posterior:
         n_participants=len(ratings.participants),
         absent=set(RatingParameters._fields) - set(options.scale.parameters),
         n_fingers=None if experiment.compression is None else len(experiment.compression.participants),
+        membrane=options.readings.membrane,
     )
     conditions = ratings.conditions
     scene = scene_of(

@@ -53,8 +53,13 @@ def usual_values(
     InputError
         If a given name is unknown or its value not one that the parameter can take.
     """
-    displacement = readings.skin_displacement
-    space = parameter_space(fix=given, prior_set=prior_set, skin_displacement=displacement, n_fingers=n_fingers)
+    space = parameter_space(
+        fix=given,
+        prior_set=prior_set,
+        skin_displacement=readings.skin_displacement,
+        n_fingers=n_fingers,
+        membrane=readings.membrane,
+    )
     return {name: float(value) for name, value in space.values(space.median).items()}
 
 

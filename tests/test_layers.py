@@ -25,7 +25,7 @@ LAYERS = (
     {"restore", "compare", "calibrate", "plan"},
     {"bench"},
     {"plotting", "report"},
-    {"cli", "benchmark_moves", "api_pages"},
+    {"cli", "benchmark_firing", "benchmark_moves", "api_pages"},
 )
 RANK = {name: rank for rank, names in enumerate(LAYERS) for name in names}
 HOMES = {
@@ -35,7 +35,13 @@ HOMES = {
     "jinja2": {"report.page"},
 }
 """Modules outside of which a library may not be imported."""
-PROGRAMS = {"api_pages", "benchmark_moves", "touch.firing_sample_build", "touch.surface_build"}
+PROGRAMS = {
+    "api_pages",
+    "benchmark_firing",
+    "benchmark_moves",
+    "touch.firing_sample_build",
+    "touch.surface_build",
+}
 """Run with ``python -m``, beside the command line: they may print, and nothing imports them."""
 
 

@@ -369,6 +369,22 @@ def test_rheobase_at_a_fold_of_orbits(membrane: Membrane, channels: Channels, cu
     assert around[1] == pytest.approx(rate, rel=0.03)
 
 
+@pytest.mark.slow
+def test_a_fold_of_orbits_is_not_hidden_by_slow_passing() -> None:
+    # just below the fold spikes go on for long: these multipliers were once taken to begin otherwise for that
+    channels = Channels(0.984165, 1.274492, 0.9266, 1.5)
+    plain = onset(channels, HODGKIN_HUXLEY)
+    assert plain.born
+    # an expectation says where to look first, and nothing else
+    for shift in (0.003, 0.5):
+        other = onset(channels, HODGKIN_HUXLEY, plain.rheobase + shift)
+        assert other.rheobase == pytest.approx(plain.rheobase, abs=1e-4)
+        assert other.rate == pytest.approx(plain.rate, abs=0.05)
+    around = firing_rate(plain.rheobase + np.array([-5e-3, 5e-3]), channels, HODGKIN_HUXLEY)
+    assert around[0] == 0.0
+    assert around[1] > plain.rate
+
+
 def test_a_membrane_without_sodium_never_fires() -> None:
     begin = onset(PAPER_CHANNELS._replace(c_Na=0.0), HODGKIN_HUXLEY)
     assert np.isinf(begin.rheobase)

@@ -11,11 +11,11 @@ from softness_bayes.errors import InputError
 from softness_bayes.inference.coordinates import Bent, HalfLine, Interval, Line, Scaled, coordinate_for
 from softness_bayes.inference.parameters import HELD, PARAMETERS, PRIOR_SETS, parameter_space
 from softness_bayes.inference.priors import HalfNormal, LogNormal, Normal, Uniform
-from softness_bayes.touch import surface
 from softness_bayes.touch.contact import DISPLACEMENT, STRAIN
-from softness_bayes.touch.membrane import PAPER_CHANNELS, Channels
+from softness_bayes.touch.membrane import HODGKIN_HUXLEY, PAPER_CHANNELS, Channels
 from softness_bayes.touch.parameters import TouchParameters
 from softness_bayes.touch.scene import LARGEST_CURRENT
+from softness_bayes.touch.surface_design import DESIGNS
 
 EVERYTHING = parameter_space(free=HELD)
 
@@ -38,13 +38,24 @@ def test_alpha_ends_where_its_rate_curves_end():
     def largest(space):
         return next(p.largest for p in space.sampled if p.name == "alpha")
 
-    assert largest(parameter_space()) == surface.LARGEST_CURRENT
+    assert largest(parameter_space()) == DESIGNS["connor-stevens"].max_current
     channels = PAPER_CHANNELS._asdict()
     wide = parameter_space(fix=channels, priors={"alpha": LogNormal(100, 1)})
     assert largest(wide) == LARGEST_CURRENT
     assert wide.draw_prior(np.random.default_rng(0), 500)[:, 2].max() < LARGEST_CURRENT
     with pytest.raises(InputError, match="where the model ends"):
         parameter_space(priors={"alpha": LogNormal(1e6, 0.1)}).draw_prior(np.random.default_rng(0), 5)
+
+
+def test_a_current_that_the_membrane_lacks_is_held():
+    space = parameter_space(membrane=HODGKIN_HUXLEY)
+    assert space.held["c_A"] == PAPER_CHANNELS.c_A
+    assert {"c_Na", "c_K", "c_L"} <= {*space.names}
+    assert "c_A" not in space.names
+    assert parameter_space(fix={"c_A": 1.4}, membrane=HODGKIN_HUXLEY).held["c_A"] == 1.4
+    with pytest.raises(InputError, match="c_A cannot be sampled: the membrane hodgkin-huxley has no such current"):
+        parameter_space(priors={"c_A": LogNormal(1.5, 0.03, 0.1)}, membrane=HODGKIN_HUXLEY)
+    assert "c_A" in parameter_space().names
 
 
 def test_every_prior_ends_where_firing_begins_at_a_jump():

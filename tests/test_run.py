@@ -536,6 +536,13 @@ def test_the_result_says_whether_it_is_exact_enough(result):
     assert stored[compared].std() == pytest.approx(found["exactness_sd"])
 
 
+def test_under_noise_the_result_says_what_rates_it_was_compared_with(experiment, options, result, monkeypatch):
+    monkeypatch.setattr(scene, "noisy_curve", lambda noise, *curve: scene.exact_curve(*curve))
+    noisy = sample(experiment, dataclasses.replace(options, noise=1.0))
+    assert "against the same noise-averaged firing rates and a finer quadrature" in noisy.attributes["exactness"]
+    assert "against exact firing rates and a finer quadrature" in result.attributes["exactness"]
+
+
 def test_exact_weights_leave_an_exact_run_as_it_is(experiment, options, result):
     weighted = sample(experiment, dataclasses.replace(options, exact_reweight=True))
     assert weighted.attributes["exact_reweight"] == 1

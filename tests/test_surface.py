@@ -1,19 +1,22 @@
 """The firing-rate surface against exact rates, at its borders and where it ends."""
 
 import json
+from dataclasses import replace
 from importlib import resources
 
 import numpy as np
 import pytest
 
 from softness_bayes.errors import InputError, NumericalError
+from softness_bayes.touch import surface as module
 from softness_bayes.touch import surface_build
 from softness_bayes.touch.equilibrium import fold
-from softness_bayes.touch.firing import exact_curve
+from softness_bayes.touch.firing import exact_curve, exact_curves
 from softness_bayes.touch.membrane import CONNOR_STEVENS, PAPER_CHANNELS, PRINTED, Channels
 from softness_bayes.touch.parameters import TouchParameters
 from softness_bayes.touch.rate import firing_rate
-from softness_bayes.touch.surface import DESIGNS, ERRORS, LARGEST_CURRENT, TABLES, FiringSurface, TotalDegree, box
+from softness_bayes.touch.surface import ERRORS, TABLES, FiringSurface, TotalDegree
+from softness_bayes.touch.surface_design import DESIGNS
 
 CORNER = Channels(0.945, 1.276, 0.9, 1.35)
 
@@ -59,6 +62,9 @@ def test_measured_errors_are_kept_and_meet_what_is_promised() -> None:
         assert error["of_allowance"] <= 1.0
         assert error["relative_median"] <= 1e-5
         assert error["relative_999"] <= 1e-3
+        # firing begins where it should, but for what lies within the distance that the allowance leaves out
+        assert error["onset_current"] <= surface_build.NEAR_JUMP
+        assert (error["onset_current"] > 0.0) == (DESIGNS[name].closest > 0.0)
         if DESIGNS[name].border is not None:
             assert error["near_border"] >= 10_000
             assert error["corner_vectors"] > 0
@@ -66,12 +72,12 @@ def test_measured_errors_are_kept_and_meet_what_is_promised() -> None:
 
 
 def test_a_small_measurement_agrees_with_the_kept_one(surface: FiringSurface) -> None:
-    error = surface_build.measure(surface, lambda _: None, points=600, corner=0, seed=7)
+    error = surface_build.measure(surface, lambda _: None, points=600, corner=0, seed=7, onsets=4)
     assert error["of_allowance"] < 1.0
     assert error["relative_median"] < 1e-5
     # negative control: a table that is wrong in the third digit fails it
     spoilt = FiringSurface(surface.design, surface.table * 1.005, surface.border, surface.error)
-    assert surface_build.measure(spoilt, lambda _: None, points=600, corner=0, seed=7)["of_allowance"] > 1.0
+    assert surface_build.measure(spoilt, lambda _: None, points=600, corner=0, seed=7, onsets=0)["of_allowance"] > 1.0
 
 
 def test_beyond_the_border_a_vector_has_its_own_exact_curve(connor_stevens: FiringSurface) -> None:
@@ -101,6 +107,16 @@ def test_the_border_is_where_firing_stops_beginning_at_the_fold(
         assert ((firing_rate(current, channels) > 0.0) == fires).mean() > 0.95
 
 
+def test_exact_curves_of_a_batch_go_through_exact_rates(surface: FiringSurface, rng: np.random.Generator) -> None:
+    channels = surface.design.channels_at(rng.uniform(-0.5, 0.5, (len(surface.design.axes), 3)))
+    limit = np.array([22.0, 30.0, 40.0])
+    exact = exact_curves(channels, surface.design.membrane, limit, expected=surface.curve(channels).rheobase)
+    for i in range(3):
+        current = np.linspace(float(exact.rheobase[i]) + 0.05, limit[i], 7)
+        rates = firing_rate(current, Channels(*(c[i] for c in channels)), surface.design.membrane)
+        np.testing.assert_allclose(exact.take(i).rate(current), rates, rtol=1e-4)
+
+
 def test_a_batch_is_its_vectors_one_by_one(surface: FiringSurface, rng: np.random.Generator) -> None:
     channels = surface.design.channels_at(rng.uniform(-0.7, 0.7, (len(surface.design.axes), 6)))
     batch = surface.curve(Channels(*(c.reshape(2, 3) for c in channels)))
@@ -112,26 +128,26 @@ def test_a_batch_is_its_vectors_one_by_one(surface: FiringSurface, rng: np.rando
         np.testing.assert_allclose(one.rate(current), batch.take(np.unravel_index(i, (2, 3))).rate(current), atol=1e-9)
 
 
-def test_what_lies_outside_is_refused(connor_stevens: FiringSurface) -> None:
-    for name, (low, high) in {name: box(name) for name in Channels._fields}.items():
+def test_what_lies_outside_is_refused(surface: FiringSurface) -> None:
+    for name in (Channels._fields[axis] for axis in surface.design.axes):
+        low, high = surface.design.interval(name)
         for value in (0.999 * low, 1.001 * high):
             with pytest.raises(InputError, match=rf"{name} = {value:.6g} lies outside"):
-                connor_stevens.curve(PAPER_CHANNELS._replace(**{name: value}))
-        connor_stevens.curve(PAPER_CHANNELS._replace(**{name: low}))
+                surface.curve(PAPER_CHANNELS._replace(**{name: value}))
+        surface.curve(PAPER_CHANNELS._replace(**{name: low}))
     with pytest.raises(InputError, match="c_K is not finite"):
-        connor_stevens.curve(PAPER_CHANNELS._replace(c_K=np.nan))
-    touch = TouchParameters(1e5, 2.0, LARGEST_CURRENT * 1.01, 6e-4, 9e3, *PAPER_CHANNELS)
+        surface.curve(PAPER_CHANNELS._replace(c_K=np.nan))
+    touch = TouchParameters(1e5, 2.0, surface.max_current * 1.01, 6e-4, 9e3, *PAPER_CHANNELS)
     with pytest.raises(NumericalError, match="hold the channel multipliers"):
-        connor_stevens.curves(touch)
+        surface.curves(touch)
+
+
+def test_a_membrane_without_a_surface_is_named() -> None:
     with pytest.raises(InputError, match="no firing-rate surface is kept"):
         FiringSurface.load(PRINTED)
 
 
 def test_tables_of_other_inputs_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    from dataclasses import replace
-
-    from softness_bayes.touch import surface as module
-
     other = {"connor-stevens": replace(DESIGNS["connor-stevens"], degree=9)}
     monkeypatch.setattr(module, "DESIGNS", other)
     with pytest.raises(InputError, match="rebuild it with"):

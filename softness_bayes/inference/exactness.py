@@ -19,6 +19,10 @@ Pareto's k is blind to scale: differences of 1e-6 with heavy tails have k > 0.6.
 LARGEST_K = 0.7
 """Pareto k beyond which weighted means cannot be trusted."""
 
+EXACT_RATES = "exact firing rates"
+SAME_RATES = "the same noise-averaged firing rates"
+"""What stands for exact rates where they are averages over noise, whose own error is reported beside."""
+
 
 @dataclass(frozen=True)
 class Exactness:
@@ -36,6 +40,8 @@ class Exactness:
         Change of each parameter's mean by the weights, in its posterior standard deviations, shape (parameters,).
     names
         The parameters.
+    rates
+        What the fast firing rates were compared with, in words.
     """
 
     difference: Array
@@ -43,6 +49,7 @@ class Exactness:
     pareto_k: float
     shift: Array
     names: tuple[str, ...]
+    rates: str = EXACT_RATES
 
     @property
     def sd(self) -> float:
@@ -74,13 +81,13 @@ class Exactness:
         tail = f", Pareto k {self.pareto_k:.2f}" if self.sd > HARMLESS else ""
         verdict = "Exact enough" if self.exact_enough else "Not exact enough"
         return (
-            f"{verdict}: against exact firing rates and a finer quadrature the log-likelihood of "
+            f"{verdict}: against {self.rates} and a finer quadrature the log-likelihood of "
             f"{self.difference.size} draws differs by {self.sd:.1g} (sd), {self.largest:.1g} at most; weighted "
             f"effective size {self.efficiency:.1%}{tail}{most}."
         )
 
 
-def compare(names: tuple[str, ...], theta: Array, fast: Array, exact: Array) -> Exactness:
+def compare(names: tuple[str, ...], theta: Array, fast: Array, exact: Array, rates: str = EXACT_RATES) -> Exactness:
     """Compare two log-likelihoods at draws of the posterior under the fast one.
 
     Parameters
@@ -91,6 +98,8 @@ def compare(names: tuple[str, ...], theta: Array, fast: Array, exact: Array) -> 
         Draws, shape (draws, parameters).
     fast, exact
         Log-likelihoods, shape (draws,).
+    rates
+        What firing rates the exact one is made with, in words.
     """
     difference = exact - fast
     (log_weight,), (k,) = arviz_bridge.psis(difference[None])
@@ -98,7 +107,7 @@ def compare(names: tuple[str, ...], theta: Array, fast: Array, exact: Array) -> 
     spread = theta.std(axis=0)
     moved = (weight * theta).sum(axis=0) / weight.sum() - theta.mean(axis=0)
     shift = np.divide(moved, spread, out=np.zeros_like(moved), where=spread > 0)
-    return Exactness(difference, log_weight, float(k), shift, names)
+    return Exactness(difference, log_weight, float(k), shift, names, rates)
 
 
 def resample(log_weight: Array, size: int) -> NDArray[np.intp]:

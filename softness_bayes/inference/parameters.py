@@ -13,12 +13,12 @@ from numpy.typing import NDArray
 from softness_bayes.errors import InputError
 from softness_bayes.inference.coordinates import Coordinate, coordinate_for
 from softness_bayes.inference.priors import HalfNormal, LogNormal, Prior
-from softness_bayes.touch import surface
 from softness_bayes.touch.contact import DISPLACEMENT, STRAIN, SkinDisplacement
-from softness_bayes.touch.membrane import Channels
+from softness_bayes.touch.membrane import CONNOR_STEVENS, Channels, Membrane
 from softness_bayes.touch.parameters import TouchParameters
 from softness_bayes.touch.scene import LARGEST_CURRENT
 from softness_bayes.touch.surface import FiringSurface
+from softness_bayes.touch.surface_design import DESIGNS
 
 FloatArray = NDArray[np.float64]
 
@@ -279,6 +279,7 @@ def parameter_space(
     n_participants: int | None = None,
     absent: Collection[str] = (),
     n_fingers: int | None = None,
+    membrane: Membrane = CONNOR_STEVENS,
 ) -> ParameterSpace:
     """Decide which parameters are sampled, under which priors, and where the others are held.
 
@@ -301,6 +302,9 @@ def parameter_space(
     n_fingers
         Fingers of the compression data; without any there are no `FINGER_PARAMETERS`. With one, the
         spreads between fingers cannot be told from b and m and are held at 0.
+    membrane
+        Reading of the membrane, whose firing-rate surface limits alpha and the channel multipliers. One that it does
+        not have is held.
 
     Raises
     ------
@@ -328,6 +332,13 @@ def parameter_space(
             if name in freed:
                 raise InputError(f"{name} cannot be sampled: there is one finger only, so fix it or leave it out")
             fix.setdefault(name, 0.0)
+    for name in membrane.without_effect:
+        if name in freed:
+            raise InputError(
+                f"{name} cannot be sampled: the membrane {membrane.name} has no such current; leave it out"
+            )
+        if name not in absent:
+            fix.setdefault(name, PARAMETERS[name].prior.median)
     held = {name: value for name, value in HELD.items() if name not in (*freed, *absent)} | fix
     for name, value in held.items():
         _require_value(EVERY_PARAMETER[name], value)
@@ -339,8 +350,9 @@ def parameter_space(
         if name not in held and name not in absent
     )
     free_channels = any(p.name in Channels._fields for p in sampled)
-    firing = FiringSurface.load() if free_channels else None
-    return ParameterSpace(_within_surface(sampled, held), held, firing)
+    # a membrane without a surface has usual values all the same; who asks for its rates is told
+    firing = FiringSurface.load(membrane) if free_channels and membrane.name in DESIGNS else None
+    return ParameterSpace(sampled if firing is None else _within_surface(sampled, held, firing), held, firing)
 
 
 def _declared(name: str) -> Parameter:
@@ -357,7 +369,9 @@ def _require_value(parameter: Parameter, value: float) -> None:
         raise InputError(f"{parameter.name} is {value}, expected at most {parameter.largest:g} [{parameter.unit}]")
 
 
-def _within_surface(sampled: tuple[Parameter, ...], held: Mapping[str, float]) -> tuple[Parameter, ...]:
+def _within_surface(
+    sampled: tuple[Parameter, ...], held: Mapping[str, float], firing: FiringSurface
+) -> tuple[Parameter, ...]:
     """The parameters as they are where channel multipliers are sampled: alpha ends with the firing-rate surface.
 
     Raises
@@ -367,20 +381,18 @@ def _within_surface(sampled: tuple[Parameter, ...], held: Mapping[str, float]) -
     """
     channels = [p for p in sampled if p.name in Channels._fields]
     for p in channels:
-        low, high = surface.box(p.name)
+        low, high = firing.design.interval(p.name)
         if p.prior.support[0] < low * (1 - _ROUNDING) or p.prior.support[1] > high * (1 + _ROUNDING):
             raise InputError(
                 f"prior of {p.name}: {p.prior} reaches beyond {low:g} to {high:g}, where the firing-rate surface ends; "
                 f"expected one that ends there, as {PARAMETERS[p.name].prior} does, or {p.name} fixed"
             )
-    if not channels:
-        return sampled
-    if held.get("alpha", 0.0) > surface.LARGEST_CURRENT:
+    if held.get("alpha", 0.0) > firing.max_current:
         raise InputError(
-            f"alpha is {held['alpha']}, expected at most {surface.LARGEST_CURRENT:g} µA/cm², where "
+            f"alpha is {held['alpha']}, expected at most {firing.max_current:g} µA/cm², where "
             f"the firing-rate surface ends; fix {', '.join(p.name for p in channels)} too for larger ones"
         )
-    return tuple(replace(p, largest=surface.LARGEST_CURRENT) if p.name == "alpha" else p for p in sampled)
+    return tuple(replace(p, largest=firing.max_current) if p.name == "alpha" else p for p in sampled)
 
 
 def _suitable(parameter: Parameter, prior: Prior) -> Prior:

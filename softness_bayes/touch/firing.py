@@ -175,6 +175,7 @@ def exact_curves(
     membrane: Membrane,
     max_current: ArrayLike,
     nodes: int = 14,
+    expected: ArrayLike | None = None,
 ) -> RateCurve:
     """Curves of many channel vectors through exact rates, without a measurement of their error.
 
@@ -190,22 +191,27 @@ def exact_curves(
         Largest current that each covers [µA/cm²], of shape (n,).
     nodes : int
         Number of nodes.
+    expected : array_like, optional
+        Rheobases that are expected [µA/cm²], as :func:`~.onset.onset` takes them.
     """
-    begin = onset(channels, membrane)
+    begin = onset(channels, membrane, expected)
     limit = np.broadcast_to(np.asarray(max_current, dtype=float), begin.rheobase.shape)
     unknown = CurveError(np.nan, np.nan, np.nan)
     curve = RateCurve(begin.rheobase, np.zeros_like(limit), np.zeros((limit.size, nodes)), limit, unknown)
-    w = -np.cos(np.pi * np.arange(nodes) / (nodes - 1))
-    smooth = np.flatnonzero(np.isfinite(begin.prefactor) & (begin.rheobase < limit))
-    s = 0.5 * (w + 1.0) * curve.s_max[smooth, None]
-    many = Channels(*(np.repeat(c[smooth], nodes - 1) for c in channels))
-    current = begin.rheobase[smooth, None] + s[:, 1:] ** 2
-    value = np.empty_like(s)
-    value[:, 0] = begin.prefactor[smooth]
-    value[:, 1:] = firing_rate(current.ravel(), many, membrane).reshape(current.shape) / s[:, 1:]
+    through_fold, fires = np.isfinite(begin.prefactor), begin.rheobase < limit
+    smooth = np.flatnonzero(fires & (through_fold | begin.born))
+    s_max = curve.s_max[smooth, None]
+    s_min = np.where(through_fold[smooth, None], 0.0, np.minimum(_CLOSEST_BORN, 0.1 * s_max))
+    s = s_min + 0.5 * (s_max - s_min) * (1.0 - np.cos(np.pi * np.arange(nodes) / (nodes - 1)))
+    value = np.repeat(begin.prefactor[smooth, None], nodes, axis=1)
+    vector, node = np.nonzero(s)
+    excess, lane = s[vector, node], smooth[vector]
+    rate = firing_rate(begin.rheobase[lane] + excess**2, Channels(*(c[lane] for c in channels)), membrane)
+    value[vector, node] = (rate - begin.rate[lane]) / excess
+    curve.onset_rate[smooth] = begin.rate[smooth]
     for place, i in enumerate(smooth):
-        curve.coefficients[i] = _monomials(w, value[place])
-    for i in np.flatnonzero(~np.isfinite(begin.prefactor) & (begin.rheobase < limit)):
+        curve.coefficients[i] = _monomials(2.0 * s[place] / s_max[place] - 1.0, value[place])
+    for i in np.flatnonzero(fires & ~through_fold & ~begin.born):
         own = exact_curve(Channels(*(float(c[i]) for c in channels)), membrane, float(limit[i]), nodes)
         curve.onset_rate[i], curve.coefficients[i] = own.onset_rate, own.coefficients
     return curve

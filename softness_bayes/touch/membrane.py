@@ -78,6 +78,11 @@ class Membrane:
         potentials = (self.e_na, self.e_k, self.e_l, self.e_a)[: 4 if self.gating.a_current else 3]
         return min(potentials), max(potentials)
 
+    @property
+    def without_effect(self) -> tuple[str, ...]:
+        """Names of the multipliers of currents that the membrane does not have."""
+        return ("c_A",) if self.gating.a_current is None else ()
+
 
 CONNOR_STEVENS = Membrane(
     name="connor-stevens",

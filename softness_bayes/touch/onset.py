@@ -4,7 +4,8 @@ There are three ways, told apart by simulation:
 
 - at a fold of equilibria that the periodic orbit passes through, arbitrarily slowly (:mod:`~.equilibrium`);
 - at a fold of periodic orbits, at a finite rate: the stable orbit meets an unstable one and both vanish. Orbits near
-  there attract ever more weakly, so the fold is extrapolated from stable orbits a little above it;
+  there attract ever more weakly, and below it trajectories pass the lost orbit so slowly that they look periodic; so
+  the fold is extrapolated from stable orbits a good way above it, twice, the second time from where the first led;
 - elsewhere, where the trajectory that leaves rest stops falling into the basin of an equilibrium. There the period
   grows without bound too, but only as the logarithm of the distance to the rheobase.
 """
@@ -16,7 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.polynomial import Polynomial
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from softness_bayes.touch.cells import Cells
 from softness_bayes.touch.equilibrium import Fold, fold, rest
@@ -33,9 +34,12 @@ _CLASSIFYING_TOLERANCE = 1e-7  # local error where only the kind of onset is ask
 _SECTIONS = 24  # currents tried side by side while a jump is bracketed, shared by the cells of a batch
 _RUNGS = 25  # currents tried upwards until one fires
 _RESOLUTION = 1e-6  # µA/cm², width of the final bracket around a jump
-_FAMILY = 5  # stable orbits from which a fold of orbits is extrapolated
-_FAMILY_BRACKET = 5e-3  # µA/cm², width of the bracket from which that is tried
-_FAMILY_REACH = 0.04  # µA/cm² above the bracket over which the orbits are spread
+_FAMILY_BRACKET = 0.02  # µA/cm², width of the bracket from which a fold of orbits is extrapolated
+_FAMILY = 0.1 + 0.7 * np.sin(0.5 * np.pi * (np.arange(12) + 0.5) / 12.0) ** 2  # sqrt(µA/cm²), orbits above the bracket
+_SAME_FOLD = 2e-3  # µA/cm², agreement of the two extrapolations
+_JUST_ABOVE = 5e-4  # µA/cm² above the fold, where rest must lead to the orbit
+_LOOKS_PERIODIC = 5e-3  # µA/cm² below the fold where slow passing is taken for firing
+_EXPECTED_WITHIN = 0.49 * _FAMILY_BRACKET  # µA/cm², where a rheobase that is expected is looked for first
 _PASSING = 1e-5  # agreement of periods where only the kind of onset is asked for
 
 
@@ -57,7 +61,9 @@ def rheobase(channels: Channels = PAPER_CHANNELS, membrane: Membrane = CONNOR_ST
     return onset(channels, membrane).rheobase
 
 
-def onset(channels: Channels = PAPER_CHANNELS, membrane: Membrane = CONNOR_STEVENS) -> Onset:
+def onset(
+    channels: Channels = PAPER_CHANNELS, membrane: Membrane = CONNOR_STEVENS, expected: ArrayLike | None = None
+) -> Onset:
     """Rheobase, and the rate just above it.
 
     Parameters
@@ -66,6 +72,9 @@ def onset(channels: Channels = PAPER_CHANNELS, membrane: Membrane = CONNOR_STEVE
         Multipliers of the conductances [-].
     membrane : Membrane
         Constants.
+    expected : array_like, optional
+        Rheobases that are expected [µA/cm²], of the multipliers' shape. A jump is looked for around them first, which
+        is several times faster; simulation decides all the same.
 
     Raises
     ------
@@ -73,7 +82,8 @@ def onset(channels: Channels = PAPER_CHANNELS, membrane: Membrane = CONNOR_STEVE
         If a multiplier is negative or not finite.
     """
     shape, multipliers = lanes(channels)
-    distinct, lane = np.unique(np.array(multipliers), axis=1, return_inverse=True)
+    distinct, first, lane = np.unique(np.array(multipliers), axis=1, return_index=True, return_inverse=True)
+    guess = np.full(shape, np.nan) if expected is None else np.broadcast_to(np.asarray(expected, float), shape)
     folds = fold(Channels(*distinct), membrane)
     smooth = fires_through(folds, Channels(*distinct), membrane)
     begin = Onset(
@@ -85,7 +95,7 @@ def onset(channels: Channels = PAPER_CHANNELS, membrane: Membrane = CONNOR_STEVE
     jumps = np.flatnonzero(~smooth)
     if jumps.size:
         begin.rheobase[jumps], begin.rate[jumps], begin.born[jumps] = _jumps(
-            distinct[:, jumps], folds.current[jumps], membrane
+            distinct[:, jumps], folds.current[jumps], membrane, guess.reshape(-1)[first[jumps]]
         )
     place = lane.reshape(shape)
     return Onset(begin.rheobase[place], begin.rate[place], begin.prefactor[place], begin.born[place])
@@ -110,7 +120,7 @@ class _Bracket(NamedTuple):
 
 
 def _jumps(
-    channels: FloatArray, fold_current: FloatArray, membrane: Membrane
+    channels: FloatArray, fold_current: FloatArray, membrane: Membrane, expected: FloatArray
 ) -> tuple[FloatArray, FloatArray, NDArray[np.bool_]]:
     """Where firing begins abruptly, the rate there, and whether orbits fold; for multipliers of shape (4, n)."""
 
@@ -124,12 +134,12 @@ def _jumps(
         return simulated(current, Channels(*channels[:, lane]), membrane, current - fold_current[lane]).rate
 
     start = np.where(np.isfinite(fold_current), fold_current, 0.0)
-    bracket = _climb(passing, start)
+    bracket = _climb(passing, start, expected)
     found = np.isfinite(bracket.high)
     # beside a fold of equilibria, orbits do not fold: firing begins where rest is left for the orbit's basin
     folding = np.flatnonzero(found & ~np.isfinite(fold_current))
     _narrow(passing, bracket, folding, _FAMILY_BRACKET)
-    current, rate = _births(exact, bracket, folding)
+    current, rate = _births(exact, passing, bracket, folding)
     born = np.zeros(found.size, dtype=bool)
     born[folding] = np.isfinite(current)
     _narrow(exact, bracket, np.flatnonzero(found & ~born), _RESOLUTION)
@@ -143,9 +153,15 @@ def _jumps(
 _Rates = Callable[[FloatArray, NDArray[np.intp]], FloatArray]
 
 
-def _climb(rates: _Rates, start: FloatArray) -> _Bracket:
+def _climb(rates: _Rates, start: FloatArray, expected: FloatArray) -> _Bracket:
     """The first of rising currents that fires, and the one before it; infinite where none does."""
     low, high, rate = start.copy(), np.full(start.size, np.inf), np.zeros(start.size)
+    lane = np.flatnonzero(expected - _EXPECTED_WITHIN > start)
+    if lane.size:
+        below, above = expected[lane] - _EXPECTED_WITHIN, expected[lane] + _EXPECTED_WITHIN
+        silent, found = np.split(rates(np.append(below, above), np.append(lane, lane)), 2)
+        begins = (silent == 0.0) & (found > 0.0)
+        low[lane[begins]], high[lane[begins]], rate[lane[begins]] = below[begins], above[begins], found[begins]
     for share in np.geomspace(2.0 / SEARCH_LIMIT, 1.0, _RUNGS):
         lane = np.flatnonzero(np.isinf(high))
         if not lane.size:
@@ -174,23 +190,34 @@ def _narrow(rates: _Rates, bracket: _Bracket, lane: NDArray[np.intp], width: flo
         bracket.rate[lane] = found[place, first]
 
 
-def _births(rates: _Rates, bracket: _Bracket, lane: NDArray[np.intp]) -> tuple[FloatArray, FloatArray]:
-    """Current and rate at the folds of periodic orbits near which firing begins; NaN where there is none.
-
-    Along the family of orbits the current is a smooth function of the period, and smallest at the fold.
-    """
+def _births(rates: _Rates, passing: _Rates, bracket: _Bracket, lane: NDArray[np.intp]) -> tuple[FloatArray, FloatArray]:
+    """Current and rate at the folds of periodic orbits at which firing begins; NaN where it does not."""
     low, high = bracket.low[lane], bracket.high[lane]
-    currents = high[:, None] + _FAMILY_REACH * np.linspace(0.1, 1.0, _FAMILY) ** 2
-    rate = rates(currents.ravel(), np.repeat(lane, _FAMILY)).reshape(currents.shape)
-    birth = np.full((2, lane.size), np.nan)
+    first, _ = _turn(rates, high, lane)
+    birth, rate = _turn(rates, first, lane)
+    with np.errstate(invalid="ignore"):
+        inside = (birth > low - _LOOKS_PERIODIC) & (birth <= high + _LOOKS_PERIODIC)
+        found = np.flatnonzero(inside & (np.abs(birth - first) <= _SAME_FOLD))
+    # an orbit that rest does not lead to is no birth of firing
+    found = found[passing(birth[found] + _JUST_ABOVE, lane[found]) > 0.0]
+    missing = np.setdiff1d(np.arange(lane.size), found)
+    birth[missing], rate[missing] = np.nan, np.nan
+    return birth, rate
+
+
+def _turn(rates: _Rates, base: FloatArray, lane: NDArray[np.intp]) -> tuple[FloatArray, FloatArray]:
+    """Current and rate where the family of orbits above ``base`` turns around; NaN where it is not seen to.
+
+    Along the family the current is a smooth function of the rate, and smallest at the fold.
+    """
+    turn = np.full((2, lane.size), np.nan)
+    known = np.flatnonzero(np.isfinite(base))
+    currents = base[known, None] + _FAMILY**2
+    rate = rates(currents.ravel(), np.repeat(lane[known], _FAMILY.size)).reshape(currents.shape)
     for i in np.flatnonzero((rate > 0.0).all(axis=1)):
-        period = 1000.0 / rate[i]
-        family = Polynomial.fit(period, currents[i], _FAMILY - 1)
-        turns = family.deriv().roots()
-        turns = turns.real[(np.abs(turns.imag) < 1e-9) & (turns.real > period[0])]
-        if turns.size and turns.min() < 2.0 * period[0] - period[-1]:
-            birth[:, i] = family(turns.min()), 1000.0 / turns.min()
-    # periods that pass by slowly are taken for firing a little below the fold
-    slack = 0.1 * _FAMILY_BRACKET
-    birth[:, ~((birth[0] > low - slack) & (birth[0] <= high + slack))] = np.nan
-    return birth[0], birth[1]
+        family = Polynomial.fit(rate[i], currents[i], _FAMILY.size - 1)
+        ends = family.deriv().roots()
+        ends = ends.real[(np.abs(ends.imag) < 1e-9 * rate[i, 0]) & (ends.real < rate[i, 0])]
+        if ends.size:
+            turn[:, known[i]] = family(ends.max()), ends.max()
+    return turn[0], turn[1]

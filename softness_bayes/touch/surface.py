@@ -11,15 +11,11 @@ The tables are built and measured by ``python -m softness_bayes.touch.surface_bu
 
 from __future__ import annotations
 
-import hashlib
 import itertools
 import json
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from importlib import resources
-from types import MappingProxyType
-from typing import Any
 
 import numpy as np
 from numpy.polynomial import chebyshev
@@ -27,15 +23,9 @@ from numpy.typing import NDArray
 
 from softness_bayes.errors import InputError, NumericalError
 from softness_bayes.touch.firing import CurveError, RateCurve, exact_curve, exact_curves
-from softness_bayes.touch.limit_cycle import AGREEMENT, TOLERANCE
-from softness_bayes.touch.membrane import (
-    CONNOR_STEVENS,
-    PAPER_CHANNELS,
-    Channels,
-    Membrane,
-    lanes,
-)
+from softness_bayes.touch.membrane import CONNOR_STEVENS, Channels, Membrane, lanes
 from softness_bayes.touch.parameters import TouchParameters
+from softness_bayes.touch.surface_design import DESIGNS, Design
 
 FloatArray = NDArray[np.float64]
 
@@ -46,122 +36,6 @@ ERRORS = "firing_surface.json"
 """Name of the file with the measured errors beside it."""
 
 _AT_THE_EDGE = 1e-9  # of the box's half-width: rounding of a multiplier at its prior's end
-
-
-@dataclass(frozen=True)
-class Border:
-    """Declared inputs of the border of the corner: ``c_K`` at which firing stops beginning at the fold.
-
-    Parameters
-    ----------
-    degree : int
-        Total degree in the other multipliers.
-    points : int
-        Points that the polynomial is fitted to.
-    distance : float
-        Root of the current above the fold at which firing decides [sqrt(µA/cm²)].
-    margin : float
-        Strip beside the border that counts as the corner, in units of the box's half-width.
-    """
-
-    degree: int = 6
-    points: int = 600
-    distance: float = 0.01
-    margin: float = 3e-3
-
-
-@dataclass(frozen=True)
-class Design:
-    """Declared inputs of one surface.
-
-    Parameters
-    ----------
-    membrane : Membrane
-        Constants.
-    max_current : float
-        Largest current [µA/cm²].
-    degree : int
-        Total degree in the multipliers.
-    points : int
-        Channel vectors that the polynomials are fitted to.
-    nodes : int
-        Nodes in ``s``, the root of the current above the rheobase.
-    closest : float
-        First node, as a share of the largest ``s``; 0 where the limit is known analytically.
-    border : Border or None
-        Where there is a corner.
-    channels : Channels
-        Centre of the box.
-    half_width : float
-        Half-width of the box, relative to its centre.
-    """
-
-    membrane: Membrane
-    max_current: float
-    degree: int
-    points: int
-    nodes: int
-    closest: float = 0.0
-    border: Border | None = None
-    channels: Channels = PAPER_CHANNELS
-    half_width: float = 0.1
-
-    @property
-    def axes(self) -> list[int]:
-        """Multipliers that matter, as indices into ``Channels``: without an A-current, ``c_A`` does not."""
-        return [0, 1, 2, 3] if self.membrane.gating.a_current else [0, 1, 2]
-
-    @property
-    def nodes_w(self) -> FloatArray:
-        """Nodes in ``w = 2 s / s_max - 1``, Chebyshev points between ``closest`` and 1."""
-        share = 0.5 * (1.0 - np.cos(np.pi * np.arange(self.nodes) / (self.nodes - 1)))
-        return 2.0 * (self.closest + (1.0 - self.closest) * share) - 1.0
-
-    def place(self, channels: FloatArray) -> FloatArray:
-        """Where multipliers of shape (4, n) lie in the box, in units of its half-width, shape (axes, n)."""
-        centre = np.array(self.channels)[self.axes, None]
-        return (np.asarray(channels)[self.axes] / centre - 1.0) / self.half_width
-
-    def channels_at(self, place: FloatArray) -> Channels:
-        """Multipliers at places of shape (axes, n); one that does not matter is that of the centre."""
-        full = np.zeros((4, place.shape[1]))
-        full[self.axes] = place
-        return Channels(*(np.array(self.channels)[:, None] * (1.0 + self.half_width * full)))
-
-    @property
-    def digest(self) -> str:
-        """SHA-256 of everything declared that the surface is made from."""
-        declared = json.dumps([_declared(asdict(self)), TOLERANCE, AGREEMENT], sort_keys=True)
-        return hashlib.sha256(declared.encode()).hexdigest()
-
-
-def _declared(value: Any) -> Any:
-    """Numbers and words alone: what is derived from them (private fields) left out."""
-    if isinstance(value, dict):
-        return {key: _declared(item) for key, item in value.items() if not key.startswith("_")}
-    return value
-
-
-DESIGNS: Mapping[str, Design] = MappingProxyType(
-    {
-        design.membrane.name: design
-        for design in (Design(CONNOR_STEVENS, max_current=60.0, degree=10, points=3072, nodes=20, border=Border()),)
-    }
-)
-"""The surfaces that are shipped, by membrane."""
-
-LARGEST_CURRENT = min(design.max_current for design in DESIGNS.values())
-"""Largest current [µA/cm²] that every surface covers."""
-
-
-def box(channel: str) -> tuple[float, float]:
-    """Smallest and largest value of a multiplier that every surface covers."""
-    which = Channels._fields.index(channel)
-    low, high = zip(
-        *((d.channels[which] * (1 - d.half_width), d.channels[which] * (1 + d.half_width)) for d in DESIGNS.values()),
-        strict=True,
-    )
-    return max(low), min(high)
 
 
 @dataclass(frozen=True)
@@ -221,7 +95,7 @@ class FiringSurface:
         if design is None or design.membrane != membrane:
             raise InputError(
                 f"channel multipliers cannot be sampled with the membrane {membrane.name}, for which no firing-rate "
-                f"surface is kept; hold c_Na, c_K, c_L and c_A, or use one of {', '.join(DESIGNS)}"
+                f"surface is kept; hold c_Na, c_K, c_L and c_A, or use a membrane that has one: {', '.join(DESIGNS)}"
             )
         folder = resources.files(__package__)
         with (folder / TABLES).open("rb") as file, np.load(file) as data:
@@ -262,7 +136,7 @@ class FiringSurface:
         return self.before_corner(place) < margin
 
     def rheobase_shift(self, channels: Channels) -> FloatArray:
-        """Change of the rheobase from that at the box's centre [µA/cm²], to second order: within some 0.05."""
+        """Change of the rheobase from that at the box's centre [µA/cm²], to second order."""
         shape, place = self._places(channels)
         terms, leading, origin = self._quadratic_rheobase
         return (terms.basis(place) @ leading - origin).reshape(shape)
@@ -329,7 +203,7 @@ class FiringSurface:
 
     def exact(self) -> ExactRates:
         """Return the source of the curves that the surface stands for."""
-        return ExactRates(self.design.membrane)
+        return ExactRates(self.design.membrane, self)
 
     def _require_inside(self, channels: FloatArray, place: FloatArray) -> None:
         outside = np.abs(place) > 1.0 + _AT_THE_EDGE
@@ -352,16 +226,21 @@ class ExactRates:
     ----------
     membrane : Membrane
         Constants.
+    near : FiringSurface, optional
+        Surface near whose rheobase firing is looked for first, which saves most of the search.
     """
 
     membrane: Membrane
+    near: FiringSurface | None = None
     noise = 0.0
 
     def curves(self, parameters: TouchParameters) -> RateCurve:
         """Rate curves of parameter vectors, of their batch shape."""
         values = np.broadcast_arrays(*(getattr(parameters, name) for name in (*Channels._fields, "alpha")))
         *multipliers, alpha = (np.asarray(v, float).reshape(-1) for v in values)
-        curves = exact_curves(Channels(*multipliers), self.membrane, alpha)
+        channels = Channels(*multipliers)
+        expected = None if self.near is None else self.near.curve(channels).rheobase
+        curves = exact_curves(channels, self.membrane, alpha, expected=expected)
         shape = values[0].shape
         return RateCurve(
             curves.rheobase.reshape(shape),
