@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import subprocess
 import sys
 from collections.abc import Sequence
@@ -261,28 +260,10 @@ def test_corner_has_a_panel_for_every_pair(dimension: int, draws: int) -> None:
     values = np.exp(np.random.default_rng(5).standard_normal((draws, dimension)))
     labels = [rf"$x_{{{k}}}$ [kPa]" for k in range(dimension)]
     figure = drawn(plotting.corner_figure(values, labels))
-    assert len(figure.axes) == dimension * (dimension + 1) // 2
+    assert len(figure.axes) == dimension**2
     below = [artist(figure, f"corner/{dimension - 1}/{k}").get_xlabel() for k in range(dimension)]
     assert below == [label.replace(" [", "\n[") for label in labels]
-    # numbers along the foot do not run into each other
-    ends = sorted(
-        (box.x0, box.x1)
-        for axes in figure.axes
-        if axes.xaxis.get_visible()
-        for box in (label.get_window_extent() for label in axes.get_xticklabels())
-    )
-    assert all(left[1] < right[0] for left, right in itertools.pairwise(ends))
-
-
-def test_corner_regions_hold_their_share_of_the_draws() -> None:
-    rng = np.random.default_rng(12)
-    first = rng.standard_normal(20000)
-    values = np.stack([first, 0.8 * first + 0.6 * rng.standard_normal(20000)], axis=-1)
-    figure = drawn(plotting.corner_figure(values, ["a", "b"]))
-    lines = artist(figure, "corner/1/0").collections[-1]
-    for level, path in zip((0.95, 0.5), lines.get_paths(), strict=True):
-        # thinned and smoothed, hence roughly
-        assert np.mean(path.contains_points(values)) == pytest.approx(level, abs=0.04)
+    assert artist(figure, f"corner/0/{dimension - 1}").has_data() == (dimension == 1)
 
 
 def test_corner_says_what_it_cannot_draw() -> None:

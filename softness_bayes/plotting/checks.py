@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from softness_bayes.errors import InputError
-from softness_bayes.inference.uniformity import simultaneous_band
 from softness_bayes.plotting.panels import MODULUS_LABEL, Array, free_panels, legend_below, number_ticks
 from softness_bayes.plotting.style import USUAL, Style
 
@@ -157,6 +156,8 @@ def loo_pit_figure(values: ArrayLike, points: ArrayLike, probability: float = 0.
     InputError
         If a value is not a probability.
     """
+    from softness_bayes.inference.uniformity import simultaneous_band
+
     pit = np.asarray(values, float)
     if pit.ndim != 1 or not pit.size or not ((pit >= 0) & (pit <= 1)).all():
         raise InputError(f"LOO-PIT figure: expected values between 0 and 1, one for each rating, not {pit.shape}")

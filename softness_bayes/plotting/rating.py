@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from softness_bayes.errors import InputError
-from softness_bayes.inference.observation import LARGEST_LOG_RATING
 from softness_bayes.plotting.panels import (
     MODULUS_LABEL,
     RATIO_LABEL,
@@ -116,6 +115,8 @@ def observed_ratings(
     spread = np.sqrt(np.where(count > 1, variance, np.nan))
     limits = np.stack([mean, mean - spread, mean + spread])
     if logarithmic:
+        from softness_bayes.inference.observation import LARGEST_LOG_RATING
+
         limits = np.exp(np.clip(limits, -LARGEST_LOG_RATING, LARGEST_LOG_RATING))
     middle, low, high = limits
     return Observed(modulus, load, middle, low, high, count)

@@ -12,7 +12,6 @@ from softness_bayes.restore import options_of
 from softness_bayes.result import Result
 from softness_bayes.run import RunOptions
 from softness_bayes.touch.readings import MENDED
-from softness_bayes.touch.scene import Discretisation
 
 PROGRAM = "softness-bayes"
 
@@ -48,8 +47,10 @@ def repetition(result: Result) -> Repetition:
     if not found["converged"] and math.isfinite(options.max_seconds):
         steps = int(found["steps"])
         notes.append(f"The run ended at its time limit; --max-steps {steps} ends it at the same step.")
-    if options.discretisation != Discretisation():
-        notes.append(f"The run was made in Python with another accuracy: {options.discretisation}.")
+    if options.accuracy is not None:
+        words += ["--accuracy", f"{options.accuracy:g}"]
+    elif result.has_ratings:
+        notes.append(f"The run was made in Python, with a resolution that was given: {options.discretisation}.")
     words += ["--seed", str(options.seed), "--max-steps", str(steps), "--out", AGAIN]
     more = [shlex.join([PROGRAM, "resume", AGAIN, "--more-steps", count]) for count in map(_more_steps, continued)]
     notes.append("Same draws need the same files (compare their digests) and the same versions, both listed above.")
