@@ -64,7 +64,7 @@ def usual_values(
 
 
 @lru_cache(maxsize=8)
-def _held(channels: Channels, membrane: Membrane, noise: float, nodes: int) -> FixedChannels:
+def curve_of_held(channels: Channels, membrane: Membrane, noise: float, nodes: int) -> FixedChannels:
     """Return the curve of held channels, which takes a second: a run and the choice of its accuracy share one."""
     return FixedChannels(channels, membrane, noise=noise, nodes=nodes)
 
@@ -102,7 +102,7 @@ def firing_of(
     if varying:
         return FiringSurface.load(membrane)
     channels = Channels(*(float(np.asarray(values[name])) for name in Channels._fields))
-    return _held(channels, membrane, noise, nodes)
+    return curve_of_held(channels, membrane, noise, nodes)
 
 
 def scene_of(

@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from softness_bayes import run
+from softness_bayes import run, study
 from softness_bayes.data import Experiment, Fabrics
 from softness_bayes.inference.sampling import Settings
 from softness_bayes.inference.scales import STANDARDISED
@@ -44,7 +44,9 @@ def quickly() -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(run, "Settings", functools.partial(Settings, pilot=(20,), optima=1))
         patch.setattr(scene, "exact_curve", lambda *_: curve)
+        study.curve_of_held.cache_clear()  # no curve of the membrane itself, nor this one for whoever comes after
         yield
+        study.curve_of_held.cache_clear()
 
 
 def experiment(standardised: bool = False) -> Experiment:

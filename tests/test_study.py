@@ -26,7 +26,7 @@ def one_scene():
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(scene, "exact_curve", functools.cache(scene.exact_curve))
         compiled = scene_of(CLOTH, LOADS, usual_values(MENDED), MENDED)
-        patch.setattr(study, "scene_of", lambda *_: compiled)
+        patch.setattr(study, "scene_of", lambda *_, **__: compiled)
         yield
 
 

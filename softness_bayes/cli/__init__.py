@@ -13,7 +13,7 @@ from softness_bayes.errors import SoftnessError
 
 VERBS: Mapping[str, str] = {
     "check": "Validate data files and say what was understood.",
-    "plan": "Say how sample would evaluate the model: resolution, errors and cost.",
+    "plan": "Say how 'sample' would evaluate the model with the same options: stages, nodes, errors and cost.",
     "sample": "Sample the posterior of skin, transduction and rating parameters given ratings.",
     "status": "Say how a run is getting on, without disturbing it.",
     "resume": "Continue a run that was interrupted, or that ended.",
@@ -23,7 +23,7 @@ VERBS: Mapping[str, str] = {
     "compare": "Rank finished runs by how well they predict what is left out.",
     "predict": "Predict contact, stress and firing for fabrics under loads.",
     "claims": "Say which of the paper's claims hold under which readings of its equations.",
-    "bench": "Measure time and error of the model on this machine, beside other ways to compute it.",
+    "bench": "Measure time and error of the forward model on this machine, beside other ways to compute it.",
     "calibrate": "Check the whole inference by simulation: whether posteriors hold the truth as often as they say.",
 }
 """Verb -> its one-line help; `softness_bayes.cli.<verb>` holds the click command `command`."""

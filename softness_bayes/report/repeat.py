@@ -8,7 +8,6 @@ import shlex
 from itertools import zip_longest
 from typing import NamedTuple
 
-from softness_bayes.restore import options_of
 from softness_bayes.result import Result
 from softness_bayes.run import RunOptions
 from softness_bayes.touch.readings import MENDED
@@ -59,8 +58,6 @@ def repetition(result: Result) -> Repetition:
 
 def recorded_options(result: Result) -> RunOptions:
     """Return the options that a run recorded."""
-    if "options" not in result.attributes:
-        return options_of(result)
     return RunOptions.from_record(json.loads(str(result.attributes["options"])))
 
 
