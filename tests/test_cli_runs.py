@@ -49,6 +49,8 @@ def few_ratings(directory):
 def begin(directory, *more):
     """Start a run in a process of its own, which keeps every state, and wait until it has kept some steps."""
     program = (
+        # a shell that runs the tests in the background has interrupts ignored, by its children too
+        "import signal; signal.signal(signal.SIGINT, signal.default_int_handler); "
         "from softness_bayes.cli import main; from softness_bayes.storage import checkpoint; checkpoint.INTERVAL = 0; "
         "main(prog_name='softness-bayes')"
     )
