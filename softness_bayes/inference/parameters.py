@@ -199,7 +199,7 @@ class ParameterSpace:
         values = self.values(theta)
         odds = values["alpha"] / (self.rheobase + self.rheobase_shift(theta)) - 1.0
         # where others have overflowed there is no prior, and must be no NaN
-        with np.errstate(divide="ignore", invalid="ignore"):
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
             beyond = np.log(np.maximum(odds, 0.0) + LEAST_ODDS) / values["beta"]
         return np.where(np.isnan(beyond), 0.0, beyond)
 
