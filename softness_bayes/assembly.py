@@ -43,7 +43,7 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-DRAWS_PER_WALKER = 250
+DRAWS_PER_WALKER = 100
 """Draws of each walker that the file keeps, evenly thinned; convergence is judged on all."""
 
 CURVES = 400
@@ -63,6 +63,9 @@ ILLUSTRATED = 64
 
 EXACT_DRAWS = 200
 """Posterior draws at which the log-likelihood is compared with an exact one."""
+
+EXACT_PARTS = 4
+"""Tasks that these comparisons are divided into, for as many processes."""
 
 REWEIGHT_DRAWS = 1000
 """Draws that are weighted where a run asks for exact weights."""
@@ -124,7 +127,8 @@ class Assembly:
         self.kept = chains.kept(verdict.burn_in, DRAWS_PER_WALKER)
         self.theta = self.kept.by_walker(posterior.natural(self.kept.coordinates))
         self.compared = self.theta[evenly(self.theta.shape, REWEIGHT_DRAWS if reweight else EXACT_DRAWS)]
-        self._exact = workers.start(exact_log_likelihood, self.compared)
+        # in parts that do not depend on the number of processes, nor then do the last bits
+        self._exact = [workers.start(exact_log_likelihood, part) for part in np.array_split(self.compared, EXACT_PARTS)]
         self.mean_rate = posterior.mean_rate(self.theta)
         self.parameters = posterior.rating_parameters(self.theta)
         self.effects = self.ratings.draw_effects(rng, self.mean_rate, self.parameters)
@@ -222,7 +226,8 @@ class Assembly:
         """The exact log-likelihood's difference to the fast one at evenly spaced draws."""
         fast = self.posterior.log_likelihood(self.compared)
         rates = SAME_RATES if self.scene.firing.noise else EXACT_RATES
-        return compare(self.posterior.names, self.compared, fast, self._exact(), rates)
+        exact = np.concatenate([finished() for finished in self._exact])
+        return compare(self.posterior.names, self.compared, fast, exact, rates)
 
     def _exactness_stats(self) -> dict[str, Variable]:
         """Return the differences of the log-likelihood and the log weights; NaN at draws that were not compared."""

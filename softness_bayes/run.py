@@ -22,7 +22,7 @@ from softness_bayes.inference.priors import Prior, parse_prior
 from softness_bayes.inference.sampling import Progress, Settings, progress_of, sampled_of, walk
 from softness_bayes.inference.scales import MAGNITUDE, RATING_SCALES, RatingScale
 from softness_bayes.inference.state import RunState
-from softness_bayes.inference.workers import Workers, available_processors
+from softness_bayes.inference.workers import Workers
 from softness_bayes.learning import direction_table, learning_table
 from softness_bayes.plate_groups import forces_of
 from softness_bayes.result import SCHEMA, Result
@@ -98,6 +98,16 @@ class RunOptions:
             "discretisation": asdict(self.discretisation),
             **{name: getattr(self, name) for name in plain},
         }
+
+    @property
+    def settings(self) -> Settings:
+        """How the sampler is set."""
+        return Settings(
+            max_steps=self.max_steps,
+            max_seconds=self.max_seconds,
+            min_steps=self.min_steps,
+            processes=self.processes,
+        )
 
     def chosen(self) -> dict[str, str]:
         """What decides the draws beside data, parameters and the sampler, by name."""
@@ -185,21 +195,16 @@ def walked(
     options: RunOptions,
     progress: Callable[[Progress], None] | None,
     checkpoint: Checkpoint | None,
+    workers: Workers | None = None,
 ) -> RunState:
     """Walk to the goal or to a limit, from the start or from where the checkpoint is; arguments as `sample`'s."""
-    settings = Settings(
-        max_steps=options.max_steps,
-        max_seconds=options.max_seconds,
-        min_steps=options.min_steps,
-        processes=options.processes,
-    )
-    begin = None
+    settings, begin = options.settings, None
     if checkpoint is not None:
         begin = checkpoint.begin(identity(data, density, settings, options.chosen()))
         if begin is not None:
             require_density(density, begin)
     try:
-        for state in walk(density, settings, options.seed, begin):
+        for state in walk(density, settings, options.seed, begin, workers):
             if checkpoint is not None:
                 checkpoint.keep(state, settings, density)
             if progress is not None:
@@ -267,10 +272,9 @@ def sample(
         If no start has a finite density, or too many points have none.
     """
     posterior = posterior_of(experiment, options)
-    state = walked(experiment, posterior, options, progress, checkpoint)
-    sampled = sampled_of(state)
-    rng = rng_after(options)
-    with Workers(posterior, min(options.processes or available_processors(), 2)) as workers:
+    with options.settings.workers(posterior) as workers:
+        state = walked(experiment, posterior, options, progress, checkpoint, workers)
+        sampled, rng = sampled_of(state), rng_after(options)
         assembly = Assembly(
             experiment, posterior, sampled.chains, sampled.verdict, rng, workers, options.exact_reweight
         )

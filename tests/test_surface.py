@@ -12,7 +12,8 @@ from softness_bayes.touch import surface as module
 from softness_bayes.touch import surface_build
 from softness_bayes.touch.equilibrium import fold
 from softness_bayes.touch.firing import exact_curve, exact_curves
-from softness_bayes.touch.membrane import CONNOR_STEVENS, PAPER_CHANNELS, PRINTED, Channels
+from softness_bayes.touch.membrane import CONNOR_STEVENS, HODGKIN_HUXLEY, PAPER_CHANNELS, PRINTED, Channels
+from softness_bayes.touch.onset import onset
 from softness_bayes.touch.parameters import TouchParameters
 from softness_bayes.touch.rate import firing_rate
 from softness_bayes.touch.surface import ERRORS, TABLES, FiringSurface, TotalDegree
@@ -29,6 +30,11 @@ def surface(request: pytest.FixtureRequest) -> FiringSurface:
 @pytest.fixture(scope="module")
 def connor_stevens() -> FiringSurface:
     return FiringSurface.load(CONNOR_STEVENS)
+
+
+@pytest.fixture(scope="module")
+def hodgkin_huxley() -> FiringSurface:
+    return FiringSurface.load(HODGKIN_HUXLEY)
 
 
 def test_rates_at_random_points(surface: FiringSurface, rng: np.random.Generator) -> None:
@@ -107,6 +113,29 @@ def test_the_border_is_where_firing_stops_beginning_at_the_fold(
         assert ((firing_rate(current, channels) > 0.0) == fires).mean() > 0.95
 
 
+def test_firing_begins_where_orbits_are_born(hodgkin_huxley: FiringSurface) -> None:
+    # the first of these was once taken for another kind of onset, for passing slowly by the lost orbit
+    place = np.array([[-0.627, 0.987, -0.734], [0.9, -0.95, 0.2]]).T
+    channels = hodgkin_huxley.design.channels_at(place)
+    curve = hodgkin_huxley.curve(channels)
+    begin = onset(channels, HODGKIN_HUXLEY, curve.rheobase)
+    assert begin.born.all()
+    np.testing.assert_allclose(curve.rheobase, begin.rheobase, atol=surface_build.NEAR_JUMP)
+    np.testing.assert_allclose(curve.onset_rate, begin.rate, atol=0.1)
+    # an expectation only says where to look first
+    for shift in (0.003, 0.5):
+        other = onset(channels, HODGKIN_HUXLEY, begin.rheobase + shift)
+        np.testing.assert_allclose(other.rheobase, begin.rheobase, atol=1e-4)
+    below, above = (curve.rate(curve.rheobase[:, None] + step)[:, 0] for step in (-1e-9, 1e-9))
+    assert (below == 0.0).all()
+    assert (above > 40.0).all()
+
+
+def test_a_current_that_the_membrane_lacks_has_no_effect(hodgkin_huxley: FiringSurface) -> None:
+    usual, other = (hodgkin_huxley.curve(PAPER_CHANNELS._replace(c_A=c_a)) for c_a in (1.5, 0.2))
+    np.testing.assert_array_equal(usual.coefficients, other.coefficients)
+
+
 def test_exact_curves_of_a_batch_go_through_exact_rates(surface: FiringSurface, rng: np.random.Generator) -> None:
     channels = surface.design.channels_at(rng.uniform(-0.5, 0.5, (len(surface.design.axes), 3)))
     limit = np.array([22.0, 30.0, 40.0])
@@ -144,7 +173,39 @@ def test_what_lies_outside_is_refused(surface: FiringSurface) -> None:
 
 def test_a_membrane_without_a_surface_is_named() -> None:
     with pytest.raises(InputError, match="no firing-rate surface is kept"):
+        FiringSurface.load(replace(CONNOR_STEVENS, name="another"))
+
+
+def test_the_printed_membrane_is_silent_where_alpha_is_expected() -> None:
+    # why it has no surface
+    with pytest.raises(InputError, match="membrane printed, which is silent up to 40 µA/cm².*use a membrane that has"):
         FiringSurface.load(PRINTED)
+    corners = np.array(np.meshgrid(*([[-1.0, 1.0]] * 4))).reshape(4, -1)
+    channels = DESIGNS["connor-stevens"].channels_at(corners)
+    assert (firing_rate(40.0, channels, PRINTED) == 0.0).all()
+    # negative control
+    assert firing_rate(60.0, PAPER_CHANNELS, PRINTED) > 0.0
+
+
+def test_a_plane_decides_where_no_corner_is_near(connor_stevens: FiringSurface, rng: np.random.Generator) -> None:
+    place = rng.uniform(-1.0, 1.0, (4, 20_000))
+    place[:, :2000] = np.array([[-1.0], [1.0], [-1.0], [-1.0]]) * rng.uniform(0.8, 1.0, (4, 2000))
+    inside = connor_stevens.before_corner(place) < DESIGNS["connor-stevens"].border.margin
+    np.testing.assert_array_equal(connor_stevens.corner(place), inside)
+    assert 100 < inside.sum() < 10_000
+
+
+def test_the_quick_rheobase_is_that_of_second_order(surface: FiringSurface, rng: np.random.Generator) -> None:
+    axes, size = len(surface.design.axes), 300
+    place = rng.uniform(-0.3, 0.3, (axes, size))
+    at = surface.curve(surface.design.channels_at(place)).rheobase
+    centre = surface.curve(PAPER_CHANNELS).rheobase
+    quick = surface.rheobase_shift(surface.design.channels_at(place))
+    spread = (at - centre).std()
+    assert np.abs(quick - (at - centre)).max() < 0.02 * spread
+    # negative control: the first order alone is worse
+    gradient, _ = surface._quadratic_rheobase
+    assert np.abs(gradient @ place - (at - centre)).max() > 2.0 * np.abs(quick - (at - centre)).max()
 
 
 def test_tables_of_other_inputs_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -71,7 +71,7 @@ class Verdict:
     r_hat
         R-hat between ensembles, shape (quantities,).
     ess_bulk, ess_tail
-        Effective sample sizes, shape (quantities,); NaN while the length or R-hat still fails.
+        Effective sample sizes, shape (quantities,); NaN while length, R-hat or the time's change still fails.
     acceptance
         Share of accepted proposals.
     stuck
@@ -221,16 +221,17 @@ def look(
     kept = stored - first
     worst = int(tau.max(axis=0).argmax())
     r_hat = r_hat_between(walks)
-    missing = np.full(len(names), math.nan)
-    ess = (missing, missing)
-    fits = kept >= goal.lengths * tau.max() and r_hat.max() <= goal.r_hat
-    if fits:
-        ess = (_bulk(walks, tau), ess_tail(walks))
     change = math.inf
     if before is not None and np.isfinite(tau).all():
         mean = tau[:, worst].mean() * stride
         change = float(abs(mean / before.tau[:, worst].mean() - 1.0))
-    passed = bool(fits and change <= goal.tau_change and min(ess[0].min(), ess[1].min()) >= goal.ess)
+    missing = np.full(len(names), math.nan)
+    ess = (missing, missing)
+    # effective sizes take longest, and are asked for where all else holds
+    fits = kept >= goal.lengths * tau.max() and r_hat.max() <= goal.r_hat and change <= goal.tau_change
+    if fits:
+        ess = (_bulk(walks, tau), ess_tail(walks))
+    passed = bool(fits and min(ess[0].min(), ess[1].min()) >= goal.ess)
     moved = (np.ptp(walks, axis=-2) > 0).any(axis=1)
     return Verdict(
         names=names,

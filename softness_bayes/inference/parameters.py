@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from types import MappingProxyType
 from typing import Any
 
@@ -12,7 +13,7 @@ from numpy.typing import NDArray
 
 from softness_bayes.errors import InputError
 from softness_bayes.inference.coordinates import Coordinate, coordinate_for
-from softness_bayes.inference.priors import HalfNormal, LogNormal, Prior
+from softness_bayes.inference.priors import HalfNormal, Laws, LogNormal, Prior
 from softness_bayes.touch.contact import DISPLACEMENT, STRAIN, SkinDisplacement
 from softness_bayes.touch.membrane import CONNOR_STEVENS, Channels, Membrane
 from softness_bayes.touch.parameters import TouchParameters
@@ -146,12 +147,14 @@ class ParameterSpace:
     """Rheobase at the centre of the channels' box, or of the held channels [µA/cm²]. Where it is known sigma_0 walks
     as the stress at which receptors begin to fire, of which the data tell most."""
     _coordinates: tuple[Coordinate, ...] = field(init=False, repr=False, compare=False)
+    _laws: Laws = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "held", MappingProxyType(dict(self.held)))
         object.__setattr__(self, "bent", MappingProxyType(dict(self.bent)))
         coordinates = tuple(self.bent.get(p.name) or coordinate_for(p.prior.support) for p in self.sampled)
         object.__setattr__(self, "_coordinates", coordinates)
+        object.__setattr__(self, "_laws", Laws([p.prior for p in self.sampled], [p.largest for p in self.sampled]))
 
     def __reduce__(self) -> tuple[type, tuple[Any, ...]]:
         # a mapping proxy cannot travel to a worker
@@ -170,45 +173,45 @@ class ParameterSpace:
     def natural(self, z: FloatArray) -> FloatArray:
         """Points theta [natural units] at sampler coordinates ``z``, both of shape (..., dimension)."""
         theta = _columnwise([c.natural(z[..., k]) for k, c in enumerate(self._coordinates)], z)
+        shift = self.rheobase_shift(theta)
         if self._walks_along("alpha", self.firing):
-            theta[..., self.names.index("alpha")] += self.rheobase_shift(theta)
+            theta[..., self.names.index("alpha")] += shift
         if self._walks_along("sigma_0", self.rheobase):
-            theta[..., self.names.index("sigma_0")] += self._beyond_threshold(theta)
+            theta[..., self.names.index("sigma_0")] += self._beyond_threshold(theta, shift)
         return theta
 
     def coordinates(self, theta: FloatArray) -> FloatArray:
         """Sampler coordinates z at points ``theta``, the inverse of `natural`."""
         theta = np.array(theta, dtype=float)
+        shift = self.rheobase_shift(theta)
         if self._walks_along("sigma_0", self.rheobase):
-            theta[..., self.names.index("sigma_0")] -= self._beyond_threshold(theta)
+            theta[..., self.names.index("sigma_0")] -= self._beyond_threshold(theta, shift)
         if self._walks_along("alpha", self.firing):
-            theta[..., self.names.index("alpha")] -= self.rheobase_shift(theta)
+            theta[..., self.names.index("alpha")] -= shift
         return _columnwise([c.coordinate(theta[..., k]) for k, c in enumerate(self._coordinates)], theta)
 
     def _walks_along(self, name: str, other: object) -> bool:
         """Whether a parameter's coordinate moves along with others that are known: a shear, which keeps volumes."""
         return other is not None and name in self.bent and name in self.names
 
-    def _beyond_threshold(self, theta: FloatArray) -> FloatArray:
+    def _beyond_threshold(self, theta: FloatArray, shift: FloatArray) -> FloatArray:
         """How far sigma_0 lies above the stress at which receptors begin to fire [kPa], nearly: ln(odds) / beta.
 
         The odds of the current at the rheobase are kept above `LEAST_ODDS`: it is a coordinate only.
         """
         if self.rheobase is None:
             return np.zeros(theta.shape[:-1])
-        values = self.values(theta)
-        odds = values["alpha"] / (self.rheobase + self.rheobase_shift(theta)) - 1.0
+        odds = self.value("alpha", theta) / (self.rheobase + shift) - 1.0
         # where others have overflowed there is no prior, and must be no NaN
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-            beyond = np.log(np.maximum(odds, 0.0) + LEAST_ODDS) / values["beta"]
+            beyond = np.log(np.maximum(odds, 0.0) + LEAST_ODDS) / self.value("beta", theta)
         return np.where(np.isnan(beyond), 0.0, beyond)
 
     def rheobase_shift(self, theta: FloatArray) -> FloatArray:
         """How far the channel multipliers at points theta move the rheobase [µA/cm²], shape (...)."""
         if self.firing is None:
             return np.zeros(theta.shape[:-1])
-        values = self.values(theta)
-        return self.firing.rheobase_shift(Channels(*(values[name] for name in Channels._fields)))
+        return self.firing.rheobase_shift(Channels(*(self.value(name, theta) for name in Channels._fields)))
 
     def log_jacobian(self, z: FloatArray) -> FloatArray:
         """Log of the volume of theta per volume of z at ``z``, shape (...)."""
@@ -221,7 +224,7 @@ class ParameterSpace:
         It is -inf outside the open interval of a support: the sampler's coordinates never reach the
         ends except by rounding; and of the channel multipliers where firing begins at a jump.
         """
-        density = _columnwise([_open_log_density(p, theta[..., k]) for k, p in enumerate(self.sampled)], theta)
+        density = self._laws.log_density(theta)
         if self.firing is not None:
             channels = [k for k, p in enumerate(self.sampled) if p.name in Channels._fields]
             density[..., channels] = np.where(self._answered(theta)[..., None], density[..., channels], -np.inf)
@@ -231,8 +234,7 @@ class ParameterSpace:
         """Whether the firing-rate surface answers at points theta, shape (...)."""
         if self.firing is None:
             return np.ones(theta.shape[:-1], dtype=bool)
-        values = self.values(theta)
-        return self.firing.answers(Channels(*(values[name] for name in Channels._fields)))
+        return self.firing.answers(Channels(*(self.value(name, theta) for name in Channels._fields)))
 
     def draw_prior(self, rng: np.random.Generator, size: int) -> FloatArray:
         """Independent draws from the prior, shape (size, dimension).
@@ -264,10 +266,17 @@ class ParameterSpace:
         known |= {p.name: theta[..., k] for k, p in enumerate(self.sampled)}
         return {name: known[name] for name in EVERY_PARAMETER if name in known}
 
+    def value(self, name: str, theta: FloatArray) -> FloatArray | float:
+        """One parameter of the model in natural units: a sampled one of shape (...), a held one a float."""
+        return self.held[name] if name in self.held else theta[..., self._place[name]]
+
     def touch(self, theta: FloatArray) -> TouchParameters:
         """The parameters of the forward model in SI at points ``theta``."""
-        values = self.values(theta)
-        return TouchParameters(*(values[n] * PARAMETERS[n].si for n in TouchParameters._fields))
+        return TouchParameters(*(self.value(n, theta) * PARAMETERS[n].si for n in TouchParameters._fields))
+
+    @cached_property
+    def _place(self) -> dict[str, int]:
+        return {p.name: k for k, p in enumerate(self.sampled)}
 
 
 def parameter_space(
@@ -402,11 +411,6 @@ def _suitable(parameter: Parameter, prior: Prior) -> Prior:
             "expected lognormal, halfnormal or uniform above 0"
         )
     return prior
-
-
-def _open_log_density(parameter: Parameter, x: FloatArray) -> FloatArray:
-    low, high = parameter.prior.support
-    return np.where((x > low) & (x < min(high, parameter.largest)), parameter.prior.log_density(x), -np.inf)
 
 
 def _draw(parameter: Parameter, rng: np.random.Generator, size: int) -> FloatArray:

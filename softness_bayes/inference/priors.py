@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from functools import cached_property
 from types import MappingProxyType
@@ -227,11 +227,14 @@ class LogNormal(Law):
         """Log density at ``x``."""
         x = np.asarray(x, float)
         low, high = self.support
-        below, above = self._mass_limits
         inside = (x > 0) & (x >= low) & (x <= high) & (x < math.inf)
-        log_x = np.log(np.where(inside, x, self.median))
-        normalisation = math.log(self.sd_log * (above - below))
-        return np.where(inside, _standard_normal(self._standardised(log_x)) - log_x - normalisation, -np.inf)
+        return _log_normal(x, inside, *self.constants)
+
+    @property
+    def constants(self) -> tuple[float, float, float]:
+        """Log of the median, the standard deviation of log x, and the log of what normalises the density."""
+        below, above = self._mass_limits
+        return math.log(self.median), self.sd_log, math.log(self.sd_log * (above - below))
 
     def cumulative(self, x: ArrayLike) -> FloatArray:
         """Probability up to ``x``."""
@@ -255,6 +258,36 @@ class LogNormal(Law):
 
     def _standardised(self, log_x: FloatArray) -> FloatArray:
         return (log_x - math.log(self.median)) / self.sd_log
+
+
+class Laws:
+    """Independent laws of the last axis of an array, their log-normal ones in one call.
+
+    Parameters
+    ----------
+    priors
+        One law for each place.
+    largest
+        Where each place's values end, whatever its law says.
+    """
+
+    def __init__(self, priors: Sequence[Prior], largest: Sequence[float]) -> None:
+        supports = np.array([prior.support for prior in priors]).reshape(-1, 2)
+        self._low, self._high = supports[:, 0], np.minimum(supports[:, 1], largest)
+        alike = [k for k, prior in enumerate(priors) if isinstance(prior, LogNormal)]
+        self._alike = np.array(alike, dtype=int)
+        constants = [prior.constants for prior in priors if isinstance(prior, LogNormal)]
+        self._constants = tuple(np.array(constants).reshape(-1, 3).T)
+        self._others = [(k, prior) for k, prior in enumerate(priors) if not isinstance(prior, LogNormal)]
+
+    def log_density(self, x: FloatArray) -> FloatArray:
+        """Log density of every place at ``x`` of shape (..., places); -inf outside the open interval of a support."""
+        inside = (x > self._low) & (x < self._high)
+        density = np.empty(x.shape)
+        density[..., self._alike] = _log_normal(x[..., self._alike], inside[..., self._alike], *self._constants)
+        for k, prior in self._others:
+            density[..., k] = np.where(inside[..., k], prior.log_density(x[..., k]), -np.inf)
+        return density
 
 
 LAWS: Mapping[str, type] = MappingProxyType(
@@ -297,6 +330,14 @@ def _name_of(law: type) -> str:
 
 def _written(number: float) -> str:
     return repr(float(number)).removesuffix(".0")
+
+
+def _log_normal(
+    x: FloatArray, inside: NDArray[np.bool_], log_median: ArrayLike, sd_log: ArrayLike, normalisation: ArrayLike
+) -> FloatArray:
+    """Log density of log-normal laws, one for all ``x`` or one for each along the last axis; -inf if not ``inside``."""
+    log_x = np.log(np.where(inside, x, 1.0))
+    return np.where(inside, _standard_normal((log_x - log_median) / sd_log) - log_x - normalisation, -np.inf)
 
 
 def _standard_normal(deviate: FloatArray) -> FloatArray:

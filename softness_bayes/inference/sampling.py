@@ -1,8 +1,9 @@
 """Independent ensembles of walkers, run until they have converged; the only module that knows emcee.
 
 A run has three parts. Walkers start about optimised points (`starts`). In a pilot walk of a fixed number of
-steps, the density's shape is learnt (`adaptation`); its draws are dropped. From then on nothing is adapted:
-what follows is a Markov chain with the density as its law.
+steps, the density's shape is learnt (`adaptation`); its draws are dropped. A walk that looks find slow all the same
+becomes one more stage of the pilot, a few times at most. From then on nothing is adapted: what follows is a Markov
+chain with the density as its law.
 
 The chain depends on target, settings and seed alone. A run is a sequence of states (`walk`), each of which can be
 continued to the same chain, whatever the machine's speed and however often the run was interrupted: looks are made
@@ -14,6 +15,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Iterator
+from contextlib import nullcontext
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
@@ -96,6 +98,10 @@ class Settings(Schedule):
         if self.processes is not None and self.processes < 1:
             raise InputError(f"sampling: processes is {self.processes}, expected at least 1")
 
+    def workers(self, target: Target) -> Workers:
+        """Processes that share the ensembles, each of which holds the target."""
+        return Workers(target, self.processes or min(self.ensembles, available_processors()))
+
     def walkers_for(self, dimension: int) -> int:
         """Walkers of each ensemble.
 
@@ -113,9 +119,8 @@ class Settings(Schedule):
 
     def description(self, dimension: int) -> dict[str, str]:
         """What decides the draws, by name; limits and processes are not among it."""
-        plain = {
-            name: getattr(self, name) for name in ("ensembles", "round_steps", "stored", "optima", "pilot", "goal")
-        }
+        named = ("ensembles", "round_steps", "stored", "optima", "pilot", "relearning", "slow", "goal")
+        plain = {name: getattr(self, name) for name in named}
         moves = {name: " + ".join(map(_written, getattr(self, name))) for name in ("first_moves", "moves")}
         return {"walkers": str(self.walkers_for(dimension)), **{n: str(v) for n, v in plain.items()}, **moves}
 
@@ -183,6 +188,7 @@ def walk(
     settings: Settings = Settings(),
     seed: int | np.random.SeedSequence = 0,
     begin: RunState | None = None,
+    workers: Workers | None = None,
 ) -> Iterator[RunState]:
     """Sample a density with independent ensembles, state by state, until the last one has `RunState.ended`.
 
@@ -196,6 +202,8 @@ def walk(
         Decides the draws, together with target and settings but whatever the number of processes.
     begin
         State of a run with the same target, settings and seed, which is continued; limits may differ.
+    workers
+        Processes that hold the target, as `Settings.workers` makes them; if left out, some for this walk alone.
 
     Raises
     ------
@@ -209,10 +217,9 @@ def walk(
     root = seed if isinstance(seed, np.random.SeedSequence) else np.random.SeedSequence(seed)
     before = begin.seconds if begin is not None else 0.0
     walkers = settings.walkers_for(len(target.names))
-    processes = settings.processes or min(settings.ensembles, available_processors())
     pace = math.inf  # steps in a second: at first unknown
 
-    with Workers(target, processes) as workers:
+    with nullcontext(workers) if workers is not None else settings.workers(target) as workers:
         state = begin or place_walkers(workers, root, settings.ensembles, walkers, settings.optima, settings.first_look)
         while True:
             spent = time.monotonic() - begun
@@ -223,6 +230,7 @@ def walk(
                 raise NumericalError(f"stopped after {state.steps} steps: {said}")
             if state.ended:
                 return
+            state = settings.relearned(state)
             size = settings.next_steps(state, PATIENCE * pace)
             since = time.monotonic()
             state = _advance(workers, settings, state, size)

@@ -29,6 +29,10 @@ class Schedule:
     ----------
     pilot
         Steps of each stage of the pilot walk; after each the map is learnt anew from its second half.
+    relearning
+        How often a walk that a look finds slow becomes one more stage of the pilot.
+    slow
+        Steps that are still missing, in those walked, beyond which a walk is slow.
     round_steps
         Looks are made at multiples of so many steps.
     stored
@@ -42,6 +46,8 @@ class Schedule:
     """
 
     pilot: tuple[int, ...] = (100, 200)
+    relearning: int = 4
+    slow: float = 1.5
     round_steps: int = 100
     stored: int = 20_000
     goal: Goal = field(default_factory=Goal)
@@ -60,6 +66,18 @@ class Schedule:
     def first_look(self) -> int:
         """Steps before the first look."""
         return 3 * self.round_steps
+
+    def relearned(self, state: RunState) -> RunState:
+        """The state to walk on from: with a new map, all draws dropped, if the last look found the walk slow.
+
+        Whether it did is up to the draws, not to limits: a run that has ended here does it when it is continued.
+        """
+        again, found = state.phase - len(self.pilot), state.before
+        if not 0 <= again < self.relearning or found is None or found.steps != state.steps:
+            return state
+        if not found.more_steps > self.slow * state.steps:
+            return state
+        return replace(_learn(state), stride=1, due=2 * state.steps, before=None, verdict=None)
 
     def in_pilot(self, state: RunState) -> bool:
         """Whether a run is still in its pilot walk, whose draws do not count."""

@@ -35,7 +35,7 @@ def rows(membrane: Membrane, size: int = SIZE) -> Array:
     """Return the sample as a table: multipliers, rheobase, rate just above it, coefficients."""
     surface = FiringSurface.load(membrane)
     channels = draw(surface, np.random.default_rng(0), size)
-    curve = exact_curves(channels, membrane, surface.max_current, NODES)
+    curve = exact_curves(channels, membrane, surface.max_current, NODES, surface.curve(channels).rheobase)
     return np.column_stack([*channels, curve.rheobase, curve.onset_rate, curve.coefficients])
 
 

@@ -25,7 +25,7 @@ from softness_bayes.errors import InputError, NumericalError
 from softness_bayes.touch.firing import CurveError, RateCurve, exact_curve, exact_curves
 from softness_bayes.touch.membrane import CONNOR_STEVENS, Channels, Membrane, lanes
 from softness_bayes.touch.parameters import TouchParameters
-from softness_bayes.touch.surface_design import DESIGNS, Design
+from softness_bayes.touch.surface_design import DESIGNS, NO_SURFACE, Design
 
 FloatArray = NDArray[np.float64]
 
@@ -94,8 +94,9 @@ class FiringSurface:
         design = DESIGNS.get(membrane.name)
         if design is None or design.membrane != membrane:
             raise InputError(
-                f"channel multipliers cannot be sampled with the membrane {membrane.name}, for which no firing-rate "
-                f"surface is kept; hold c_Na, c_K, c_L and c_A, or use a membrane that has one: {', '.join(DESIGNS)}"
+                f"channel multipliers cannot be sampled with the membrane {membrane.name}, "
+                f"{NO_SURFACE.get(membrane.name, 'for which no firing-rate surface is kept')}; hold c_Na, c_K, c_L and "
+                f"c_A, or use a membrane that has a surface: {', '.join(DESIGNS)}"
             )
         folder = resources.files(__package__)
         with (folder / TABLES).open("rb") as file, np.load(file) as data:
@@ -123,23 +124,43 @@ class FiringSurface:
         return TotalDegree(3, self.design.border.degree if self.design.border is not None else 0)
 
     @cached_property
-    def _quadratic_rheobase(self) -> tuple[TotalDegree, FloatArray, FloatArray]:
-        """Terms and coefficients of the rheobase up to second order, and their sum at the box's centre."""
-        terms = TotalDegree(len(self.design.axes), 2)
-        leading = self.table[self._terms.exponents.sum(axis=0) <= 2, 0]
-        return terms, leading, terms.basis(np.zeros((len(self.design.axes), 1))) @ leading
+    def _quadratic_rheobase(self) -> tuple[FloatArray, FloatArray]:
+        """Gradient g and matrix H of the rheobase up to second order, g·x + x·H x above that at the box's centre."""
+        exponents, coefficients = self._terms.exponents, self.table[:, 0]
+        axes = len(exponents)
+        gradient, matrix = np.zeros(axes), np.zeros((axes, axes))
+        for exponent, coefficient in zip(exponents.T, coefficients, strict=True):
+            if exponent.sum() == 1:
+                gradient += coefficient * exponent
+            elif exponent.sum() == 2:
+                # T_2(x) = 2 x² - 1, T_1(x) T_1(y) = x y
+                share = np.outer(exponent, exponent) * 0.5
+                matrix += coefficient * (share if exponent.max() == 2 else share - np.diag(np.diag(share)))
+        return gradient, matrix
+
+    @cached_property
+    def _plane_below_border(self) -> tuple[float, FloatArray]:
+        """Intercept and slopes of a plane that the border's polynomial nowhere falls below: what T_k can take off."""
+        exponents = self._border_terms.exponents
+        order = exponents.sum(axis=0)
+        slopes = exponents[:, order == 1] @ self.border[order == 1]
+        return float(self.border[order == 0].sum() - np.abs(self.border[order > 1]).sum()), slopes
 
     def corner(self, place: FloatArray) -> NDArray[np.bool_]:
         """Whether places of shape (axes, n) lie in the corner, or in the strip beside it that counts as the corner."""
-        border = self.design.border
-        margin = -np.inf if border is None else border.margin
-        return self.before_corner(place) < margin
+        found = np.zeros(place.shape[1], dtype=bool)
+        if self.design.border is not None:
+            # the polynomial is asked only where the plane below it leaves a doubt
+            intercept, slopes = self._plane_below_border
+            near = np.flatnonzero(intercept + slopes @ place[[0, 2, 3]] - place[1] < self.design.border.margin)
+            found[near] = self.before_corner(place[:, near]) < self.design.border.margin
+        return found
 
     def rheobase_shift(self, channels: Channels) -> FloatArray:
         """Change of the rheobase from that at the box's centre [µA/cm²], to second order."""
         shape, place = self._places(channels)
-        terms, leading, origin = self._quadratic_rheobase
-        return (terms.basis(place) @ leading - origin).reshape(shape)
+        gradient, matrix = self._quadratic_rheobase
+        return (gradient @ place + (place * (matrix @ place)).sum(axis=0)).reshape(shape)
 
     def _places(self, channels: Channels) -> tuple[tuple[int, ...], FloatArray]:
         """Batch shape of channel vectors, and their places, shape (axes, n), wherever they lie."""
@@ -181,7 +202,7 @@ class FiringSurface:
         for i in np.flatnonzero(self.corner(place)):
             own = _own_curve(Channels(*flat[:, i].tolist()), self.design.membrane, self.max_current, self.design.nodes)
             values[i] = np.hstack([own.rheobase, own.onset_rate, own.coefficients])
-        values = values.reshape(*shape, -1)
+        values = values.reshape(*shape, values.shape[-1])
         return RateCurve(values[..., 0], values[..., 1], values[..., 2:], self.max_current, self.error)
 
     def curves(self, parameters: TouchParameters) -> RateCurve:

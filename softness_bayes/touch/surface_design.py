@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from softness_bayes.touch.limit_cycle import AGREEMENT, TOLERANCE
-from softness_bayes.touch.membrane import CONNOR_STEVENS, PAPER_CHANNELS, Channels, Membrane
+from softness_bayes.touch.membrane import CONNOR_STEVENS, HODGKIN_HUXLEY, PAPER_CHANNELS, PRINTED, Channels, Membrane
 
 FloatArray = NDArray[np.float64]
 
@@ -120,11 +120,19 @@ def _declared(value: Any) -> Any:
 DESIGNS: Mapping[str, Design] = MappingProxyType(
     {
         design.membrane.name: design
-        for design in (Design(CONNOR_STEVENS, max_current=60.0, degree=10, points=3072, nodes=20, border=Border()),)
+        for design in (
+            Design(CONNOR_STEVENS, max_current=60.0, degree=10, points=3072, nodes=20, border=Border()),
+            Design(HODGKIN_HUXLEY, max_current=60.0, degree=9, points=384, nodes=20, closest=0.015),
+        )
     }
 )
-"""The surfaces that are shipped, by membrane.
+"""The surfaces that are shipped, by membrane."""
 
-The membrane `printed` has none. Over most of the box its firing begins at 41 to 67 µA/cm² where orbits fold, but in
-another way over a fiftieth of it, and at the paper's largest current it is silent throughout.
-"""
+NO_SURFACE: Mapping[str, str] = MappingProxyType(
+    {
+        PRINTED.name: "which is silent up to 40 µA/cm² whatever they are, twice the paper's largest current, and begins "
+        "to fire in more ways than one"
+    }
+)
+"""Why there is none for a membrane. The printed one begins at 41 to 67 µA/cm² where orbits fold, but in another way over
+a fiftieth of the box."""
