@@ -66,6 +66,7 @@ def measure(target: Target, way: Way, steps: int, seed: int = 1) -> Measured:
         ensembles=ENSEMBLES,
         processes=1,
         pilot=way.pilot,
+        relearning=0,
         moves=way.moves,
         min_steps=steps,
         max_steps=steps,

@@ -48,6 +48,32 @@ def test_draws_of_a_ridge_become_independent_normal_ones(fitted):
     assert unexplained(linear) < 0.2
 
 
+def test_a_cubic_sheet_of_few_draws_becomes_straight():
+    def sheet(rng, size, thickness):
+        x = rng.standard_normal((size, 3))
+        x[:, 2] = 0.3 * x[:, 0] ** 3 - x[:, 0] + 0.3 * x[:, 1] ** 2 + thickness * x[:, 2]
+        return x * [5.0, 2.0, 0.1]
+
+    draws = sheet(np.random.default_rng(1), 6000, 0.02)
+    fresh = sheet(np.random.default_rng(2), 2000, 0.02)
+    y = TriangularMap.fit(draws, 200.0).inverse(fresh)
+    np.testing.assert_allclose(y.std(axis=0), 1.0, atol=0.2)
+    # what is known to be thin is not shrunk: hardly anything of the last coordinate is left to the others
+    terms = np.stack([np.ones(len(y)), *y[:, :2].T, *(y[:, :2] ** 2).T, *(y[:, :2] ** 3).T], axis=-1)
+    left = y[:, 2] - terms @ np.linalg.lstsq(terms, y[:, 2])[0]
+    assert left.std() > 0.9 * y[:, 2].std()
+    # negative control: what 3 independent draws say is shrunk, and much of the sheet's shape stays
+    few = TriangularMap.fit(draws, 3.0).inverse(fresh)
+    left = few[:, 2] - terms @ np.linalg.lstsq(terms, few[:, 2])[0]
+    assert left.std() < 0.5 * few[:, 2].std()
+
+
+def test_far_from_all_draws_the_map_stays_finite(fitted):
+    with np.errstate(all="raise"):
+        far = 1e60 * np.random.default_rng(3).standard_normal((50, 4))
+        assert np.isfinite(fitted.forward(far)).all()
+
+
 def unexplained(y):
     """Least share of a coordinate's variance that the products of the others leave."""
     shares = []

@@ -4,6 +4,7 @@ import os
 import subprocess
 import sys
 import textwrap
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -140,8 +141,6 @@ def test_a_run_without_likelihood_returns_the_prior():
         def log_likelihood(self, mean_rate, parameters):
             return np.zeros(np.shape(parameters.gamma))
 
-    from dataclasses import replace
-
     prior = replace(fake_posterior(), observation=Nothing())
     chains, verdict = sample_until(prior, Settings(processes=1), 4)
     assert verdict.converged
@@ -161,7 +160,7 @@ def test_limits_end_a_run_that_has_not_converged():
 
 
 def test_long_runs_are_stored_ever_more_coarsely():
-    settings = {**vars(SHORT), "max_steps": 500, "goal": Goal(lengths=1e9)}
+    settings = {**vars(SHORT), "max_steps": 500, "goal": Goal(lengths=1e9), "relearning": 0}
     fine = sample_until(Target(normal), Settings(**settings), 1).chains
     coarse = sample_until(Target(normal), Settings(**{**settings, "stored": 100}), 1).chains
     assert (fine.stride, coarse.stride) == (1, 8)
@@ -173,7 +172,8 @@ def test_long_runs_are_stored_ever_more_coarsely():
 
 def limited(**limits):
     """Settings of a run that never converges and whose limits can be changed."""
-    common = {**vars(SHORT), "pilot": (20, 30), "stored": 60, "goal": Goal(lengths=1e9), "max_steps": 10**6}
+    unending = {"goal": Goal(lengths=1e9), "max_steps": 10**6, "relearning": 0}
+    common = {**vars(SHORT), "pilot": (20, 30), "stored": 60, **unending}
     return Settings(**{**common, **limits})
 
 
@@ -220,6 +220,44 @@ def test_a_converged_run_can_go_on():
     assert more.steps >= done.steps + 50
     straight = last(limited(goal=easy, min_steps=done.steps + 50))
     np.testing.assert_array_equal(more.chains.coordinates, straight.chains.coordinates)
+
+
+def bent(z):
+    """A thin sheet about a parabola, which the map of a short pilot misses."""
+    x, y = z.T
+    return -0.5 * (x / 5) ** 2 - 0.5 * ((y - 0.02 * x**2) / 0.02) ** 2
+
+
+def test_a_slow_walk_becomes_one_more_stage_of_the_pilot():
+    settings = Settings(ensembles=2, walkers=12, pilot=(4,), round_steps=50, max_steps=800, processes=1)
+    states = [*walk(Target(bent), settings, 1)]
+    assert 1 < states[-1].phase <= 1 + settings.relearning
+    again = next(k for k, state in enumerate(states) if state.phase == 2)
+    # its draws are dropped, and so are the looks at them
+    assert states[again - 1].before.lengths < settings.slow
+    assert states[again].steps < states[again - 1].steps
+    assert states[again].chains.coordinates.shape[1] == states[again].steps
+    assert states[again].before is None
+    # from there on nothing is learnt but by another look
+    later = [state.map for state in states if state.phase == states[-1].phase]
+    assert all(map is later[0] for map in later)
+    # negative control: the first map is worse
+    *_, stubborn = walk(Target(bent), replace(settings, relearning=0), 1)
+    assert stubborn.phase == 1
+    assert stubborn.verdict.tau.max() > 1.5 * states[-1].verdict.tau.max()
+    # wherever the run is continued, at the slow look too, and whatever ended it there
+    for k in (again - 1, again):
+        *_, resumed = walk(Target(bent), settings, 1, states[k])
+        np.testing.assert_array_equal(resumed.chains.coordinates, states[-1].chains.coordinates)
+    *_, ended = walk(Target(bent), replace(settings, max_steps=states[again - 1].steps), 1)
+    assert ended.phase == 1
+    *_, resumed = walk(Target(bent), settings, 1, ended)
+    np.testing.assert_array_equal(resumed.chains.coordinates, states[-1].chains.coordinates)
+
+
+def test_a_quick_walk_keeps_its_map():
+    *_, state = walk(Target(normal), Settings(processes=1), 3)
+    assert state.phase == len(Settings().pilot)
 
 
 def test_moves_and_sizes_are_described_and_limits_are_not():

@@ -71,9 +71,10 @@ def sampler(of: Subject, effort: Effort) -> Drawing | None:
     if not effort.sampler_steps:
         return None
     steps = effort.sampler_steps
-    settings = Settings(ensembles=1, processes=1, min_steps=steps, max_steps=steps, goal=Goal(lengths=np.inf))
+    length = {"min_steps": steps, "max_steps": steps}
+    settings = Settings(ensembles=2, processes=1, relearning=0, goal=Goal(lengths=np.inf), **length)
     state = deque(walk(of.posterior, settings, 1), maxlen=1).pop()
     verdict = state.verdict
     assert verdict is not None, "a walk that has ended was looked at"
-    ess = verdict.walkers * verdict.lengths
+    ess = settings.ensembles * verdict.walkers * verdict.lengths
     return Drawing(steps, float(verdict.tau.max()), verdict.lengths, state.seconds, ess, ess / state.seconds)

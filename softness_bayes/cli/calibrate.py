@@ -47,7 +47,7 @@ if TYPE_CHECKING:
 @click.option(
     "--max-steps",
     type=click.IntRange(min=1),
-    default=100_000,
+    default=500_000,
     show_default=True,
     help="Steps of each ensemble after which a replicate ends, converged or not.",
 )

@@ -18,12 +18,15 @@ from softness_bayes.inference.starts import Target
 
 FloatArray = NDArray[np.float64]
 
-_CURVATURE = 0.3  # expected size of a coefficient, in standard deviations: what few draws cannot tell is shrunk
+_CURVATURE = 0.3  # expected size of a coefficient, in standard deviations
+_REACH = 8.0  # standard deviations beyond which bends go no further
+_REFITS = 4  # fits with ever better estimates of what is left unexplained
+_EXACT = 1e-8  # least share of a coordinate's variance that counts as unexplained
 
 
 @dataclass(frozen=True)
 class TriangularMap:
-    """z = centre + axes t, with t_k = scale_k y_k + c_k0 + c_k·(t_j, t_i t_j) over i, j < k.
+    """z = centre + axes t, with t_k = scale_k y_k + c_k0 + c_k·(t_j, t_i t_j, t_j³) over i, j < k.
 
     The axes are principal ones, with unit variance of t, and come in the order in which those before explain
     those after best. The map is one-to-one on the whole space, and its Jacobian is constant, so that log densities
@@ -57,7 +60,7 @@ class TriangularMap:
         size, vectors = np.linalg.eigh(np.atleast_2d(np.cov(draws, rowvar=False)))
         axes = vectors * np.sqrt(np.maximum(size, size[-1] * 1e-12))
         t = np.linalg.solve(axes, (draws - centre).T).T
-        bends = _Bends(t, 1.0 / (_CURVATURE**2 * effective))
+        bends = _Bends(t, effective)
         order = bends.order()
         t = t[:, order]
         fitted = [bends.fit(order[k], order[:k])[0] for k in range(centre.size)]
@@ -129,24 +132,38 @@ def learn(walks: FloatArray, log_density: FloatArray, tau: float) -> TriangularM
 
 
 class _Bends:
-    """Regressions of each coordinate on linear and quadratic terms of others, from one matrix of moments."""
+    """Regressions of each coordinate on linear, quadratic and cubic terms of others, from one matrix of moments.
 
-    def __init__(self, t: FloatArray, shrinkage: float) -> None:
+    A coefficient is expected to be of size `_CURVATURE`, and what few draws cannot tell is shrunk. How much they tell
+    depends on what is left unexplained, which is estimated along with the coefficients: about a thin bent sheet even
+    few draws know the curvature well, and shrinking it would leave more than the sheet's thickness.
+    """
+
+    def __init__(self, t: FloatArray, effective: float) -> None:
         features = _features(t)
-        self._moments, self._shrinkage = features.T @ features / len(t), shrinkage
+        self._moments, self._effective = features.T @ features / len(t), effective
+        self._with_features, self._square = features.T @ t / len(t), (t**2).mean(axis=0)
         self._dimension = t.shape[-1]
         self._pair = np.zeros((self._dimension, self._dimension), dtype=int)
         first, second = _pairs(self._dimension)
         self._pair[first, second] = self._pair[second, first] = 1 + self._dimension + np.arange(first.size)
+        self._cube = 1 + self._dimension + first.size
 
     def fit(self, k: int, others: list[int]) -> tuple[FloatArray, float]:
         """Coefficients of t_k on the features of the others, and the mean square that they explain."""
         first, second = _pairs(len(others))
         index = np.array(others, dtype=int)
-        terms = np.concatenate([[0], 1 + index, self._pair[index[first], index[second]]])
-        normal = self._moments[np.ix_(terms, terms)] + self._shrinkage * np.diag(terms > 0)
-        moment = self._moments[terms, 1 + k]
-        bend = np.linalg.solve(normal, moment)
+        terms = np.concatenate([[0], 1 + index, self._pair[index[first], index[second]], self._cube + index])
+        moments, moment = self._moments[np.ix_(terms, terms)], self._with_features[terms, k]
+        left = 1.0
+        for _ in range(_REFITS):
+            normal = moments + left / (_CURVATURE**2 * self._effective) * np.diag(terms > 0)
+            bend = np.linalg.solve(normal, moment)
+            spent = float(np.trace(np.linalg.solve(normal, moments)))
+            unexplained = self._square[k] - 2.0 * bend @ moment + bend @ moments @ bend
+            if spent >= self._effective:
+                break
+            left = min(1.0, max(float(unexplained) / (1.0 - spent / self._effective), _EXACT))
         return bend, float(bend @ moment)
 
     def order(self) -> list[int]:
@@ -162,6 +179,7 @@ _pairs = cache(np.triu_indices)
 
 
 def _features(t: FloatArray) -> FloatArray:
-    """1, t_j and t_i t_j, shape (..., 1 + k + k (k + 1) / 2)."""
+    """1, t_j, t_i t_j and t_j³, shape (..., 1 + 2 k + k (k + 1) / 2), t cut off where there were hardly any draws."""
     first, second = _pairs(t.shape[-1])
-    return np.concatenate([np.ones((*t.shape[:-1], 1)), t, t[..., first] * t[..., second]], axis=-1)
+    t = np.clip(t, -_REACH, _REACH)
+    return np.concatenate([np.ones((*t.shape[:-1], 1)), t, t[..., first] * t[..., second], t * t * t], axis=-1)

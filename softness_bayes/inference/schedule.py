@@ -32,7 +32,7 @@ class Schedule:
     relearning
         How often a walk that a look finds slow becomes one more stage of the pilot.
     slow
-        Steps that are still missing, in those walked, beyond which a walk is slow.
+        Kept steps, in autocorrelation times, below which a look finds a walk slow.
     round_steps
         Looks are made at multiples of so many steps.
     stored
@@ -47,7 +47,7 @@ class Schedule:
 
     pilot: tuple[int, ...] = (100, 200)
     relearning: int = 4
-    slow: float = 1.5
+    slow: float = 22.0
     round_steps: int = 100
     stored: int = 20_000
     goal: Goal = field(default_factory=Goal)
@@ -75,7 +75,7 @@ class Schedule:
         again, found = state.phase - len(self.pilot), state.before
         if not 0 <= again < self.relearning or found is None or found.steps != state.steps:
             return state
-        if not found.more_steps > self.slow * state.steps:
+        if found.lengths >= self.slow:
             return state
         return replace(_learn(state), stride=1, due=2 * state.steps, before=None, verdict=None)
 
@@ -152,10 +152,11 @@ def _look(target: Target, state: RunState, goal: Goal) -> Verdict:
 def _learn(state: RunState) -> RunState:
     """End a stage of the pilot: learn a map for all ensembles from its second half, and drop its draws."""
     segments = [Segment.join(part) for part in state.parts]
-    late = np.stack([segment.coordinates[state.steps // 2 :] for segment in segments])
-    height = np.stack([segment.log_density[state.steps // 2 :] for segment in segments])
+    stored = state.steps // state.stride
+    late = np.stack([segment.coordinates[stored // 2 :] for segment in segments])
+    height = np.stack([segment.log_density[stored // 2 :] for segment in segments])
     tau = autocorrelation_time(np.moveaxis(late, -1, 1)).max()
-    learnt = learn(late, height, min(float(tau), state.steps))
+    learnt = learn(late, height, min(float(tau), stored))
     moved = tuple(
         one._replace(coordinates=learnt.inverse(state.map.forward(one.coordinates))) for one in state.ensembles
     )

@@ -130,9 +130,9 @@ DESIGNS: Mapping[str, Design] = MappingProxyType(
 
 NO_SURFACE: Mapping[str, str] = MappingProxyType(
     {
-        PRINTED.name: "which is silent up to 40 µA/cm² whatever they are, twice the paper's largest current, and begins "
-        "to fire in more ways than one"
+        PRINTED.name: "which is silent up to 38 µA/cm² whatever they are, almost twice the paper's largest current, "
+        "and begins to fire in more ways than one"
     }
 )
-"""Why there is none for a membrane. The printed one begins at 41 to 67 µA/cm² where orbits fold, but in another way over
+"""Why there is none for a membrane. The printed one begins at 39 to 67 µA/cm² where orbits fold, but in another way over
 a fiftieth of the box."""
