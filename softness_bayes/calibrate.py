@@ -157,10 +157,10 @@ def calibrate(
 ) -> Calibrated:
     """Calibrate the model of a scene; replicates that a directory already holds are not run again.
 
-    A replicate is cheap where its posterior is smooth. Where a prior draw has hardly any noise (varsigma of a
-    few thousandths, one draw in a hundred by default), the posterior is a bent sheet as thin, on which walkers
-    may not converge within any usual number of steps; such a replicate counts with the draws that it has, and
-    the verdict stays open. A prior that expects the noise of real ratings avoids it.
+    A replicate is cheap where its posterior is smooth. Where a prior draw has hardly any noise (varsigma of a few
+    hundredths or thousandths), the posterior is a bent sheet as thin, on which it takes many times the usual number
+    of steps. A replicate that has not converged when they end counts with the draws that it has, and the verdict
+    stays open.
 
     Parameters
     ----------

@@ -517,6 +517,28 @@ def test_channel_multipliers_are_sampled_on_the_firing_surface(experiment):
     assert_allclose(exact.log_likelihood(theta), value, atol=1e-3)
 
 
+def test_the_multipliers_of_hodgkin_and_huxley_are_sampled_but_for_the_current_it_lacks(experiment):
+    options = RunOptions(readings=MENDED.override({"membrane": "hodgkin-huxley"}), fix={"tau": 0.5})
+    free = posterior_of(experiment, options)
+    assert free.names[5:8] == ("c_Na", "c_K", "c_L")
+    assert "c_A" in free.space.held
+    theta = np.tile(free.space.median, (2, 1))
+    theta[1, 6] *= 1.03
+    value = free.log_likelihood(theta)
+    assert abs(value[1] - value[0]) > 1e-2
+    exact = dataclasses.replace(free, scene=free.scene.exact())
+    assert_allclose(exact.log_likelihood(theta), value, atol=1e-3)
+    with pytest.raises(InputError, match="membrane printed, which is silent up to 38"):
+        posterior_of(experiment, RunOptions(readings=MENDED.override({"membrane": "printed"})))
+
+
+@pytest.mark.slow
+def test_a_run_over_the_multipliers_of_hodgkin_and_huxley_converges(experiment):
+    found = sample(experiment, RunOptions(readings=MENDED.override({"membrane": "hodgkin-huxley"})))
+    assert found.attributes["converged"]
+    assert found.attributes["exactness_sd"] < 0.05
+
+
 def test_multipliers_beyond_the_surface_and_noise_with_free_ones_are_refused(experiment):
     with pytest.raises(InputError, match="prior of c_K: halfnormal"):
         posterior_of(experiment, RunOptions(priors={"c_K": HalfNormal(1.0)}))

@@ -178,7 +178,7 @@ def test_a_membrane_without_a_surface_is_named() -> None:
 
 def test_the_printed_membrane_is_silent_where_alpha_is_expected() -> None:
     # why it has no surface
-    with pytest.raises(InputError, match="membrane printed, which is silent up to 38 µA/cm².*use a membrane that has"):
+    with pytest.raises(InputError, match=r"membrane printed, which is silent up to 38 µA/cm².*use a membrane that has"):
         FiringSurface.load(PRINTED)
     corners = np.array(np.meshgrid(*([[-1.0, 1.0]] * 4))).reshape(4, -1)
     channels = DESIGNS["connor-stevens"].channels_at(corners)

@@ -71,8 +71,8 @@ def sampler(of: Subject, effort: Effort) -> Drawing | None:
     if not effort.sampler_steps:
         return None
     steps = effort.sampler_steps
-    length = {"min_steps": steps, "max_steps": steps}
-    settings = Settings(ensembles=2, processes=1, relearning=0, goal=Goal(lengths=np.inf), **length)
+    forever = Goal(lengths=np.inf)
+    settings = Settings(ensembles=2, processes=1, relearning=0, min_steps=steps, max_steps=steps, goal=forever)
     state = deque(walk(of.posterior, settings, 1), maxlen=1).pop()
     verdict = state.verdict
     assert verdict is not None, "a walk that has ended was looked at"

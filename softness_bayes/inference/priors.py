@@ -333,7 +333,11 @@ def _written(number: float) -> str:
 
 
 def _log_normal(
-    x: FloatArray, inside: NDArray[np.bool_], log_median: ArrayLike, sd_log: ArrayLike, normalisation: ArrayLike
+    x: FloatArray,
+    inside: NDArray[np.bool_],
+    log_median: float | FloatArray,
+    sd_log: float | FloatArray,
+    normalisation: float | FloatArray,
 ) -> FloatArray:
     """Log density of log-normal laws, one for all ``x`` or one for each along the last axis; -inf if not ``inside``."""
     log_x = np.log(np.where(inside, x, 1.0))

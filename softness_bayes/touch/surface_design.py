@@ -134,5 +134,5 @@ NO_SURFACE: Mapping[str, str] = MappingProxyType(
         "and begins to fire in more ways than one"
     }
 )
-"""Why there is none for a membrane. The printed one begins at 39 to 67 µA/cm² where orbits fold, but in another way over
-a fiftieth of the box."""
+"""Why there is none for a membrane. The printed one begins at 39 to 67 µA/cm² where orbits fold, but in another way
+over a fiftieth of the box."""
