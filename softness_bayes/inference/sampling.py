@@ -119,7 +119,7 @@ class Settings(Schedule):
 
     def description(self, dimension: int) -> dict[str, str]:
         """What decides the draws, by name; limits and processes are not among it."""
-        named = ("ensembles", "round_steps", "stored", "optima", "pilot", "relearning", "slow", "goal")
+        named = ("ensembles", "round_steps", "stored", "optima", "pilot", "relearning", "slow", "growing", "goal")
         plain = {name: getattr(self, name) for name in named}
         moves = {name: " + ".join(map(_written, getattr(self, name))) for name in ("first_moves", "moves")}
         return {"walkers": str(self.walkers_for(dimension)), **{n: str(v) for n, v in plain.items()}, **moves}

@@ -31,8 +31,9 @@ class Schedule:
         Steps of each stage of the pilot walk; after each the map is learnt anew from its second half.
     relearning
         How often a walk that a look finds slow becomes one more stage of the pilot.
-    slow
-        Kept steps, in autocorrelation times, below which a look finds a walk slow.
+    slow, growing
+        Kept steps, in autocorrelation times, below which a look finds a walk slow; and change of that time since the
+        look before that means as much: walkers are still finding their way into tails that the map has not seen.
     round_steps
         Looks are made at multiples of so many steps.
     stored
@@ -48,6 +49,7 @@ class Schedule:
     pilot: tuple[int, ...] = (100, 200)
     relearning: int = 4
     slow: float = 22.0
+    growing: float = 0.25
     round_steps: int = 100
     stored: int = 20_000
     goal: Goal = field(default_factory=Goal)
@@ -75,7 +77,8 @@ class Schedule:
         again, found = state.phase - len(self.pilot), state.before
         if not 0 <= again < self.relearning or found is None or found.steps != state.steps:
             return state
-        if found.lengths >= self.slow:
+        growing = self.growing < found.tau_change < math.inf and found.lengths < self.goal.lengths
+        if found.lengths >= self.slow and not growing:
             return state
         return replace(_learn(state), stride=1, due=2 * state.steps, before=None, verdict=None)
 
