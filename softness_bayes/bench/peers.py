@@ -103,15 +103,17 @@ def _solved(current: float, duration: float, method: str, tolerance: float) -> f
         return float(state[0] - SPIKE_VOLTAGE)
 
     crossing.direction = 1.0  # type: ignore[attr-defined]
-    found = solve_ivp(
-        lambda _t, state: cells.slope(state[:, None])[:, 0],
-        (0.0, duration),
-        rest(_one(PAPER_CHANNELS), CONNOR_STEVENS)[:, 0],
-        method=method,
-        rtol=tolerance,
-        atol=1e-3 * tolerance,
-        events=crossing,
-    )
+    # steps that the solver only tries may lead anywhere; it rejects them
+    with np.errstate(over="ignore", invalid="ignore"):
+        found = solve_ivp(
+            lambda _t, state: cells.slope(state[:, None])[:, 0],
+            (0.0, duration),
+            rest(_one(PAPER_CHANNELS), CONNOR_STEVENS)[:, 0],
+            method=method,
+            rtol=tolerance,
+            atol=1e-3 * tolerance,
+            events=crossing,
+        )
     times = found.t_events[0]
     return 1000.0 / float(times[-1] - times[-2]) if times.size > 2 else 0.0
 
