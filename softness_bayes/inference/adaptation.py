@@ -158,8 +158,8 @@ class _Bends:
         left = 1.0
         for _ in range(_REFITS):
             normal = moments + left / (_CURVATURE**2 * self._effective) * np.diag(terms > 0)
-            bend = np.linalg.solve(normal, moment)
-            spent = float(np.trace(np.linalg.solve(normal, moments)))
+            solved = np.linalg.solve(normal, np.column_stack([moment, moments]))
+            bend, spent = solved[:, 0], float(np.trace(solved[:, 1:]))
             unexplained = self._square[k] - 2.0 * bend @ moment + bend @ moments @ bend
             if spent >= self._effective:
                 break

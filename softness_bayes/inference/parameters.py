@@ -175,9 +175,9 @@ class ParameterSpace:
         theta = _columnwise([c.natural(z[..., k]) for k, c in enumerate(self._coordinates)], z)
         shift = self.rheobase_shift(theta)
         if self._walks_along("alpha", self.firing):
-            theta[..., self.names.index("alpha")] += shift
+            theta[..., self._place["alpha"]] += shift
         if self._walks_along("sigma_0", self.rheobase):
-            theta[..., self.names.index("sigma_0")] += self._beyond_threshold(theta, shift)
+            theta[..., self._place["sigma_0"]] += self._beyond_threshold(theta, shift)
         return theta
 
     def coordinates(self, theta: FloatArray) -> FloatArray:
@@ -185,14 +185,14 @@ class ParameterSpace:
         theta = np.array(theta, dtype=float)
         shift = self.rheobase_shift(theta)
         if self._walks_along("sigma_0", self.rheobase):
-            theta[..., self.names.index("sigma_0")] -= self._beyond_threshold(theta, shift)
+            theta[..., self._place["sigma_0"]] -= self._beyond_threshold(theta, shift)
         if self._walks_along("alpha", self.firing):
-            theta[..., self.names.index("alpha")] -= shift
+            theta[..., self._place["alpha"]] -= shift
         return _columnwise([c.coordinate(theta[..., k]) for k, c in enumerate(self._coordinates)], theta)
 
     def _walks_along(self, name: str, other: object) -> bool:
         """Whether a parameter's coordinate moves along with others that are known: a shear, which keeps volumes."""
-        return other is not None and name in self.bent and name in self.names
+        return other is not None and name in self.bent and name in self._place
 
     def _beyond_threshold(self, theta: FloatArray, shift: FloatArray) -> FloatArray:
         """How far sigma_0 lies above the stress at which receptors begin to fire [kPa], nearly: ln(odds) / beta.
@@ -262,9 +262,8 @@ class ParameterSpace:
 
     def values(self, theta: FloatArray) -> dict[str, FloatArray | float]:
         """Every parameter of the model by name in natural units: sampled ones of shape (...), held ones a float."""
-        known: dict[str, FloatArray | float] = {**self.held}
-        known |= {p.name: theta[..., k] for k, p in enumerate(self.sampled)}
-        return {name: known[name] for name in EVERY_PARAMETER if name in known}
+        known = self.held.keys() | self._place.keys()
+        return {name: self.value(name, theta) for name in EVERY_PARAMETER if name in known}
 
     def value(self, name: str, theta: FloatArray) -> FloatArray | float:
         """One parameter of the model in natural units: a sampled one of shape (...), a held one a float."""

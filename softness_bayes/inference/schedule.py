@@ -43,7 +43,7 @@ class Schedule:
     min_steps
         Steps to walk even if the run has converged before.
     max_steps, max_seconds
-        Where to stop without having converged; the time is that of this session.
+        Where to stop without having converged; steps count from the last map on, the time is that of this session.
     """
 
     pilot: tuple[int, ...] = (100, 200)

@@ -34,7 +34,8 @@ class RunState:
     Parameters
     ----------
     phase
-        Stages of the pilot walk that are behind; as many as there are stages in the walk that counts.
+        Stages of the pilot walk that are behind, walks that turned out slow among them; in the walk that counts at
+        least as many as the schedule has.
     steps
         Steps walked in this phase.
     stride

@@ -36,7 +36,7 @@ _RUNGS = 25  # currents tried upwards until one fires
 _RESOLUTION = 1e-6  # µA/cm², width of the final bracket around a jump
 _FAMILY_BRACKET = 0.02  # µA/cm², width of the bracket from which a fold of orbits is extrapolated
 _FAMILY = 0.1 + 0.7 * np.sin(0.5 * np.pi * (np.arange(12) + 0.5) / 12.0) ** 2  # sqrt(µA/cm²), orbits above the bracket
-_DEGREES = (9, 11)  # of the current as a polynomial in the rate: from afar the highest ones follow errors alone
+_DEGREE_FROM_AFAR = 9  # of the current as a polynomial in the rate: from afar higher ones follow errors alone
 _SAME_FOLD = 2e-3  # µA/cm², agreement of the two extrapolations
 _JUST_ABOVE = 5e-4  # µA/cm² above the fold, where rest must lead to the orbit
 _LOOKS_PERIODIC = 5e-3  # µA/cm² below the fold where slow passing is taken for firing
@@ -194,8 +194,8 @@ def _narrow(rates: _Rates, bracket: _Bracket, lane: NDArray[np.intp], width: flo
 def _births(rates: _Rates, passing: _Rates, bracket: _Bracket, lane: NDArray[np.intp]) -> tuple[FloatArray, FloatArray]:
     """Current and rate at the folds of periodic orbits at which firing begins; NaN where it does not."""
     low, high = bracket.low[lane], bracket.high[lane]
-    first, _ = _turn(rates, high, lane, _DEGREES[0])
-    birth, rate = _turn(rates, first, lane, _DEGREES[1])
+    first, _ = _turn(rates, high, lane, _DEGREE_FROM_AFAR)
+    birth, rate = _turn(rates, first, lane, _FAMILY.size - 1)
     with np.errstate(invalid="ignore"):
         inside = (birth > low - _LOOKS_PERIODIC) & (birth <= high + _LOOKS_PERIODIC)
         found = np.flatnonzero(inside & (np.abs(birth - first) <= _SAME_FOLD))
