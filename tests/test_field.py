@@ -7,7 +7,8 @@ import pytest
 
 from softness_bayes.errors import InputError, NumericalError
 from softness_bayes.touch.contact import Finger, Force, Indentation
-from softness_bayes.touch.field import StressField, clenshaw, profiles
+from softness_bayes.touch.field import StressField, profiles
+from softness_bayes.touch.polynomials import clenshaw
 from softness_bayes.touch.readings import ALTERNATIVES, Readings
 from softness_bayes.touch.stress import ATTENUATED, HERTZ, stress
 
@@ -137,9 +138,3 @@ def test_loads_side_by_side_are_the_loads_alone():
         np.testing.assert_allclose(together.peak[:, where], alone.peak, rtol=1e-14)
         distance = together.squared_distance(y)[:, where]
         np.testing.assert_allclose(distance, alone.squared_distance(y[:, where]), rtol=1e-13)
-
-
-def test_clenshaw(rng):
-    coefficients, x = rng.normal(size=(2, 3, 9)), rng.uniform(-1, 1, (2, 3, 5))
-    exact = [[np.polynomial.chebyshev.chebval(x[i, j], coefficients[i, j]) for j in range(3)] for i in range(2)]
-    np.testing.assert_allclose(clenshaw(coefficients, x), exact, rtol=1e-12, atol=1e-13)

@@ -11,7 +11,6 @@ from softness_bayes.touch.receptors import (
     CONSISTENT,
     PRINTED_DENSITY,
     ReceptorCount,
-    horner,
     kink_distances,
     receptor_current,
     receptors_within,
@@ -141,8 +140,3 @@ def test_no_finite_input_overflows_the_current():
     assert np.isfinite(current).all()
     assert ((current >= 0) & (current <= 1.7e308)).all()
     assert receptor_current(np.float32(9e3), np.float32(20.3), np.float32(6e-4), np.float32(9e3)).dtype == np.float64
-
-
-def test_horner(rng):
-    coefficients, x = rng.normal(size=7), rng.uniform(-1, 1, (3, 4))
-    np.testing.assert_allclose(horner(coefficients, x), np.polynomial.polynomial.polyval(x, coefficients), rtol=1e-12)

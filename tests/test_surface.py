@@ -16,7 +16,7 @@ from softness_bayes.touch.membrane import CONNOR_STEVENS, HODGKIN_HUXLEY, PAPER_
 from softness_bayes.touch.onset import onset
 from softness_bayes.touch.parameters import TouchParameters
 from softness_bayes.touch.rate import firing_rate
-from softness_bayes.touch.surface import ERRORS, TABLES, FiringSurface, TotalDegree
+from softness_bayes.touch.surface import ERRORS, TABLES, FiringSurface, Summed, TotalDegree
 from softness_bayes.touch.surface_design import DESIGNS
 
 CORNER = Channels(0.945, 1.276, 0.9, 1.35)
@@ -232,3 +232,11 @@ def test_a_rebuilt_table_is_the_shipped_one(surface: FiringSurface) -> None:
     channels = surface.design.channels_at(place[:, ~surface.corner(place)])
     current = np.full((channels.c_K.size, 1), 30.0)
     np.testing.assert_allclose(again.curve(channels).rate(current), surface.curve(channels).rate(current), atol=1e-6)
+
+
+def test_the_sum_without_products_is_that_of_all_products(rng):
+    for terms in (TotalDegree(2, 3), TotalDegree(4, 6)):
+        coefficients = rng.normal(size=(terms.exponents.shape[1], 5))
+        x = rng.uniform(-1, 1, (terms.variables, 40))
+        wanted = terms.basis(x) @ coefficients
+        np.testing.assert_allclose(Summed(terms, coefficients)(x), wanted, rtol=0, atol=1e-12 * np.abs(wanted).max())

@@ -9,7 +9,6 @@ decides how fast the walk mixes, never what it converges to.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,7 +25,7 @@ _EXACT = 1e-8  # least share of a coordinate's variance that counts as unexplain
 
 @dataclass(frozen=True)
 class TriangularMap:
-    """z = centre + axes t, with t_k = scale_k y_k + c_k0 + c_k·(t_j, t_i t_j, t_j³) over i, j < k.
+    """z = centre + axes t, with t_k = scale_k y_k + c_k·(1, t_j, t_i t_j, t_j³) over i <= j < k.
 
     The axes are principal ones, with unit variance of t, and come in the order in which those before explain
     those after best. The map is one-to-one on the whole space, and its Jacobian is constant, so that log densities
@@ -42,7 +41,7 @@ class TriangularMap:
     @classmethod
     def identity(cls, dimension: int) -> TriangularMap:
         """The map that leaves every point where it is."""
-        bends = tuple(np.zeros(_features(np.zeros(k)).size) for k in range(dimension))
+        bends = tuple(np.zeros(_count(k)) for k in range(dimension))
         return cls(np.zeros(dimension), np.eye(dimension), np.ones(dimension), bends)
 
     @classmethod
@@ -64,21 +63,23 @@ class TriangularMap:
         order = bends.order()
         t = t[:, order]
         fitted = [bends.fit(order[k], order[:k])[0] for k in range(centre.size)]
-        left = [t[:, k] - _features(t[:, :k]) @ bend for k, bend in enumerate(fitted)]
-        return cls(centre, axes[:, order], np.std(left, axis=1), tuple(fitted))
+        return cls(centre, axes[:, order], (t - _bent(t, tuple(fitted))).std(axis=0), tuple(fitted))
 
     def forward(self, y: FloatArray) -> FloatArray:
         """Points z at map coordinates ``y``, both of shape (..., dimension)."""
-        t = self.scale * y
+        t = (self.scale * y).reshape(-1, y.shape[-1]).T
+        near, features = np.empty_like(t), np.empty((_count(len(t)), t.shape[1]))
+        features[0] = 1.0
         for k, bend in enumerate(self.bends):
-            t[..., k] += _features(t[..., :k]) @ bend
-        return self.centre + t @ self.axes.T
+            t[k] += bend @ features[: bend.size]
+            near[k] = t[k].clip(-_REACH, _REACH)
+            _extend(features, near, k)
+        return self.centre + (t.T @ self.axes.T).reshape(y.shape)
 
     def inverse(self, z: FloatArray) -> FloatArray:
         """Map coordinates y of points ``z``."""
         t = np.asarray(np.linalg.solve(self.axes, (z - self.centre)[..., None])[..., 0], float)
-        bent = np.stack([_features(t[..., :k]) @ bend for k, bend in enumerate(self.bends)], axis=-1)
-        return (t - bent) / self.scale
+        return (t - _bent(t, self.bends)) / self.scale
 
 
 @dataclass(frozen=True)
@@ -144,27 +145,28 @@ class _Bends:
         self._moments, self._effective = features.T @ features / len(t), effective
         self._with_features, self._square = features.T @ t / len(t), (t**2).mean(axis=0)
         self._dimension = t.shape[-1]
-        self._pair = np.zeros((self._dimension, self._dimension), dtype=int)
-        first, second = _pairs(self._dimension)
-        self._pair[first, second] = self._pair[second, first] = 1 + self._dimension + np.arange(first.size)
-        self._cube = 1 + self._dimension + first.size
 
     def fit(self, k: int, others: list[int]) -> tuple[FloatArray, float]:
         """Coefficients of t_k on the features of the others, and the mean square that they explain."""
-        first, second = _pairs(len(others))
-        index = np.array(others, dtype=int)
-        terms = np.concatenate([[0], 1 + index, self._pair[index[first], index[second]], self._cube + index])
+        terms = np.array([0, *(term for i, j in enumerate(others) for term in self._terms(j, others[: i + 1]))])
         moments, moment = self._moments[np.ix_(terms, terms)], self._with_features[terms, k]
         left = 1.0
         for _ in range(_REFITS):
             normal = moments + left / (_CURVATURE**2 * self._effective) * np.diag(terms > 0)
             solved = np.linalg.solve(normal, np.column_stack([moment, moments]))
-            bend, spent = solved[:, 0], float(np.trace(solved[:, 1:]))
+            # a copy, for a column in place would be multiplied in another order than what another process is sent
+            bend, spent = solved[:, 0].copy(), float(np.trace(solved[:, 1:]))
             unexplained = self._square[k] - 2.0 * bend @ moment + bend @ moments @ bend
             if spent >= self._effective:
                 break
             left = min(1.0, max(float(unexplained) / (1.0 - spent / self._effective), _EXACT))
         return bend, float(bend @ moment)
+
+    @staticmethod
+    def _terms(j: int, earlier: list[int]) -> list[int]:
+        """Where the features are that t_j adds to those of others, as `_features` orders them; it is among these."""
+        pairs = [_count(max(i, j)) + 1 + min(i, j) for i in earlier]
+        return [_count(j), *pairs, _count(j + 1) - 1]
 
     def order(self) -> list[int]:
         """The coordinates so that each is explained by those before it: the best explained one comes last."""
@@ -175,11 +177,33 @@ class _Bends:
         return order[::-1]
 
 
-_pairs = cache(np.triu_indices)
-
-
 def _features(t: FloatArray) -> FloatArray:
-    """1, t_j, t_i t_j and t_j³, shape (..., 1 + 2 k + k (k + 1) / 2), t cut off where there were hardly any draws."""
-    first, second = _pairs(t.shape[-1])
-    t = np.clip(t, -_REACH, _REACH)
-    return np.concatenate([np.ones((*t.shape[:-1], 1)), t, t[..., first] * t[..., second], t * t * t], axis=-1)
+    """1, and of every t_k itself, its products with those up to it, and its cube, t cut off where hardly a draw was.
+
+    Of shape (..., features) for t of shape (..., dimension); the features of the first k coordinates come first.
+    """
+    near = np.clip(t, -_REACH, _REACH).reshape(-1, t.shape[-1]).T
+    features = np.empty((_count(len(near)), near.shape[1]))
+    features[0] = 1.0
+    for k in range(len(near)):
+        _extend(features, near, k)
+    return features.T.reshape(*t.shape[:-1], -1)
+
+
+def _count(coordinates: int) -> int:
+    """How many features so many coordinates have."""
+    return 1 + 2 * coordinates + coordinates * (coordinates + 1) // 2
+
+
+def _extend(features: FloatArray, near: FloatArray, k: int) -> None:
+    """Write what coordinate k adds to the features of those before it, both arrays with the points as last axis."""
+    start, stop = _count(k), _count(k + 1)
+    features[start] = near[k]
+    np.multiply(near[: k + 1], near[k], out=features[start + 1 : stop - 1])
+    np.multiply(features[stop - 2], near[k], out=features[stop - 1])
+
+
+def _bent(t: FloatArray, bends: tuple[FloatArray, ...]) -> FloatArray:
+    """How far each t_k is from where the others leave it, of the shape of ``t``."""
+    features = _features(t)
+    return np.stack([features[..., : bend.size] @ bend for bend in bends], axis=-1)

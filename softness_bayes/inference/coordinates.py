@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from typing import Protocol
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, fields
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import expit, log_expit, logit
 
 FloatArray = NDArray[np.float64]
+
+Numbers = float | FloatArray
+"""One for all places, or one for each."""
 
 
 class Coordinate(Protocol):
@@ -47,7 +51,7 @@ class Line:
 class Scaled:
     """x = unit z, for a quantity of either sign and of a known size."""
 
-    unit: float
+    unit: Numbers
 
     def natural(self, z: FloatArray) -> FloatArray:
         """Return x = unit z."""
@@ -59,14 +63,14 @@ class Scaled:
 
     def log_slope(self, z: FloatArray) -> FloatArray:
         """Log of the unit."""
-        return np.full_like(z, math.log(self.unit))
+        return np.zeros_like(z) + np.log(self.unit)
 
 
 @dataclass(frozen=True)
 class HalfLine:
     """x = low + exp z, for a quantity above ``low``."""
 
-    low: float = 0.0
+    low: Numbers = 0.0
 
     def natural(self, z: FloatArray) -> FloatArray:
         """Return x = low + exp z; infinite where exp overflows, which every prior gives no weight."""
@@ -86,8 +90,8 @@ class HalfLine:
 class Interval:
     """x = low + (high - low)/(1 + exp -z), for a quantity between two bounds."""
 
-    low: float
-    high: float
+    low: Numbers
+    high: Numbers
 
     def natural(self, z: FloatArray) -> FloatArray:
         """Parameter value at ``z``."""
@@ -99,7 +103,7 @@ class Interval:
 
     def log_slope(self, z: FloatArray) -> FloatArray:
         """log((high - low) s (1 - s)), s the share of the interval below x."""
-        return math.log(self.high - self.low) + log_expit(z) + log_expit(-z)
+        return np.log(self.high - self.low) + log_expit(z) + log_expit(-z)
 
 
 @dataclass(frozen=True)
@@ -111,8 +115,8 @@ class Bent:
     straight. It reaches every number, also those that a prior excludes.
     """
 
-    centre: float
-    width: float
+    centre: Numbers
+    width: Numbers
 
     def natural(self, z: FloatArray) -> FloatArray:
         """Return x = centre + width sinh z; infinite where sinh overflows."""
@@ -125,7 +129,7 @@ class Bent:
 
     def log_slope(self, z: FloatArray) -> FloatArray:
         """Log of width cosh z."""
-        return math.log(0.5 * self.width) + np.logaddexp(z, -z)
+        return np.log(0.5 * self.width) + np.logaddexp(z, -z)
 
 
 def coordinate_for(support: tuple[float, float]) -> Coordinate:
@@ -137,3 +141,43 @@ def coordinate_for(support: tuple[float, float]) -> Coordinate:
     if math.isinf(low):
         return Line()
     return HalfLine(low) if math.isinf(high) else Interval(low, high)
+
+
+class Coordinates:
+    """Coordinates of the last axis of an array, those of one kind in one call.
+
+    Parameters
+    ----------
+    every
+        One for each place.
+    """
+
+    def __init__(self, every: Sequence[Coordinate]) -> None:
+        kinds: dict[type, list[int]] = {}
+        for place, one in enumerate(every):
+            kinds.setdefault(type(one), []).append(place)
+        self._alike = [(np.array(places), _stacked(every, places)) for places in kinds.values()]
+
+    def natural(self, z: FloatArray) -> FloatArray:
+        """Parameter values at ``z``, both of shape (..., places)."""
+        return self._each(z, lambda one, values: one.natural(values))
+
+    def coordinate(self, x: FloatArray) -> FloatArray:
+        """Coordinates of values ``x``."""
+        return self._each(x, lambda one, values: one.coordinate(values))
+
+    def log_slope(self, z: FloatArray) -> FloatArray:
+        """Log of |dx/dz| of each place."""
+        return self._each(z, lambda one, values: one.log_slope(values))
+
+    def _each(self, values: FloatArray, of: Callable[[Coordinate, FloatArray], FloatArray]) -> FloatArray:
+        found = np.empty(np.shape(values))
+        for places, one in self._alike:
+            found[..., places] = of(one, values[..., places])
+        return found
+
+
+def _stacked(every: Sequence[Coordinate], places: Sequence[int]) -> Coordinate:
+    """One coordinate whose numbers are arrays, one element for each of some of a kind."""
+    kind: Any = type(every[places[0]])
+    return kind(*(np.array([getattr(every[k], f.name) for k in places]) for f in fields(kind)))

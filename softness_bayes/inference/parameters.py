@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from softness_bayes.errors import InputError
-from softness_bayes.inference.coordinates import Coordinate, coordinate_for
+from softness_bayes.inference.coordinates import Coordinate, Coordinates, coordinate_for
 from softness_bayes.inference.priors import HalfNormal, Laws, LogNormal, Prior
 from softness_bayes.touch.contact import DISPLACEMENT, STRAIN, SkinDisplacement
 from softness_bayes.touch.membrane import CONNOR_STEVENS, Channels, Membrane
@@ -146,14 +146,14 @@ class ParameterSpace:
     rheobase: float | None = None
     """Rheobase at the centre of the channels' box, or of the held channels [µA/cm²]. Where it is known sigma_0 walks
     as the stress at which receptors begin to fire, of which the data tell most."""
-    _coordinates: tuple[Coordinate, ...] = field(init=False, repr=False, compare=False)
+    _coordinates: Coordinates = field(init=False, repr=False, compare=False)
     _laws: Laws = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "held", MappingProxyType(dict(self.held)))
         object.__setattr__(self, "bent", MappingProxyType(dict(self.bent)))
         coordinates = tuple(self.bent.get(p.name) or coordinate_for(p.prior.support) for p in self.sampled)
-        object.__setattr__(self, "_coordinates", coordinates)
+        object.__setattr__(self, "_coordinates", Coordinates(coordinates))
         object.__setattr__(self, "_laws", Laws([p.prior for p in self.sampled], [p.largest for p in self.sampled]))
 
     def __reduce__(self) -> tuple[type, tuple[Any, ...]]:
@@ -172,7 +172,7 @@ class ParameterSpace:
 
     def natural(self, z: FloatArray) -> FloatArray:
         """Points theta [natural units] at sampler coordinates ``z``, both of shape (..., dimension)."""
-        theta = _columnwise([c.natural(z[..., k]) for k, c in enumerate(self._coordinates)], z)
+        theta = self._coordinates.natural(z)
         shift = self.rheobase_shift(theta)
         if self._walks_along("alpha", self.firing):
             theta[..., self._place["alpha"]] += shift
@@ -188,7 +188,7 @@ class ParameterSpace:
             theta[..., self._place["sigma_0"]] -= self._beyond_threshold(theta, shift)
         if self._walks_along("alpha", self.firing):
             theta[..., self._place["alpha"]] -= shift
-        return _columnwise([c.coordinate(theta[..., k]) for k, c in enumerate(self._coordinates)], theta)
+        return self._coordinates.coordinate(theta)
 
     def _walks_along(self, name: str, other: object) -> bool:
         """Whether a parameter's coordinate moves along with others that are known: a shear, which keeps volumes."""
@@ -215,8 +215,7 @@ class ParameterSpace:
 
     def log_jacobian(self, z: FloatArray) -> FloatArray:
         """Log of the volume of theta per volume of z at ``z``, shape (...)."""
-        slopes = [c.log_slope(z[..., k]) for k, c in enumerate(self._coordinates)]
-        return np.sum(slopes, axis=0) if slopes else np.zeros(z.shape[:-1])
+        return self._coordinates.log_slope(z).sum(axis=-1)
 
     def log_prior(self, theta: FloatArray) -> FloatArray:
         """Log prior density of each parameter [1/natural unit], shape (..., dimension).
@@ -244,7 +243,9 @@ class ParameterSpace:
         InputError
             If all but nothing of a prior lies where the model answers.
         """
-        theta = _columnwise([_draw(p, rng, size) for p in self.sampled], np.empty((size, self.dimension)))
+        theta = np.empty((size, self.dimension))
+        for k, p in enumerate(self.sampled):
+            theta[:, k] = _draw(p, rng, size)
         for _ in range(_REDRAWS):
             beyond = np.flatnonzero(~self._answered(theta))
             if not beyond.size:
@@ -423,7 +424,3 @@ def _draw(parameter: Parameter, rng: np.random.Generator, size: int) -> FloatArr
         f"prior of {parameter.name}: {parameter.prior} lies beyond {parameter.largest:g} {parameter.unit}, "
         "where the model ends"
     )
-
-
-def _columnwise(columns: list[FloatArray], like: FloatArray) -> FloatArray:
-    return np.stack(columns, axis=-1) if columns else np.empty_like(like)

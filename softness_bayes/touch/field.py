@@ -24,6 +24,7 @@ from scipy.interpolate import CubicSpline
 
 from softness_bayes.errors import InputError, NumericalError
 from softness_bayes.touch.contact import Finger, Load
+from softness_bayes.touch.polynomials import chebyshev_values, clenshaw
 from softness_bayes.touch.readings import Readings
 from softness_bayes.touch.receptors import kink_distances
 from softness_bayes.touch.stress import GAUSS_DENSITY, unit_stress
@@ -242,12 +243,13 @@ def profiles(
     x = np.empty_like(modulus)
     for field, where in zip(fields, columns, strict=True):
         x[:, where] = field.scaled(modulus[:, where])
-    basis = _chebyshev_basis(np.clip(x, -1, 1), max(field.table.shape[0] for field in fields))
+    basis = chebyshev_values(np.clip(x, -1, 1), max(field.table.shape[0] for field in fields))
     order = max(field.table.shape[1] for field in fields) - 1
     shape, unit, y_least = np.zeros((*x.shape, order)), np.empty_like(x), np.empty(x.shape[1])
     for field, where in zip(fields, columns, strict=True):
         terms, width = field.table.shape
-        rows = np.tensordot(basis[:terms, :, where], field.table, axes=(0, 0))
+        there = basis[:terms, :, where]
+        rows = (there.reshape(terms, -1).T @ field.table).reshape(*there.shape[1:], width)
         outside = np.abs(x[:, where]) > 1 + 1e-12
         if outside.any():
             rows[outside] = field.exact_rows(modulus[:, where][outside])[:, :width]
@@ -271,26 +273,3 @@ def _values_to_coefficients(order: int) -> Array:
     matrix = np.asarray(chebyshev.chebvander(chebyshev.chebpts1(order), order - 1).T * (2.0 / order), float)
     matrix[0] *= 0.5
     return matrix
-
-
-def _chebyshev_basis(x: Array, order: int) -> Array:
-    """Return T_k(x), k < order, along a new first axis."""
-    basis = np.empty((order, *x.shape))
-    basis[0], basis[1] = 1.0, x
-    twice = 2.0 * x
-    for k in range(2, order):
-        np.multiply(twice, basis[k - 1], out=basis[k])
-        basis[k] -= basis[k - 2]
-    return basis
-
-
-def clenshaw(coefficients: Array, x: Array) -> Array:
-    """Return sum_k coefficients[..., k] T_k(x), x with one axis more than the coefficients' batch."""
-    twice = 2.0 * x
-    ahead, further = np.zeros_like(x), np.zeros_like(x)
-    for k in range(coefficients.shape[-1] - 1, 0, -1):
-        # b_k = c_k + 2x b_{k+1} - b_{k+2}, in the place of b_{k+2}
-        np.subtract(coefficients[..., k, None], further, out=further)
-        further += twice * ahead
-        ahead, further = further, ahead
-    return coefficients[..., 0, None] + x * ahead - further

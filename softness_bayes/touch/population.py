@@ -21,7 +21,8 @@ from numpy.typing import NDArray
 
 from softness_bayes.touch.field import Profile
 from softness_bayes.touch.firing import RateCurve
-from softness_bayes.touch.receptors import ReceptorCount, horner
+from softness_bayes.touch.polynomials import horner
+from softness_bayes.touch.receptors import ReceptorCount
 
 Array = NDArray[np.float64]
 
@@ -97,7 +98,7 @@ class Population:
         sums = Sums(*(np.zeros_like(reach) for _ in Sums._fields))
         found = self._firing(
             profile.take(firing),
-            onset.take(firing, reach.shape),
+            onset.take(firing),
             np.broadcast_to(drive.beta, reach.shape)[firing],
             reach[firing],
             intervals,
@@ -113,7 +114,7 @@ class Population:
         extent, sums = self._inner(profile, onset, beta, reach, nodes, None, intervals)
         wide = np.nonzero((extent > self.count.kinks[0] ** 2) | (onset.stress < WIDE * profile.peak))
         if wide[0].size:
-            beyond = self._wide(profile.take(wide), onset.take(wide, reach.shape), beta[wide], reach[wide], intervals)
+            beyond = self._wide(profile.take(wide), onset.take(wide), beta[wide], reach[wide], intervals)
             for whole, part in zip(sums, beyond, strict=True):
                 whole[wide] = part
         return sums
@@ -296,11 +297,11 @@ class _Onset(NamedTuple):
         slope = np.arange(1, c.shape[-1] + 1) * (c + following)
         return cls(odds, stress, fires, excess, column(curve.onset_rate), 2.0 / column(curve.s_max), c, slope)
 
-    def take(self, rows: tuple[NDArray[np.intp], ...], shape: tuple[int, ...]) -> _Onset:
-        """Return the elements of a boolean choice from the batch of the given shape."""
-        flat = (np.broadcast_to(value, shape)[rows] for value in self[:6])
-        deep = (np.broadcast_to(value, (*shape, value.shape[-1]))[rows] for value in self[6:])
-        return _Onset(*flat, *deep)
+    def take(self, rows: tuple[NDArray[np.intp], ...]) -> _Onset:
+        """Return some elements of the batch, along one axis."""
+        # an axis of length one stands for all; broadcasting first would take as long as the rest
+        first = np.zeros_like(rows[0])
+        return _Onset(*(v[tuple(r if n > 1 else first for r, n in zip(rows, v.shape, strict=False))] for v in self))
 
     def _over(self, t: Array) -> _Onset:
         """Return the onset with an axis for nodes, if `t` has one more than the batch."""

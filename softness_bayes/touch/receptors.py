@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.special import expit
 
 from softness_bayes.touch.contact import Finger
+from softness_bayes.touch.polynomials import horner
 
 Array = NDArray[np.float64]
 
@@ -149,14 +150,3 @@ class ReceptorCount:
         for k in np.unique(interval):
             count[interval == k] = self(within[interval == k], k)
         return count
-
-
-def horner(coefficients: ArrayLike, x: Array) -> Array:
-    """Return sum_k coefficients[..., k] x^k, evaluated in place: one pass over memory for each operation."""
-    c = np.asarray(coefficients)
-    result = np.empty_like(x)
-    result[...] = c[..., -1]
-    for k in range(c.shape[-1] - 2, -1, -1):
-        result *= x
-        result += c[..., k]
-    return result

@@ -5,7 +5,7 @@ from __future__ import annotations
 import copy
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple, Protocol
+from typing import NamedTuple, NoReturn, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -40,7 +40,7 @@ STIFFEST_SKIN_MODULUS = 1e7
 LARGEST_CURRENT = 150.0
 """Largest alpha [µA/cm²] that is answered: depolarisation block starts at 154-210 (model.md 7)."""
 
-CHUNK = 1 << 17
+CHUNK = 1 << 15
 """Quadrature nodes handled at once: large enough for array speed, small enough for the cache."""
 
 
@@ -483,19 +483,25 @@ def _indices(values: ArrayLike, size: int, what: str) -> NDArray[np.intp]:
     return array
 
 
+_POSITIVE = [TouchParameters._fields.index(name) for name in ("b", "alpha", "beta", *Channels._fields)]
+
+
 def _flat(parameters: TouchParameters) -> tuple[tuple[int, ...], TouchParameters]:
     """Return the batch shape of parameter vectors, and these as checked arrays of one axis."""
-    values = np.broadcast_arrays(*(np.asarray(value, float) for value in parameters))
-    flat = TouchParameters(*(value.reshape(-1) for value in values))
-    _check(flat)
-    return values[0].shape, flat
+    shape = np.broadcast_shapes(*(np.shape(value) for value in parameters))
+    table = np.empty((len(parameters), *shape))
+    for k, value in enumerate(parameters):
+        table[k] = value
+    flat = table.reshape(len(parameters), -1)
+    if not (np.isfinite(flat).all() and (flat[_POSITIVE] > 0).all()):
+        _refuse(flat)
+    return shape, TouchParameters(*flat)
 
 
-def _check(parameters: TouchParameters) -> None:
-    for name, value in parameters._asdict().items():
+def _refuse(flat: Array) -> NoReturn:
+    """Say which parameter, a row each, has a value that it cannot take."""
+    for name, value in zip(TouchParameters._fields, flat, strict=True):
         if not np.isfinite(value).all():
             raise InputError(f"parameters: {name} is not finite")
-    for name in ("b", "alpha", "beta", "c_Na", "c_K", "c_L", "c_A"):
-        value = np.asarray(getattr(parameters, name))
-        if not (value > 0).all():
-            raise InputError(f"parameters: {name} is {value.min()}, expected a positive number")
+    row = next(k for k in _POSITIVE if not (flat[k] > 0).all())
+    raise InputError(f"parameters: {TouchParameters._fields[row]} is {flat[row].min()}, expected a positive number")

@@ -18,13 +18,13 @@ from functools import cached_property, lru_cache
 from importlib import resources
 
 import numpy as np
-from numpy.polynomial import chebyshev
 from numpy.typing import NDArray
 
 from softness_bayes.errors import InputError, NumericalError
 from softness_bayes.touch.firing import CurveError, RateCurve, exact_curve, exact_curves
 from softness_bayes.touch.membrane import CONNOR_STEVENS, Channels, Membrane, lanes
 from softness_bayes.touch.parameters import TouchParameters
+from softness_bayes.touch.polynomials import chebyshev_values
 from softness_bayes.touch.surface_design import DESIGNS, NO_SURFACE, Design
 
 FloatArray = NDArray[np.float64]
@@ -53,11 +53,48 @@ class TotalDegree:
 
     def basis(self, x: FloatArray) -> FloatArray:
         """Values of all products at points of shape (variables, n), shape (n, terms)."""
-        polynomials = chebyshev.chebvander(x, self.degree)
-        product = polynomials[0][:, self.exponents[0]]
-        for values, exponent in zip(polynomials[1:], self.exponents[1:], strict=True):
-            product *= values[:, exponent]
-        return product
+        return np.ascontiguousarray(_products(chebyshev_values(x, self.degree + 1), self.exponents).T)
+
+
+class Summed:
+    """A polynomial of some total degree, without making its products: those of all variables but the last suffice.
+
+    Degree by degree of the last variable, what multiplies it is a polynomial of a lower degree in the others.
+
+    Parameters
+    ----------
+    terms : TotalDegree
+        Products, of two variables at least.
+    coefficients : ndarray, shape (terms, columns)
+        One polynomial for each column.
+    """
+
+    def __init__(self, terms: TotalDegree, coefficients: FloatArray) -> None:
+        others = TotalDegree(terms.variables - 1, terms.degree).exponents
+        # rising in degree, so that the products up to any degree come first
+        self._exponents, self._degree = others[:, np.argsort(others.sum(axis=0), kind="stable")], terms.degree
+        row = {tuple(exponent): k for k, exponent in enumerate(terms.exponents.T.tolist())}
+        self._parts = []
+        for last in range(terms.degree + 1):
+            chosen = [row[*e, last] for e in self._exponents.T.tolist() if sum(e) + last <= terms.degree]
+            self._parts.append(np.ascontiguousarray(coefficients[chosen]))
+
+    def __call__(self, x: FloatArray) -> FloatArray:
+        """Values of the polynomials at points of shape (variables, n), shape (n, columns)."""
+        values = chebyshev_values(x, self._degree + 1)
+        product = _products(values[:, :-1], self._exponents).T
+        total = product @ self._parts[0]
+        for last, part in zip(values[1:, -1], self._parts[1:], strict=True):
+            total += last[:, None] * (product[:, : len(part)] @ part)
+        return total
+
+
+def _products(values: FloatArray, exponents: NDArray[np.intp]) -> FloatArray:
+    """Products, shape (terms, n), of polynomials of each variable, shape (orders, variables, n)."""
+    product = values[exponents[0], 0]
+    for k, exponent in enumerate(exponents[1:], 1):
+        product *= values[exponent, k]
+    return product
 
 
 @dataclass(frozen=True)
@@ -118,6 +155,10 @@ class FiringSurface:
     @cached_property
     def _terms(self) -> TotalDegree:
         return TotalDegree(len(self.design.axes), self.design.degree)
+
+    @cached_property
+    def _summed(self) -> Summed:
+        return Summed(self._terms, self.table)
 
     @cached_property
     def _border_terms(self) -> TotalDegree:
@@ -198,7 +239,7 @@ class FiringSurface:
         flat = np.array(multipliers)
         place = self.design.place(flat)
         self._require_inside(flat, place)
-        values = self._terms.basis(place) @ self.table
+        values = self._summed(place)
         for i in np.flatnonzero(self.corner(place)):
             own = _own_curve(Channels(*flat[:, i].tolist()), self.design.membrane, self.max_current, self.design.nodes)
             values[i] = np.hstack([own.rheobase, own.onset_rate, own.coefficients])
