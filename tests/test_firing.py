@@ -87,3 +87,11 @@ def test_curves_refuse_what_they_do_not_cover(curve: RateCurve) -> None:
         exact_curve(PAPER_CHANNELS._replace(c_K=np.array([1.0, 1.1])))
     with pytest.raises(InputError, match="finite largest current"):
         exact_curve(max_current=math.inf)
+
+
+def test_a_coarser_tolerance_costs_what_is_said(curve: RateCurve, rng: np.random.Generator) -> None:
+    excess = np.concatenate([10 ** rng.uniform(-4.0, -2.0, 20), 10 ** rng.uniform(-2.0, 1.3, 60)])
+    fine, coarse = (firing_rate(curve.rheobase + excess, tolerance=tolerance) for tolerance in (2e-9, 5e-8))
+    error = np.abs(coarse / fine - 1.0)
+    assert error[:20].max() < 4e-6
+    assert 1e-9 < error[20:].max() < 1e-6

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import time
 from collections.abc import Mapping
 from typing import Any
 
@@ -10,6 +11,9 @@ import click
 
 from softness_bayes import __version__
 from softness_bayes.errors import SoftnessError
+
+STARTED = time.monotonic()
+"""When the command began, but for Python's own start."""
 
 VERBS: Mapping[str, str] = {
     "check": "Validate data files and say what was understood.",

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import time
 from pathlib import Path
 from typing import TYPE_CHECKING, NoReturn
 
 import click
 from click.core import ParameterSource
 
+from softness_bayes.cli import STARTED
 from softness_bayes.cli.options import (
     DataFiles,
     ReadingChoice,
@@ -171,7 +173,7 @@ def run(
     with checkpoint:
         asked = {"files": record_of(files), "options": options.record(), "figures": figures}
         checkpoint.request = {**asked, "versions": versions()}
-        bar = _Bar()
+        bar = _Bar(0.0 if checkpoint.status is None else checkpoint.status.seconds)
         try:
             if isinstance(data, Compression):
                 result = sample_skin(data, options, bar.show, checkpoint)
@@ -196,6 +198,7 @@ def run(
         finally:
             bar.close()
     _report(result, out)
+    click.echo(bar.times())
     if not result.attributes["converged"]:
         raise NotConvergedError(
             f"not converged after {result.attributes['steps']} steps; what was drawn is in {out}, for inspection only; "
@@ -204,16 +207,25 @@ def run(
 
 
 class _Bar:
-    """Progress towards convergence on the terminal: steps against the present estimate of what it takes."""
+    """Progress towards convergence on the terminal: steps against the present estimate of what it takes.
 
-    def __init__(self) -> None:
+    Parameters
+    ----------
+    before
+        Time [s] that earlier sessions of the run have sampled.
+    """
+
+    def __init__(self, before: float) -> None:
         self._bar: tqdm[NoReturn] | None = None
+        self._before, self._begun, self._sampled = before, time.monotonic(), 0.0
 
     def show(self, progress: Progress) -> None:
         """Move the bar; its end moves too when a look changes the estimate."""
+        self._sampled = progress.seconds - self._before
         if self._bar is None:  # not before there is progress: an input error comes first and stands alone
             from tqdm import tqdm
 
+            self._begun = time.monotonic() - self._sampled
             self._bar = tqdm(
                 total=1, initial=progress.steps, unit="step", desc="sampling", leave=False, dynamic_ncols=True
             )
@@ -221,6 +233,14 @@ class _Bar:
         self._bar.update(progress.steps - self._bar.n)
         if progress.verdict is not None:
             self._bar.set_postfix_str(in_numbers(progress.verdict, progress.seconds))
+
+    def times(self) -> str:
+        """Say how long the command took, and what for."""
+        begun, whole = self._begun - STARTED, time.monotonic() - STARTED
+        return (
+            f"took {whole:.1f} s: {begun:.1f} s to start, {self._sampled:.1f} s to sample, "
+            f"{whole - begun - self._sampled:.1f} s for all that follows"
+        )
 
     def close(self) -> None:
         """Clear the line."""

@@ -10,6 +10,7 @@ from numpy.polynomial import chebyshev, polynomial
 from numpy.typing import ArrayLike, NDArray
 
 from softness_bayes.errors import InputError
+from softness_bayes.touch.limit_cycle import TOLERANCE
 from softness_bayes.touch.membrane import CONNOR_STEVENS, PAPER_CHANNELS, Channels, Membrane
 from softness_bayes.touch.onset import onset
 from softness_bayes.touch.rate import firing_rate
@@ -176,6 +177,7 @@ def exact_curves(
     max_current: ArrayLike,
     nodes: int = 14,
     expected: ArrayLike | None = None,
+    tolerance: float = TOLERANCE,
 ) -> RateCurve:
     """Curves of many channel vectors through exact rates, without a measurement of their error.
 
@@ -193,6 +195,8 @@ def exact_curves(
         Number of nodes.
     expected : array_like, optional
         Rheobases that are expected [µA/cm²], as :func:`~.onset.onset` takes them.
+    tolerance : float
+        Of the rates, as :func:`~.rate.firing_rate` takes it.
     """
     begin = onset(channels, membrane, expected)
     limit = np.broadcast_to(np.asarray(max_current, dtype=float), begin.rheobase.shape)
@@ -206,7 +210,8 @@ def exact_curves(
     value = np.repeat(begin.prefactor[smooth, None], nodes, axis=1)
     vector, node = np.nonzero(s)
     excess, lane = s[vector, node], smooth[vector]
-    rate = firing_rate(begin.rheobase[lane] + excess**2, Channels(*(c[lane] for c in channels)), membrane)
+    current = begin.rheobase[lane] + excess**2
+    rate = firing_rate(current, Channels(*(c[lane] for c in channels)), membrane, tolerance)
     value[vector, node] = (rate - begin.rate[lane]) / excess
     curve.onset_rate[smooth] = begin.rate[smooth]
     for place, i in enumerate(smooth):
