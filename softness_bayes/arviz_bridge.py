@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 import os
+import threading
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -180,6 +181,11 @@ def _arviz() -> Any:
     import arviz
 
     return arviz
+
+
+def prepare() -> None:
+    """Begin to import ArviZ beside whatever comes next, which takes a second or two."""
+    threading.Thread(target=_arviz, daemon=True).start()
 
 
 def _next_line() -> bool:

@@ -10,6 +10,7 @@ from typing import Any, Self
 
 import numpy as np
 
+from softness_bayes import arviz_bridge
 from softness_bayes.assembly import Assembly, versions
 from softness_bayes.criticism import check_table
 from softness_bayes.data import Compression, Experiment
@@ -272,6 +273,7 @@ def sample(
         If no start has a finite density, or too many points have none.
     """
     posterior = posterior_of(experiment, options)
+    arviz_bridge.prepare()
     with options.settings.workers(posterior) as workers:
         state = walked(experiment, posterior, options, progress, checkpoint, workers)
         sampled, rng = sampled_of(state), rng_after(options)

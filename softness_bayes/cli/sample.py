@@ -111,6 +111,10 @@ def command(
     The run is kept in --out all along: 'status' says how far it is, and 'resume' continues it, interrupted or
     ended, to the draws of a run that was never interrupted.
     """
+    from softness_bayes.inference import workers
+
+    if processes != 1:
+        workers.prepare()
     from softness_bayes.data import Compression
     from softness_bayes.inference.observation import RATING_DIRECTIONS
     from softness_bayes.inference.scales import RATING_SCALES

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import os
 import signal
+import sys
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
-from multiprocessing import get_context, parent_process
+from multiprocessing import forkserver, get_context, parent_process
 from types import TracebackType
 from typing import Any, Self, TypeVar
 
@@ -17,6 +18,21 @@ from threadpoolctl import threadpool_limits
 from softness_bayes.errors import SoftnessError
 
 Result = TypeVar("Result")
+
+_SERVED = sys.platform == "linux"
+"""Whether workers are forks of a server that has imported what they need, and nothing else."""
+
+_CONTEXT = get_context("forkserver" if _SERVED else "spawn")
+
+
+def prepare() -> None:
+    """Begin to import what workers need, in another process, beside whatever comes next."""
+    if _SERVED:
+        _CONTEXT.set_forkserver_preload([_NEEDED])
+        forkserver.ensure_running()
+
+
+_NEEDED = "softness_bayes.inference.sampling"
 
 
 def available_processors() -> int:
@@ -29,8 +45,9 @@ def available_processors() -> int:
 class Workers:
     """Processes that each hold one object and work on it; a context manager.
 
-    New processes are spawned, not forked: a fork of a process with threads may hang. A script that samples
-    with more than one process therefore needs the guard ``if __name__ == "__main__":``.
+    New processes are not forks of this one, for a fork of a process with threads may hang: they are spawned, or
+    forked from a server that does nothing else. A script that samples with more than one process therefore needs
+    the guard ``if __name__ == "__main__":``.
 
     Parameters
     ----------
@@ -43,7 +60,8 @@ class Workers:
     def __init__(self, resident: Any, processes: int) -> None:
         self._resident, self._pool = resident, None
         if processes > 1:
-            self._pool = ProcessPoolExecutor(processes, get_context("spawn"), _settle, (resident,))
+            prepare()
+            self._pool = ProcessPoolExecutor(processes, _CONTEXT, _settle, (resident,))
 
     def __enter__(self) -> Self:
         return self

@@ -40,8 +40,8 @@ attenuation confines to a layer near y = 1: the only readings for which the firs
 MODULUS_NODES = (24, 48, 96, 160)
 """Chebyshev nodes in ln(E_star + shift), likewise."""
 
-BLOCK = 32
-"""Moduli inverted side by side: more would only need more memory."""
+BLOCK = 4
+"""Moduli inverted side by side: with more of them the arrays would leave the cache."""
 
 
 class Profile(NamedTuple):
