@@ -16,6 +16,9 @@ Array = NDArray[np.float64]
 EXPONENTIALS, ROOTS, DIVISIONS = 2, 3, 3
 """For each node: exp(-t²) and expm1(-t²); s, y and the count's argument; the sigmoid, 1/s and (1 - y)/y."""
 
+TOGETHER = 16
+"""Vectors whose bare operations are done in one call: enough for array speed, few enough for the cache."""
+
 NEWTON_STEPS, NEWTON_EXPONENTIALS = 4, 2
 """Of the skin's modulus, for each condition."""
 
@@ -56,13 +59,13 @@ def limit(of: Subject, effort: Effort) -> Limit:
     count = scene.count.coefficients[0].size
     nodes = scene.discretisation.nodes + 2
     conditions = scene.n_conditions
-    lanes = conditions * nodes
+    lanes = round(float((scene.total_rate(some) > 0).sum(axis=-1).mean()) * nodes)
     passes = 3 * orders + 2 * (rates + count)
     adds = lanes * (2 * orders + rates + count)
     exponentials = lanes * EXPONENTIALS + conditions * NEWTON_STEPS * NEWTON_EXPONENTIALS
     roots, divisions = lanes * ROOTS, lanes * DIVISIONS
     traffic = 8.0 * (3 * passes * lanes + 2 * (exponentials + roots + divisions))
-    block = np.random.default_rng(0).uniform(0.1, 0.9, (BATCH, conditions, nodes))
+    block = np.random.default_rng(0).uniform(0.1, 0.9, (BATCH // TOGETHER, TOGETHER * lanes))
     work = partial(_bare, block, np.empty_like(block), passes)
     matrix = np.random.default_rng(1).uniform(size=(256, 256))
     product = quickest(lambda: matrix @ matrix, effort.repeats)
@@ -79,7 +82,7 @@ def limit(of: Subject, effort: Effort) -> Limit:
 
 
 def _bare(block: Array, out: Array, passes: int) -> None:
-    """Do the operations of a batch, one block of conditions that fits the cache after another."""
+    """Do the operations of a batch, one block that fits the cache after another."""
     for x, y in zip(block, out, strict=True):
         for _ in range(EXPONENTIALS):
             np.exp(x, out=y)

@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from softness_bayes.bench.subject import BATCH, Effort, Subject, first, quickest, subject
+from softness_bayes.errors import InputError
 from softness_bayes.plan import scene_in
 from softness_bayes.touch.accuracy import QUADRATURES, REFERENCE, TOLERANCES, Errors, choose, errors
 from softness_bayes.touch.firing_sample import FiringSample
@@ -118,16 +119,17 @@ def _rates(of: Subject, effort: Effort) -> Iterator[Point]:
 
 def _whole(held: Subject, free: Subject, effort: Effort) -> Iterator[Point]:
     """Follow the dial: one resolution for each accuracy, timed with channels held and free."""
-    best = scene_in(held.posterior)
-    none = Errors(np.array(0.0), np.array(0.0))
     exactly, sampled = _exactly(free)
-    surface = _errors(scene_in(free.posterior), exactly, sampled).largest
-    for accuracy in (a for a in ACCURACIES if a >= 10.0 * best.field_error):
-        d = choose(best, held.draws.parameters, accuracy, held.draws.eps, none).discretisation
-        for name, of, reference in (("held", held, best), ("free", sampled, exactly)):
-            if of is sampled and surface > accuracy:
-                continue
-            scene = scene_in(of.posterior).coarser(d)
+    exact_rates, surface = Errors(np.array(0.0), np.array(0.0)), free.draws.firing(scene_in(free.posterior))
+    models = (("held", held, scene_in(held.posterior), exact_rates), ("free", sampled, exactly, surface))
+    for accuracy in (a for a in ACCURACIES if a >= 10.0 * scene_in(held.posterior).field_error):
+        for name, of, reference, rates in models:
+            best = scene_in(of.posterior)
+            try:
+                choice = choose(best, of.draws.parameters, accuracy, of.draws.eps, rates)
+            except InputError:
+                continue  # out of reach: `sample` says so and ends
+            scene = best.coarser(choice.discretisation)
             model = replace(of.posterior, scene=scene)
             spent = quickest(partial(model.log_likelihood, of.theta), effort.repeats) / BATCH
             found = _errors(scene, reference, of)

@@ -55,7 +55,7 @@ class Effort(NamedTuple):
     """Steps of the sampler that is timed."""
 
 
-FULL = Effort(500, 30, 1e-8, 3334, 1024, 400, 6, 600.0, 1500)
+FULL = Effort(1000, 30, 1e-8, 3334, 1024, 400, 6, 600.0, 1500)
 QUICK = Effort(64, 3, 1e-5, 40, 64, 20, 1, 400.0, 0)
 
 
