@@ -8,8 +8,10 @@ import json
 import math
 import os
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 from click.testing import CliRunner
 from fake_scene import fake_posterior
@@ -345,3 +347,20 @@ def test_two_processes_do_not_calibrate_in_one_place(tmp_path):
     _, finished = run(tmp_path, 2)
     assert finished == [2]
     assert not (tmp_path / "lock").exists()
+
+
+def test_the_kept_calibration_says_what_its_ranks_say():
+    kept = Path(__file__).resolve().parents[1] / "notebooks" / "results" / "calibration"
+    table = pd.read_csv(kept / "ranks.csv", index_col="replicate")
+    names = tuple(name for name in table if f"true_{name}" in table)
+    found = Calibration(names, table[list(names)].to_numpy())
+    verdict = (kept / "verdict.txt").read_text(encoding="utf-8")
+    assert len(table) >= 200
+    assert (table.index == range(len(table))).all()
+    assert table["converged"].all()
+    assert found.faults() == []
+    smallest = min(min(one.uniform_p, one.spread_p) for one in found.judge().values())
+    assert verdict.startswith(f"Calibrated: {len(table)} replicates")
+    assert f"smallest p-value {smallest:.2g}" in verdict
+    shares = pd.read_csv(kept / "coverage.csv")["share"].to_numpy()
+    np.testing.assert_allclose(shares, [row["share"] for row in found.coverage()])

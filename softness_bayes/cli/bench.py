@@ -15,7 +15,8 @@ from softness_bayes.errors import InputError
 if TYPE_CHECKING:
     from softness_bayes.bench.precision import Point
 
-PRECISION, SCALING, FACTS, FIGURE = "work_precision.csv", "scaling.csv", "bench.json", "work_precision"
+PRECISION, SCALING, FACTS, WORDS = "work_precision.csv", "scaling.csv", "bench.json", "summary.md"
+FIGURE = "work_precision"
 
 
 @click.command()
@@ -35,11 +36,11 @@ def command(quick: bool, out: Path, force: bool) -> None:
     Each stage, then the whole likelihood, at all resolutions, on one core: 12 fabrics under 3 indentations, prior
     draws. Then larger scenes and batches, the sampler, the machine's limit, and peers that simulate every receptor,
     each with its own error and the ratio of time at no more than that error. Writes work_precision.csv, scaling.csv,
-    bench.json (machine, sampler, limit, ratios) and work_precision.png and .pdf.
+    bench.json (machine, sampler, limit, ratios), summary.md (the main numbers) and work_precision.png and .pdf.
     """
     from threadpoolctl import threadpool_limits
 
-    made = (PRECISION, SCALING, FACTS)
+    made = (PRECISION, SCALING, FACTS, WORDS)
     if not force and (present := [name for name in made if (out / name).exists()]):
         raise InputError(f"{out}: {', '.join(present)} exists; choose another --out, or --force to replace it")
     with threadpool_limits(1):
@@ -57,6 +58,7 @@ def _measure(quick: bool, out: Path) -> None:
     from softness_bayes.bench.precision import DIAL, LIKELIHOOD, dialled, work_precision
     from softness_bayes.bench.scaling import sampler, scaling
     from softness_bayes.bench.subject import FULL, QUICK, machine
+    from softness_bayes.bench.words import summary
 
     effort, about = QUICK if quick else FULL, machine()
     name = f"{about['processor']}, {about['cores']} cores, Python {about['python']}, NumPy {about['numpy']}"
@@ -68,13 +70,13 @@ def _measure(quick: bool, out: Path) -> None:
         click.echo(_line(point))
     chosen = next(p for p in points if p.stage == LIKELIHOOD and p.dial == DIAL and "free" in p.setting)
     held, free = dialled(DIAL, effort)
-    work, ratios = work_of(held), {}
+    work, ratios = work_of(held), dict[str, tuple[float, str]]()
     brian = brian_peers()
     for peer in (*PEERS, *brian):
         point = measure_peer(peer, work, effort)
         click.echo(_line(point))
         if found := faster(point, points):
-            ratios[point.setting] = {"ratio": found[0], "setting": found[1].setting}
+            ratios[point.setting] = found[0], found[1].setting
             click.echo(f"{'':6}takes {found[0]:.3g} times as long as the likelihood at no more error")
         points.append(point)
     if not brian:
@@ -99,10 +101,17 @@ def _measure(quick: bool, out: Path) -> None:
     out.mkdir(parents=True, exist_ok=True)
     pd.DataFrame(points).to_csv(out / PRECISION, index=False)
     pd.DataFrame(sizes).to_csv(out / SCALING, index=False)
-    facts: dict[str, Any] = {"machine": about, "quick": quick, "receptors": work.receptors, "ratios": ratios}
+    facts: dict[str, Any] = {
+        "machine": about,
+        "quick": quick,
+        "receptors": work.receptors,
+        "ratios": {name: {"ratio": ratio, "setting": setting} for name, (ratio, setting) in ratios.items()},
+    }
     facts |= {"limit": bare._asdict() | {"over_bare": bare.over_bare}}
     facts |= {"sampler": None if drawing is None else drawing._asdict()}
     (out / FACTS).write_text(json.dumps(facts, indent=1) + "\n", encoding="utf-8")
+    times = {name: ratio for name, (ratio, _) in ratios.items()}
+    (out / WORDS).write_text(summary(points, times, sizes, bare, drawing, name), encoding="utf-8")
     _draw(points, chosen, name, out)
 
 

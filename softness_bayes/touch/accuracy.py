@@ -195,7 +195,8 @@ def choose(
             break
     coarsest = max(min(0.5 * room, least.field_tolerance), best.field_tolerance)
     for tolerance in (t for t in TOLERANCES if best.field_tolerance <= t <= coarsest):
-        d = replace(best, nodes=nodes, saturation=saturation, field_tolerance=tolerance)
+        source = best.field_tolerance if tolerance > best.field_tolerance else None
+        d = replace(best, nodes=nodes, saturation=saturation, field_tolerance=tolerance, field_source=source)
         if measured("field", d) <= room:
             return Choice(accuracy, d, tried[-1].errors, rates, tuple(tried), reference)
     raise _unreachable(accuracy, min(t.errors.largest for t in tried), rates, reference)

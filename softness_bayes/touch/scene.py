@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import NamedTuple, NoReturn, Protocol
 
 import numpy as np
@@ -140,6 +141,8 @@ class Discretisation:
     """Error allowed in the tabulated stress field."""
     rate_nodes: int = 18
     """Exact rates that the curve of held channels goes through."""
+    field_source: float | None = None
+    """Tolerance that the stress field is made for before it is cut to its own; left out, it is made for that."""
 
 
 class Response(NamedTuple):
@@ -247,8 +250,9 @@ class Scene:
         high = min(float((self.modulus / (1.0 - self.poisson**2)).max()), STIFFEST_SKIN_MODULUS / softness)
         fabric = (1.0 - self.poisson[least] ** 2) / self.modulus[least]
         low = float(1.0 / (softness / LEAST_SKIN_MODULUS + fabric))
-        tolerance = self.discretisation.field_tolerance
-        return StressField(load, self.finger, self.readings, (min(low, 0.5 * high), high), tolerance)
+        d, moduli = self.discretisation, (min(low, 0.5 * high), high)
+        made = _stress_field(load, self.finger, self.readings, moduli, d.field_source or d.field_tolerance)
+        return made.cut(d.field_tolerance)
 
     @property
     def n_conditions(self) -> int:
@@ -334,7 +338,7 @@ class Scene:
         if self._finer is None:
             d = self.discretisation
             nodes, saturation, tolerance = d.nodes + 12, d.saturation + 8.0, 1e-2 * d.field_tolerance
-            finer = replace(d, nodes=nodes, saturation=saturation, field_tolerance=tolerance)
+            finer = replace(d, nodes=nodes, saturation=saturation, field_tolerance=tolerance, field_source=None)
             conditions = np.arange(self.n_conditions)
             self._finer = self._with(self.modulus, self.poisson, conditions, self.load, finer)
         return self._finer
@@ -467,6 +471,10 @@ class Scene:
         drive = Drive(named.alpha, named.beta, named.sigma_0, self.firing.curves(parameters))
         profile = self.stress_profile(contact)
         return self._population.sums(profile, drive, intervals), profile.peak
+
+
+# the scene that an accuracy is chosen with and the one that is chosen have the same fields, cut differently
+_stress_field = lru_cache(maxsize=64)(StressField)
 
 
 def _frozen(values: ArrayLike) -> Array:

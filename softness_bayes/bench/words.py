@@ -1,0 +1,73 @@
+"""What was measured, in a few lines of Markdown."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+from softness_bayes.bench.limit import Limit
+from softness_bayes.bench.peers import PEER
+from softness_bayes.bench.precision import LIKELIHOOD, Point
+from softness_bayes.bench.scaling import Drawing, Size
+
+
+def summary(
+    points: Sequence[Point],
+    ratios: Mapping[str, float],
+    sizes: Sequence[Size],
+    bare: Limit,
+    drawing: Drawing | None,
+    machine: str,
+) -> str:
+    """Return tables of likelihood and peers, then what else was measured.
+
+    Parameters
+    ----------
+    points
+        Everything that has a time and an error.
+    ratios
+        Of peers, by setting: time over that of the quickest likelihood at no more error.
+    sizes
+        Scenes and batches.
+    bare, drawing
+        The machine's limit, and the sampler if it ran.
+    machine
+        What the numbers are of.
+    """
+    rows = [
+        "| likelihood | µs per vector | error / peak response | error of log(N/N_ref + eps) |",
+        "|---|---|---|---|",
+        *(
+            f"| {p.setting} | {_short(1e6 * p.seconds)} | {p.max_peak:.0e} | {p.max_log:.0e} |"
+            for p in points
+            if p.stage == LIKELIHOOD
+        ),
+        "",
+        "| every receptor simulated | s per vector | error / peak response | time over the likelihood's |",
+        "|---|---|---|---|",
+        *(
+            f"| {p.setting} | {_short(p.seconds)} | {p.max_peak:.0e} | "
+            f"{f'{ratios[p.setting]:.1e}' if p.setting in ratios else ''} |"
+            for p in points
+            if p.stage == PEER
+        ),
+    ]
+    largest = max((s for s in sizes if s.what == "conditions"), key=lambda s: s.size)
+    said = [
+        f"Measured on: {machine}.",
+        f"The forward model takes {1e6 * bare.seconds:.0f} µs for each vector. The {bare.exponentials} exponentials, "
+        f"{bare.roots} roots, {bare.divisions} divisions and {bare.multiply_adds} multiply-adds that it cannot do "
+        f"without take {1e6 * bare.bare_seconds:.1f} µs alone, in place and within the cache "
+        f"({bare.megabytes:.1f} MB of passes), a factor of {bare.over_bare:.1f}.",
+        f"{largest.size} conditions take {1e3 * largest.seconds:.1f} ms for each vector, "
+        f"{1e9 * largest.per_condition:.0f} ns each.",
+    ]
+    if drawing is not None:
+        said.append(
+            f"One process draws {_short(drawing.ess_per_second)} effective draws of all parameters in a second "
+            f"(tau {drawing.tau:.0f})."
+        )
+    return "\n".join([*rows, "", *said]) + "\n"
+
+
+def _short(number: float) -> str:
+    return f"{number:.3g}" if number < 1e3 else f"{number:.0f}"
