@@ -185,7 +185,7 @@ def _arviz() -> Any:
 
 def prepare() -> None:
     """Begin to import ArviZ beside whatever comes next, which takes a second or two."""
-    threading.Thread(target=_arviz, daemon=True).start()
+    threading.Thread(target=_arviz).start()  # no daemon: a process must not end in the middle of an import
 
 
 def _next_line() -> bool:

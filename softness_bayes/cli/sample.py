@@ -114,7 +114,7 @@ def command(
     from softness_bayes.inference import workers
 
     if processes != 1:
-        workers.prepare()
+        workers.prepare()  # they import what they need while this process does
     from softness_bayes.data import Compression
     from softness_bayes.inference.observation import RATING_DIRECTIONS
     from softness_bayes.inference.scales import RATING_SCALES

@@ -68,7 +68,7 @@ class TriangularMap:
     def forward(self, y: FloatArray) -> FloatArray:
         """Points z at map coordinates ``y``, both of shape (..., dimension)."""
         t = (self.scale * y).reshape(-1, y.shape[-1]).T
-        near, features = np.empty_like(t), np.empty((_count(len(t)), t.shape[1]))
+        near, features = np.empty(t.shape), np.empty((_count(len(t)), t.shape[1]))
         features[0] = 1.0
         for k, bend in enumerate(self.bends):
             t[k] += bend @ features[: bend.size]

@@ -22,6 +22,8 @@ Result = TypeVar("Result")
 _SERVED = sys.platform == "linux"
 """Whether workers are forks of a server that has imported what they need, and nothing else."""
 
+_NEEDED = "softness_bayes.inference.sampling"
+
 _CONTEXT = get_context("forkserver" if _SERVED else "spawn")
 
 
@@ -30,9 +32,6 @@ def prepare() -> None:
     if _SERVED:
         _CONTEXT.set_forkserver_preload([_NEEDED])
         forkserver.ensure_running()
-
-
-_NEEDED = "softness_bayes.inference.sampling"
 
 
 def available_processors() -> int:
