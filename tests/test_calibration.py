@@ -356,7 +356,7 @@ def test_the_kept_calibration_says_what_its_ranks_say():
     found = Calibration(names, table[list(names)].to_numpy())
     verdict = (kept / "verdict.txt").read_text(encoding="utf-8")
     assert len(table) >= 200
-    assert (table.index == range(len(table))).all()
+    assert table.index.to_list() == list(range(len(table)))
     assert table["converged"].all()
     assert found.faults() == []
     smallest = min(min(one.uniform_p, one.spread_p) for one in found.judge().values())

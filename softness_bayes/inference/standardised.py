@@ -10,6 +10,7 @@ from typing import ClassVar, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import log_ndtr, ndtr, owens_t
+from scipy.stats import truncnorm
 
 from softness_bayes.errors import InputError
 from softness_bayes.inference.design import Design
@@ -217,8 +218,6 @@ class StandardisedRatings:
         fit = self._fit(mean_rate, parameters)
         n = self.design.n_rows
         sd = fit.precision**-0.5
-        from scipy.stats import truncnorm  # a quarter of a second that no walk needs
-
         c1 = truncnorm.rvs(-fit.deviate, np.inf, loc=fit.slope, scale=sd, size=fit.slope.shape, random_state=rng)
         expected = n * (self._mean - c1 * fit.centre) / (n + fit.variance)
         c0 = expected + np.sqrt(fit.variance / (n + fit.variance)) * rng.standard_normal(fit.slope.shape)

@@ -22,7 +22,8 @@ Result = TypeVar("Result")
 _SERVED = sys.platform == "linux"
 """Whether workers are forks of a server that has imported what they need, and nothing else."""
 
-_NEEDED = "softness_bayes.inference.sampling"
+_NEEDED = "softness_bayes.run"
+"""The module that imports all that a worker can be asked for."""
 
 _CONTEXT = get_context("forkserver" if _SERVED else "spawn")
 
