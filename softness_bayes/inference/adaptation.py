@@ -9,6 +9,7 @@ decides how fast the walk mixes, never what it converges to.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -72,7 +73,7 @@ class TriangularMap:
         features[0] = 1.0
         for k, bend in enumerate(self.bends):
             t[k] += bend @ features[: bend.size]
-            near[k] = t[k].clip(-_REACH, _REACH)
+            np.minimum(np.maximum(t[k], -_REACH), _REACH, out=near[k])
             _extend(features, near, k)
         return self.centre + (t.T @ self.axes.T).reshape(y.shape)
 
@@ -190,6 +191,7 @@ def _features(t: FloatArray) -> FloatArray:
     return features.T.reshape(*t.shape[:-1], -1)
 
 
+@cache
 def _count(coordinates: int) -> int:
     """How many features so many coordinates have."""
     return 1 + 2 * coordinates + coordinates * (coordinates + 1) // 2

@@ -225,8 +225,10 @@ class ParameterSpace:
         """
         density = self._laws.log_density(theta)
         if self.firing is not None:
-            channels = [k for k, p in enumerate(self.sampled) if p.name in Channels._fields]
-            density[..., channels] = np.where(self._answered(theta)[..., None], density[..., channels], -np.inf)
+            answered = self._answered(theta)
+            if not answered.all():
+                channels = [k for k, p in enumerate(self.sampled) if p.name in Channels._fields]
+                density[..., channels] = np.where(answered[..., None], density[..., channels], -np.inf)
         return density
 
     def _answered(self, theta: FloatArray) -> NDArray[np.bool_]:

@@ -193,11 +193,14 @@ def lanes(channels: Channels, **others: ArrayLike) -> tuple[tuple[int, ...], lis
         If a value is not finite, or a multiplier negative.
     """
     arrays = [np.asarray(value, dtype=float) for value in (*channels, *others.values())]
-    for name, array in zip((*Channels._fields, *others), arrays, strict=True):
-        if not np.isfinite(array).all():
-            raise InputError(f"{name} is not finite: {array[~np.isfinite(array)].flat[0]}")
-    for name, array in zip(Channels._fields, arrays[:4], strict=True):
-        if (array < 0.0).any():
-            raise InputError(f"{name} is negative: {array[array < 0.0].flat[0]}")
-    full = np.broadcast_arrays(*arrays)
-    return full[0].shape, [array.ravel() for array in full]
+    shape = np.broadcast_shapes(*(array.shape for array in arrays))
+    table = np.empty((len(arrays), *shape))
+    for k, array in enumerate(arrays):
+        table[k] = array
+    if not np.isfinite(table).all():
+        k, wrong = next((k, row[~np.isfinite(row)]) for k, row in enumerate(table) if not np.isfinite(row).all())
+        raise InputError(f"{(*Channels._fields, *others)[k]} is not finite: {wrong.flat[0]}")
+    if (table[:4] < 0.0).any():
+        k, wrong = next((k, row[row < 0.0]) for k, row in enumerate(table) if (row < 0.0).any())
+        raise InputError(f"{Channels._fields[k]} is negative: {wrong.flat[0]}")
+    return shape, [*table.reshape(len(arrays), -1)]

@@ -195,7 +195,8 @@ class FiringSurface:
             # the polynomial is asked only where the plane below it leaves a doubt
             intercept, slopes = self._plane_below_border
             near = np.flatnonzero(intercept + slopes @ place[[0, 2, 3]] - place[1] < self.design.border.margin)
-            found[near] = self.before_corner(place[:, near]) < self.design.border.margin
+            if near.size:
+                found[near] = self.before_corner(place[:, near]) < self.design.border.margin
         return found
 
     def rheobase_shift(self, channels: Channels) -> FloatArray:
@@ -261,8 +262,7 @@ class FiringSurface:
                 f"alpha = {alpha.max():.6g} µA/cm² lies beyond the {self.max_current:g} that the firing-rate surface "
                 "covers; hold the channel multipliers for larger ones"
             )
-        channels = Channels(*(getattr(parameters, name) for name in Channels._fields))
-        return self.curve(Channels(*np.broadcast_arrays(*channels)))
+        return self.curve(Channels(*(getattr(parameters, name) for name in Channels._fields)))
 
     def exact(self) -> ExactRates:
         """Return the source of the curves that the surface stands for."""

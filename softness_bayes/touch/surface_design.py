@@ -6,6 +6,7 @@ import hashlib
 import json
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
+from functools import cached_property
 from types import MappingProxyType
 from typing import Any
 
@@ -89,8 +90,11 @@ class Design:
 
     def place(self, channels: FloatArray) -> FloatArray:
         """Where multipliers of shape (4, n) lie in the box, in units of its half-width, shape (axes, n)."""
-        centre = np.array(self.channels)[self.axes, None]
-        return (np.asarray(channels)[self.axes] / centre - 1.0) / self.half_width
+        return (np.asarray(channels)[self.axes] / self._centre - 1.0) / self.half_width
+
+    @cached_property
+    def _centre(self) -> FloatArray:
+        return np.array(self.channels)[self.axes, None]
 
     def channels_at(self, place: FloatArray) -> Channels:
         """Multipliers at places of shape (axes, n); one that does not matter is that of the centre."""
