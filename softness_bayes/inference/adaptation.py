@@ -63,8 +63,8 @@ class TriangularMap:
         bends = _Bends(t, effective)
         order = bends.order()
         t = t[:, order]
-        fitted = [bends.fit(order[k], order[:k])[0] for k in range(centre.size)]
-        return cls(centre, axes[:, order], (t - _bent(t, tuple(fitted))).std(axis=0), tuple(fitted))
+        fitted = tuple(bends.fit(order[k], order[:k])[0] for k in range(centre.size))
+        return cls(centre, axes[:, order], (t - _bent(t, fitted)).std(axis=0), fitted)
 
     def forward(self, y: FloatArray) -> FloatArray:
         """Points z at map coordinates ``y``, both of shape (..., dimension)."""

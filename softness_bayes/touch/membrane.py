@@ -7,7 +7,7 @@ with voltages in mV, times in ms, conductances in mS/cm² and currents in µA/cm
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any, NamedTuple
@@ -192,15 +192,20 @@ def lanes(channels: Channels, **others: ArrayLike) -> tuple[tuple[int, ...], lis
     InputError
         If a value is not finite, or a multiplier negative.
     """
-    arrays = [np.asarray(value, dtype=float) for value in (*channels, *others.values())]
-    shape = np.broadcast_shapes(*(array.shape for array in arrays))
-    table = np.empty((len(arrays), *shape))
-    for k, array in enumerate(arrays):
-        table[k] = array
+    shape, table = rows_of((*channels, *others.values()))
     if not np.isfinite(table).all():
         k, wrong = next((k, row[~np.isfinite(row)]) for k, row in enumerate(table) if not np.isfinite(row).all())
-        raise InputError(f"{(*Channels._fields, *others)[k]} is not finite: {wrong.flat[0]}")
+        raise InputError(f"{(*Channels._fields, *others)[k]} is not finite: {wrong[0]}")
     if (table[:4] < 0.0).any():
         k, wrong = next((k, row[row < 0.0]) for k, row in enumerate(table) if (row < 0.0).any())
-        raise InputError(f"{Channels._fields[k]} is negative: {wrong.flat[0]}")
-    return shape, [*table.reshape(len(arrays), -1)]
+        raise InputError(f"{Channels._fields[k]} is negative: {wrong[0]}")
+    return shape, [*table]
+
+
+def rows_of(values: Sequence[ArrayLike]) -> tuple[tuple[int, ...], FloatArray]:
+    """Broadcast arrays: their common shape, and each flattened to a row of one table, shape (len(values), size)."""
+    shape = np.broadcast_shapes(*(np.shape(value) for value in values))
+    table = np.empty((len(values), *shape))
+    for k, value in enumerate(values):
+        table[k] = value
+    return shape, table.reshape(len(values), -1)

@@ -23,7 +23,7 @@ from softness_bayes.touch.contact import (
 from softness_bayes.touch.family import MANY, Family
 from softness_bayes.touch.field import Profile, StressField, profiles
 from softness_bayes.touch.firing import RateCurve, exact_curve
-from softness_bayes.touch.membrane import CONNOR_STEVENS, PAPER_CHANNELS, Channels, Membrane
+from softness_bayes.touch.membrane import CONNOR_STEVENS, PAPER_CHANNELS, Channels, Membrane, rows_of
 from softness_bayes.touch.noisy_curve import noisy_curve
 from softness_bayes.touch.parameters import TouchParameters
 from softness_bayes.touch.population import Drive, Population, Sums
@@ -496,11 +496,7 @@ _POSITIVE = [TouchParameters._fields.index(name) for name in ("b", "alpha", "bet
 
 def _flat(parameters: TouchParameters) -> tuple[tuple[int, ...], TouchParameters]:
     """Return the batch shape of parameter vectors, and these as checked arrays of one axis."""
-    shape = np.broadcast_shapes(*(np.shape(value) for value in parameters))
-    table = np.empty((len(parameters), *shape))
-    for k, value in enumerate(parameters):
-        table[k] = value
-    flat = table.reshape(len(parameters), -1)
+    shape, flat = rows_of(parameters)
     if not (np.isfinite(flat).all() and (flat[_POSITIVE] > 0).all()):
         _refuse(flat)
     return shape, TouchParameters(*flat)
