@@ -19,7 +19,8 @@ import numpy as np
 
 from softness_bayes.data import Experiment, Fabrics
 from softness_bayes.inference.diagnostics import Goal
-from softness_bayes.inference.sampling import FIRST_MOVES, MOVES, STRETCH, Moves, Settings, walk
+from softness_bayes.inference.moves import FIRST_MOVES, MOVES, STRETCH, Moves
+from softness_bayes.inference.sampling import Settings, walk
 from softness_bayes.inference.starts import Target
 from softness_bayes.run import RunOptions, posterior_of
 from softness_bayes.study import simulate_ratings, usual_values

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from softness_bayes.inference.adaptation import Mapped, StudentProposal, TriangularMap, learn
+from softness_bayes.inference.adaptation import Mapped, TriangularMap, learn
+from softness_bayes.inference.moves import Student
 
 
 def bent_draws(rng, size):
@@ -127,7 +128,7 @@ def test_student_proposals_have_the_density_they_claim():
     """A wrong ratio would bias every run: the ratio of densities against SciPy, the draws against SciPy's law."""
     random = np.random.RandomState(11)
     old = 2.0 * random.standard_normal((4000, 3))
-    new, ratio = StudentProposal(5.0)(old, random)
+    new, ratio = Student(5.0)(old, random)
     law = stats.multivariate_t(np.zeros(3), np.eye(3), df=5.0)
     np.testing.assert_allclose(ratio, law.logpdf(old) - law.logpdf(new), atol=1e-10)
     assert stats.kstest(new[:, 0], stats.t(5).cdf).pvalue > 1e-3

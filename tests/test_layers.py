@@ -31,7 +31,7 @@ RANK = {name: rank for rank, names in enumerate(LAYERS) for name in names}
 HOMES = {
     "arviz": {"arviz_bridge"},
     "bokeh": {"report.charts"},
-    "emcee": {"inference.sampling"},
+    "emcee": {"inference.moves", "inference.sampling"},
     "jinja2": {"report.page"},
 }
 """Modules outside of which a library may not be imported."""
@@ -128,9 +128,16 @@ def test_only_the_command_line_uses_click():
             assert not any(n.split(".")[0] == "click" for n in imports(tree)), name
 
 
-@pytest.mark.parametrize("module", ["softness_bayes", "softness_bayes.touch.scene", "softness_bayes.touch.reference"])
-def test_import_is_cheap(module):
-    heavy = ["pandas", "arviz", "emcee", "matplotlib", "xarray", "h5py"]
+@pytest.mark.parametrize(
+    ("module", "heavy"),
+    [
+        ("softness_bayes", ["pandas", "arviz", "emcee", "matplotlib", "xarray", "h5py"]),
+        ("softness_bayes.touch.scene", ["pandas", "arviz", "emcee", "matplotlib", "xarray", "h5py"]),
+        ("softness_bayes.touch.reference", ["pandas", "arviz", "emcee", "matplotlib", "xarray", "h5py"]),
+        ("softness_bayes.run", ["arviz", "emcee", "scipy.stats", "matplotlib", "xarray", "h5py"]),
+    ],
+)
+def test_import_is_cheap(module, heavy):
     code = f"import sys, {module}; print([name for name in {heavy} if name in sys.modules])"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"

@@ -16,7 +16,8 @@ from softness_bayes.inference import sampling
 from softness_bayes.inference.adaptation import TriangularMap
 from softness_bayes.inference.chains import Chains, Segment
 from softness_bayes.inference.diagnostics import Goal
-from softness_bayes.inference.sampling import MOVES, EnsembleState, Settings, advance, sample_until, walk
+from softness_bayes.inference.moves import MOVES, Student
+from softness_bayes.inference.sampling import EnsembleState, Settings, advance, sample_until, walk
 from softness_bayes.inference.starts import Optimum, find_optimum, scatter, worth_starting_from
 from softness_bayes.inference.workers import Workers
 
@@ -129,7 +130,7 @@ def test_modes_that_no_proposal_joins_do_not_pass_for_converged():
             side = 30.0 if rng.random() < 0.5 else -30.0
             return side + rng.standard_normal((size, 2))
 
-    local = tuple((move, weight) for move, weight in MOVES if "MHMove" not in type(move).__name__)
+    local = tuple((move, weight) for move, weight in MOVES if not isinstance(move, Student))
     settings = Settings(max_steps=600, optima=1, pilot=(), processes=1, moves=local)
     verdicts = [sample_until(Split(two_modes), settings, seed).verdict for seed in range(3)]
     assert not any(v.converged for v in verdicts)
@@ -263,7 +264,7 @@ def test_a_quick_walk_keeps_its_map():
 def test_moves_and_sizes_are_described_and_limits_are_not():
     told = Settings().description(3)
     assert told["walkers"] == "20"
-    assert "StudentProposal(freedom=5.0)" in told["moves"]
+    assert "Student(freedom=5.0)" in told["moves"]
     assert Settings(max_steps=7, max_seconds=3.0, min_steps=2, processes=1).description(3) == told
     for other in (Settings(walkers=22), Settings(pilot=(50,)), Settings(moves=MOVES[:1]), Settings(goal=Goal(ess=1))):
         assert other.description(3) != told

@@ -95,26 +95,6 @@ class Mapped:
         return self.target(self.map.forward(y))
 
 
-@dataclass(frozen=True)
-class StudentProposal:
-    """Proposals from Student's law about the origin, wherever the walkers are; emcee's `MHMove` takes it.
-
-    Its tails are heavier than a normal law's, so that a walker in a tail that the map misses is not stuck.
-    """
-
-    freedom: float = 5.0
-
-    def __call__(self, coordinates: FloatArray, random: np.random.RandomState) -> tuple[FloatArray, FloatArray]:
-        """Propose a point for every walker; also the log ratio of the proposal's densities, old over new."""
-        shape = coordinates.shape
-        spread = np.sqrt(random.chisquare(self.freedom, shape[0]) / self.freedom)
-        proposed = random.standard_normal(shape) / spread[:, None]
-        return proposed, self._log_density(coordinates) - self._log_density(proposed)
-
-    def _log_density(self, y: FloatArray) -> FloatArray:
-        return -0.5 * (self.freedom + y.shape[-1]) * np.log1p((y**2).sum(axis=-1) / self.freedom)
-
-
 def learn(walks: FloatArray, log_density: FloatArray, tau: float) -> TriangularMap:
     """Learn a map from a pilot walk.
 

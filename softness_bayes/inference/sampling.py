@@ -1,4 +1,4 @@
-"""Independent ensembles of walkers, run until they have converged; the only module that knows emcee.
+"""Independent ensembles of walkers, run until they have converged.
 
 A run has three parts. Walkers start about optimised points (`starts`). In a pilot walk of a fixed number of
 steps, the density's shape is learnt (`adaptation`); its draws are dropped. A walk that looks find slow all the same
@@ -19,15 +19,14 @@ from contextlib import nullcontext
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
-import emcee
 import numpy as np
-from emcee.moves import DEMove, MHMove, Move, StretchMove
 from numpy.typing import NDArray
 
 from softness_bayes.errors import InputError, NumericalError
-from softness_bayes.inference.adaptation import Mapped, StudentProposal, TriangularMap
+from softness_bayes.inference.adaptation import Mapped, TriangularMap
 from softness_bayes.inference.chains import Chains, Segment
 from softness_bayes.inference.diagnostics import Verdict
+from softness_bayes.inference.moves import FIRST_MOVES, MOVES, Moves
 from softness_bayes.inference.placing import place_walkers, watched
 from softness_bayes.inference.schedule import Schedule
 from softness_bayes.inference.starts import Target
@@ -35,27 +34,6 @@ from softness_bayes.inference.state import EnsembleState, RunState
 from softness_bayes.inference.workers import Workers, available_processors
 
 FloatArray = NDArray[np.float64]
-
-Moves = tuple[tuple[Move, float], ...]
-
-FIRST_MOVES: Moves = ((DEMove(), 0.9), (DEMove(gamma0=1.0), 0.1))
-"""Proposals with their probabilities before anything is known of the density's shape."""
-
-STRETCH: Moves = ((StretchMove(), 1.0),)
-"""emcee's own default, which the benchmark compares with."""
-
-MOVES: Moves = (
-    (MHMove(StudentProposal()), 0.6),
-    (DEMove(), 0.27),
-    (DEMove(gamma0=0.12), 0.1),  # frees a walker in a tail that the map misses, where longer steps find nothing
-    (DEMove(gamma0=1.0), 0.03),  # carries a walker from one mode to another
-)
-"""Proposals with their probabilities in the coordinates of the learnt map.
-
-emcee's snooker move is not among them: up to emcee 3.1.6 its acceptance takes half of the Jacobian's exponent,
-which narrows what it samples (`tests/test_invariance.py` shows both).
-"""
-
 
 PATIENCE = 2.0
 """Time [s] after which an ensemble reports, so that little is lost if the run is killed."""
@@ -121,7 +99,10 @@ class Settings(Schedule):
         """What decides the draws, by name; limits and processes are not among it."""
         named = ("ensembles", "round_steps", "stored", "optima", "pilot", "relearning", "slow", "growing", "goal")
         plain = {name: getattr(self, name) for name in named}
-        moves = {name: " + ".join(map(_written, getattr(self, name))) for name in ("first_moves", "moves")}
+        moves = {
+            name: " + ".join(f"{share:g} {proposal}" for proposal, share in getattr(self, name))
+            for name in ("first_moves", "moves")
+        }
         return {"walkers": str(self.walkers_for(dimension)), **{n: str(v) for n, v in plain.items()}, **moves}
 
 
@@ -169,9 +150,12 @@ def advance(
     stride
         Steps of the walk for one stored.
     """
+    import emcee  # see `moves`
+
     walkers, dimension = state.coordinates.shape
     mapped = Mapped(target, map)
-    sampler = emcee.EnsembleSampler(walkers, dimension, mapped, moves=list(moves), vectorize=True)
+    made = [(proposal.made(), share) for proposal, share in moves]
+    sampler = emcee.EnsembleSampler(walkers, dimension, mapped, moves=made, vectorize=True)
     # emcee takes any state without complaint and keeps NumPy's global one if it does not understand it
     sampler.random_state = state.random
     if not _same_random(sampler.random_state, state.random):
@@ -287,12 +271,6 @@ def _advance(workers: Workers, settings: Settings, state: RunState, steps: int) 
     return replace(
         state, steps=state.steps + steps, ensembles=ensembles, parts=parts, nonfinite=state.nonfinite + found
     )
-
-
-def _written(move: tuple[Move, float]) -> str:
-    """A proposal and its probability; what emcee adds to a move while it runs is left out."""
-    made = {name: value for name, value in vars(move[0]).items() if name in ("gamma0", "sigma", "a", "get_proposal")}
-    return f"{move[1]:g} {type(move[0]).__name__}({', '.join(f'{name}={value}' for name, value in made.items())})"
 
 
 def _same_random(one: tuple[Any, ...], other: tuple[Any, ...]) -> bool:

@@ -10,7 +10,6 @@ from typing import ClassVar, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import log_ndtr, ndtr, owens_t
-from scipy.stats import truncnorm
 
 from softness_bayes.errors import InputError
 from softness_bayes.inference.design import Design
@@ -215,6 +214,8 @@ class StandardisedRatings:
 
     def draw_effects(self, rng: np.random.Generator, mean_rate: FloatArray, parameters: RatingParameters) -> Line:
         """Exact draws of the line given the ratings, one for each point of the batch: c1, then c0."""
+        from scipy.stats import truncnorm  # a third of a second, needed once in a run
+
         fit = self._fit(mean_rate, parameters)
         n = self.design.n_rows
         sd = fit.precision**-0.5
