@@ -37,15 +37,15 @@ def worst_error(field, modulus, finger=FINGER):
     """Largest error of the stress that the table says is felt at a distance, against the peak; and of the peak."""
     profile = profile_of(field, modulus, finger)
     farthest = math.hypot(18e-3, 10e-3)
-    fraction = np.linspace(0.003, 1.0, 60)[None, None]
-    y = profile.y_least[..., None] + (1 - profile.y_least[..., None]) * fraction**2
-    distance = np.sqrt(profile.squared_distance(np.broadcast_to(y, (1, modulus.size, 60))))[0]
+    fraction = np.linspace(0.003, 1.0, 60)[:, None, None]
+    y = np.broadcast_to(profile.y_least + (1 - profile.y_least) * fraction**2, (60, 1, modulus.size))
+    distance = np.sqrt(profile.squared_distance(y))[:, 0]
     r, radius = field.readings, field.load.close(modulus, finger).radius
     readings = (r.pressure, r.stress_kernel, r.stress_component)
     peak = stress(0.0, modulus, radius, finger, *readings)
-    felt = stress(distance, modulus[:, None], radius[:, None], finger, *readings) / peak[:, None]
+    felt = stress(distance, modulus, radius, finger, *readings) / peak
     on_pad = distance <= farthest
-    error = np.abs(felt - (y[0] ** (1 / field.root)))[on_pad]
+    error = np.abs(felt - (y[:, 0] ** (1 / field.root)))[on_pad]
     return error.max(), np.abs(profile.peak[0] / peak - 1).max()
 
 
@@ -77,10 +77,11 @@ def test_every_table_says_how_good_it_is(readings, rng):
     modulus = 10 ** rng.uniform(3, 7, 5)
     x = rng.uniform(-1, 1, 20)
     rows, exact = field.exact_rows(modulus), np.array([field.load.close(modulus, FINGER).radius])
-    size = field.size(modulus, exact[0])[:, None]
+    size = field.size(modulus, exact[0])
     profile = profile_of(field, modulus)
-    found = clenshaw(profile.shape[0], np.broadcast_to(x, (5, 20))) / size
-    wanted = clenshaw(rows[:, 1:], np.broadcast_to(x, (5, 20)))
+    at = np.broadcast_to(x[:, None], (20, 5))
+    found = clenshaw(profile.shape[:, 0], at) / size
+    wanted = clenshaw(rows[:, 1:].T, at)
     largest = np.abs(rows[:, 1:]).sum(axis=1).max()
     assert np.abs(found - wanted).max() < 3 * field.reached * max(largest, 1.0)
 
@@ -132,7 +133,7 @@ def test_loads_side_by_side_are_the_loads_alone():
     for field, where in zip(fields, columns, strict=True):
         radius[0, where] = field.load.close(modulus[where], FINGER).radius
     together = profiles(fields, columns, modulus[None], radius)
-    y = np.full((1, 4, 1), 0.7)
+    y = np.full((1, 4), 0.7)
     for field, where in zip(fields, columns, strict=True):
         alone = profile_of(field, modulus[where])
         np.testing.assert_allclose(together.peak[:, where], alone.peak, rtol=1e-14)

@@ -16,8 +16,8 @@ def test_chebyshev_values(rng, order):
 
 
 def test_clenshaw(rng):
-    coefficients, x = rng.normal(size=(2, 3, 9)), rng.uniform(-1, 1, (2, 3, 5))
-    exact = [[np.polynomial.chebyshev.chebval(x[i, j], coefficients[i, j]) for j in range(3)] for i in range(2)]
+    coefficients, x = rng.normal(size=(9, 2, 3)), rng.uniform(-1, 1, (5, 2, 3))
+    exact = np.polynomial.chebyshev.chebval(x, coefficients[:, None], tensor=False)
     np.testing.assert_allclose(clenshaw(coefficients, x), exact, rtol=1e-12, atol=1e-13)
 
 

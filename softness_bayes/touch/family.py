@@ -162,8 +162,8 @@ class Family:
             return np.concatenate([part(vector[block], log_k[block]) for block in blocks])
 
         def part(vector: Indices, log_k: Array) -> Array:
-            p = TouchParameters(*(value[vector][:, None] for value in parameters))
-            skin = skin_modulus(*self.compression, log_k, p.b, p.m)
+            p = TouchParameters(*(value[vector] for value in parameters))
+            skin = skin_modulus(*self.compression, log_k, p.b[:, None], p.m[:, None])
             reduced = 1.0 / ((1.0 - finger.poisson_ratio**2) * (1.0 / skin + np.exp(log_k)))
             columns = [np.arange(log_k.shape[1])]
             profile = profiles([self.field], columns, reduced, self.field.load.close(reduced, finger).radius)

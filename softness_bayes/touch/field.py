@@ -50,17 +50,18 @@ class Profile(NamedTuple):
     peak: Array
     """Stress on the axis [Pa], shape (...)."""
     shape: Array
-    """Coefficients of Q [m²] in T_k of y scaled to its range, shape (..., order)."""
+    """Coefficients of Q [m²] in T_k of y scaled to its range, shape (order, ...)."""
     y_least: Array
     """Lower end of that range, of a shape that broadcasts with the peak's."""
 
-    def take(self, rows: tuple[NDArray[np.intp], ...]) -> Profile:
-        """Return the profile of some elements of the batch."""
-        return Profile(self.peak[rows], self.shape[rows], np.broadcast_to(self.y_least, self.peak.shape)[rows])
+    def take(self, at: NDArray[np.intp]) -> Profile:
+        """Return the profile of some elements of the batch, by their places in it flattened, along one axis."""
+        least = np.broadcast_to(self.y_least, self.peak.shape)
+        return Profile(self.peak.take(at), self.shape.reshape(len(self.shape), -1).take(at, axis=1), least.take(at))
 
     def squared_distance(self, y: Array) -> Array:
-        """Return rho² [m²] where the stress is y^(1/root) of its peak; `y` has one axis more."""
-        least = self.y_least[..., None]
+        """Return rho² [m²] where the stress is y^(1/root) of its peak, of the shape of `y`: (..., *batch)."""
+        least = self.y_least
         return clenshaw(self.shape, (2.0 * y - (1.0 + least)) * (1.0 / (1.0 - least))) * (1.0 - y) / y
 
 
@@ -245,16 +246,16 @@ def profiles(
         x[:, where] = field.scaled(modulus[:, where])
     basis = chebyshev_values(np.clip(x, -1, 1), max(field.table.shape[0] for field in fields))
     order = max(field.table.shape[1] for field in fields) - 1
-    shape, unit, y_least = np.zeros((*x.shape, order)), np.empty_like(x), np.empty(x.shape[1])
+    shape, unit, y_least = np.zeros((order, *x.shape)), np.empty_like(x), np.empty(x.shape[1])
     for field, where in zip(fields, columns, strict=True):
         terms, width = field.table.shape
         there = basis[:terms, :, where]
-        rows = (there.reshape(terms, -1).T @ field.table).reshape(*there.shape[1:], width)
+        rows = (field.table.T @ there.reshape(terms, -1)).reshape(width, *there.shape[1:])
         outside = np.abs(x[:, where]) > 1 + 1e-12
         if outside.any():
-            rows[outside] = field.exact_rows(modulus[:, where][outside])[:, :width]
-        size = field.size(modulus[:, where], radius[:, where])
-        unit[:, where], shape[:, where, : width - 1] = rows[..., 0], rows[..., 1:] * size[..., None]
+            rows[:, outside] = field.exact_rows(modulus[:, where][outside])[:, :width].T
+        unit[:, where] = rows[0]
+        shape[: width - 1, :, where] = rows[1:] * field.size(modulus[:, where], radius[:, where])
         y_least[where] = field.y_least
     first = fields[0]
     return Profile(first.readings.pressure.amplitude(modulus, radius, first.finger) * unit, shape, y_least)

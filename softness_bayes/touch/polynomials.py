@@ -1,9 +1,12 @@
-"""Sums of polynomials as the inner loops take them: in place, and with the points along the last axes."""
+"""Sums of polynomials as the inner loops take them: in place, orders along the first axis and points along the last.
+
+What differs from point to point then lies side by side in memory, coefficients and points alike.
+"""
 
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
@@ -20,23 +23,25 @@ def chebyshev_values(x: Array, order: int) -> Array:
 
 
 def clenshaw(coefficients: Array, x: Array) -> Array:
-    """Return sum_k coefficients[..., k] T_k(x), x with one axis more than the coefficients' batch."""
+    """Return sum_k coefficients[k] T_k(x), each coefficients[k] of a shape that broadcasts to that of x."""
     twice = 2.0 * x
     ahead, further = np.zeros_like(x), np.zeros_like(x)
-    for k in range(coefficients.shape[-1] - 1, 0, -1):
+    for c in coefficients[:0:-1]:
         # b_k = c_k + 2x b_{k+1} - b_{k+2}, in the place of b_{k+2}
-        np.subtract(coefficients[..., k, None], further, out=further)
+        np.subtract(c, further, out=further)
         further += twice * ahead
         ahead, further = further, ahead
-    return coefficients[..., 0, None] + x * ahead - further
+    return coefficients[0] + x * ahead - further
 
 
-def horner(coefficients: ArrayLike, x: Array) -> Array:
-    """Return sum_k coefficients[..., k] x^k, evaluated in place: one pass over memory for each operation."""
-    c = np.asarray(coefficients)
+def horner(coefficients: Array, x: Array) -> Array:
+    """Return sum_k coefficients[k] x^k, each coefficients[k] of a shape that broadcasts to that of x.
+
+    It is evaluated in place: one pass over memory for each operation.
+    """
     result = np.empty_like(x)
-    result[...] = c[..., -1]
-    for k in range(c.shape[-1] - 2, -1, -1):
+    result[...] = coefficients[-1]
+    for c in coefficients[-2::-1]:
         result *= x
-        result += c[..., k]
+        result += c
     return result

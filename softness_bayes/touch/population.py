@@ -14,7 +14,7 @@ field; only where the responding patch crosses an edge or corner of the pad is t
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,7 +33,7 @@ _SEARCH, _SAME = 60, 1e-14  # most steps of a search in y, and the step that end
 
 
 class Drive(NamedTuple):
-    """Transduction and firing of a batch of parameter vectors; arrays of shape (batch, 1)."""
+    """Transduction and firing of a batch of parameter vectors; arrays of shape (batch,)."""
 
     alpha: Array
     """Largest current [µA/cm²]."""
@@ -91,30 +91,29 @@ class Population:
         intervals
             Whether the sum of inter-spike intervals is wanted, which costs half as much again.
         """
-        onset = _Onset.of(drive, profile.peak)
-        reach = np.where(onset.fires, np.maximum(drive.beta * (profile.peak - onset.stress), 0.0), 0.0)
+        onset = _Onset.of(drive)
+        reach = np.maximum(onset.beta[:, None] * (profile.peak - onset.stress[:, None]), 0.0)
         # no node is spent where nothing fires: often a third of all conditions
-        firing = np.nonzero(reach)
+        firing = np.flatnonzero(reach)
+        vector = firing // reach.shape[1]
         sums = Sums(*(np.zeros_like(reach) for _ in Sums._fields))
-        found = self._firing(
-            profile.take(firing),
-            onset.take(firing),
-            np.broadcast_to(drive.beta, reach.shape)[firing],
-            reach[firing],
-            intervals,
-        )
+        found = self._firing(profile.take(firing), onset.take(vector), reach.take(firing), intervals)
         for whole, part in zip(sums, found, strict=True):
-            whole[firing] = part
+            whole.reshape(-1)[firing] = part
         return sums
 
-    def _firing(self, profile: Profile, onset: _Onset, beta: Array, reach: Array, intervals: bool) -> Sums:
-        """Integrate conditions in which receptors fire, all arrays along one axis."""
-        top = np.sqrt(np.minimum(reach, self.saturation))[:, None]
-        nodes = _Nodes(top * self.part, top * self.weight)
-        extent, sums = self._inner(profile, onset, beta, reach, nodes, None, intervals)
-        wide = np.nonzero((extent > self.count.kinks[0] ** 2) | (onset.stress < WIDE * profile.peak))
-        if wide[0].size:
-            beyond = self._wide(profile.take(wide), onset.take(wide), beta[wide], reach[wide], intervals)
+    def _firing(self, profile: Profile, onset: _Onset, reach: Array, intervals: bool) -> Sums:
+        """Integrate conditions in which receptors fire, all arrays along one axis.
+
+        What belongs to nodes gets an axis before that one, so that it broadcasts with the rest and NumPy's inner
+        loops run over the conditions, of which there are many more than nodes.
+        """
+        top = np.sqrt(np.minimum(reach, self.saturation))
+        nodes = _Nodes(top * self.part[:, None], top * self.weight[:, None])
+        extent, sums = self._inner(profile, onset, reach, nodes, None, intervals)
+        wide = np.flatnonzero((extent > self.count.kinks[0] ** 2) | (onset.stress < WIDE * profile.peak))
+        if wide.size:
+            beyond = self._wide(profile.take(wide), onset.take(wide), reach[wide], intervals)
             for whole, part in zip(sums, beyond, strict=True):
                 whole[wide] = part
         return sums
@@ -123,7 +122,6 @@ class Population:
         self,
         profile: Profile,
         onset: _Onset,
-        beta: Array,
         reach: Array,
         nodes: _Nodes,
         responding: Array | None,
@@ -135,41 +133,38 @@ class Population:
         is that within the distance unless it is known.
         """
         t = nodes.t
-        stress = onset.stress[..., None] + t * t / beta[..., None]
-        extent = profile.squared_distance(self._y(_over_nodes(profile), stress))
+        extent = profile.squared_distance(self._y(profile, onset.stress_at(t)))
         within = self.count(extent)
         gain = nodes.weight * onset.gain(t)
         saturated, rest = reach > self.saturation, np.zeros_like(reach)
-        rest[saturated] = self.count.anywhere(extent[..., -1][saturated])
-        at_top, at_peak = np.moveaxis(onset.rate(np.stack([t[..., -1], np.sqrt(reach)], axis=-1)), -1, 0)
-        rate = np.einsum("...i,...i", gain, within) + rest * (at_peak - at_top)
+        rest[saturated] = self.count.anywhere(extent[-1][saturated])
+        at_top, at_peak = onset.rate(np.stack([t[-1], np.sqrt(reach)]))
+        rate = (gain * within).sum(axis=0) + rest * (at_peak - at_top)
         if responding is None:
-            responding = within[..., 0]
+            responding = within[0]
             rate += onset.rate_0 * responding
         interval = np.zeros_like(rate)
         if intervals:
             with np.errstate(divide="ignore", invalid="ignore"):
-                missing = (responding[..., None] - within)[..., 1:-1] / onset.rate(t[..., 1:-1]) ** 2
-                interval = np.einsum("...i,...i", gain[..., 1:-1], missing)
+                interval = (gain[1:-1] * (responding - within[1:-1]) / onset.rate(t[1:-1]) ** 2).sum(axis=0)
                 interval += (responding - rest) / at_top + rest / at_peak
-        return extent[..., 0], Sums(rate, responding, interval)
+        return extent[0], Sums(rate, responding, interval)
 
     def _y(self, profile: Profile, stress: Array) -> Array:
         relative = np.maximum(stress, 0.0) / profile.peak
         power = np.sqrt(relative) if self.root == 0.5 else relative**self.root
         return np.clip(power, profile.y_least, 1.0)
 
-    def _wide(self, profile: Profile, onset: _Onset, beta: Array, reach: Array, intervals: bool) -> Sums:
+    def _wide(self, profile: Profile, onset: _Onset, reach: Array, intervals: bool) -> Sums:
         """Integrate where the patch may reach past the pad's first kink, one interval after another."""
         kinks = self.count.kinks
-        t_kinks = np.minimum(self._t_at(profile, onset, beta, kinks), np.sqrt(reach)[:, None]).T
-        y_onset = self._y(profile, onset.stress)
-        responding = self.count.anywhere(profile.squared_distance(y_onset[:, None])[:, 0])
+        t_kinks = np.minimum(self._t_at(profile, onset, kinks), np.sqrt(reach))
+        responding = self.count.anywhere(profile.squared_distance(self._y(profile, onset.stress)))
         # where saturation comes first the integral ends there
         top = np.sqrt(np.minimum(reach, self.saturation))
         bottom = np.minimum(t_kinks[0], top)
-        nodes = self._stretched(onset, beta, bottom, top)
-        _, inner = self._inner(profile, onset, beta, reach, nodes, responding, intervals)
+        nodes = self._stretched(onset, bottom, top)
+        _, inner = self._inner(profile, onset, reach, nodes, responding, intervals)
         # from the outermost inwards: below its t every receptor of the pad fires
         whole = onset.rate(np.minimum(t_kinks[-1], bottom)) - onset.rate_0
         rate = inner.rate + onset.rate_0 * responding + self.count.total * whole
@@ -179,48 +174,48 @@ class Population:
             if not (near > outer).any():
                 continue
             # just outside a kink the count opens like a square root: x² smooths it
-            t = near[:, None] - (near - outer)[:, None] * self.part**2
-            weight = (near - outer)[:, None] * 2.0 * self.part * self.weight
-            stress = onset.stress[:, None] + t * t / beta[:, None]
-            extent = profile.squared_distance(self._y(_over_nodes(profile), stress))
+            part = self.part[:, None]
+            t = near - (near - outer) * part**2
+            weight = (near - outer) * 2.0 * part * self.weight[:, None]
+            extent = profile.squared_distance(self._y(profile, onset.stress_at(t)))
             within = self.count(np.clip(extent, kinks[k - 1] ** 2, kinks[k] ** 2), k)
             gain = weight * onset.gain(t)
-            rate = rate + np.einsum("ni,ni->n", gain, within)
+            rate = rate + (gain * within).sum(axis=0)
             if intervals:
                 with np.errstate(divide="ignore", invalid="ignore"):
-                    part = gain * (responding[:, None] - within) / onset.rate(t) ** 2
-                interval = interval + np.where(weight > 0, part, 0.0).sum(axis=-1)
+                    missing = gain * (responding - within) / onset.rate(t) ** 2
+                interval = interval + np.where(weight > 0, missing, 0.0).sum(axis=0)
         return Sums(rate, responding, interval)
 
-    def _stretched(self, onset: _Onset, beta: Array, bottom: Array, top: Array) -> _Nodes:
+    def _stretched(self, onset: _Onset, bottom: Array, top: Array) -> _Nodes:
         """Return nodes from bottom to top for a wide patch, even in the logarithm of the stress.
 
         The count has a pole at stress 0, to which a wide patch comes close. With h² = beta (stress -
         max(onset stress, 0)) it lies at h = ±i sqrt(beta onset stress) or 0: a sinh map leads away from it.
         """
-        below = beta * np.maximum(-onset.stress, 0.0)
+        below = onset.beta * np.maximum(-onset.stress, 0.0)
         low, high = (np.sqrt(np.maximum(end**2 - below, 0.0)) for end in (bottom, top))
-        scale = np.sqrt(np.maximum(beta * onset.stress, 0.25 * low**2)) + 1e-150
+        scale = np.sqrt(np.maximum(onset.beta * onset.stress, 0.25 * low**2)) + 1e-150
         start, stop = np.arcsinh(low / scale), np.arcsinh(high / scale)
-        w = start[:, None] + (stop - start)[:, None] * self.part
-        height = scale[:, None] * np.sinh(w)
-        t = np.clip(np.sqrt(height**2 + below[:, None]), bottom[:, None], top[:, None])
-        weight = (stop - start)[:, None] * self.weight * scale[:, None] * np.cosh(w)
+        w = start + (stop - start) * self.part[:, None]
+        height = scale * np.sinh(w)
+        t = np.clip(np.sqrt(height**2 + below), bottom, top)
+        weight = (stop - start) * self.weight[:, None] * scale * np.cosh(w)
         return _Nodes(t, weight * height / np.maximum(t, 1e-300))
 
-    def _t_at(self, profile: Profile, onset: _Onset, beta: Array, distance: Array) -> Array:
-        """Return t where the stress is that at some distances from the axis, shape (n, distances); 0 outside the patch.
+    def _t_at(self, profile: Profile, onset: _Onset, distance: Array) -> Array:
+        """Return t where the stress is that at some distances from the axis, shape (distances, n); 0 outside the patch.
 
         In y the condition rho² = d² is Q(y) (1 - y) = d² y, a straight line but for what Q varies: false
         position in Illinois's form gains digits as fast as the secant does and never leaves the bracket.
         """
-        squared = distance**2
+        squared = distance[:, None] ** 2
 
         def beyond(y: Array) -> Array:
             return y * (profile.squared_distance(y) - squared)
 
-        shape = (profile.peak.size, distance.size)
-        low, high = np.broadcast_to(profile.y_least[:, None], shape).copy(), np.ones(shape)
+        shape = (distance.size, profile.peak.size)
+        low, high = np.broadcast_to(profile.y_least, shape).copy(), np.ones(shape)
         at_low, at_high = beyond(low), np.broadcast_to(-squared, shape).copy()
         low_stays = np.ones(shape, dtype=bool)
         # where the table ends before the distance its end stands in for the root
@@ -238,34 +233,29 @@ class Population:
             at_high = np.where(up, np.where(low_stays, at_high, 0.5 * at_high), at_y)
             at_low = np.where(up, at_y, np.where(low_stays, 0.5 * at_low, at_low))
             low, high, low_stays = np.where(up, y, low), np.where(up, high, y), ~up
-        stress = profile.peak[:, None] * y ** (1.0 / self.root)
-        return np.sqrt(np.maximum(beta[:, None] * (stress - onset.stress[:, None]), 0.0))
+        stress = profile.peak * y ** (1.0 / self.root)
+        return np.sqrt(np.maximum(onset.beta * (stress - onset.stress), 0.0))
 
 
 class _Nodes(NamedTuple):
-    """Nodes in t and their weights, with the two ends, which have weight 0."""
+    """Nodes in t and their weights, with the two ends, which have weight 0; arrays of shape (nodes, n)."""
 
     t: Array
     weight: Array
 
 
-def _over_nodes(profile: Profile) -> Profile:
-    """Return the profile with a last axis for nodes in peak and range."""
-    return Profile(profile.peak[..., None], profile.shape, profile.y_least[..., None])
-
-
 class _Onset(NamedTuple):
     """Where firing starts, and the rate beyond it as a function of t (u = u_rheobase + t²).
 
-    Fields have the shape (batch, conditions) or broadcast with it; coefficients one axis more.
+    Fields have the shape (batch,), or (1,) where one value serves all; coefficients one axis more, the first.
     """
 
+    beta: Array
+    """Steepness of the transduction [1/Pa]."""
     odds: Array
     """alpha / I_rheobase - 1, which is exp(-u) at the rheobase."""
     stress: Array
-    """The stress at which a receptor starts to fire [Pa]."""
-    fires: Any
-    """Whether alpha exceeds the rheobase."""
+    """The stress at which a receptor starts to fire [Pa]; infinite where alpha is not above the rheobase."""
     excess: Array
     """alpha - I_rheobase [µA/cm²]."""
     rate_0: Array
@@ -278,50 +268,40 @@ class _Onset(NamedTuple):
     """Coefficients of d nu / d s."""
 
     @classmethod
-    def of(cls, drive: Drive, like: Array) -> _Onset:
+    def of(cls, drive: Drive) -> _Onset:
         curve = drive.curve
-        batch = np.broadcast_shapes(curve.rheobase.shape, (1,))
-
-        def column(values: Array) -> Array:
-            return np.reshape(values, batch)[..., None]
-
-        rheobase = column(curve.rheobase)
+        rheobase, rate_0, s_max = (np.reshape(v, -1) for v in (curve.rheobase, curve.onset_rate, curve.s_max))
         odds = drive.alpha / rheobase - 1.0
         fires = odds > 0
         odds = np.where(fires, odds, 1.0)
-        stress = np.broadcast_to(drive.sigma_0 - np.log(odds) / drive.beta, like.shape)
+        stress = np.where(fires, drive.sigma_0 - np.log(odds) / drive.beta, np.inf)
         excess = np.where(fires, drive.alpha - rheobase, 1.0)
-        c = curve.coefficients.reshape(*batch, 1, -1)
-        following = np.concatenate([c[..., 1:], np.zeros_like(c[..., :1])], axis=-1)
+        level = np.ascontiguousarray(np.atleast_2d(curve.coefficients).T)
         # dnu/ds = P + (w + 1) P'
-        slope = np.arange(1, c.shape[-1] + 1) * (c + following)
-        return cls(odds, stress, fires, excess, column(curve.onset_rate), 2.0 / column(curve.s_max), c, slope)
+        slope = level.copy()
+        slope[:-1] += level[1:]
+        slope *= np.arange(1, len(slope) + 1)[:, None]
+        return cls(drive.beta, odds, stress, excess, rate_0, 2.0 / s_max, level, slope)
 
-    def take(self, rows: tuple[NDArray[np.intp], ...]) -> _Onset:
-        """Return some elements of the batch, along one axis."""
-        # an axis of length one stands for all; broadcasting first would take as long as the rest
-        first = np.zeros_like(rows[0])
-        return _Onset(*(v[tuple(r if n > 1 else first for r, n in zip(rows, v.shape, strict=False))] for v in self))
+    def take(self, vector: NDArray[np.intp]) -> _Onset:
+        """Return the fields for these elements of the batch."""
+        return _Onset(*(v if v.shape[-1] == 1 else v.take(vector, axis=-1) for v in self))
 
-    def _over(self, t: Array) -> _Onset:
-        """Return the onset with an axis for nodes, if `t` has one more than the batch."""
-        if t.ndim == self.stress.ndim:
-            return self
-        return _Onset(*(v[..., None] for v in self[:6]), *(v[..., None, :] for v in self[6:]))
+    def stress_at(self, t: Array) -> Array:
+        """Return the stress [Pa] at t of shape (..., *batch)."""
+        return self.stress + t * t / self.beta
 
     def gain(self, t: Array) -> Array:
-        """Return d nu / d t [Hz] at t of the batch's shape, or with one axis more."""
-        at = self._over(t)
+        """Return d nu / d t [Hz] at t of shape (..., *batch)."""
         left = np.exp(-t * t)
-        below = 1.0 / (1.0 + at.odds * left)
+        below = 1.0 / (1.0 + self.odds * left)
         # I - I_rheobase = excess (1 - exp(-t²)) / (1 + odds exp(-t²)), without cancellation at t -> 0
-        s = np.sqrt(at.excess * -np.expm1(-t * t) * below)
-        speed = at.excess * (1.0 + at.odds) * left * t * below * below / np.maximum(s, 1e-300)
-        return speed * horner(at.slope, at.scale * s - 1.0)
+        s = np.sqrt(self.excess * -np.expm1(-t * t) * below)
+        speed = self.excess * (1.0 + self.odds) * left * t * below * below / np.maximum(s, 1e-300)
+        return speed * horner(self.slope, self.scale * s - 1.0)
 
     def rate(self, t: Array) -> Array:
-        """Return nu [Hz] at t of the batch's shape, or with one axis more."""
-        at = self._over(t)
+        """Return nu [Hz] at t of shape (..., *batch)."""
         lost = -np.expm1(-t * t)
-        s = np.sqrt(at.excess * lost / (1.0 + at.odds * (1.0 - lost)))
-        return at.rate_0 + s * horner(at.level, at.scale * s - 1.0)
+        s = np.sqrt(self.excess * lost / (1.0 + self.odds * (1.0 - lost)))
+        return self.rate_0 + s * horner(self.level, self.scale * s - 1.0)

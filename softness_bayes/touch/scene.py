@@ -467,8 +467,7 @@ class Scene:
         return Contact(skin, reduced, *closure)
 
     def _sums(self, parameters: TouchParameters, contact: Contact, intervals: bool) -> tuple[Sums, Array]:
-        named = TouchParameters(*(value[:, None] for value in parameters))
-        drive = Drive(named.alpha, named.beta, named.sigma_0, self.firing.curves(parameters))
+        drive = Drive(parameters.alpha, parameters.beta, parameters.sigma_0, self.firing.curves(parameters))
         profile = self.stress_profile(contact)
         return self._population.sums(profile, drive, intervals), profile.peak
 
