@@ -244,20 +244,21 @@ def profiles(
     x = np.empty_like(modulus)
     for field, where in zip(fields, columns, strict=True):
         x[:, where] = field.scaled(modulus[:, where])
-    basis = chebyshev_values(np.clip(x, -1, 1), max(field.table.shape[0] for field in fields))
+    basis = chebyshev_values(np.minimum(np.maximum(x, -1.0), 1.0), max(field.table.shape[0] for field in fields))
+    beyond = np.abs(x) > 1 + 1e-12
     order = max(field.table.shape[1] for field in fields) - 1
     shape, unit, y_least = np.zeros((order, *x.shape)), np.empty_like(x), np.empty(x.shape[1])
     for field, where in zip(fields, columns, strict=True):
         terms, width = field.table.shape
         there = basis[:terms, :, where]
         rows = (field.table.T @ there.reshape(terms, -1)).reshape(width, *there.shape[1:])
-        outside = np.abs(x[:, where]) > 1 + 1e-12
-        if outside.any():
+        if (outside := beyond[:, where]).any():
             rows[:, outside] = field.exact_rows(modulus[:, where][outside])[:, :width].T
         unit[:, where] = rows[0]
-        shape[: width - 1, :, where] = rows[1:] * field.size(modulus[:, where], radius[:, where])
+        shape[: width - 1, :, where] = rows[1:]
         y_least[where] = field.y_least
     first = fields[0]
+    shape *= first.size(modulus, radius)
     return Profile(first.readings.pressure.amplitude(modulus, radius, first.finger) * unit, shape, y_least)
 
 

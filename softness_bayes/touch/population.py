@@ -153,7 +153,7 @@ class Population:
     def _y(self, profile: Profile, stress: Array) -> Array:
         relative = np.maximum(stress, 0.0) / profile.peak
         power = np.sqrt(relative) if self.root == 0.5 else relative**self.root
-        return np.clip(power, profile.y_least, 1.0)
+        return np.minimum(np.maximum(power, profile.y_least), 1.0)
 
     def _wide(self, profile: Profile, onset: _Onset, reach: Array, intervals: bool) -> Sums:
         """Integrate where the patch may reach past the pad's first kink, one interval after another."""
@@ -293,10 +293,11 @@ class _Onset(NamedTuple):
 
     def gain(self, t: Array) -> Array:
         """Return d nu / d t [Hz] at t of shape (..., *batch)."""
-        left = np.exp(-t * t)
+        lost = -np.expm1(-t * t)
+        left = 1.0 - lost
         below = 1.0 / (1.0 + self.odds * left)
         # I - I_rheobase = excess (1 - exp(-t²)) / (1 + odds exp(-t²)), without cancellation at t -> 0
-        s = np.sqrt(self.excess * -np.expm1(-t * t) * below)
+        s = np.sqrt(self.excess * lost * below)
         speed = self.excess * (1.0 + self.odds) * left * t * below * below / np.maximum(s, 1e-300)
         return speed * horner(self.slope, self.scale * s - 1.0)
 

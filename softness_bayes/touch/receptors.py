@@ -144,6 +144,8 @@ class ReceptorCount:
 
     def anywhere(self, squared_distance: Array) -> Array:
         """Return the count for squared distances [m²] of any size, shape (n,)."""
+        if (squared_distance <= self.kinks[0] ** 2).all():
+            return self(squared_distance)
         within = np.minimum(squared_distance, self.kinks[-1] ** 2)
         interval = np.searchsorted(self.kinks**2, within)
         count = np.empty_like(within)
