@@ -19,8 +19,8 @@ LOG_POSTERIOR = "log posterior"
 _TAILS = (0.05, 0.95)
 _APART = 1.1  # R-hat beyond which long ensembles are not merely short of draws
 _FEWER = 20.0  # times fewer effective draws than the walkers' own times promise
-_ESS_STRIDE = 10  # draws closer than tau over this carry nothing that the bulk ESS would miss
-_R_HAT_DRAWS = 8000  # of each ensemble: R-hat needs no more
+_ESS_STRIDE = 3  # draws closer than tau over this carry nothing that the bulk ESS would miss
+_R_HAT_DRAWS = 4000  # of each ensemble: R-hat needs no more
 
 
 @dataclass(frozen=True)

@@ -201,10 +201,12 @@ def unit_stress(
     ndarray
         Stress over the pressure's amplitude, of the broadcast shape.
     """
-    rho, a, q = np.broadcast_arrays(np.asarray(rho, float), np.asarray(radius, float), np.asarray(decay, float))
+    given = np.broadcast_arrays(np.asarray(rho, float), np.asarray(radius, float), np.asarray(decay, float))
+    rho, a, q = (values.reshape(-1) for values in given)
     if depth == 0:
         x2 = (rho / a) ** 2
-        return np.where(x2 < 1, np.sqrt(np.maximum(1 - x2, 0)) * np.exp(-q * np.minimum(x2, 1)), 0.0)
+        pressure = np.where(x2 < 1, np.sqrt(np.maximum(1 - x2, 0)) * np.exp(-q * np.minimum(x2, 1)), 0.0)
+        return pressure.reshape(given[0].shape)
     pole = np.arcsin((kernel.centre(rho, depth) + 1j * depth) / a)
     centre = pole.real
     # past exp(-42) the pressure is nothing
@@ -214,13 +216,16 @@ def unit_stress(
     apart = width < 0.5 * centre
     cut = np.where(apart, np.minimum(0.5 * centre, edge), lower)
     scale = np.where(apart, pole.imag, np.minimum(pole.imag, width))
-    axis = _graded(lower, cut, np.zeros_like(edge), width, density)
-    around = _graded(cut, edge, centre, scale, density)
-    phi, weight = (np.concatenate(pair, axis=-1) for pair in zip(axis, around, strict=True))
-    sine = np.sin(phi)
-    share = weight * a[..., None] * np.cos(phi) ** 2 * np.exp(-q[..., None] * sine**2)
-    stresses = kernel.influence(rho[..., None], a[..., None] * sine, depth)
-    return component.select(*(np.einsum("...i,...i", share, part) for part in stresses))
+
+    def piece(of: NDArray[np.bool_] | slice, low: Array, high: Array, centre: Array, scale: Array) -> Array:
+        phi, weight = _graded(low[of], high[of], centre[of], scale[of], density)
+        own, sine = a[of][:, None], np.sin(phi)
+        share = weight * own * np.cos(phi) ** 2 * np.exp(-q[of][:, None] * sine**2)
+        return np.array([np.einsum("ni,ni->n", share, part) for part in kernel.influence(rho[of][:, None], own * sine, depth)])
+
+    stresses = piece(slice(None), cut, edge, centre, scale)
+    stresses[:, apart] += piece(apart, lower, cut, np.zeros_like(edge), width)
+    return component.select(*stresses).reshape(given[0].shape)
 
 
 def stress(
