@@ -13,14 +13,14 @@ from softness_bayes.plan import scene_in
 
 Array = NDArray[np.float64]
 
-EXPONENTIALS, ROOTS, DIVISIONS = 2, 3, 3
-"""For each node: exp(-t²) and expm1(-t²); s, y and the count's argument; the sigmoid, 1/s and (1 - y)/y."""
+EXPONENTIALS, ROOTS, DIVISIONS = 1, 3, 3
+"""For each node: expm1(-t²); s, y and the count's argument; the sigmoid, 1/s and (1 - y)/y."""
 
 TOGETHER = 16
 """Vectors whose bare operations are done in one call: enough for array speed, few enough for the cache."""
 
-NEWTON_STEPS, NEWTON_EXPONENTIALS = 4, 2
-"""Of the skin's modulus, for each condition."""
+SKIN_STEPS, SKIN_EXPONENTIALS = 3, 3
+"""Of the search for the skin's modulus, for each condition: e^w, and softplus with its exponential and logarithm."""
 
 
 class Limit(NamedTuple):
@@ -54,7 +54,7 @@ def limit(of: Subject, effort: Effort) -> Limit:
     scene = scene_in(of.posterior)
     some = first(of.draws.parameters, BATCH)
     contact = scene.contact(some)
-    orders = scene.stress_profile(contact).shape.shape[-1]
+    orders = len(scene.stress_profile(contact).shape)
     rates = scene.firing.curves(some).coefficients.shape[-1]
     count = scene.count.coefficients[0].size
     nodes = scene.discretisation.nodes + 2
@@ -62,7 +62,7 @@ def limit(of: Subject, effort: Effort) -> Limit:
     lanes = round(float((scene.total_rate(some) > 0).sum(axis=-1).mean()) * nodes)
     passes = 3 * orders + 2 * (rates + count)
     adds = lanes * (2 * orders + rates + count)
-    exponentials = lanes * EXPONENTIALS + conditions * NEWTON_STEPS * NEWTON_EXPONENTIALS
+    exponentials = lanes * EXPONENTIALS + conditions * SKIN_STEPS * SKIN_EXPONENTIALS
     roots, divisions = lanes * ROOTS, lanes * DIVISIONS
     traffic = 8.0 * (3 * passes * lanes + 2 * (exponentials + roots + divisions))
     block = np.random.default_rng(0).uniform(0.1, 0.9, (BATCH // TOGETHER, TOGETHER * lanes))

@@ -79,13 +79,21 @@ def measure_peer(peer: Peer, work: Work, effort: Effort) -> Point:
     return Point(PEER, f"{peer.name}, {peer.setting}", spent * work.receptors, error, error, np.nan, np.nan)
 
 
-def faster(peer: Point, ours: list[Point]) -> tuple[float, Point] | None:
-    """Return how much less time the whole likelihood takes at no more error than a peer's, and the setting."""
+class Ratio(NamedTuple):
+    """A peer's time over that of the quickest likelihood at no more error."""
+
+    ratio: float
+    setting: str
+    """The likelihood's."""
+
+
+def faster(peer: Point, ours: list[Point]) -> Ratio | None:
+    """Return how many times longer a peer takes; None where no likelihood errs so little."""
     good = [p for p in ours if p.stage == LIKELIHOOD and "held" in p.setting and p.max_peak <= peer.max_peak]
     if not good:
         return None
     best = min(good, key=lambda point: point.seconds)
-    return peer.seconds / best.seconds, best
+    return Ratio(peer.seconds / best.seconds, best.setting)
 
 
 def solve_each(method: str, tolerance: float) -> Callable[[Array, float], Array]:

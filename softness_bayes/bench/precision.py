@@ -136,10 +136,10 @@ def _whole(held: Subject, free: Subject, effort: Effort) -> Iterator[Point]:
             yield _point(LIKELIHOOD, f"channels {name}, accuracy {accuracy:g}", spent, found, accuracy)
 
 
-def dialled(accuracy: float, effort: Effort) -> tuple[Subject, Subject]:
-    """Return the model at the discretisation of the dial's setting, channels held and free."""
-    best = Discretisation(*REFERENCE, field_tolerance=max(1e-2 * accuracy, effort.finest))
-    held = subject(best, True, effort.draws)
-    none = Errors(np.array(0.0), np.array(0.0))
-    choice = choose(scene_in(held.posterior), held.draws.parameters, accuracy, held.draws.eps, none)
-    return (subject(choice.discretisation, True, effort.draws), subject(choice.discretisation, False, effort.draws))
+def dialled(accuracy: float, effort: Effort, held: bool) -> Subject:
+    """Return the model as the dial's setting resolves it, with channels held or free."""
+    of = subject(Discretisation(*REFERENCE, field_tolerance=max(1e-2 * accuracy, effort.finest)), held, effort.draws)
+    best = scene_in(of.posterior)
+    rates = Errors(np.array(0.0), np.array(0.0)) if held else of.draws.firing(best)
+    choice = choose(best, of.draws.parameters, accuracy, of.draws.eps, rates)
+    return subject(choice.discretisation, held, effort.draws)

@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 from softness_bayes.bench.limit import Limit
-from softness_bayes.bench.peers import PEER
+from softness_bayes.bench.peers import PEER, Ratio
 from softness_bayes.bench.precision import LIKELIHOOD, Point
 from softness_bayes.bench.scaling import Drawing, Size
 
 
 def summary(
     points: Sequence[Point],
-    ratios: Mapping[str, float],
+    ratios: Mapping[str, Ratio],
     sizes: Sequence[Size],
     bare: Limit,
     drawing: Drawing | None,
@@ -25,7 +25,7 @@ def summary(
     points
         Everything that has a time and an error.
     ratios
-        Of peers, by setting: time over that of the quickest likelihood at no more error.
+        Of peers, by setting.
     sizes
         Scenes and batches.
     bare, drawing
@@ -46,7 +46,7 @@ def summary(
         "|---|---|---|---|",
         *(
             f"| {p.setting} | {_short(p.seconds)} | {p.max_peak:.0e} | "
-            f"{f'{ratios[p.setting]:.1e}' if p.setting in ratios else ''} |"
+            f"{f'{ratios[p.setting].ratio:.1e}' if p.setting in ratios else ''} |"
             for p in points
             if p.stage == PEER
         ),

@@ -54,7 +54,7 @@ def _measure(quick: bool, out: Path) -> None:
 
     from softness_bayes.bench.brian import ABSENT, brian_peers
     from softness_bayes.bench.limit import limit
-    from softness_bayes.bench.peers import PEERS, faster, measure_peer, work_of
+    from softness_bayes.bench.peers import PEERS, Ratio, faster, measure_peer, work_of
     from softness_bayes.bench.precision import DIAL, LIKELIHOOD, dialled, work_precision
     from softness_bayes.bench.scaling import sampler, scaling
     from softness_bayes.bench.subject import FULL, QUICK, machine
@@ -69,15 +69,15 @@ def _measure(quick: bool, out: Path) -> None:
         points.append(point)
         click.echo(_line(point))
     chosen = next(p for p in points if p.stage == LIKELIHOOD and p.dial == DIAL and "free" in p.setting)
-    held, free = dialled(DIAL, effort)
-    work, ratios = work_of(held), dict[str, tuple[float, str]]()
+    held, free = (dialled(DIAL, effort, is_held) for is_held in (True, False))
+    work, ratios = work_of(held), dict[str, Ratio]()
     brian = brian_peers()
     for peer in (*PEERS, *brian):
         point = measure_peer(peer, work, effort)
         click.echo(_line(point))
         if found := faster(point, points):
-            ratios[point.setting] = found[0], found[1].setting
-            click.echo(f"{'':6}takes {found[0]:.3g} times as long as the likelihood at no more error")
+            ratios[point.setting] = found
+            click.echo(f"{'':6}takes {found.ratio:.3g} times as long as the likelihood at no more error")
         points.append(point)
     if not brian:
         click.echo(f"left out: {ABSENT}")
@@ -105,13 +105,12 @@ def _measure(quick: bool, out: Path) -> None:
         "machine": about,
         "quick": quick,
         "receptors": work.receptors,
-        "ratios": {name: {"ratio": ratio, "setting": setting} for name, (ratio, setting) in ratios.items()},
+        "ratios": {name: ratio._asdict() for name, ratio in ratios.items()},
     }
     facts |= {"limit": bare._asdict() | {"over_bare": bare.over_bare}}
     facts |= {"sampler": None if drawing is None else drawing._asdict()}
     (out / FACTS).write_text(json.dumps(facts, indent=1) + "\n", encoding="utf-8")
-    times = {name: ratio for name, (ratio, _) in ratios.items()}
-    (out / WORDS).write_text(summary(points, times, sizes, bare, drawing, name), encoding="utf-8")
+    (out / WORDS).write_text(summary(points, ratios, sizes, bare, drawing, name), encoding="utf-8")
     _draw(points, chosen, name, out)
 
 

@@ -221,7 +221,9 @@ def unit_stress(
         phi, weight = _graded(low[of], high[of], centre[of], scale[of], density)
         own, sine = a[of][:, None], np.sin(phi)
         share = weight * own * np.cos(phi) ** 2 * np.exp(-q[of][:, None] * sine**2)
-        return np.array([np.einsum("ni,ni->n", share, part) for part in kernel.influence(rho[of][:, None], own * sine, depth)])
+        return np.array(
+            [np.einsum("ni,ni->n", share, part) for part in kernel.influence(rho[of][:, None], own * sine, depth)]
+        )
 
     stresses = piece(slice(None), cut, edge, centre, scale)
     stresses[:, apart] += piece(apart, lower, cut, np.zeros_like(edge), width)
