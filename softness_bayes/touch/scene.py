@@ -41,7 +41,7 @@ STIFFEST_SKIN_MODULUS = 1e7
 LARGEST_CURRENT = 150.0
 """Largest alpha [µA/cm²] that is answered: depolarisation block starts at 154-210 (model.md 7)."""
 
-CHUNK = 1 << 15
+CHUNK = 1 << 16
 """Quadrature nodes handled at once: large enough for array speed, small enough for the cache."""
 
 
