@@ -7,14 +7,13 @@ from typing import TYPE_CHECKING, NoReturn
 
 import click
 
-from softness_bayes.cli.options import ReadingChoice, accuracy, fix, prior, prior_set, readings, seed
+from softness_bayes.cli.options import ModelChoice, model_choice, seed
 from softness_bayes.errors import NotConvergedError
 
 if TYPE_CHECKING:
     from tqdm import tqdm
 
     from softness_bayes.inference.calibration import Replicate
-    from softness_bayes.inference.priors import Prior
 
 
 @click.command()
@@ -32,18 +31,7 @@ if TYPE_CHECKING:
 @click.option("--indentation-mm", type=float, multiple=True, metavar="mm", help="Indentation [mm]. Repeatable.")
 @click.option("--force-n", type=float, multiple=True, metavar="N", help="Contact force [N]. Repeatable.")
 @click.option("--participants", type=click.IntRange(min=1), default=20, show_default=True, help="Number of raters.")
-@fix
-@prior
-@prior_set
-@readings
-@click.option(
-    "--direction",
-    type=click.Choice(["softness", "inverse"]),
-    default="softness",
-    show_default=True,
-    help="Whether ratings rise (softness) or fall (inverse) with the response.",
-)
-@accuracy
+@model_choice
 @click.option(
     "--max-steps",
     type=click.IntRange(min=1),
@@ -72,12 +60,7 @@ def command(
     indentation_mm: tuple[float, ...],
     force_n: tuple[float, ...],
     participants: int,
-    fixed: dict[str, float],
-    priors: dict[str, Prior],
-    prior_set: str,
-    choice: ReadingChoice,
-    direction: str,
-    accuracy: float,
+    model: ModelChoice,
     max_steps: int,
     processes: int | None,
     seed: int,
@@ -94,28 +77,17 @@ def command(
     from softness_bayes.calibrate import FIGURE, USUAL_FABRICS, USUAL_LOADS, CalibrationScene, calibrate
     from softness_bayes.data import Fabrics, loads_of
     from softness_bayes.errors import NumericalError
-    from softness_bayes.inference.observation import RATING_DIRECTIONS
     from softness_bayes.plan import with_accuracy
     from softness_bayes.plotting.calibration import rank_ecdf_figure
     from softness_bayes.plotting.style import save
-    from softness_bayes.run import RunOptions
 
     scene = CalibrationScene(
         USUAL_FABRICS if fabrics is None else Fabrics.read(fabrics),
         loads_of(indentation_mm, force_n) or USUAL_LOADS,
         participants,
     )
-    options = RunOptions(
-        fix=fixed,
-        priors=priors,
-        prior_set=prior_set,
-        readings=choice.resolve(),
-        direction=RATING_DIRECTIONS[direction],
-        max_steps=max_steps,
-        processes=processes,
-        seed=seed,
-    )
-    options, _ = with_accuracy(scene.posterior, options, accuracy)
+    options = model.options(max_steps=max_steps, processes=processes, seed=seed)
+    options, _ = with_accuracy(scene.posterior, options, model.accuracy)
     bar = _Bar(replicates)
     try:
         found = calibrate(scene, options, replicates, out, bar.show)

@@ -16,6 +16,7 @@ from softness_bayes.errors import InputError
 if TYPE_CHECKING:
     from softness_bayes.data import Compression, Experiment, Fabrics
     from softness_bayes.inference.priors import Prior
+    from softness_bayes.run import RunOptions
     from softness_bayes.touch.contact import Load
     from softness_bayes.touch.readings import Readings
 
@@ -320,6 +321,57 @@ direction = click.option(
     help="Whether ratings rise (softness) or fall (inverse) with the response.",
 )
 """Gives a verb `direction`, the name of a reading of what is rated."""
+
+
+@dataclass(frozen=True)
+class ModelChoice:
+    """The model to fit, as asked for on the command line."""
+
+    fixed: Mapping[str, float]
+    priors: Mapping[str, Prior]
+    prior_set: str
+    choice: ReadingChoice
+    direction: str
+    accuracy: float
+
+    def options(self, **others: Any) -> RunOptions:
+        """Return the options of a run with this model and `others`; its resolution is not chosen yet."""
+        from softness_bayes.inference.observation import RATING_DIRECTIONS
+        from softness_bayes.run import RunOptions
+
+        return RunOptions(
+            fix=self.fixed,
+            priors=self.priors,
+            prior_set=self.prior_set,
+            readings=self.choice.resolve(),
+            direction=RATING_DIRECTIONS[self.direction],
+            **others,
+        )
+
+
+def model_choice(verb: Verb) -> Verb:
+    """Give a verb the options of a model that is fitted; it receives `model`, a `ModelChoice`."""
+
+    @fix
+    @prior
+    @prior_set
+    @readings
+    @direction
+    @accuracy
+    @functools.wraps(verb)
+    def wrapped(
+        fixed: dict[str, float],
+        priors: dict[str, Prior],
+        prior_set: str,
+        choice: ReadingChoice,
+        direction: str,
+        accuracy: float,
+        **others: Any,
+    ) -> Any:
+        return verb(model=ModelChoice(fixed, priors, prior_set, choice, direction, accuracy), **others)
+
+    return wrapped
+
 
 rating_scale = click.option(
     "--ratings",

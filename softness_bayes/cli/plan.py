@@ -6,73 +6,41 @@ from typing import TYPE_CHECKING
 
 import click
 
-from softness_bayes.cli.options import (
-    DataFiles,
-    ReadingChoice,
-    accuracy,
-    data_files,
-    direction,
-    fix,
-    prior,
-    prior_set,
-    rating_scale,
-    readings,
-)
+from softness_bayes.cli.options import DataFiles, ModelChoice, data_files, model_choice, rating_scale
 from softness_bayes.errors import InputError
 
 if TYPE_CHECKING:
-    from softness_bayes.inference.priors import Prior
     from softness_bayes.plan import Setting
     from softness_bayes.touch.accuracy import Errors
 
 
 @click.command()
 @data_files
-@fix
-@prior
-@prior_set
-@readings
+@model_choice
 @rating_scale
-@direction
-@accuracy
-def command(
-    files: DataFiles,
-    fixed: dict[str, float],
-    priors: dict[str, Prior],
-    prior_set: str,
-    choice: ReadingChoice,
-    scale: str,
-    direction: str,
-    accuracy: float,
-) -> None:
+def command(files: DataFiles, model: ModelChoice, scale: str) -> None:
     """Say how 'sample' would evaluate the model with the same options: stages, nodes, errors and cost.
 
     Errors are the largest over draws of the prior and conditions, relative to each draw's peak response and of
     log(N/N_ref + eps); costs are the time for each parameter vector in batches of 64, measured here and now.
     """
     from softness_bayes.data import Compression
-    from softness_bayes.inference.observation import RATING_DIRECTIONS
     from softness_bayes.inference.scales import RATING_SCALES
     from softness_bayes.plan import BATCH, DRAWS, ladder, left_out, prior_draws, scene_in, seconds, with_accuracy
-    from softness_bayes.run import RunOptions, posterior_of
+    from softness_bayes.run import posterior_of
 
     data = files.read()
     if isinstance(data, Compression):
         raise InputError("plan: forces alone are fitted without a response: give --data")
-    options = RunOptions(
-        fix=fixed,
-        priors=priors,
-        prior_set=prior_set,
-        readings=choice.resolve(),
-        direction=RATING_DIRECTIONS[direction],
-        scale=RATING_SCALES[scale],
-    )
-    options, chosen = with_accuracy(lambda asked: posterior_of(data, asked), options, accuracy)
+    options = model.options(scale=RATING_SCALES[scale])
+    options, chosen = with_accuracy(lambda asked: posterior_of(data, asked), options, model.accuracy)
     posterior, d = posterior_of(data, options), options.discretisation
     scene, draws = scene_in(posterior), prior_draws(posterior.space)
     settings = ladder(chosen, draws)
     cost = seconds(scene, draws.parameters)
-    click.echo(f"accuracy {accuracy:g}, {scene.n_conditions} conditions, errors over {DRAWS} draws of the prior\n")
+    click.echo(
+        f"accuracy {model.accuracy:g}, {scene.n_conditions} conditions, errors over {DRAWS} draws of the prior\n"
+    )
     for line in (
         _row("stage", "resolution", "error / peak", "error of log"),
         _row("mechanics", "", *_numbers(chosen.mechanics)),

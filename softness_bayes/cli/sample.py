@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, NoReturn
 
@@ -12,17 +13,12 @@ from click.core import ParameterSource
 from softness_bayes.cli import STARTED
 from softness_bayes.cli.options import (
     DataFiles,
-    ReadingChoice,
-    accuracy,
+    ModelChoice,
     data_files,
-    direction,
-    fix,
     force,
+    model_choice,
     out,
-    prior,
-    prior_set,
     rating_scale,
-    readings,
     seed,
 )
 from softness_bayes.cli.running import command_line, in_numbers, max_time, no_figures, processes, record_of
@@ -32,7 +28,6 @@ if TYPE_CHECKING:
     from tqdm import tqdm
 
     from softness_bayes.data import Compression, Experiment
-    from softness_bayes.inference.priors import Prior
     from softness_bayes.inference.sampling import Progress
     from softness_bayes.result import Result
     from softness_bayes.run import RunOptions
@@ -45,13 +40,8 @@ DRAWING = 4
 
 @click.command()
 @data_files
-@fix
-@prior
-@prior_set
-@readings
+@model_choice
 @rating_scale
-@direction
-@accuracy
 @click.option(
     "--noise",
     type=click.FloatRange(min=0),
@@ -81,13 +71,8 @@ DRAWING = 4
 @force
 def command(
     files: DataFiles,
-    fixed: dict[str, float],
-    priors: dict[str, Prior],
-    prior_set: str,
-    choice: ReadingChoice,
+    model: ModelChoice,
     scale: str,
-    direction: str,
-    accuracy: float,
     noise: float,
     exact_reweight: bool,
     max_steps: int,
@@ -116,10 +101,9 @@ def command(
     if processes != 1:
         workers.prepare()  # they import what they need while this process does
     from softness_bayes.data import Compression
-    from softness_bayes.inference.observation import RATING_DIRECTIONS
     from softness_bayes.inference.scales import RATING_SCALES
     from softness_bayes.plan import with_accuracy
-    from softness_bayes.run import RunOptions, posterior_of
+    from softness_bayes.run import posterior_of
     from softness_bayes.storage.checkpoint import Checkpoint
 
     data = files.read()
@@ -132,14 +116,9 @@ def command(
                 "leave them out"
             )
         if source("prior_set") is ParameterSource.DEFAULT:
-            prior_set = "wide"
+            model = replace(model, prior_set="wide")
             click.echo("note: without ratings --priors is wide, which says little of the skin beforehand", err=True)
-    options = RunOptions(
-        fix=fixed,
-        priors=priors,
-        prior_set=prior_set,
-        readings=choice.resolve(),
-        direction=RATING_DIRECTIONS[direction],
+    options = model.options(
         scale=RATING_SCALES[scale],
         noise=noise,
         exact_reweight=exact_reweight,
@@ -151,7 +130,7 @@ def command(
     )
     checkpoint = Checkpoint.create(out, force)
     if not isinstance(data, Compression):
-        options, _ = with_accuracy(lambda asked: posterior_of(data, asked), options, accuracy)
+        options, _ = with_accuracy(lambda asked: posterior_of(data, asked), options, model.accuracy)
     run(checkpoint, files, data, options, not no_figures)
 
 
