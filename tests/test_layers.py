@@ -97,7 +97,7 @@ def test_nothing_imports_a_program():
 
 
 @pytest.mark.parametrize("library", HOMES)
-def test_library_has_one_home(library):
+def test_library_stays_at_home(library):
     users = {name for name, tree in MODULES.items() if any(n.split(".")[0] == library for n in imports(tree))}
     assert users <= HOMES[library]
 

@@ -15,12 +15,17 @@ def test_chebyshev_values(rng, order):
     np.testing.assert_allclose(chebyshev_values(x, order), exact, rtol=0, atol=1e-14)
 
 
-def test_clenshaw(rng):
-    coefficients, x = rng.normal(size=(9, 2, 3)), rng.uniform(-1, 1, (5, 2, 3))
+@pytest.mark.parametrize("order", [1, 2, 9])
+def test_clenshaw(rng, order):
+    coefficients, x = rng.normal(size=(order, 2, 3)), rng.uniform(-1, 1, (5, 2, 3))
     exact = np.polynomial.chebyshev.chebval(x, coefficients[:, None], tensor=False)
     np.testing.assert_allclose(clenshaw(coefficients, x), exact, rtol=1e-12, atol=1e-13)
 
 
-def test_horner(rng):
-    coefficients, x = rng.normal(size=7), rng.uniform(-1, 1, (3, 4))
-    np.testing.assert_allclose(horner(coefficients, x), np.polynomial.polynomial.polyval(x, coefficients), rtol=1e-12)
+@pytest.mark.parametrize("shape", [(), (1,), (4,)], ids=str)
+@pytest.mark.parametrize("order", [1, 2, 7])
+def test_horner(rng, order, shape):
+    """One polynomial for all points, or one for each of the last axis."""
+    coefficients, x = rng.normal(size=(order, *shape)), rng.uniform(-1, 1, (3, 4))
+    exact = sum(np.broadcast_to(c, (3, 4)) * x**k for k, c in enumerate(coefficients))
+    np.testing.assert_allclose(horner(coefficients, x), exact, rtol=1e-12, atol=1e-13)

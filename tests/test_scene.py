@@ -8,10 +8,12 @@ import pytest
 from softness_bayes.errors import InputError, NumericalError, SoftnessError
 from softness_bayes.touch.contact import Finger, Force, Indentation
 from softness_bayes.touch.parameters import TouchParameters
+from softness_bayes.touch.population import Drive, Population
 from softness_bayes.touch.readings import Readings
 from softness_bayes.touch.reference import SimulatedRate, reference_response
 from softness_bayes.touch.scene import Discretisation, FixedChannels, Scene
 from softness_bayes.touch.stress import HERTZ
+from softness_bayes.touch.surface import FiringSurface
 
 FABRICS = np.array([2e3, 1.5e4, 6e4, 4e5, 1e7])
 POISSON = np.array([0.2, 0.3, 0.35, 0.45, 0.1])
@@ -104,6 +106,24 @@ def test_a_batch_may_be_empty(scene, paper):
     assert scene.total_rate(empty).shape == (0, 15)
     assert scene.respond(empty).mean_interval.shape == (0, 15)
     assert scene.contact(empty).force.shape == (0, 15)
+
+
+def test_a_batch_may_be_empty_with_free_channels(paper):
+    scene = Scene([1e4, 1e5], 0.3, [Indentation(2e-3)], FiringSurface.load())
+    assert scene.total_rate(paper(b=np.empty(0))).shape == (0, 2)
+
+
+def test_the_order_of_arrays_in_memory_does_not_show(scene, rng, paper):
+    parameters = draws(rng, 6, paper)
+    contact = scene.contact(parameters)
+    profile = scene.stress_profile(contact)
+    turned = profile._replace(peak=np.asfortranarray(profile.peak), shape=np.asfortranarray(profile.shape))
+    drive = Drive(parameters.alpha, parameters.beta, parameters.sigma_0, scene.firing.curves(parameters))
+    population = Population(0.5, scene.count, 8, 9.0)
+    usual = population.sums(profile, drive)
+    assert usual.rate.max() > 0
+    for found, wanted in zip(population.sums(turned, drive), usual, strict=True):
+        np.testing.assert_allclose(found, wanted, rtol=1e-13)
 
 
 def test_chunks_do_not_show(scene, rng, paper, monkeypatch):

@@ -236,3 +236,15 @@ def test_no_stress_overflows(pressure, kernel, selected):
         )
         assert np.isfinite(sigma).all()
         assert (sigma >= 0).all()
+
+
+@pytest.mark.parametrize("shape", [(), (0,), (3,), (2, 1, 4)], ids=str)
+def test_stress_has_the_broadcast_shape(shape, rng):
+    rho, radius = rng.uniform(0, 5e-3, shape), rng.uniform(1e-3, 3e-3, shape[-1:])
+    for depth in (0.0, 0.7e-3):
+        found = unit_stress(rho, depth, radius, 8.0)
+        assert found.shape == shape
+        each = [
+            unit_stress(r, depth, a, 8.0) for r, a in zip(rho.flat, np.broadcast_to(radius, shape).flat, strict=True)
+        ]
+        np.testing.assert_allclose(found.ravel(), each, rtol=1e-6)

@@ -291,7 +291,7 @@ def ess_tail(walks: FloatArray) -> FloatArray:
 
 
 def _bulk(walks: FloatArray, tau: FloatArray) -> FloatArray:
-    """Bulk ESS by ArviZ with one chain per walker, of every so many draws: a lower limit, much faster."""
+    """Bulk ESS by ArviZ with one chain per walker, of every so many draws: much the same, much faster."""
     sizes = []
     for k in range(walks.shape[1]):
         every = max(1, int(tau[:, k].min() / _ESS_STRIDE))

@@ -1,12 +1,11 @@
 """How walkers propose: values that say it, and make emcee's move when a walk begins.
 
-emcee is imported in `made` and not before: it brings SciPy's statistics, a third of a second of every start, and only
-the processes in which walkers walk need it.
+emcee is imported when a walk begins and not before: it brings SciPy's statistics, a third of a second of every start,
+and only the processes in which walkers walk need it.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol
 
@@ -26,7 +25,7 @@ class Proposal(Protocol):
         """The move of emcee that proposes so; a new one each time, for emcee keeps notes in it."""
 
 
-Moves = Sequence[tuple[Proposal, float]]
+Moves = tuple[tuple[Proposal, float], ...]
 """Proposals with their probabilities."""
 
 

@@ -214,7 +214,7 @@ class StandardisedRatings:
 
     def draw_effects(self, rng: np.random.Generator, mean_rate: FloatArray, parameters: RatingParameters) -> Line:
         """Exact draws of the line given the ratings, one for each point of the batch: c1, then c0."""
-        from scipy.stats import truncnorm  # a third of a second, needed once in a run
+        from scipy.stats import truncnorm  # a third of a second that no other start should wait for
 
         fit = self._fit(mean_rate, parameters)
         n = self.design.n_rows

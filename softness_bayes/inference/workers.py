@@ -22,7 +22,7 @@ Result = TypeVar("Result")
 _SERVED = sys.platform == "linux"
 """Whether workers are forks of a server that has imported what they need, and nothing else."""
 
-_NEEDED = ["softness_bayes.run", "emcee"]
+_NEEDED = ("softness_bayes.run", "emcee")
 """Modules that import all that a worker is asked for."""
 
 _CONTEXT = get_context("forkserver" if _SERVED else "spawn")
@@ -31,7 +31,7 @@ _CONTEXT = get_context("forkserver" if _SERVED else "spawn")
 def prepare() -> None:
     """Begin to import what workers need, in another process, beside whatever comes next."""
     if _SERVED:
-        _CONTEXT.set_forkserver_preload(_NEEDED)
+        _CONTEXT.set_forkserver_preload([*_NEEDED])
         forkserver.ensure_running()
 
 

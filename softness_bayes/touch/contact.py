@@ -180,9 +180,9 @@ def skin_modulus(log_scale: ArrayLike, p: ArrayLike, log_k: ArrayLike, b: ArrayL
 
     With v = m u and w = ln v the equation reads
     w + p e^w + (1-p) softplus(ln(k b) + e^w) = ln(m C) - p ln b. The left side rises and is convex
-    in w, so Newton's method started above the root descends to it from every positive input,
-    without a bracket. The start is the smaller of two upper bounds, one sharp for a soft and one
-    for a stiff fabric. Halley's term lengthens each step, at most to twice Newton's; three steps are usual.
+    in w, so Newton's method finds the root from everywhere, without a bracket. The start is the
+    smaller of two upper bounds, one sharp for a soft and one for a stiff fabric. Halley's term makes
+    each step sharper: above the root longer, at most twice Newton's, below it shorter; three are usual.
 
     Parameters
     ----------
@@ -222,7 +222,7 @@ def skin_modulus(log_scale: ArrayLike, p: ArrayLike, log_k: ArrayLike, b: ArrayL
         if (np.abs(step) * np.maximum(v, 1.0) <= 1e-5).all():  # the next error is of the cube of this
             break
     else:
-        raise NumericalError("skin: the modulus did not converge")  # pragma: no cover - convexity forbids it
+        raise NumericalError("skin: the modulus did not converge")  # pragma: no cover - never seen
     return b * np.exp(np.minimum(np.exp(w), 600.0))
 
 

@@ -34,8 +34,9 @@ Array = NDArray[np.float64]
 SHAPE_NODES = (41, 81, 161, 321)
 """Chebyshev nodes in y at which the field is inverted before its series is cut: the first that suffice.
 
-The printed kernel is not even about the axis. There the largest principal stress has a slope in rho, which a strong
-attenuation confines to a layer near y = 1: the only readings for which the first are too few."""
+Finer tolerances need more, and so does a strong attenuation under a force. The most is needed where the printed kernel,
+which is not even about the axis, gives the largest principal stress a slope in rho that attenuation confines to a layer
+near y = 1."""
 
 MODULUS_NODES = (24, 48, 96, 160)
 """Chebyshev nodes in ln(E_star + shift), likewise."""
@@ -145,13 +146,14 @@ class StressField:
             falling = np.concatenate([np.diff(known[row]) < -1e-13, [True]])
             inverse = CubicSpline(known[row][falling][::-1], log_grid[row][falling][::-1])
             log_rho[row], slope[row] = inverse(log_y), inverse(log_y, 1)
-        before = 1.0
-        for _ in range(12):  # the spline's slope serves Newton's method: each step gains about three digits
+        before = 0.0
+        for _ in range(12):  # the spline's slope serves Newton's method: each step usually gains about three digits
             excess = slope * (np.log(self._relative_root(np.exp(log_rho), modulus)) - log_y)
             log_rho = log_rho - np.clip(excess, -1.0, 1.0)
             found = float(np.abs(excess).max())
-            # what is left shrinks from step to step by much the same factor, taken ten times too large here
-            if found < 1e-2 * self.tolerance or 10.0 * found * (found / before) < 1e-2 * self.tolerance:
+            # from step to step the rest shrinks by much the same factor, which two of them tell; ten times that is safe
+            shrinks = min(1.0, 10.0 * found / before) if before else 1.0
+            if found * shrinks < 1e-2 * self.tolerance:
                 break
             before = found
         return np.exp(log_rho)

@@ -96,11 +96,11 @@ class Population:
         # no node is spent where nothing fires: often a third of all conditions
         firing = np.flatnonzero(reach)
         vector = firing // reach.shape[1]
-        sums = Sums(*(np.zeros_like(reach) for _ in Sums._fields))
+        sums = Sums(*(np.zeros(reach.size) for _ in Sums._fields))
         found = self._firing(profile.take(firing), onset.take(vector), reach.take(firing), intervals)
         for whole, part in zip(sums, found, strict=True):
-            whole.reshape(-1)[firing] = part
-        return sums
+            whole[firing] = part
+        return Sums(*(whole.reshape(reach.shape) for whole in sums))
 
     def _firing(self, profile: Profile, onset: _Onset, reach: Array, intervals: bool) -> Sums:
         """Integrate conditions in which receptors fire, all arrays along one axis.
