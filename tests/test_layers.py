@@ -129,15 +129,16 @@ def test_only_the_command_line_uses_click():
 
 
 @pytest.mark.parametrize(
-    ("module", "heavy"),
+    ("module", "also"),
     [
-        ("softness_bayes", ["pandas", "arviz", "emcee", "matplotlib", "xarray", "h5py"]),
-        ("softness_bayes.touch.scene", ["pandas", "arviz", "emcee", "matplotlib", "xarray", "h5py"]),
-        ("softness_bayes.touch.reference", ["pandas", "arviz", "emcee", "matplotlib", "xarray", "h5py"]),
-        ("softness_bayes.run", ["arviz", "emcee", "scipy.stats", "matplotlib", "xarray", "h5py"]),
+        ("softness_bayes", "pandas"),
+        ("softness_bayes.touch.scene", "pandas"),
+        ("softness_bayes.touch.reference", "pandas"),
+        ("softness_bayes.run", "scipy.stats"),
     ],
 )
-def test_import_is_cheap(module, heavy):
+def test_import_is_cheap(module, also):
+    heavy = ["arviz", "emcee", "matplotlib", "xarray", "h5py", also]
     code = f"import sys, {module}; print([name for name in {heavy} if name in sys.modules])"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"

@@ -28,6 +28,9 @@ EXACT_VECTORS = 4
 DIAL = 1e-3
 """The dial's usual setting."""
 
+EXACT = Errors(np.array(0.0), np.array(0.0))
+"""Error of held rate curves here, where references share them: what is measured is all else."""
+
 
 class Point(NamedTuple):
     """One setting of one stage, or of a peer."""
@@ -120,8 +123,8 @@ def _rates(of: Subject, effort: Effort) -> Iterator[Point]:
 def _whole(held: Subject, free: Subject, effort: Effort) -> Iterator[Point]:
     """Follow the dial: one resolution for each accuracy, timed with channels held and free."""
     exactly, sampled = _exactly(free)
-    exact_rates, surface = Errors(np.array(0.0), np.array(0.0)), free.draws.firing(scene_in(free.posterior))
-    models = (("held", held, scene_in(held.posterior), exact_rates), ("free", sampled, exactly, surface))
+    surface = free.draws.firing(scene_in(free.posterior))
+    models = (("held", held, scene_in(held.posterior), EXACT), ("free", sampled, exactly, surface))
     for accuracy in (a for a in ACCURACIES if a >= 10.0 * scene_in(held.posterior).field_error):
         for name, of, reference, rates in models:
             best = scene_in(of.posterior)
@@ -140,6 +143,6 @@ def dialled(accuracy: float, effort: Effort, held: bool) -> Subject:
     """Return the model as the dial's setting resolves it, with channels held or free."""
     of = subject(Discretisation(*REFERENCE, field_tolerance=max(1e-2 * accuracy, effort.finest)), held, effort.draws)
     best = scene_in(of.posterior)
-    rates = Errors(np.array(0.0), np.array(0.0)) if held else of.draws.firing(best)
+    rates = EXACT if held else of.draws.firing(best)
     choice = choose(best, of.draws.parameters, accuracy, of.draws.eps, rates)
     return subject(choice.discretisation, held, effort.draws)
