@@ -7,6 +7,7 @@ ArviZ and xarray are imported inside the functions: they take seconds, and most 
 
 from __future__ import annotations
 
+import io
 import math
 import os
 import threading
@@ -16,6 +17,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+
+from softness_bayes.errors import InputError
 
 if TYPE_CHECKING:
     import xarray
@@ -145,6 +148,29 @@ def to_tree(
     return xarray.DataTree.from_dict(children)
 
 
+def require_storable(attributes: Mapping[str, Any], labels: Mapping[str, Sequence[str]]) -> None:
+    """Refuse what a result's file cannot hold, by trying each on a file in memory.
+
+    Parameters
+    ----------
+    attributes
+        Attributes of the result.
+    labels
+        Names along its axes.
+
+    Raises
+    ------
+    InputError
+        Naming the first that the file refuses.
+    """
+    for name, value in {**attributes, **labels}.items():
+        if not _is_storable(value):
+            every = (value,) if name in attributes else value
+            bad = next(one for one in every if not _is_storable(one))
+            expected = "expected UTF-8 text without NUL, or a number of 64 bits"
+            raise InputError(f"{name} {bad!r:.80}: the file of a result cannot hold it; {expected}")
+
+
 def write_netcdf(tree: xarray.DataTree, path: str | os.PathLike[str]) -> None:
     """Write a result to a NetCDF file that both lines of ArviZ read; an existing file is replaced whole."""
     path = Path(path)
@@ -167,6 +193,18 @@ def for_arviz(tree: xarray.DataTree) -> Any:
         return tree
     groups = {name: child.to_dataset() for name, child in tree.children.items()}
     return _arviz().InferenceData(attrs=dict(tree.attrs), **groups)
+
+
+def _is_storable(value: Any) -> bool:
+    """Whether a NetCDF file holds some text, a number, or a sequence of text as an attribute, by trying."""
+    import h5netcdf
+
+    try:
+        with h5netcdf.File(io.BytesIO(), "w") as file:
+            file.attrs["tried"] = value if isinstance(value, str) or np.isscalar(value) else [*value]
+    except (TypeError, ValueError):
+        return False
+    return True
 
 
 def _psis(log_ratios: FloatArray) -> Any:

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import json
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from typing import Any, Self
 
@@ -12,6 +11,7 @@ import numpy as np
 
 from softness_bayes import arviz_bridge
 from softness_bayes.assembly import Assembly, versions
+from softness_bayes.commands import storable
 from softness_bayes.criticism import check_table
 from softness_bayes.data import Compression, Experiment
 from softness_bayes.inference.coordinates import Bent, Scaled
@@ -29,6 +29,7 @@ from softness_bayes.plate_groups import forces_of
 from softness_bayes.result import SCHEMA, Result
 from softness_bayes.storage.checkpoint import Checkpoint
 from softness_bayes.storage.identity import identity, require_density
+from softness_bayes.storage.serial import as_json
 from softness_bayes.study import scene_of
 from softness_bayes.touch.readings import MENDED, Readings
 from softness_bayes.touch.scene import Discretisation
@@ -221,17 +222,39 @@ def rng_after(options: RunOptions) -> np.random.Generator:
     return np.random.default_rng(np.random.SeedSequence(options.seed, spawn_key=(1 << 20,)))
 
 
-def provenance(density: Density, options: RunOptions, state: RunState) -> dict[str, Any]:
-    """Return what every run's result says of how it was made and how it ended."""
-    verdict = sampled_of(state).verdict
+def labels_of(data: Experiment | Compression) -> dict[str, Sequence[str]]:
+    """Return the names in some data that a result holds, by what they are of."""
+    if isinstance(data, Compression):
+        return {"finger": data.participants}
+    fingers = {} if data.compression is None else labels_of(data.compression)
+    return {"participant": data.ratings.participants, "fabric": data.ratings.fabrics, **fingers}
+
+
+def requested(density: Density, options: RunOptions) -> dict[str, Any]:
+    """Return what every run's result says of what was asked for, all of it known before the first step.
+
+    Raises
+    ------
+    InputError
+        If JSON cannot hold an option.
+    """
     return {
         "schema_version": SCHEMA,
-        "command": options.command,
-        "options": json.dumps(options.record()),
-        "seed": options.seed,
+        "command": storable(options.command),
+        "options": as_json(options.record(), "options of the run"),
+        # NetCDF has no longer integers; int() reads either
+        "seed": options.seed if options.seed < 1 << 63 else str(options.seed),
         "prior_set": options.prior_set,
         **{f"prior_{p.name}": str(p.prior) for p in density.space.sampled},
         **{f"reading_{place}": name for place, name in options.readings.names.items()},
+        **versions(),
+    }
+
+
+def outcome(state: RunState) -> dict[str, Any]:
+    """Return what every run's result says of how it ended."""
+    verdict = sampled_of(state).verdict
+    return {
         "verdict": verdict.sentence(),
         "converged": int(verdict.converged),
         "steps": verdict.steps,
@@ -240,7 +263,6 @@ def provenance(density: Density, options: RunOptions, state: RunState) -> dict[s
         "sampling_seconds": state.seconds,
         "evaluations": state.nonfinite.evaluations,
         "failures": state.nonfinite.count,
-        **versions(),
     }
 
 
@@ -267,12 +289,24 @@ def sample(
     Raises
     ------
     InputError
-        If data and options do not make a model, the prior hardly ever fires, or the checkpoint is of
-        another run.
+        If data and options do not make a model, the prior hardly ever fires, the result's file could not hold a
+        name or an option, or the checkpoint is of another run.
     NumericalError
         If no start has a finite density, or too many points have none.
     """
     posterior = posterior_of(experiment, options)
+    asked = {
+        **requested(posterior, options),
+        "direction": options.direction.name,
+        "noise": options.noise,
+        "rating_scale": options.scale.name,
+        "digest_ratings": experiment.ratings.digest,
+        "digest_fabrics": experiment.fabrics.digest,
+        "missing_ratings": experiment.ratings.n_missing,
+        "accuracy": "none asked for" if options.accuracy is None else options.accuracy,
+        "discretisation": str(options.discretisation),
+    }
+    arviz_bridge.require_storable(asked, labels_of(experiment))
     arviz_bridge.prepare()
     with options.settings.workers(posterior) as workers:
         state = walked(experiment, posterior, options, progress, checkpoint, workers)
@@ -280,19 +314,8 @@ def sample(
         assembly = Assembly(
             experiment, posterior, sampled.chains, sampled.verdict, rng, workers, options.exact_reweight
         )
-        attributes = {
-            **provenance(posterior, options, state),
-            **{f"prior_{name}": str(prior) for name, prior in assembly.model.levels.items()},
-            "direction": options.direction.name,
-            "noise": options.noise,
-            "rating_scale": options.scale.name,
-            "digest_ratings": experiment.ratings.digest,
-            "digest_fabrics": experiment.fabrics.digest,
-            "missing_ratings": experiment.ratings.n_missing,
-            "accuracy": "none asked for" if options.accuracy is None else options.accuracy,
-            "discretisation": str(options.discretisation),
-        }
-        tree = assembly.tree(attributes)
+        levels = {f"prior_{name}": str(prior) for name, prior in assembly.model.levels.items()}
+        tree = assembly.tree({**asked, **outcome(state), **levels})
         summary = assembly.summary().join(learning_table(tree))
         tables = {"directions": direction_table(tree), "predictive_checks": check_table(tree)}
         if (rests_on_eps := assembly.eps_table()) is not None:

@@ -17,7 +17,7 @@ from softness_bayes.inference.summary import summarise
 from softness_bayes.learning import direction_table, learning_table
 from softness_bayes.plate_groups import forces_of, plate_attributes, plate_coordinates, plate_groups
 from softness_bayes.result import Result
-from softness_bayes.run import RunOptions, provenance, rng_after, walked
+from softness_bayes.run import RunOptions, labels_of, outcome, requested, rng_after, walked
 from softness_bayes.storage.checkpoint import Checkpoint
 from softness_bayes.variables import Variable, evenly, merged, named, sampled_groups, tree_of
 
@@ -74,11 +74,13 @@ def sample_skin(
     Raises
     ------
     InputError
-        If data and options do not make a model.
+        If data and options do not make a model, or the result's file could not hold a name or an option.
     NumericalError
         If the log-likelihood is not a number somewhere.
     """
     posterior = skin_posterior_of(compression, options)
+    asked = requested(posterior, options)
+    arviz_bridge.require_storable(asked, labels_of(compression))
     state = walked(compression, posterior, options, progress, checkpoint)
     sampled = sampled_of(state)
     rng = rng_after(options)
@@ -97,7 +99,7 @@ def sample_skin(
     )
     held = {n: Variable(np.array(v), units=EVERY_PARAMETER[n].unit) for n, v in posterior.space.held.items()}
     own = {"prior": named(posterior.space, prior[None]), "constant_data": held}
-    attributes = {**provenance(posterior, options, state), **plate_attributes(compression, check)}
+    attributes = {**asked, **outcome(state), **plate_attributes(compression, check)}
     tree = tree_of(
         merged(sampled_groups(posterior, kept, theta, "compression"), groups, own),
         {arviz_bridge.ENSEMBLE: kept.ensemble, **plate_coordinates(compression)},

@@ -14,7 +14,7 @@ import softness_bayes
 
 ROOT = Path(softness_bayes.__file__).parent
 LAYERS = (
-    {"errors"},
+    {"errors", "commands"},
     {"touch"},
     {"data"},
     {"arviz_bridge"},

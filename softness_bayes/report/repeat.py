@@ -8,6 +8,7 @@ import shlex
 from itertools import zip_longest
 from typing import NamedTuple
 
+from softness_bayes.commands import storable
 from softness_bayes.result import Result
 from softness_bayes.run import RunOptions
 from softness_bayes.touch.readings import MENDED
@@ -39,7 +40,7 @@ def repetition(result: Result) -> Repetition:
         A finished run, begun at the command line or in Python.
     """
     found, options = result.attributes, recorded_options(result)
-    begun, *continued = _split(str(found["command"]))
+    begun, *continued = _split(options.command)
     data, notes = _data(result, begun)
     words = [PROGRAM, "sample", *data, *_model(options), *(_rating(options) if result.has_ratings else ())]
     steps = options.max_steps
@@ -53,7 +54,7 @@ def repetition(result: Result) -> Repetition:
     words += ["--seed", str(options.seed), "--max-steps", str(steps), "--out", AGAIN]
     more = [shlex.join([PROGRAM, "resume", AGAIN, "--more-steps", count]) for count in map(_more_steps, continued)]
     notes.append("Same draws need the same files (compare their digests) and the same versions, both listed above.")
-    return Repetition((shlex.join(words), *more), tuple(notes))
+    return Repetition((storable(shlex.join(words)), *more), tuple(notes))
 
 
 def recorded_options(result: Result) -> RunOptions:

@@ -27,7 +27,7 @@ from softness_bayes.inference.state import RunState
 from softness_bayes.result import CHECKPOINT, LOCK, MANIFEST, POSTERIOR, require_vacant
 from softness_bayes.storage.atomic import PART, write_whole
 from softness_bayes.storage.lock import Lock, is_held, require_free
-from softness_bayes.storage.serial import packed, state_arrays, state_of, state_values, unpacked, verdict_of
+from softness_bayes.storage.serial import as_json, packed, state_arrays, state_of, state_values, unpacked, verdict_of
 
 FORMAT = 1
 """Version of the checkpoint's layout; another one is refused."""
@@ -182,10 +182,12 @@ class Checkpoint:
         Raises
         ------
         InputError
-            If that is not what the run was begun with, naming the differences; or if a file is damaged.
+            If that is not what the run was begun with, naming the differences; if a file is damaged; or if JSON
+            cannot hold the request of a new run.
         """
         if self._manifest is None:
             self._description = dict(description)
+            as_json(self.request, "request")
             return None
         self._description = self._manifest["description"]
         if said := _differences(self._description, description):
@@ -293,7 +295,7 @@ class Checkpoint:
             write_whole(self.directory / NONFINITE, _failure_table(state, target).encode())
 
     def _replace_manifest(self, manifest: dict[str, Any]) -> None:
-        write_whole(self._home / MANIFEST, json.dumps(manifest, indent=1).encode())
+        write_whole(self._home / MANIFEST, as_json(manifest, MANIFEST, indent=1).encode())
         self._manifest = manifest
 
     def _tidy(self) -> None:

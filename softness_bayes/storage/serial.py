@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import json
 import zipfile
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, fields
@@ -22,6 +23,31 @@ from softness_bayes.inference.state import EnsembleState, RunState
 Arrays = Mapping[str, NDArray[Any]]
 
 _BEND = "map_bend_"
+
+
+def as_json(values: Any, what: str, indent: int | None = None) -> str:
+    """Return values as JSON, NumPy's scalars as plain ones.
+
+    Parameters
+    ----------
+    values
+        Mappings, sequences, text and numbers.
+    what
+        What they are, for the message.
+    indent
+        As `json.dumps` takes it.
+
+    Raises
+    ------
+    InputError
+        If JSON cannot hold them; the message names the entry.
+    """
+    try:
+        return json.dumps(values, indent=indent, default=_plain)
+    except (TypeError, ValueError) as error:
+        entries = values.items() if isinstance(values, Mapping) else ()
+        said = next((f" {name!r}: {value!r:.80}" for name, value in entries if not _is_json(value)), "")
+        raise InputError(f"{what}:{said} cannot be stored ({error})") from None
 
 
 def packed(arrays: Arrays) -> bytes:
@@ -124,6 +150,20 @@ def verdict_of(values: Mapping[str, Any] | None) -> Verdict | None:
         return None
     arrays = {name: np.array(values[name], dtype=float) for name in ("tau", "r_hat", "ess_bulk", "ess_tail")}
     return Verdict(**{**values, **arrays, "names": tuple(values["names"]), "goal": Goal(**values["goal"])})
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, np.generic):
+        return value.item()
+    raise TypeError(f"{type(value).__name__} is not what JSON holds")
+
+
+def _is_json(value: Any) -> bool:
+    try:
+        json.dumps(value, default=_plain)
+    except (TypeError, ValueError):
+        return False
+    return True
 
 
 def _verdict_values(verdict: Verdict | None) -> dict[str, Any] | None:
