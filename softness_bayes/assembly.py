@@ -155,7 +155,7 @@ class Assembly:
         plate, plate_found = self._plate()
         found = {
             "numerical_error": self.error,
-            "fabric_check": check.sentence,
+            "fabric_check": check.sentence(self._condition_names()),
             "fabric_p_value": check.p_value,
             "firing_error": self._firing_error(),
             "exactness": self.exactness.sentence(),
@@ -165,6 +165,9 @@ class Assembly:
             "exactness_pareto_k": self.exactness.pareto_k,
             "exact_reweight": int(self.reweight),
             "fabric_deviation": check.deviation,
+            "condition_p_value": check.condition_p_value,
+            "condition_deviation": check.condition_deviation,
+            "condition_noticed": check.noticed,
             "exponent_check": exponents.sentence,
             "exponent_p_value": exponents.p_value,
             "exponent_deviation": exponents.deviation,
@@ -258,6 +261,12 @@ class Assembly:
     def _fabric_check(self) -> FabricCheck:
         draws = self._pick(REPLICATES)
         return check_fabrics(self.ratings, draws.mean_rate, draws.parameters, draws.effects)
+
+    def _condition_names(self) -> list[str]:
+        """Return every condition's fabric and load in words."""
+        ratings = self.experiment.ratings
+        at = zip(ratings.conditions.fabric, ratings.conditions.load, strict=True)
+        return [f"{ratings.fabrics[fabric]} under {ratings.loads[load]}" for fabric, load in at]
 
     def _exponent_check(self) -> ExponentCheck:
         draws = self._pick(REPLICATES)

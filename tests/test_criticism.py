@@ -46,7 +46,7 @@ def tree(rng, seen=STEEP, assumed=STEEP, direction="softness"):
         attrs={
             "direction": direction,
             "rating_scale": "magnitude",
-            **{f"{what}_{k}": 0.5 for what in ("fabric", "exponent") for k in ("p_value", "deviation")},
+            **{f"{what}_{k}": 0.5 for what in ("condition", "fabric", "exponent") for k in ("p_value", "deviation")},
         },
     )
 
@@ -66,6 +66,7 @@ def test_the_table_has_every_quantity_under_both_laws(rng):
     names = {quantity.name for quantity in QUANTITIES}
     assert {*table.loc["prior"].index} == names
     assert {*table.loc["posterior"].index} == names | {
+        "deviations of mean ratings",
         "fabrics' own deviations",
         "participants' own exponents",
         "LOO-PIT",

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import chdtrc
+from scipy.special import chdtrc, chdtri
 
 from softness_bayes.inference.observation import RatingParameters
 from softness_bayes.inference.scales import ObservedRatings
@@ -14,41 +15,85 @@ from softness_bayes.inference.scales import ObservedRatings
 Array = NDArray[np.float64]
 
 NEEDED = 0.05
-"""Predictive p-value below which deviations between fabrics are said to be real."""
+"""Predictive p-value below which deviations of fabrics are said to be real."""
+
+NOTICED = 0.8
+"""Share of tables in which a check notices what it is said to notice."""
 
 
 class FabricCheck(NamedTuple):
-    """Whether whole fabrics deviate from the response by more than noise explains."""
+    """Whether mean ratings of fabrics deviate from the response by more than noise explains.
+
+    A condition is a fabric under a load. The sum of squares between conditions is the sum of two parts: that
+    between fabrics, whose deviations are the same under every load, and that within fabrics, whose deviations
+    differ between loads.
+    """
 
     p_value: float
     """Probability that replicated ratings spread at least as much between fabrics as the real ones."""
     deviation: float
     """Standard deviation between fabrics that the excess amounts to, in the (log) rating."""
+    condition_p_value: float = 1.0
+    """As `p_value`, between conditions."""
+    condition_deviation: float = 0.0
+    """As `deviation`, between conditions."""
+    within_p_value: float = np.nan
+    """As `p_value`, between the loads of a fabric; NaN where each fabric has one load."""
+    noticed: float = np.nan
+    """About the standard deviation between conditions that would be noticed in `NOTICED` of all tables."""
+    worst: int = 0
+    """Index of the condition that deviates by most standard errors."""
+    worst_residual: float = 0.0
+    """Its mean residual, in the (log) rating."""
+    worst_errors: float = 0.0
+    """That in standard errors."""
     logarithmic: bool = True
     """Whether the model is one of log ratings; that of z-scores has no effect per fabric to offer."""
 
-    @property
-    def sentence(self) -> str:
-        """One line for the user."""
-        if self.p_value >= NEEDED:
-            return f"fabrics: no deviations of their own beyond noise (p = {self.p_value:.2g})"
-        quantity = "log rating" if self.logarithmic else "z-score"
-        remedy = ": add --prior omega='halfnormal(0.5)'" if self.logarithmic else ", and z-scores have none"
+    def sentence(self, conditions: Sequence[str]) -> str:
+        """One line for the user; `conditions` names each condition."""
+        unit = "log rating" if self.logarithmic else "z-score"
+        if min(self.p_value, self.condition_p_value) >= NEEDED:
+            return (
+                f"fabrics: no mean rating deviates from the response by more than noise explains (p = "
+                f"{self.condition_p_value:.2g}, {len(conditions)} means; deviations of about {self.noticed:.1g} (sd) "
+                f"in the {unit} would be noticed in {NOTICED:.0%} of such tables)"
+            )
+        if self.condition_p_value >= NEEDED:
+            found = (
+                f"deviate from the response alike under every load, by about {self.deviation:.2g} (sd) in the {unit}"
+            )
+            return f"fabrics: {found}, more than noise explains (p = {self.p_value:.2g}); {self._remedy}"
+        side = "above" if self.worst_residual > 0 else "below"
         return (
-            f"fabrics: deviate from the response by about {self.deviation:.2g} in the {quantity}, more than "
-            f"noise explains (p = {self.p_value:.2g}); without an effect per fabric the intervals are too "
-            f"narrow{remedy}"
+            f"fabrics: mean ratings deviate from the response by about {self.condition_deviation:.2g} (sd) in the "
+            f"{unit}, more than noise explains (p = {self.condition_p_value:.2g}); most of all "
+            f"{conditions[self.worst]}, {abs(self.worst_residual):.2g} {side} it "
+            f"({abs(self.worst_errors):.1f} standard errors); {self._remedy}"
         )
+
+    @property
+    def _remedy(self) -> str:
+        """What to do about deviations, by whether they are the same under every load."""
+        if self.within_p_value < NEEDED:
+            return "they differ between the loads of a fabric, so that the response is in doubt: try other readings"
+        alone = (
+            "" if np.isfinite(self.within_p_value) else " (with one load per fabric the response may be wrong instead)"
+        )
+        remedy = ": add --prior omega='halfnormal(0.5)'" if self.logarithmic else ", and z-scores have none"
+        return f"without an effect per fabric the intervals are too narrow{remedy}{alone}"
 
 
 def check_fabrics(
     observation: ObservedRatings, mean_rate: Array, parameters: RatingParameters, effects: Any
 ) -> FabricCheck:
-    """Compare the residuals' spread between fabrics with what the model replicates.
+    """Compare the residuals' spread between fabrics, and between conditions, with what the model replicates.
 
-    The discrepancy is T = sum_f n_f (mean residual of fabric f)², given a draw of all parameters and
-    effects. Residuals of replicated ratings are N(0, varsigma²), so their T / varsigma² follows a
-    chi-squared law with one degree of freedom for each fabric: no replicate needs to be drawn.
+    The discrepancy is T = sum_c n_c (mean residual of condition c)², given a draw of all parameters and
+    effects; likewise for fabrics. Residuals of replicated ratings are N(0, varsigma²), so their T / varsigma²
+    follows a chi-squared law with one degree of freedom for each condition or fabric: no replicate needs to be
+    drawn. At a single draw the p-value is uniform under the model; its mean over draws is less spread than that,
+    so that it errs towards silence.
 
     Parameters
     ----------
@@ -61,13 +106,40 @@ def check_fabrics(
     """
     design = observation.design
     residual = observation.residual(mean_rate, parameters, effects)
-    fabric = design.fabric[design.condition]
-    count = np.bincount(fabric, minlength=design.n_fabrics).astype(float)
-    seen = count > 0
-    member = (fabric[:, None] == np.flatnonzero(seen)) / count[seen]
-    between = (count[seen] * (residual @ member) ** 2).sum(axis=1)
-    variance = np.broadcast_to(np.asarray(parameters.varsigma, float) ** 2, between.shape)
-    p_value = float(chdtrc(seen.sum(), between / variance).mean())
-    excess = (between / seen.sum() - variance) / count[seen].mean()
-    deviation = float(np.sqrt(max(np.median(excess), 0.0)))
-    return FabricCheck(p_value, deviation, observation.model.logarithmic)
+    count = np.bincount(design.condition, minlength=design.n_conditions).astype(float)
+    rated = np.flatnonzero(count > 0)
+    count = count[rated]
+    mean = residual @ ((design.condition[:, None] == rated) / count)
+    spread = np.broadcast_to(np.asarray(parameters.varsigma, float), mean.shape[:1])
+    fabrics, fabric = np.unique(design.fabric[rated], return_inverse=True)
+    member = (fabric[:, None] == np.arange(fabrics.size)) * count[:, None]
+    size = member.sum(axis=0)
+    between, everywhere = ((mean @ member) ** 2 / size).sum(axis=1), (count * mean**2).sum(axis=1)
+    within = rated.size - fabrics.size
+    errors = (np.sqrt(count) * mean / spread[:, None]).mean(axis=0)
+    worst = int(np.abs(errors).argmax())
+    # noise n/varsigma² of a deviation's variance is added to the law's scale
+    scale = chdtri(rated.size, NEEDED) / chdtri(rated.size, NOTICED)
+    return FabricCheck(
+        _p_value(between, spread, fabrics.size),
+        _deviation(between, spread, size),
+        _p_value(everywhere, spread, rated.size),
+        _deviation(everywhere, spread, count),
+        _p_value(np.maximum(everywhere - between, 0.0), spread, within) if within else np.nan,
+        float(np.median(spread) * np.sqrt((scale - 1.0) / count.mean())),
+        int(rated[worst]),
+        float(mean[:, worst].mean()),
+        float(errors[worst]),
+        observation.model.logarithmic,
+    )
+
+
+def _p_value(squares: Array, spread: Array, freedom: int) -> float:
+    """Return the mean probability of a larger sum of squares, from sums at draws of the posterior."""
+    return float(chdtrc(freedom, squares / spread**2).mean())
+
+
+def _deviation(squares: Array, spread: Array, count: Array) -> float:
+    """Return the standard deviation between groups that sums of squares beyond noise amount to."""
+    excess = (squares / count.size - spread**2) / count.mean()
+    return float(np.sqrt(max(np.median(excess), 0.0)))
