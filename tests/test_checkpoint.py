@@ -1,12 +1,14 @@
 """What a checkpoint survives: kills, full disks, a second process, other data; and what a continued run draws."""
 
 import errno
+import json
 import os
 import signal
 import subprocess
 import sys
 import time
 from dataclasses import replace
+from itertools import islice
 from pathlib import Path
 
 import numpy as np
@@ -68,6 +70,7 @@ def same(one, other):
 def states():
     """Every state of an uninterrupted run, which thins what it stores on the way."""
     found = list(walk(posterior_of_the_fake(), settings(STEPS), SEED))
+    found = [s for s in found if s.phase > 1 or not s.steps]  # a busy machine yields more states
     assert found[-1].ended
     assert found[-1].stride > 1
     assert [s.phase for s in found[:3]] == [0, 1, 2]
@@ -316,8 +319,96 @@ def test_a_damaged_checkpoint_is_refused(tmp_path, states, pattern, fault):
         path.unlink()
     else:
         path.write_bytes(path.read_bytes()[:-100])
-    with pytest.raises(InputError, match="checkpoint"):
+    with pytest.raises(InputError, match="checkpoint") as refusal:
         load(tmp_path)
+    assert str(path) in str(refusal.value)
+
+
+def flipped(content, rng):
+    """Return some bytes with one of their bits the other way round."""
+    found = bytearray(content)
+    found[rng.integers(len(found))] ^= 1 << rng.integers(8)
+    return bytes(found)
+
+
+@pytest.mark.usefixtures("eager")
+@pytest.mark.parametrize("pattern", ["piece-*.npz", "state-*.npz", "manifest.json"])
+def test_no_flipped_bit_of_a_checkpoint_is_taken_for_the_run(tmp_path, states, pattern, rng):
+    keep(tmp_path, states[:6])
+    (path, *_) = (tmp_path / "checkpoint").glob(pattern)
+    whole, status, refused, harmless = path.read_bytes(), read_status(tmp_path), 0, 0
+    for _ in range(50):
+        path.write_bytes(flipped(whole, rng))
+        try:
+            found, told = load(tmp_path), read_status(tmp_path)
+        except InputError as refusal:
+            refused += str(path) in str(refusal)
+            continue
+        same(found, states[5])
+        assert repr(told) == repr(status)
+        harmless += 1
+    # white space between the manifest's values may change, nothing else
+    assert refused + harmless == 50
+    assert harmless < 20 if pattern == "manifest.json" else harmless == 0
+    path.write_bytes(whole)
+    same(load(tmp_path), states[5])
+
+
+def exchanged(directory, one, other):
+    (directory / one).rename(directory / "aside")
+    (directory / other).rename(directory / one)
+    (directory / "aside").rename(directory / other)
+
+
+@pytest.mark.usefixtures("eager")
+def test_pieces_and_states_are_those_of_the_run_and_in_its_order(tmp_path, states):
+    run, home = tmp_path / "run", tmp_path / "run" / "checkpoint"
+    kept = [s for s in states if s.phase < 3]
+    keep(run, kept)
+    pieces = sorted(path.name for path in home.glob("piece-*"))
+    assert len({(home / name).stat().st_size for name in pieces[1:3]}) == 1  # of equal shape
+    exchanged(home, *pieces[1:3])
+    with pytest.raises(InputError, match=f"{pieces[1]}: damaged, or changed since"):
+        load(run)
+    exchanged(home, *pieces[1:3])
+    manifest, (state,) = home / "manifest.json", home.glob("state-*")
+    text = manifest.read_text()
+    for change in (
+        text.replace(pieces[1], "aside").replace(pieces[2], pieces[1]).replace("aside", pieces[2]),
+        text.replace('"steps": ', '"steps": 1'),
+        text.replace('"format": 2', '"format": 2, "more": 1'),
+    ):
+        assert change != text
+        manifest.write_text(change)
+        for read in (load, read_status):
+            with pytest.raises(InputError, match=r"manifest\.json: damaged, or changed since it was written"):
+                read(run)
+    manifest.write_text(text)
+    same(load(run), kept[-1])
+    # the state and a piece of the same run with another seed
+    keep(tmp_path / "other", [*islice(walk(posterior_of_the_fake(), settings(STEPS), SEED + 1), len(kept))])
+    others = tmp_path / "other" / "checkpoint"
+    for mine, pattern in ((state, "state-*"), (home / pieces[0], "piece-*")):
+        whole = mine.read_bytes()
+        mine.write_bytes(min(others.glob(pattern)).read_bytes())
+        with pytest.raises(InputError, match=f"{mine.name}: damaged, or changed since"):
+            load(run)
+        mine.write_bytes(whole)
+    same(load(run), kept[-1])
+
+
+@pytest.mark.usefixtures("eager")
+def test_every_entry_of_the_manifest_is_missed(tmp_path, states):
+    keep(tmp_path, states[:5])
+    path = tmp_path / "checkpoint" / "manifest.json"
+    manifest = json.loads(path.read_bytes())
+    for name in manifest:
+        path.write_text(json.dumps({key: value for key, value in manifest.items() if key != name}))
+        for read in (load, read_status):
+            with pytest.raises(InputError, match=r"manifest\.json: (damaged|not a checkpoint of format 2)"):
+                read(tmp_path)
+    path.write_text(json.dumps(manifest))  # other white space
+    same(load(tmp_path), states[4])
 
 
 def test_a_run_that_keeps_nothing_leaves_nothing(tmp_path):

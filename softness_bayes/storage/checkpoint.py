@@ -1,14 +1,15 @@
 """The checkpoint of a run: pieces of its chains, its last state, and a manifest that says which of them count.
 
 A piece is written once and never touched; the manifest is replaced last, whole. Whatever kills the process, at
-whatever instant, the manifest on the disk names files that are complete, and a reader needs nothing but it.
+whatever instant, the manifest on the disk names files that are complete, and a reader needs nothing but it. It has
+the checksums of these files and of itself: what was damaged, exchanged or put in another order is refused.
 """
 
 from __future__ import annotations
 
 import csv
+import hashlib
 import io
-import json
 import shutil
 import time
 from collections.abc import Callable, Mapping
@@ -18,6 +19,7 @@ from types import TracebackType
 from typing import Any, NamedTuple, Self
 
 import numpy as np
+from numpy.typing import NDArray
 
 from softness_bayes.errors import InputError
 from softness_bayes.inference.diagnostics import Verdict
@@ -27,10 +29,8 @@ from softness_bayes.inference.state import RunState
 from softness_bayes.result import CHECKPOINT, LOCK, MANIFEST, POSTERIOR, require_vacant
 from softness_bayes.storage.atomic import PART, write_whole
 from softness_bayes.storage.lock import Lock, is_held, require_free
+from softness_bayes.storage.manifest import read_manifest, sealed
 from softness_bayes.storage.serial import as_json, packed, state_arrays, state_of, state_values, unpacked, verdict_of
-
-FORMAT = 1
-"""Version of the checkpoint's layout; another one is refused."""
 
 INTERVAL = 2.0
 """Time [s] between two writes."""
@@ -79,7 +79,7 @@ def read_status(directory: str | Path) -> Status:
     running = is_held(home / LOCK)
     if running and not (home / MANIFEST).exists():  # it still looks for a place to start
         return Status(True, True, 0, 0, 0.0, 0, False, False, 0, None)
-    return _status(_read_manifest(Path(directory)), running)
+    return _status(read_manifest(Path(directory)), running)
 
 
 class Checkpoint:
@@ -107,6 +107,7 @@ class Checkpoint:
         self._description: dict[str, str] = {}
         self._saved: tuple[int, int, int] = (-1, 0, 0)  # phase, stride and number of the stored steps in the pieces
         self._pieces: list[str] = []
+        self._digests: dict[str, str] = {}  # SHA-256 of every file by its name
         self._serial, self._told, self._last = 0, 0, -np.inf
         self._pending: Callable[[], None] | None = None
 
@@ -143,7 +144,7 @@ class Checkpoint:
         InputError
             If the directory holds none, or one of another version.
         """
-        manifest = _read_manifest(Path(directory))
+        manifest = read_manifest(Path(directory))
         return cls(Path(directory), manifest["request"], manifest)
 
     def __enter__(self) -> Self:
@@ -160,8 +161,9 @@ class Checkpoint:
             if self._manifest is None:
                 require_vacant(self.directory, self._replace)  # another run may have come and gone meanwhile
             else:
-                self._manifest = _read_manifest(self.directory)  # the last word of whoever held the lock before
+                self._manifest = read_manifest(self.directory)  # the last word of whoever held the lock before
                 self._serial, self._pieces = self._manifest["serial"], list(self._manifest["pieces"])
+                self._digests = dict(self._manifest["digests"])
                 self._tidy()
             self._held = stack.pop_all()
         return self
@@ -195,17 +197,9 @@ class Checkpoint:
                 f"{self.directory}: cannot be continued, because the run was begun with {said}; "
                 "give it what it was begun with, or start anew in another directory"
             )
-        values = self._manifest["state"]
-        try:
-            pieces = [unpacked(self._home / name) for name in self._pieces]
-            state = state_of(values, unpacked(self._home / self._manifest["arrays"]), pieces)
-        except InputError:
-            raise
-        except (KeyError, TypeError, IndexError, ValueError) as error:
-            raise InputError(f"{self._home}: a damaged checkpoint ({error!r})") from None
+        pieces = [self._unpacked(name) for name in self._pieces]
+        state = state_of(self._manifest["state"], self._unpacked(self._manifest["arrays"]), pieces)
         stored = state.chains.log_density.shape[1] if pieces else 0
-        if stored != state.steps // state.stride:
-            raise InputError(f"{self._home}: a damaged checkpoint ({stored} stored steps, expected {state.steps})")
         self._saved, self._told = (state.phase, state.stride, stored), state.nonfinite.count
         return state
 
@@ -269,15 +263,15 @@ class Checkpoint:
                     "coordinates": chains.coordinates[:, stored:],
                     "log_density": chains.log_density[:, stored:],
                 }
-                write_whole(self._home / pieces[-1], packed(new))
+                self._write_file(pieces[-1], packed(new))
             arrays = f"state-{self._serial:07d}.npz"
-            write_whole(self._home / arrays, packed(state_arrays(state)))
+            self._write_file(arrays, packed(state_arrays(state)))
             self._replace_manifest(
                 {
-                    "format": FORMAT,
                     "serial": self._serial,
                     "pieces": pieces,
                     "arrays": arrays,
+                    "digests": {name: self._digests[name] for name in (*pieces, arrays)},
                     "state": state_values(state),
                     "piloting": schedule.in_pilot(state),
                     "max_steps": schedule.max_steps // state.stride * state.stride,
@@ -294,8 +288,15 @@ class Checkpoint:
             self._told = state.nonfinite.count
             write_whole(self.directory / NONFINITE, _failure_table(state, target).encode())
 
+    def _unpacked(self, name: str) -> dict[str, NDArray[Any]]:
+        return unpacked(self._home / name, self._digests[name])
+
+    def _write_file(self, name: str, content: bytes) -> None:
+        write_whole(self._home / name, content)
+        self._digests[name] = hashlib.sha256(content).hexdigest()
+
     def _replace_manifest(self, manifest: dict[str, Any]) -> None:
-        write_whole(self._home / MANIFEST, as_json(manifest, MANIFEST, indent=1).encode())
+        write_whole(self._home / MANIFEST, sealed(manifest))
         self._manifest = manifest
 
     def _tidy(self) -> None:
@@ -305,7 +306,7 @@ class Checkpoint:
         """
         named: set[str] = set()
         if (self._home / MANIFEST).exists():
-            manifest = _read_manifest(self.directory)
+            manifest = read_manifest(self.directory)
             named = {manifest["arrays"], *manifest["pieces"]}
         for path in self._home.glob("*"):
             if path.suffix in (".npz", PART) and path.name not in named:
@@ -320,19 +321,6 @@ class Checkpoint:
     def _vanish_unused(self, lock: Lock) -> None:
         if self._manifest is None and not (self._home / MANIFEST).exists():
             lock.vanish()
-
-
-def _read_manifest(directory: Path) -> dict[str, Any]:
-    path = directory / CHECKPOINT / MANIFEST
-    try:
-        manifest = json.loads(path.read_bytes())
-    except FileNotFoundError:
-        raise InputError(f"{directory}: no run to continue or to report on; expected {path}") from None
-    except ValueError as error:
-        raise InputError(f"{path}: not a manifest ({error})") from None
-    if not isinstance(manifest, dict) or manifest.get("format") != FORMAT:
-        raise InputError(f"{path}: not a checkpoint of format {FORMAT}, the only one known to this version")
-    return manifest
 
 
 def _status(manifest: Mapping[str, Any], running: bool) -> Status:

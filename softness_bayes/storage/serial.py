@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+import hashlib
 import io
 import json
-import zipfile
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, fields
 from pathlib import Path
@@ -57,19 +57,31 @@ def packed(arrays: Arrays) -> bytes:
     return buffer.getvalue()
 
 
-def unpacked(path: Path) -> dict[str, NDArray[Any]]:
-    """Read the arrays of an npz file.
+def changed(path: Path) -> InputError:
+    """Return the error that names a file of a checkpoint whose checksum does not fit."""
+    return InputError(
+        f"{path}: damaged, or changed since it was written: its checksum does not fit; restore it from a copy, or "
+        "start the run anew in another directory"
+    )
+
+
+def unpacked(path: Path, digest: str) -> dict[str, NDArray[Any]]:
+    """Read the arrays of an npz file whose SHA-256 is known.
 
     Raises
     ------
     InputError
-        If there is none, or it is damaged.
+        If there is none, or it is not the one.
     """
     try:
-        with open(path, "rb") as opened, np.load(opened, allow_pickle=False) as file:
-            return {name: file[name] for name in file.files}
-    except (OSError, ValueError, EOFError, zipfile.BadZipFile) as error:
-        raise InputError(f"{path}: a part of a checkpoint that cannot be read ({error})") from None
+        with open(path, "rb") as opened:
+            if hashlib.file_digest(opened, "sha256").hexdigest() != digest:
+                raise changed(path)
+            opened.seek(0)
+            with np.load(opened, allow_pickle=False) as file:
+                return {name: file[name] for name in file.files}
+    except OSError as error:
+        raise InputError(f"{path}: a part of a checkpoint that cannot be read ({error.strerror})") from None
 
 
 def state_arrays(state: RunState) -> dict[str, NDArray[Any]]:
