@@ -18,7 +18,6 @@ from softness_bayes.data import Experiment
 from softness_bayes.data.columns import EFFECTIVE_MODULUS, POISSON_RATIO
 from softness_bayes.data.ratings import LOAD_COLUMNS
 from softness_bayes.illustrations import membrane_illustration, touch_illustration
-from softness_bayes.inference.blocks import block_log_likelihood
 from softness_bayes.inference.chains import Chains
 from softness_bayes.inference.checks import FabricCheck, check_fabrics
 from softness_bayes.inference.curves import Inflection, curve_scene, find_inflection, response_curves
@@ -26,8 +25,9 @@ from softness_bayes.inference.diagnostics import Verdict
 from softness_bayes.inference.exactness import EXACT_RATES, SAME_RATES, Exactness, compare, resample
 from softness_bayes.inference.observation import RatingParameters
 from softness_bayes.inference.parameters import EVERY_PARAMETER
+from softness_bayes.inference.pieces import part_of, pieces
 from softness_bayes.inference.posterior import Posterior
-from softness_bayes.inference.predictive import ExponentCheck, check_exponents, loo_pit
+from softness_bayes.inference.predictive import ExponentCheck, LooPit, check_exponents, loo_pit
 from softness_bayes.inference.scales import ObservedRatings
 from softness_bayes.inference.summary import reweighted, summarise
 from softness_bayes.inference.workers import Workers
@@ -142,13 +142,13 @@ class Assembly:
 
     def tree(self, attributes: Mapping[str, Any]) -> xr.DataTree:
         """Return the groups of the result, with `attributes` as their provenance."""
-        check, exponents = self._fabric_check(), self._exponent_check()
+        check, exponents, pit = self._fabric_check(), self._exponent_check(), self._loo_pit()
         after: Groups = {
             **self._predictive_groups(),
             **self._prior_groups(),
             "predictions": self._predictions(),
             "observed_data": {"rating": Variable(self.experiment.ratings.rating, ("rating_row",))},
-            "constant_data": self._constants(),
+            "constant_data": self._constants(pit),
         }
         # last of all, for it waits for the exact likelihood
         groups: Groups = {**self._posterior_groups(), **after}
@@ -272,6 +272,10 @@ class Assembly:
         draws = self._pick(REPLICATES)
         return check_exponents(self.ratings, draws.mean_rate, draws.parameters, draws.effects)
 
+    def _loo_pit(self) -> LooPit:
+        draws = self._pick(REPLICATES)
+        return loo_pit(self.ratings, draws.mean_rate, draws.parameters)
+
     def _posterior_groups(self) -> dict[str, dict[str, Variable]]:
         data = "ratings" if self.posterior.compression is None else "ratings_and_compression"
         groups = sampled_groups(self.posterior, self.kept, self.theta, data)
@@ -302,14 +306,13 @@ class Assembly:
 
     def _predictive_groups(self) -> dict[str, dict[str, Variable]]:
         """Return replicated ratings of the same and of new participants, and each rating given all the others."""
-        few, design, model = self._pick(REPLICATES), self.ratings.design, self.model
-        drive = model.drive(design, few.mean_rate, few.parameters)
-        again = model.draw_ratings(self.rng, design, drive, few.parameters, few.effects)
-        strangers = model.with_new_participants(self.rng, few.parameters, few.effects)
-        anew = model.draw_ratings(self.rng, design, drive, few.parameters, strangers)
+        few, model = self._pick(REPLICATES), self.model
+        drive = model.drive(self.ratings.design, few.mean_rate, few.parameters)
         alone = self.ratings.log_likelihood_loo(few.mean_rate, few.parameters)
-        person = self.experiment.ratings.participant
-        whole = block_log_likelihood(self.ratings, few.mean_rate, few.parameters, person)
+        whole = self.ratings.log_likelihood_participants(few.mean_rate, few.parameters)
+        again = self._rated(drive, few.parameters, few.effects)
+        strangers = model.with_new_participants(self.rng, few.parameters, few.effects)
+        anew = self._rated(drive, few.parameters, strangers)
         rows = ("rating_row",)
         replicates = {"rating": Variable(again[None], rows), NEW_PARTICIPANTS: Variable(anew[None], rows)}
         return {
@@ -319,6 +322,15 @@ class Assembly:
             "log_likelihood_participant": {"ratings_of_participant": Variable(whole[None], ("participant",))},
         }
 
+    def _rated(self, drive: Array, parameters: RatingParameters, effects: Any) -> Array:
+        """Return a rating for every row at every draw, drawn a few draws at a time."""
+        design = self.ratings.design
+        made = np.empty((len(drive), design.n_rows))
+        for k in pieces(*made.shape):
+            some = part_of(parameters, k), part_of(effects, k)
+            made[k] = self.model.draw_ratings(self.rng, design, drive[k], *some)
+        return made
+
     def _prior_groups(self) -> dict[str, dict[str, Variable]]:
         """Return draws of the prior, and ratings that they make of new participants."""
         design, model = self.ratings.design, self.model
@@ -326,7 +338,7 @@ class Assembly:
         rate, parameters = self.posterior.mean_rate(theta), self.posterior.rating_parameters(theta)
         effects = model.draw_effects(self.rng, parameters, theta.shape[:1], design.n_participants, design.n_fabrics)
         drive = model.drive(design, rate, parameters)
-        made = model.draw_ratings(self.rng, design, drive, parameters, effects)
+        made = self._rated(drive, parameters, effects)
         return {
             "prior": self._named(self.prior[None]),
             "prior_predictive": {"rating": Variable(made[None], ("rating_row",))},
@@ -371,13 +383,11 @@ class Assembly:
         membrane, currents = membrane_illustration(self.rng, self.scene, fired)
         return merged(touch, membrane), {**along, **currents}
 
-    def _constants(self) -> dict[str, Variable]:
+    def _constants(self, pit: LooPit) -> dict[str, Variable]:
         """Return the held parameters, the fabrics, the loads, and what each rating is of."""
         ratings, fabrics = self.experiment.ratings, self.experiment.fabrics
         held = self.posterior.space.held
         modulus = fabrics.modulus(self.scene.readings.fabric_modulus) / EFFECTIVE_MODULUS.factor
-        few = self._pick(REPLICATES)
-        pit = loo_pit(self.ratings, few.mean_rate, few.parameters)
         return {
             **{n: Variable(np.array(value), units=EVERY_PARAMETER[n].unit) for n, value in held.items()},
             "finger_radius_mm": Variable(np.array(self.scene.finger.radius * 1e3), units="mm"),

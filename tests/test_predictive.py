@@ -128,7 +128,10 @@ def test_the_additive_fit_is_least_squares(rng):
     columns = np.column_stack([np.eye(12)[who.condition], np.eye(5)[who.participant]])
     for k in range(2):
         best, *_ = np.linalg.lstsq(columns, y[k], rcond=None)
-        np.testing.assert_allclose(fit.residual[k], y[k] - columns @ best, atol=1e-10)
+        left = y[k] - columns @ best
+        fitted = fit.condition[k][who.condition] + fit.participant[k][who.participant]
+        np.testing.assert_allclose(y[k] - fitted, left, atol=1e-10)
+        assert (fit.smallest[k], fit.largest[k]) == pytest.approx((left.min(), left.max()), abs=1e-10)
         np.testing.assert_allclose(np.diff(fit.condition[k]), np.diff(best[:12]), atol=1e-10)
         np.testing.assert_allclose(np.diff(fit.participant[k]), np.diff(best[12:]), atol=1e-10)
         freedom = rows - np.linalg.matrix_rank(columns)
@@ -151,7 +154,7 @@ def test_participants_and_gaps_do_not_move_the_conditions(rng):
 def curve(*means, sd=0.05):
     """The fit of one data set whose mean ratings are given, under both loads alike."""
     nothing = np.zeros(0)
-    return Additive(np.tile(np.array(means, float), LOADS), nothing, nothing, np.array(sd))
+    return Additive(np.tile(np.array(means, float), LOADS), nothing, nothing, nothing, np.array(sd))
 
 
 def test_a_turn_is_the_vertex_of_a_parabola():

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from scipy.special import chdtrc, chdtri
 
 from softness_bayes.inference.observation import RatingParameters
+from softness_bayes.inference.pieces import part_of, pieces
 from softness_bayes.inference.scales import ObservedRatings
 
 Array = NDArray[np.float64]
@@ -105,11 +106,13 @@ def check_fabrics(
         Draws of the rating model's parameters, shape (draws,), and of the effects given them.
     """
     design = observation.design
-    residual = observation.residual(mean_rate, parameters, effects)
     count = np.bincount(design.condition, minlength=design.n_conditions).astype(float)
     rated = np.flatnonzero(count > 0)
     count = count[rated]
-    mean = residual @ ((design.condition[:, None] == rated) / count)
+    member = (design.condition[:, None] == rated) / count
+    mean = np.empty((len(mean_rate), rated.size))
+    for k in pieces(len(mean_rate), design.n_rows):
+        mean[k] = observation.residual(mean_rate[k], part_of(parameters, k), part_of(effects, k)) @ member
     spread = np.broadcast_to(np.asarray(parameters.varsigma, float), mean.shape[:1])
     fabrics, fabric = np.unique(design.fabric[rated], return_inverse=True)
     member = (fabric[:, None] == np.arange(fabrics.size)) * count[:, None]

@@ -14,6 +14,8 @@ from scipy.special import ndtr
 
 from softness_bayes.errors import InputError
 from softness_bayes.inference.design import Design
+from softness_bayes.inference.left_out import participant_log_density
+from softness_bayes.inference.pieces import in_pieces
 from softness_bayes.inference.priors import Normal, Prior
 from softness_bayes.inference.random_effects import Effects, LeaveOneOut, RandomEffects, Spreads
 
@@ -235,13 +237,28 @@ class LogRatings:
 
     def log_likelihood_loo(self, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
         """Log density of each rating given all the others, shape (..., rows)."""
-        mean, sd = self.leave_one_out(mean_rate, parameters)
-        return -0.5 * ((self._log - mean) / sd) ** 2 - np.log(sd) - _LOG_ROOT_TWO_PI - self._log
+
+        def alone(mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
+            mean, sd = self.leave_one_out(mean_rate, parameters)
+            return -0.5 * ((self._log - mean) / sd) ** 2 - np.log(sd) - _LOG_ROOT_TWO_PI - self._log
+
+        return in_pieces(alone, self._effects.width, mean_rate, parameters)
 
     def below_loo(self, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
         """Probability of a rating smaller than each one, given all the others, shape (..., rows)."""
-        mean, sd = self.leave_one_out(mean_rate, parameters)
-        return np.asarray(ndtr((self._log - mean) / sd))
+
+        def below(mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
+            mean, sd = self.leave_one_out(mean_rate, parameters)
+            return np.asarray(ndtr((self._log - mean) / sd))
+
+        return in_pieces(below, self._effects.width, mean_rate, parameters)
+
+    def log_likelihood_participants(self, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
+        """Log density of all ratings of each participant given everybody else's, shape (draws, participants)."""
+        drive, model, person = self.model.drive(self._over, mean_rate, parameters), self.model, self.design.participant
+        level = math.log(model.centre), model.spread
+        density = participant_log_density(self.design, self._log, *level, drive, _spreads(parameters))
+        return density - np.bincount(person, self._log, self.design.n_participants)
 
     def draw_effects(self, rng: np.random.Generator, mean_rate: FloatArray, parameters: RatingParameters) -> Effects:
         """Exact draws of mu, participants and fabrics given the ratings, one for each point of the batch."""

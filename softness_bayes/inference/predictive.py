@@ -18,7 +18,9 @@ from scipy.special import chdtrc
 
 from softness_bayes import arviz_bridge
 from softness_bayes.inference.design import Design
+from softness_bayes.inference.left_out import summing
 from softness_bayes.inference.observation import RatingParameters
+from softness_bayes.inference.pieces import part_of, pieces
 from softness_bayes.inference.scales import ObservedRatings
 
 FloatArray = NDArray[np.float64]
@@ -38,8 +40,10 @@ class Additive(NamedTuple):
     """Mean log rating of each condition at the average participant, shape (..., conditions)."""
     participant: FloatArray
     """Deviation of each participant, shape (..., participants); NaN for those without ratings."""
-    residual: FloatArray
-    """Shape (..., rows)."""
+    smallest: FloatArray
+    """Smallest of the residuals, shape (...)."""
+    largest: FloatArray
+    """Largest of them, shape (...)."""
     sd: FloatArray
     """Standard deviation of the residuals, shape (...); NaN without degrees of freedom."""
 
@@ -81,26 +85,28 @@ class Layout:
         ratings
             Shape (..., rows); positive if they have logarithms.
         """
-        design, y = self.design, np.asarray(ratings, float)
-        y = np.log(y) if self.logarithmic else y
+        design, filed = self.design, np.asarray(ratings, float)
+        shape, filed = filed.shape[:-1], filed.reshape(-1, filed.shape[-1])
         cells, count = design.cells, design.cells.sum(axis=1)
-        per_person = (
-            np.eye(design.n_participants)[design.participant] / np.maximum(count, 1.0)[design.participant, None]
-        )
-        per_condition = np.eye(design.n_conditions)[design.condition]
         shares = cells / np.maximum(count, 1.0)[:, None]
         laplacian = np.diag(cells.sum(axis=0)) - cells.T @ shares
-        within = y - (y @ per_person)[..., design.participant]
-        condition = (within @ per_condition) @ np.linalg.pinv(laplacian, hermitian=True)
-        participant = y @ per_person - condition @ shares.T
-        residual = y - condition[..., design.condition] - participant[..., design.participant]
-        present = count > 0
-        level = participant[..., present].mean(axis=-1, keepdims=True)
-        participant = np.where(present, participant - level, np.nan)
+        inverse, present = np.linalg.pinv(laplacian, hermitian=True), count > 0
+        of_person = summing(design.participant, design.n_participants)
+        of_condition = summing(design.condition, design.n_conditions)
         freedom = design.n_rows - np.linalg.matrix_rank(laplacian, hermitian=True) - int(present.sum())
-        with np.errstate(divide="ignore", invalid="ignore"):
-            sd = np.sqrt((residual**2).sum(axis=-1) / freedom) if freedom > 0 else np.full(y.shape[:-1], np.nan)
-        return Additive(condition + level, participant, residual, sd)
+        fits = []
+        for k in pieces(len(filed), design.n_rows):
+            y = np.log(filed[k]) if self.logarithmic else filed[k]
+            mean = (of_person @ y.T).T / np.maximum(count, 1.0)
+            within = y - mean[:, design.participant]
+            condition = (of_condition @ within.T).T @ inverse
+            participant = mean - condition @ shares.T
+            residual = y - condition[:, design.condition] - participant[:, design.participant]
+            level = participant[:, present].mean(axis=-1, keepdims=True)
+            participant = np.where(present, participant - level, np.nan)
+            sd = np.sqrt((residual**2).sum(axis=-1) / freedom) if freedom > 0 else np.full(len(y), np.nan)
+            fits.append((condition + level, participant, residual.min(axis=-1), residual.max(axis=-1), sd))
+        return Additive(*(np.concatenate(v).reshape((*shape, *v[0].shape[1:])) for v in zip(*fits, strict=True)))
 
 
 class Turn(NamedTuple):
@@ -206,12 +212,8 @@ QUANTITIES = (
     Quantity("participant log mean", False, Columns.PARTICIPANT, lambda _, fit: fit.participant),
     Quantity("spread of participants", True, Columns.ALL, _spread_of_participants),
     Quantity("residual spread", False, Columns.ALL, lambda _, fit: fit.sd[..., None]),
-    Quantity(
-        "largest residual / sd", False, Columns.ALL, lambda _, fit: _in_spreads(fit.residual.max(axis=-1), fit.sd)
-    ),
-    Quantity(
-        "smallest residual / sd", False, Columns.ALL, lambda _, fit: _in_spreads(fit.residual.min(axis=-1), fit.sd)
-    ),
+    Quantity("largest residual / sd", False, Columns.ALL, lambda _, fit: _in_spreads(fit.largest, fit.sd)),
+    Quantity("smallest residual / sd", False, Columns.ALL, lambda _, fit: _in_spreads(fit.smallest, fit.sd)),
 )
 """The test quantities, in the order of their table."""
 
@@ -321,7 +323,6 @@ def check_exponents(
         Draws of the rating model's parameters, shape (draws,), and of the effects given them.
     """
     design, model = observation.design, observation.model
-    residual = observation.residual(mean_rate, parameters, effects)
     if model.logarithmic:
         x = np.log(mean_rate + np.asarray(parameters.eps, float)[..., None])
     else:
@@ -329,8 +330,11 @@ def check_exponents(
     count = np.maximum(design.cells.sum(axis=1), 1.0)
     centre = x @ (design.cells / count[:, None]).T
     squares = x**2 @ design.cells.T - count * centre**2
-    member = np.eye(design.n_participants)[design.participant]
-    products = (residual * x[:, design.condition]) @ member - centre * (residual @ member)
+    member, products = summing(design.participant, design.n_participants), np.empty_like(centre)
+    for k in pieces(len(x), design.n_rows):
+        residual = observation.residual(mean_rate[k], part_of(parameters, k), part_of(effects, k))
+        along = residual * x[k][:, design.condition]
+        products[k] = (member @ along.T).T - centre[k] * (member @ residual.T).T
     varies = squares > 1e-9 * np.maximum(x**2 @ design.cells.T, 1e-300)
     followed = np.where(varies, products**2 / np.where(varies, squares, 1.0), 0.0).sum(axis=1)
     variance = np.broadcast_to(np.asarray(parameters.varsigma, float) ** 2, followed.shape)
@@ -367,6 +371,9 @@ def loo_pit(observation: ObservedRatings, mean_rate: FloatArray, parameters: Rat
         Draws, batch shape (draws,).
     """
     alone = observation.log_likelihood_loo(mean_rate, parameters)
-    log_weights, pareto_k = arviz_bridge.psis(-alone.T)
     below = observation.below_loo(mean_rate, parameters)
-    return LooPit(np.clip((np.exp(log_weights) * below.T).sum(axis=1), 0.0, 1.0), pareto_k)
+    value, pareto_k = np.empty(alone.shape[1]), np.empty(alone.shape[1])
+    for k in pieces(alone.shape[1], len(alone)):
+        log_weights, pareto_k[k] = arviz_bridge.psis(-alone[:, k].T)
+        value[k] = (np.exp(log_weights) * below[:, k].T).sum(axis=1)
+    return LooPit(np.clip(value, 0.0, 1.0), pareto_k)

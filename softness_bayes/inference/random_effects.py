@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from softness_bayes.inference.design import Design
+from softness_bayes.inference.pieces import part_of, pieces
 
 FloatArray = NDArray[np.float64]
 
@@ -93,6 +94,11 @@ class RandomEffects:
         self._fabric_shares = self._shares @ self._fabrics
         self._fabric_basis, self._fabric_root = np.linalg.qr(self._factor.T @ self._fabrics)
 
+    @property
+    def width(self) -> int:
+        """Numbers that `leave_one_out` holds for each draw."""
+        return self.design.n_rows + self.design.n_participants * self.design.n_fabrics**2
+
     def log_density(self, offset: FloatArray, spreads: Spreads) -> FloatArray:
         """Log density of the rows.
 
@@ -131,23 +137,31 @@ class RandomEffects:
         Arguments as in `log_density`; one draw for each point of the batch.
         """
         offset, *broadcast = _broadcast(offset, spreads)
-        spreads = Spreads(*broadcast)
-        levels, variance = self._levels(spreads), _variance(spreads.row)
-        fabric = np.zeros((*offset.shape[:-1], self.design.n_fabrics))
+        shape, people = offset.shape[:-1], self.design.n_participants
+        offset, spreads = offset.reshape(-1, offset.shape[-1]), Spreads(*(np.ravel(s) for s in broadcast))
+        parts = pieces(len(offset), people * self.design.n_fabrics)
+        fabric, participant = np.zeros((len(offset), self.design.n_fabrics)), np.empty((len(offset), people))
+        mu = np.empty(len(offset))
         if np.any(np.asarray(spreads.fabric) > 0):
-            root, likely = self._fabric_posterior(offset, spreads, levels)
-            noise = np.asarray(rng.standard_normal(fabric.shape))[..., None]
-            fabric = _column(spreads.fabric) * (likely + np.linalg.solve(root, noise)[..., 0])
-        means = self._residual_means(offset + fabric @ self._fabrics.T)
-        spread = self.sd * np.sqrt(levels.shrinkage)
-        pull_on_mu = spread**2 * (levels.precision * means).sum(axis=-1)
-        mu = pull_on_mu + spread * rng.standard_normal(pull_on_mu.shape)
-        tau_squared = _column(spreads.participant) ** 2
-        total = variance[..., None] + self._rows * tau_squared
-        expected = tau_squared * self._rows * (means - mu[..., None]) / total
-        noise = rng.standard_normal(expected.shape)
-        participant = expected + np.sqrt(tau_squared * variance[..., None] / total) * noise
-        return Effects(self.mean + mu, participant, fabric)
+            for k in parts:
+                few = part_of(spreads, k)
+                root, likely = self._fabric_posterior(offset[k], few, self._levels(few))
+                noise = np.asarray(rng.standard_normal(likely.shape))[..., None]
+                fabric[k] = _column(few.fabric) * (likely + np.linalg.solve(root, noise)[..., 0])
+            offset = offset + fabric @ self._fabrics.T
+        for k in parts:
+            levels = self._levels(part_of(spreads, k))
+            spread = self.sd * np.sqrt(levels.shrinkage)
+            pull = spread**2 * (levels.precision * self._residual_means(offset[k])).sum(axis=-1)
+            mu[k] = pull + spread * rng.standard_normal(pull.shape)
+        for k in parts:
+            few = part_of(spreads, k)
+            variance, tau_squared = _variance(few.row)[..., None], _column(few.participant) ** 2
+            total = variance + self._rows * tau_squared
+            expected = tau_squared * self._rows * (self._residual_means(offset[k]) - mu[k, None]) / total
+            noise = rng.standard_normal(expected.shape)
+            participant[k] = expected + np.sqrt(tau_squared * variance / total) * noise
+        return Effects(*(v.reshape((*shape, *v.shape[1:])) for v in (self.mean + mu, participant, fabric)))
 
     def leave_one_out(self, offset: FloatArray, spreads: Spreads) -> LeaveOneOut:
         """The law of each row given all the others, N(y_i - (K r)_i / K_ii, 1 / K_ii).

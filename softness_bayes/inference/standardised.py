@@ -13,7 +13,9 @@ from scipy.special import log_ndtr, ndtr, owens_t
 
 from softness_bayes.errors import InputError
 from softness_bayes.inference.design import Design
+from softness_bayes.inference.left_out import given_the_others, minimum, summing
 from softness_bayes.inference.observation import SOFTNESS, RatingDirection, RatingParameters
+from softness_bayes.inference.pieces import in_pieces
 from softness_bayes.inference.priors import HalfNormal, Normal, Prior
 
 FloatArray = NDArray[np.float64]
@@ -180,18 +182,55 @@ class StandardisedRatings:
 
         It is the normal one of the line with c1 of either sign times Phi(t) / Phi(t without the rating).
         """
-        alone = self._without_one(mean_rate, parameters)
-        normal = -0.5 * alone.deviate**2 - np.log(alone.sd) - 0.5 * _LOG_TWO_PI
-        return normal + log_ndtr(alone.with_all)[..., None] - log_ndtr(alone.without)
+
+        def density(mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
+            alone = self._without_one(mean_rate, parameters)
+            normal = -0.5 * alone.deviate**2 - np.log(alone.sd) - 0.5 * _LOG_TWO_PI
+            return normal + log_ndtr(alone.with_all)[..., None] - log_ndtr(alone.without)
+
+        return in_pieces(density, self.design.n_rows, mean_rate, parameters)
 
     def below_loo(self, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
         """Probability of a rating smaller than each one, given all the others, shape (..., rows).
 
         Rating and c1 are normal given the others, and correlated; c1 is kept positive.
         """
-        alone = self._without_one(mean_rate, parameters)
-        joint = bivariate_below(alone.deviate, alone.without, -alone.correlation)
-        return np.clip(joint * np.exp(-log_ndtr(alone.without)), 0.0, 1.0)
+
+        def below(mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
+            alone = self._without_one(mean_rate, parameters)
+            joint = bivariate_below(alone.deviate, alone.without, -alone.correlation)
+            return np.clip(joint * np.exp(-log_ndtr(alone.without)), 0.0, 1.0)
+
+        return in_pieces(below, self.design.n_rows, mean_rate, parameters)
+
+    def log_likelihood_participants(self, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
+        """Log density of all ratings of each participant given everybody else's, shape (draws, participants)."""
+
+        def density(mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
+            return self._participants(self._fit(mean_rate, parameters))
+
+        return in_pieces(density, self.design.n_rows, mean_rate, parameters)
+
+    def _participants(self, fit: _Fit) -> FloatArray:
+        """Density by participant: the normal one of the line with c1 of either sign times Phi(t) / Phi(t without)."""
+        cells, row, variance = self.design.cells, self.design.condition, fit.variance[:, None]
+        rows, one, two = cells.sum(axis=1), fit.drive @ cells.T, fit.drive**2 @ cells.T
+        summed = summing(self.design.participant, len(cells))
+        sums = np.stack([np.broadcast_to(rows, one.shape), one, one, two], axis=-1)
+        hessian = sums.reshape(*one.shape, 2, 2) / variance[..., None, None]
+
+        def at(line: FloatArray) -> tuple[FloatArray, FloatArray]:
+            left = self.ratings - (line[:, :1] + line[:, 1:] * fit.drive)[:, row]
+            slopes = [(summed @ part.T).T for part in (left, left * fit.drive[:, row])]
+            misfit = 0.5 * (summed @ (left**2).T).T / variance
+            return misfit, -np.stack(slopes, axis=-1) / variance[..., None]
+
+        line, misfit, gradient = minimum(at, hessian)
+        misfit = misfit + 0.5 * rows * (_LOG_TWO_PI + np.log(variance))
+        given = given_the_others(misfit, gradient, hessian)
+        (a, b), (_, c) = np.moveaxis(given.precision, (-2, -1), (0, 1))
+        without = (line[:, None, 1] + given.moved[..., 1]) * np.sqrt(c - b**2 / a)
+        return given.log_density + log_ndtr(fit.deviate)[:, None] - log_ndtr(without)
 
     def _without_one(self, mean_rate: FloatArray, parameters: RatingParameters) -> _Alone:
         """The law of each rating and c1 given all the other ratings, were c1 of either sign."""

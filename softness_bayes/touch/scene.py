@@ -85,6 +85,7 @@ class FixedChannels:
         self.curve = self._made(max_current, nodes)
         # a curve of averages takes minutes: made now, for all the processes that a run may have
         self._longer: RateCurve | None = self._made(LARGEST_CURRENT, nodes) if noise else None
+        self._exact: FixedChannels | None = None
 
     def _made(self, max_current: float, nodes: int) -> RateCurve:
         if self.noise:
@@ -92,10 +93,12 @@ class FixedChannels:
         return exact_curve(self.channels, self.membrane, max_current, nodes)
 
     def exact(self) -> FixedChannels:
-        """Return a source with more nodes; itself where the curve is an average over noise."""
+        """Return a source with more nodes, made once; itself where the curve is an average over noise."""
         if self.noise:
             return self
-        return FixedChannels(self.channels, self.membrane, self.max_current, nodes=max(28, self.nodes + 6))
+        if self._exact is None:
+            self._exact = FixedChannels(self.channels, self.membrane, self.max_current, nodes=max(28, self.nodes + 6))
+        return self._exact
 
     def curves(self, parameters: TouchParameters) -> RateCurve:
         """Return the one curve, of batch shape (), or one for each vector where an alpha needs a longer one.

@@ -1,0 +1,54 @@
+"""Many draws a few at a time, so that memory does not grow with draws times ratings."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+ROOM = 1_000_000
+"""Numbers that one array of a piece may hold; a dozen such arrays are in use at once."""
+
+
+def pieces(draws: int, width: int) -> list[slice]:
+    """Return slices of the draws, each of as many as fit into `ROOM` with ``width`` numbers for every draw."""
+    size = max(1, ROOM // max(width, 1))
+    return [slice(first, min(first + size, draws)) for first in range(0, draws, size)]
+
+
+def part_of(values: Any, piece: Any) -> Any:
+    """Return a NamedTuple of numbers and of arrays (draws, ...) for some of the draws alone; numbers stay."""
+    return type(values)(*(value if np.ndim(value) == 0 else np.asarray(value)[piece] for value in values))
+
+
+def in_pieces(work: Callable[[Array, Any], Array], width: int, mean_rate: Array, parameters: Any) -> Array:
+    """Return ``work(mean_rate, parameters)``, of shape (..., columns), computed piece by piece.
+
+    Parameters
+    ----------
+    work
+        What treats every draw by itself.
+    width
+        Numbers that it holds for each draw.
+    mean_rate
+        Shape (..., conditions).
+    parameters
+        A NamedTuple of numbers and arrays of the batch shape (...).
+    """
+    shape = np.broadcast_shapes(mean_rate.shape[:-1], *(np.shape(value) for value in parameters))
+    draws = int(np.prod(shape))
+    parts = pieces(draws, width)
+    if len(parts) <= 1:
+        return work(mean_rate, parameters)
+    rate = np.broadcast_to(mean_rate, (*shape, mean_rate.shape[-1])).reshape(draws, -1)
+    flat = type(parameters)(*(v if np.ndim(v) == 0 else np.broadcast_to(v, shape).ravel() for v in parameters))
+    first = work(rate[parts[0]], part_of(flat, parts[0]))
+    found = np.empty((draws, first.shape[-1]))
+    found[parts[0]] = first
+    for piece in parts[1:]:
+        found[piece] = work(rate[piece], part_of(flat, piece))
+    return found.reshape((*shape, -1))

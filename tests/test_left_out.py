@@ -1,0 +1,146 @@
+"""Densities of participants given all the others, and many draws a few at a time: the same numbers, in less room."""
+
+import tracemalloc
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from scipy.stats import multivariate_normal
+
+from softness_bayes.inference import pieces as room
+from softness_bayes.inference.blocks import block_log_likelihood
+from softness_bayes.inference.checks import check_fabrics
+from softness_bayes.inference.design import Design
+from softness_bayes.inference.observation import LogRatings, RatingModel, RatingParameters
+from softness_bayes.inference.pieces import part_of, pieces
+from softness_bayes.inference.predictive import Layout, check_exponents, loo_pit
+from softness_bayes.inference.standardised import StandardisedRatings
+
+MODEL = RatingModel()
+
+
+def lab(rng, people=6, rows=50, draws=4):
+    """A table with gaps, and one participant without a rating."""
+    design = Design(rng.integers(6, size=rows), np.arange(rows) % (people - 1), np.arange(6) % 3, people)
+    return design, rng.gamma(1, 10, (draws, 6)), rng.standard_normal(rows)
+
+
+def several(rng, draws, omega, varsigma=0.3):
+    """Parameters of which some are numbers and some differ between draws."""
+    return RatingParameters(
+        rng.uniform(0.5, 1.5, draws), rng.uniform(0.2, 0.9, draws), varsigma, rng.uniform(0, 1, draws) * omega
+    )
+
+
+@pytest.mark.parametrize("varsigma", [0.3, 1e-3])
+@pytest.mark.parametrize("omega", [0.0, 0.4])
+def test_participants_of_log_ratings_are_blocks(rng, omega, varsigma):
+    design, rate, noise = lab(rng)
+    observed, points = LogRatings(np.exp(3 + noise), design), several(rng, 4, omega, varsigma)
+    found = observed.log_likelihood_participants(rate, points)
+    blocks = block_log_likelihood(observed, rate, points, design.participant)
+    assert_allclose(found[:, :-1], blocks, rtol=1e-9 if varsigma > 0.1 else 1e-7)
+    assert_allclose(found[:, -1], 0.0, atol=1e-9)
+
+
+def test_participants_of_z_scores_are_blocks(rng):
+    design, rate, noise = lab(rng)
+    rate[0] = 3.0  # a response that does not vary says nothing of the line
+    for sign in (1.0, -1.0):  # ratings that follow the response, and that contradict it
+        x = np.log(rate[1])
+        ratings = noise + sign * (x - x.mean())[design.condition]
+        observed, points = StandardisedRatings(ratings, design), RatingParameters(np.nan, np.nan, np.full(4, 0.6))
+        found = observed.log_likelihood_participants(rate, points)
+        assert_allclose(found[:, :-1], block_log_likelihood(observed, rate, points, design.participant), rtol=1e-9)
+        assert_allclose(found[:, -1], 0.0, atol=1e-9)
+
+
+def test_precise_ratings_lose_no_digits(rng):
+    """Against the dense normal law of one participant given another; a wrong tau is told apart."""
+    design = Design(np.tile(np.arange(6), 2), np.repeat([0, 1], 6), np.arange(6) % 3, 2)
+    rate, noise = rng.gamma(1, 10, (1, 6)), 1e-4 * rng.standard_normal(12)
+    x = np.log(rate[0] + 0.1)[design.condition]
+    log_rating = np.log(20) + 0.8 * (x - x.mean()) + np.repeat([0.3, -0.2], 6) + noise
+    observed = LogRatings(np.exp(log_rating), design)
+    found = observed.log_likelihood_participants(rate, RatingParameters(0.8, 0.5, 1e-4))
+    residual = log_rating - np.log(20) - 0.8 * (x - x.mean())
+    same = design.participant[:, None] == design.participant
+    for tau, alike in ((0.5, True), (0.6, False)):
+        covariance = 9.0 + tau**2 * same + 1e-8 * np.eye(12)
+        first, rest = slice(0, 6), slice(6, 12)
+        gain = covariance[first, rest] @ np.linalg.inv(covariance[rest, rest])
+        law = multivariate_normal(gain @ residual[rest], covariance[first, first] - gain @ covariance[rest, first])
+        expected = law.logpdf(residual[first]) - log_rating[first].sum()
+        assert (found[0, 0] == pytest.approx(expected, abs=1e-4)) == alike
+
+
+def test_one_participant_is_all_there_is(rng):
+    design = Design(np.arange(6), np.zeros(6, int), np.arange(6) % 3, 1)
+    rate, y = rng.gamma(1, 10, (3, 6)), rng.standard_normal(6)
+    for observed, points in (
+        (LogRatings(np.exp(y), design), several(rng, 3, 0.4)),
+        (StandardisedRatings(y, design), RatingParameters(np.nan, np.nan, 0.7)),
+    ):
+        found = observed.log_likelihood_participants(rate, points)
+        assert_allclose(found[:, 0], observed.log_likelihood(rate, points), rtol=1e-10)
+
+
+# piece by piece
+
+
+def test_pieces_cover_all_draws_once():
+    for draws, width in ((1, 1), (7, room.ROOM), (500, 72_000), (10, 10**9)):
+        parts = pieces(draws, width)
+        assert np.concatenate([np.arange(draws)[k] for k in parts]).tolist() == [*range(draws)]
+        assert all((k.stop - k.start) * width <= room.ROOM or k.stop - k.start == 1 for k in parts)
+    some = part_of(RatingParameters(np.arange(5.0), 0.5, np.arange(5.0)), slice(1, 3))
+    assert (some.gamma.tolist(), some.tau) == ([1.0, 2.0], 0.5)
+
+
+@pytest.mark.parametrize("omega", [0.0, 0.4])
+def test_a_little_room_gives_the_same_numbers(rng, monkeypatch, omega):
+    draws = 12
+    design, rate, noise = lab(rng, draws=draws)
+    points = several(rng, draws, omega)
+    layout = Layout(design, np.geomspace(3e3, 6e5, 6), np.zeros(6, int))
+    replicates = np.exp(rng.standard_normal((draws, design.n_rows)))
+
+    def everything():
+        observed = LogRatings(np.exp(3 + noise), design)
+        effects = observed.draw_effects(np.random.default_rng(5), rate, points)
+        return [
+            *effects,
+            observed.log_likelihood_loo(rate, points),
+            observed.below_loo(rate, points),
+            observed.log_likelihood_participants(rate, points),
+            *layout.fit(replicates),
+            *check_exponents(observed, rate, points, effects),
+            check_fabrics(observed, rate, points, effects).p_value,
+            *loo_pit(observed, rate, points),
+        ]
+
+    whole = everything()
+    monkeypatch.setattr(room, "ROOM", 130)
+    assert len(pieces(draws, design.n_rows)) == 6
+    for one, other in zip(everything(), whole, strict=True):
+        assert_allclose(one, other, rtol=1e-10, atol=1e-12)
+
+
+def test_room_grows_with_the_ratings_and_not_with_their_square(rng):
+    """A dense indicator of 2000 participants alone would take 1.2 GB."""
+    people, draws = 2000, 4
+    design = Design(np.tile(np.arange(36), people), np.repeat(np.arange(people), 36), np.arange(36) // 3, people)
+    layout = Layout(design, np.repeat(np.geomspace(3e3, 6e5, 12), 3), np.arange(36) % 3)
+    rate, noise = rng.gamma(1, 10, (draws, 36)), rng.standard_normal(design.n_rows)
+    observed, points = LogRatings(np.exp(3 + noise), design), several(rng, draws, 0.0)
+    effects = observed.draw_effects(rng, rate, points)
+    tracemalloc.start()
+    try:
+        layout.fit(np.exp(rng.standard_normal((draws, design.n_rows))))
+        check_exponents(observed, rate, points, effects)
+        observed.log_likelihood_participants(rate, points)
+        observed.log_likelihood_loo(rate, points)
+        _, most = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert most < 200e6
