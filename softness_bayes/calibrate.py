@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from softness_bayes import __version__
+from softness_bayes import __version__, ranges
 from softness_bayes.data import Experiment, Fabrics, Ratings
 from softness_bayes.errors import InputError
 from softness_bayes.inference.calibration import DRAWS, Calibration, Replicate, replicate
@@ -185,8 +185,8 @@ def calibrate(
     LockedError
         If another process is calibrating there.
     """
-    if count < 1:
-        raise InputError(f"calibration: {count} replicates, expected at least 1")
+    ranges.REPLICATES.require("calibration: number of replicates", count)
+    ranges.PARTICIPANTS.require("calibration: number of participants", scene.participants)
     settings = settings or Settings(ensembles=ENSEMBLES, max_steps=options.max_steps, processes=1)
     manifest, folder = _manifest(scene, options, settings), directory / REPLICATES
     _require_alike(directory, manifest)

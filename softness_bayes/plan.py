@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from softness_bayes.inference.parameters import PARAMETERS, ParameterSpace
 from softness_bayes.inference.posterior import Posterior
+from softness_bayes.ranges import ACCURACIES
 from softness_bayes.run import RunOptions
 from softness_bayes.touch.accuracy import (
     COARSEST,
@@ -136,6 +137,7 @@ def _chosen(
     least: Discretisation = COARSEST,
 ) -> Choice:
     """Choose among settings of a scene that is compiled for the accuracy `reference`; draws are asked for after it."""
+    ACCURACIES.require("accuracy", accuracy)
     scenes: list[Scene] = []
     for setting in references(reference):
         scenes.append(compiled(setting))

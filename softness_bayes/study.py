@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from dataclasses import replace
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -13,12 +14,13 @@ from numpy.typing import ArrayLike, NDArray
 from softness_bayes.data import Compression, Fabrics, Ratings
 from softness_bayes.errors import InputError
 from softness_bayes.inference.compression import CompressionForces, SkinParameters
-from softness_bayes.inference.observation import SOFTNESS, RatingDirection, RatingParameters
+from softness_bayes.inference.observation import LARGEST_LOG_RATING, SOFTNESS, RatingDirection, RatingParameters
 from softness_bayes.inference.parameters import EVERY_PARAMETER, PARAMETERS, parameter_space
 from softness_bayes.inference.priors import HalfNormal
 from softness_bayes.inference.random_effects import Design
 from softness_bayes.inference.scales import MAGNITUDE, RatingScale
 from softness_bayes.inference.standardised import Line, StandardisedModel
+from softness_bayes.ranges import FINGERS, PARTICIPANTS, SIMULATED_RATINGS, SLOPES
 from softness_bayes.touch.contact import Load
 from softness_bayes.touch.membrane import Channels, Membrane
 from softness_bayes.touch.parameters import TouchParameters
@@ -202,17 +204,20 @@ def simulate_ratings(
     Raises
     ------
     InputError
-        If there is no participant, the share of gaps is not in [0, 1), the slope is negative, or mu or
+        If the number of participants or of ratings, the share of gaps, mu or the slope is out of range, or mu or
         slope is given for the other scale.
     """
-    if participants < 1 or not 0 <= missing < 1:
-        raise InputError(
-            f"simulate: {participants} participants with a share {missing} of gaps; "
-            "expected at least 1, and a share in [0, 1)"
-        )
+    PARTICIPANTS.require("simulate: number of participants", participants)
+    SIMULATED_RATINGS.require("simulate: number of ratings", participants * len(fabrics) * len(loads))
+    if not 0 <= missing < 1:
+        raise InputError(f"simulate: share {missing} of gaps, expected one in [0, 1)")
+    if mu is not None and not abs(mu) <= LARGEST_LOG_RATING:
+        raise InputError(f"simulate: mu is {mu}, expected a number up to {LARGEST_LOG_RATING:g} up or down")
     wrong = ("slope", slope) if scale.positive else ("mu", mu)
-    if wrong[1] is not None or not (slope is None or slope >= 0):
-        raise InputError(f"simulate: {wrong[0]} is {wrong[1]}, expected none for {scale.name} ratings, and c1 >= 0")
+    if wrong[1] is not None:
+        raise InputError(f"simulate: {wrong[0]} is {wrong[1]}, expected none for {scale.name} ratings")
+    if slope is not None:
+        SLOPES.require("simulate: slope", slope)
     scene = scene_of(fabrics, loads, values, readings, discretisation=discretisation)
     rate = scene.total_rate(touch_parameters(values))
     n_conditions = scene.n_conditions
@@ -289,8 +294,7 @@ def simulate_compression(
     InputError
         If there is no finger.
     """
-    if fingers < 1:
-        raise InputError(f"simulate: {fingers} fingers, expected at least 1")
+    replace(FINGERS, low=1).require("simulate: number of fingers", fingers)
     skin = SkinParameters(*(np.float64(values[n]) * EVERY_PARAMETER[n].si for n in SkinParameters._fields))
     finger, depth = np.repeat(np.arange(fingers), len(depths)), np.tile(depths, fingers)
     plate = CompressionForces(depth, np.ones(depth.size), finger, fingers, displacement=readings.skin_displacement)

@@ -263,7 +263,7 @@ def test_a_directory_with_something_else_is_refused(tmp_path):
     with pytest.raises(InputError, match="holds no calibration"):
         run(tmp_path, 1)
     assert [path.name for path in tmp_path.iterdir()] == ["notes.txt"]
-    with pytest.raises(InputError, match="expected at least 1"):
+    with pytest.raises(InputError, match="expected a whole number from 1 to"):
         run(tmp_path / "new", 0)
 
 

@@ -106,7 +106,7 @@ def test_predict_takes_readings_and_prior_sets():
     ("arguments", "message"),
     [
         (["--set", "bee=80"], "no parameter 'bee'"),
-        (["--set", "b=-1"], "b is -1.0, expected a positive number"),
+        (["--set", "b=-1"], "b is -1.0, expected a number from 1e-06 to 1e+06 kPa"),
         (["--set", "b=many"], "expected a finite number, got 'many'"),
         (["--reading", "pressure=round"], "pressure has no 'round'; expected one of attenuated"),
         (["--readings", "mine"], "no set 'mine'"),

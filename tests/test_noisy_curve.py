@@ -41,7 +41,7 @@ def test_equal_seeds_equal_curves(monkeypatch):
 
 
 def test_noise_that_is_none_and_currents_that_are_silent_are_refused():
-    with pytest.raises(InputError, match="expected a positive number"):
+    with pytest.raises(InputError, match=r"noise is 0\.0, expected a finite number above 0 and at most 100"):
         noisy_curve(0.0)
     with pytest.raises(InputError, match="silent up to 10"):
         noisy_curve(1.0, max_current=10.0)

@@ -44,7 +44,7 @@ def test_alpha_ends_where_its_rate_curves_end():
     assert largest(wide) == LARGEST_CURRENT
     assert wide.draw_prior(np.random.default_rng(0), 500)[:, 2].max() < LARGEST_CURRENT
     with pytest.raises(InputError, match="where the model ends"):
-        parameter_space(priors={"alpha": LogNormal(1e6, 0.1)}).draw_prior(np.random.default_rng(0), 5)
+        parameter_space(priors={"alpha": LogNormal(140, 0.01)}).draw_prior(np.random.default_rng(0), 5)
 
 
 def test_a_current_that_the_membrane_lacks_is_held():
@@ -101,14 +101,14 @@ def test_choices_of_the_user():
         ({"fix": {"B": 1}}, "no parameter 'B'; expected one of b, m"),
         ({"free": ["kappa"]}, "no parameter 'kappa'"),
         ({"priors": {"betta": HalfNormal(1)}}, "no parameter 'betta'"),
-        ({"fix": {"b": -1}}, "b is -1, expected a positive number"),
-        ({"fix": {"varsigma": 0}}, "expected a positive number"),
-        ({"fix": {"m": float("nan")}}, "expected 0 or a positive number"),
+        ({"fix": {"b": -1}}, r"b is -1, expected a number from 1e-06 to 1e\+06 kPa"),
+        ({"fix": {"varsigma": 0}}, "varsigma is 0, expected a number from 0.0001 to 100"),
+        ({"fix": {"m": float("nan")}}, r"m is nan, expected 0, or a number from 1e-06 to 1e\+06$"),
         ({"fix": {"eps": 1}, "free": ["eps"]}, "eps is both fixed"),
         ({"priors": {"b": Normal(100, 50)}}, "allows negative values"),
         ({"prior_set": "in-vitro"}, "expected one of default, in-vivo"),
         ({"n_participants": 1, "free": ["tau"]}, "one participant"),
-        ({"fix": {"alpha": 151}}, "alpha is 151, expected at most 150"),
+        ({"fix": {"alpha": 151}}, "alpha is 151, expected a number from 1e-06 to 150 µA/cm²"),
         ({"fix": {"alpha": 61}}, "alpha is 61, expected at most 60 µA/cm², where the firing-rate surface ends"),
         ({"priors": {"c_K": LogNormal(1.16, 0.1)}}, r"prior of c_K: .* reaches beyond 1\.044 to 1\.276"),
     ],

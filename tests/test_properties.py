@@ -17,7 +17,7 @@ from softness_bayes.data import Fabrics, Ratings, write_fabrics, write_ratings
 from softness_bayes.inference.design import Design
 from softness_bayes.inference.observation import INVERSE, SOFTNESS, LogRatings, RatingModel, RatingParameters
 from softness_bayes.inference.priors import HalfNormal, LogNormal, Normal, Uniform
-from softness_bayes.touch.contact import Force, Indentation
+from softness_bayes.touch.contact import FORCES, INDENTATIONS, Force, Indentation
 from softness_bayes.touch.parameters import TouchParameters
 from softness_bayes.touch.readings import Readings
 from softness_bayes.touch.scene import Discretisation, Scene
@@ -300,6 +300,7 @@ NAMES = (
     .filter(bool)
 )
 POSITIVE = st.floats(min_value=0.0, exclude_min=True, allow_infinity=False)
+DEPTHS, NEWTONS = (st.floats(among.low, among.high) for among in (INDENTATIONS, FORCES))
 FINITE = st.floats(allow_nan=False, allow_infinity=False)
 
 
@@ -307,8 +308,8 @@ FINITE = st.floats(allow_nan=False, allow_infinity=False)
 def tables_of_ratings(draw):
     people = draw(st.lists(NAMES, min_size=1, max_size=3, unique=True))
     fabrics = draw(st.lists(NAMES, min_size=1, max_size=3, unique=True))
-    depths = draw(st.lists(POSITIVE, max_size=2, unique=True))
-    forces = draw(st.lists(POSITIVE, min_size=0 if depths else 1, max_size=2, unique=True))
+    depths = draw(st.lists(DEPTHS, max_size=2, unique=True))
+    forces = draw(st.lists(NEWTONS, min_size=0 if depths else 1, max_size=2, unique=True))
     loads = [*map(Indentation, depths), *map(Force, forces)]
     rating = draw(hnp.arrays(float, (len(people), len(fabrics), len(loads)), elements=FINITE))
     return Ratings.crossed(people, fabrics, loads, rating)

@@ -125,7 +125,7 @@ def test_simulated_fingers_follow_the_model():
     whitened = (force - mean) @ np.linalg.inv(np.linalg.cholesky(covariance)).T
     assert kstest(whitened.ravel(), "norm").pvalue > 1e-3
     assert made.log_b_effect.std() == pytest.approx(0.3, rel=0.06)
-    with pytest.raises(InputError, match="0 fingers"):
+    with pytest.raises(InputError, match="number of fingers is 0, expected a whole number from 1"):
         simulate_compression(np.random.default_rng(2), values, fingers=0)
 
 

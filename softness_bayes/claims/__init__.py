@@ -13,6 +13,7 @@ from softness_bayes.data import Fabrics, Ratings
 from softness_bayes.errors import InputError
 from softness_bayes.inference.parameters import parameter_space
 from softness_bayes.inference.priors import Prior
+from softness_bayes.ranges import PRIOR_DRAWS
 from softness_bayes.study import firing_of
 from softness_bayes.touch.contact import Force, Indentation, Load
 from softness_bayes.touch.membrane import PAPER_CHANNELS, Membrane
@@ -133,8 +134,9 @@ def evaluate_claims(
         If a prior set or parameter does not exist, a channel multiplier is freed, a rated fabric is not in the set,
         or there is nothing to judge.
     """
-    if not (readings and prior_sets and touches) or draws < 0:
-        raise InputError("claims: expected at least one set of readings, prior set and load, and no fewer than 0 draws")
+    if not (readings and prior_sets and touches):
+        raise InputError("claims: expected at least one set of readings, prior set and load")
+    PRIOR_DRAWS.require("claims: number of draws", draws)
     trials: list[Trial] = []
     firing: dict[Membrane, Firing] = {}
     if freed := [name for name in PAPER_CHANNELS._fields if name in (priors or {})]:

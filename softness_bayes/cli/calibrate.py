@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING, NoReturn
 
 import click
 
-from softness_bayes.cli.options import ModelChoice, model_choice, seed
+from softness_bayes.cli.options import ModelChoice, load_options, model_choice, seed, whole
 from softness_bayes.errors import NotConvergedError
+from softness_bayes.ranges import PARTICIPANTS, PROCESSES, REPLICATES, STEPS
 
 if TYPE_CHECKING:
     from tqdm import tqdm
@@ -19,7 +20,7 @@ if TYPE_CHECKING:
 @click.command()
 @click.option(
     "--replicates",
-    type=click.IntRange(min=1),
+    type=whole(REPLICATES),
     default=200,
     show_default=True,
     metavar="N",
@@ -28,20 +29,19 @@ if TYPE_CHECKING:
 @click.option(
     "--fabrics", type=click.Path(path_type=Path), metavar="FILE", help="Fabric table (CSV); by default eight fabrics."
 )
-@click.option("--indentation-mm", type=float, multiple=True, metavar="mm", help="Indentation [mm]. Repeatable.")
-@click.option("--force-n", type=float, multiple=True, metavar="N", help="Contact force [N]. Repeatable.")
-@click.option("--participants", type=click.IntRange(min=1), default=20, show_default=True, help="Number of raters.")
+@load_options(True, ". Repeatable.")
+@click.option("--participants", type=whole(PARTICIPANTS), default=20, show_default=True, help="Number of raters.")
 @model_choice
 @click.option(
     "--max-steps",
-    type=click.IntRange(min=1),
+    type=whole(STEPS),
     default=500_000,
     show_default=True,
     help="Steps of each ensemble after which a replicate ends, converged or not.",
 )
 @click.option(
     "--processes",
-    type=click.IntRange(min=1),
+    type=whole(PROCESSES),
     metavar="N",
     help="Replicates side by side; by default one for each core. Ranks do not depend on it.",
 )

@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING
 
 import click
 
-from softness_bayes.cli.options import fix, force, named, out, prior, seed
+from softness_bayes.cli.options import fix, force, load_options, named, out, prior, seed, whole
 from softness_bayes.errors import InputError
+from softness_bayes.ranges import PRIOR_DRAWS
 
 if TYPE_CHECKING:
     from softness_bayes.data import Fabrics, Ratings
@@ -58,23 +59,10 @@ if TYPE_CHECKING:
     metavar="NAME=ACTUAL",
     help="What a column is called in the files, as in rating=softness. Repeatable.",
 )
-@click.option(
-    "--indentation-mm",
-    type=float,
-    multiple=True,
-    metavar="mm",
-    help="Indentation [mm]. Repeatable; by default 1, 1.5, 2 and 3, or those of --data.",
-)
-@click.option(
-    "--force-n",
-    type=float,
-    multiple=True,
-    metavar="N",
-    help="Contact force [N]. Repeatable; by default 0.5, 1, 2 and 4, or those of --data.",
-)
+@load_options(True, ". Repeatable; by default 1, 1.5, 2 and 3 mm and 0.5, 1, 2 and 4 N, or those of --data.")
 @click.option(
     "--draws",
-    type=click.IntRange(min=0),
+    type=whole(PRIOR_DRAWS),
     default=200,
     show_default=True,
     help="Draws of each prior that probabilities are made of; 0 for the medians alone.",

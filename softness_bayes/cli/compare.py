@@ -6,6 +6,9 @@ from pathlib import Path
 
 import click
 
+from softness_bayes.cli.options import whole
+from softness_bayes.ranges import STEPS
+
 COMPARISON = "compare.csv"
 
 
@@ -21,7 +24,7 @@ COMPARISON = "compare.csv"
 )
 @click.option(
     "--max-steps",
-    type=click.IntRange(min=1),
+    type=whole(STEPS),
     help="Steps of each ensemble after which a refit without a fabric ends in any case.",
 )
 @click.option(

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import click
 
 from softness_bayes.errors import InputError
+from softness_bayes.ranges import ACCURACIES, Count, Range
 
 if TYPE_CHECKING:
     from softness_bayes.data import Compression, Experiment, Fabrics
@@ -25,13 +26,43 @@ Verb = Callable[..., Any]
 Decorator = Callable[[Verb], Verb]
 
 
-def named(convert: Callable[[str], Value]) -> Callable[..., dict[str, Value]]:
+class Number(click.FloatRange):
+    """A number within a range; what is not finite is none.
+
+    Parameters
+    ----------
+    within
+        The range.
+    """
+
+    def __init__(self, within: Range) -> None:
+        super().__init__(within.low, within.high, min_open=within.above)
+        self._within = within
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
+        """Return the number, or refuse it."""
+        number = float(click.FLOAT.convert(value, param, ctx))
+        if not self._within.holds(number):
+            self.fail(f"expected {self._within}, got {value!r}", param, ctx)
+        return number
+
+
+def whole(count: Count) -> click.IntRange:
+    """Return the type of an option that counts."""
+    return click.IntRange(count.low, count.high)
+
+
+def named(
+    convert: Callable[[str], Value], check: Callable[[dict[str, Value]], None] | None = None
+) -> Callable[..., dict[str, Value]]:
     """Return the click callback that turns repeated `name=value` into a dictionary.
 
     Parameters
     ----------
     convert
         Makes a value of its text; raises ValueError saying what it expected.
+    check
+        Raises ValueError where names and values do not suit one another.
     """
 
     def callback(ctx: click.Context, param: click.Parameter, texts: tuple[str, ...]) -> dict[str, Value]:
@@ -46,6 +77,11 @@ def named(convert: Callable[[str], Value]) -> Callable[..., dict[str, Value]]:
                 values[name] = convert(value)
             except ValueError as error:
                 raise click.BadParameter(f"{name}: {error}") from None
+        if check is not None and values:
+            try:
+                check(values)
+            except ValueError as error:
+                raise click.BadParameter(str(error)) from None
         return values
 
     return callback
@@ -65,6 +101,18 @@ def _prior(text: str) -> Prior:
     from softness_bayes.inference.priors import parse_prior
 
     return parse_prior(text)
+
+
+def _require_values(values: dict[str, float]) -> None:
+    from softness_bayes.inference.parameters import require_values
+
+    require_values(values)
+
+
+def _require_priors(priors: dict[str, Prior]) -> None:
+    from softness_bayes.inference.parameters import require_priors
+
+    require_priors(priors)
 
 
 def _named_option(flag: str, convert: Callable[[str], Any], metavar: str, text: str) -> Decorator:
@@ -87,7 +135,20 @@ def _fabrics(required: bool, text: str) -> Decorator:
     return click.option("--fabrics", type=_FILE, metavar="FILE", required=required, help=text)
 
 
-def _loads(multiple: bool, text: str) -> Decorator:
+def _load(ctx: click.Context, param: click.Parameter, given: Any) -> Any:
+    """Refuse loads [unit of the option's column] out of range."""
+    from softness_bayes.data.columns import NUMBERS
+
+    assert param.name is not None
+    for value in given if param.multiple else [] if given is None else [given]:
+        try:
+            NUMBERS[param.name].parse(repr(value))
+        except ValueError as error:
+            raise click.BadParameter(str(error)) from None
+    return given
+
+
+def load_options(multiple: bool, text: str) -> Decorator:
     """Declare the two load options, for one load or any number of them."""
 
     def decorate(verb: Verb) -> Verb:
@@ -95,7 +156,8 @@ def _loads(multiple: bool, text: str) -> Decorator:
             ("--force-n", "Contact force", "N"),
             ("--indentation-mm", "Indentation", "mm"),
         ):
-            verb = click.option(flag, type=float, multiple=multiple, metavar=unit, help=f"{noun} [{unit}] {text}")(verb)
+            says = f"{noun} [{unit}]{text}"
+            verb = click.option(flag, type=float, multiple=multiple, callback=_load, metavar=unit, help=says)(verb)
         return verb
 
     return decorate
@@ -155,7 +217,7 @@ def data_files(verb: Verb) -> Verb:
     )
     @_fabrics(False, "Fabric table (CSV); by default columns of the ratings, or a fabrics.csv beside them.")
     @_column
-    @_loads(False, "of all ratings, where the table has no column for it.")
+    @load_options(False, " of all ratings, where the table has no column for it.")
     @functools.wraps(verb)
     def wrapped(
         data: Path | None,
@@ -201,7 +263,7 @@ def touches(verb: Verb) -> Verb:
 
     @_fabrics(True, "Fabric table (CSV).")
     @_column
-    @_loads(True, "of the touch. Repeatable.")
+    @load_options(True, " of the touch. Repeatable.")
     @functools.wraps(verb)
     def wrapped(
         fabrics: Path,
@@ -219,7 +281,7 @@ set_values = click.option(
     "--set",
     "values",
     multiple=True,
-    callback=named(_number),
+    callback=named(_number, _require_values),
     metavar="NAME=VALUE",
     help="Value of a parameter, as in b=80; the others are the medians of their priors. Repeatable.",
 )
@@ -229,7 +291,7 @@ fix = click.option(
     "--fix",
     "fixed",
     multiple=True,
-    callback=named(_number),
+    callback=named(_number, _require_values),
     metavar="NAME=VALUE",
     help="Hold a parameter at a value, as in m=2. Repeatable.",
 )
@@ -239,7 +301,7 @@ prior = click.option(
     "--prior",
     "priors",
     multiple=True,
-    callback=named(_prior),
+    callback=named(_prior, _require_priors),
     metavar="NAME=PRIOR",
     help="Prior of a parameter, as in b='lognormal(100,0.5)' (median, sd of the log). Repeatable.",
 )
@@ -304,7 +366,7 @@ def readings(verb: Verb) -> Verb:
 
 accuracy = click.option(
     "--accuracy",
-    type=click.FloatRange(1e-6, 1e-2),
+    type=Number(ACCURACIES),
     default=1e-3,
     show_default=True,
     metavar="X",

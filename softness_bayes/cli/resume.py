@@ -8,9 +8,11 @@ from typing import TYPE_CHECKING
 
 import click
 
+from softness_bayes.cli.options import whole
 from softness_bayes.cli.running import command_line, max_time, no_figures, processes, recorded_files
 from softness_bayes.cli.sample import run
 from softness_bayes.errors import InputError
+from softness_bayes.ranges import STEPS
 
 if TYPE_CHECKING:
     from softness_bayes.run import RunOptions
@@ -21,7 +23,7 @@ if TYPE_CHECKING:
 @click.argument("directory", type=click.Path(path_type=Path), metavar="DIR")
 @click.option(
     "--more-steps",
-    type=click.IntRange(min=1),
+    type=whole(STEPS),
     metavar="N",
     help="Walk at least so many steps more, even if the run has converged.",
 )

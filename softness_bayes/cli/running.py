@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from softness_bayes.cli.options import DataFiles
+from softness_bayes.cli.options import DataFiles, whole
+from softness_bayes.ranges import PROCESSES
 
 if TYPE_CHECKING:
     from softness_bayes.inference.diagnostics import Verdict
@@ -38,7 +39,7 @@ max_time = click.option(
 
 processes = click.option(
     "--processes",
-    type=click.IntRange(min=1),
+    type=whole(PROCESSES),
     metavar="N",
     help="Processes that share the ensembles; by default one for each core. Draws do not depend on it.",
 )

@@ -14,15 +14,18 @@ from softness_bayes.cli import STARTED
 from softness_bayes.cli.options import (
     DataFiles,
     ModelChoice,
+    Number,
     data_files,
     force,
     model_choice,
     out,
     rating_scale,
     seed,
+    whole,
 )
 from softness_bayes.cli.running import command_line, in_numbers, max_time, no_figures, processes, record_of
 from softness_bayes.errors import InputError, NotConvergedError, NumericalError
+from softness_bayes.ranges import NOISES, STEPS
 
 if TYPE_CHECKING:
     from tqdm import tqdm
@@ -44,7 +47,7 @@ DRAWING = 4
 @rating_scale
 @click.option(
     "--noise",
-    type=click.FloatRange(min=0),
+    type=Number(NOISES),
     default=0.0,
     show_default=True,
     metavar="STRENGTH",
@@ -58,7 +61,7 @@ DRAWING = 4
 )
 @click.option(
     "--max-steps",
-    type=click.IntRange(min=1),
+    type=whole(STEPS),
     default=100_000,
     show_default=True,
     help="Steps of each ensemble after which the run ends, converged or not.",

@@ -11,6 +11,7 @@ import click
 
 from softness_bayes import __version__
 from softness_bayes.cli.options import (
+    Number,
     ReadingChoice,
     Touches,
     accuracy,
@@ -23,7 +24,9 @@ from softness_bayes.cli.options import (
     seed,
     set_values,
     touches,
+    whole,
 )
+from softness_bayes.ranges import FINGERS, PARTICIPANTS, SLOPES, TYPICAL_RATINGS
 
 if TYPE_CHECKING:
     from softness_bayes.study import Simulation
@@ -35,7 +38,7 @@ if TYPE_CHECKING:
 @set_values
 @prior_set
 @readings
-@click.option("--participants", type=click.IntRange(min=1), default=30, show_default=True, help="Number of raters.")
+@click.option("--participants", type=whole(PARTICIPANTS), default=30, show_default=True, help="Number of raters.")
 @click.option(
     "--missing",
     type=click.FloatRange(0, 1, max_open=True),
@@ -43,14 +46,18 @@ if TYPE_CHECKING:
     show_default=True,
     help="Share of ratings left out at random.",
 )
-@click.option("--typical-rating", type=float, metavar="Y", help="exp(mu), by default its prior's centre.")
+@click.option(
+    "--typical-rating", type=Number(TYPICAL_RATINGS), metavar="Y", help="exp(mu), by default its prior's centre."
+)
 @rating_scale
 @direction
 @accuracy
-@click.option("--slope", type=float, metavar="C1", help="c1 of standardised ratings, by default its prior's median.")
+@click.option(
+    "--slope", type=Number(SLOPES), metavar="C1", help="c1 of standardised ratings, by default its prior's median."
+)
 @click.option(
     "--fingers",
-    type=click.IntRange(min=0),
+    type=whole(FINGERS),
     default=0,
     show_default=True,
     help="Fingers to press with a rigid flat plate to 0.5, 1, 1.5 and 2 mm, for compression.csv.",
@@ -99,8 +106,6 @@ def command(
 
     fabrics, loads = touches.read()
     chosen = choice.resolve()
-    if typical_rating is not None and not (math.isfinite(typical_rating) and typical_rating > 0):
-        raise InputError(f"--typical-rating is {typical_rating}, expected a positive number")
     usual = usual_values(chosen, prior_set, values, fingers or None)
     values_of_ratings = {name: value for name, value in usual.items() if name not in FINGER_PARAMETERS}
     scene, _ = scene_with_accuracy(

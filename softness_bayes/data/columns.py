@@ -8,6 +8,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from decimal import Decimal
 
+from softness_bayes.ranges import ANY, Range
+from softness_bayes.touch.contact import FORCES, INDENTATIONS
+
 _NUMBER = re.compile(r"([+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+))(?:[eE]([+-]?[0-9]{1,9}))?")
 
 
@@ -24,16 +27,15 @@ class Column:
     power
         The unit is 10^power SI units. Reading and writing shift the decimal point of the digits and
         never multiply, so that a value written and read again keeps every bit.
-    low, high
-        Values v [SI] are finite, low < v <= high.
+    range
+        Values that it may hold [SI].
     """
 
     name: str
     label: str
     unit: str
     power: int = 0
-    low: float = -math.inf
-    high: float = math.inf
+    range: Range = ANY
 
     @property
     def factor(self) -> float:
@@ -48,13 +50,11 @@ class Column:
     @property
     def expected(self) -> str:
         """What the column may hold, in words."""
-        above = f" above {self.low:g}" if self.low > -math.inf else ""
-        most = f" and at most {self.high:g}" if self.high < math.inf else ""
-        return f"a finite number{above}{most}"
+        return str(self.range.within(10.0**-self.power))
 
     def holds(self, value: float) -> bool:
         """Whether `value` [SI] may stand in the column."""
-        return math.isfinite(value) and self.low < value <= self.high
+        return self.range.holds(value)
 
     def parse(self, text: str) -> float:
         """Return the value [SI] of a number as filed.
@@ -78,14 +78,16 @@ class Column:
         return f"{number:f}" if -6 < number.adjusted() < 16 else str(number)
 
 
-INDENTATION = Column("indentation_mm", "indentation", "mm", power=-3, low=0.0)
-FORCE = Column("force_n", "force", "N", low=0.0)
+_POSITIVE = Range(0.0, above=True)
+
+INDENTATION = Column("indentation_mm", "indentation", "mm", power=-3, range=INDENTATIONS)
+FORCE = Column("force_n", "force", "N", range=FORCES)
 RATING = Column("rating", "rating", "")
-TENSILE_MODULUS = Column("tensile_modulus_mpa", "tensile modulus", "MPa", power=6, low=0.0)
-THICKNESS = Column("thickness_mm", "thickness", "mm", power=-3, low=0.0)
-POISSON_RATIO = Column("poisson_ratio", "Poisson ratio", "", low=-1.0, high=0.5)
-BENDING_RIGIDITY = Column("bending_rigidity_n_m", "bending rigidity", "N m", low=0.0)
-EFFECTIVE_MODULUS = Column("effective_modulus_kpa", "effective modulus", "kPa", power=3, low=0.0)
+TENSILE_MODULUS = Column("tensile_modulus_mpa", "tensile modulus", "MPa", power=6, range=_POSITIVE)
+THICKNESS = Column("thickness_mm", "thickness", "mm", power=-3, range=_POSITIVE)
+POISSON_RATIO = Column("poisson_ratio", "Poisson ratio", "", range=Range(-1.0, 0.5, above=True))
+BENDING_RIGIDITY = Column("bending_rigidity_n_m", "bending rigidity", "N m", range=_POSITIVE)
+EFFECTIVE_MODULUS = Column("effective_modulus_kpa", "effective modulus", "kPa", power=3, range=_POSITIVE)
 
 LABELS = ("participant", "fabric", "trial", "indentor")
 """The columns of names."""

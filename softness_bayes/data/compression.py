@@ -56,6 +56,9 @@ class Compression:
             object.__setattr__(self, name, read_only(getattr(self, name), kind))
         if len({getattr(self, name).shape for name in arrays}) > 1:
             raise InputError(f"{self.source}: {', '.join(arrays)} differ in length")
+        for column, values in ((INDENTATION, self.indentation), (FORCE, self.force)):
+            for row, value in zip(self.rows, values, strict=True):
+                column.range.require(f"{self.source}: row {row}: {column.label}", value)
 
     def __len__(self) -> int:
         return len(self.force)
@@ -100,11 +103,14 @@ class Compression:
         for i in range(len(table)):
             if force[i] < 0:
                 raise table.error(i, FORCE.name, f"expected 0 or a positive force, got {table.cells[FORCE.name][i]!r}")
-            if force[i] > 0 and not depth[i] > 0:
-                found = table.cells[INDENTATION.name][i]
-                raise table.error(
-                    i, INDENTATION.name, f"expected a positive number where there is a force, got {found!r}"
-                )
+            if not force[i] > 0:
+                continue
+            for column, value in ((FORCE, force[i]), (INDENTATION, depth[i])):
+                if not column.holds(value):
+                    found = table.cells[column.name][i]
+                    raise table.error(
+                        i, column.name, f"expected {column.expected} where there is a force, got {found!r}"
+                    )
         zero, missing = int((force == 0).sum()), int(np.isnan(force).sum())
         if missing:
             notes.append(f"{table.path.name}: {missing} forces are missing")

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from softness_bayes.errors import InputError
 from softness_bayes.inference.coordinates import Coordinate, Coordinates, coordinate_for
 from softness_bayes.inference.priors import HalfNormal, Laws, LogNormal, Prior
+from softness_bayes.ranges import Range
 from softness_bayes.touch.contact import DISPLACEMENT, STRAIN, SkinDisplacement
 from softness_bayes.touch.membrane import CONNOR_STEVENS, Channels, Membrane
 from softness_bayes.touch.parameters import TouchParameters
@@ -25,6 +26,14 @@ FloatArray = NDArray[np.float64]
 
 _ROUNDING = 1e-9
 _REDRAWS = 1000
+
+
+_POSITIVE = Range(1e-6, 1e6)
+_MULTIPLIER = Range(0.1, 10.0)
+_FROM_ZERO = Range(1e-6, 1e6, zero=True)
+_SPREAD = Range(1e-6, 100.0, zero=True)
+# less than this is no noise but a surface, and a walk on it never ends
+_NOISE = Range(1e-4, 100.0)
 
 
 @dataclass(frozen=True)
@@ -39,10 +48,8 @@ class Parameter:
         SI units (or the neuron's own) in one natural unit.
     prior
         Default prior, in natural units.
-    vanishing
-        Whether it may be held at 0; all other values must be positive.
-    largest
-        Value beyond which the model does not answer, and every prior ends.
+    range
+        Values that it may be held at, in natural units; at its upper end every prior ends.
     """
 
     name: str
@@ -51,8 +58,16 @@ class Parameter:
     meaning: str
     prior: Prior
     si: float = 1.0
-    vanishing: bool = False
-    largest: float = np.inf
+    range: Range = _POSITIVE
+
+    @property
+    def largest(self) -> float:
+        """Value beyond which the model does not answer, and every prior ends."""
+        return self.range.high
+
+    def up_to(self, largest: float) -> Parameter:
+        """Return the same parameter with another largest value."""
+        return replace(self, range=replace(self.range, high=largest))
 
     @property
     def label(self) -> str:
@@ -65,25 +80,35 @@ PARAMETERS: Mapping[str, Parameter] = MappingProxyType(
         parameter.name: parameter
         for parameter in (
             Parameter("b", r"$b$", "kPa", "skin modulus at rest", LogNormal(100, 0.5), si=1e3),
-            Parameter("m", r"$m$", "–", "stiffening of the skin", LogNormal(2, 0.3), vanishing=True),
+            Parameter("m", r"$m$", "–", "stiffening of the skin", LogNormal(2, 0.3), range=_FROM_ZERO),
             Parameter(
                 "alpha",
                 r"$\alpha$",
                 "µA/cm²",
                 "largest receptor current",
                 LogNormal(20.3, 0.1),
-                largest=LARGEST_CURRENT,
+                range=Range(1e-6, LARGEST_CURRENT),
             ),
             Parameter("beta", r"$\beta$", "1/kPa", "steepness of transduction", LogNormal(0.6, 0.3), si=1e-3),
             Parameter("sigma_0", r"$\sigma_0$", "kPa", "stress at half current", LogNormal(9, 0.4), si=1e3),
-            Parameter("c_Na", r"$c_{Na}$", "–", "sodium conductance multiplier", LogNormal(1.05, 0.03, 0.1)),
-            Parameter("c_K", r"$c_K$", "–", "potassium conductance multiplier", LogNormal(1.16, 0.03, 0.1)),
-            Parameter("c_L", r"$c_L$", "–", "leak conductance multiplier", LogNormal(1.0, 0.03, 0.1)),
-            Parameter("c_A", r"$c_A$", "–", "A-current conductance multiplier", LogNormal(1.5, 0.03, 0.1)),
-            Parameter("gamma", r"$\gamma$", "–", "exponent of the rating", LogNormal(1, 0.3)),
-            Parameter("tau", r"$\tau$", "–", "spread of participants", HalfNormal(1), vanishing=True),
-            Parameter("varsigma", r"$\varsigma$", "–", "spread of a participant's ratings", HalfNormal(0.5)),
-            Parameter("omega", r"$\omega$", "–", "spread between fabrics", HalfNormal(0.5), vanishing=True),
+            Parameter(
+                "c_Na", r"$c_{Na}$", "–", "sodium conductance multiplier", LogNormal(1.05, 0.03, 0.1), range=_MULTIPLIER
+            ),
+            Parameter(
+                "c_K", r"$c_K$", "–", "potassium conductance multiplier", LogNormal(1.16, 0.03, 0.1), range=_MULTIPLIER
+            ),
+            Parameter(
+                "c_L", r"$c_L$", "–", "leak conductance multiplier", LogNormal(1.0, 0.03, 0.1), range=_MULTIPLIER
+            ),
+            Parameter(
+                "c_A", r"$c_A$", "–", "A-current conductance multiplier", LogNormal(1.5, 0.03, 0.1), range=_MULTIPLIER
+            ),
+            Parameter("gamma", r"$\gamma$", "–", "exponent of the rating", LogNormal(1, 0.3), range=Range(1e-3, 1e3)),
+            Parameter("tau", r"$\tau$", "–", "spread of participants", HalfNormal(1), range=_SPREAD),
+            Parameter(
+                "varsigma", r"$\varsigma$", "–", "spread of a participant's ratings", HalfNormal(0.5), range=_NOISE
+            ),
+            Parameter("omega", r"$\omega$", "–", "spread between fabrics", HalfNormal(0.5), range=_SPREAD),
             Parameter("eps", r"$\epsilon$", "Hz", "rate added to a silent fabric's", LogNormal(0.1, 1)),
         )
     }
@@ -94,9 +119,11 @@ FINGER_PARAMETERS: Mapping[str, Parameter] = MappingProxyType(
     {
         parameter.name: parameter
         for parameter in (
-            Parameter("tau_b", r"$\tau_b$", "–", "spread of fingers' log b", HalfNormal(0.5), vanishing=True),
-            Parameter("tau_m", r"$\tau_m$", "–", "spread of fingers' m", HalfNormal(1), vanishing=True),
-            Parameter("varsigma_f", r"$\varsigma_F$", "–", "spread of a finger's log forces", HalfNormal(0.3)),
+            Parameter("tau_b", r"$\tau_b$", "–", "spread of fingers' log b", HalfNormal(0.5), range=_SPREAD),
+            Parameter("tau_m", r"$\tau_m$", "–", "spread of fingers' m", HalfNormal(1), range=_FROM_ZERO),
+            Parameter(
+                "varsigma_f", r"$\varsigma_F$", "–", "spread of a finger's log forces", HalfNormal(0.3), range=_NOISE
+            ),
         )
     }
 )
@@ -366,6 +393,30 @@ def parameter_space(
     return ParameterSpace(sampled if firing is None else _within_surface(sampled, held, firing), held, firing)
 
 
+def require_values(values: Mapping[str, float]) -> None:
+    """Refuse values [natural units] that no model could be held at, whatever its data.
+
+    Raises
+    ------
+    InputError
+        Naming a parameter that does not exist, or the range of one.
+    """
+    for name, value in values.items():
+        _require_value(_declared(name), value)
+
+
+def require_priors(priors: Mapping[str, Prior]) -> None:
+    """Refuse priors of parameters that do not exist, or that these could not take.
+
+    Raises
+    ------
+    InputError
+        Naming the parameter, and the range of its values.
+    """
+    for name, prior in priors.items():
+        _suitable(_declared(name), prior)
+
+
 def _declared(name: str) -> Parameter:
     if name not in EVERY_PARAMETER:
         raise InputError(f"no parameter '{name}'; expected one of {', '.join(EVERY_PARAMETER)}")
@@ -373,11 +424,7 @@ def _declared(name: str) -> Parameter:
 
 
 def _require_value(parameter: Parameter, value: float) -> None:
-    if not (np.isfinite(value) and (value > 0 or (parameter.vanishing and value == 0))):
-        expected = "0 or a positive number" if parameter.vanishing else "a positive number"
-        raise InputError(f"{parameter.name} is {value}, expected {expected} [{parameter.unit}]")
-    if value > parameter.largest:
-        raise InputError(f"{parameter.name} is {value}, expected at most {parameter.largest:g} [{parameter.unit}]")
+    replace(parameter.range, unit=parameter.unit).require(parameter.name, value)
 
 
 def _within_surface(
@@ -403,7 +450,9 @@ def _within_surface(
             f"alpha is {held['alpha']}, expected at most {firing.max_current:g} µA/cm², where "
             f"the firing-rate surface ends; fix {', '.join(p.name for p in channels)} too for larger ones"
         )
-    return tuple(replace(p, largest=firing.max_current) if p.name == "alpha" else p for p in sampled)
+    return tuple(
+        replace(p, range=replace(p.range, high=firing.max_current)) if p.name == "alpha" else p for p in sampled
+    )
 
 
 def _suitable(parameter: Parameter, prior: Prior) -> Prior:
@@ -412,6 +461,7 @@ def _suitable(parameter: Parameter, prior: Prior) -> Prior:
             f"prior of {parameter.name}: {prior} allows negative values, which {parameter.name} cannot take; "
             "expected lognormal, halfnormal or uniform above 0"
         )
+    replace(parameter.range, unit=parameter.unit).require(f"prior of {parameter.name}: median of {prior}", prior.median)
     return prior
 
 

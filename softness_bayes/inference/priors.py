@@ -16,10 +16,18 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.special import ndtr, ndtri
 
 from softness_bayes.errors import InputError
+from softness_bayes.ranges import Range
 
 FloatArray = NDArray[np.float64]
 
 _LOG_ROOT_TWO_PI = 0.5 * math.log(2.0 * math.pi)
+
+NUMBERS = Range(-1e100, 1e100)
+"""Numbers that a law may be written with: none of them overflows where it is used."""
+LEAST_WIDTH = 1e-6
+"""Least width of a law relative to where it lies: rounding hides what is narrower."""
+SD_LOGS = Range(LEAST_WIDTH, 5.0)
+"""Standard deviations of the logarithm of a log-normal law; 5 is a factor of 150 up or down."""
 
 
 class Prior(Protocol):
@@ -77,7 +85,7 @@ class Normal(Law):
 
     def __post_init__(self) -> None:
         _require_finite(self)
-        _require(self, "sd", self.sd > 0, "a positive number")
+        _require(self, "sd", self.sd > LEAST_WIDTH * abs(self.mean), f"a number above {LEAST_WIDTH * abs(self.mean):g}")
 
     @property
     def support(self) -> tuple[float, float]:
@@ -159,6 +167,8 @@ class Uniform(Law):
     def __post_init__(self) -> None:
         _require_finite(self)
         _require(self, "high", self.high > self.low, f"a number above {self.low:g}")
+        least = LEAST_WIDTH * max(abs(self.low), abs(self.high))
+        _require(self, "high", self.high - self.low >= least, f"a number at least {least:g} above {self.low:g}")
 
     @property
     def support(self) -> tuple[float, float]:
@@ -213,8 +223,9 @@ class LogNormal(Law):
     def __post_init__(self) -> None:
         _require_finite(self)
         _require(self, "median", self.median > 0, "a positive number")
-        _require(self, "sd_log", self.sd_log > 0, "a positive number")
-        _require(self, "bound", self.bound is None or 0 < self.bound < 1, "a fraction between 0 and 1")
+        _require(self, "sd_log", SD_LOGS.holds(self.sd_log), str(SD_LOGS))
+        wide = self.bound is None or LEAST_WIDTH <= self.bound < 1
+        _require(self, "bound", wide, f"a fraction from {LEAST_WIDTH:g} to below 1")
 
     @property
     def support(self) -> tuple[float, float]:
@@ -353,7 +364,7 @@ def _standard_normal(deviate: FloatArray) -> FloatArray:
 def _require_finite(prior: Law) -> None:
     for field in fields(prior):  # type: ignore[arg-type]
         value = getattr(prior, field.name)
-        _require(prior, field.name, value is None or math.isfinite(value), "a finite number")
+        _require(prior, field.name, value is None or NUMBERS.holds(value), str(NUMBERS))
 
 
 def _require(prior: Law, name: str, holds: bool, expected: str) -> None:

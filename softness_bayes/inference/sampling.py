@@ -32,6 +32,7 @@ from softness_bayes.inference.schedule import Schedule
 from softness_bayes.inference.starts import Target
 from softness_bayes.inference.state import EnsembleState, RunState
 from softness_bayes.inference.workers import Workers, available_processors
+from softness_bayes.ranges import PROCESSES, STEPS
 
 FloatArray = NDArray[np.float64]
 
@@ -73,8 +74,9 @@ class Settings(Schedule):
         for name, bound in {"ensembles": 2, "optima": 1}.items():
             if getattr(self, name) < bound:
                 raise InputError(f"sampling: {name} is {getattr(self, name)}, expected at least {bound}")
-        if self.processes is not None and self.processes < 1:
-            raise InputError(f"sampling: processes is {self.processes}, expected at least 1")
+        if self.processes is not None:
+            PROCESSES.require("sampling: processes", self.processes)
+        STEPS.require("sampling: max_steps", self.max_steps)
 
     def workers(self, target: Target) -> Workers:
         """Processes that share the ensembles, each of which holds the target."""

@@ -9,11 +9,18 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from softness_bayes.errors import InputError, NumericalError
+from softness_bayes.ranges import Range
 
 Array = NDArray[np.float64]
 
 PLATE_LENGTH = 1e-3
 """Length l [m] that turns a rigidity into a modulus, E_fab = D / l³ (the paper's number implies 1 mm)."""
+
+INDENTATIONS = Range(1e-9, 0.1, "m")
+"""Indentations that a fingertip may be held at: far beyond those that make sense, and the model answers for all."""
+
+FORCES = Range(1e-9, 1e3, "N")
+"""Contact forces that it may be held at."""
 
 
 @dataclass(frozen=True)
@@ -96,8 +103,7 @@ class Indentation:
     depth: float
 
     def __post_init__(self) -> None:
-        if not (np.isfinite(self.depth) and self.depth > 0):
-            raise InputError(f"indentation is {self.depth} m, expected a positive length")
+        INDENTATIONS.require("indentation", self.depth)
 
     def __str__(self) -> str:
         return f"{self.depth * 1e3:.12g} mm"
@@ -120,8 +126,7 @@ class Force:
     newton: float
 
     def __post_init__(self) -> None:
-        if not (np.isfinite(self.newton) and self.newton > 0):
-            raise InputError(f"force is {self.newton} N, expected a positive force")
+        FORCES.require("force", self.newton)
 
     def __str__(self) -> str:
         return f"{self.newton:.12g} N"

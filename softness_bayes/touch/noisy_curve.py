@@ -7,11 +7,14 @@ root of the distance from that end averages the simulations' scatter.
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.polynomial import chebyshev
 from numpy.typing import NDArray
 
 from softness_bayes.errors import InputError
+from softness_bayes.ranges import NOISES
 from softness_bayes.touch.firing import CurveError, RateCurve, exact_curve
 from softness_bayes.touch.membrane import CONNOR_STEVENS, PAPER_CHANNELS, Channels, Membrane
 from softness_bayes.touch.spikes import firing_statistics
@@ -67,8 +70,7 @@ def noisy_curve(
     InputError
         If the noise is not positive, or the membrane silent up to the largest current.
     """
-    if not (np.isfinite(noise) and noise > 0.0):
-        raise InputError(f"noise: {noise} µA/cm² sqrt(ms), expected a positive number")
+    replace(NOISES, above=True).require("noise", noise)
     rng = np.random.default_rng(seed)
     quiet = exact_curve(channels, membrane, max_current)
     if not quiet.rheobase < max_current:

@@ -1,0 +1,110 @@
+"""Ranges that values may lie in: checked and said in one way; and the ranges of counts."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+from softness_bayes.errors import InputError
+
+
+@dataclass(frozen=True)
+class Range:
+    """Values from `low` to `high`, both included.
+
+    Parameters
+    ----------
+    low, high
+        The ends; an infinite end is no end, and is not included.
+    unit
+        Unit of the ends and of the values.
+    above
+        Whether `low` itself is left out.
+    zero
+        Whether 0 may stand below `low`.
+    """
+
+    low: float = -math.inf
+    high: float = math.inf
+    unit: str = ""
+    above: bool = False
+    zero: bool = False
+
+    def holds(self, value: float) -> bool:
+        """Whether `value` is finite and lies in the range."""
+        over = value > self.low if self.above else value >= self.low
+        return math.isfinite(value) and ((over and value <= self.high) or (self.zero and value == 0))
+
+    def within(self, factor: float, unit: str = "") -> Range:
+        """Return the same range in another unit, `factor` of which are one of this."""
+        return replace(self, low=self.low * factor, high=self.high * factor, unit=unit)
+
+    def require(self, name: str, value: float) -> None:
+        """Refuse a value outside the range.
+
+        Raises
+        ------
+        InputError
+            With name, value and range.
+        """
+        if not self.holds(value):
+            raise InputError(f"{name} is {value}, expected {self}")
+
+    def __str__(self) -> str:
+        unit = f" {self.unit}" if self.unit not in ("", "–") else ""
+        low = "" if math.isinf(self.low) else f" {'above' if self.above else 'from'} {self.low:g}"
+        if math.isinf(self.high):
+            return f"a finite number{low}{unit}"
+        if self.above:
+            return f"a finite number{low} and at most {self.high:g}{unit}"
+        return f"{'0, or ' if self.zero else ''}a number{low} to {self.high:g}{unit}"
+
+
+ANY = Range()
+"""Every finite number."""
+
+
+@dataclass(frozen=True)
+class Count:
+    """Whole numbers from `low` to `high`, both included."""
+
+    low: int
+    high: int
+
+    def require(self, name: str, value: int) -> None:
+        """Refuse a number outside the range.
+
+        Raises
+        ------
+        InputError
+            With name, value and range.
+        """
+        if not self.low <= value <= self.high:
+            raise InputError(f"{name} is {value}, expected {self}")
+
+    def __str__(self) -> str:
+        return f"a whole number from {self.low} to {self.high}"
+
+
+PARTICIPANTS = Count(1, 10_000)
+"""Simulated raters."""
+FINGERS = Count(0, 10_000)
+"""Simulated fingers under a rigid flat plate."""
+SIMULATED_RATINGS = Count(1, 10_000_000)
+"""Ratings of one simulation: participants times fabrics times loads."""
+REPLICATES = Count(1, 1_000_000)
+"""Simulated sets of ratings of a calibration."""
+PRIOR_DRAWS = Count(0, 100_000)
+"""Prior draws that the probabilities of claims are made of."""
+STEPS = Count(1, 1_000_000_000)
+"""Steps of each ensemble."""
+PROCESSES = Count(1, 256)
+"""Processes side by side."""
+ACCURACIES = Range(1e-6, 1e-2)
+"""Bounds of the response's numerical error, relative to its peak."""
+NOISES = Range(0.0, 100.0, "µA/cm² √ms")
+"""Strengths of the membranes' white current."""
+TYPICAL_RATINGS = Range(1e-300, 1e300)
+"""Typical ratings, exp(mu), of simulated magnitude estimates."""
+SLOPES = Range(0.0, 1e6)
+"""Slopes c1 of simulated z-scores."""
