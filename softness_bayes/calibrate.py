@@ -16,6 +16,7 @@ from softness_bayes.data import Experiment, Fabrics, Ratings
 from softness_bayes.errors import InputError
 from softness_bayes.inference.calibration import DRAWS, Calibration, Replicate, replicate
 from softness_bayes.inference.posterior import Posterior
+from softness_bayes.inference.rank_words import verdict
 from softness_bayes.inference.sampling import Settings
 from softness_bayes.inference.workers import Workers, available_processors
 from softness_bayes.run import RunOptions, posterior_of
@@ -94,8 +95,8 @@ class Calibrated:
 
     @property
     def passed(self) -> bool:
-        """Whether every replicate converged and no test raised the alarm."""
-        return not self.unconverged and not self.calibration.faults()
+        """Whether every replicate converged, no test raised the alarm, and there are enough to find a fault."""
+        return not self.unconverged and not self.calibration.faults() and self.calibration.enough
 
     def ranks(self) -> pd.DataFrame:
         """Return a row per replicate: its walk (steps, autocorrelation_time, converged), then every rank and truth."""
@@ -123,19 +124,12 @@ class Calibrated:
         return pd.DataFrame(calibration.coverage()).join(judged, on="quantity").set_index(["quantity", "mass"])
 
     def sentence(self) -> str:
-        """Return the verdict in one line."""
-        size, calibration = len(self.replicates), self.calibration
-        head = f"{size} replicates ({self.longer} ran longer than {LONG} steps, {self.unconverged} did not converge)"
-        faults = calibration.faults()
-        if faults:
-            return f"Not calibrated: {head}: {'; '.join(faults)}."
-        worst = min(min(one.uniform_p, one.spread_p) for one in calibration.judge().values())
-        kind = "Calibrated" if self.passed else "Not decided"
-        return (
-            f"{kind}: {head}; ranks of {len(calibration.names)} quantities among {calibration.draws} draws are "
-            f"uniform: smallest p-value {worst:.2g}, alarm below {calibration.threshold:.1g}, which intervals "
-            f"{calibration.resolution:.2f} times too narrow would raise."
+        """Return the verdict in one line: alarms, or what no alarm is worth."""
+        size = (
+            f"{len(self.replicates)} replicates ({self.longer} ran longer than {LONG} steps, "
+            f"{self.unconverged} did not converge)"
         )
+        return verdict(self.calibration, size, not self.unconverged)
 
     def save(self, directory: Path) -> None:
         """Write ranks, coverage and verdict, each whole or not at all."""

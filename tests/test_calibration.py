@@ -15,14 +15,16 @@ import pandas as pd
 import pytest
 from click.testing import CliRunner
 from fake_scene import fake_posterior
+from scipy.special import expit
 from scipy.stats import norm
 
 from softness_bayes.calibrate import CalibrationScene, calibrate
 from softness_bayes.cli import main
+from softness_bayes.data import Fabrics
 from softness_bayes.errors import InputError, LockedError
 from softness_bayes.inference.calibration import (
     DRAWS,
-    LOG_LIKELIHOOD,
+    FALSE_ALARM,
     Calibration,
     Replicate,
     independent,
@@ -31,13 +33,18 @@ from softness_bayes.inference.calibration import (
     right,
 )
 from softness_bayes.inference.chains import Chains
+from softness_bayes.inference.curves import LEAST_DROP, curve_scene
 from softness_bayes.inference.diagnostics import Goal, look
 from softness_bayes.inference.observation import INVERSE, LogRatings, RatingModel
+from softness_bayes.inference.rank_power import Alarm, power, rank_law
+from softness_bayes.inference.ranked import LOG_LIKELIHOOD, PARTICIPANT, PARTICIPANTS, quantities
 from softness_bayes.inference.sampling import Sampled, Settings
+from softness_bayes.inference.uniformity import simultaneous_band
 from softness_bayes.inference.workers import Workers
 from softness_bayes.plotting.calibration import rank_ecdf_figure
 from softness_bayes.run import RunOptions
 from softness_bayes.storage.lock import Lock
+from softness_bayes.touch.membrane import PAPER_CHANNELS
 
 # exact posteriors: slope and intercept of a line, known noise
 
@@ -100,14 +107,73 @@ def test_judgement_of_exact_ranks():
     assert judged.spread_p > 0.5
 
 
-def test_resolution_is_the_width_that_raises_the_alarm(rng):
-    calibration = Calibration(("x",), rng.integers(DRAWS + 1, size=(400, 1)))
-    assert 1.05 < calibration.resolution < 1.15
-    z = norm.ppf((np.arange(400) + 0.5) / 400)
-    for spread, alarm in ((0.97 * calibration.resolution, False), (1.03 * calibration.resolution, True)):
-        rank = np.floor(norm.cdf(spread * z) * (DRAWS + 1)).astype(int)[:, None]
-        assert (replace(calibration, rank=rank).judge()["x"].spread_p < calibration.threshold) == alarm
-    assert Calibration(("x",), np.zeros((20, 1), int)).resolution > 1.4
+def test_a_right_model_raises_the_alarm_as_seldom_as_is_said(rng):
+    """Whole tables of independent quantities, by the rule that the stated power is simulated with."""
+    names, size, tables = 9, 60, 6000
+    alarm = Alarm(size, DRAWS, FALSE_ALARM / (2 * names))
+    rank = rng.integers(DRAWS + 1, size=(names * tables, size))
+    alarms = alarm.raised(rank).reshape(tables, names).any(axis=1).mean()
+    assert 0.0 < alarms < FALSE_ALARM + 3 * math.sqrt(FALSE_ALARM / tables)
+
+
+def test_the_simulated_rule_is_the_verdicts(rng):
+    """The same tables, some at fault, judged one by one and all at once."""
+    z = rng.standard_normal((60, 80)) * np.linspace(0.6, 1.7, 60)[:, None] + rng.normal(0, 0.3, 60)[:, None]
+    rank = np.floor(norm.cdf(z) * (DRAWS + 1)).astype(int)
+    calibration = Calibration(("x", "y"), np.zeros((80, 2), int))
+    one_by_one = []
+    for row in rank:
+        judged = Calibration(("x",), row[:, None]).judge()["x"]
+        one_by_one.append(min(judged) < calibration.threshold)
+    assert 10 < sum(one_by_one) < 50
+    np.testing.assert_array_equal(Alarm(80, DRAWS, calibration.threshold).raised(rank), one_by_one)
+
+
+def ranked(rng, tables, size, width=1.0, shift=0.0):
+    """Ranks of a truth among draws of a normal posterior, drawn and counted."""
+    truth, draws = rng.standard_normal((tables, size, 1)), rng.standard_normal((tables, size, DRAWS))
+    return (draws < width * truth + shift).sum(axis=-1)
+
+
+def test_the_stated_fault_is_found_nine_times_in_ten(rng):
+    """In other tables, made of truths and draws themselves."""
+    size, tables = 60, 600
+    calibration = Calibration(("x", "y", "z"), np.zeros((size, 3), int))
+    width, shift = calibration.least_width, calibration.least_shift
+    assert 1.2 < width.value < 1.6
+    assert 0.3 < shift.value < 0.8
+    assert max(width.error, shift.error) < 0.01
+    alarm = Alarm(size, DRAWS, calibration.threshold)
+    for fault in ({"width": width.value}, {"shift": shift.value}, {"shift": -shift.value}):
+        found = alarm.raised(ranked(rng, tables, size, **fault)).mean()
+        assert found == pytest.approx(0.9, abs=4 * math.sqrt(0.09 / tables))
+    # half of either is found far less often
+    for fault in ({"width": 0.5 + 0.5 * width.value}, {"shift": 0.5 * shift.value}):
+        assert alarm.raised(ranked(rng, tables, size, **fault)).mean() < 0.5
+
+
+def test_power_of_the_default_calibration():
+    """What an independent audit found for 14 quantities: 28 % at 1.17, 73 % at 1.25."""
+    threshold = FALSE_ALARM / 28
+    assert power(200, DRAWS, threshold, width=1.17) == pytest.approx(0.28, abs=0.04)
+    assert power(200, DRAWS, threshold, width=1.25) == pytest.approx(0.73, abs=0.04)
+    assert power(200, DRAWS, threshold) < 0.005
+
+
+def test_the_law_of_ranks(rng):
+    np.testing.assert_allclose(rank_law(DRAWS), 1 / (DRAWS + 1), rtol=1e-6)
+    found = np.bincount(ranked(rng, 1, 40_000, 1.4, 0.3)[0], minlength=DRAWS + 1) / 40_000
+    np.testing.assert_allclose(found, rank_law(DRAWS, 1.4, 0.3), atol=0.004)
+    assert np.abs(found - 0.01).max() > 0.01
+
+
+def test_more_replicates_see_smaller_faults():
+    few, more = (Calibration(("x",), np.zeros((size, 1), int)) for size in (20, 120))
+    assert few.least_width.value > 1.5 > more.least_width.value
+    assert few.least_shift.value > more.least_shift.value
+    assert (few.enough, more.enough) == (False, True)
+    assert 20 < few.needed <= 120
+    assert not math.isfinite(Calibration(("x",), np.zeros((1, 1), int)).least_width.value)
 
 
 def test_coverage_counts_ranks():
@@ -190,8 +256,8 @@ def fits(assume, count, processes=1):
 
 def test_fits_of_the_fake_scene_are_calibrated_and_mistakes_are_seen():
     calibration = fits(right, 8)
-    assert calibration.names == ("gamma", "tau", "varsigma", "mu", LOG_LIKELIHOOD)
-    assert calibration.rank.shape == (8, 5)
+    assert calibration.names == ("gamma", "tau", "varsigma", "mu", LOG_LIKELIHOOD, PARTICIPANT, PARTICIPANTS)
+    assert calibration.rank.shape == (8, 7)
     assert calibration.faults() == []
     assert any("gamma" in fault for fault in fits(wrong_sign, 5).faults())
     assert fits(wrong_variance, 5).faults()
@@ -203,6 +269,63 @@ def test_many_fits_of_the_fake_scene():
     assert fits(right, 150, processes).faults() == []
     for mistake in (narrowed, wrong_variance, wrong_sign):
         assert fits(mistake, 150, processes).faults(), mistake.__name__
+
+
+# what is ranked
+
+
+@pytest.fixture(scope="module")
+def pool():
+    """All that is ranked at prior draws of a small scene, of which some turn over and some do not."""
+    small = CalibrationScene(Fabrics(tuple("abcd"), effective_modulus=np.geomspace(5e3, 1e6, 4)), participants=3)
+    posterior = small.posterior(RunOptions(fix=PAPER_CHANNELS._asdict()))
+    rng = np.random.default_rng(5)
+    theta = posterior.space.draw_prior(rng, 1500)
+    parameters, rate = posterior.rating_parameters(theta), posterior.mean_rate(theta)
+    return posterior, theta, quantities(posterior, theta, posterior.observation.draw_effects(rng, rate, parameters))
+
+
+def test_turning_points_are_those_of_the_fine_curve(pool):
+    posterior, theta, found = pool
+    names = ("b", "m", "alpha", "beta", "sigma_0", "gamma", "tau", "varsigma", "eps", "mu", LOG_LIKELIHOOD)
+    places = tuple(f"{what}[{load}]" for what in ("turns", "turning_point_kpa") for load in ("1.5 mm", "2.5 mm"))
+    assert tuple(found) == (*names, PARTICIPANT, PARTICIPANTS, *places)
+    few = slice(0, 40)
+    grid = curve_scene(posterior.scene, 801)
+    rate = grid.total_rate(posterior.space.touch(theta[few])).reshape(40, 2, 801)[:, 1]
+    fine, top = grid.modulus[:801] * 1e-3, rate.argmax(axis=-1)
+    turn, place = found["turns[2.5 mm]"][few], found["turning_point_kpa[2.5 mm]"][few]
+    assert 5 < turn.sum() < 35
+    np.testing.assert_array_equal(place > 0, turn == 1)
+    np.testing.assert_allclose(place[turn == 1], fine[top][turn == 1], rtol=0.05)
+    drop = 1 - np.maximum(rate[:, 0], rate[:, -1]) / np.maximum(rate.max(axis=-1), 1e-9)
+    np.testing.assert_array_equal(turn == 1, (drop >= LEAST_DROP) & (rate.max(axis=-1) > 0))
+
+
+def test_turns_and_their_places_have_uniform_ranks_where_some_have_none(pool, rng):
+    """Truth and draws from one law: whether the truth turns over or not, none is left out."""
+    found = pool[2]
+    names = [name for name in found if name.startswith(("turn", "participant"))]
+    table = np.column_stack([found[name] for name in names])
+    picked = [table[rng.choice(len(table), DRAWS + 1, replace=False)] for _ in range(300)]
+    rank = np.array([ranks(each[0], each[1:], rng) for each in picked])
+    assert Calibration(tuple(names), rank).faults() == []
+    # truths without a turning point left out: those that are left are ranked too high
+    turn, place = names.index("turns[2.5 mm]"), names.index("turning_point_kpa[2.5 mm]")
+    kept = np.array([each[0, turn] == 1 for each in picked])
+    assert 50 < kept.sum() < 250
+    assert Calibration(("place",), rank[kept][:, [place]]).faults()
+
+
+@pytest.mark.parametrize("wrong", [0.0, 1.2], ids=["right", "odds too high"])
+def test_the_probability_of_a_turn_is_held_against_turns(rng, wrong):
+    log_odds = rng.normal(0, 1.5, 300)
+    truth = rng.random(300) < expit(log_odds)
+    draws = rng.random((300, DRAWS)) < expit(log_odds + wrong)[:, None]
+    rank = np.array([ranks(np.array([t]), d[:, None], rng) for t, d in zip(truth, draws, strict=True)])
+    faults = Calibration(("turns",), rank).faults()
+    assert bool(faults) == bool(wrong)
+    assert not wrong or faults[0].startswith("turns (too high")
 
 
 # files
@@ -274,13 +397,13 @@ def test_what_is_written_says_how_it_went(tmp_path):
 
     table = pd.read_csv(tmp_path / "ranks.csv", index_col="replicate")
     assert list(table) == [
-        *("steps", "autocorrelation_time", "converged", "gamma", "mu", LOG_LIKELIHOOD),
-        *("true_gamma", "true_mu", f"true_{LOG_LIKELIHOOD}"),
+        *("steps", "autocorrelation_time", "converged", "gamma", "mu", LOG_LIKELIHOOD, PARTICIPANT, PARTICIPANTS),
+        *("true_gamma", "true_mu", f"true_{LOG_LIKELIHOOD}", f"true_{PARTICIPANT}", f"true_{PARTICIPANTS}"),
     ]
     assert table.index.tolist() == [0, 1]
     coverage = pd.read_csv(tmp_path / "coverage.csv", index_col=["quantity", "mass"])
     assert {"expected", "covered", "share", "low", "high", "uniform_p", "spread_p", "spread"} == {*coverage}
-    assert len(coverage) == 12
+    assert len(coverage) == 20
     assert done.unconverged > 0
     said = f"Not decided: 2 replicates (0 ran longer than 2000 steps, {done.unconverged} did not converge)"
     assert (tmp_path / "verdict.txt").read_text().startswith(said)
@@ -297,7 +420,10 @@ def test_replicates_that_ran_longer_or_did_not_converge_are_counted_and_kept():
     even = {k: made_up(k) for k in range(100)}
     fine = Calibrated(even)
     assert fine.passed
-    assert fine.sentence().startswith("Calibrated: 100 replicates (0 ran longer than 2000 steps, 0 did not")
+    said = fine.sentence()
+    assert said.startswith("Calibrated: 100 replicates (0 ran longer than 2000 steps, 0 did not")
+    assert f"A posterior {fine.calibration.least_width.value:.2f} ± 0.01 times too narrow" in said
+    assert f"shifted by {fine.calibration.least_shift.value:.2f} ± 0.01 of its standard deviations" in said
     late = Calibrated(even | {7: made_up(7, steps=9000), 8: made_up(8, converged=False)})
     assert not late.passed
     assert "(1 ran longer than 2000 steps, 1 did not converge)" in late.sentence()
@@ -308,6 +434,24 @@ def test_replicates_that_ran_longer_or_did_not_converge_are_counted_and_kept():
     wrong = Calibrated({k: made_up(99) for k in range(100)})
     assert wrong.sentence().startswith("Not calibrated: 100 replicates")
     assert "gamma (too " in wrong.sentence()
+
+
+def test_few_replicates_are_too_few_to_tell():
+    """Six of which half lie outside a 90 % interval raise no alarm, and are not called calibrated."""
+    from softness_bayes.calibrate import Calibrated
+
+    found = Calibrated({k: made_up(rank) for k, rank in enumerate((1, 2, 40, 55, 60, 98))})
+    assert found.calibration.faults() == []
+    assert next(row for row in found.calibration.coverage() if row["mass"] == 0.9)["share"] == 0.5
+    said = found.sentence()
+    assert said.startswith("Too few replicates to tell: 6 replicates")
+    assert "Calibrated" not in said
+    assert f"To find one 1.5 times too narrow takes about {found.calibration.needed} replicates" in said
+    assert not found.passed
+    alone = Calibrated({0: made_up(3)}).sentence()
+    assert "No fault would have raised it nine times in ten" in alone
+    # few may be enough to see a gross fault
+    assert Calibrated({k: made_up(99) for k in range(12)}).sentence().startswith("Not calibrated: 12 replicates")
 
 
 # figure and command
@@ -322,9 +466,28 @@ def test_the_figure_shows_the_distribution_function_and_its_band(rng):
     np.testing.assert_allclose(lines["ecdf/1"].get_ydata(), 1 - x)
     bands = {area.get_gid() for axes in figure.axes for area in axes.collections}
     assert bands == {"band/0", "band/1"}
+    assert figure.axes[0].get_title(loc="left") == "gamma"
+    assert figure.axes[1].get_title(loc="left") == "mu: too narrow"
     for wrong in (rank[:, :1], rank + 5):
         with pytest.raises(InputError, match="calibration figure"):
             rank_ecdf_figure(wrong, DRAWS, ["gamma", "mu"])
+
+
+def test_a_curve_leaves_its_band_where_the_verdict_says_so(rng):
+    """Ranks at, and just beyond, what the verdict bears: figure and sentence change sides together."""
+    sides = []
+    for shift in (0.2, 0.45, 0.5, 0.55, 0.9):
+        rank = np.column_stack([ranked(np.random.default_rng(3), 1, 100, shift=shift)[0], rng.integers(100, size=100)])
+        calibration = Calibration(("b", "m"), rank)
+        axes = rank_ecdf_figure(rank, DRAWS, calibration.names).axes[0]
+        (curve,) = (line.get_ydata() for line in axes.lines if line.get_gid() == "ecdf/0")
+        band = simultaneous_band(100, calibration.points, 1 - calibration.threshold)
+        drawn = axes.collections[0].get_datalim(axes.transData)
+        np.testing.assert_allclose([drawn.y0, drawn.y1], [min(band.low - band.points), max(band.high - band.points)])
+        low, high = band.low - band.points - 1e-9, band.high - band.points + 1e-9
+        sides.append(bool(((curve < low) | (curve > high)).any()))
+        assert sides[-1] == (calibration.judge()["b"].uniform_p < calibration.threshold)
+    assert set(sides) == {False, True}
 
 
 def test_the_command_from_end_to_end(tmp_path):

@@ -69,10 +69,11 @@ def command(
     """Check the whole inference by simulation: whether posteriors hold the truth as often as they say.
 
     Draws parameters from the prior, simulates ratings, samples their posterior until it has converged, and
-    ranks the truth among its draws; the ranks of every parameter, of mu and of the log-likelihood must be
-    uniform. Without fabrics and loads a small scene is rated. Writes to --out: a file per replicate (an
-    interrupted run continues where it was), ranks.csv, coverage.csv, ecdf.png and verdict.txt. Exit code
-    3: some replicates have not converged; 4: not calibrated.
+    ranks the truth among its draws. The ranks must be uniform: of every parameter, mu, the log-likelihood,
+    participants' effects, and under each load of whether and where the response turns over. The verdict says
+    which faults so many replicates could have seen. Without fabrics and loads a small scene is rated. Writes
+    to --out: a file per replicate (an interrupted run continues where it was), ranks.csv, coverage.csv,
+    ecdf.png and verdict.txt. Exit code 3: some replicates have not converged; 4: not calibrated.
     """
     from softness_bayes.calibrate import FIGURE, USUAL_FABRICS, USUAL_LOADS, CalibrationScene, calibrate
     from softness_bayes.data import Fabrics, loads_of

@@ -15,11 +15,14 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import chdtr, chdtrc, chdtri, ndtri
+from scipy.special import chdtr, chdtrc
 from scipy.stats import binom
 
 from softness_bayes.inference.observation import LogRatings
 from softness_bayes.inference.posterior import Observation, Posterior
+from softness_bayes.inference.random_effects import Effects
+from softness_bayes.inference.rank_power import Least, least_shift, least_width, replicates_needed, squared_scores
+from softness_bayes.inference.ranked import quantities
 from softness_bayes.inference.sampling import Sampled, Settings, sample_until
 from softness_bayes.inference.uniformity import uniformity_p_value
 
@@ -35,19 +38,21 @@ MASSES = (0.5, 0.8, 0.9, 0.95)
 FALSE_ALARM = 0.01
 """Probability that a right model is called not calibrated, shared between all tests."""
 
-LOG_LIKELIHOOD = "log_likelihood"
-"""Name of the joint log-likelihood among the ranked quantities."""
+LARGEST_WIDTH = 1.5
+"""How many times too narrow a posterior may be that would be found only just: beyond it there are too few replicates.
+
+A 90 % interval of such a posterior holds the truth in 73 % of cases."""
 
 
 class Replicate(NamedTuple):
     """What one fit of simulated ratings said of the values that they were made from."""
 
     names: tuple[str, ...]
-    """Ranked quantities: the sampled parameters, mu, and the log-likelihood."""
+    """Ranked quantities, those of `ranked.quantities`."""
     rank: tuple[int, ...]
     """Number of the `DRAWS` posterior draws below the true value."""
     truth: tuple[float, ...]
-    """True values, in natural units."""
+    """True values, in natural units; of a turning point that the truth does not have, 0."""
     steps: int
     """Steps that each ensemble walked."""
     tau: float
@@ -89,28 +94,28 @@ def replicate(
     made, walk = (np.random.SeedSequence(seed, spawn_key=(index, part)) for part in (0, 1))
     rng = np.random.default_rng(made)
     theta = posterior.space.draw_prior(rng, 1)[0]
-    observation, mu = _simulate(posterior.observation, posterior, theta, rng)
+    observation, true_effects = _simulate(posterior.observation, posterior, theta, rng)
     fitted = replace(posterior, observation=assume(observation))
     sampled = sample_until(fitted, settings, walk)
     draws = fitted.natural(independent(sampled, DRAWS, rng))
     effects = observation.draw_effects(rng, fitted.mean_rate(draws), fitted.rating_parameters(draws))
-    truth = np.array([*theta, mu, fitted.log_likelihood(theta[None])[0]])
-    among = np.column_stack([draws, effects.mu, fitted.log_likelihood(draws)])
+    true = quantities(fitted, theta[None], true_effects)
+    among = quantities(fitted, draws, effects)
+    truth = np.concatenate([*true.values()])
+    rank = tuple(int(r) for r in ranks(truth, np.column_stack([*among.values()]), rng))
     tau = float(sampled.verdict.tau.max())
-    names = (*posterior.names, "mu", LOG_LIKELIHOOD)
-    rank = tuple(int(r) for r in ranks(truth, among, rng))
-    return Replicate(names, rank, tuple(truth.tolist()), sampled.verdict.steps, tau, sampled.verdict.converged)
+    return Replicate((*true,), rank, tuple(truth.tolist()), sampled.verdict.steps, tau, sampled.verdict.converged)
 
 
 def _simulate(
     observation: LogRatings, posterior: Posterior, theta: FloatArray, rng: np.random.Generator
-) -> tuple[LogRatings, float]:
-    """Return ratings made at a point of the prior, and their mu."""
+) -> tuple[LogRatings, Effects]:
+    """Return ratings made at a point of the prior, and their effects as a batch of one."""
     design, model = observation.design, observation.model
     parameters, rate = posterior.rating_parameters(theta), posterior.mean_rate(theta)
     effects = model.draw_effects(rng, parameters, (), design.n_participants, design.n_fabrics)
     ratings = model.draw_ratings(rng, design, model.drive(design, rate, parameters), parameters, effects)
-    return LogRatings(ratings, design, model), float(effects.mu)
+    return LogRatings(ratings, design, model), Effects(*(each[None] for each in effects))
 
 
 def independent(sampled: Sampled, count: int, rng: np.random.Generator) -> FloatArray:
@@ -193,23 +198,31 @@ class Calibration:
         return {name: self._judge(k) for k, name in enumerate(self.names)}
 
     def _judge(self, quantity: int) -> Judged:
-        squares, freedom = self._squared_scores
+        squares, freedom = squared_scores(len(self.rank), self.draws)
         relative = float(squares[self.rank[:, quantity]].mean() / squares.mean())
         tails = chdtr(freedom, relative * freedom), chdtrc(freedom, relative * freedom)
         uniform = uniformity_p_value(self.positions[:, quantity], self.points)
         return Judged(uniform, float(min(1.0, 2.0 * min(tails))), math.sqrt(relative))
 
     @property
-    def _squared_scores(self) -> tuple[FloatArray, float]:
-        """Squared normal score of every rank, and degrees of freedom of the chi-squared law like their sum's."""
-        squares = ndtri((np.arange(self.draws + 1) + 0.5) / (self.draws + 1)) ** 2
-        return squares, float(2.0 * len(self.rank) * squares.mean() ** 2 / squares.var())
+    def least_width(self) -> Least:
+        """How many times too narrow a posterior is that these replicates find nine times in ten."""
+        return least_width(len(self.rank), self.draws, self.threshold)
 
     @property
-    def resolution(self) -> float:
-        """How many times too narrow a posterior's intervals must be to raise the alarm by their spread."""
-        _, freedom = self._squared_scores
-        return math.sqrt(float(chdtri(freedom, 0.5 * self.threshold)) / freedom)
+    def least_shift(self) -> Least:
+        """How far a posterior is shifted, in its standard deviations, that they find as often."""
+        return least_shift(len(self.rank), self.draws, self.threshold)
+
+    @property
+    def enough(self) -> bool:
+        """Whether they find posteriors `LARGEST_WIDTH` times too narrow as often: else uniform ranks say little."""
+        return self.least_width.value <= LARGEST_WIDTH
+
+    @property
+    def needed(self) -> int:
+        """Replicates, in tens, that would be enough."""
+        return replicates_needed(self.draws, self.threshold, LARGEST_WIDTH)
 
     @property
     def threshold(self) -> float:
@@ -218,14 +231,18 @@ class Calibration:
 
     def faults(self) -> list[str]:
         """Say of every quantity that fails a test what is wrong with its posterior."""
-        found = []
+        return [f"{name} ({fault})" for name, fault in self.fault_of().items()]
+
+    def fault_of(self) -> dict[str, str]:
+        """What is wrong with the posterior of every quantity that fails a test, by name."""
+        found = {}
         for (name, judged), position in zip(self.judge().items(), self.positions.T, strict=True):
             if judged.spread_p < self.threshold:
                 kind = "narrow" if judged.spread > 1.0 else "wide"
-                found.append(f"{name} (too {kind}: scores spread {judged.spread:.2f} times, p = {judged.spread_p:.1g})")
+                found[name] = f"too {kind}: scores spread {judged.spread:.2f} times, p = {judged.spread_p:.1g}"
             elif judged.uniform_p < self.threshold:
                 side = "high" if position.mean() < 0.5 else "low"
-                found.append(f"{name} (too {side}: ranks not uniform, p = {judged.uniform_p:.1g})")
+                found[name] = f"too {side}: ranks not uniform, p = {judged.uniform_p:.1g}"
         return found
 
     def coverage(self) -> list[dict[str, float | str | int]]:

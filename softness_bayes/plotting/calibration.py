@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from softness_bayes.errors import InputError
+from softness_bayes.inference.calibration import Calibration
 from softness_bayes.inference.uniformity import simultaneous_band
 from softness_bayes.plotting.panels import free_panels
 from softness_bayes.plotting.style import USUAL, Style
@@ -17,10 +18,11 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-def rank_ecdf_figure(
-    ranks: ArrayLike, draws: int, labels: Sequence[str], probability: float = 0.95, *, style: Style = USUAL
-) -> Figure:
-    """Draw the distribution function of each quantity's ranks minus the uniform one, with simultaneous limits.
+def rank_ecdf_figure(ranks: ArrayLike, draws: int, labels: Sequence[str], *, style: Style = USUAL) -> Figure:
+    """Draw the distribution function of each quantity's ranks minus the uniform one, with the verdict's limits.
+
+    A curve leaves its band exactly where the verdict calls its ranks not uniform. What else it finds, intervals of
+    a wrong width, is in the panel's title.
 
     Parameters
     ----------
@@ -30,8 +32,6 @@ def rank_ecdf_figure(
         Posterior draws that each true value was ranked among.
     labels
         Names of the quantities.
-    probability
-        With which a calibrated quantity's curve lies inside its band as a whole.
     style
         How it looks.
 
@@ -50,8 +50,9 @@ def rank_ecdf_figure(
         raise InputError(f"calibration figure: ranks of shape {ranks.shape} for {len(labels)} quantities")
     if ranks.min() < 0 or ranks.max() > draws:
         raise InputError(f"calibration figure: ranks from {ranks.min()} to {ranks.max()}, expected 0 to {draws}")
-    points = np.arange(1, draws + 1) / (draws + 1)
-    band = simultaneous_band(len(ranks), points, probability)
+    calibration = Calibration(tuple(labels), ranks, draws)
+    points, faults = calibration.points, calibration.fault_of()
+    band = simultaneous_band(len(ranks), points, 1.0 - calibration.threshold)
     with style.applied():
         grid = free_panels(len(labels), style, columns=4, height=1.2)
         for place, (axes, label) in enumerate(zip(grid.panels, labels, strict=True)):
@@ -61,7 +62,8 @@ def rank_ecdf_figure(
             )
             area.set_gid(f"band/{place}")
             axes.plot(points, share - points, color=style.posterior, drawstyle="steps-mid")[0].set_gid(f"ecdf/{place}")
-            axes.set(title=label, xlim=(0, 1), xlabel="rank / draws")
+            said = f"{label}: {faults[label].partition(':')[0]}" if label in faults else label
+            axes.set(title=said, xlim=(0, 1), xlabel="rank / draws")
         for axes in grid.leftmost:
             axes.set_ylabel("ECDF − uniform")
     return grid.figure
