@@ -20,11 +20,11 @@ from softness_bayes.data.ratings import LOAD_COLUMNS
 from softness_bayes.illustrations import membrane_illustration, touch_illustration
 from softness_bayes.inference.chains import Chains
 from softness_bayes.inference.checks import FabricCheck, check_fabrics
-from softness_bayes.inference.curves import Inflection, curve_scene, find_inflection, response_curves
+from softness_bayes.inference.curves import curve_scene, find_inflection, response_curves
 from softness_bayes.inference.diagnostics import Verdict
 from softness_bayes.inference.exactness import EXACT_RATES, SAME_RATES, Exactness, compare, resample
 from softness_bayes.inference.observation import RatingParameters
-from softness_bayes.inference.parameters import EVERY_PARAMETER
+from softness_bayes.inference.parameters import EVERY_PARAMETER, PARAMETERS, ParameterSpace
 from softness_bayes.inference.pieces import part_of, pieces
 from softness_bayes.inference.posterior import Posterior
 from softness_bayes.inference.predictive import ExponentCheck, LooPit, check_exponents, loo_pit
@@ -32,7 +32,6 @@ from softness_bayes.inference.scales import ObservedRatings
 from softness_bayes.inference.summary import reweighted, summarise
 from softness_bayes.inference.workers import Workers
 from softness_bayes.plate_groups import plate_attributes, plate_coordinates, plate_groups
-from softness_bayes.silence import eps_table
 from softness_bayes.touch.parameters import TouchParameters
 from softness_bayes.touch.scene import Scene
 from softness_bayes.variables import Groups, Variable, evenly, merged, named, sampled_groups, tree_of
@@ -138,7 +137,6 @@ class Assembly:
         self.prior = posterior.space.draw_prior(rng, PRIOR_DRAWS)
         self.reweight = reweight
         self.error = self._error()
-        self.turn: Inflection | None = None
 
     def tree(self, attributes: Mapping[str, Any]) -> xr.DataTree:
         """Return the groups of the result, with `attributes` as their provenance."""
@@ -172,6 +170,7 @@ class Assembly:
             "exponent_p_value": exponents.p_value,
             "exponent_deviation": exponents.deviation,
             **self._shares(),
+            **_held_eps(self.posterior.space),
             **plate_found,
         }
         shown, axes = self._illustrations(groups["predictions"]["inflection_e_fab_kpa"].values[0] * 1e3)
@@ -192,15 +191,6 @@ class Assembly:
         if not self.reweight:
             return table
         return reweighted(table, draws[evenly(self.theta.shape, REWEIGHT_DRAWS)], self.exactness.log_weight)
-
-    def eps_table(self) -> pd.DataFrame | None:
-        """Return how far conclusions rest on eps; None where it is sampled, or the model has none."""
-        if self.turn is None or "eps" not in self.posterior.space.held:
-            return None
-        draws = self._pick(CURVES)
-        named = {name: draws.theta[:, k] for k, name in enumerate(self.posterior.names)}
-        loads = [str(load) for load in self.experiment.ratings.loads]
-        return eps_table(self.ratings, draws.mean_rate, draws.parameters, named, self.turn, loads)
 
     def _picked(self, size: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
         """Return chain and draw of evenly spaced draws, or of as many in proportion to their exact weights."""
@@ -349,7 +339,7 @@ class Assembly:
         draws = self._pick(CURVES)
         curves = response_curves(self.grid, self._touch(draws.theta))
         fabrics = float(self.scene.modulus.min()), float(self.scene.modulus.max())
-        turn = self.turn = find_inflection(curves, self.error, fabrics)
+        turn = find_inflection(curves, self.error, fabrics)
         model, shape = self.model, curves.total_rate.shape
         everywhere = curves.total_rate.reshape(shape[0], -1) / self.scene.n_receptors
         drive = model.drive_at(everywhere, self.ratings.design, draws.mean_rate, draws.parameters)
@@ -434,6 +424,17 @@ class Assembly:
             "contact_beyond_half_radius": beyond.questionable,
             "contact_beyond_radius": beyond.meaningless,
         }
+
+
+def _held_eps(space: ParameterSpace) -> dict[str, str]:
+    """Return what a run that holds eps says of it, as an attribute; nothing where it is sampled or there is none."""
+    if "eps" not in space.held:
+        return {}
+    held, prior = space.held["eps"], PARAMETERS["eps"].prior
+    return {
+        "held_eps": f"eps is held at {held:g} Hz: all intervals take it as known, which no measurement makes it; "
+        f"leave out '--fix eps={held:g}' to sample it too, under its prior {prior}"
+    }
 
 
 def versions() -> dict[str, str]:

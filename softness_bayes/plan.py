@@ -52,7 +52,7 @@ class Draws(NamedTuple):
     parameters: TouchParameters
     """Shape (vectors,)."""
     eps: float | None
-    """What is added to N/N_ref in the logarithm [Hz]; None where there is no logarithm."""
+    """What is added to N/N_ref in the logarithm [Hz], the median where it varies; None where there is no logarithm."""
     usual_channels: bool
     """Whether all channel multipliers vary, under the priors that they have unless others are asked for."""
 

@@ -38,7 +38,6 @@ CHECKPOINT, MANIFEST, LOCK = "checkpoint", "manifest.json", "lock"
 TABLES: Mapping[str, str | list[str]] = {
     "directions": "direction",
     "predictive_checks": ["law", "quantity"],
-    "eps_sensitivity": ["eps_hz", "quantity"],
 }
 """Further tables of a result by the name of their file, with the columns that identify a row."""
 

@@ -318,6 +318,4 @@ def sample(
         tree = assembly.tree({**asked, **outcome(state), **levels})
         summary = assembly.summary().join(learning_table(tree))
         tables = {"directions": direction_table(tree), "predictive_checks": check_table(tree)}
-        if (rests_on_eps := assembly.eps_table()) is not None:
-            tables["eps_sensitivity"] = rests_on_eps
     return Result(tree, summary, tables)

@@ -30,7 +30,7 @@ class FakeScene:
 
 
 def fake_posterior(scene=None, fix=None, **choices):
-    """Posterior of ratings that the fake scene made at the priors' medians; it knows nothing of channels."""
+    """Posterior of ratings that the fake scene made at the priors' medians; channels mean nothing, eps is held."""
     source, rng, model = FakeScene(), np.random.default_rng(0), RatingModel()
     conditions = FABRICS * LOADS
     rows = np.arange(PARTICIPANTS * conditions)
@@ -39,5 +39,5 @@ def fake_posterior(scene=None, fix=None, **choices):
     rate = source.total_rate(space.touch(space.median)) / source.n_receptors
     effects = model.draw_effects(rng, TRUTH, (), PARTICIPANTS, FABRICS, mu=np.log(20))
     ratings = model.draw_ratings(rng, design, model.drive(design, rate, TRUTH), TRUTH, effects)
-    fix = {**PAPER_CHANNELS._asdict(), **(fix or {})}
+    fix = {**PAPER_CHANNELS._asdict(), "eps": 0.1, **(fix or {})}
     return Posterior(parameter_space(fix=fix, **choices), scene or source, LogRatings(ratings, design))

@@ -29,7 +29,7 @@ EVIL = "<script>alert('felt')</script>"
 PERSON = '"><img src=x onerror=alert(1)>'
 CLOTH = Fabrics((EVIL, "lawn", "drill & twill", "gauze"), effective_modulus=np.array([8e4, 2e4, 4e5, 2e5]))
 LOADS = (Indentation(2e-3), Force(1.5))
-HELD = {"m": 2.0, "beta": 0.6, "tau": 0.5, **PAPER_CHANNELS._asdict()}
+HELD = {"m": 2.0, "beta": 0.6, "tau": 0.5, "eps": 0.1, **PAPER_CHANNELS._asdict()}
 COARSE = Discretisation(8, 9.0, 1e-4)
 TYPED = "softness-bayes sample --data 'my ratings.csv' --out results --seed 3"
 OPTIONS = RunOptions(fix=HELD, max_steps=40, processes=1, seed=3, command=TYPED, discretisation=COARSE)
@@ -66,7 +66,7 @@ def ratings_run() -> Result:
 
 def z_score_run() -> Result:
     """Return a run on z-scores."""
-    held = {name: value for name, value in HELD.items() if name != "tau"}
+    held = {name: value for name, value in HELD.items() if name not in ("tau", "eps")}
     with quickly():
         return sample(experiment(standardised=True), replace(OPTIONS, fix=held, scale=STANDARDISED))
 

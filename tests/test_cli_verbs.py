@@ -32,6 +32,7 @@ HELD = {
     "c_L": 1.0,
     "c_A": 1.5,
     "tau": 0.6,
+    "eps": 0.1,
 }
 QUICK = ["--max-steps", "20", "--processes", "1", "--no-figures"]
 FIXED = [part for name, value in HELD.items() for part in ("--fix", f"{name}={value}")]
@@ -194,9 +195,11 @@ def test_a_run_that_has_not_converged_ends_with_3_and_its_files(alone):
     assert done.returncode == 3, done.stderr
     assert "Traceback" not in done.stderr
     written = {path.name for path in (directory / "results").iterdir()}
-    tables = {"summary.csv", "directions.csv", "predictive_checks.csv", "eps_sensitivity.csv"}
+    tables = {"summary.csv", "directions.csv", "predictive_checks.csv"}
     assert written == {"checkpoint", "posterior.nc", *tables}
     assert "prior-driven" in done.stdout
+    assert "eps is held at 0.1 Hz: all intervals take it as known" in done.stdout
+    assert "leave out '--fix eps=0.1' to sample it too" in done.stdout
     assert done.stdout.count("inflection reproduced?") == 1
     assert "Not converged after 20 steps" in done.stdout
     assert "not converged" in done.stderr

@@ -37,7 +37,7 @@ CLOTH = Fabrics(
     poisson_ratio=np.array([0.2, 0.3, 0.25, 0.3]),
 )
 LOADS = (Indentation(2e-3),)
-HELD = {"b": 100.0, "m": 2.0, "alpha": 21.5, "beta": 0.6, "sigma_0": 6.0, "tau": 0.5}
+HELD = {"b": 100.0, "m": 2.0, "alpha": 21.5, "beta": 0.6, "sigma_0": 6.0, "tau": 0.5, "eps": 0.1}
 HELD |= {"c_Na": 1.05, "c_K": 1.16, "c_L": 1.0, "c_A": 1.5}
 BRIEF = Settings(ensembles=2, max_steps=60, processes=1, pilot=(20,), optima=1, goal=Goal(lengths=1.0, looks=1))
 
@@ -259,7 +259,7 @@ def test_what_is_not_comparable_is_refused(results, experiment):
         compare({"a": right, "b": same})
     scores = (np.log(experiment.ratings.rating) - 3) / 2
     scores = experiment._replace(ratings=dataclasses.replace(experiment.ratings, rating=scores))
-    held = {name: value for name, value in HELD.items() if name != "tau"}
+    held = {name: value for name, value in HELD.items() if name not in ("tau", "eps")}
     fitted = sample(scores, dataclasses.replace(quick, fix=held, scale=STANDARDISED))
     with pytest.raises(InputError, match="z-scores are not ranked against fits to ratings"):
         compare({"a": right, "b": fitted})

@@ -27,7 +27,7 @@ def test_density_is_prior_times_likelihood_times_jacobian(posterior):
 
 def test_density_in_sampler_coordinates_is_one_law_with_that_in_natural_units():
     """One free parameter: the same probability of an interval, integrated on either axis."""
-    fixed = {name: p.prior.median for name, p in PARAMETERS.items() if name not in ("gamma", "omega", "eps")}
+    fixed = {name: p.prior.median for name, p in PARAMETERS.items() if name not in ("gamma", "omega")}
     posterior = fake_posterior(fix=fixed)
     assert posterior.names == ("gamma",)
     top = float(posterior(np.zeros((1, 1)))[0])

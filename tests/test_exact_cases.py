@@ -23,7 +23,7 @@ SETTINGS = Settings(ensembles=2, processes=1, pilot=(60, 60))
 
 def held(*free):
     """Every usually sampled parameter at its prior's median but for the free ones."""
-    usual = [name for name in PARAMETERS if name not in ("omega", "eps")]
+    usual = [name for name in PARAMETERS if name != "omega"]
     return {name: PARAMETERS[name].prior.median for name in usual if name not in free}
 
 

@@ -28,7 +28,7 @@ from softness_bayes.touch.readings import CLASSICAL, MENDED
 CLOTH = Fabrics(("felt", "lawn", "drill", "gauze"), effective_modulus=np.array([8e4, 2e4, 4e5, 2e5]))
 LOADS = (Indentation(2e-3), Force(1.5))
 HELD = {"m": 2.0, "beta": 0.6, "c_Na": 1.05, "c_K": 1.16, "c_L": 1.0, "c_A": 1.5}
-SAMPLED = ["b", "alpha", "sigma_0", "gamma", "tau", "varsigma"]
+SAMPLED = ["b", "alpha", "sigma_0", "gamma", "tau", "varsigma", "eps"]
 UNITS = {"b": "kPa", "m": "–", "alpha": "µA/cm²", "beta": "1/kPa", "sigma_0": "kPa", "eps": "Hz"}
 PRIORS = {
     "b": lognorm(0.5, scale=100),
@@ -37,6 +37,7 @@ PRIORS = {
     "gamma": lognorm(0.3),
     "tau": halfnorm,
     "varsigma": halfnorm(scale=0.5),
+    "eps": lognorm(1, scale=0.1),
 }
 PARTICIPANTS, ROWS, MISSING = 5, 32, 8
 
@@ -90,7 +91,7 @@ def theta_of(dataset, prefix=""):
 
 
 def test_groups_and_their_variables(result):
-    held = [*HELD, "omega", "eps"]
+    held = [*HELD, "omega"]
     groups = {
         "posterior": {*SAMPLED, "mu", "participant_effect"},
         "sample_stats": {"lp", "acceptance_rate", "exact_difference", "exact_log_weight"},
@@ -107,7 +108,7 @@ def test_groups_and_their_variables(result):
         assert {*result.group(group).data_vars} == variables, group
     assert {*held} <= {*result.group("constant_data").data_vars}
     assert len(result.group("log_likelihood").data_vars) == 1
-    values = {**HELD, "omega": 0.0, "eps": 0.1}
+    values = {**HELD, "omega": 0.0}
     for name, value in values.items():
         assert result.group("constant_data")[name].ndim == 0
         assert result.group("constant_data")[name] == value
@@ -116,9 +117,9 @@ def test_groups_and_their_variables(result):
 def test_dimensions_and_coordinates(result):
     posterior = result.group("posterior")
     chains, draws = posterior.sizes["chain"], posterior.sizes["draw"]
-    assert chains == 4 * 24  # four ensembles of four walkers for each parameter
+    assert chains == 4 * 28  # four ensembles of four walkers for each parameter
     assert posterior["ensemble"].dims == ("chain",)
-    assert posterior["ensemble"].values.tolist() == [e for e in range(4) for _ in range(24)]
+    assert posterior["ensemble"].values.tolist() == [e for e in range(4) for _ in range(28)]
     assert posterior["participant_effect"].dims == ("chain", "draw", "participant")
     assert posterior["participant"].values.tolist() == ["P1", "P2", "P3", "P4", "P5"]
     for group in ("sample_stats", "log_prior", "log_likelihood"):
@@ -169,11 +170,11 @@ def test_provenance(result):
     assert found["prior_b"] == "lognormal(100,0.5)"
     assert "prior_m" not in found
     assert found["converged"] == 0
-    assert found["verdict"].startswith("Not converged after 200 steps of 4 x 24 walkers")
+    assert found["verdict"].startswith("Not converged after 200 steps of 4 x 28 walkers")
     assert 0 < found["numerical_error"] < 1e-3
     assert "accuracy" in found
     assert found["discretisation"] == str(scene.Discretisation())
-    assert not result.tables["eps_sensitivity"].empty
+    assert "held_eps" not in found
     assert result.group("constant_data")["finger_radius_mm"] == 8
 
 
@@ -380,7 +381,6 @@ def test_the_summary(result, directory):
 def test_a_result_reads_back_identically(result, directory):
     assert sorted(path.name for path in directory.iterdir()) == [
         "directions.csv",
-        "eps_sensitivity.csv",
         "posterior.nc",
         "predictive_checks.csv",
         "summary.csv",

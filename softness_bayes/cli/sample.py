@@ -89,9 +89,9 @@ def command(
     """Sample the posterior of skin, transduction and rating parameters given ratings.
 
     Runs four independent ensembles until they have converged, or to --max-steps or --max-time, and writes to
-    --out: posterior.nc (draws, predictions, provenance), summary.csv, directions.csv, predictive_checks.csv,
-    eps_sensitivity.csv and figures/. Prints the summary, what the prior decides, where the response turns over
-    under each load, whether the model reproduces it, and a verdict. Exit code 3: not converged.
+    --out: posterior.nc (draws, predictions, provenance), summary.csv, directions.csv, predictive_checks.csv
+    and figures/. Prints the summary, what the prior decides, where the response turns over under each load,
+    whether the model reproduces it, and a verdict. Exit code 3: not converged.
 
     --compression adds the forces of a rigid flat plate on fingerpads, which say what b and m are. Without
     --data the run is on these alone: no response curves, no inflection, but how force grows with indentation.
@@ -254,7 +254,6 @@ def _report(result: Result, out: Path) -> None:
 def _report_ratings(result: Result) -> None:
     """Print inflection and checks of what the ratings say."""
     from softness_bayes.criticism import check_sentences
-    from softness_bayes.silence import eps_sentence
 
     found = result.attributes
     click.echo("\nwhere the response turns over (probabilities; E_fab in kPa, medians and 90 % limits)")
@@ -278,8 +277,8 @@ def _report_ratings(result: Result) -> None:
             f"{found['contact_beyond_half_radius']:.0%} of draws and conditions; beyond R, where it is "
             f"meaningless: {found['contact_beyond_radius']:.0%}"
         )
-    if "eps_sensitivity" in result.tables:
-        click.echo(eps_sentence(result.tables["eps_sensitivity"]))
+    if "held_eps" in found:
+        click.echo(str(found["held_eps"]))
     click.echo(
         f"numerical error of the response: {found['numerical_error']:.1e} of its peak, at most, over draws; "
         f"accuracy: {found['accuracy']}"

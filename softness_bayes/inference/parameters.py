@@ -132,7 +132,7 @@ FINGER_PARAMETERS: Mapping[str, Parameter] = MappingProxyType(
 EVERY_PARAMETER: Mapping[str, Parameter] = MappingProxyType({**PARAMETERS, **FINGER_PARAMETERS})
 """All parameters that a run may sample, by name."""
 
-HELD: Mapping[str, float] = MappingProxyType({"omega": 0.0, "eps": 0.1})
+HELD: Mapping[str, float] = MappingProxyType({"omega": 0.0})
 """Parameters that are held at a value unless they are freed or given a prior."""
 
 LEAST_ODDS = 0.01

@@ -151,6 +151,7 @@ def _information(result: Result) -> Finding:
     told = [str(name) for name in summary.index[summary["contraction"] >= PRIOR_DRIVEN]]
     driven = [str(name) for name in summary.index[summary["contraction"] < PRIOR_DRIVEN]]
     sentences = [f"Told by the data: {', '.join(told) or 'none'}.", *map(sentence, learning_sentences(summary))]
+    sentences += [sentence(str(result.attributes[name])) for name in ("held_eps",) if name in result.attributes]
     return Finding(
         "Which parameters did the data inform?",
         f"{len(told)} of {len(told) + len(driven)}",
