@@ -135,7 +135,7 @@ def coverage_holds(positions: NDArray[np.float64]) -> bool:
 
 
 def test_the_criterion_accepts_exact_intervals_and_refuses_wrong_ones(rng):
-    shape = (REPLICATES, 9)
+    shape = (REPLICATES, 10)
     right = [coverage_holds(rng.uniform(size=shape)) for _ in range(200)]
     assert np.mean(right) > 0.98
     # intervals half as wide as they should be: positions of z in a normal law of half the width
@@ -149,9 +149,9 @@ def test_the_criterion_accepts_exact_intervals_and_refuses_wrong_ones(rng):
 
 def test_the_machinery_on_two_replicates():
     found = fit(Case(overweighted, BRIEF), 2, processes=1)
-    assert found[0].names == ("b", "m", "alpha", "beta", "sigma_0", "gamma", "tau", "varsigma", "mu")
+    assert found[0].names == ("b", "m", "alpha", "beta", "sigma_0", "gamma", "tau", "varsigma", "eps", "mu")
     positions = np.array([one.position for one in found])
-    assert positions.shape == (2, 9)
+    assert positions.shape == (2, 10)
     assert ((positions >= 0) & (positions <= 1)).all()
     assert (positions[0] != positions[1]).any()
 

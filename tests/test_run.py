@@ -221,7 +221,7 @@ def dense(experiment, posterior, theta):
     """Mean and covariance of the log ratings at one point, row by row, from the scene's rates."""
     p = dict(zip(SAMPLED, theta, strict=True))
     rate = posterior.scene.total_rate(posterior.space.touch(theta)) / posterior.scene.n_receptors
-    x = np.log(rate + 0.1)[experiment.ratings.conditions.of_rating]
+    x = np.log(rate + p["eps"])[experiment.ratings.conditions.of_rating]
     person = experiment.ratings.participant
     same = person[:, None] == person
     covariance = 9.0 + p["tau"] ** 2 * same + p["varsigma"] ** 2 * np.eye(x.size)
@@ -321,9 +321,9 @@ def test_curves_are_the_scene_on_the_grid_at_their_draws(result, posterior):
     }.items():
         assert_allclose(stored[name].values[::37], values.reshape(shape), rtol=1e-6)
     # the rating of a typical participant rises with the response to the power gamma
-    x = np.log(rate / posterior.scene.n_receptors + 0.1)
+    eps, gamma = (theta[:, SAMPLED.index(name), None, None] for name in ("eps", "gamma"))
+    x = np.log(rate / posterior.scene.n_receptors + eps)
     log_rating = np.log(stored["typical_rating"].values[::37])
-    gamma = theta[:, SAMPLED.index("gamma"), None, None]
     assert_allclose(log_rating - log_rating[..., :1], gamma * (x - x[..., :1]), atol=1e-4)
     mu = result.group("posterior")["mu"].values
     at_data = np.log(stored["typical_rating"].values).mean(axis=0)
