@@ -64,7 +64,7 @@ def summary(
     if drawing is not None:
         said.append(
             f"One process draws {_short(drawing.ess_per_second)} effective draws of all parameters in a second "
-            f"(tau {drawing.tau:.0f})."
+            f"(autocorrelation time {drawing.tau:.0f} steps)."
         )
     return "\n".join([*rows, "", *said]) + "\n"
 

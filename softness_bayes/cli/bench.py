@@ -95,7 +95,7 @@ def _measure(quick: bool, out: Path) -> None:
     if drawing is not None:
         click.echo(
             f"sampler, all parameters free, one process: {drawing.ess_per_second:.3g} effective draws/s "
-            f"(tau {drawing.tau:.0f} steps, {drawing.lengths:.0f} tau kept"
+            f"(autocorrelation time {drawing.tau:.0f} steps, kept {drawing.lengths:.0f} times"
             + (", too few to trust)" if drawing.lengths < 50 else ")")
         )
     out.mkdir(parents=True, exist_ok=True)

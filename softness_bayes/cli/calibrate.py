@@ -121,7 +121,7 @@ class _Bar:
 
             self._bar = tqdm(total=self._total, unit="replicate", desc="calibrating", leave=False, dynamic_ncols=True)
         self._bar.update(finished - self._bar.n)
-        self._bar.set_postfix_str(f"last one {one.steps} steps, tau {one.tau:.0f}")
+        self._bar.set_postfix_str(f"last one {one.steps} steps, autocorrelation time {one.tau:.0f}")
 
     def close(self) -> None:
         """Clear the line."""

@@ -57,7 +57,7 @@ def command_line() -> str:
 def in_numbers(verdict: Verdict, seconds: float) -> str:
     """Return what the last look at the chains found, in one line."""
     return (
-        f"tau {verdict.tau.max():.0f}, {verdict.lengths:.0f} of {verdict.goal.lengths:.0f} tau, "
+        f"{verdict.lengths:.0f} of {verdict.goal.lengths:.0f} autocorrelation times ({verdict.tau.max():.0f} steps), "
         f"R-hat {verdict.r_hat.max():.3f}, ESS {verdict.ess:.0f} ({verdict.ess / max(seconds, 1e-9):.3g}/s)"
     )
 

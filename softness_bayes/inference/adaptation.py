@@ -46,6 +46,17 @@ class TriangularMap:
         return cls(np.zeros(dimension), np.eye(dimension), np.ones(dimension), bends)
 
     @classmethod
+    def affine(cls, centre: FloatArray, axes: FloatArray) -> TriangularMap:
+        """The map z = centre + axes y."""
+        plain = cls.identity(centre.size)
+        return cls(centre, axes, plain.scale, plain.bends)
+
+    @property
+    def log_volume(self) -> float:
+        """Logarithm of the Jacobian |dz/dy|, the same everywhere."""
+        return float(np.linalg.slogdet(self.axes)[1] + np.log(self.scale).sum())
+
+    @classmethod
     def fit(cls, draws: FloatArray, effective: float) -> TriangularMap:
         """Learn the map from draws.
 

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from softness_bayes import arviz_bridge
 from softness_bayes.inference.autocorrelation import autocorrelation_time, indicator_time
+from softness_bayes.inference.starts import NO_STARTS, Starts
 
 FloatArray = NDArray[np.float64]
 
@@ -52,6 +54,15 @@ class Goal:
     burn_in: float = 5.0
 
 
+class Share(NamedTuple):
+    """The share of the draws that one of several modes holds."""
+
+    share: float
+    """From 0 to 1."""
+    error: float
+    """Its Monte-Carlo standard error."""
+
+
 @dataclass(frozen=True)
 class Verdict:
     """What one look at the chains found.
@@ -59,7 +70,7 @@ class Verdict:
     Parameters
     ----------
     names
-        Judged quantities: the parameters and the log posterior.
+        Judged quantities: the parameters, the log posterior, and the modes' shares if there are several.
     steps, burn_in, kept
         Steps walked by each ensemble, dropped at the start, and left.
     walkers
@@ -80,6 +91,10 @@ class Verdict:
         Successive looks, this one included, at which the goal was met.
     goal
         What was asked.
+    shares
+        Share of each mode, if there are several.
+    starts
+        What the search for places to start found.
     """
 
     names: tuple[str, ...]
@@ -96,6 +111,8 @@ class Verdict:
     stuck: int
     looks_passed: int
     goal: Goal
+    shares: tuple[Share, ...] = ()
+    starts: Starts = NO_STARTS
 
     @property
     def converged(self) -> bool:
@@ -139,22 +156,38 @@ class Verdict:
         """The verdict in one line, with what is missing and about how many steps would supply it."""
         ensembles = self.tau.shape[0]
         head = f"after {self.steps} steps of {ensembles} x {self.walkers} walkers"
-        worst = self.names[self.worst]
         if self.converged:
             return (
-                f"Converged {head}: {self.lengths:.0f} tau kept (tau {self.tau.max():.0f}, {worst}), "
+                f"Converged {head}: {self.lengths:.0f} autocorrelation times kept ({self.slowest}), "
                 f"R-hat <= {self.r_hat.max():.3f}, ESS >= {self.ess_bulk.min():.0f} (bulk) and "
-                f"{self.ess_tail.min():.0f} (tail)."
+                f"{self.ess_tail.min():.0f} (tail).{self._starts()}"
             )
-        return f"Not converged {head}: {'; '.join(self._shortfalls())}; about {self.more_steps} more steps."
+        shortfalls = "; ".join(self._shortfalls())
+        return f"Not converged {head}: {shortfalls}; about {self.more_steps} more steps.{self._starts()}"
+
+    @property
+    def slowest(self) -> str:
+        """The longest autocorrelation time in words."""
+        return f"{self.tau.max():.0f} steps, slowest: {self.names[self.worst]}"
+
+    def _starts(self) -> str:
+        """Say where the search for modes led."""
+        climbs, hopeless, _ = self.starts
+        if self.shares:
+            held = " and ".join(f"{s.share:.3f} ± {s.error:.3f}" for s in self.shares)
+            return f" {len(self.shares)} modes hold {held} of the draws."
+        if not climbs:
+            return ""
+        found = f"All {climbs} climbs" if not hopeless else f"{climbs - hopeless} of {climbs} climbs"
+        return f" {found} led to one mode{', the others to negligible mass' if hopeless else ''}."
 
     def _shortfalls(self) -> list[str]:
         goal, found = self.goal, []
         if self.stuck:
             found.append(f"{self.stuck} walker{'s' * (self.stuck > 1)} never moved")
         if not self.lengths >= goal.lengths and not self.stuck:
-            worst = self.names[self.worst]
-            found.append(f"{self.lengths:.0f} of {goal.lengths:.0f} tau kept (tau {self.tau.max():.0f}, {worst})")
+            kept = f"{self.lengths:.0f} of {goal.lengths:.0f} autocorrelation times kept"
+            found.append(f"{kept} ({self.slowest})")
         if not self.r_hat.max() <= goal.r_hat:
             apart = self.names[int(self.r_hat.argmax())]
             found.append(f"ensembles disagree about {apart} (R-hat {self.r_hat.max():.2f})")
@@ -163,10 +196,10 @@ class Verdict:
                 found.append(f"{kind} ESS of {self.names[int(ess.argmin())]} is {ess.min():.0f} of {goal.ess:.0f}")
         if not found and not self.tau_change <= goal.tau_change:
             change = "not yet compared" if math.isinf(self.tau_change) else f"changed by {self.tau_change:.0%}"
-            found.append(f"tau of {self.names[self.worst]} {change}")
+            found.append(f"the autocorrelation time of {self.names[self.worst]} {change}")
         if self.modes:
-            found.append(f"{self.modes}, though each is longer than {goal.lengths:.0f} of its own tau: more steps may")
-            found[-1] += " never join them"
+            long = f"though each is longer than {goal.lengths:.0f} of its own autocorrelation times"
+            found.append(f"{self.modes}, {long}: more steps may never join them")
         return found or ["the goal was met at this look only"]
 
     @property
@@ -193,6 +226,8 @@ def look(
     acceptance: float = math.nan,
     before: Verdict | None = None,
     goal: Goal = Goal(),
+    inside: NDArray[np.bool_] | None = None,
+    starts: Starts = NO_STARTS,
 ) -> Verdict:
     """Judge the chains as they are now.
 
@@ -210,6 +245,11 @@ def look(
         Verdict of the look before this one.
     goal
         When the run counts as converged.
+    inside
+        Where the density has several modes: whether a draw is in each, shape (ensembles, stored, walkers, modes).
+        Their shares are judged as the other quantities are.
+    starts
+        What the search for places to start found, for the record.
     """
     _, stored, walkers, _ = values.shape
     walks = np.moveaxis(values, -1, 1)
@@ -217,10 +257,15 @@ def look(
     reach = np.where(np.isfinite(late), late, np.inf).max()
     first = int(min(math.ceil(goal.burn_in * min(reach, stored)), stored // 2))
     walks = walks[..., first:, :]
-    tau = autocorrelation_time(walks)
+    tau, r_hat = autocorrelation_time(walks), r_hat_between(walks)
+    shares: tuple[Share, ...] = ()
+    if inside is not None:
+        shares, times, apart = _shares(inside[:, first:])
+        names = (*names, *(f"the share of mode {k}" for k in range(1, len(shares) + 1)))
+        tau = np.column_stack([tau, np.broadcast_to(times, (len(tau), times.size))])
+        r_hat = np.concatenate([r_hat, apart])
     kept = stored - first
     worst = int(tau.max(axis=0).argmax())
-    r_hat = r_hat_between(walks)
     change = math.inf
     if before is not None and np.isfinite(tau).all():
         mean = tau[:, worst].mean() * stride
@@ -230,7 +275,8 @@ def look(
     # effective sizes take longest, and are asked for where all else holds
     fits = kept >= goal.lengths * tau.max() and r_hat.max() <= goal.r_hat and change <= goal.tau_change
     if fits:
-        ess = (_bulk(walks, tau), ess_tail(walks))
+        count = values[..., 0].size * kept / stored / tau[0, walks.shape[1] :]  # of the modes' indicators
+        ess = (np.concatenate([_bulk(walks, tau), count]), np.concatenate([ess_tail(walks), count]))
     passed = bool(fits and min(ess[0].min(), ess[1].min()) >= goal.ess)
     moved = (np.ptp(walks, axis=-2) > 0).any(axis=1)
     return Verdict(
@@ -248,7 +294,32 @@ def look(
         stuck=int((~moved).sum()),
         looks_passed=(before.looks_passed if before is not None else 0) + 1 if passed else 0,
         goal=goal,
+        shares=shares,
+        starts=starts,
     )
+
+
+def _shares(inside: NDArray[np.bool_]) -> tuple[tuple[Share, ...], FloatArray, FloatArray]:
+    """Return each mode's share, the autocorrelation time of being in it, and R-hat between ensembles.
+
+    All walkers of all ensembles share one mean: modes between which nobody moves make the time as long as the walk.
+    A mode in which there is no draw, or every draw, has nothing to be judged by, and counts as well mixed.
+    """
+    walks = np.moveaxis(inside, -1, 1).astype(float)
+    modes = walks.shape[1]
+    share = walks.mean(axis=(0, 2, 3))
+    mixed = (share > 0) & (share < 1)
+    together = np.moveaxis(walks, 0, -2).reshape(modes, walks.shape[2], -1)
+    times, apart = np.ones(modes), np.ones(modes)
+    times[mixed] = indicator_time(together[mixed], np.full(int(mixed.sum()), 0.5))
+    half = walks.shape[2] // 2
+    halves = np.concatenate([walks[:, :, :half].mean(axis=(2, 3)), walks[:, :, half:].mean(axis=(2, 3))])
+    # split R-hat; ranks and folds tell no more of what is either 0 or 1
+    within = (halves * (1.0 - halves)).mean(axis=0)
+    with np.errstate(divide="ignore"):  # ensembles that never change modes
+        apart[mixed] = np.sqrt(1.0 + halves.var(axis=0, ddof=1)[mixed] / within[mixed])
+    error = np.sqrt(share * (1.0 - share) * times / walks[:, 0].size)
+    return tuple(Share(*one) for one in zip(share.tolist(), error.tolist(), strict=True)), times, apart
 
 
 def r_hat_between(walks: FloatArray) -> FloatArray:

@@ -6,16 +6,36 @@ and only the processes in which walkers walk need it.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
+
+from softness_bayes.inference.adaptation import TriangularMap
 
 if TYPE_CHECKING:
     from emcee.moves import Move
 
 FloatArray = NDArray[np.float64]
+
+
+class Mode(NamedTuple):
+    """A mode of the density as walkers see it that move in the coordinates of a map."""
+
+    walkers: TriangularMap
+    """The map whose coordinates y the walkers have."""
+    own: TriangularMap
+    """The mode's own map, in whose coordinates u the mode is near a standard normal law."""
+
+    def forward(self, u: FloatArray) -> FloatArray:
+        """Where a point of the mode is for walkers."""
+        return self.walkers.inverse(self.own.forward(u))
+
+    def inverse(self, y: FloatArray) -> FloatArray:
+        """The mode's coordinates of walkers at ``y``."""
+        return self.own.inverse(self.walkers.forward(y))
 
 
 class Proposal(Protocol):
@@ -73,10 +93,50 @@ class Student:
         shape = coordinates.shape
         spread = np.sqrt(random.chisquare(self.freedom, shape[0]) / self.freedom)
         proposed = random.standard_normal(shape) / spread[:, None]
+        return proposed, self.log_density(coordinates) - self.log_density(proposed)
+
+    def log_density(self, y: FloatArray) -> FloatArray:
+        """Log density of Student's law up to a constant, shape (...), at ``y`` of shape (..., dimension)."""
+        return -0.5 * (self.freedom + y.shape[-1]) * np.log1p((y**2).sum(axis=-1) / self.freedom)
+
+
+@dataclass(frozen=True)
+class StudentModes:
+    """Proposals from a mixture of Student's laws, one about each mode and all of the same weight.
+
+    They carry walkers from one mode to any other, however far apart and however different in width, and each mode
+    gets the walkers that its mass deserves.
+    """
+
+    law: Student
+    modes: tuple[Mode, ...]
+
+    def made(self) -> Move:
+        """Make emcee's move, which takes this as its proposals."""
+        from emcee.moves import MHMove
+
+        return MHMove(self)
+
+    def __call__(self, coordinates: FloatArray, random: np.random.RandomState) -> tuple[FloatArray, FloatArray]:
+        """Propose a point for every walker; also the log ratio of the proposal's densities, old over new."""
+        chosen = random.randint(len(self.modes), size=len(coordinates))
+        u, _ = self.law(coordinates, random)
+        proposed = np.empty_like(coordinates)
+        for k, mode in enumerate(self.modes):
+            proposed[chosen == k] = mode.forward(u[chosen == k])
         return proposed, self._log_density(coordinates) - self._log_density(proposed)
 
     def _log_density(self, y: FloatArray) -> FloatArray:
-        return -0.5 * (self.freedom + y.shape[-1]) * np.log1p((y**2).sum(axis=-1) / self.freedom)
+        of_each = [self.law.log_density(mode.inverse(y)) - mode.own.log_volume for mode in self.modes]
+        return np.asarray(np.logaddexp.reduce(of_each, axis=0))
+
+
+def leaping(moves: Moves, modes: Sequence[Mode]) -> Moves:
+    """The moves on a density with several modes: those that propose about the origin do so about each mode."""
+    return tuple(
+        (StudentModes(proposal, tuple(modes)) if modes and isinstance(proposal, Student) else proposal, share)
+        for proposal, share in moves
+    )
 
 
 FIRST_MOVES: Moves = ((DifferentialEvolution(), 0.9), (DifferentialEvolution(1.0), 0.1))

@@ -10,7 +10,15 @@ import numpy as np
 from softness_bayes.errors import NumericalError
 from softness_bayes.inference.adaptation import TriangularMap
 from softness_bayes.inference.nonfinite import Nonfinite, watching
-from softness_bayes.inference.starts import Optimum, Target, find_optimum, scatter, worth_starting_from
+from softness_bayes.inference.starts import (
+    Optimum,
+    Starts,
+    Target,
+    find_optimum,
+    scatter,
+    separate,
+    worth_starting_from,
+)
 from softness_bayes.inference.state import EnsembleState, RunState
 from softness_bayes.inference.workers import Workers
 
@@ -41,9 +49,13 @@ def place_walkers(
         [np.random.SeedSequence(seed.entropy, spawn_key=(*seed.spawn_key, e, k)) for k in range(optima + 2)]
         for e in range(ensembles)
     ]
-    climbs, failed = watched(workers, [(_climb, climb) for own in seeds for climb in own[2:]])
+    climbs, failed = watched(workers, [(_climb, climb, k == 0) for own in seeds for k, climb in enumerate(own[2:])])
     climbed = iter(climbs)
-    groups = worth_starting_from([next(climbed) for _ in own[2:]] for own in seeds)
+    own_climbs = [[next(climbed) for _ in own[2:]] for own in seeds]
+    groups = worth_starting_from(own_climbs)
+    hopeful = {id(o): o for group in groups for o in group}
+    (modes,), compared = watched(workers, [(separate, list(hopeful.values()))])
+    maps = tuple(TriangularMap.affine(mode.point, mode.root) for mode in modes)
     tasks = [(_place, *own[:2], group, walkers) for own, group in zip(seeds, groups, strict=True)]
     placed, lost = watched(workers, tasks)
     return RunState(
@@ -54,7 +66,9 @@ def place_walkers(
         ensembles=tuple(placed),
         map=TriangularMap.identity(placed[0].coordinates.shape[1]),
         parts=tuple(() for _ in placed),
-        nonfinite=failed + lost,
+        modes=maps if len(maps) > 1 else (),
+        starts=Starts(len(climbs), len(climbs) - len(hopeful), len(maps)),
+        nonfinite=failed + compared + lost,
     )
 
 
@@ -68,8 +82,8 @@ def _watch(target: Target, work: Callable[..., Any], *task: Any) -> tuple[Any, N
     return watching(work, target, *task)
 
 
-def _climb(target: Target, seed: np.random.SeedSequence) -> Optimum:
-    return find_optimum(target, np.random.default_rng(seed))
+def _climb(target: Target, seed: np.random.SeedSequence, best: bool) -> Optimum:
+    return find_optimum(target, np.random.default_rng(seed), best)
 
 
 def _place(

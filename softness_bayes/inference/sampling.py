@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
@@ -26,7 +26,7 @@ from softness_bayes.errors import InputError, NumericalError
 from softness_bayes.inference.adaptation import Mapped, TriangularMap
 from softness_bayes.inference.chains import Chains, Segment
 from softness_bayes.inference.diagnostics import Verdict
-from softness_bayes.inference.moves import FIRST_MOVES, MOVES, Moves
+from softness_bayes.inference.moves import FIRST_MOVES, MOVES, Mode, Moves, leaping
 from softness_bayes.inference.placing import place_walkers, watched
 from softness_bayes.inference.schedule import Schedule
 from softness_bayes.inference.starts import Target
@@ -133,7 +133,13 @@ class Sampled(NamedTuple):
 
 
 def advance(
-    target: Target, state: EnsembleState, steps: int, moves: Moves, map: TriangularMap, stride: int = 1
+    target: Target,
+    state: EnsembleState,
+    steps: int,
+    moves: Moves,
+    map: TriangularMap,
+    stride: int = 1,
+    modes: Sequence[TriangularMap] = (),
 ) -> tuple[EnsembleState, Segment]:
     """Let one ensemble walk; two calls give bit by bit what one call over all the steps gives.
 
@@ -151,12 +157,15 @@ def advance(
         Coordinates in which the moves are made.
     stride
         Steps of the walk for one stored.
+    modes
+        Maps of the density's modes, if it has several.
     """
     import emcee  # see `moves`
 
     walkers, dimension = state.coordinates.shape
     mapped = Mapped(target, map)
-    made = [(proposal.made(), share) for proposal, share in moves]
+    leaps = leaping(moves, [Mode(map, own) for own in modes])
+    made = [(proposal.made(), share) for proposal, share in leaps]
     sampler = emcee.EnsembleSampler(walkers, dimension, mapped, moves=made, vectorize=True)
     # emcee takes any state without complaint and keeps NumPy's global one if it does not understand it
     sampler.random_state = state.random
@@ -266,7 +275,7 @@ def _advance(workers: Workers, settings: Settings, state: RunState, steps: int) 
     """Let all ensembles walk."""
     first = state.phase == 0 and bool(settings.pilot)
     moves = settings.first_moves if first else settings.moves
-    tasks = [(advance, one, steps, moves, state.map, state.stride) for one in state.ensembles]
+    tasks = [(advance, one, steps, moves, state.map, state.stride, state.modes) for one in state.ensembles]
     walked, found = watched(workers, tasks)
     ensembles, segments = zip(*walked, strict=True)
     parts = tuple((*part, segment) for part, segment in zip(state.parts, segments, strict=True))

@@ -13,10 +13,10 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from softness_bayes.errors import InputError
-from softness_bayes.inference.adaptation import learn
 from softness_bayes.inference.autocorrelation import autocorrelation_time
 from softness_bayes.inference.chains import Segment
 from softness_bayes.inference.diagnostics import LOG_POSTERIOR, Goal, Verdict, look
+from softness_bayes.inference.modes import labels, learn_modes
 from softness_bayes.inference.starts import Target
 from softness_bayes.inference.state import RunState
 
@@ -149,19 +149,24 @@ def _look(target: Target, state: RunState, goal: Goal) -> Verdict:
     natural = target.natural(chains.coordinates)
     values = np.concatenate([natural, chains.log_density[..., None]], axis=-1)
     names = (*target.names, LOG_POSTERIOR)
-    return look(names, values, chains.stride, float(chains.accepted.mean()), state.before, goal)
+    inside = None
+    if state.modes:
+        inside = labels(state.modes, chains.coordinates)[..., None] == np.arange(len(state.modes))
+    return look(names, values, chains.stride, float(chains.accepted.mean()), state.before, goal, inside, state.starts)
 
 
 def _learn(state: RunState) -> RunState:
-    """End a stage of the pilot: learn a map for all ensembles from its second half, and drop its draws."""
+    """End a stage of the pilot: learn a map, or one of each mode, from its second half, and drop its draws."""
     segments = [Segment.join(part) for part in state.parts]
     stored = state.steps // state.stride
     late = np.stack([segment.coordinates[stored // 2 :] for segment in segments])
     height = np.stack([segment.log_density[stored // 2 :] for segment in segments])
     tau = autocorrelation_time(np.moveaxis(late, -1, 1)).max()
-    learnt = learn(late, height, min(float(tau), stored))
+    modes = learn_modes(state.modes, late, height, min(float(tau), stored))
+    learnt = modes[0]
     moved = tuple(
         one._replace(coordinates=learnt.inverse(state.map.forward(one.coordinates))) for one in state.ensembles
     )
     parts: tuple[tuple[Segment, ...], ...] = tuple(() for _ in state.parts)
-    return replace(state, phase=state.phase + 1, steps=0, ensembles=moved, map=learnt, parts=parts)
+    several = modes if len(modes) > 1 else ()
+    return replace(state, phase=state.phase + 1, steps=0, ensembles=moved, map=learnt, parts=parts, modes=several)

@@ -1,4 +1,8 @@
-"""Where walkers start: spread about several optimised points, each reached from a prior draw of its own."""
+"""Where walkers start: spread about several optimised points, each reached from a prior draw of its own.
+
+A local optimum matters by its mass, not by its height: that of the normal law which matches it in height and
+curvature (Laplace). A narrow mode can stand far above a wide one of the same mass.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +18,10 @@ from softness_bayes.errors import NumericalError
 FloatArray = NDArray[np.float64]
 
 CANDIDATES = 32
-"""Prior draws of which the most probable one is optimised."""
+"""Prior draws among which a climb starts."""
+
+NEGLIGIBLE_MASS = 1e-3
+"""Share of the heaviest optimum's mass below which another one need not be started from."""
 
 _STEP = 1e-3  # of the gradient, in sampler coordinates: a thousandth of a parameter's value
 _CURVATURE_STEP = 2e-2
@@ -22,7 +29,10 @@ _ITERATIONS = 40
 _TOLERANCE = 1e-5  # relative: hundredths in a log density of thousands, and walkers start wider than that
 _WIDEN = 2.0  # walkers start this much wider than the curvature says
 _LEAST_CURVATURE = 0.25  # no direction is taken to be wider than a prior's factor of e²
-_DEPTH = 20.0  # a local optimum this far below the best, in log density, is no mode that matters
+_DEPTH = 20.0  # a walker this far below its optimum, and ten for each parameter, is lost
+_LAPLACE_ERROR = 7.0  # of a log mass: on the shipped data, climbs that end along one ridge differ by up to five
+_BARRIER = 5.0  # optima on either side of a dip this deep, in log density, are modes of their own
+_ON_THE_WAY = np.linspace(0.0, 1.0, 9)[1:-1, None]
 
 
 class Target(Protocol):
@@ -50,9 +60,44 @@ class Optimum(NamedTuple):
     root: FloatArray
     """Square root of the inverse curvature: point + root @ noise is a draw of the matching normal law."""
 
+    @property
+    def log_volume(self) -> float:
+        """Logarithm of how much room the matching normal law takes, up to a constant: log |det root|."""
+        return float(np.linalg.slogdet(self.root)[1])
 
-def find_optimum(target: Target, rng: np.random.Generator) -> Optimum:
-    """Climb from the best of `CANDIDATES` starting draws.
+    @property
+    def log_mass(self) -> float:
+        """Logarithm of the mass of the matching normal law, up to the same constant."""
+        return self.log_density + self.log_volume
+
+
+class Starts(NamedTuple):
+    """What the search for places to start found."""
+
+    climbs: int = 0
+    """Optimised points."""
+    hopeless: int = 0
+    """Those whose mass is negligible."""
+    modes: int = 0
+    """Separate modes among the others."""
+
+
+NO_STARTS = Starts()
+"""Nothing was searched."""
+
+
+def find_optimum(target: Target, rng: np.random.Generator, best: bool = True) -> Optimum:
+    """Climb from one of `CANDIDATES` starting draws.
+
+    Parameters
+    ----------
+    target
+        What to climb on.
+    rng
+        Source of the starting draws.
+    best
+        Whether to climb from the most probable draw, or from the first one of positive density. The best of many
+        draws is hardly ever near a narrow mode.
 
     Raises
     ------
@@ -70,12 +115,13 @@ def find_optimum(target: Target, rng: np.random.Generator) -> Optimum:
         forward, backward = np.split(values[1:], 2)
         return -values[0], (backward - forward) / (2.0 * _STEP)
 
-    best = candidates[np.where(np.isfinite(density), density, -np.inf).argmax()]
+    order = np.where(np.isfinite(density), density, -np.inf) if best else np.isfinite(density)
+    start = candidates[order.argmax()]
     # no farther than the candidates reach, and half as much again: a line search knows no prior
     low, high = candidates.min(axis=0), candidates.max(axis=0)
     bounds = list(zip(low - 0.5 * (high - low), high + 0.5 * (high - low), strict=True))
     options = {"maxiter": _ITERATIONS, "ftol": _TOLERANCE}
-    found = minimize(downhill, best, jac=True, bounds=bounds, method="L-BFGS-B", options=options)
+    found = minimize(downhill, start, jac=True, bounds=bounds, method="L-BFGS-B", options=options)
     return Optimum(found.x, -float(found.fun), _inverse_root(_curvature(target, found.x)))
 
 
@@ -107,12 +153,38 @@ def scatter(
 
 
 def worth_starting_from(optima: Iterable[Sequence[Optimum]]) -> list[list[Optimum]]:
-    """Leave out local optima far below the best of all; an ensemble left with none takes everyone's."""
+    """Leave out local optima of negligible mass; an ensemble left with none takes everyone's.
+
+    An optimum stays if its mass could be `NEGLIGIBLE_MASS` of the heaviest one's although the normal law that
+    matches it errs by as much again.
+    """
     groups = [list(group) for group in optima]
-    best = max(o.log_density for group in groups for o in group)
-    kept = [[o for o in group if o.log_density > best - _DEPTH] for group in groups]
+    least = max(o.log_mass for group in groups for o in group) + np.log(NEGLIGIBLE_MASS) - _LAPLACE_ERROR
+    kept = [[o for o in group if o.log_mass > least] for group in groups]
     everyone = [o for group in kept for o in group]
     return [group or everyone for group in kept]
+
+
+def separate(target: Target, optima: Iterable[Optimum]) -> list[Optimum]:
+    """Return the heaviest optimum of each mode, heaviest first.
+
+    Two optima are taken for one mode if the density along the line between them dips by less than `_BARRIER` below
+    both, and they take the same room up to that factor: a narrow peak on a wide hill is a mode of its own.
+    """
+    modes: list[Optimum] = []
+    left = sorted(optima, key=lambda o: -o.log_mass)
+    while left:
+        first, *rest = left
+        modes.append(first)
+        left = [o for o in rest if not _joined(target, first, o)]
+    return modes
+
+
+def _joined(target: Target, one: Optimum, other: Optimum) -> bool:
+    if abs(one.log_volume - other.log_volume) > _BARRIER:
+        return False
+    between = target(one.point + _ON_THE_WAY * (other.point - one.point))
+    return bool(between.min() > min(one.log_density, other.log_density) - _BARRIER)
 
 
 def _curvature(target: Target, point: FloatArray) -> FloatArray:

@@ -12,6 +12,7 @@ from softness_bayes.inference.adaptation import TriangularMap
 from softness_bayes.inference.chains import Chains, Segment
 from softness_bayes.inference.diagnostics import Verdict
 from softness_bayes.inference.nonfinite import Nonfinite
+from softness_bayes.inference.starts import NO_STARTS, Starts
 
 FloatArray = NDArray[np.float64]
 
@@ -52,6 +53,10 @@ class RunState:
         The last look that was due, with which the next is compared.
     verdict
         The last look of all: also one made because a limit was reached.
+    modes
+        Maps of the separate modes, if there are several, the one with most draws first.
+    starts
+        What the search for places to start found.
     nonfinite
         Where the density could not be computed.
     seconds
@@ -69,6 +74,8 @@ class RunState:
     parts: tuple[tuple[Segment, ...], ...]
     before: Verdict | None = None
     verdict: Verdict | None = None
+    modes: tuple[TriangularMap, ...] = ()
+    starts: Starts = NO_STARTS
     nonfinite: Nonfinite = field(default_factory=Nonfinite)
     seconds: float = 0.0
     ended: bool = False

@@ -16,13 +16,14 @@ from numpy.typing import NDArray
 from softness_bayes.errors import InputError
 from softness_bayes.inference.adaptation import TriangularMap
 from softness_bayes.inference.chains import Segment
-from softness_bayes.inference.diagnostics import Goal, Verdict
+from softness_bayes.inference.diagnostics import Goal, Share, Verdict
 from softness_bayes.inference.nonfinite import Failure, Nonfinite
+from softness_bayes.inference.starts import Starts
 from softness_bayes.inference.state import EnsembleState, RunState
 
 Arrays = Mapping[str, NDArray[Any]]
 
-_BEND = "map_bend_"
+_MAP = "map"
 
 
 def as_json(values: Any, what: str, indent: int | None = None) -> str:
@@ -96,10 +97,8 @@ def state_arrays(state: RunState) -> dict[str, NDArray[Any]]:
         "random_keys": np.stack(keys),
         "random_numbers": np.array(numbers, dtype=float),
         "accepted": np.array(accepted),
-        "map_centre": state.map.centre,
-        "map_axes": state.map.axes,
-        "map_scale": state.map.scale,
-        **{f"{_BEND}{k}": bend for k, bend in enumerate(state.map.bends)},
+        **_map_arrays(_MAP, state.map),
+        **{name: a for k, mode in enumerate(state.modes) for name, a in _map_arrays(_mode(k), mode).items()},
         "failure_points": np.array([f.point for f in failures], dtype=float),
         "failure_stages": np.array([f.stage for f in failures], dtype=str),
     }
@@ -110,6 +109,8 @@ def state_values(state: RunState) -> dict[str, Any]:
     plain = ("phase", "steps", "stride", "due", "seconds", "ended")
     return {
         **{name: getattr(state, name) for name in plain},
+        "modes": len(state.modes),
+        "starts": state.starts._asdict(),
         "evaluations": state.nonfinite.evaluations,
         "failures": state.nonfinite.count,
         "before": _verdict_values(state.before),
@@ -134,7 +135,6 @@ def state_of(values: Mapping[str, Any], arrays: Arrays, segments: Sequence[Array
         )
         for e in range(len(arrays["coordinates"]))
     )
-    bends = tuple(arrays[f"{_BEND}{k}"] for k in range(arrays["map_centre"].size))
     parts: tuple[tuple[Segment, ...], ...] = tuple(() for _ in ensembles)
     if segments:
         coordinates, log_density = (
@@ -147,10 +147,12 @@ def state_of(values: Mapping[str, Any], arrays: Arrays, segments: Sequence[Array
     failures = tuple(Failure(tuple(point), stage) for point, stage in zip(points, stages, strict=True))
     return RunState(
         ensembles=ensembles,
-        map=TriangularMap(arrays["map_centre"], arrays["map_axes"], arrays["map_scale"], bends),
+        map=_map_of(_MAP, arrays),
         parts=parts,
         before=verdict_of(values["before"]),
         verdict=verdict_of(values["verdict"]),
+        modes=tuple(_map_of(_mode(k), arrays) for k in range(values["modes"])),
+        starts=Starts(**values["starts"]),
         nonfinite=Nonfinite(values["evaluations"], values["failures"], failures),
         **{name: values[name] for name in ("phase", "steps", "stride", "due", "seconds", "ended")},
     )
@@ -161,7 +163,29 @@ def verdict_of(values: Mapping[str, Any] | None) -> Verdict | None:
     if values is None:
         return None
     arrays = {name: np.array(values[name], dtype=float) for name in ("tau", "r_hat", "ess_bulk", "ess_tail")}
-    return Verdict(**{**values, **arrays, "names": tuple(values["names"]), "goal": Goal(**values["goal"])})
+    return Verdict(**{**values, **arrays, **_tuples(values), "goal": Goal(**values["goal"])})
+
+
+def _tuples(values: Mapping[str, Any]) -> dict[str, Any]:
+    return {
+        "names": tuple(values["names"]),
+        "shares": tuple(Share(*share) for share in values["shares"]),
+        "starts": Starts(*values["starts"]),
+    }
+
+
+def _map_arrays(prefix: str, map: TriangularMap) -> dict[str, NDArray[Any]]:
+    plain = {f"{prefix}_{name}": getattr(map, name) for name in ("centre", "axes", "scale")}
+    return plain | {f"{prefix}_bend_{k}": bend for k, bend in enumerate(map.bends)}
+
+
+def _map_of(prefix: str, arrays: Arrays) -> TriangularMap:
+    centre, axes, scale = (arrays[f"{prefix}_{name}"] for name in ("centre", "axes", "scale"))
+    return TriangularMap(centre, axes, scale, tuple(arrays[f"{prefix}_bend_{k}"] for k in range(centre.size)))
+
+
+def _mode(k: int) -> str:
+    return f"mode_{k}"
 
 
 def _plain(value: Any) -> Any:
