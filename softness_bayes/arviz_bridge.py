@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from softness_bayes.errors import InputError
+from softness_bayes.files.whole import write_whole
 
 if TYPE_CHECKING:
     import xarray
@@ -171,12 +172,17 @@ def require_storable(attributes: Mapping[str, Any], labels: Mapping[str, Sequenc
             raise InputError(f"{name} {bad!r:.80}: the file of a result cannot hold it; {expected}")
 
 
+def netcdf(tree: xarray.DataTree) -> bytes:
+    """Return a result as the content of a NetCDF file that both lines of ArviZ read.
+
+    It is made in memory: HDF5 itself cannot be relied on to say when a disk is full.
+    """
+    return bytes(tree.to_netcdf(None, engine="h5netcdf"))
+
+
 def write_netcdf(tree: xarray.DataTree, path: str | os.PathLike[str]) -> None:
-    """Write a result to a NetCDF file that both lines of ArviZ read; an existing file is replaced whole."""
-    path = Path(path)
-    part = path.with_name(path.name + ".part")
-    tree.to_netcdf(part, engine="h5netcdf")
-    part.replace(path)
+    """Write a result to a NetCDF file; an existing file is replaced whole."""
+    write_whole(Path(path), netcdf(tree))
 
 
 def read_netcdf(path: str | os.PathLike[str]) -> xarray.DataTree:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -14,6 +13,9 @@ import numpy as np
 from softness_bayes import __version__, ranges
 from softness_bayes.data import Experiment, Fabrics, Ratings
 from softness_bayes.errors import InputError
+from softness_bayes.files.cells import csv_of
+from softness_bayes.files.outputs import require_outputs, write_outputs
+from softness_bayes.files.whole import sweep, write_whole
 from softness_bayes.inference.calibration import DRAWS, Calibration, Replicate, replicate
 from softness_bayes.inference.posterior import Posterior
 from softness_bayes.inference.rank_words import verdict
@@ -28,6 +30,9 @@ if TYPE_CHECKING:
 
 MANIFEST, REPLICATES, LOCK = "manifest.json", "replicates", "lock"
 RANKS, COVERAGE, VERDICT, FIGURE = "ranks.csv", "coverage.csv", "verdict.txt", "ecdf"
+
+CALIBRATE = "calibrate"
+"""The verb that the files are listed under."""
 
 LONG = 2_000
 """Steps beyond which a replicate is counted as one that ran longer."""
@@ -132,13 +137,9 @@ class Calibrated:
         return verdict(self.calibration, size, not self.unconverged)
 
     def save(self, directory: Path) -> None:
-        """Write ranks, coverage and verdict, each whole or not at all."""
-        for name, text in (
-            (RANKS, self.ranks().to_csv()),
-            (COVERAGE, self.coverage().to_csv()),
-            (VERDICT, self.sentence() + "\n"),
-        ):
-            _write_whole(directory / name, text)
+        """Write ranks, coverage and verdict, all or none of them; those of an earlier calibration are replaced."""
+        ranks, coverage = csv_of(self.ranks()), csv_of(self.coverage())
+        write_outputs(directory, {RANKS: ranks, COVERAGE: coverage, VERDICT: self.sentence() + "\n"}, CALIBRATE)
 
 
 def calibrate(
@@ -184,10 +185,15 @@ def calibrate(
     settings = settings or Settings(ensembles=ENSEMBLES, max_steps=options.max_steps, processes=1)
     manifest, folder = _manifest(scene, options, settings), directory / REPLICATES
     _require_alike(directory, manifest)
+    require_outputs(directory, (RANKS, COVERAGE, VERDICT, f"{FIGURE}.png"), CALIBRATE)
+    if folder.is_symlink():
+        raise InputError(f"{folder}: is a symbolic link, which nothing is written through; move it away")
     folder.mkdir(parents=True, exist_ok=True)
     with Lock(directory / LOCK) as lock:
         _require_alike(directory, manifest)
-        _write_whole(directory / MANIFEST, json.dumps(manifest, indent=1) + "\n")
+        if not (directory / MANIFEST).exists():
+            write_whole(directory / MANIFEST, (json.dumps(manifest, indent=1) + "\n").encode())
+        sweep(folder)
         done = {index: _read(path) for index in range(count) if (path := _path(folder, index)).is_file()}
         missing = [index for index in range(count) if index not in done]
         if missing:
@@ -206,7 +212,7 @@ def calibrate(
 def _run(posterior: Posterior, settings: Settings, seed: int, index: int, folder: str) -> tuple[int, Replicate]:
     """Run one replicate and leave its file."""
     one = replicate(posterior, settings, seed, index)
-    _write_whole(_path(Path(folder), index), json.dumps(one._asdict(), indent=1) + "\n")
+    write_whole(_path(Path(folder), index), (json.dumps(one._asdict(), indent=1) + "\n").encode())
     return index, one
 
 
@@ -237,16 +243,6 @@ def _json(path: Path, what: str) -> dict[str, Any]:
     if not isinstance(fields, dict):
         raise InputError(f"{path}: not the file of a {what}")
     return fields
-
-
-def _write_whole(path: Path, text: str) -> None:
-    """Write a file that is there whole or not at all, also if two processes write it."""
-    part = path.with_name(f"{path.name}.{os.getpid()}.part")
-    with open(part, "w", encoding="utf-8", newline="") as file:
-        file.write(text)
-        file.flush()
-        os.fsync(file.fileno())
-    part.replace(path)
 
 
 def _manifest(scene: CalibrationScene, options: RunOptions, settings: Settings) -> dict[str, Any]:

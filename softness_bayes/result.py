@@ -13,6 +13,8 @@ from numpy.typing import NDArray
 
 from softness_bayes import arviz_bridge
 from softness_bayes.errors import InputError
+from softness_bayes.files.cells import csv_of, table_of
+from softness_bayes.files.outputs import write_outputs
 from softness_bayes.inference.curves import Curves, Inflection, Outcome
 from softness_bayes.inference.parameters import PARAMETERS
 from softness_bayes.touch.contact import Force, Indentation, Load
@@ -30,7 +32,8 @@ Array = NDArray[np.float64]
 SCHEMA = 1
 """Version of the layout of `posterior.nc`; a reader refuses a newer one."""
 
-POSTERIOR, SUMMARY = "posterior.nc", "summary.csv"
+POSTERIOR, SUMMARY, NONFINITE = "posterior.nc", "summary.csv", "nonfinite.csv"
+"""Files of a run; the last, if there is one, holds the points at which the density could not be computed."""
 
 CHECKPOINT, MANIFEST, LOCK = "checkpoint", "manifest.json", "lock"
 """Directory of a run's checkpoint inside that of its results, and two files in it."""
@@ -40,6 +43,12 @@ TABLES: Mapping[str, str | list[str]] = {
     "predictive_checks": ["law", "quantity"],
 }
 """Further tables of a result by the name of their file, with the columns that identify a row."""
+
+FILES = (POSTERIOR, SUMMARY, NONFINITE, *(f"{name}.csv" for name in TABLES))
+"""Every file that a run may leave beside its checkpoint."""
+
+RUN = "sample"
+"""The verb that they are listed under."""
 
 PERCENTS = (0.05, 0.5, 0.95)
 """Lower limit, middle and upper limit of what tables say of an inflection."""
@@ -266,17 +275,20 @@ class Result:
         return "\n".join([verdict, *shown])
 
     def save(self, directory: str | Path) -> None:
-        """Write ``posterior.nc`` and the tables into a directory; each file appears whole or not at all."""
-        directory = Path(directory)
-        directory.mkdir(parents=True, exist_ok=True)
-        arviz_bridge.write_netcdf(self.tree, directory / POSTERIOR)
-        for name, table in {
-            SUMMARY: self.table,
-            **{f"{name}.csv": table for name, table in self.tables.items()},
-        }.items():
-            part = directory / f"{name}.part"
-            table.to_csv(part)
-            part.replace(directory / name)
+        """Write ``posterior.nc`` and the tables into a directory, all of them or none.
+
+        A result that was saved there before is replaced.
+
+        Raises
+        ------
+        InputError
+            If another file of such a name stands there, or one that was changed since it was saved.
+        OSError
+            If there is no room or no permission; what was there is there still.
+        """
+        contents: dict[str, bytes | str] = {POSTERIOR: arviz_bridge.netcdf(self.tree), SUMMARY: csv_of(self.table)}
+        contents |= {f"{name}.csv": csv_of(table) for name, table in self.tables.items()}
+        write_outputs(Path(directory), contents, RUN)
 
     @classmethod
     def load(cls, directory: str | Path) -> Result:
@@ -287,8 +299,6 @@ class Result:
         InputError
             If there is no result, it cannot be read, or its schema is newer than this version knows.
         """
-        import pandas as pd
-
         path = Path(directory)
         path = path / POSTERIOR if path.is_dir() else path
         if not path.is_file():
@@ -305,27 +315,5 @@ class Result:
         if not table.is_file():
             raise InputError(f"{table}: no such file; expected the {SUMMARY} beside {path.name}")
         files = {name: path.with_name(f"{name}.csv") for name in TABLES}
-        tables = {name: pd.read_csv(file, index_col=TABLES[name]) for name, file in files.items() if file.is_file()}
-        return cls(tree, pd.read_csv(table, index_col="parameter"), tables)
-
-
-def require_vacant(directory: Path, replace: bool) -> None:
-    """Refuse a directory that a run may not write to; nothing is touched.
-
-    Raises
-    ------
-    InputError
-        If it is a file or lies below one, or holds something and `replace` is not asked for.
-    """
-    for place in (directory, *directory.parents):
-        if place.exists() and not place.is_dir():
-            raise InputError(f"{place}: is a file, expected a directory for the results")
-    # a checkpoint without a manifest is what a run leaves that was killed before it had anything to keep
-    begun = (directory / CHECKPOINT / MANIFEST).exists()
-    if begun or (directory.is_dir() and any(path.name != CHECKPOINT for path in directory.iterdir())):
-        if not replace:
-            instead = "'softness-bayes resume' to continue its run" if begun else "--force to replace what it holds"
-            also = ", --force to replace it" if begun else ""
-            raise InputError(f"{directory}: is not empty; choose another --out, or {instead}{also}")
-        if not (begun or (directory / POSTERIOR).exists()):
-            raise InputError(f"{directory}: holds no {POSTERIOR}, so --force does not touch it")
+        tables = {name: table_of(file, TABLES[name]) for name, file in files.items() if file.is_file()}
+        return cls(tree, table_of(table, "parameter"), tables)

@@ -351,7 +351,7 @@ def run(directory, count, scene=FakeCalibration(), settings=BRIEF, **options):
 def test_an_interrupted_calibration_continues(tmp_path):
     first, finished = run(tmp_path / "a", 2)
     assert finished == [1, 2]
-    leftover = tmp_path / "a" / "replicates" / "00002.json.77.part"
+    leftover = tmp_path / "a" / "replicates" / f".softness-bayes-{0:032x}.part"
     leftover.write_text("{")  # of a process that was killed
     more, finished = run(tmp_path / "a", 3)
     assert finished == [3]
@@ -497,7 +497,8 @@ def test_the_command_from_end_to_end(tmp_path):
     assert done.exit_code == 3, done.output
     assert "Not decided: 1 replicates" in done.output
     written = {path.name for path in (tmp_path / "out").iterdir()}
-    assert written == {"manifest.json", "replicates", "ranks.csv", "coverage.csv", "verdict.txt", "ecdf.png"}
+    made = {"manifest.json", "replicates", "ranks.csv", "coverage.csv", "verdict.txt", "ecdf.png"}
+    assert written == {".softness-bayes.json", *made}
     again = CliRunner().invoke(main, [*arguments, "--seed", "4", "--out", str(tmp_path / "out")])
     assert again.exit_code == 2
     assert "seed was 0 and is now 4" in again.output

@@ -17,9 +17,10 @@ from killable import SEED, WHAT, follow, settings
 from killable import fake_posterior as posterior_of_the_fake
 
 from softness_bayes.errors import InputError, LockedError
+from softness_bayes.files import whole
+from softness_bayes.files.outputs import write_outputs
 from softness_bayes.inference.nonfinite import Failure, Nonfinite
 from softness_bayes.inference.sampling import walk
-from softness_bayes.storage import atomic
 from softness_bayes.storage import checkpoint as storage
 from softness_bayes.storage.checkpoint import Checkpoint, read_status
 from softness_bayes.storage.lock import Lock, is_held
@@ -133,7 +134,7 @@ def test_a_run_killed_fifty_times_draws_what_an_uninterrupted_one_draws(tmp_path
 def test_a_stop_at_any_write_leaves_a_state_of_the_run(tmp_path, states, monkeypatch, done):
     """Every write in turn is the last thing that happens; the state that is found is one that was kept."""
     write, calls = storage.write_whole, []
-    monkeypatch.setattr(atomic.os, "fsync", lambda handle: None)  # the order of the writes is what counts here
+    monkeypatch.setattr(whole.os, "fsync", lambda handle: None)  # the order of the writes is what counts here
     thinned = next(k for k, state in enumerate(states) if state.stride > 1)
     states = [*states[:5], *states[thinned - 1 : thinned + 1], states[-1]]
 
@@ -209,7 +210,7 @@ def test_a_full_disk_ends_the_run_and_loses_nothing(tmp_path, states, monkeypatc
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
         sync(handle)
 
-    monkeypatch.setattr(atomic.os, "fsync", full)
+    monkeypatch.setattr(whole.os, "fsync", full)
     with pytest.raises(OSError, match="No space left") as error:
         keep(tmp_path, states)
     assert Path(error.value.filename).parent == tmp_path / "checkpoint"
@@ -426,9 +427,8 @@ def test_a_run_that_keeps_nothing_leaves_nothing(tmp_path):
 @pytest.mark.usefixtures("eager")
 def test_an_earlier_run_goes_when_the_new_one_has_begun(tmp_path, states):
     keep(tmp_path, states[:4])
-    (tmp_path / "posterior.nc").write_text("old")
-    (tmp_path / "figures").mkdir()
-    (tmp_path / "figures" / "a.png").write_text("old")
+    write_outputs(tmp_path, {"posterior.nc": b"old"}, "sample")
+    write_outputs(tmp_path / "figures", {"a.png": b"old"}, "plot")
     with pytest.raises(InputError, match="'softness-bayes resume' to continue its run, --force to replace it"):
         Checkpoint.create(tmp_path)
     with Checkpoint.create(tmp_path, replace=True) as checkpoint:

@@ -17,10 +17,10 @@ import pytest
 from test_cli_verbs import DATA, FIXED, ROOT, here, refused
 
 from softness_bayes.cli.resume import _continued
+from softness_bayes.files import whole
 from softness_bayes.inference.observation import LogRatings
 from softness_bayes.result import Result
 from softness_bayes.run import RunOptions
-from softness_bayes.storage import atomic
 from softness_bayes.storage.checkpoint import Checkpoint, Status, read_status
 from softness_bayes.storage.lock import Lock
 from softness_bayes.touch import scene
@@ -175,8 +175,8 @@ def test_what_changed_is_named(killed, copied, here):
 
 
 def test_another_density_under_the_same_options_is_refused(copied, here, monkeypatch):
-    whole = LogRatings.log_likelihood
-    monkeypatch.setattr(LogRatings, "log_likelihood", lambda *arguments: 1.001 * whole(*arguments))
+    right = LogRatings.log_likelihood
+    monkeypatch.setattr(LogRatings, "log_likelihood", lambda *arguments: 1.001 * right(*arguments))
     refused(here("resume", copied), "the log density at one of its walkers was", "was the software changed")
 
 
@@ -233,7 +233,7 @@ def test_a_full_disk_says_how_to_go_on(copied, here, monkeypatch):
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
         sync(handle)
 
-    monkeypatch.setattr(atomic.os, "fsync", full)
+    monkeypatch.setattr(whole.os, "fsync", full)
     done = here("resume", copied, "--processes", "1")
     assert done.returncode == 2
     assert "No space left on device" in done.stderr
@@ -245,10 +245,10 @@ def test_a_full_disk_says_how_to_go_on(copied, here, monkeypatch):
 
 
 def test_too_many_failures_end_a_run_with_4_and_its_state_safe(tmp_path, here, monkeypatch):
-    whole = LogRatings.log_likelihood
+    unbroken = LogRatings.log_likelihood
 
     def broken(self, rate, parameters):
-        return np.where(np.asarray(parameters.gamma) > 0.9, np.nan, whole(self, rate, parameters))
+        return np.where(np.asarray(parameters.gamma) > 0.9, np.nan, unbroken(self, rate, parameters))
 
     monkeypatch.setattr(LogRatings, "log_likelihood", broken)
     out = tmp_path / "out"

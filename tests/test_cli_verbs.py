@@ -139,11 +139,11 @@ def test_simulate_makes_the_data_byte_for_byte(tmp_path):
     text = (DATA / "README.md").read_text(encoding="utf-8").replace("\\\n", " ")
     (command,) = re.findall(r"^softness-bayes simulate .*$", text, re.MULTILINE)
     arguments = shlex.split(command)[1:]
-    assert arguments[-3:] == ["--out", "data", "--force"]
-    done = run(*arguments[:-2], tmp_path)
+    assert arguments[-2:] == ["--out", "again"]
+    done = run(*arguments[:-1], tmp_path)
     assert done.returncode == 0, done.stderr
     names = ["compression.csv", "fabrics.csv", "ratings.csv", "truth.json"]
-    assert sorted(path.name for path in tmp_path.iterdir()) == names
+    assert sorted(path.name for path in tmp_path.iterdir()) == [".softness-bayes.json", *names]
     for name in names:
         assert (tmp_path / name).read_bytes() == (DATA / name).read_bytes(), name
 
@@ -196,7 +196,7 @@ def test_a_run_that_has_not_converged_ends_with_3_and_its_files(alone):
     assert "Traceback" not in done.stderr
     written = {path.name for path in (directory / "results").iterdir()}
     tables = {"summary.csv", "directions.csv", "predictive_checks.csv"}
-    assert written == {"checkpoint", "posterior.nc", *tables}
+    assert written == {".softness-bayes.json", "checkpoint", "posterior.nc", *tables}
     assert "prior-driven" in done.stdout
     assert "eps is held at 0.1 Hz: all intervals take it as known" in done.stdout
     assert "leave out '--fix eps=0.1' to sample it too" in done.stdout

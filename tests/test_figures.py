@@ -244,7 +244,8 @@ def test_plot_draws_what_is_asked_for(directory, tmp_path):
     shown = ["--figures", "membrane", "--figures", "response", "--format", "svg", "--style", str(style)]
     done = CliRunner().invoke(main, ["plot", str(directory), *shown, "--out", str(tmp_path / "out")])
     assert done.exit_code == 0, done.output
-    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == ["membrane.svg", "response.svg"]
+    drawn = sorted(path.name for path in (tmp_path / "out").iterdir())
+    assert drawn == [".softness-bayes.json", "membrane.svg", "response.svg"]
     assert done.output.split() == [str(tmp_path / "out" / f"{name}.svg") for name in ("membrane", "response")]
     drawing = (tmp_path / "out" / "membrane.svg").read_text()
     assert "#112233" in drawing

@@ -349,13 +349,15 @@ def test_only_reports_are_replaced(made, quick, tmp_path):
     write_report(result, path)
     assert path.read_text() == before  # and nothing of the day or the machine in it
     path.write_text("mine")
-    with pytest.raises(InputError, match=r"exists and is no report"):
+    with pytest.raises(InputError, match=r"page\.html was changed since it was written"):
         write_report(result, path)
-    assert path.read_text() == "mine"
-    write_report(result, path, force=True)
+    (path.parent / "thesis.html").write_text("mine")
+    with pytest.raises(InputError, match=r"thesis\.html was not written by this command"):
+        write_report(result, path.parent / "thesis.html")
+    assert path.read_text() == (path.parent / "thesis.html").read_text() == "mine"
     with pytest.raises(InputError, match="is a directory"):
-        write_report(result, tmp_path, force=True)
-    assert [p.name for p in path.parent.iterdir()] == ["page.html"]
+        write_report(result, tmp_path)
+    assert {p.name for p in path.parent.iterdir()} == {".softness-bayes.json", "page.html", "thesis.html"}
 
 
 def test_the_verb(made, quick, tmp_path, capsys):

@@ -15,11 +15,13 @@ from scipy.stats import halfnorm, kstest, lognorm, multivariate_normal, norm
 from softness_bayes import arviz_bridge, run
 from softness_bayes.data import Experiment, Fabrics
 from softness_bayes.errors import InputError
+from softness_bayes.files.outputs import write_outputs
 from softness_bayes.inference.observation import INVERSE
 from softness_bayes.inference.priors import HalfNormal, LogNormal
 from softness_bayes.inference.sampling import Settings
-from softness_bayes.result import SCHEMA, Result, require_vacant
+from softness_bayes.result import SCHEMA, Result
 from softness_bayes.run import RunOptions, posterior_of, sample
+from softness_bayes.storage.vacancy import require_vacant
 from softness_bayes.study import simulate_ratings, usual_values
 from softness_bayes.touch import scene
 from softness_bayes.touch.contact import Force, Indentation
@@ -380,6 +382,7 @@ def test_the_summary(result, directory):
 
 def test_a_result_reads_back_identically(result, directory):
     assert sorted(path.name for path in directory.iterdir()) == [
+        ".softness-bayes.json",
         "directions.csv",
         "posterior.nc",
         "predictive_checks.csv",
@@ -447,19 +450,28 @@ def test_a_directory_that_holds_something_is_refused(tmp_path):
     (fresh / "notes.txt").write_text("mine")
     with pytest.raises(InputError, match=r"is not empty; choose another --out, or --force"):
         require_vacant(fresh, replace=False)
-    with pytest.raises(InputError, match=r"no posterior\.nc, so --force does not touch it"):
+    with pytest.raises(InputError, match=r"in the way: .*notes\.txt was not written by this command"):
         require_vacant(fresh, replace=True)
     for below in (fresh / "notes.txt", fresh / "notes.txt" / "deeper"):
         with pytest.raises(InputError, match=r"notes\.txt: is a file"):
             require_vacant(below, replace=True)
-    (fresh / "posterior.nc").touch()
+    (fresh / "posterior.nc").touch()  # nor is every file of that name one of ours
+    (fresh / "notes.txt").unlink()
+    with pytest.raises(InputError, match=r"posterior\.nc was not written by this command"):
+        require_vacant(fresh, replace=True)
+    (fresh / "posterior.nc").unlink()
+    write_outputs(fresh, {"posterior.nc": b"result"}, "sample")
     require_vacant(fresh, replace=True)
-    assert (fresh / "notes.txt").read_text() == "mine"
+    with pytest.raises(InputError, match=r"posterior\.nc is an input of this command"):
+        require_vacant(fresh, replace=True, inputs=[fresh / "posterior.nc"])
+    (fresh / "posterior.nc").write_bytes(b"edited")
+    with pytest.raises(InputError, match=r"posterior\.nc was changed since it was written"):
+        require_vacant(fresh, replace=True)
     # what a run leaves that was killed before it had anything to keep
     (tmp_path / "checkpoint").mkdir(parents=True)
     (tmp_path / "checkpoint" / "lock").touch()
-    (fresh / "notes.txt").unlink()
     (fresh / "posterior.nc").unlink()
+    (fresh / ".softness-bayes.json").unlink()
     fresh.rmdir()
     fresh.parent.rmdir()
     require_vacant(tmp_path, replace=False)

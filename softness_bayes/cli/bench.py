@@ -10,13 +10,13 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from softness_bayes.cli.options import force
-from softness_bayes.errors import InputError
 
 if TYPE_CHECKING:
     from softness_bayes.bench.precision import Point
 
 PRECISION, SCALING, FACTS, WORDS = "work_precision.csv", "scaling.csv", "bench.json", "summary.md"
-FIGURE = "work_precision"
+FIGURE, FORMATS = "work_precision", ("png", "pdf")
+BENCH, MADE = "bench", (PRECISION, SCALING, FACTS, WORDS, *(f"{FIGURE}.{name}" for name in FORMATS))
 
 
 @click.command()
@@ -40,9 +40,9 @@ def command(quick: bool, out: Path, force: bool) -> None:
     """
     from threadpoolctl import threadpool_limits
 
-    made = (PRECISION, SCALING, FACTS, WORDS)
-    if not force and (present := [name for name in made if (out / name).exists()]):
-        raise InputError(f"{out}: {', '.join(present)} exists; choose another --out, or --force to replace it")
+    from softness_bayes.files.outputs import require_outputs
+
+    require_outputs(out, MADE, BENCH, force)
     with threadpool_limits(1):
         _measure(quick, out)
     click.echo(f"written to {out}")
@@ -59,6 +59,8 @@ def _measure(quick: bool, out: Path) -> None:
     from softness_bayes.bench.scaling import sampler, scaling
     from softness_bayes.bench.subject import FULL, QUICK, machine
     from softness_bayes.bench.words import summary
+    from softness_bayes.files.cells import csv_of
+    from softness_bayes.files.outputs import write_outputs
 
     effort, about = QUICK if quick else FULL, machine()
     name = f"{about['processor']}, {about['cores']} cores, Python {about['python']}, NumPy {about['numpy']}"
@@ -98,9 +100,6 @@ def _measure(quick: bool, out: Path) -> None:
             f"(autocorrelation time {drawing.tau:.0f} steps, kept {drawing.lengths:.0f} times"
             + (", too few to trust)" if drawing.lengths < 50 else ")")
         )
-    out.mkdir(parents=True, exist_ok=True)
-    pd.DataFrame(points).to_csv(out / PRECISION, index=False)
-    pd.DataFrame(sizes).to_csv(out / SCALING, index=False)
     facts: dict[str, Any] = {
         "machine": about,
         "quick": quick,
@@ -109,9 +108,14 @@ def _measure(quick: bool, out: Path) -> None:
     }
     facts |= {"limit": bare._asdict() | {"over_bare": bare.over_bare}}
     facts |= {"sampler": None if drawing is None else drawing._asdict()}
-    (out / FACTS).write_text(json.dumps(facts, indent=1) + "\n", encoding="utf-8")
-    (out / WORDS).write_text(summary(points, ratios, sizes, bare, drawing, name), encoding="utf-8")
-    _draw(points, chosen, name, out)
+    tables = {PRECISION: pd.DataFrame(points), SCALING: pd.DataFrame(sizes)}
+    contents: dict[str, bytes | str] = {
+        **{name: csv_of(table, index=False) for name, table in tables.items()},
+        FACTS: json.dumps(facts, indent=1) + "\n",
+        WORDS: summary(points, ratios, sizes, bare, drawing, name),
+        **_drawn(points, chosen, name),
+    }
+    write_outputs(out, contents, BENCH)
 
 
 def _line(point: Point) -> str:
@@ -121,11 +125,11 @@ def _line(point: Point) -> str:
     return f"{f'{point.stage}: {point.setting}':62} {1e6 * point.seconds:9.1f}   {shown}{mark}"
 
 
-def _draw(points: Sequence[Point], chosen: Point, machine: str, out: Path) -> None:
+def _drawn(points: Sequence[Point], chosen: Point, machine: str) -> dict[str, bytes]:
     from softness_bayes.bench.peers import PEER
     from softness_bayes.bench.precision import LIKELIHOOD
     from softness_bayes.plotting.benchmark import work_precision_figure
-    from softness_bayes.plotting.style import save
+    from softness_bayes.plotting.style import files_of
 
     series: dict[str, list[tuple[float, float]]] = {}
     for point in points:
@@ -140,4 +144,4 @@ def _draw(points: Sequence[Point], chosen: Point, machine: str, out: Path) -> No
         [(chosen.seconds, chosen.max_peak)],
         machine,
     )
-    save(figure, out / FIGURE)
+    return files_of(figure, FIGURE, FORMATS)

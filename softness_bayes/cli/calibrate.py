@@ -75,12 +75,13 @@ def command(
     to --out: a file per replicate (an interrupted run continues where it was), ranks.csv, coverage.csv,
     ecdf.png and verdict.txt. Exit code 3: some replicates have not converged; 4: not calibrated.
     """
-    from softness_bayes.calibrate import FIGURE, USUAL_FABRICS, USUAL_LOADS, CalibrationScene, calibrate
+    from softness_bayes.calibrate import CALIBRATE, FIGURE, USUAL_FABRICS, USUAL_LOADS, CalibrationScene, calibrate
     from softness_bayes.data import Fabrics, loads_of
     from softness_bayes.errors import NumericalError
+    from softness_bayes.files.outputs import write_outputs
     from softness_bayes.plan import with_accuracy
     from softness_bayes.plotting.calibration import rank_ecdf_figure
-    from softness_bayes.plotting.style import save
+    from softness_bayes.plotting.style import files_of
 
     scene = CalibrationScene(
         USUAL_FABRICS if fabrics is None else Fabrics.read(fabrics),
@@ -96,7 +97,8 @@ def command(
         bar.close()
     found.save(out)
     calibration = found.calibration
-    save(rank_ecdf_figure(calibration.rank, calibration.draws, calibration.names), out / FIGURE, formats=("png",))
+    figure = rank_ecdf_figure(calibration.rank, calibration.draws, calibration.names)
+    write_outputs(out, files_of(figure, FIGURE, ("png",)), CALIBRATE)
     table = found.coverage()
     click.echo(table[["expected", "share", "low", "high"]].to_string(float_format=lambda x: f"{x:.3g}"))
     click.echo(f"\nwritten to {out}")

@@ -18,6 +18,8 @@ if TYPE_CHECKING:
     from softness_bayes.touch.contact import Load
     from softness_bayes.touch.readings import Readings
 
+CLAIMS, MADE = "claims", ("claims.csv", "claims.md", "claims_loads.csv")
+
 
 @click.command()
 @click.option(
@@ -95,11 +97,10 @@ def command(
     """
     from softness_bayes.claims import PRIORS, TOUCHES, evaluate_claims
     from softness_bayes.claims.report import findings_table, loads_table, markdown, plain
+    from softness_bayes.files.cells import csv_of
+    from softness_bayes.files.outputs import require_outputs, write_outputs
 
-    made = ("claims.csv", "claims.md", "claims_loads.csv")
-    present = [name for name in made if (out / name).exists()]
-    if present and not force:
-        raise InputError(f"{out}: {', '.join(present)} exists; choose another --out, or --force to replace it")
+    require_outputs(out, MADE, CLAIMS, force, [path for path in (data, fabrics) if path is not None])
     touched, ratings, loads = _materials(data, fabrics, columns, indentation_mm, force_n)
     trials = evaluate_claims(
         _readings(reading_sets, overrides),
@@ -112,12 +113,10 @@ def command(
         fixed,
         priors,
     )
-    out.mkdir(parents=True, exist_ok=True)
-    for name, table in (("claims.csv", findings_table(trials)), ("claims_loads.csv", loads_table(trials))):
-        table.to_csv(out / name, index=False)
-    (out / "claims.md").write_text(markdown(trials), encoding="utf-8")
+    findings, by_load = (csv_of(table, index=False) for table in (findings_table(trials), loads_table(trials)))
+    write_outputs(out, dict(zip(MADE, (findings, markdown(trials), by_load), strict=True)), CLAIMS)
     click.echo(plain(trials))
-    click.echo(f"written to {out}: {', '.join(made)}", err=True)
+    click.echo(f"written to {out}: {', '.join(MADE)}", err=True)
 
 
 def _readings(names: tuple[str, ...], overrides: Mapping[str, str]) -> dict[str, Readings]:

@@ -9,7 +9,7 @@ import click
 from softness_bayes.cli.options import whole
 from softness_bayes.ranges import STEPS
 
-COMPARISON = "compare.csv"
+COMPARE, COMPARISON = "compare", "compare.csv"
 
 
 @click.command()
@@ -48,21 +48,18 @@ def command(directories: tuple[Path, ...], left_out: str, max_steps: int | None,
 
     from softness_bayes.compare import LEAVE, REFIT, compare
     from softness_bayes.errors import InputError
+    from softness_bayes.files.cells import csv_of
+    from softness_bayes.files.outputs import require_outputs, write_outputs
     from softness_bayes.result import Result
 
-    path = out / COMPARISON
-    if path.exists() and not force:
-        raise InputError(f"{path}: exists; choose another --out, or --force to replace it")
+    require_outputs(out, [COMPARISON], COMPARE, force)
     labels = [str(directory) for directory in directories]
     if len(set(labels)) < len(labels):
         raise InputError("compare: a result is named twice")
     results = {label: Result.load(directory) for label, directory in zip(labels, directories, strict=True)}
     settings = REFIT if max_steps is None else replace(REFIT, max_steps=max_steps)
     found = compare(results, LEAVE[left_out], settings, lambda what: click.echo(f"sampling {what}", err=True))
-    out.mkdir(parents=True, exist_ok=True)
-    part = path.with_name(f"{COMPARISON}.part")
-    found.table.to_csv(part)
-    part.replace(path)
+    (path,) = write_outputs(out, {COMPARISON: csv_of(found.table)}, COMPARE)
     shown = found.table.drop(columns=["model", "unfinished", "converged"])
     click.echo(shown.to_string(float_format=lambda x: f"{x:.4g}", na_rep="–"))
     click.echo()

@@ -174,6 +174,14 @@ class DataFiles:
     force_n: float | None
     compression: Path | None
 
+    @property
+    def paths(self) -> tuple[Path, ...]:
+        """The files that may be read, the fabrics beside the ratings among them."""
+        from softness_bayes.data import FABRICS_BESIDE
+
+        beside = None if self.data is None else self.data.with_name(FABRICS_BESIDE)
+        return tuple(path for path in (self.data, self.fabrics, self.compression, beside) if path is not None)
+
     def read(self) -> Experiment | Compression:
         """Return the ratings, their fabrics and compression data if there are any; or these alone.
 
@@ -464,5 +472,5 @@ out = click.option(
 )
 """Gives a verb `out`."""
 
-force = click.option("--force", is_flag=True, help="Replace what --out holds.")
+force = click.option("--force", is_flag=True, help="Replace the files in --out that this command wrote, and no others.")
 """Gives a verb `force`."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -17,6 +16,8 @@ if TYPE_CHECKING:
 
     from softness_bayes.touch.parameters import TouchParameters
     from softness_bayes.touch.scene import Scene
+
+PREDICT = "predict"
 
 DRAWS = 400
 """Posterior draws that a table of credible limits is made of."""
@@ -41,6 +42,7 @@ DRAWS = 400
     metavar="FILE",
     help="CSV file to write; by default the table is printed.",
 )
+@click.option("--force", is_flag=True, help="Replace an --out that 'predict' wrote.")
 def command(
     touches: Touches,
     values: dict[str, float],
@@ -49,16 +51,21 @@ def command(
     accuracy: float,
     posterior: Path | None,
     out: Path | None,
+    force: bool,
 ) -> None:
     """Predict contact, stress and firing for fabrics under loads.
 
     One row for each fabric and load. Parameters are the medians of their priors; --set changes single
     ones, --posterior takes the draws of a run instead.
     """
+    from softness_bayes.files.cells import csv_of
+    from softness_bayes.files.outputs import require_outputs, write_outputs
     from softness_bayes.plan import given_draws, scene_with_accuracy
     from softness_bayes.predict import drawn_parameters, prediction_table
     from softness_bayes.study import scene_of, touch_parameters, usual_values
 
+    if out is not None:
+        require_outputs(out.parent, [out.name], PREDICT, force, [touches.fabrics])
     fabrics, loads = touches.read()
     named: Mapping[str, ArrayLike]
     if posterior is None:
@@ -80,10 +87,11 @@ def command(
         accuracy,
     )
     table = prediction_table(fabrics, scene, parameters)
+    text = csv_of(table, index=False)
     if out is None:
-        table.to_csv(sys.stdout, index=False)
+        click.echo(text, nl=False)
     else:
-        table.to_csv(out, index=False)
+        write_outputs(out.parent, {out.name: text}, PREDICT)
         click.echo(f"{out}: {len(table)} rows", err=True)
     if note := _geometry_note(scene, parameters):
         click.echo(f"note: {note}", err=True)

@@ -15,10 +15,10 @@ REPORT = "report.html"
     "--out",
     type=click.Path(path_type=Path),
     metavar="FILE",
-    help=f"File to write; by default {REPORT} in DIR. An earlier report is replaced.",
+    help=f"File to write; by default {REPORT} in DIR. A report that this command wrote there is replaced, "
+    "unless it was changed since.",
 )
-@click.option("--force", is_flag=True, help="Replace --out even if it is no report.")
-def command(directory: Path, out: Path | None, force: bool) -> None:
+def command(directory: Path, out: Path | None) -> None:
     """Write one page about a finished run, to read, print or send.
 
     The verdict comes first: converged or not, exact enough or not, whether the model reproduces the inflection under
@@ -31,6 +31,6 @@ def command(directory: Path, out: Path | None, force: bool) -> None:
 
     result = Result.load(directory)
     home = directory if directory.is_dir() else directory.parent
-    path = write_report(result, out or home / REPORT, force)
+    path = write_report(result, out or home / REPORT)
     click.echo(f"written to {path} ({path.stat().st_size / 1e6:.1f} MB)")
     click.echo(str(result.attributes["verdict"]))

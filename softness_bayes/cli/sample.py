@@ -131,7 +131,7 @@ def command(
         seed=seed,
         command=command_line(),
     )
-    checkpoint = Checkpoint.create(out, force)
+    checkpoint = Checkpoint.create(out, force, inputs=files.paths)
     if not isinstance(data, Compression):
         options, _ = with_accuracy(lambda asked: posterior_of(data, asked), options, model.accuracy)
     run(checkpoint, files, data, options, not no_figures)

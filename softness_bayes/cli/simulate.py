@@ -32,6 +32,8 @@ if TYPE_CHECKING:
     from softness_bayes.study import Simulation
     from softness_bayes.touch.contact import Load
 
+RATINGS, FABRICS, COMPRESSION, TRUTH = "ratings.csv", "fabrics.csv", "compression.csv", "truth.json"
+
 
 @click.command()
 @touches
@@ -90,8 +92,8 @@ def command(
     """
     import numpy as np
 
-    from softness_bayes.data import write_compression, write_fabrics, write_ratings
-    from softness_bayes.errors import InputError
+    from softness_bayes.data import SIMULATE, compression_csv, fabrics_csv, ratings_csv
+    from softness_bayes.files.outputs import require_outputs, write_outputs
     from softness_bayes.inference.observation import RATING_DIRECTIONS
     from softness_bayes.inference.parameters import FINGER_PARAMETERS
     from softness_bayes.inference.scales import RATING_SCALES
@@ -104,6 +106,8 @@ def command(
         usual_values,
     )
 
+    made = [RATINGS, FABRICS, TRUTH, *([COMPRESSION] if fingers else [])]
+    require_outputs(out, made, SIMULATE, force, [touches.fabrics])
     fabrics, loads = touches.read()
     chosen = choice.resolve()
     usual = usual_values(chosen, prior_set, values, fingers or None)
@@ -128,24 +132,18 @@ def command(
         slope,
         scene.discretisation,
     )
-    made = ["ratings.csv", "fabrics.csv", "truth.json", *(["compression.csv"] if fingers else [])]
-    present = [name for name in made if (out / name).exists()]
-    if present and not force:
-        raise InputError(f"{out}: {', '.join(present)} exists; choose another --out, or --force to replace it")
-    out.mkdir(parents=True, exist_ok=True)
-    write_fabrics(out / "fabrics.csv", fabrics)
-    write_ratings(out / "ratings.csv", simulation.ratings, fabrics)
+    contents = {RATINGS: ratings_csv(simulation.ratings, fabrics), FABRICS: fabrics_csv(fabrics)}
     story = _truth(simulation, fabrics.names, loads)
     story |= {"seed": seed, "readings": chosen.names, "ratings": scale, "direction": direction}
     story |= {"version": __version__, "simulated": True}
     if fingers:
         # numbers of its own, so that the ratings do not depend on whether fingers are pressed
         forces = simulate_compression(np.random.default_rng([seed, 1]), usual, chosen, fingers)
-        write_compression(out / "compression.csv", forces.compression)
+        contents[COMPRESSION] = compression_csv(forces.compression)
         story["truth"] |= {name: usual[name] for name in FINGER_PARAMETERS}
         for name in ("log_b_effect", "m_effect"):
             story[name] = dict(zip(forces.compression.participants, getattr(forces, name).tolist(), strict=True))
-    (out / "truth.json").write_text(json.dumps(story, indent=1) + "\n", encoding="utf-8")
+    write_outputs(out, {**contents, TRUTH: json.dumps(story, indent=1) + "\n"}, SIMULATE)
     pressed = f", and {len(forces.compression)} forces on {fingers} fingers" if fingers else ""
     click.echo(f"{out}: {len(simulation.ratings)} simulated ratings of {len(fabrics)} fabrics{pressed}")
     silent = float((simulation.total_rate == 0).mean())

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import io
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
@@ -22,6 +23,8 @@ from softness_bayes.data.fabrics import USUAL_POISSON_RATIO, Fabrics
 from softness_bayes.data.ratings import LOAD_COLUMNS, Conditions, LoadColumn, Ratings, loads_of
 from softness_bayes.data.tables import check_renames, listing, read_table
 from softness_bayes.errors import InputError
+from softness_bayes.files.cells import escaped
+from softness_bayes.files.outputs import write_outputs
 
 __all__ = [
     "LABELS",
@@ -35,12 +38,18 @@ __all__ = [
     "Fabrics",
     "LoadColumn",
     "Ratings",
+    "compression_csv",
+    "fabrics_csv",
     "loads_of",
+    "ratings_csv",
     "read_experiment",
     "write_compression",
     "write_fabrics",
     "write_ratings",
 ]
+
+SIMULATE = "simulate"
+"""The verb that tables written here are listed under."""
 
 FABRICS_BESIDE = "fabrics.csv"
 """The fabric table that is looked for beside the ratings."""
@@ -125,13 +134,13 @@ def read_experiment(
     )
 
 
-def write_fabrics(path: str | Path, fabrics: Fabrics) -> None:
-    """Write a fabric table that reads back to the same values, every bit of them."""
-    _write(path, {"fabric": fabrics.names, **fabrics.cells()})
+def fabrics_csv(fabrics: Fabrics) -> str:
+    """Return a fabric table that reads back to the same values, every bit of them."""
+    return _csv({"fabric": fabrics.names, **fabrics.cells()})
 
 
-def write_ratings(path: str | Path, ratings: Ratings, fabrics: Fabrics | None = None) -> None:
-    """Write ratings to a table that reads back to the same values, with the columns of `fabrics` if given."""
+def ratings_csv(ratings: Ratings, fabrics: Fabrics | None = None) -> str:
+    """Return a table of ratings that reads back to the same values, with the columns of `fabrics` if given."""
     touches = [ratings.loads[i] for i in ratings.load]
     names = [ratings.fabrics[i] for i in ratings.fabric]
     columns: dict[str, Sequence[str]] = {
@@ -146,21 +155,48 @@ def write_ratings(path: str | Path, ratings: Ratings, fabrics: Fabrics | None = 
     if fabrics is not None:
         place = [fabrics.names.index(name) for name in names]
         columns |= {name: [texts[i] for i in place] for name, texts in fabrics.cells().items()}
-    _write(path, columns)
+    return _csv(columns)
 
 
-def write_compression(path: str | Path, compression: Compression) -> None:
-    """Write compression data to a table that reads back to the same values."""
+def compression_csv(compression: Compression) -> str:
+    """Return a table of compression data that reads back to the same values."""
     columns = {
         "participant": [compression.participants[i] for i in compression.participant],
         INDENTATION.name: [INDENTATION.write(value) for value in compression.indentation],
         FORCE.name: [FORCE.write(value) for value in compression.force],
     }
-    _write(path, columns)
+    return _csv(columns)
 
 
-def _write(path: str | Path, columns: Mapping[str, Sequence[str]]) -> None:
-    with open(path, "w", encoding="utf-8", newline="") as file:
-        writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(columns)
-        writer.writerows(zip(*columns.values(), strict=True))
+def write_fabrics(path: str | Path, fabrics: Fabrics) -> None:
+    """Write `fabrics_csv` to a file, as `write_ratings` does."""
+    _write(path, fabrics_csv(fabrics))
+
+
+def write_ratings(path: str | Path, ratings: Ratings, fabrics: Fabrics | None = None) -> None:
+    """Write `ratings_csv` to a file, which appears whole or not at all and replaces only what was written here.
+
+    Raises
+    ------
+    InputError
+        If another file stands there, or one that was changed since it was written.
+    """
+    _write(path, ratings_csv(ratings, fabrics))
+
+
+def write_compression(path: str | Path, compression: Compression) -> None:
+    """Write `compression_csv` to a file, as `write_ratings` does."""
+    _write(path, compression_csv(compression))
+
+
+def _write(path: str | Path, text: str) -> None:
+    path = Path(path)
+    write_outputs(path.parent, {path.name: text}, SIMULATE)
+
+
+def _csv(columns: Mapping[str, Sequence[str]]) -> str:
+    text = io.StringIO(newline="")
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(columns)
+    writer.writerows([map(escaped, row) for row in zip(*columns.values(), strict=True)])
+    return text.getvalue()

@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from softness_bayes.data.columns import LABELS, NUMBERS, Column
 from softness_bayes.errors import InputError
+from softness_bayes.files.cells import unescaped
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.intp]
@@ -126,6 +127,7 @@ def read_table(path: str | Path, renames: Mapping[str, str]) -> Table:
             if title in where:
                 at.setdefault(name, where[title])
     cells = {name: [record[j] for record in body] for name, j in at.items()}
+    cells |= {name: [unescaped(text) for text in cells[name]] for name in LABELS if name in cells}
     unused = [title for j, title in enumerate(header) if title and j not in at.values()]
     if unused:
         notes.append(f"unused columns: {listing(unused)}")

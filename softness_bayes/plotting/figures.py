@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from softness_bayes.errors import InputError
+from softness_bayes.files.outputs import require_outputs, write_outputs
 from softness_bayes.inference.workers import Workers
 from softness_bayes.plotting.chains import rank_figure, trace_figure
 from softness_bayes.plotting.checks import Means, Replicated, checks_figure, loo_pit_figure
@@ -21,7 +22,7 @@ from softness_bayes.plotting.membrane import membrane_figure
 from softness_bayes.plotting.parameters import corner_figure, prior_figure
 from softness_bayes.plotting.rating import Observed, observed_ratings, rating_figure
 from softness_bayes.plotting.response import ratio_figure, response_figure
-from softness_bayes.plotting.style import USUAL, Style, require_formats, save
+from softness_bayes.plotting.style import PLOT, USUAL, Style, files_of, require_formats
 from softness_bayes.plotting.touch import Touches, touch_figure
 
 if TYPE_CHECKING:
@@ -315,20 +316,21 @@ def draw_figures(
     Raises
     ------
     InputError
-        If a name or a format is unknown, or the result does not hold what a figure asked for shows.
+        If a name or a format is unknown, the result does not hold what a figure asked for shows, or another file
+        stands where one is written.
     """
     directory = Path(directory)
     chosen = figures_of(result) if names is None else names
     require_figures(chosen)
     require_formats(formats)
-    directory.mkdir(parents=True, exist_ok=True)
+    require_outputs(directory, [f"{name}.{suffix}" for name in chosen for suffix in formats], PLOT)
     with Workers(result, min(processes, len(chosen))) as workers:
-        drawn = workers.map(_draw, [(name, directory / name, tuple(formats), style) for name in chosen])
-    return [path for paths in drawn for path in paths]
+        drawn = workers.map(_drawn, [(name, tuple(formats), style) for name in chosen])
+    return write_outputs(directory, {name: content for files in drawn for name, content in files.items()}, PLOT)
 
 
-def _draw(result: Result, name: str, path: Path, formats: tuple[str, ...], style: Style) -> list[Path]:
-    return save(FIGURES[name](result, style), path, formats, style)
+def _drawn(result: Result, name: str, formats: tuple[str, ...], style: Style) -> dict[str, bytes]:
+    return files_of(FIGURES[name](result, style), name, formats, style)
 
 
 def _fabric_modulus(result: Result) -> Array:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import logging
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -11,12 +12,16 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Self
 
 from softness_bayes.errors import InputError
+from softness_bayes.files.outputs import write_outputs
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 BLUE, ORANGE, GREEN, VERMILION = "#0072B2", "#E69F00", "#009E73", "#D55E00"
 PURPLE, SKY, YELLOW, BLACK = "#CC79A7", "#56B4E9", "#F0E442", "#000000"
+
+PLOT = "plot"
+"""The verb that figures are listed under."""
 
 METADATA: Mapping[str, Mapping[str, str | None]] = MappingProxyType(
     {
@@ -187,7 +192,7 @@ def require_formats(formats: Sequence[str]) -> None:
 
 
 def save(figure: Figure, path: str | Path, formats: Sequence[str] = ("png", "pdf"), style: Style = USUAL) -> list[Path]:
-    """Write a figure once per format, the same bytes for the same figure.
+    """Write a figure once per format, the same bytes for the same figure; one saved there before is replaced.
 
     Parameters
     ----------
@@ -208,14 +213,24 @@ def save(figure: Figure, path: str | Path, formats: Sequence[str] = ("png", "pdf
     Raises
     ------
     InputError
-        If a format is unknown.
+        If a format is unknown, or another file stands there.
     """
+    path = Path(path)
+    return write_outputs(path.parent, files_of(figure, path.name, formats, style), PLOT)
+
+
+def files_of(
+    figure: Figure, stem: str, formats: Sequence[str] = ("png", "pdf"), style: Style = USUAL
+) -> dict[str, bytes]:
+    """Return what `save` writes: the content of each file by its name, which is the stem and a suffix."""
     require_formats(formats)
-    paths = [Path(f"{path}.{name}") for name in formats]
+    contents = {}
     with style.applied(), _laid_out(figure):
-        for name, target in zip(formats, paths, strict=True):
-            figure.savefig(target, format=name, metadata=dict(METADATA[name]))
-    return paths
+        for name in formats:
+            drawn = io.BytesIO()
+            figure.savefig(drawn, format=name, metadata=dict(METADATA[name]))
+            contents[f"{stem}.{name}"] = drawn.getvalue()
+    return contents
 
 
 @contextmanager

@@ -15,6 +15,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from softness_bayes.criticism import check_table
 from softness_bayes.errors import InputError
+from softness_bayes.files.outputs import require_outputs, write_outputs
 from softness_bayes.learning import direction_table
 from softness_bayes.plotting.figures import FIGURES, figures_of
 from softness_bayes.plotting.panels import TINTS
@@ -33,7 +34,10 @@ COARSE = 100
 """Of the figures in `SAMPLING`, whose many lines make large files."""
 
 GENERATOR = '<meta name="generator" content="softness-bayes">'
-"""By which a report is told from any other file."""
+"""By which a browser or a search is told what made the page."""
+
+REPORT = "report"
+"""The verb that the page is listed under."""
 
 CAPTIONS: Mapping[str, str] = MappingProxyType(
     {
@@ -73,8 +77,8 @@ class Picture(NamedTuple):
     caption: str
 
 
-def write_report(result: Result, path: str | Path, force: bool = False) -> Path:
-    """Write the report of a run; the file appears whole or not at all.
+def write_report(result: Result, path: str | Path) -> Path:
+    """Write the report of a run; the file appears whole or not at all, and an earlier report is replaced.
 
     Parameters
     ----------
@@ -82,8 +86,6 @@ def write_report(result: Result, path: str | Path, force: bool = False) -> Path:
         A finished run.
     path
         The file; directories on the way to it are made.
-    force
-        Whether a file may be replaced that is no report.
 
     Returns
     -------
@@ -93,18 +95,13 @@ def write_report(result: Result, path: str | Path, force: bool = False) -> Path:
     Raises
     ------
     InputError
-        If it is a directory, or a file that is no report and may not be replaced.
+        If it is a directory, or a file that is no report, or a report that was changed since it was written.
     """
     path = Path(path)
     if path.is_dir():
         raise InputError(f"{path}: is a directory, expected a file for the report")
-    if path.exists() and not force and GENERATOR.encode() not in path.read_bytes()[:2000]:
-        raise InputError(f"{path}: exists and is no report; choose another --out, or --force to replace it")
-    page = report_page(result)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    part = path.with_name(f"{path.name}.part")
-    part.write_text(page, encoding="utf-8")
-    part.replace(path)
+    require_outputs(path.parent, [path.name], REPORT)
+    write_outputs(path.parent, {path.name: report_page(result)}, REPORT)
     return path
 
 

@@ -10,9 +10,8 @@ from __future__ import annotations
 import csv
 import hashlib
 import io
-import shutil
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from contextlib import ExitStack, suppress
 from pathlib import Path
 from types import TracebackType
@@ -22,24 +21,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from softness_bayes.errors import InputError
+from softness_bayes.files.outputs import require_outputs, write_outputs
+from softness_bayes.files.whole import write_whole
 from softness_bayes.inference.diagnostics import Verdict
 from softness_bayes.inference.schedule import Schedule
 from softness_bayes.inference.starts import Target
 from softness_bayes.inference.state import RunState
-from softness_bayes.result import CHECKPOINT, LOCK, MANIFEST, POSTERIOR, require_vacant
-from softness_bayes.storage.atomic import PART, write_whole
+from softness_bayes.result import CHECKPOINT, FILES, LOCK, MANIFEST, NONFINITE, RUN
 from softness_bayes.storage.lock import Lock, is_held, require_free
 from softness_bayes.storage.manifest import read_manifest, sealed
 from softness_bayes.storage.serial import as_json, packed, state_arrays, state_of, state_values, unpacked, verdict_of
+from softness_bayes.storage.vacancy import is_kept, remove_run, require_vacant
 
 INTERVAL = 2.0
 """Time [s] between two writes."""
 
 MOST_PIECES = 64
 """Pieces of the chains before they are written anew as one."""
-
-NONFINITE = "nonfinite.csv"
-"""Beside the results: points at which the density could not be computed."""
 
 
 class Status(NamedTuple):
@@ -98,10 +96,19 @@ class Checkpoint:
         That of the run to continue; none for a new one.
     replace
         Whether a new run may replace an earlier one.
+    inputs
+        Files that the run reads, which are never replaced.
     """
 
-    def __init__(self, directory: Path, request: Any, manifest: dict[str, Any] | None, replace: bool = False) -> None:
-        self.directory, self.request, self._replace = directory, request, replace
+    def __init__(
+        self,
+        directory: Path,
+        request: Any,
+        manifest: dict[str, Any] | None,
+        replace: bool = False,
+        inputs: Iterable[Path] = (),
+    ) -> None:
+        self.directory, self.request, self._replace, self._inputs = directory, request, replace, tuple(inputs)
         self._home = directory / CHECKPOINT
         self._manifest, self._held = manifest, ExitStack()
         self._description: dict[str, str] = {}
@@ -112,7 +119,9 @@ class Checkpoint:
         self._pending: Callable[[], None] | None = None
 
     @classmethod
-    def create(cls, directory: str | Path, replace: bool = False, request: Any = None) -> Checkpoint:
+    def create(
+        cls, directory: str | Path, replace: bool = False, request: Any = None, inputs: Iterable[Path] = ()
+    ) -> Checkpoint:
         """Return the checkpoint of a new run; an earlier result goes when the first state is kept.
 
         Parameters
@@ -120,9 +129,11 @@ class Checkpoint:
         directory
             An empty directory or a new one.
         replace
-            Whether it may hold an earlier run.
+            Whether it may hold an earlier run, the files of which are then removed and no others.
         request
             What the run is asked for, for whoever continues it.
+        inputs
+            Files that the run reads, which are never removed.
 
         Raises
         ------
@@ -132,8 +143,9 @@ class Checkpoint:
             If another process is running there.
         """
         require_free(Path(directory) / CHECKPOINT / LOCK)
-        require_vacant(Path(directory), replace)
-        return cls(Path(directory), request, None, replace)
+        checkpoint = cls(Path(directory), request, None, replace, inputs)
+        require_vacant(checkpoint.directory, replace, checkpoint._inputs)
+        return checkpoint
 
     @classmethod
     def open(cls, directory: str | Path) -> Checkpoint:
@@ -159,9 +171,11 @@ class Checkpoint:
             lock = stack.enter_context(Lock(self._home / LOCK))
             stack.callback(self._vanish_unused, lock)
             if self._manifest is None:
-                require_vacant(self.directory, self._replace)  # another run may have come and gone meanwhile
+                # another run may have come and gone meanwhile
+                require_vacant(self.directory, self._replace, self._inputs)
             else:
                 self._manifest = read_manifest(self.directory)  # the last word of whoever held the lock before
+                require_outputs(self.directory, FILES, RUN)
                 self._serial, self._pieces = self._manifest["serial"], list(self._manifest["pieces"])
                 self._digests = dict(self._manifest["digests"])
                 self._tidy()
@@ -249,7 +263,8 @@ class Checkpoint:
     def _write(self, state: RunState, schedule: Schedule, target: Target) -> None:
         self._serial += 1
         if self._manifest is None:
-            _clear(self.directory)
+            require_vacant(self.directory, self._replace, self._inputs)
+            remove_run(self.directory, self._inputs)
         phase, stride, stored = self._saved
         if (phase, stride) != (state.phase, state.stride) or len(self._pieces) >= MOST_PIECES:
             pieces, stored = [], 0
@@ -286,7 +301,7 @@ class Checkpoint:
             self._tidy()
         if state.nonfinite.count > self._told:
             self._told = state.nonfinite.count
-            write_whole(self.directory / NONFINITE, _failure_table(state, target).encode())
+            write_outputs(self.directory, {NONFINITE: _failure_table(state, target)}, RUN)
 
     def _unpacked(self, name: str) -> dict[str, NDArray[Any]]:
         return unpacked(self._home / name, self._digests[name])
@@ -309,7 +324,7 @@ class Checkpoint:
             manifest = read_manifest(self.directory)
             named = {manifest["arrays"], *manifest["pieces"]}
         for path in self._home.glob("*"):
-            if path.suffix in (".npz", PART) and path.name not in named:
+            if is_kept(path) and path.name not in named:
                 with suppress(OSError):
                     path.unlink()
 
@@ -342,18 +357,6 @@ def _status(manifest: Mapping[str, Any], running: bool) -> Status:
 def _differences(then: Mapping[str, str], now: Mapping[str, str]) -> str:
     names = [name for name in {**then, **now} if then.get(name) != now.get(name)]
     return "; ".join(f"{n} {then.get(n, 'not given')} (now {now.get(n, 'not given')})" for n in names)
-
-
-def _clear(directory: Path) -> None:
-    """Remove an earlier run but the lock: its manifest first, so that no half of it can be continued."""
-    (directory / CHECKPOINT / MANIFEST).unlink(missing_ok=True)
-    inside = [path for path in (directory / CHECKPOINT).iterdir() if path.name != LOCK]
-    beside = [path for path in directory.iterdir() if path.name not in (CHECKPOINT, POSTERIOR)]
-    for path in (*inside, *beside, directory / POSTERIOR):  # the posterior last: it marks what may be replaced
-        if path.is_dir() and not path.is_symlink():
-            shutil.rmtree(path)
-        else:
-            path.unlink(missing_ok=True)
 
 
 def _failure_table(state: RunState, target: Target) -> str:

@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import fcntl
 import os
+import re
 import time
 from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
 from typing import Self
 
-from softness_bayes.errors import LockedError
+from softness_bayes.errors import InputError, LockedError
 
+_LOCKED = re.compile(rb"(?:[0-9]+\n)?")
+_PLAIN = os.O_NOFOLLOW | os.O_NONBLOCK  # neither through a symbolic link, nor waiting for a pipe's other end
 _TRIES, _WAIT = 10, 0.05  # somebody who only asks whether it is held holds it for an instant
 
 
@@ -29,7 +32,7 @@ class Lock:
 
     def __enter__(self) -> Self:
         for _ in range(_TRIES):
-            handle = os.open(self._path, os.O_RDWR | os.O_CREAT, 0o666)
+            handle = os.open(self._path, os.O_RDWR | os.O_CREAT | _PLAIN, 0o666)
             try:
                 fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
             except OSError as error:
@@ -39,6 +42,9 @@ class Lock:
                 time.sleep(_WAIT)
                 continue
             if _is_at(handle, self._path):
+                if not _LOCKED.fullmatch(os.pread(handle, 32, 0)):
+                    os.close(handle)
+                    raise InputError(f"{self._path}: is no lock of a run; move it away, or choose another --out")
                 os.ftruncate(handle, 0)
                 os.pwrite(handle, f"{os.getpid()}\n".encode(), 0)
                 self._handle = handle
@@ -71,7 +77,7 @@ def require_free(path: Path) -> None:
 def is_held(path: Path) -> bool:
     """Whether a process holds a lock; nothing is written or waited for."""
     try:
-        handle = os.open(path, os.O_RDONLY)
+        handle = os.open(path, os.O_RDONLY | _PLAIN)
     except FileNotFoundError:
         return False
     try:

@@ -1,0 +1,254 @@
+"""What a verb writes to a directory: refused where something else stands, replaced where it is its own.
+
+`require_outputs` asks before anything is computed, `write_outputs` writes. Both go by the directory's `Listing`.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import os
+import tempfile
+from collections.abc import Collection, Iterable, Iterator, Mapping
+from contextlib import contextmanager, suppress
+from dataclasses import replace
+from pathlib import Path
+from typing import NamedTuple
+
+from softness_bayes.errors import InputError
+from softness_bayes.files.listing import LISTING, Entry, Listing, digest
+from softness_bayes.files.whole import discard, is_part, put, staged, sweep
+
+
+def require_outputs(
+    directory: Path, names: Iterable[str], by: str, replace: bool = True, inputs: Iterable[Path] = ()
+) -> None:
+    """Refuse a directory that some files cannot be written to; nothing is changed there.
+
+    Parameters
+    ----------
+    directory
+        Where to write; it need not be there yet.
+    names
+        The files.
+    by
+        The verb that writes them.
+    replace
+        Whether files that it wrote there earlier may be replaced.
+    inputs
+        Files that are read, which are never replaced.
+
+    Raises
+    ------
+    InputError
+        If the directory cannot be made or written to, or something stands in the way.
+    """
+    require_directory(directory)
+    present = [directory / name for name in names if os.path.lexists(directory / name)]
+    _refuse(directory, _objections(directory, present, (by,), inputs))
+    if present and not replace:
+        shown = ", ".join(path.name for path in present)
+        raise InputError(f"{directory}: {shown} exists; choose another --out, or --force to replace it")
+
+
+def write_outputs(directory: Path, contents: Mapping[str, bytes | str], by: str) -> list[Path]:
+    """Write files to a directory, which is made if there is none, and list them there.
+
+    No file changes before all of them are on the disk.
+
+    Parameters
+    ----------
+    directory
+        Where to write.
+    contents
+        What to write, by the files' names; text is written in UTF-8.
+    by
+        The verb that writes them; what it wrote there earlier is replaced.
+
+    Returns
+    -------
+    list of Path
+        The files.
+
+    Raises
+    ------
+    InputError
+        If something else stands in the way.
+    OSError
+        If there is no room or no permission; every file is as it was, or whole and new.
+    """
+    data = {directory / name: text.encode() if isinstance(text, str) else text for name, text in contents.items()}
+    made = _make(directory)
+    try:
+        with _held(directory) as alone:
+            if alone:
+                sweep(directory)
+            listing = Listing.read(directory)
+            _refuse(directory, _objections(directory, [path for path in data if os.path.lexists(path)], (by,), ()))
+            _write(directory, data, replace(listing, made=listing.made or directory in made), by)
+    except BaseException:
+        _unmake(made)
+        raise
+    return list(data)
+
+
+def _write(directory: Path, data: Mapping[Path, bytes], listing: Listing, by: str) -> None:
+    parts: dict[Path, Path] = {}
+    new = {path.name: Entry(by, (digest(content),)) for path, content in data.items()}
+    try:
+        for path, content in data.items():
+            parts[path] = staged(path, content)
+        # whatever happens from here on, the list knows old and new files
+        either = {
+            name: Entry(by, (*listing.files[name].digests, *entry.digests)) if name in listing.files else entry
+            for name, entry in new.items()
+        }
+        replace(listing, files={**listing.files, **either}).write(directory)
+    except BaseException:
+        discard(parts.values())
+        raise
+    put(parts)
+    with suppress(OSError):
+        replace(listing, files={**listing.files, **new}).write(directory)
+
+
+class Survey(NamedTuple):
+    """What a directory holds."""
+
+    ours: tuple[Path, ...]
+    """Files that some verbs wrote, as they left them, then the directories that they made."""
+    others: Mapping[Path, str]
+    """Everything else, and why it counts as that."""
+
+
+def survey(directory: Path, by: Collection[str], inputs: Iterable[Path] = (), but: Collection[str] = ()) -> Survey:
+    """Tell what some verbs wrote in a directory, and in directories they made there, from everything else.
+
+    Parameters
+    ----------
+    directory
+        Where to look.
+    by
+        The verbs.
+    inputs
+        Files that are read, which always count as others.
+    but
+        Names in the directory that are left out.
+    """
+    if not directory.is_dir():
+        return Survey((), {})
+    ours: list[Path] = []
+    others: dict[Path, str] = {}
+    for path in sorted(directory.iterdir()):
+        if path.name in but or path.name == LISTING:
+            continue
+        if is_part(path):
+            ours.append(path)
+        elif path.is_dir() and not path.is_symlink() and Listing.read(path).made:
+            below = survey(path, by, inputs)
+            ours += below.ours
+            others |= below.others
+            if not below.others:
+                ours.append(path)
+        else:
+            objections = _objections(directory, [path], by, inputs)
+            others |= objections
+            ours += [] if objections else [path]
+    if os.path.lexists(directory / LISTING):
+        Listing.read(directory)  # to refuse what is no list
+        ours += [] if others else [directory / LISTING]
+    return Survey(tuple(ours), others)
+
+
+def remove(found: Survey) -> None:
+    """Remove what is ours of a directory; what somebody has put there since stays."""
+    for path in found.ours:
+        with suppress(FileNotFoundError):
+            if path.is_dir() and not path.is_symlink():
+                with suppress(OSError):  # not empty any more
+                    path.rmdir()
+            else:
+                path.unlink()
+
+
+def told(others: Mapping[Path, str], most: int = 5) -> str:
+    """Return what stands in the way in words, the first few of many."""
+    shown = [f"{path} {why}" for path, why in list(others.items())[:most]]
+    return "; ".join(shown) + (f"; and {len(others) - most} more" if len(others) > most else "")
+
+
+def require_directory(directory: Path) -> None:
+    """Refuse a directory that cannot be made or written to, by trying.
+
+    Raises
+    ------
+    InputError
+        If it is a file or lies below one, or there is no permission.
+    """
+    for place in (directory, *directory.parents):
+        if place.exists() and not place.is_dir():
+            raise InputError(f"{place}: is a file, expected a directory for the results")
+    made: list[Path] = []
+    try:
+        made = _make(directory)
+        with tempfile.TemporaryFile(dir=directory):
+            pass
+    except OSError as error:
+        raise InputError(f"{directory}: cannot be written to ({error.strerror})") from None
+    finally:
+        _unmake(made)
+
+
+def _refuse(directory: Path, objections: Mapping[Path, str]) -> None:
+    if objections:
+        raise InputError(f"{told(objections)}; nothing was written: move it away, or choose another --out")
+
+
+def _objections(
+    directory: Path, present: Iterable[Path], by: Collection[str], inputs: Iterable[Path]
+) -> dict[Path, str]:
+    listing, read = Listing.read(directory), [path for path in inputs if path.exists()]
+    found = {}
+    for path in present:
+        if path.name == LISTING:
+            found[path] = "is the list of what was written there"
+        elif path.exists() and any(os.path.samefile(path, other) for other in read):
+            found[path] = "is an input of this command"
+        elif (why := listing.objection(path, by)) is not None:
+            found[path] = why
+    return found
+
+
+def _make(directory: Path) -> list[Path]:
+    """Make a directory and those on the way to it; return the new ones."""
+    made: list[Path] = []
+    try:
+        for place in reversed((directory, *directory.parents)):
+            if not place.is_dir():
+                place.mkdir()
+                made.append(place)
+    except OSError:
+        _unmake(made)
+        raise
+    return made
+
+
+def _unmake(made: Iterable[Path]) -> None:
+    """Remove directories that were made in vain, unless somebody has put something there."""
+    for place in reversed(list(made)):
+        with suppress(OSError):
+            place.rmdir()
+
+
+@contextmanager
+def _held(directory: Path) -> Iterator[bool]:
+    """Keep other processes from writing outputs to a directory; whether that is so, for not every disk can lock."""
+    handle = os.open(directory, os.O_RDONLY)
+    try:
+        alone = True
+        try:
+            fcntl.flock(handle, fcntl.LOCK_EX)
+        except OSError:
+            alone = False
+        yield alone
+    finally:
+        os.close(handle)

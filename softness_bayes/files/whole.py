@@ -1,0 +1,110 @@
+"""Files that appear whole or not at all, whatever kills the process or fills the disk."""
+
+from __future__ import annotations
+
+import os
+import re
+import secrets
+from collections.abc import Iterable, Mapping
+from contextlib import suppress
+from pathlib import Path
+
+from softness_bayes.errors import InputError
+
+_PART = re.compile(r"\.softness-bayes-[0-9a-f]{32}\.part")
+
+
+def write_whole(path: Path, content: bytes) -> None:
+    """Write a file: under another name first, then to the disk itself, then under its own name.
+
+    Raises
+    ------
+    InputError
+        If the path is a symbolic link.
+    OSError
+        If there is no room or no permission; an earlier file of that name is still there, or the new one, whole.
+    """
+    if path.is_symlink():
+        raise InputError(f"{path}: is a symbolic link, which nothing is written through; move it away")
+    put({path: staged(path, content)})
+
+
+def staged(path: Path, content: bytes) -> Path:
+    """Write content to the disk beside a path, under a new name that nobody can foresee, and return that name.
+
+    Raises
+    ------
+    OSError
+        If it cannot be written; nothing is left of it.
+    """
+    part = path.with_name(f".softness-bayes-{secrets.token_hex(16)}.part")
+    try:
+        handle = os.open(part, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW | os.O_CLOEXEC, 0o666)
+        try:
+            with open(handle, "wb") as file:
+                file.write(content)
+                file.flush()
+                os.fsync(file.fileno())
+        except BaseException:
+            with suppress(OSError):
+                part.unlink()
+            raise
+    except OSError as error:
+        error.filename = str(path)
+        raise
+    return part
+
+
+def put(parts: Mapping[Path, Path]) -> None:
+    """Give staged files their own names, replacing what stands there.
+
+    Parameters
+    ----------
+    parts
+        A file's own path -> where it was staged, all in one directory.
+
+    Raises
+    ------
+    OSError
+        If that fails; what has not got its name by then is removed.
+    """
+    waiting = dict(parts)
+    try:
+        for path, part in parts.items():
+            os.replace(part, path)
+            del waiting[path]
+        _sync_directory(path.parent)
+    except OSError as error:
+        error.filename, error.filename2 = str(path), None
+        raise
+    finally:
+        discard(waiting.values())
+
+
+def discard(parts: Iterable[Path]) -> None:
+    """Remove staged files that are not wanted."""
+    for part in parts:
+        with suppress(OSError):
+            part.unlink()
+
+
+def sweep(directory: Path) -> None:
+    """Remove what killed processes left staged; the caller makes sure that nobody is writing there."""
+    for path in directory.iterdir():
+        if is_part(path):
+            with suppress(OSError):
+                path.unlink()
+
+
+def is_part(path: Path) -> bool:
+    """Whether a file was staged here, by its name."""
+    return _PART.fullmatch(path.name) is not None and path.is_file() and not path.is_symlink()
+
+
+def _sync_directory(directory: Path) -> None:
+    """Put the names in a directory on the disk; without it a file may be whole and yet nameless."""
+    handle = os.open(directory, os.O_RDONLY)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)
