@@ -79,9 +79,12 @@ class Calibrated:
     ----------
     replicates
         By index.
+    unfinished
+        Indices of those that were asked for and are not among them.
     """
 
     replicates: Mapping[int, Replicate]
+    unfinished: tuple[int, ...] = ()
 
     @property
     def calibration(self) -> Calibration:
@@ -100,8 +103,13 @@ class Calibrated:
 
     @property
     def passed(self) -> bool:
-        """Whether every replicate converged, no test raised the alarm, and there are enough to find a fault."""
-        return not self.unconverged and not self.calibration.faults() and self.calibration.enough
+        """Whether all are finished and converged, no test raised the alarm, and there are enough to find a fault."""
+        return self.decided and not self.calibration.faults() and self.calibration.enough
+
+    @property
+    def decided(self) -> bool:
+        """Whether all are finished and converged: what takes longest is not like the rest."""
+        return not self.unconverged and not self.unfinished
 
     def ranks(self) -> pd.DataFrame:
         """Return a row per replicate: its walk (steps, autocorrelation_time, converged), then every rank and truth."""
@@ -130,11 +138,11 @@ class Calibrated:
 
     def sentence(self) -> str:
         """Return the verdict in one line: alarms, or what no alarm is worth."""
-        size = (
-            f"{len(self.replicates)} replicates ({self.longer} ran longer than {LONG} steps, "
-            f"{self.unconverged} did not converge)"
-        )
-        return verdict(self.calibration, size, not self.unconverged)
+        size = len(self.replicates)
+        asked = f"{size} of {size + len(self.unfinished)}" if self.unfinished else f"{size}"
+        left = f"; unfinished: {', '.join(map(str, self.unfinished))}" if self.unfinished else ""
+        walks = f"{self.longer} ran longer than {LONG} steps, {self.unconverged} did not converge{left}"
+        return verdict(self.calibration, f"{asked} replicates ({walks})", self.decided)
 
     def save(self, directory: Path) -> None:
         """Write ranks, coverage and verdict, all or none of them; those of an earlier calibration are replaced."""
@@ -182,7 +190,7 @@ def calibrate(
     """
     ranges.REPLICATES.require("calibration: number of replicates", count)
     ranges.PARTICIPANTS.require("calibration: number of participants", scene.participants)
-    settings = settings or Settings(ensembles=ENSEMBLES, max_steps=options.max_steps, processes=1)
+    settings = settings or _usual(options)
     manifest, folder = _manifest(scene, options, settings), directory / REPLICATES
     _require_alike(directory, manifest)
     require_outputs(directory, (RANKS, COVERAGE, VERDICT, f"{FIGURE}.png"), CALIBRATE)
@@ -194,7 +202,7 @@ def calibrate(
         if not (directory / MANIFEST).exists():
             write_whole(directory / MANIFEST, (json.dumps(manifest, indent=1) + "\n").encode())
         sweep(folder)
-        done = {index: _read(path) for index in range(count) if (path := _path(folder, index)).is_file()}
+        done = _finished(folder, count)
         missing = [index for index in range(count) if index not in done]
         if missing:
             posterior = scene.posterior(options)
@@ -207,6 +215,35 @@ def calibrate(
                         progress(len(done), one)
         lock.vanish()
     return Calibrated({index: done[index] for index in range(count)})
+
+
+def finished(
+    scene: CalibrationScene, options: RunOptions, count: int, directory: Path, settings: Settings | None = None
+) -> Calibrated:
+    """Return the replicates of a calibration that are finished, and run none; it may be going on meanwhile.
+
+    Arguments, and what raises, as `calibrate`; also
+
+    Raises
+    ------
+    InputError
+        If none is finished.
+    """
+    settings = settings or _usual(options)
+    _require_alike(directory, _manifest(scene, options, settings))
+    done = _finished(directory / REPLICATES, count)
+    if not done:
+        raise InputError(f"{directory}: no replicate of a calibration is finished there")
+    return Calibrated(done, tuple(index for index in range(count) if index not in done))
+
+
+def _usual(options: RunOptions) -> Settings:
+    return Settings(ensembles=ENSEMBLES, max_steps=options.max_steps, processes=1)
+
+
+def _finished(folder: Path, count: int) -> dict[int, Replicate]:
+    """Return the replicates that have left a file, by index."""
+    return {index: _read(path) for index in range(count) if (path := _path(folder, index)).is_file()}
 
 
 def _run(posterior: Posterior, settings: Settings, seed: int, index: int, folder: str) -> tuple[int, Replicate]:

@@ -18,7 +18,7 @@ from fake_scene import fake_posterior
 from scipy.special import expit
 from scipy.stats import norm
 
-from softness_bayes.calibrate import CalibrationScene, calibrate
+from softness_bayes.calibrate import Calibrated, CalibrationScene, calibrate, finished
 from softness_bayes.cli import main
 from softness_bayes.data import Fabrics
 from softness_bayes.errors import InputError, LockedError
@@ -415,8 +415,6 @@ def made_up(rank, converged=True, steps=500):
 
 
 def test_replicates_that_ran_longer_or_did_not_converge_are_counted_and_kept():
-    from softness_bayes.calibrate import Calibrated
-
     even = {k: made_up(k) for k in range(100)}
     fine = Calibrated(even)
     assert fine.passed
@@ -436,10 +434,25 @@ def test_replicates_that_ran_longer_or_did_not_converge_are_counted_and_kept():
     assert "gamma (too " in wrong.sentence()
 
 
+def test_what_is_finished_can_be_judged_and_the_rest_is_named(tmp_path):
+    with pytest.raises(InputError, match="no replicate of a calibration is finished there"):
+        finished(FakeCalibration(), RunOptions(processes=1), 2, tmp_path / "none", BRIEF)
+    done, _ = run(tmp_path / "a", 2)
+    (tmp_path / "a" / "replicates" / "00000.json").unlink()
+    found = finished(FakeCalibration(), RunOptions(processes=1), 3, tmp_path / "a", BRIEF)
+    assert found.replicates == {1: done.replicates[1]}
+    assert found.unfinished == (0, 2)
+    assert "Not decided: 1 of 3 replicates (0 ran longer than 2000 steps, 1 did not converge; unfinished: 0, 2)" in (
+        found.sentence()
+    )
+    with pytest.raises(InputError, match="seed was 0 and is now 1"):
+        finished(FakeCalibration(), RunOptions(processes=1, seed=1), 3, tmp_path / "a", BRIEF)
+    # the slowest are not like the rest: without them nothing is called calibrated
+    assert not replace(Calibrated({k: made_up(k) for k in range(100)}), unfinished=(100,)).passed
+
+
 def test_few_replicates_are_too_few_to_tell():
     """Six of which half lie outside a 90 % interval raise no alarm, and are not called calibrated."""
-    from softness_bayes.calibrate import Calibrated
-
     found = Calibrated({k: made_up(rank) for k, rank in enumerate((1, 2, 40, 55, 60, 98))})
     assert found.calibration.faults() == []
     assert next(row for row in found.calibration.coverage() if row["mass"] == 0.9)["share"] == 0.5

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, NoReturn
 
@@ -45,6 +46,12 @@ if TYPE_CHECKING:
     metavar="N",
     help="Replicates side by side; by default one for each core. Ranks do not depend on it.",
 )
+@click.option(
+    "--finished",
+    "so_far",
+    is_flag=True,
+    help="Judge the replicates that are finished and run no more; the verdict stays open and names the others.",
+)
 @seed
 @click.option(
     "--out",
@@ -63,6 +70,7 @@ def command(
     model: ModelChoice,
     max_steps: int,
     processes: int | None,
+    so_far: bool,
     seed: int,
     out: Path,
 ) -> None:
@@ -75,7 +83,15 @@ def command(
     to --out: a file per replicate (an interrupted run continues where it was), ranks.csv, coverage.csv,
     ecdf.png and verdict.txt. Exit code 3: some replicates have not converged; 4: not calibrated.
     """
-    from softness_bayes.calibrate import CALIBRATE, FIGURE, USUAL_FABRICS, USUAL_LOADS, CalibrationScene, calibrate
+    from softness_bayes.calibrate import (
+        CALIBRATE,
+        FIGURE,
+        USUAL_FABRICS,
+        USUAL_LOADS,
+        CalibrationScene,
+        calibrate,
+        finished,
+    )
     from softness_bayes.data import Fabrics, loads_of
     from softness_bayes.errors import NumericalError
     from softness_bayes.files.outputs import write_outputs
@@ -92,7 +108,7 @@ def command(
     options, _ = with_accuracy(scene.posterior, options, model.accuracy)
     bar = _Bar(replicates)
     try:
-        found = calibrate(scene, options, replicates, out, bar.show)
+        found = (finished if so_far else partial(calibrate, progress=bar.show))(scene, options, replicates, out)
     finally:
         bar.close()
     found.save(out)
@@ -105,6 +121,8 @@ def command(
     click.echo(found.sentence())
     if calibration.faults():
         raise NumericalError("not calibrated: see the verdict above")
+    if found.unfinished:
+        raise NotConvergedError(f"{len(found.unfinished)} of {replicates} replicates are not finished")
     if found.unconverged:
         raise NotConvergedError(f"{found.unconverged} replicates have not converged at --max-steps {max_steps}")
 
