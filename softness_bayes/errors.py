@@ -2,6 +2,14 @@
 
 from __future__ import annotations
 
+LONGEST_QUOTED = 80
+"""Characters of a value that a message quotes."""
+
+
+def quoted(text: str) -> str:
+    """Return a value as a message quotes it: on one line, its control characters as escapes, no longer than a line."""
+    return repr(text if len(text) <= LONGEST_QUOTED else f"{text[:LONGEST_QUOTED]}…")
+
 
 class SoftnessError(Exception):
     """Base of every error that the toolkit raises on purpose."""

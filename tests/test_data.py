@@ -275,7 +275,12 @@ RATING_FAULTS = [
     (2, "5", "inf", "column 'rating': expected a finite number, got 'inf'"),
     (2, "5", "1e999", "column 'rating': expected a finite number, got '1e999'"),
     (2, "5", "1_0", "column 'rating': expected a finite number, got '1_0'"),
-    (4, "1e1", '"1,5"', "column 'rating': expected a finite number, got '1,5'"),
+    (
+        4,
+        "1e1",
+        '"1,5"',
+        "got '1,5'; --decimal says what commas and points mean",
+    ),
     (3, "2.5", "0", "column 'indentation_mm': expected a number from 1e-06 to 100, got '0'"),
     (3, "2.5", "-1", "column 'indentation_mm': expected a number from 1e-06 to 100, got '-1'"),
     (3, "2.5", "1e-330", "column 'indentation_mm': expected a number from 1e-06 to 100, got '1e-330'"),

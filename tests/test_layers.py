@@ -15,7 +15,7 @@ import softness_bayes
 ROOT = Path(softness_bayes.__file__).parent
 LAYERS = (
     {"errors", "commands"},
-    {"ranges", "files"},
+    {"ranges", "terminal", "files"},
     {"touch"},
     {"data"},
     {"arviz_bridge"},

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import importlib
-import io
-import sys
 import time
 from collections.abc import Mapping
 from typing import Any
@@ -13,6 +11,7 @@ import click
 
 from softness_bayes import __version__
 from softness_bayes.errors import SoftnessError
+from softness_bayes.terminal import visible_streams
 
 STARTED = time.monotonic()
 """When the command began, but for Python's own start."""
@@ -54,11 +53,13 @@ class VerbGroup(click.Group):
         with formatter.section("Commands"):
             formatter.write_dl(list(VERBS.items()))
 
+    def main(self, *arguments: Any, **options: Any) -> Any:
+        """Run the command line; all that it prints is visible."""
+        with visible_streams():
+            return super().main(*arguments, **options)
+
     def invoke(self, ctx: click.Context) -> Any:
         """Run a verb."""
-        for stream in (sys.stdout, sys.stderr):
-            if isinstance(stream, io.TextIOWrapper):
-                stream.reconfigure(errors="surrogateescape")  # names of files need not be UTF-8
         try:
             return super().invoke(ctx)
         except SoftnessError as error:

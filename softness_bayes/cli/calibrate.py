@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, NoReturn
 
 import click
 
-from softness_bayes.cli.options import ModelChoice, load_options, model_choice, seed, whole
+from softness_bayes.cli.options import ModelChoice, decimal, load_options, model_choice, seed, whole
 from softness_bayes.errors import NotConvergedError
 from softness_bayes.ranges import PARTICIPANTS, PROCESSES, REPLICATES, STEPS
 
@@ -30,6 +30,7 @@ if TYPE_CHECKING:
 @click.option(
     "--fabrics", type=click.Path(path_type=Path), metavar="FILE", help="Fabric table (CSV); by default eight fabrics."
 )
+@decimal
 @load_options(True, ". Repeatable.")
 @click.option("--participants", type=whole(PARTICIPANTS), default=20, show_default=True, help="Number of raters.")
 @model_choice
@@ -64,6 +65,7 @@ if TYPE_CHECKING:
 def command(
     replicates: int,
     fabrics: Path | None,
+    decimal: str | None,
     indentation_mm: tuple[float, ...],
     force_n: tuple[float, ...],
     participants: int,
@@ -100,7 +102,7 @@ def command(
     from softness_bayes.plotting.style import files_of
 
     scene = CalibrationScene(
-        USUAL_FABRICS if fabrics is None else Fabrics.read(fabrics),
+        USUAL_FABRICS if fabrics is None else Fabrics.read(fabrics, decimal=decimal),
         loads_of(indentation_mm, force_n) or USUAL_LOADS,
         participants,
     )

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from softness_bayes.cli.options import fix, force, load_options, named, out, prior, seed, whole
+from softness_bayes.cli.options import decimal, fix, force, load_options, named, out, prior, seed, whole
 from softness_bayes.errors import InputError
 from softness_bayes.ranges import PRIOR_DRAWS
 
@@ -61,6 +61,7 @@ CLAIMS, MADE = "claims", ("claims.csv", "claims.md", "claims_loads.csv")
     metavar="NAME=ACTUAL",
     help="What a column is called in the files, as in rating=softness. Repeatable.",
 )
+@decimal
 @load_options(True, ". Repeatable; by default 1, 1.5, 2 and 3 mm and 0.5, 1, 2 and 4 N, or those of --data.")
 @click.option(
     "--draws",
@@ -81,6 +82,7 @@ def command(
     data: Path | None,
     fabrics: Path | None,
     columns: dict[str, str],
+    decimal: str | None,
     indentation_mm: tuple[float, ...],
     force_n: tuple[float, ...],
     draws: int,
@@ -101,7 +103,7 @@ def command(
     from softness_bayes.files.outputs import require_outputs, write_outputs
 
     require_outputs(out, MADE, CLAIMS, force, [path for path in (data, fabrics) if path is not None])
-    touched, ratings, loads = _materials(data, fabrics, columns, indentation_mm, force_n)
+    touched, ratings, loads = _materials(data, fabrics, columns, decimal, indentation_mm, force_n)
     trials = evaluate_claims(
         _readings(reading_sets, overrides),
         prior_sets or PRIORS,
@@ -131,6 +133,7 @@ def _materials(
     data: Path | None,
     fabrics: Path | None,
     columns: Mapping[str, str],
+    decimal: str | None,
     indentation_mm: tuple[float, ...],
     force_n: tuple[float, ...],
 ) -> tuple[Fabrics, Ratings | None, tuple[Load, ...]]:
@@ -141,12 +144,14 @@ def _materials(
     if data is None:
         if columns and fabrics is None:
             raise InputError("--column names columns of --data or --fabrics: give one of them")
-        chosen = CLOTH if fabrics is None else Fabrics.read(fabrics, columns=columns)
+        chosen = CLOTH if fabrics is None else Fabrics.read(fabrics, columns=columns, decimal=decimal)
         return chosen, None, loads_of(indentation_mm, force_n)
     if len(indentation_mm) > 1 or len(force_n) > 1:
         raise InputError("--data brings its own loads: give --indentation-mm or --force-n once at most, for all of it")
     indentation, held_force = (next(iter(values), None) for values in (indentation_mm, force_n))
-    experiment = read_experiment(data, fabrics, columns=columns, indentation_mm=indentation, force_n=held_force)
+    experiment = read_experiment(
+        data, fabrics, columns=columns, indentation_mm=indentation, force_n=held_force, decimal=decimal
+    )
     for note in experiment.notes:
         click.echo(f"note: {note}", err=True)
     return experiment.fabrics, experiment.ratings, experiment.ratings.loads

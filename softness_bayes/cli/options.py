@@ -131,6 +131,14 @@ _column = click.option(
 )
 
 
+decimal = click.option(
+    "--decimal",
+    type=click.Choice([",", "."]),
+    help="What stands before the decimals in the files, where their numbers do not tell; the other groups thousands.",
+)
+"""Gives a verb `decimal`, a mark or None."""
+
+
 def _fabrics(required: bool, text: str) -> Decorator:
     return click.option("--fabrics", type=_FILE, metavar="FILE", required=required, help=text)
 
@@ -173,6 +181,7 @@ class DataFiles:
     indentation_mm: float | None
     force_n: float | None
     compression: Path | None
+    decimal: str | None = None
 
     @property
     def paths(self) -> tuple[Path, ...]:
@@ -202,6 +211,7 @@ class DataFiles:
                 indentation_mm=self.indentation_mm,
                 force_n=self.force_n,
                 compression_path=self.compression,
+                decimal=self.decimal,
             )
         if self.compression is None:
             raise click.UsageError("no data: give ratings with --data, a plate's forces with --compression, or both")
@@ -209,7 +219,7 @@ class DataFiles:
             raise InputError(
                 "--fabrics, --indentation-mm and --force-n are for ratings: give --data, or leave them out"
             )
-        return Compression.read(self.compression, columns=self.columns)
+        return Compression.read(self.compression, columns=self.columns, decimal=self.decimal)
 
 
 def data_files(verb: Verb) -> Verb:
@@ -225,18 +235,21 @@ def data_files(verb: Verb) -> Verb:
     )
     @_fabrics(False, "Fabric table (CSV); by default columns of the ratings, or a fabrics.csv beside them.")
     @_column
+    @decimal
     @load_options(False, " of all ratings, where the table has no column for it.")
     @functools.wraps(verb)
     def wrapped(
         data: Path | None,
         fabrics: Path | None,
         columns: dict[str, str],
+        decimal: str | None,
         indentation_mm: float | None,
         force_n: float | None,
         compression: Path | None,
         **others: Any,
     ) -> Any:
-        return verb(files=DataFiles(data, fabrics, columns, indentation_mm, force_n, compression), **others)
+        files = DataFiles(data, fabrics, columns, indentation_mm, force_n, compression, decimal)
+        return verb(files=files, **others)
 
     return wrapped
 
@@ -249,6 +262,7 @@ class Touches:
     columns: Mapping[str, str]
     indentation_mm: tuple[float, ...]
     force_n: tuple[float, ...]
+    decimal: str | None = None
 
     def read(self) -> tuple[Fabrics, tuple[Load, ...]]:
         """Return the fabrics and the distinct loads.
@@ -263,7 +277,7 @@ class Touches:
         loads = loads_of(self.indentation_mm, self.force_n)
         if not loads:
             raise InputError("no load: give at least one --indentation-mm or --force-n")
-        return Fabrics.read(self.fabrics, columns=self.columns), loads
+        return Fabrics.read(self.fabrics, columns=self.columns, decimal=self.decimal), loads
 
 
 def touches(verb: Verb) -> Verb:
@@ -271,16 +285,18 @@ def touches(verb: Verb) -> Verb:
 
     @_fabrics(True, "Fabric table (CSV).")
     @_column
+    @decimal
     @load_options(True, " of the touch. Repeatable.")
     @functools.wraps(verb)
     def wrapped(
         fabrics: Path,
         columns: dict[str, str],
+        decimal: str | None,
         indentation_mm: tuple[float, ...],
         force_n: tuple[float, ...],
         **others: Any,
     ) -> Any:
-        return verb(touches=Touches(fabrics, columns, indentation_mm, force_n), **others)
+        return verb(touches=Touches(fabrics, columns, indentation_mm, force_n, decimal), **others)
 
     return wrapped
 

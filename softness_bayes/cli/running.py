@@ -76,4 +76,5 @@ def record_of(files: DataFiles) -> dict[str, Any]:
         "columns": dict(files.columns),
         "indentation_mm": files.indentation_mm,
         "force_n": files.force_n,
+        "decimal": files.decimal,
     }

@@ -20,8 +20,9 @@ from softness_bayes.data.columns import (
 )
 from softness_bayes.data.compression import Compression
 from softness_bayes.data.fabrics import USUAL_POISSON_RATIO, Fabrics
+from softness_bayes.data.names import listing
 from softness_bayes.data.ratings import LOAD_COLUMNS, Conditions, LoadColumn, Ratings, loads_of
-from softness_bayes.data.tables import check_renames, listing, read_table
+from softness_bayes.data.tables import check_renames, read_table
 from softness_bayes.errors import InputError
 from softness_bayes.files.cells import escaped
 from softness_bayes.files.outputs import write_outputs
@@ -74,6 +75,7 @@ def read_experiment(
     indentation_mm: float | None = None,
     force_n: float | None = None,
     compression_path: str | Path | None = None,
+    decimal: str | None = None,
 ) -> Experiment:
     """Read ratings and their fabrics.
 
@@ -91,6 +93,8 @@ def read_experiment(
         The load of every row [mm] or [N], where the table of ratings has no column for it.
     compression_path
         CSV file of compression data, whose columns are those of `Compression.read`.
+    decimal
+        What stands before the decimals in all files, "," or "."; left out, each file tells by itself or is refused.
 
     Raises
     ------
@@ -98,18 +102,18 @@ def read_experiment(
         Naming file, row, column and value.
     """
     columns = columns or {}
-    table = read_table(ratings_path, columns)
+    table = read_table(ratings_path, columns, decimal)
     own = [column.name for column in MODULUS_SOURCES if column.name in table]
     beside = table.path.with_name(FABRICS_BESIDE)
     notes: list[str] = []
     if fabrics_path is not None:
-        fabric_table = read_table(fabrics_path, columns)
+        fabric_table = read_table(fabrics_path, columns, decimal)
         if own:
             notes.append(f"{table.path.name}: {listing(own)} not used, the fabrics are those of {fabrics_path}")
     elif own:
         fabric_table = table
     elif beside.is_file():
-        fabric_table = read_table(beside, columns)
+        fabric_table = read_table(beside, columns, decimal)
         notes.append(f"the fabrics are those of {beside}, found beside the ratings")
     else:
         raise InputError(
@@ -117,12 +121,13 @@ def read_experiment(
             f"{FABRICS_BESIDE} beside the ratings, or give these a column of "
             f"{', '.join(column.name for column in MODULUS_SOURCES)} (the last with {THICKNESS.name})"
         )
-    plate_table = None if compression_path is None else read_table(compression_path, columns)
+    plate_table = None if compression_path is None else read_table(compression_path, columns, decimal)
     check_renames(columns, table, fabric_table, *([] if plate_table is None else [plate_table]))
     compression = None if plate_table is None else Compression.from_table(plate_table)
     fabrics = Fabrics.from_table(fabric_table, repeated=fabric_table is table)
     ratings = Ratings.from_table(table, fabrics, indentation_mm, force_n)
-    unrated = [name for name in fabrics.names if name not in set(ratings.fabrics)]
+    rated = set(ratings.fabrics)
+    unrated = [name for name in fabrics.names if name not in rated]
     if unrated:
         notes.append(f"fabrics without a rating, left out: {listing(unrated)}")
     notes += [] if compression is None else compression.notes
@@ -153,7 +158,8 @@ def ratings_csv(ratings: Ratings, fabrics: Fabrics | None = None) -> str:
             columns[column.name] = filled
     columns[RATING.name] = [RATING.write(value) for value in ratings.rating]
     if fabrics is not None:
-        place = [fabrics.names.index(name) for name in names]
+        places = {name: i for i, name in enumerate(fabrics.names)}
+        place = [places[name] for name in names]
         columns |= {name: [texts[i] for i in place] for name, texts in fabrics.cells().items()}
     return _csv(columns)
 

@@ -8,6 +8,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from decimal import Decimal
 
+from softness_bayes.errors import quoted
 from softness_bayes.ranges import ANY, Range
 from softness_bayes.touch.contact import FORCES, INDENTATIONS
 
@@ -56,8 +57,8 @@ class Column:
         """Whether `value` [SI] may stand in the column."""
         return self.range.holds(value)
 
-    def parse(self, text: str) -> float:
-        """Return the value [SI] of a number as filed.
+    def parse(self, text: str, filed: str | None = None) -> float:
+        """Return the value [SI] of a number with a decimal point; messages quote it as it was `filed`.
 
         Raises
         ------
@@ -67,7 +68,7 @@ class Column:
         match = _NUMBER.fullmatch(text)
         value = float(f"{match[1]}e{int(match[2] or 0) + self.power}") if match else math.nan
         if not self.holds(value):
-            raise ValueError(f"expected {self.expected}, got {text!r}")
+            raise ValueError(f"expected {self.expected}, got {quoted(text if filed is None else filed)}")
         return value
 
     def write(self, value: float) -> str:

@@ -9,7 +9,8 @@ from pathlib import Path
 import numpy as np
 
 from softness_bayes.data.columns import FORCE, INDENTATION, Column
-from softness_bayes.data.tables import FloatArray, IntArray, Table, check_renames, natural, read_only, read_table
+from softness_bayes.data.names import alike_notes, natural
+from softness_bayes.data.tables import FloatArray, IntArray, Table, check_renames, read_only, read_table
 from softness_bayes.errors import InputError
 
 FLAT_PLATE = ("flat_plate", "flat plate", "plate", "flat")
@@ -64,7 +65,9 @@ class Compression:
         return len(self.force)
 
     @classmethod
-    def read(cls, path: str | Path, *, columns: Mapping[str, str] | None = None) -> Compression:
+    def read(
+        cls, path: str | Path, *, columns: Mapping[str, str] | None = None, decimal: str | None = None
+    ) -> Compression:
         """Read a table of forces, one row each.
 
         Columns: `participant`, `indentation_mm`, `force_n`; where there is a column `indentor`, rows of
@@ -76,13 +79,15 @@ class Compression:
             CSV file.
         columns
             Name above -> name in the file, where they differ.
+        decimal
+            What stands before the decimals, "," or "."; left out, the file tells or is refused.
 
         Raises
         ------
         InputError
             Naming file, row, column and value.
         """
-        table = read_table(path, columns or {})
+        table = read_table(path, columns or {}, decimal)
         check_renames(columns or {}, table)
         return cls.from_table(table)
 
@@ -120,9 +125,11 @@ class Compression:
         if not kept:
             raise InputError(f"{table.path}: no row with a force above 0 on a flat plate")
         names = natural(by[i] for i in kept)
+        place = {name: k for k, name in enumerate(names)}
+        notes += [f"{table.path.name}: {note}" for note in alike_notes("participant", names)]
         return cls(
             tuple(names),
-            np.array([names.index(by[i]) for i in kept]),
+            np.array([place[by[i]] for i in kept]),
             depth[kept],
             force[kept],
             table.rows[kept],

@@ -17,8 +17,9 @@ from softness_bayes.data.columns import (
     THICKNESS,
     Column,
 )
-from softness_bayes.data.tables import FloatArray, Table, check_renames, natural, read_only, read_table
-from softness_bayes.errors import InputError
+from softness_bayes.data.names import alike_notes, natural
+from softness_bayes.data.tables import FloatArray, Table, check_renames, read_only, read_table
+from softness_bayes.errors import InputError, quoted
 from softness_bayes.touch.contact import PLATE_LENGTH, PRINTED_RIGIDITY, FabricModulus
 
 USUAL_POISSON_RATIO = 0.3
@@ -132,7 +133,8 @@ class Fabrics:
 
     def take(self, names: tuple[str, ...]) -> Fabrics:
         """Return the fabrics of these names, in their order."""
-        index = [self.names.index(name) for name in names]
+        place = {name: i for i, name in enumerate(self.names)}
+        index = [place[name] for name in names]
         properties = {name: getattr(self, name)[index] for name in PROPERTIES}
         rows = tuple(self.rows[i] for i in index) if self.rows else ()
         return replace(self, names=names, rows=rows, **properties)
@@ -149,7 +151,7 @@ class Fabrics:
         return f"{self.source}: {row}fabric {self.names[i]!r}"
 
     @classmethod
-    def read(cls, path: str | Path, *, columns: Mapping[str, str] | None = None) -> Fabrics:
+    def read(cls, path: str | Path, *, columns: Mapping[str, str] | None = None, decimal: str | None = None) -> Fabrics:
         """Read a fabric table, one row per fabric.
 
         Columns: `fabric`; in each row `effective_modulus_kpa`, or `bending_rigidity_n_m`, or
@@ -161,13 +163,15 @@ class Fabrics:
             CSV file.
         columns
             Name above -> name in the file, where they differ.
+        decimal
+            What stands before the decimals, "," or "."; left out, the file tells or is refused.
 
         Raises
         ------
         InputError
             Naming file, row, column and value.
         """
-        table = read_table(path, columns or {})
+        table = read_table(path, columns or {}, decimal)
         check_renames(columns or {}, table)
         return cls.from_table(table)
 
@@ -178,13 +182,13 @@ class Fabrics:
         rows: dict[str, list[int]] = {name: [] for name in (natural(labels) if repeated else labels)}
         for i, name in enumerate(labels):
             if rows[name] and not repeated:
-                raise table.error(i, "fabric", f"{name!r} stands in row {table.rows[rows[name][0]]} already")
+                raise table.error(i, "fabric", f"{quoted(name)} stands in row {table.rows[rows[name][0]]} already")
             rows[name].append(i)
         properties = {}
         for name, column in PROPERTIES.items():
             filed = table.numbers(column)
             properties[name] = np.array([_agreed(table, column, filed, own) for own in rows.values()])
-        notes = [f"{table.path.name}: {note}" for note in table.notes]
+        notes = [f"{table.path.name}: {note}" for note in (*table.notes, *alike_notes("fabric", rows))]
         usual = np.isnan(properties["poisson_ratio"]).sum()
         if usual:
             notes.append(
@@ -209,5 +213,7 @@ def _agreed(table: Table, column: Column, filed: FloatArray, own: list[int]) -> 
         if filed[i] != filed[given[0]]:
             value, first = (table.cells[column.name][j] for j in (i, given[0]))
             fabric, row = table.cells["fabric"][i], table.rows[given[0]]
-            raise table.error(i, column.name, f"{fabric!r} has {value!r} here and {first!r} in row {row}")
+            raise table.error(
+                i, column.name, f"{quoted(fabric)} has {quoted(value)} here and {quoted(first)} in row {row}"
+            )
     return float(filed[given[0]]) if given else np.nan

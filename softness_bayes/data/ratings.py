@@ -13,17 +13,16 @@ from numpy.typing import ArrayLike
 
 from softness_bayes.data.columns import FORCE, INDENTATION, RATING, Column
 from softness_bayes.data.fabrics import Fabrics
+from softness_bayes.data.names import alike_notes, guess, natural
 from softness_bayes.data.tables import (
     FloatArray,
     IntArray,
     Table,
     check_renames,
-    guess,
-    natural,
     read_only,
     read_table,
 )
-from softness_bayes.errors import InputError
+from softness_bayes.errors import InputError, quoted
 from softness_bayes.touch.contact import Force, Indentation, Load
 
 STANDARDISED_MEAN, STANDARDISED_SD = 1.0, 3.0
@@ -113,6 +112,8 @@ class Ratings:
     rating_column: str = RATING.name
     digest: str = ""
     notes: tuple[str, ...] = ()
+    not_positive: str = ""
+    """The first rating that is zero or negative, as it stands in the file."""
 
     def __post_init__(self) -> None:
         arrays = {"participant": int, "fabric": int, "load": int, "rating": float, "rows": int}
@@ -141,9 +142,10 @@ class Ratings:
         wrong = np.flatnonzero(self.rating <= 0)
         if wrong.size:
             i = wrong[0]
+            found = quoted(self.not_positive or f"{self.rating[i]:.15g}")
             raise InputError(
                 f"{self.source}: row {self.rows[i]}, column {self.rating_column!r}: expected a magnitude "
-                f"estimate above 0, got '{self.rating[i]:g}' ({wrong.size} of {len(self)} ratings are zero "
+                f"estimate above 0, got {found} ({wrong.size} of {len(self)} ratings are zero "
                 "or negative and have no logarithm); leave the cell of a missing rating empty; if these are "
                 "z-scores, say so with --ratings standardised"
             )
@@ -200,6 +202,7 @@ class Ratings:
         columns: Mapping[str, str] | None = None,
         indentation_mm: float | None = None,
         force_n: float | None = None,
+        decimal: str | None = None,
     ) -> Ratings:
         """Read a long table of ratings.
 
@@ -216,13 +219,15 @@ class Ratings:
             Name above -> name in the file, where they differ.
         indentation_mm, force_n
             The load of every row [mm] or [N], where the table has no column for it.
+        decimal
+            What stands before the decimals, "," or "."; left out, the file tells or is refused.
 
         Raises
         ------
         InputError
             Naming file, row, column and value.
         """
-        table = read_table(path, columns or {})
+        table = read_table(path, columns or {}, decimal)
         check_renames(columns or {}, table)
         return cls.from_table(table, fabrics, indentation_mm, force_n)
 
@@ -244,6 +249,7 @@ class Ratings:
         if rated.size < len(table):
             notes.append(f"{len(table) - rated.size} of {len(table)} ratings are missing")
         table = table.take(rated)
+        wrong = np.flatnonzero(filed[rated] <= 0)
         if "participant" in table:
             by = table.labels("participant")
         else:
@@ -254,7 +260,9 @@ class Ratings:
         notes += _repeats(table, by, what, touches)
 
         participants = natural(by)
-        names = natural(what) if fabrics is None else [name for name in fabrics.names if name in set(what)]
+        notes += alike_notes("participant", participants)
+        rated_fabrics = set(what)
+        names = natural(what) if fabrics is None else [name for name in fabrics.names if name in rated_fabrics]
         distinct = sorted(set(touches), key=_rank)
         return cls(
             tuple(participants),
@@ -270,6 +278,7 @@ class Ratings:
             rating_column=table.titles[RATING.name],
             digest=table.digest,
             notes=tuple(f"{table.path.name}: {note}" for note in notes),
+            not_positive=table.cells[RATING.name][wrong[0]] if wrong.size else "",
         )
 
 
@@ -285,7 +294,7 @@ def _fabrics_in(table: Table, fabrics: Fabrics | None) -> Sequence[str]:
         known = set(fabrics.names)
         for i, name in enumerate(labels):
             if name not in known:
-                problem = f"{name!r} is not a fabric of {fabrics.source}{guess(name, fabrics.names)}"
+                problem = f"{quoted(name)} is not a fabric of {fabrics.source}{guess(name, fabrics.names)}"
                 raise table.error(i, "fabric", problem)
     return labels
 
@@ -311,7 +320,7 @@ def _loads_in(table: Table, indentation_mm: float | None, force_n: float | None)
         values = {entry: float(values[i]) for entry, values in filed.items() if not np.isnan(values[i])}
         if len(values) != 1:
             last = next(reversed(filed)).column.name
-            found = " and ".join(repr(table.cells[entry.column.name][i]) for entry in filed)
+            found = " and ".join(quoted(table.cells[entry.column.name][i]) for entry in filed)
             expected = "a load" if len(filed) == 1 else "one load, an indentation or a force"
             raise table.error(i, last, f"expected {expected}, got {found}")
         touches += [entry.kind(value) for entry, value in values.items()]

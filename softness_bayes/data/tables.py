@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import difflib
+import csv
 import hashlib
 import io
 import re
-import warnings
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -16,7 +15,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from softness_bayes.data.columns import LABELS, NUMBERS, Column
-from softness_bayes.errors import InputError
+from softness_bayes.data.decimals import MARKS, Cell, Reading, decimal_mark, plain
+from softness_bayes.data.names import guess, listing
+from softness_bayes.errors import InputError, quoted
 from softness_bayes.files.cells import unescaped
 
 FloatArray = NDArray[np.float64]
@@ -25,8 +26,8 @@ IntArray = NDArray[np.intp]
 MISSING = frozenset({"", "na", "n/a", "nan", "null", "none"})
 """What stands for a missing number, in any case. A name is missing only if empty: NA may be initials."""
 
-_COMMA_NUMBER = re.compile(r"[+-]?[0-9]*,[0-9]+(?:[eE][+-]?[0-9]+)?")
-_CONTROL = re.compile(rb"[\x00-\x08\x0e-\x1f]")
+_CONTROL = re.compile("[\x00-\x08\x0e-\x1f]")
+_END = "\x1f"  # stands in no table: what follows the last row
 
 
 @dataclass(frozen=True)
@@ -42,6 +43,8 @@ class Table:
     rows: IntArray
     """Line of each row in the file; the header stands in line 1."""
     decimal: str
+    declared: bool
+    """Whether the decimal mark was asked for: thousands may be grouped then."""
     notes: tuple[str, ...]
 
     def __len__(self) -> int:
@@ -81,17 +84,19 @@ class Table:
         for i, text in enumerate(self.cells.get(column.name, ())):
             if text.casefold() in MISSING:
                 continue
-            if self.decimal == "," and "." in text:
-                expected = "expected a decimal comma, as elsewhere in this file"
-                raise self.error(i, column.name, f"{expected}, got {text!r}")
             try:
-                values[i] = column.parse(text.replace(self.decimal, "."))
+                number = plain(text, self.decimal, self.declared)
             except ValueError as error:
-                raise self.error(i, column.name, str(error)) from None
+                raise self.error(i, column.name, f"{error}, got {quoted(text)}") from None
+            try:
+                values[i] = column.parse(number, text)
+            except ValueError as error:
+                remedy = "" if self.declared or "," not in text else "; --decimal says what commas and points mean"
+                raise self.error(i, column.name, f"{error}{remedy}") from None
         return values
 
 
-def read_table(path: str | Path, renames: Mapping[str, str]) -> Table:
+def read_table(path: str | Path, renames: Mapping[str, str], decimal: str | None = None) -> Table:
     """Read the known columns of a CSV file.
 
     Understood are commas, semicolons and tabs between cells; decimal commas where commas do not
@@ -105,12 +110,18 @@ def read_table(path: str | Path, renames: Mapping[str, str]) -> Table:
     renames
         Name of a column here -> its name in the file; those that the file lacks are ignored
         (`check_renames` refuses those that no file has).
+    decimal
+        What stands before the decimals of a number, "," or "."; the other one groups thousands. Left out, the
+        numbers tell, or the table is refused.
 
     Raises
     ------
     InputError
-        If the file is not a table with at least one row; the message names file and row.
+        If the file is not a table with at least one row, or a number may have decimals or grouped thousands;
+        the message names file and row.
     """
+    if decimal not in (None, *MARKS):
+        raise InputError(f"decimal is {decimal!r}, expected one of {', '.join(map(repr, MARKS))}")
     path = Path(path)
     try:
         content = path.read_bytes()
@@ -131,14 +142,23 @@ def read_table(path: str | Path, renames: Mapping[str, str]) -> Table:
     unused = [title for j, title in enumerate(header) if title and j not in at.values()]
     if unused:
         notes.append(f"unused columns: {listing(unused)}")
-    numbers = (text for name in NUMBERS for text in cells.get(name, ()))
+    titles = {name: header[j] for name, j in at.items()}
+    reading = Reading(decimal or ".")
+    if decimal is None and separator != ",":
+        numbers = [[Cell(t, titles[n], r) for t, r in zip(cells[n], rows, strict=True)] for n in NUMBERS if n in at]
+        reading = decimal_mark([c for c in column if c.text.casefold() not in MISSING] for column in numbers)
+    if reading.unclear is not None:
+        raise InputError(_unclear(path, reading.unclear))
+    if reading.note:
+        notes.append(reading.note)
     return Table(
         path=path,
         digest=hashlib.sha256(content).hexdigest(),
         cells=cells,
-        titles={name: header[j] for name, j in at.items()},
+        titles=titles,
         rows=np.array(rows, dtype=np.intp),
-        decimal="," if separator != "," and any(map(_COMMA_NUMBER.fullmatch, numbers)) else ".",
+        decimal=reading.mark,
+        declared=decimal is not None,
         notes=tuple(notes),
     )
 
@@ -157,26 +177,6 @@ def check_renames(renames: Mapping[str, str], *tables: Table) -> None:
             raise InputError(f"--column {name}={actual}: there is no column {actual!r} in {files}")
 
 
-def natural(names: Iterable[str]) -> list[str]:
-    """Return distinct names with the numbers in them in numerical order: P2 before P10."""
-
-    def key(name: str) -> tuple[str, str]:
-        return re.sub("[0-9]+", lambda digits: digits[0].zfill(20), name), name
-
-    return sorted(set(names), key=key)
-
-
-def listing(names: Sequence[str], most: int = 8) -> str:
-    """Return names for a message, the first few of many."""
-    return ", ".join(names[:most]) + (f", … ({len(names)} in all)" if len(names) > most else "")
-
-
-def guess(name: str, known: Iterable[str]) -> str:
-    """Return ' (did you mean ...?)' where one of the known names is near."""
-    near = difflib.get_close_matches(name, list(known), 1)
-    return f" (did you mean {near[0]!r}?)" if near else ""
-
-
 def read_only(values: ArrayLike, kind: type) -> NDArray:
     """Return a copy of `values` that cannot be written to."""
     array: NDArray = np.array(values, dtype=kind)
@@ -188,8 +188,6 @@ def _decode(path: Path, content: bytes) -> tuple[str, list[str]]:
     """Return the text of a file, each newline one character, and what was noticed."""
     notes: list[str] = []
     wide = content[:2] in (b"\xff\xfe", b"\xfe\xff")
-    if not wide and _CONTROL.search(content):
-        raise InputError(f"{path}: not a text file, expected a table saved as CSV")
     try:
         text = content.decode("utf-16" if wide else "utf-8-sig")
     except UnicodeDecodeError as error:
@@ -197,6 +195,11 @@ def _decode(path: Path, content: bytes) -> tuple[str, list[str]]:
             raise InputError(f"{path}: {error.reason} in UTF-16, expected a table saved as CSV") from None
         text = content.decode("latin-1")
         notes.append("not UTF-8: read as Latin-1")
+    if control := _CONTROL.search(text):
+        line = 1 + text.count("\n", 0, control.start())
+        raise InputError(
+            f"{path}: not a text file, expected a table saved as CSV: control character {control[0]!r} in line {line}"
+        )
     if not text.strip():
         raise InputError(f"{path}: the file is empty, expected a header and rows")
     return text.replace("\r\n", "\n").replace("\r", "\n"), notes
@@ -208,37 +211,24 @@ def _separator(text: str) -> str:
     return max(",;\t", key=header.count)
 
 
+def _unclear(path: Path, cell: Cell) -> str:
+    """Say that a number can be read in two ways, and what decides."""
+    other = cell.text.replace(",", "").replace(".", "")
+    return (
+        f"{path}: {cell.place}: {cell.text!r} may be {cell.text.replace(',', '.')} or {other}, and no number of this "
+        "table tells which; say what stands before the decimals with --decimal . or --decimal ,"
+    )
+
+
 def _records(path: Path, text: str, separator: str) -> tuple[list[str], list[list[str]], list[int]]:
     """Return the header, the rows that are not blank, and the line where each of these starts."""
-    import pandas as pd
-
-    # as many columns as any line could have: pandas then takes every row, and the check below names it
-    unquoted = re.sub(r'"[^"]*"', "", text)
-    width = 1 + max(line.count(separator) for line in f"{text}\n{unquoted}".split("\n"))
-    try:
-        with warnings.catch_warnings(action="error", category=pd.errors.ParserWarning):
-            frame = pd.read_csv(
-                io.StringIO(text),
-                sep=separator,
-                header=None,
-                names=range(width),
-                index_col=False,
-                dtype=str,
-                na_filter=False,
-                skip_blank_lines=False,
-                skipinitialspace=True,
-            )
-    except (pd.errors.ParserError, pd.errors.ParserWarning) as error:
-        raise InputError(f"{path}: {error} (is a quotation mark never closed?)") from None
     records: list[list[str]] = []
     rows: list[int] = []
-    line = 1
-    for record in frame.to_numpy(dtype=object).tolist():
+    for record, line in _rows(path, text, separator):
         cells = [cell.strip() for cell in record]
         if any(cells):
             records.append(cells)
             rows.append(line)
-        line += 1 + sum(cell.count("\n") for cell in record)
     header, body = records[0] if records else [], records[1:]
     if not body:
         raise InputError(f"{path}: there is no row below the header")
@@ -249,5 +239,28 @@ def _records(path: Path, text: str, separator: str) -> tuple[list[str], list[lis
     for record, row in zip(body, rows[1:], strict=True):
         beyond = [cell for cell in record[used:] if cell]
         if beyond:
-            raise InputError(f"{path}: row {row}: {beyond[-1]!r} stands beyond the {used} columns of the header")
-    return header, body, rows[1:]
+            raise InputError(f"{path}: row {row}: {quoted(beyond[-1])} stands beyond the {used} columns of the header")
+    return header[:used], [[*record[:used], *[""] * (used - len(record))] for record in body], rows[1:]
+
+
+def _rows(path: Path, text: str, separator: str) -> Iterator[tuple[list[str], int]]:
+    """Yield the cells of each row, as many as it has, and the line where it starts.
+
+    Raises
+    ------
+    InputError
+        If a quotation mark is never closed, or a cell longer than any table has.
+    """
+    reader = csv.reader(io.StringIO(f"{text}\n{_END}"), delimiter=separator, skipinitialspace=True)
+    line, record = 1, [_END]
+    try:
+        for record in reader:
+            if record == [_END]:
+                return
+            if record and record[-1].endswith(_END):
+                break
+            yield record, line
+            line = reader.line_num + 1
+    except csv.Error as error:
+        raise InputError(f"{path}: row {line}: {error} (is a quotation mark never closed?)") from None
+    raise InputError(f"{path}: row {line}: a quotation mark is never closed")

@@ -1,0 +1,69 @@
+"""Names of people and fabrics: their order, guesses at a misspelt one, and those that look alike."""
+
+from __future__ import annotations
+
+import difflib
+import re
+import unicodedata
+from collections.abc import Iterable, Sequence
+
+_LONGEST_GUESSED = 100
+
+
+def natural(names: Iterable[str]) -> list[str]:
+    """Return distinct names with the numbers in them in numerical order: P2 before P10."""
+
+    def key(name: str) -> tuple[str, str]:
+        return re.sub("[0-9]+", lambda digits: digits[0].zfill(20), name), name
+
+    return sorted(set(names), key=key)
+
+
+def listing(names: Sequence[str], most: int = 8) -> str:
+    """Return names for a message, the first few of many."""
+    shown = [name if len(name) <= _LONGEST_GUESSED else f"{name[:_LONGEST_GUESSED]}…" for name in names[:most]]
+    return ", ".join(shown) + (f", … ({len(names)} in all)" if len(names) > most else "")
+
+
+def guess(name: str, known: Iterable[str]) -> str:
+    """Return ' (did you mean ...?)' where one of the known names is near, or looks the same."""
+    known = list(known)
+    if alike := [other for other in known if _look(other) == _look(name)]:
+        return f" (which has {_shown(alike[0])} for {_shown(name)}: they differ in {_DIFFERENCE} only)"
+    if len(name) > _LONGEST_GUESSED:
+        return ""
+    near = difflib.get_close_matches(name, known, 1)
+    return f" (did you mean {near[0]!r}?)" if near else ""
+
+
+def alike_notes(kind: str, names: Iterable[str]) -> list[str]:
+    """Say which names differ so little that they may be meant to be the same; they are kept as written.
+
+    Parameters
+    ----------
+    kind
+        What the names are of, as in 'participant'.
+    names
+        All of them.
+    """
+    groups: dict[str, list[str]] = {}
+    for name in natural(names):
+        groups.setdefault(_look(name), []).append(name)
+    pairs = [" and ".join(map(_shown, group)) for group in groups.values() if len(group) > 1]
+    if not pairs:
+        return []
+    return [f"column {kind!r}: {listing(pairs)} differ in {_DIFFERENCE} only; they are taken as different"]
+
+
+_DIFFERENCE = "case, Unicode form or invisible characters"
+
+
+def _look(name: str) -> str:
+    """Return what two names have in common that a reader cannot tell apart, or hardly."""
+    folded = unicodedata.normalize("NFKC", unicodedata.normalize("NFKC", name).casefold())
+    return " ".join("".join(c for c in folded if c.isspace() or unicodedata.category(c) not in ("Cf", "Cc")).split())
+
+
+def _shown(name: str) -> str:
+    """Return a name in quotes, with escapes for all that is not ASCII: they show what it differs in."""
+    return ascii(name if len(name) <= _LONGEST_GUESSED else f"{name[:_LONGEST_GUESSED]}…")

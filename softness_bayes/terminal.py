@@ -1,0 +1,50 @@
+"""What reaches the terminal: control and invisible characters, which a file may have put into a name, as escapes."""
+
+from __future__ import annotations
+
+import io
+import re
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any, TextIO
+
+# line ends, tabs and the carriage return of progress bars stay; marks of direction and of no width go
+_UNSEEN = re.compile("[\x00-\x08\x0b\x0c\x0e-\x1f\x7f-\x9f\u061c\u200b-\u200f\u202a-\u202e\u2060-\u2069\ufeff]")
+
+
+def visible(text: str) -> str:
+    """Return a text with an escape for each character that a terminal would obey or not show."""
+    return _UNSEEN.sub(lambda found: found[0].encode("unicode_escape").decode(), text)
+
+
+class _Visible:
+    """A stream that writes `visible` text to another one and is that one in all else."""
+
+    def __init__(self, stream: TextIO) -> None:
+        self._stream = stream
+
+    def write(self, text: str) -> int:
+        """Write a text."""
+        return self._stream.write(visible(text))
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._stream, name)
+
+
+@contextmanager
+def visible_streams() -> Iterator[None]:
+    """Make all that is printed visible, whoever prints it."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="surrogateescape")  # names of files need not be UTF-8
+    before = {name: getattr(sys, name) for name in ("stdout", "stderr")}
+    made = {name: _Visible(stream) for name, stream in before.items() if stream is not None}
+    for name, stream in made.items():
+        setattr(sys, name, stream)
+    try:
+        yield
+    finally:
+        for name, stream in made.items():
+            if getattr(sys, name) is stream:
+                setattr(sys, name, before[name])

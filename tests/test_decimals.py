@@ -1,0 +1,207 @@
+"""Numbers and names that can be read in two ways: decided by the table, said, or refused with what decides."""
+
+import csv
+import time
+import unicodedata
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from softness_bayes.cli import main
+from softness_bayes.data import Fabrics, Ratings, read_experiment
+from softness_bayes.errors import InputError
+from softness_bayes.terminal import visible
+
+HEADER = ["participant", "fabric", "indentation_mm", "rating"]
+
+
+def table(tmp_path, ratings, separator=";", name="ratings.csv", load="1"):
+    rows = [HEADER, *(["P1", f"f{k}", load, rating] for k, rating in enumerate(ratings))]
+    path = tmp_path / name
+    with path.open("w", encoding="utf-8", newline="") as file:
+        csv.writer(file, delimiter=separator).writerows(rows)
+    return path
+
+
+@pytest.mark.parametrize("separator", [";", "\t"])
+@pytest.mark.parametrize("number", ["1,234", "+1,234", "1.234"])
+def test_a_number_of_two_meanings_is_refused_with_what_decides(tmp_path, separator, number):
+    path = table(tmp_path, ["950", number, "800"], separator)
+    with pytest.raises(InputError) as caught:
+        Ratings.read(path)
+    message = str(caught.value)
+    assert message.startswith(f"{path}: row 3, column 'rating': '{number}' may be ")
+    assert message.endswith("say what stands before the decimals with --decimal . or --decimal ,")
+    mark, other = (",", ".") if "," in number else (".", ",")
+    assert Ratings.read(path, decimal=mark).rating.tolist() == [950, 1.234, 800]
+    assert Ratings.read(path, decimal=other).rating.tolist() == [950, 1234, 800]
+
+
+@pytest.mark.parametrize(
+    ("ratings", "found", "notes"),
+    [
+        (["950", "0,82"], [950, 0.82], 0),
+        (["1,234", "0,82"], [1.234, 0.82], 1),
+        (["1,234", "1,5e1"], [1.234, 15], 1),
+        (["1,2345", "7"], [1.2345, 7], 0),
+        (["1.234", "2.500"], [1.234, 2.5], 0),  # a program's three decimals, in all cells
+        (["1.234", "950.0"], [1.234, 950], 0),
+        (["1234", "950"], [1234, 950], 0),
+    ],
+)
+def test_other_numbers_decide_and_what_was_assumed_is_said(tmp_path, ratings, found, notes):
+    read = Ratings.read(table(tmp_path, ratings))
+    assert read.rating.tolist() == found
+    said = [note for note in read.notes if "is read as" in note]
+    assert len(said) == notes
+    if said:
+        assert said[0].startswith("ratings.csv: row 2, column 'rating': 1,234 is read as 1.234, for ")
+
+
+def test_another_column_decides_for_the_whole_table(tmp_path):
+    read = Ratings.read(table(tmp_path, ["950", "1,234"], load="0,5"))
+    assert read.rating.tolist() == [950, 1.234]
+    assert "for 0,5 in row 2, column 'indentation_mm' has a decimal comma" in read.notes[0]
+
+
+def test_between_commas_a_quoted_comma_is_refused_with_the_remedy(tmp_path):
+    path = table(tmp_path, ["950", "1,234"], ",")
+    with pytest.raises(InputError, match=r"got '1,234'; --decimal says what commas and points mean$"):
+        Ratings.read(path)
+    assert Ratings.read(path, decimal=".").rating.tolist() == [950, 1234]
+    assert Ratings.read(path, decimal=",").rating.tolist() == [950, 1.234]
+
+
+def test_groups_must_be_groups_and_a_mark_one_of_two(tmp_path):
+    path = table(tmp_path, ["12,34"])
+    with pytest.raises(InputError, match="got '12,34'"):
+        Ratings.read(path, decimal=".")
+    assert Ratings.read(table(tmp_path, ["1.234.567,5"]), decimal=",").rating.tolist() == [1234567.5]
+    with pytest.raises(InputError, match=r"expected one of ',', '\.'"):
+        Ratings.read(path, decimal="x")
+
+
+def test_errors_quote_the_cell_as_it_stands(tmp_path):
+    path = table(tmp_path, ["5,5", "0,82x"])
+    with pytest.raises(InputError, match="got '0,82x'"):
+        Ratings.read(path)
+    read = Ratings.read(table(tmp_path, ["5,5", "-0,820"]))
+    with pytest.raises(InputError, match="above 0, got '-0,820'"):
+        read.require_positive()
+    with pytest.raises(InputError, match="expected a number from 1e-06 to 100, got '0,00000001'"):
+        Ratings.read(table(tmp_path, ["5,5"], load="0,00000001"))
+
+
+LOOK_ALIKE = [
+    ("P1", "p1"),
+    (unicodedata.normalize("NFC", "café"), unicodedata.normalize("NFD", "café")),
+    ("P1", "P\u200b1"),
+    ("P 1", "P\u00a01"),
+    ("P1", "P1\ufeff"),
+]
+
+
+@pytest.mark.parametrize(("one", "other"), LOOK_ALIKE, ids=map(ascii, LOOK_ALIKE))
+def test_people_who_look_alike_are_kept_and_named(tmp_path, one, other):
+    path = tmp_path / "ratings.csv"
+    rows = f"participant,fabric,indentation_mm,rating\n{one},a,1,5\n{other},a,1,6\n"
+    path.write_text(rows, encoding="utf-8")
+    read = Ratings.read(path)
+    assert sorted(read.participants) == sorted([one, other])
+    (note,) = (note for note in read.notes if "taken as different" in note)
+    assert note.startswith("ratings.csv: column 'participant': ")
+    assert ascii(one) in note
+    assert ascii(other) in note
+    assert "case, Unicode form or invisible characters" in note
+
+
+def test_people_who_do_not_look_alike_are_not_named(tmp_path):
+    path = tmp_path / "ratings.csv"
+    path.write_text("participant,fabric,indentation_mm,rating\nP1,a,1,5\nP 1 ,a,1,6\nP11,a,1,5\n", encoding="utf-8")
+    read = Ratings.read(path)
+    assert read.participants == ("P 1", "P1", "P11")  # spaces at the ends are no part of a name
+    assert read.notes == ()
+
+
+def test_a_fabric_that_looks_like_a_known_one_is_named_with_the_difference(tmp_path):
+    cloth = Fabrics(("caf\u00e9",), effective_modulus=1e5)
+    path = tmp_path / "ratings.csv"
+    path.write_text("participant,fabric,indentation_mm,rating\nP1,cafe\u0301,1,5\n", encoding="utf-8")
+    with pytest.raises(InputError, match=r"which has 'caf\\xe9' for 'cafe\\u0301'"):
+        Ratings.read(path, cloth)
+
+
+# what reaches the terminal
+
+
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-16", "latin-1"])
+def test_no_table_passes_an_escape_sequence_to_the_terminal(tmp_path, encoding):
+    for place, cell in (("P\x1b[31m1", "one"), ("P1", "\x1b]0;title\x07"), ("P1", "5\x9b31m")):
+        path = tmp_path / "ratings.csv"
+        rows = f"participant,fabric,indentation_mm,rating,\x85junk\n{place},a,1,{cell},1\n"
+        path.write_bytes(rows.encode(encoding))
+        done = CliRunner().invoke(main, ["check", "--data", str(path)])
+        assert done.exit_code == 2
+        assert not any(unicodedata.category(c) == "Cc" and c != "\n" for c in done.output)
+
+
+def test_what_is_not_seen_is_made_visible():
+    assert visible("a\x1b[31mb\u202e\x9b\tc\n") == "a\\x1b[31mb\\u202e\\x9b\tc\n"
+
+
+def test_names_of_a_table_are_shown_with_their_invisible_characters(tmp_path):
+    path = tmp_path / "ratings.csv"
+    head = "participant,fabric,effective_modulus_kpa,indentation_mm,rating\n"
+    path.write_text(f"{head}P1,den\u202eim,100,1,5\n", encoding="utf-8")
+    done = CliRunner().invoke(main, ["check", "--data", str(path)])
+    assert done.exit_code == 0
+    assert "den\\u202eim" in done.output
+    assert read_experiment(path).fabrics.names == ("den\u202eim",)
+
+
+# no reader is worse than linear
+
+
+def seconds(call):
+    begun = time.perf_counter()
+    with pytest.raises(InputError) as caught:
+        call()
+    return time.perf_counter() - begun, str(caught.value)
+
+
+def test_one_wide_row_costs_no_more_than_its_length(tmp_path):
+    path = table(tmp_path, ["5"] * 1080, ",")
+    rows = path.read_text()
+    path.write_text(f"{rows}P1,a,1,5{',' * 16_379}x\n")
+    taken, message = seconds(lambda: Ratings.read(path))
+    assert message.endswith("row 1082: 'x' stands beyond the 4 columns of the header")
+    assert taken < 2
+    path.write_text(f"{rows}P1,a,1,5{',' * 16_379}\n")
+    assert len(Ratings.read(path)) == 1081  # nothing stands in the cells beyond
+
+
+@pytest.mark.parametrize(
+    "cell", ["x" * 100_000, "9" * 100_000, "9," * 50_000, '"' * 99_999, "1e" + "9" * 100_000, "\u0301" * 100_000]
+)
+def test_a_long_cell_is_refused_in_a_line_and_soon(tmp_path, cell):
+    path = tmp_path / "ratings.csv"
+    path.write_text(f"participant;fabric;indentation_mm;rating\nP1;a;1;{cell}\n", encoding="utf-8")
+    taken, message = seconds(lambda: Ratings.read(path))
+    assert taken < 2
+    assert len(message) < len(str(path)) + 350
+    assert "\n" not in message
+
+
+def test_many_fabrics_take_time_in_proportion(tmp_path):
+    def taken(n):
+        cloth = Fabrics(tuple(f"f{k}" for k in range(n)), effective_modulus=np.linspace(1e3, 1e6, n))
+        path = table(tmp_path, ["5"] * n, ",", f"{n}.csv")
+        begun = time.perf_counter()
+        read = Ratings.read(path, cloth)
+        cloth.take(read.fabrics)
+        return time.perf_counter() - begun
+
+    taken(100)
+    # eightfold rows: eight times as long, sixty-four if it were quadratic
+    assert min(taken(16_000) for _ in range(2)) < 25 * min(taken(2_000) for _ in range(3))
