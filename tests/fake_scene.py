@@ -30,7 +30,10 @@ class FakeScene:
 
 
 def fake_posterior(scene=None, fix=None, **choices):
-    """Posterior of ratings that the fake scene made at the priors' medians; channels mean nothing, eps is held."""
+    """Posterior of ratings that the fake scene made at the priors' medians.
+
+    Channels mean nothing there; they are held, and so is eps unless it is given a prior.
+    """
     source, rng, model = FakeScene(), np.random.default_rng(0), RatingModel()
     conditions = FABRICS * LOADS
     rows = np.arange(PARTICIPANTS * conditions)
@@ -40,4 +43,5 @@ def fake_posterior(scene=None, fix=None, **choices):
     effects = model.draw_effects(rng, TRUTH, (), PARTICIPANTS, FABRICS, mu=np.log(20))
     ratings = model.draw_ratings(rng, design, model.drive(design, rate, TRUTH), TRUTH, effects)
     fix = {**PAPER_CHANNELS._asdict(), "eps": 0.1, **(fix or {})}
+    fix = {name: value for name, value in fix.items() if name not in choices.get("priors", {})}
     return Posterior(parameter_space(fix=fix, **choices), scene or source, LogRatings(ratings, design))

@@ -36,6 +36,7 @@ from softness_bayes.inference.chains import Chains
 from softness_bayes.inference.curves import LEAST_DROP, curve_scene
 from softness_bayes.inference.diagnostics import Goal, look
 from softness_bayes.inference.observation import INVERSE, LogRatings, RatingModel
+from softness_bayes.inference.parameters import PARAMETERS
 from softness_bayes.inference.rank_power import Alarm, power, rank_law
 from softness_bayes.inference.ranked import LOG_LIKELIHOOD, PARTICIPANT, PARTICIPANTS, quantities
 from softness_bayes.inference.sampling import Sampled, Settings
@@ -250,14 +251,15 @@ def wrong_sign(observation):
 
 
 def fits(assume, count, processes=1):
-    with Workers(fake_posterior(fix=CHAIN), processes) as workers:
+    posterior = fake_posterior(fix=CHAIN, priors={"eps": PARAMETERS["eps"].prior})
+    with Workers(posterior, processes) as workers:
         return Calibration.of(workers.map(replicate, [(QUICK, 5, k, assume) for k in range(count)]))
 
 
 def test_fits_of_the_fake_scene_are_calibrated_and_mistakes_are_seen():
     calibration = fits(right, 8)
-    assert calibration.names == ("gamma", "tau", "varsigma", "mu", LOG_LIKELIHOOD, PARTICIPANT, PARTICIPANTS)
-    assert calibration.rank.shape == (8, 7)
+    assert calibration.names == ("gamma", "tau", "varsigma", "eps", "mu", LOG_LIKELIHOOD, PARTICIPANT, PARTICIPANTS)
+    assert calibration.rank.shape == (8, 8)
     assert calibration.faults() == []
     assert any("gamma" in fault for fault in fits(wrong_sign, 5).faults())
     assert fits(wrong_variance, 5).faults()
