@@ -1,9 +1,11 @@
-"""Command lines as text that any file can hold and a shell takes again."""
+"""Command lines as text that any file can hold and anybody may read."""
 
 from __future__ import annotations
 
 import os
 import re
+from collections.abc import Sequence
+from pathlib import Path
 
 _QUOTED = re.compile(r"\"[^\"]*\"|'[^']*'")
 _PLAIN = re.compile(rb"[ !\"#-&(-\[\]-~]")
@@ -18,6 +20,32 @@ def storable(command: str) -> str:
         As `shlex.join` writes it; Python keeps such bytes as surrogates, which no UTF-8 file can hold.
     """
     return _QUOTED.sub(lambda found: found[0] if _is_text(found[0]) else _escaped(found[0][1:-1]), command)
+
+
+def portable(word: str, here: Path) -> str:
+    """Return a word of a command line without an absolute path, which would tell of the machine and its owner.
+
+    Parameters
+    ----------
+    word
+        A word, or an option and a value tied by ``=``.
+    here
+        Directory that a path starts from if it lies below; of any other only the last name is kept.
+    """
+    flag, tied, value = word.partition("=") if word.startswith("--") else ("", "", word)
+    if not os.path.isabs(value):
+        return word
+    below = os.path.relpath(value, here)
+    return f"{flag}{tied}{Path(value).name or '.' if below.split(os.sep)[0] == os.pardir else below}"
+
+
+def endings(paths: Sequence[Path]) -> list[str]:
+    """Return names of paths: relative ones as they are, of absolute ones as many last parts as tell them apart."""
+    for size in range(1, max(len(path.parts) for path in paths) + 1):
+        names = [str(Path(*path.parts[-size:]) if path.is_absolute() else path) for path in paths]
+        if len({*names}) == len({*paths}):
+            break
+    return names
 
 
 def _is_text(text: str) -> bool:

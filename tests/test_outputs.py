@@ -9,18 +9,22 @@ import json
 import os
 import shutil
 import stat
+import sys
 from pathlib import Path
 
 import pytest
 from test_cli_verbs import DATA, TOUCH, here, refused
 
 from softness_bayes.cli import VERBS
+from softness_bayes.cli.options import DataFiles
+from softness_bayes.cli.running import record_of, recorded_files
+from softness_bayes.commands import endings, portable
 from softness_bayes.errors import InputError
 from softness_bayes.files import whole
 from softness_bayes.files.listing import LISTING, Listing
 from softness_bayes.files.outputs import require_outputs, survey, write_outputs
 from softness_bayes.files.whole import write_whole
-from softness_bayes.result import FILES
+from softness_bayes.result import FILES, Result
 
 __all__ = ["here"]  # a fixture
 
@@ -34,8 +38,11 @@ def finished(tmp_path_factory):
     from softness_bayes.cli import main
 
     directory = tmp_path_factory.mktemp("finished") / "run"
-    with pytest.raises(SystemExit) as end:
-        main(["sample", "--compression", str(FORCES), *SHORT, "--out", str(directory)])
+    typed = ["sample", "--compression", str(FORCES), *SHORT, "--out", str(directory)]
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(sys, "argv", ["softness-bayes", *typed])
+        with pytest.raises(SystemExit) as end:
+            main(typed)
     assert end.value.code == 3
     return directory
 
@@ -322,3 +329,71 @@ def test_the_list_names_verbs_and_digests_and_no_place(tmp_path):
     assert entry == ("simulate", ("6b86b273ff34fce19d6b804eff5a3f5747ada4eaa22f1d49c01e52ddb7875b4b",))
     write_outputs(tmp_path, {"b": "1"}, "simulate")
     assert not Listing.read(tmp_path).made  # it was there before
+
+
+# no places
+
+
+def test_results_and_reports_hold_no_absolute_path(finished, here, tmp_path):
+    """The run was asked for with absolute paths throughout."""
+    out = tmp_path / "deeper" / "down" / "run"
+    shutil.copytree(finished, out)
+    assert here("report", out).returncode == 0
+    assert here("plot", out, "--figures", "prior").returncode == 0
+    places = [str(place).encode() for place in (DATA, finished, tmp_path, Path.home(), Path.cwd())]
+    held = {path: path.read_bytes() for path in out.rglob("*") if path.is_file()}
+    assert {path.suffix for path in held} == {".nc", ".csv", ".html", ".png", ".pdf", ".json", ".npz", ""}
+    manifest = out / "checkpoint" / "manifest.json"
+    told = [(path, place) for path, content in held.items() for place in places if place in content]
+    assert {path for path, _ in told} <= {manifest}
+    # the checkpoint must find the data: from its own place on
+    assert not os.path.isabs(json.loads(manifest.read_bytes())["request"]["files"]["compression"])
+    named = portable(str(FORCES), Path.cwd())
+    typed = f"softness-bayes sample --compression {named} --max-steps 20 --no-figures --processes 1 --out run"
+    found = Result.load(out).attributes
+    assert found["command"] == json.loads(found["options"])["command"] == typed
+    # moved alone, a run says what it misses; with the file named it goes on
+    refused(here("resume", out, "--more-steps", "1"), "no such file", "--compression")
+    done = here("resume", out, "--more-steps", "1", "--compression", FORCES, "--processes", "1")
+    assert done.returncode == 3, done.stderr
+
+
+def test_paths_are_kept_from_the_run_on(tmp_path):
+    """The run and its data move together; a linked table is found beside its own fabrics."""
+    for name in ("study", "store"):
+        (tmp_path / name).mkdir()
+    (tmp_path / "store" / "v3.csv").write_text("table")
+    (tmp_path / "study" / "ratings.csv").symlink_to(tmp_path / "store" / "v3.csv")
+    (tmp_path / "study" / "out").symlink_to(tmp_path / "store")
+    files = DataFiles(tmp_path / "study" / "ratings.csv", None, {}, None, None, None)
+    for out in (tmp_path / "study" / "run", tmp_path / "study" / "out"):
+        record = record_of(files, out)
+        assert not os.path.isabs(record["data"])
+        assert recorded_files(json.loads(json.dumps(record)), out) == files
+    record = record_of(files, tmp_path / "study" / "run")
+    (tmp_path / "study").rename(tmp_path / "moved")
+    assert recorded_files(record, tmp_path / "moved" / "run").data == tmp_path / "moved" / "ratings.csv"
+
+
+@pytest.mark.parametrize(
+    ("word", "kept"),
+    [
+        ("/home/jane/study/data/r.csv", "data/r.csv"),
+        ("--data=/home/jane/study/r.csv", "--data=r.csv"),
+        ("/srv/jane/r.csv", "r.csv"),
+        ("--out=/srv/jane/", "--out=jane"),
+        ("/home/jane/study", "."),
+        ("/", "."),
+        ("../r.csv", "../r.csv"),
+        ("rating=/x", "rating=/x"),
+        ("--seed", "--seed"),
+    ],
+)
+def test_a_word_of_a_command_keeps_no_absolute_path(word, kept):
+    assert portable(word, Path("/home/jane/study")) == kept
+
+
+def test_results_are_told_apart_by_as_little_as_that_takes():
+    assert endings([Path("/a/b/one"), Path("/a/b/two")]) == ["one", "two"]
+    assert endings([Path("/a/b/run"), Path("/a/c/run"), Path("mine")]) == ["b/run", "c/run", "mine"]
+    assert endings([Path("/run"), Path("run")]) == ["/run", "run"]

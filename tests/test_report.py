@@ -10,7 +10,10 @@ from html.parser import HTMLParser
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
+import xarray as xr
+from matplotlib.text import Text
 from numpy.testing import assert_allclose
 from report_runs import EVIL, OPTIONS, PERSON, TYPED, converged, ratings_run, skin_run, z_score_run
 
@@ -20,10 +23,12 @@ from softness_bayes.errors import InputError
 from softness_bayes.inference.observation import INVERSE
 from softness_bayes.inference.priors import LogNormal
 from softness_bayes.plotting.figures import figures_of
-from softness_bayes.report import page, report_page, write_report
+from softness_bayes.report import anonymous, page, report_page, write_report
+from softness_bayes.report.anonymous import renamed
 from softness_bayes.report.curves import shown
 from softness_bayes.report.findings import Standing, exactness_of, findings
 from softness_bayes.report.repeat import repetition
+from softness_bayes.result import Result
 from softness_bayes.run import RunOptions
 from softness_bayes.touch.readings import CLASSICAL
 
@@ -316,7 +321,7 @@ def test_the_command_amounts_to_the_options_of_the_run(made, asked, monkeypatch,
     result = made("ratings")
     tree = result.tree.copy()
     typed = f"{TYPED} --column rating=softness --force-n=2; softness-bayes resume results --more-steps 50"
-    tree.attrs = {**tree.attrs, "options": json.dumps(asked.record()), "command": typed}
+    tree.attrs = {**tree.attrs, "options": json.dumps(replace(asked, command=typed).record()), "command": typed}
     found = repetition(replace(result, tree=tree))
     first, more = found.commands
     assert more == "softness-bayes resume again/ --more-steps 50"
@@ -337,6 +342,44 @@ def test_a_run_of_python_or_of_limited_time_says_so(made):
     assert "--data RATINGS.csv" in found.commands[0]
     assert any("time limit" in note for note in found.notes)
     assert any("resolution that was given" in note for note in found.notes)
+
+
+# without names
+
+
+@pytest.mark.parametrize("name", ["ratings", "skin"])
+def test_nobody_is_named_on_an_anonymous_page(made, quick, name):
+    """Everywhere: in words, in data behind the charts, in every text of every figure."""
+    result = made(name)
+    group, axis = ("log_likelihood_participant", "participant") if name == "ratings" else ("posterior", "finger")
+    people = result.group(group)[axis].values.tolist()
+    known = renamed(result, {person: f"Zoë Quine-{k}" for k, person in enumerate(people)})
+    assert ("Quine" in report_page(known)) == (name == "ratings")  # the control; of fingers a page says nothing
+    nameless = anonymous(known)
+    assert nameless.group(group)[axis].values.tolist() == [f"P{k}" for k in range(1, len(people) + 1)]
+    assert "Quine" not in report_page(nameless)
+    assert "Quine" not in str({**nameless.attributes})
+    for figure in figures_of(nameless):
+        words = [text.get_text() for text in nameless.plot(figure).findobj(Text)]
+        assert words
+        assert not [word for word in words if "Quine" in word]
+    # nothing else has changed
+    assert renamed(nameless, dict(zip(nameless.group(group)[axis].values, people, strict=True))).tree.identical(
+        result.tree
+    )
+    pd.testing.assert_frame_equal(nameless.summary(), result.summary())
+
+
+def test_who_rates_and_is_pressed_has_one_name():
+    def group(axis, names):
+        return xr.Dataset({"x": (axis, np.zeros(len(names)))}, {axis: names})
+
+    groups = {"/a": group("participant", ["Ann", "Bo"]), "/b": group("finger", ["Bo", "Cy"])}
+    found = anonymous(Result(xr.DataTree.from_dict(groups), pd.DataFrame())).tree
+    assert (found["a"]["participant"].values.tolist(), found["b"]["finger"].values.tolist()) == (
+        ["P1", "P2"],
+        ["P2", "P3"],
+    )
 
 
 # the file

@@ -46,6 +46,7 @@ def command(directories: tuple[Path, ...], left_out: str, max_steps: int | None,
     """
     from dataclasses import replace
 
+    from softness_bayes.commands import endings
     from softness_bayes.compare import LEAVE, REFIT, compare
     from softness_bayes.errors import InputError
     from softness_bayes.files.cells import csv_of
@@ -53,8 +54,8 @@ def command(directories: tuple[Path, ...], left_out: str, max_steps: int | None,
     from softness_bayes.result import Result
 
     require_outputs(out, [COMPARISON], COMPARE, force)
-    labels = [str(directory) for directory in directories]
-    if len(set(labels)) < len(labels):
+    labels = endings(directories)
+    if len({*directories}) < len(directories):
         raise InputError("compare: a result is named twice")
     results = {label: Result.load(directory) for label, directory in zip(labels, directories, strict=True)}
     settings = REFIT if max_steps is None else replace(REFIT, max_steps=max_steps)

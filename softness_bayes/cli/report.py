@@ -18,7 +18,13 @@ REPORT = "report.html"
     help=f"File to write; by default {REPORT} in DIR. A report that this command wrote there is replaced, "
     "unless it was changed since.",
 )
-def command(directory: Path, out: Path | None) -> None:
+@click.option(
+    "--anonymous",
+    "nameless",
+    is_flag=True,
+    help="Call participants P1, P2 and so on, everywhere on the page; names of fabrics and files stay.",
+)
+def command(directory: Path, out: Path | None, nameless: bool) -> None:
     """Write one page about a finished run, to read, print or send.
 
     The verdict comes first: converged or not, exact enough or not, whether the model reproduces the inflection under
@@ -26,11 +32,11 @@ def command(directory: Path, out: Path | None) -> None:
     a curve for its values), figures, tables, how the run was made, and the command that repeats it. The file is a
     single HTML page that needs no network. Reads what 'sample' left in DIR; runs nothing.
     """
-    from softness_bayes.report import write_report
+    from softness_bayes.report import anonymous, write_report
     from softness_bayes.result import Result
 
     result = Result.load(directory)
     home = directory if directory.is_dir() else directory.parent
-    path = write_report(result, out or home / REPORT)
+    path = write_report(anonymous(result) if nameless else result, out or home / REPORT)
     click.echo(f"written to {path} ({path.stat().st_size / 1e6:.1f} MB)")
     click.echo(str(result.attributes["verdict"]))

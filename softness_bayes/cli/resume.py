@@ -73,13 +73,17 @@ def command(
     names = [name for name in now if now[name] != then.get(name)]
     if changed := [f"{name.removeprefix('version_')} {then.get(name)} (now {now[name]})" for name in names]:
         click.echo(f"note: begun with {', '.join(changed)}: draws may differ from an uninterrupted run's", err=True)
-    files = recorded_files(checkpoint.request["files"])
+    files = recorded_files(checkpoint.request["files"], directory)
     files = replace(
         files,
         data=data or files.data,
         fabrics=fabrics or files.fabrics,
         compression=compression or files.compression,
     )
+    for option in ("data", "fabrics", "compression"):
+        path = getattr(files, option)
+        if path is not None and not path.exists():
+            raise InputError(f"{path}: no such file, and the run was begun with it; if it was moved, give --{option}")
     run(checkpoint, files, files.read(), options, checkpoint.request["figures"] and not no_figures)
 
 

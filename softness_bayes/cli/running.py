@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 import shlex
 import sys
@@ -11,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from softness_bayes.cli.options import DataFiles, whole
+from softness_bayes.commands import portable
 from softness_bayes.ranges import PROCESSES
 
 if TYPE_CHECKING:
@@ -50,8 +52,8 @@ no_figures = click.option("--no-figures", is_flag=True, help="Leave out the figu
 
 
 def command_line() -> str:
-    """Return what was typed, as a shell would take it again."""
-    return shlex.join(["softness-bayes", *sys.argv[1:]])
+    """Return what was typed, as a shell would take it again, without absolute paths."""
+    return shlex.join(["softness-bayes", *(portable(word, Path.cwd()) for word in sys.argv[1:])])
 
 
 def in_numbers(verdict: Verdict, seconds: float) -> str:
@@ -62,17 +64,20 @@ def in_numbers(verdict: Verdict, seconds: float) -> str:
     )
 
 
-def recorded_files(record: dict[str, Any]) -> DataFiles:
-    """Return the files that a run was begun with."""
-    paths = {name: None if record[name] is None else Path(record[name]) for name in _PATHS}
-    return DataFiles(**{**record, **paths})
+def recorded_files(record: dict[str, Any], directory: Path) -> DataFiles:
+    """Return the files that the run in a directory was begun with."""
+    home, paths = directory.resolve(), {name: record[name] for name in _PATHS}
+    found = {name: None if path is None else Path(os.path.normpath(home / path)) for name, path in paths.items()}
+    return DataFiles(**{**record, **found})
 
 
-def record_of(files: DataFiles) -> dict[str, Any]:
-    """Return files as JSON holds them, found from wherever the run is continued."""
-    paths = {name: getattr(files, name) for name in _PATHS}
+def record_of(files: DataFiles, directory: Path) -> dict[str, Any]:
+    """Return files as JSON holds them: from the run's directory on, so that both may move together."""
+    home, paths = directory.resolve(), {name: getattr(files, name) for name in _PATHS}
+    # the file itself may be a link, and the fabrics lie beside that
+    found = {name: None if path is None else path.parent.resolve() / path.name for name, path in paths.items()}
     return {
-        **{name: None if path is None else str(path.absolute()) for name, path in paths.items()},
+        **{name: None if path is None else os.path.relpath(path, home) for name, path in found.items()},
         "columns": dict(files.columns),
         "indentation_mm": files.indentation_mm,
         "force_n": files.force_n,

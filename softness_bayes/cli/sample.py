@@ -157,7 +157,7 @@ def run(
     for note in data.notes:
         click.echo(f"note: {note}", err=True)
     with checkpoint:
-        asked = {"files": record_of(files), "options": options.record(), "figures": figures}
+        asked = {"files": record_of(files, out), "options": options.record(), "figures": figures}
         checkpoint.request = {**asked, "versions": versions()}
         bar = _Bar(0.0 if checkpoint.status is None else checkpoint.status.seconds)
         try:

@@ -18,6 +18,12 @@ PROGRAM = "softness-bayes"
 DATA_FLAGS = ("--data", "--fabrics", "--compression", "--column", "--indentation-mm", "--force-n")
 """Options of `sample` that say where the data are and how to read them; only the command line knows them."""
 
+PATHS = (
+    "Paths start from the directory the run was started in; of a file elsewhere that was named from the root, only its "
+    "own name is kept."
+)
+"""What to know of the paths in a command."""
+
 AGAIN = "again/"
 """Directory that the repeated run is written to."""
 
@@ -86,7 +92,7 @@ def _data(result: Result, begun: list[str]) -> tuple[list[str], list[str]]:
     """Return the options that name the data, and what to know of them."""
     typed = [word for flag, value in _pairs(begun) if flag in DATA_FLAGS for word in (flag, value)]
     if typed:
-        return typed, ["Paths are those typed then; they start from the directory the run was started in."]
+        return typed, [PATHS]
     names = [("--data", "RATINGS.csv"), ("--fabrics", "FABRICS.csv")] if result.has_ratings else []
     names += [("--compression", "FORCES.csv")] if result.has_compression else []
     note = "The run was begun in Python, which knows no file names: put yours in place of those in capitals."

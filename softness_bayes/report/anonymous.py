@@ -1,0 +1,54 @@
+"""A result without the names of its participants, to make a page of that may be shown to anybody."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+from softness_bayes.result import Result
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+PEOPLE = ("participant", "finger")
+"""Axes and columns that hold names of people."""
+
+
+def anonymous(result: Result) -> Result:
+    """Return a result in which participants are called P1, P2 and so on, in their order.
+
+    Whoever rated and had a finger pressed has one name for both. Names of fabrics and files stay.
+    """
+    groups = [group.to_dataset() for group in result.tree.children.values()]
+    stored = [group[what].values for what in PEOPLE for group in groups if what in group.coords]
+    names = dict.fromkeys(str(name) for values in stored for name in values)
+    return renamed(result, {name: f"P{k}" for k, name in enumerate(names, 1)})
+
+
+def renamed(result: Result, names: Mapping[str, str]) -> Result:
+    """Return a result with people called by other names, wherever it names them.
+
+    Parameters
+    ----------
+    result
+        A finished run.
+    names
+        Name of a participant -> the one to put in its place.
+    """
+    import xarray as xr
+
+    groups = {f"/{name}": _renamed(group.to_dataset(), names) for name, group in result.tree.children.items()}
+    tree = xr.DataTree.from_dict({"/": xr.Dataset(attrs=result.tree.attrs), **groups})
+    tables = dict(result.tables)
+    for label, table in tables.items():
+        for what in PEOPLE:
+            if what in table:
+                told = [names.get(str(name), name) for name in table[what]]
+                tables[label] = table = table.assign(**{what: told})
+    return replace(result, tree=tree, tables=tables)
+
+
+def _renamed(group: xr.Dataset, names: Mapping[str, str]) -> xr.Dataset:
+    told = {what: [names.get(str(name), str(name)) for name in group[what].values] for what in PEOPLE if what in group}
+    return group.assign_coords({what: (what, values) for what, values in told.items()})
