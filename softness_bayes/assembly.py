@@ -31,6 +31,7 @@ from softness_bayes.inference.predictive import ExponentCheck, LooPit, check_exp
 from softness_bayes.inference.scales import ObservedRatings
 from softness_bayes.inference.summary import reweighted, summarise
 from softness_bayes.inference.workers import Workers
+from softness_bayes.misfit import TYPICAL
 from softness_bayes.plate_groups import plate_attributes, plate_coordinates, plate_groups
 from softness_bayes.touch.parameters import TouchParameters
 from softness_bayes.touch.scene import Scene
@@ -360,7 +361,9 @@ class Assembly:
             "inflection_inside": (turn.inside.astype(np.int8), ""),
         }
         along, at = ("load", "e_fab_kpa"), ("load",)
+        rated = model.typical(draws.effects, model.drive(self.ratings.design, draws.mean_rate, draws.parameters))
         return {
+            TYPICAL: Variable(rated[None], ("condition",)),
             **{n: Variable(v[None].astype(np.float32), along, unit) for n, (v, unit) in lines.items()},
             **{n: Variable(v[None], at, unit) for n, (v, unit) in points.items()},
             **{f"at_{n}": v for n, v in self._named(draws.theta[None]).items()},

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -17,6 +17,7 @@ from softness_bayes.files.cells import csv_of
 from softness_bayes.files.outputs import require_outputs, write_outputs
 from softness_bayes.files.whole import sweep, write_whole
 from softness_bayes.inference.calibration import DRAWS, Calibration, Replicate, replicate
+from softness_bayes.inference.observation import RISES, direction_named
 from softness_bayes.inference.posterior import Posterior
 from softness_bayes.inference.rank_words import verdict
 from softness_bayes.inference.sampling import Settings
@@ -68,7 +69,8 @@ class CalibrationScene:
         names = [f"P{k}" for k in range(1, self.participants + 1)]
         table = np.ones((self.participants, len(self.fabrics), len(self.loads)))
         ratings = Ratings.crossed(names, self.fabrics.names, self.loads, table)
-        return posterior_of(Experiment(ratings, self.fabrics, ()), options)
+        direction = options.direction or RISES  # there are no data to take it from
+        return posterior_of(Experiment(ratings, self.fabrics, ()), replace(options, direction=direction))
 
 
 @dataclass(frozen=True)
@@ -297,7 +299,7 @@ def _manifest(scene: CalibrationScene, options: RunOptions, settings: Settings) 
         "priors": {name: str(prior) for name, prior in options.priors.items()},
         "prior_set": options.prior_set,
         "readings": options.readings.names,
-        "direction": options.direction.name,
+        "direction": (options.direction or RISES).name,
         "discretisation": str(options.discretisation),
         "ensembles": settings.ensembles,
         "max_steps": settings.max_steps,
@@ -311,6 +313,8 @@ def _require_alike(directory: Path, manifest: dict[str, Any]) -> None:
     path = directory / MANIFEST
     if path.is_file():
         before = _json(path, "calibration")
+        if "direction" in before:  # by the name it has now
+            before["direction"] = direction_named(str(before["direction"])).name
         for name in dict.fromkeys([*before, *manifest]):
             if before.get(name) != manifest.get(name):
                 raise InputError(

@@ -16,9 +16,10 @@ from softness_bayes.errors import InputError
 from softness_bayes.inference.blocks import block_log_likelihood
 from softness_bayes.inference.diagnostics import Goal
 from softness_bayes.inference.sampling import Settings, sample_until
+from softness_bayes.inference.scales import ObservedRatings
 from softness_bayes.restore import differences, experiment_of, options_of
 from softness_bayes.result import Result
-from softness_bayes.run import design_of, posterior_of
+from softness_bayes.run import posterior_of
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -79,7 +80,8 @@ def _refit(result: Result, settings: Settings, progress: Callable[[str], None]) 
     """Sample the model anew without each fabric: too much of the posterior hangs on one for weights to do."""
     experiment, options = experiment_of(result), options_of(result)
     posterior, fabric = posterior_of(experiment, options), experiment.ratings.fabric
-    observation = options.scale.model(options.direction).observe(experiment.ratings.rating, design_of(experiment))
+    observation = posterior.observation
+    assert isinstance(observation, ObservedRatings)
     found, unfinished = [], 0
     for k, name in enumerate(experiment.ratings.fabrics):
         progress(name)

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from softness_bayes.inference.design import Design
-from softness_bayes.inference.observation import RATING_DIRECTIONS
+from softness_bayes.inference.observation import direction_named
 from softness_bayes.inference.predictive import (
     DROP,
     PLACE,
@@ -61,7 +61,7 @@ def layout_of(tree: xr.DataTree) -> Layout:
     fabrics, loads = codes % modulus.size, codes // modulus.size
     people = _values(tree, "log_likelihood_participant", "participant").size
     design = Design(condition, constant["participant_index"].values, fabrics, people)
-    sign = RATING_DIRECTIONS[str(tree.attrs["direction"])].sign
+    sign = direction_named(str(tree.attrs["direction"])).sign
     return Layout(design, modulus[fabrics], loads, sign, RATING_SCALES[str(tree.attrs["rating_scale"])].positive)
 
 

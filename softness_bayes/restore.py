@@ -7,7 +7,7 @@ import json
 import numpy as np
 
 from softness_bayes.data import Compression, Experiment, Ratings
-from softness_bayes.inference.observation import RATING_DIRECTIONS
+from softness_bayes.inference.observation import direction_named
 from softness_bayes.inference.parameters import EVERY_PARAMETER
 from softness_bayes.inference.priors import parse_prior
 from softness_bayes.inference.scales import RATING_SCALES
@@ -64,7 +64,8 @@ def options_of(result: Result) -> RunOptions:
         priors={n: parse_prior(str(found[f"prior_{n}"])) for n in EVERY_PARAMETER if f"prior_{n}" in found},
         prior_set=str(found["prior_set"]),
         readings=result.readings,
-        direction=RATING_DIRECTIONS[str(found["direction"])],
+        direction=direction_named(str(found["direction"])),
+        direction_decided=not found.get("direction_asked", 1),
         scale=RATING_SCALES[str(found.get("rating_scale", "magnitude"))],
         discretisation=Discretisation(**asked["discretisation"]),
         accuracy=asked.get("accuracy"),
@@ -86,7 +87,7 @@ def _model(result: Result) -> dict[str, str]:
     return {
         **options.readings.names,
         "ratings": options.scale.name,
-        "direction": options.direction.name,
+        "direction": direction_named(str(found["direction"])).name,
         **{name: str(prior) for name, prior in options.priors.items()},
         **{name: f"{np.format_float_positional(value, 6, trim='-')}" for name, value in options.fix.items()},
         **({"compression": str(found["digest_compression"])[:8]} if result.has_compression else {}),

@@ -264,7 +264,11 @@ class Result:
 
     def _repr_html_(self) -> str:
         """Return verdict, inflection and summary as a notebook shows them."""
-        verdict = f"<p><strong>{escape(str(self.attributes.get('verdict', '')))}</strong></p>"
+        from softness_bayes.misfit import fit_of
+
+        faults = [f"the fit has failed: {fault}" for fault in fit_of(self.tree).faults] if self.has_ratings else []
+        said = [*faults, str(self.attributes.get("verdict", ""))]
+        verdict = "".join(f"<p><strong>{escape(line)}</strong></p>" for line in said)
         columns = ["p_interior", "p_none", "p_silent", "e_fab_kpa_low", "e_fab_kpa", "e_fab_kpa_high"]
         tables = {"where the response turns over": self.inflection()[columns]} if self.has_ratings else {}
         tables["parameters"] = self.summary()

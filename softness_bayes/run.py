@@ -9,16 +9,16 @@ from typing import Any, Self
 
 import numpy as np
 
-from softness_bayes import arviz_bridge
+from softness_bayes import arviz_bridge, readout
 from softness_bayes.assembly import Assembly, versions
 from softness_bayes.commands import storable
 from softness_bayes.criticism import check_table
 from softness_bayes.data import Compression, Experiment
 from softness_bayes.inference.coordinates import Bent, Scaled
-from softness_bayes.inference.design import Design
-from softness_bayes.inference.observation import RATING_DIRECTIONS, SOFTNESS, RatingDirection, RatingParameters
-from softness_bayes.inference.parameters import PARAMETERS, parameter_space
+from softness_bayes.inference.observation import RatingDirection, RatingParameters, direction_named
+from softness_bayes.inference.parameters import PARAMETERS, ParameterSpace, parameter_space
 from softness_bayes.inference.posterior import Density, Posterior
+from softness_bayes.inference.predictive import Layout
 from softness_bayes.inference.priors import Prior, parse_prior
 from softness_bayes.inference.sampling import Progress, Settings, progress_of, sampled_of, walk
 from softness_bayes.inference.scales import MAGNITUDE, RATING_SCALES, RatingScale
@@ -26,13 +26,17 @@ from softness_bayes.inference.state import RunState
 from softness_bayes.inference.workers import Workers
 from softness_bayes.learning import direction_table, learning_table
 from softness_bayes.plate_groups import forces_of
+from softness_bayes.readout import Choice
 from softness_bayes.result import SCHEMA, Result
 from softness_bayes.storage.checkpoint import Checkpoint
 from softness_bayes.storage.identity import identity, require_density
 from softness_bayes.storage.serial import as_json
-from softness_bayes.study import scene_of
+from softness_bayes.study import design_of, scene_of
 from softness_bayes.touch.readings import MENDED, Readings
-from softness_bayes.touch.scene import Discretisation
+from softness_bayes.touch.scene import Discretisation, Scene
+
+COARSE = Discretisation(8, 9.0, 1e-4)
+"""Resolution that tells in which order fabrics fire."""
 
 ALPHA_WIDTH = 0.3
 """Distance from the rheobase [µA/cm²] beyond which alpha's coordinate turns logarithmic."""
@@ -46,8 +50,13 @@ class RunOptions:
     ----------
     fix, priors, prior_set
         As `parameter_space` takes them.
-    readings, direction, scale
-        Readings of the chain, of what is rated, and of the scale of the ratings.
+    readings, scale
+        Readings of the chain and of the scale of the ratings.
+    direction
+        Whether ratings rise or fall with the response; None for the one that the data show, decided before sampling
+        (`choose_direction`).
+    direction_decided
+        Whether the direction was taken from the data and not asked for, for the record; it decides nothing.
     discretisation
         Resolution of the scene.
     accuracy
@@ -72,7 +81,8 @@ class RunOptions:
     priors: Mapping[str, Prior] = field(default_factory=dict)
     prior_set: str = "default"
     readings: Readings = MENDED
-    direction: RatingDirection = SOFTNESS
+    direction: RatingDirection | None = None
+    direction_decided: bool = False
     scale: RatingScale = MAGNITUDE
     discretisation: Discretisation = Discretisation()
     accuracy: float | None = None
@@ -88,14 +98,14 @@ class RunOptions:
     def record(self) -> dict[str, Any]:
         """These options as JSON holds them; `from_record` is the inverse."""
         plain = (
-            *("prior_set", "accuracy", "noise", "exact_reweight"),
+            *("direction_decided", "prior_set", "accuracy", "noise", "exact_reweight"),
             *("max_steps", "max_seconds", "min_steps", "processes", "seed", "command"),
         )
         return {
             "fix": dict(self.fix),
             "priors": {name: str(prior) for name, prior in self.priors.items()},
             "readings": self.readings.names,
-            "direction": self.direction.name,
+            "direction": None if self.direction is None else self.direction.name,
             "scale": self.scale.name,
             "discretisation": asdict(self.discretisation),
             **{name: getattr(self, name) for name in plain},
@@ -116,7 +126,7 @@ class RunOptions:
         readings = {f"reading of {place}": name for place, name in self.readings.names.items()}
         return {
             **readings,
-            "direction": self.direction.name,
+            "direction": "of the data" if self.direction is None else self.direction.name,
             "scale of the ratings": self.scale.name,
             "noise": str(self.noise),
             "discretisation": str(self.discretisation),
@@ -135,17 +145,78 @@ class RunOptions:
         made: dict[str, Any] = {
             "priors": {name: parse_prior(text) for name, text in record["priors"].items()},
             "readings": Readings().override(record["readings"]),
-            "direction": RATING_DIRECTIONS[record["direction"]],
+            "direction": None if record["direction"] is None else direction_named(record["direction"]),
             "scale": RATING_SCALES[record["scale"]],
             "discretisation": Discretisation(**record["discretisation"]),
         }
         return cls(**{**record, **made})
 
 
-def design_of(experiment: Experiment) -> Design:
-    """Return who rated what, the conditions by fabric, then load."""
+def choose_direction(experiment: Experiment, options: RunOptions) -> Choice:
+    """Return the direction that was asked for, or else that of the data, and what these say of it.
+
+    Raises
+    ------
+    InputError
+        If a rating does not suit the scale.
+    """
+    _require_suitable(experiment, options)
     ratings, conditions = experiment.ratings, experiment.ratings.conditions
-    return Design(conditions.of_rating, ratings.participant, conditions.fabric, len(ratings.participants))
+    space = space_of(experiment, options)
+    # noise rounds the foot of the rate curve, which changes no order, and takes minutes
+    coarse = replace(COARSE, rate_nodes=options.discretisation.rate_nodes)
+    scene = _scene(experiment, replace(options, noise=0.0, discretisation=coarse), space)
+    layout = Layout(design_of(experiment), scene.modulus, conditions.load, logarithmic=options.scale.positive)
+    draws = space.touch(space.draw_prior(np.random.default_rng(0), readout.DRAWS))
+    firing = readout.firing_rises(scene, layout, draws)
+    found = readout.evidence_in(layout, ratings.rating, [str(load) for load in ratings.loads], firing)
+    return readout.choose(options.direction, found)._replace(
+        asked=options.direction is not None and not options.direction_decided
+    )
+
+
+def with_direction(experiment: Experiment, options: RunOptions, checkpoint: Checkpoint | None = None) -> RunOptions:
+    """Return options with a direction: as asked; else as a checkpoint's run had it; else as the data have it."""
+    if options.direction is not None:
+        return options
+    if checkpoint is not None and (kept := checkpoint.description.get("direction")) is not None:
+        return replace(options, direction=direction_named(kept), direction_decided=True)
+    return replace(options, direction=choose_direction(experiment, options).direction, direction_decided=True)
+
+
+def space_of(experiment: Experiment, options: RunOptions) -> ParameterSpace:
+    """Return the parameters of an experiment's model, in coordinates not bent yet."""
+    return parameter_space(
+        fix=options.fix,
+        priors=options.priors,
+        prior_set=options.prior_set,
+        skin_displacement=options.readings.skin_displacement,
+        n_participants=len(experiment.ratings.participants),
+        absent=set(RatingParameters._fields) - set(options.scale.parameters),
+        n_fingers=None if experiment.compression is None else len(experiment.compression.participants),
+        membrane=options.readings.membrane,
+    )
+
+
+def _scene(experiment: Experiment, options: RunOptions, space: ParameterSpace) -> Scene:
+    """Return the compiled scene of an experiment."""
+    conditions = experiment.ratings.conditions
+    return scene_of(
+        experiment.fabrics,
+        experiment.ratings.loads,
+        space.held,
+        options.readings,
+        conditions.fabric,
+        conditions.load,
+        options.discretisation,
+        options.noise,
+    )
+
+
+def _require_suitable(experiment: Experiment, options: RunOptions) -> None:
+    """Refuse ratings that do not suit the scale."""
+    ratings = experiment.ratings
+    (ratings.require_positive if options.scale.positive else ratings.require_standardised)()
 
 
 def posterior_of(experiment: Experiment, options: RunOptions) -> Posterior:
@@ -156,29 +227,11 @@ def posterior_of(experiment: Experiment, options: RunOptions) -> Posterior:
     InputError
         If a rating does not suit the scale, or the options name what does not exist.
     """
-    ratings, fabrics = experiment.ratings, experiment.fabrics
-    (ratings.require_positive if options.scale.positive else ratings.require_standardised)()
-    space = parameter_space(
-        fix=options.fix,
-        priors=options.priors,
-        prior_set=options.prior_set,
-        skin_displacement=options.readings.skin_displacement,
-        n_participants=len(ratings.participants),
-        absent=set(RatingParameters._fields) - set(options.scale.parameters),
-        n_fingers=None if experiment.compression is None else len(experiment.compression.participants),
-        membrane=options.readings.membrane,
-    )
-    conditions = ratings.conditions
-    scene = scene_of(
-        fabrics,
-        ratings.loads,
-        space.held,
-        options.readings,
-        conditions.fabric,
-        conditions.load,
-        options.discretisation,
-        options.noise,
-    )
+    _require_suitable(experiment, options)
+    options = with_direction(experiment, options)
+    assert options.direction is not None
+    space = space_of(experiment, options)
+    scene = _scene(experiment, options, space)
     # the exponent's ridge with alpha is straight in the distance from the rheobase: tau falls by a third; and what
     # data tell of sigma_0 is the stress where firing begins: precise data make a thin sheet, straight in that alone
     rheobase = float(scene.firing.curves(space.touch(space.median)).rheobase)
@@ -186,7 +239,7 @@ def posterior_of(experiment: Experiment, options: RunOptions) -> Posterior:
     if np.isfinite(rheobase):
         unit = PARAMETERS["sigma_0"].prior.median
         space = replace(space, bent={"alpha": Bent(rheobase, ALPHA_WIDTH), "sigma_0": Scaled(unit)}, rheobase=rheobase)
-    observation = options.scale.model(options.direction).observe(ratings.rating, design_of(experiment))
+    observation = options.scale.model(options.direction).observe(experiment.ratings.rating, design_of(experiment))
     plate = None if experiment.compression is None else forces_of(experiment.compression, options.readings)
     return Posterior(space, scene, observation, plate)
 
@@ -294,10 +347,15 @@ def sample(
     NumericalError
         If no start has a finite density, or too many points have none.
     """
+    given, options = options, with_direction(experiment, options, checkpoint)
+    chosen = choose_direction(experiment, options)
     posterior = posterior_of(experiment, options)
     asked = {
-        **requested(posterior, options),
-        "direction": options.direction.name,
+        **requested(posterior, given),
+        "direction": chosen.direction.name,
+        "direction_asked": int(chosen.asked),
+        "direction_note": chosen.sentence,
+        "firing_rises": chosen.evidence.firing,
         "noise": options.noise,
         "rating_scale": options.scale.name,
         "digest_ratings": experiment.ratings.digest,

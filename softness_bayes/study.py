@@ -11,10 +11,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from softness_bayes.data import Compression, Fabrics, Ratings
+from softness_bayes.data import Compression, Experiment, Fabrics, Ratings
 from softness_bayes.errors import InputError
 from softness_bayes.inference.compression import CompressionForces, SkinParameters
-from softness_bayes.inference.observation import LARGEST_LOG_RATING, SOFTNESS, RatingDirection, RatingParameters
+from softness_bayes.inference.observation import LARGEST_LOG_RATING, RISES, RatingDirection, RatingParameters
 from softness_bayes.inference.parameters import EVERY_PARAMETER, PARAMETERS, parameter_space
 from softness_bayes.inference.priors import HalfNormal
 from softness_bayes.inference.random_effects import Design
@@ -27,6 +27,12 @@ from softness_bayes.touch.parameters import TouchParameters
 from softness_bayes.touch.readings import MENDED, Readings
 from softness_bayes.touch.scene import Discretisation, Firing, FixedChannels, Scene
 from softness_bayes.touch.surface import FiringSurface
+
+
+def design_of(experiment: Experiment) -> Design:
+    """Return who rated what, the conditions by fabric, then load."""
+    ratings, conditions = experiment.ratings, experiment.ratings.conditions
+    return Design(conditions.of_rating, ratings.participant, conditions.fabric, len(ratings.participants))
 
 
 def touch_parameters(values: Mapping[str, ArrayLike]) -> TouchParameters:
@@ -169,7 +175,7 @@ def simulate_ratings(
     participants: int = 30,
     missing: float = 0.0,
     mu: float | None = None,
-    direction: RatingDirection = SOFTNESS,
+    direction: RatingDirection = RISES,
     scale: RatingScale = MAGNITUDE,
     slope: float | None = None,
     discretisation: Discretisation = Discretisation(),
@@ -193,7 +199,7 @@ def simulate_ratings(
     mu
         Mean log rating of magnitude estimates; by default the centre of its prior.
     direction
-        Whether softness rises or falls with the response.
+        Whether ratings rise or fall with the response.
     scale
         Scale of the ratings.
     slope

@@ -161,7 +161,7 @@ def test_what_changed_is_named(killed, copied, here):
 
     refused(asked("priors", {"gamma": "lognormal(2,0.3)"}), "prior of gamma lognormal(1,0.3) (now lognormal(2,0.3))")
     refused(asked("seed", 4), "seed 3 (now 4)")
-    refused(asked("direction", "inverse"), "direction softness (now inverse)")
+    refused(asked("direction", "inverse"), "direction rises-with-firing (now falls-with-firing)")
     readings = json.loads(kept[manifest])["request"]["options"]["readings"]
     refused(asked("readings", {**readings, "pressure": "hertz"}), "reading of pressure attenuated (now hertz)")
     resolution = json.loads(kept[manifest])["request"]["options"]["discretisation"]

@@ -164,9 +164,9 @@ def test_a_result_restores_its_data_and_model(results, experiment):
 
 def test_what_sets_models_apart(results):
     assert differences(results) == {
-        "right": "direction=softness, b=100",
-        "as good": "direction=softness, b=100.5",
-        "upside down": "direction=inverse, b=100",
+        "right": "direction=rises-with-firing, b=100",
+        "as good": "direction=rises-with-firing, b=100.5",
+        "upside down": "direction=falls-with-firing, b=100",
     }
 
 
@@ -292,7 +292,7 @@ def test_compare_from_the_command_line(results, tmp_path, capsys):
     assert table["rank"].tolist() == [1, 2, 3]
     assert table.index[2] == Path(directories[2]).name  # results hold no absolute paths
     assert {"elpd", "se", "elpd_diff", "se_diff", "pareto_k_max", "pareto_k_high"} <= {*table}
-    assert "direction=inverse" in out
+    assert "direction=falls-with-firing" in out
     assert "the run itself has not converged" in out
     assert "the data cannot tell" in out
     before = (tmp_path / "compare.csv").read_bytes()

@@ -20,7 +20,7 @@ LAYERS = (
     {"data"},
     {"arviz_bridge"},
     {"inference"},
-    {"study", "predict", "result", "storage", "learning", "criticism", "variables"},
+    {"study", "predict", "result", "storage", "learning", "criticism", "misfit", "readout", "variables"},
     {"plate_groups", "illustrations"},
     {"assembly", "run", "skin", "claims"},
     {"restore", "compare", "calibrate", "plan"},

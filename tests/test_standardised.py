@@ -342,7 +342,7 @@ def test_z_scores_from_the_command_line(tmp_path, capsys):
     code, _, err = call(*made, *standardised, "--direction", "inverse", "--slope", "0.8", "--out", tmp_path / "z")
     assert code == 0, err
     story = json.loads((tmp_path / "z" / "truth.json").read_text())
-    assert (story["ratings"], story["direction"]) == ("standardised", "inverse")
+    assert (story["ratings"], story["direction"]) == ("standardised", "falls-with-firing")
     assert (story["truth"]["c0"], story["truth"]["c1"]) == (0.0, 0.8)
     ratings = tmp_path / "z" / "ratings.csv"
     assert call("check", "--data", ratings, *standardised)[0] == 0

@@ -27,10 +27,11 @@ def command(files: DataFiles, scale: str, choice: ReadingChoice) -> None:
     effective_modulus_kpa, or bending_rigidity_n_m, or tensile_modulus_mpa and thickness_mm; poisson_ratio
     where known. Compression data are one row per force of a rigid flat plate: participant, indentation_mm,
     force_n; indentor, if other rows are to be left out. Errors name file, row, column and value. E_fab is
-    shown in the reading that is asked for.
+    shown in the reading that is asked for. With ratings it is also said whether they rise or fall with stiffness.
     """
     from softness_bayes.data import Compression
     from softness_bayes.inference.scales import RATING_SCALES
+    from softness_bayes.run import RunOptions, choose_direction
 
     fabric_modulus = choice.resolve().fabric_modulus
     experiment = files.read()
@@ -49,6 +50,10 @@ def command(files: DataFiles, scale: str, choice: ReadingChoice) -> None:
         click.echo(f"note: {note}")
     ratings = experiment.ratings
     (ratings.require_positive if RATING_SCALES[scale].positive else ratings.require_standardised)()
+    click.echo("\nDo ratings rise or fall with stiffness?")
+    asked = RunOptions(readings=choice.resolve(), scale=RATING_SCALES[scale])
+    for line in choose_direction(experiment, asked).evidence.lines:
+        click.echo(line)
 
 
 def _show_compression(compression: Compression) -> None:

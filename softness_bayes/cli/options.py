@@ -399,14 +399,39 @@ accuracy = click.option(
 )
 """Gives a verb `accuracy`."""
 
+FORMER_DIRECTIONS = {"softness": "rises-with-firing", "inverse": "falls-with-firing"}
+"""What earlier versions called the directions; accepted still."""
+
+AUTO = "auto"
+
+
+class _Direction(click.Choice[str]):
+    """The directions of ratings, by their names or former names."""
+
+    def __init__(self, *also: str) -> None:
+        super().__init__([*also, *FORMER_DIRECTIONS.values()])
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        return super().convert(FORMER_DIRECTIONS.get(value, value), param, ctx)
+
+
 direction = click.option(
     "--direction",
-    type=click.Choice(["softness", "inverse"]),
-    default="softness",
+    type=_Direction(),
+    default="rises-with-firing",
     show_default=True,
-    help="Whether ratings rise (softness) or fall (inverse) with the response.",
+    help="Whether ratings rise or fall with the response.",
 )
 """Gives a verb `direction`, the name of a reading of what is rated."""
+
+_DIRECTION_OF_DATA = click.option(
+    "--direction",
+    type=_Direction(AUTO),
+    default=AUTO,
+    show_default=True,
+    help="Whether ratings rise or fall with the response; auto takes what the data show, or rises-with-firing where "
+    "they do not tell.",
+)
 
 
 @dataclass(frozen=True)
@@ -418,11 +443,12 @@ class ModelChoice:
     prior_set: str
     choice: ReadingChoice
     direction: str
+    """A name, or `AUTO`."""
     accuracy: float
 
     def options(self, **others: Any) -> RunOptions:
         """Return the options of a run with this model and `others`; its resolution is not chosen yet."""
-        from softness_bayes.inference.observation import RATING_DIRECTIONS
+        from softness_bayes.inference.observation import direction_named
         from softness_bayes.run import RunOptions
 
         return RunOptions(
@@ -430,7 +456,7 @@ class ModelChoice:
             priors=self.priors,
             prior_set=self.prior_set,
             readings=self.choice.resolve(),
-            direction=RATING_DIRECTIONS[self.direction],
+            direction=None if self.direction == AUTO else direction_named(self.direction),
             **others,
         )
 
@@ -442,7 +468,7 @@ def model_choice(verb: Verb) -> Verb:
     @prior
     @prior_set
     @readings
-    @direction
+    @_DIRECTION_OF_DATA
     @accuracy
     @functools.wraps(verb)
     def wrapped(

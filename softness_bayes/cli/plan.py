@@ -27,12 +27,12 @@ def command(files: DataFiles, model: ModelChoice, scale: str) -> None:
     from softness_bayes.data import Compression
     from softness_bayes.inference.scales import RATING_SCALES
     from softness_bayes.plan import BATCH, DRAWS, ladder, left_out, prior_draws, scene_in, seconds, with_accuracy
-    from softness_bayes.run import posterior_of
+    from softness_bayes.run import posterior_of, with_direction
 
     data = files.read()
     if isinstance(data, Compression):
         raise InputError("plan: forces alone are fitted without a response: give --data")
-    options = model.options(scale=RATING_SCALES[scale])
+    options = with_direction(data, model.options(scale=RATING_SCALES[scale]))
     options, chosen = with_accuracy(lambda asked: posterior_of(data, asked), options, model.accuracy)
     posterior, d = posterior_of(data, options), options.discretisation
     scene, draws = scene_in(posterior), prior_draws(posterior.space)

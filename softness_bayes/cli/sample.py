@@ -32,6 +32,7 @@ if TYPE_CHECKING:
 
     from softness_bayes.data import Compression, Experiment
     from softness_bayes.inference.sampling import Progress
+    from softness_bayes.misfit import Fit
     from softness_bayes.result import Result
     from softness_bayes.run import RunOptions
     from softness_bayes.storage.checkpoint import Checkpoint
@@ -106,7 +107,7 @@ def command(
     from softness_bayes.data import Compression
     from softness_bayes.inference.scales import RATING_SCALES
     from softness_bayes.plan import with_accuracy
-    from softness_bayes.run import posterior_of
+    from softness_bayes.run import posterior_of, with_direction
     from softness_bayes.storage.checkpoint import Checkpoint
 
     data = files.read()
@@ -133,6 +134,7 @@ def command(
     )
     checkpoint = Checkpoint.create(out, force, inputs=files.paths)
     if not isinstance(data, Compression):
+        options = with_direction(data, options)
         options, _ = with_accuracy(lambda asked: posterior_of(data, asked), options, model.accuracy)
     run(checkpoint, files, data, options, not no_figures)
 
@@ -150,12 +152,15 @@ def run(
     from softness_bayes.assembly import versions
     from softness_bayes.data import Compression
     from softness_bayes.inference.workers import available_processors
-    from softness_bayes.run import sample
+    from softness_bayes.run import choose_direction, sample
     from softness_bayes.skin import sample_skin
 
     out = checkpoint.directory
     for note in data.notes:
         click.echo(f"note: {note}", err=True)
+    if not isinstance(data, Compression):
+        chosen = choose_direction(data, options)
+        click.echo(f"{'warning' if chosen.against_data else 'note'}: {chosen.sentence}", err=True)
     with checkpoint:
         asked = {"files": record_of(files, out), "options": options.record(), "figures": figures}
         checkpoint.request = {**asked, "versions": versions()}
@@ -237,21 +242,28 @@ class _Bar:
 def _report(result: Result, out: Path) -> None:
     """Print summary, inflection, checks and verdict."""
     from softness_bayes.learning import learning_sentences
+    from softness_bayes.misfit import fit_of
 
     found, summary = result.attributes, result.summary()
+    fit = fit_of(result.tree) if result.has_ratings else None
+    faults = [] if fit is None else [f"the fit has failed: {fault}" for fault in fit.faults]
+    for fault in faults:
+        click.echo(fault)
     click.echo(summary.to_string(float_format=lambda x: f"{x:.4g}", na_rep="–"))
     click.echo()
     for sentence in (*learning_sentences(summary), *result.tables["directions"]["meaning"]):
         click.echo(sentence)
     if result.has_compression:
         click.echo(f"\n{found['force_check']}")
-    if result.has_ratings:
-        _report_ratings(result)
+    if fit is not None:
+        _report_ratings(result, fit)
     click.echo(f"written to {out}; 'softness-bayes report {out}' makes one page of it")
     click.echo(str(found["verdict"]))
+    for fault in faults:
+        click.echo(fault)
 
 
-def _report_ratings(result: Result) -> None:
+def _report_ratings(result: Result, fit: Fit) -> None:
     """Print inflection and checks of what the ratings say."""
     from softness_bayes.criticism import check_sentences
 
@@ -261,6 +273,7 @@ def _report_ratings(result: Result) -> None:
     click.echo(result.inflection()[columns].to_string(float_format=lambda x: f"{x:.3g}", na_rep="–"))
     click.echo()
     for sentence in (
+        fit.sentence,
         *check_sentences(result.tables["predictive_checks"]),
         found["exponent_check"],
         found["fabric_check"],

@@ -94,7 +94,7 @@ def command(
 
     from softness_bayes.data import SIMULATE, compression_csv, fabrics_csv, ratings_csv
     from softness_bayes.files.outputs import require_outputs, write_outputs
-    from softness_bayes.inference.observation import RATING_DIRECTIONS
+    from softness_bayes.inference.observation import direction_named
     from softness_bayes.inference.parameters import FINGER_PARAMETERS
     from softness_bayes.inference.scales import RATING_SCALES
     from softness_bayes.plan import given_draws, scene_with_accuracy
@@ -127,7 +127,7 @@ def command(
         participants,
         missing,
         mu,
-        RATING_DIRECTIONS[direction],
+        direction_named(direction),
         RATING_SCALES[scale],
         slope,
         scene.discretisation,

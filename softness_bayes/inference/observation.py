@@ -44,18 +44,37 @@ class RatingParameters(NamedTuple):
 
 @dataclass(frozen=True)
 class RatingDirection:
-    """A reading of what is rated: softness rises (+1) or falls (-1) with the response."""
+    """A reading of what is rated: ratings rise (+1) or fall (-1) with the response."""
 
     name: str
     sign: float
+    former: str
+    """What earlier versions called it; accepted wherever the name is."""
 
 
-SOFTNESS = RatingDirection("softness", +1.0)
-INVERSE = RatingDirection("inverse", -1.0)
+RISES = RatingDirection("rises-with-firing", +1.0, "softness")
+"""The paper's: softness is proportional to the response."""
+FALLS = RatingDirection("falls-with-firing", -1.0, "inverse")
+"""What most people's softness does: receptors fire more on stiffer fabrics."""
+SOFTNESS, INVERSE = RISES, FALLS  # their former names
 RATING_DIRECTIONS: Mapping[str, RatingDirection] = MappingProxyType(
-    {direction.name: direction for direction in (SOFTNESS, INVERSE)}
+    {direction.name: direction for direction in (RISES, FALLS)}
 )
-"""The readings of the rating's direction, by name; the first is the default."""
+"""The readings of the rating's direction, by name; the first is taken where the data do not tell."""
+
+
+def direction_named(name: str) -> RatingDirection:
+    """Return a reading by its name, or by what earlier versions called it.
+
+    Raises
+    ------
+    InputError
+        If there is none of that name.
+    """
+    for direction in RATING_DIRECTIONS.values():
+        if name in (direction.name, direction.former):
+            return direction
+    raise InputError(f"direction: {name!r} is not known, expected {' or '.join(RATING_DIRECTIONS)}")
 
 
 @dataclass(frozen=True)
@@ -74,7 +93,7 @@ class RatingModel:
     """
 
     logarithmic: ClassVar[bool] = True
-    direction: RatingDirection = SOFTNESS
+    direction: RatingDirection = RISES
     centre: float = 20.0
     spread: float = 3.0
 

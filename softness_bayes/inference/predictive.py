@@ -77,6 +77,18 @@ class Layout:
         """Indices of the loads."""
         return np.unique(self.load)
 
+    @property
+    def _laplacian(self) -> FloatArray:
+        """Matrix of the normal equations of the conditions, participants taken away."""
+        cells, count = self.design.cells, np.maximum(self.design.cells.sum(axis=1), 1.0)
+        return np.diag(cells.sum(axis=0)) - cells.T @ (cells / count[:, None])
+
+    @property
+    def residual_freedom(self) -> int:
+        """Degrees of freedom that the additive fit leaves."""
+        present = int((self.design.cells.sum(axis=1) > 0).sum())
+        return self.design.n_rows - int(np.linalg.matrix_rank(self._laplacian, hermitian=True)) - present
+
     def fit(self, ratings: ArrayLike) -> Additive:
         """Fit log ratings additively by participants and conditions.
 
@@ -89,11 +101,10 @@ class Layout:
         shape, filed = filed.shape[:-1], filed.reshape(-1, filed.shape[-1])
         cells, count = design.cells, design.cells.sum(axis=1)
         shares = cells / np.maximum(count, 1.0)[:, None]
-        laplacian = np.diag(cells.sum(axis=0)) - cells.T @ shares
-        inverse, present = np.linalg.pinv(laplacian, hermitian=True), count > 0
+        inverse, present = np.linalg.pinv(self._laplacian, hermitian=True), count > 0
         of_person = summing(design.participant, design.n_participants)
         of_condition = summing(design.condition, design.n_conditions)
-        freedom = design.n_rows - np.linalg.matrix_rank(laplacian, hermitian=True) - int(present.sum())
+        freedom = self.residual_freedom
         fits = []
         for k in pieces(len(filed), design.n_rows):
             y = np.log(filed[k]) if self.logarithmic else filed[k]

@@ -14,7 +14,7 @@ from scipy.special import log_ndtr, ndtr, owens_t
 from softness_bayes.errors import InputError
 from softness_bayes.inference.design import Design
 from softness_bayes.inference.left_out import given_the_others, minimum, summing
-from softness_bayes.inference.observation import SOFTNESS, RatingDirection, RatingParameters
+from softness_bayes.inference.observation import RISES, RatingDirection, RatingParameters
 from softness_bayes.inference.pieces import in_pieces
 from softness_bayes.inference.priors import HalfNormal, Normal, Prior
 
@@ -39,8 +39,8 @@ class StandardisedModel:
     """y = c0 ± c1 x + e, x = N/N_ref standardised over the rows (0 where it does not vary).
 
     c0 ~ N(0, 1), c1 ~ HalfNormal(1), e ~ N(0, varsigma²): z-scores have neither a scale nor an origin of
-    a participant's own left, so there is no participant in it, and no exponent. + under ``softness``, -
-    under ``inverse``.
+    a participant's own left, so there is no participant in it, and no exponent. + under
+    ``rises-with-firing``, - under ``falls-with-firing``.
 
     Parameters
     ----------
@@ -49,7 +49,7 @@ class StandardisedModel:
     """
 
     logarithmic: ClassVar[bool] = False
-    direction: RatingDirection = SOFTNESS
+    direction: RatingDirection = RISES
 
     def drive(self, design: Design, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
         """± x of each condition of a design, shape (..., conditions), from mean rates [Hz] of that shape."""

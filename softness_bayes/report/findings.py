@@ -12,6 +12,7 @@ from softness_bayes.criticism import DOUBTFUL, check_sentences, inflection_repro
 from softness_bayes.inference.exactness import Exactness, compare
 from softness_bayes.inference.sensitivity import PRIOR_DRIVEN
 from softness_bayes.learning import learning_sentences
+from softness_bayes.misfit import Fit, fit_of
 from softness_bayes.report.words import sentence, share
 from softness_bayes.result import Result
 
@@ -47,23 +48,48 @@ class Finding:
     details: Sequence[str]
 
 
+MOSTLY = 0.5
+"""Share of the differences between fabrics from which the response is said to explain them."""
+
 UNRELIABLE = "Of draws that have not converged: for inspection only."
 
 
+NOT_OF_THESE_RATINGS = "Of a model that does not follow these ratings: see the first finding."
+
+
 def findings(result: Result) -> list[Finding]:
-    """Return the verdict, most decisive first; without convergence nothing in it stands as good."""
+    """Return the verdict, most decisive first; without convergence, or a fit, nothing in it stands as good."""
     convergence = _convergence(result)
     rest = [*(_of_ratings(result) if result.has_ratings else _without_ratings()), _information(result)]
     rest += [_plate(result)] if result.has_compression else []
     if convergence.standing is not Standing.GOOD:
-        rest = [_shaken(finding) for finding in rest]
-    return [convergence, *rest]
+        rest = [_shaken(finding, UNRELIABLE) for finding in rest]
+    if not result.has_ratings:
+        return [convergence, *rest]
+    follows = _follows(fit_of(result.tree))
+    if follows.standing is Standing.BAD:
+        return [follows, *(_shaken(finding, NOT_OF_THESE_RATINGS) for finding in (convergence, *rest))]
+    return [convergence, rest[0], follows, *rest[1:]]
 
 
-def _shaken(finding: Finding) -> Finding:
+def _shaken(finding: Finding, why: str) -> Finding:
     if finding.standing is not Standing.GOOD:
         return finding
-    return replace(finding, standing=Standing.DOUBTFUL, details=[*finding.details, UNRELIABLE])
+    return replace(finding, standing=Standing.DOUBTFUL, details=[*finding.details, why])
+
+
+def _follows(fit: Fit) -> Finding:
+    """Say whether the model follows the ratings at all: whatever else holds, without that nothing does."""
+    question = "Does the model follow the ratings?"
+    details = [*map(sentence, [*fit.faults, fit.sentence])]
+    if fit.faults:
+        answer = "No: the readout runs against the data" if fit.choice.against_data else "No: a flat line through them"
+        return Finding(question, answer, Standing.BAD, details)
+    details.append(sentence(fit.choice.sentence))
+    if not fit.explained or not fit.explained[-1].p_value < DOUBTFUL:
+        return Finding(question, "Not judged", Standing.NEUTRAL, details)
+    mostly = fit.explained[-1].share >= MOSTLY
+    return Finding(question, "Yes" if mostly else "In part", Standing.GOOD if mostly else Standing.DOUBTFUL, details)
 
 
 def _convergence(result: Result) -> Finding:

@@ -17,6 +17,7 @@ from softness_bayes.criticism import check_table
 from softness_bayes.errors import InputError
 from softness_bayes.files.outputs import require_outputs, write_outputs
 from softness_bayes.learning import direction_table
+from softness_bayes.misfit import fit_of
 from softness_bayes.plotting.figures import FIGURES, figures_of
 from softness_bayes.plotting.panels import TINTS
 from softness_bayes.plotting.style import METADATA, USUAL
@@ -121,6 +122,7 @@ def report_page(result: Result) -> str:
         generator=GENERATOR,
         subject=subject(result),
         converged=bool(result.attributes["converged"]),
+        faults=fit_of(result.tree).faults if result.has_ratings else [],
         verdict=str(result.attributes["verdict"]),
         findings=findings(result),
         words={

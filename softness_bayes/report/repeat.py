@@ -115,6 +115,6 @@ def _model(options: RunOptions) -> list[str]:
 
 def _rating(options: RunOptions) -> list[str]:
     """Return what only ratings have."""
-    words = ["--ratings", options.scale.name, "--direction", options.direction.name]
+    words = ["--ratings", options.scale.name, "--direction", options.direction.name if options.direction else "auto"]
     words += ["--noise", repr(float(options.noise))] if options.noise else []
     return [*words, *(["--exact-reweight"] if options.exact_reweight else [])]

@@ -9,6 +9,7 @@ import numpy as np
 import pandas as pd
 
 from softness_bayes.criticism import ALL
+from softness_bayes.inference.observation import direction_named
 from softness_bayes.inference.parameters import EVERY_PARAMETER
 from softness_bayes.report.repeat import recorded_options
 from softness_bayes.report.words import number, share
@@ -117,7 +118,7 @@ def provenance(result: Result) -> list[Table]:
     held = result.group("constant_data")
     model = [("Readings", options.readings.label), *((place, name) for place, name in options.readings.names.items())]
     if result.has_ratings:
-        model += [("Ratings", options.scale.name), ("Direction", options.direction.name)]
+        model += [("Ratings", options.scale.name), ("Direction", direction_named(str(found["direction"])).name)]
         model += [
             ("Noise on the membranes", number(options.noise)),
             ("Resolution", str(options.discretisation)),

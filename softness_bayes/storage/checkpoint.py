@@ -24,6 +24,7 @@ from softness_bayes.errors import InputError
 from softness_bayes.files.outputs import require_outputs, write_outputs
 from softness_bayes.files.whole import write_whole
 from softness_bayes.inference.diagnostics import Verdict
+from softness_bayes.inference.observation import RATING_DIRECTIONS
 from softness_bayes.inference.schedule import Schedule
 from softness_bayes.inference.starts import Target
 from softness_bayes.inference.state import RunState
@@ -256,6 +257,11 @@ class Checkpoint:
             self._replace_manifest({**self._manifest, "written": self._manifest["state"]["steps"]})
 
     @property
+    def description(self) -> Mapping[str, str]:
+        """What decides the draws of the run that is kept, by name; empty before the first state."""
+        return {} if self._manifest is None else self._manifest["description"]
+
+    @property
     def status(self) -> Status | None:
         """What is kept; none before the first state."""
         return None if self._manifest is None else _status(self._manifest, True)
@@ -355,8 +361,13 @@ def _status(manifest: Mapping[str, Any], running: bool) -> Status:
 
 
 def _differences(then: Mapping[str, str], now: Mapping[str, str]) -> str:
-    names = [name for name in {**then, **now} if then.get(name) != now.get(name)]
+    names = [name for name in {**then, **now} if _today(then.get(name)) != _today(now.get(name))]
     return "; ".join(f"{n} {then.get(n, 'not given')} (now {now.get(n, 'not given')})" for n in names)
+
+
+def _today(value: str | None) -> str | None:
+    """Return what a value is called now."""
+    return next((d.name for d in RATING_DIRECTIONS.values() if d.former == value), value)
 
 
 def _failure_table(state: RunState, target: Target) -> str:

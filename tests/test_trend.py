@@ -1,0 +1,229 @@
+"""Which way ratings run with stiffness: rank correlations by another way, chance levels, and what must not be said."""
+
+import itertools
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from scipy.stats import page_trend_test, spearmanr
+
+from softness_bayes.data import Experiment, Fabrics, Ratings
+from softness_bayes.inference.design import Design
+from softness_bayes.inference.observation import FALLS, RISES
+from softness_bayes.inference.predictive import Layout
+from softness_bayes.inference.scales import STANDARDISED
+from softness_bayes.inference.trend import LEVEL, find_trend, mean_correlation
+from softness_bayes.run import RunOptions, choose_direction, with_direction
+from softness_bayes.touch.contact import Indentation
+
+
+def layout_of(participants, modulus, loads=1, keep=None):
+    """Everyone rates every fabric under every load, or the rows of those that are kept."""
+    fabrics = len(modulus)
+    conditions = fabrics * loads
+    rows = np.arange(participants * conditions)
+    rows = rows if keep is None else rows[keep]
+    condition_fabric, load = np.divmod(np.arange(conditions), loads)
+    design = Design(rows % conditions, rows // conditions, condition_fabric, participants)
+    return Layout(design, np.asarray(modulus, float)[condition_fabric], load)
+
+
+def ratings_of(rng, layout, slope, noise=0.3, spread=1.0):
+    """Log ratings with a slope on log E_fab, moduli of the participants' own and noise."""
+    d = layout.design
+    x = np.log(layout.modulus)
+    log = 3 + slope * (x - x.mean())[d.condition] + spread * rng.standard_normal(d.n_participants)[d.participant]
+    return np.exp(log + noise * rng.standard_normal(d.n_rows))
+
+
+def test_correlations_of_a_whole_table_are_those_of_scipy(rng):
+    layout = layout_of(9, np.geomspace(1e3, 1e6, 7), 3)
+    ratings = ratings_of(rng, layout, -0.02)
+    found = find_trend(layout, ratings)
+    mean = np.log(ratings).reshape(9, 7, 3).mean(axis=0)
+    expected = [spearmanr(np.arange(7), mean[:, k]).statistic for k in range(3)]
+    assert_allclose([one.value for one in found.loads], expected)
+    assert found.mean.value == pytest.approx(np.mean(expected))
+    assert found.fabrics == (7, 7, 7)
+    for one in (*found.loads, found.mean):
+        assert one.low <= one.value <= one.high
+
+
+def test_gaps_do_not_bend_the_means(rng):
+    """The softest fabric is rated by those who give small numbers alone: plain means would have ratings rise."""
+    layout = layout_of(6, np.geomspace(1e3, 1e6, 6))
+    d = layout.design
+    keep = ~((d.condition == 0) & (d.participant >= 2))
+    few = layout_of(6, np.geomspace(1e3, 1e6, 6), keep=keep)
+    log = -0.1 * np.log(few.modulus)[few.design.condition] + 3.0 * (few.design.participant >= 2)
+    found = find_trend(few, np.exp(log))
+    assert found.mean.value == pytest.approx(-1.0)
+    # by least squares over participants and conditions
+    rows = np.zeros((few.design.n_rows, 12))
+    rows[np.arange(few.design.n_rows), few.design.participant] = 1
+    rows[np.arange(few.design.n_rows), 6 + few.design.condition] = 1
+    assert_allclose(np.diff(np.linalg.lstsq(rows, log)[0][6:]), np.diff(-0.1 * np.log(few.modulus)), atol=1e-9)
+
+
+def test_few_fabrics_all_their_orders(rng):
+    layout = layout_of(4, [1e3, 2e4, 3e4, 4e5, 5e6])
+    ratings = ratings_of(rng, layout, 0.15, noise=0.8)
+    found = find_trend(layout, ratings)
+    mean = np.log(ratings).reshape(4, 5).mean(axis=0)
+    seen = abs(spearmanr(np.arange(5), mean).statistic)
+    tried = [abs(spearmanr(order, mean).statistic) for order in itertools.permutations(range(5))]
+    assert found.p_value == pytest.approx(np.mean(np.array(tried) >= seen - 1e-9))
+    assert found.shuffled == "the order of the fabrics"
+
+
+def test_fewer_fabrics_than_tell_anything_shuffle_each_participant(rng):
+    """Page's test, whose normal law SciPy gives for one side."""
+    layout = layout_of(12, [1e3, 1e4, 1e5])
+    ratings = ratings_of(rng, layout, 0.03, noise=0.5)
+    found = find_trend(layout, ratings)
+    page = page_trend_test(ratings.reshape(12, 3), method="asymptotic")
+    one_sided = min(page.pvalue, 1 - page.pvalue)
+    assert found.p_value == pytest.approx(2 * one_sided, rel=1e-6)
+
+
+@pytest.mark.parametrize(("fabrics", "participants"), [(8, 12), (3, 12), (6, 1), (2, 15)])
+def test_chance_is_called_a_trend_as_often_as_it_may(rng, fabrics, participants):
+    layout = layout_of(participants, np.geomspace(1e3, 1e6, fabrics), 2)
+    signs = [find_trend(layout, ratings_of(rng, layout, 0.0)).sign for _ in range(100)]
+    assert np.mean(np.abs(signs)) < LEVEL + 3 * np.sqrt(LEVEL * (1 - LEVEL) / 100)
+
+
+@pytest.mark.parametrize("slope", [-0.25, 0.25])
+@pytest.mark.parametrize(("fabrics", "participants"), [(8, 12), (3, 12), (8, 1)])
+def test_a_clear_trend_is_told(rng, fabrics, participants, slope):
+    layout = layout_of(participants, np.geomspace(1e3, 1e6, fabrics), 2)
+    assert find_trend(layout, ratings_of(rng, layout, slope)).sign == np.sign(slope)
+
+
+def test_fabrics_that_differ_for_another_reason_are_no_trend(rng):
+    """However many participants agree on them: what is by chance is the order of the fabrics."""
+    layout = layout_of(40, np.geomspace(1e3, 1e6, 6), 2)
+    own = np.array([0.5, -0.7, 0.1, 0.9, -0.6, 0.2])[layout.design.fabric[layout.design.condition]]
+    found = find_trend(layout, ratings_of(rng, layout, 0.0) * np.exp(own))
+    assert found.sign == 0
+    assert found.p_value > 0.3
+
+
+def test_the_interval_holds_what_other_participants_would_say(rng):
+    layout, truth = layout_of(20, np.geomspace(1e3, 1e6, 7)), []
+    for _ in range(100):
+        found = find_trend(layout, ratings_of(rng, layout, 0.06, noise=0.7)).mean
+        truth.append((found.low, found.value, found.high))
+    low, value, high = np.array(truth).T
+    # correlations of estimates lie below that of the truth, 1; their own mean is what intervals are about
+    assert 0.75 < np.mean((low <= np.median(value)) & (np.median(value) <= high)) <= 1.0
+
+
+def test_nothing_to_correlate(rng):
+    for layout in (layout_of(5, [2e4]), layout_of(5, [2e4, 2e4, 2e4])):
+        found = find_trend(layout, ratings_of(rng, layout, 0.0))
+        assert np.isnan(found.mean.value)
+        assert (found.sign, found.p_value) == (0, 1.0)
+    layout = layout_of(5, np.geomspace(1e3, 1e6, 6), 2)
+    found = find_trend(layout, np.full(60, 7.0))
+    assert np.isnan(found.mean.value)
+    assert found.sign == 0
+
+
+def test_one_participant_has_no_interval(rng):
+    layout = layout_of(1, np.geomspace(1e3, 1e6, 6))
+    found = find_trend(layout, ratings_of(rng, layout, -0.4))
+    assert np.isnan([found.mean.low, found.mean.high]).all()
+    assert found.sign == -1
+
+
+def test_ties_share_their_rank():
+    layout = layout_of(2, [1e3, 1e4, 1e4, 1e5, 1e6, 1e6])
+    log = np.tile([1.0, 2.0, 2.0, 2.0, 2.0, 0.0], 2)
+    expected = spearmanr([0, 1, 1, 2, 3, 3], log[:6]).statistic
+    assert find_trend(layout, np.exp(log)).mean.value == pytest.approx(expected)
+
+
+def test_a_silent_response_has_no_order():
+    layout = layout_of(2, np.geomspace(1e3, 1e6, 4))
+    found = mean_correlation(layout, np.array([[0, 0, 0, 0], [0, 0, 1, 2.0], [3, 2, 1, 0.0]]))
+    assert np.isnan(found[0])
+    assert found[1] == pytest.approx(spearmanr(range(4), [0, 0, 1, 2]).statistic)
+    assert found[2] == pytest.approx(-1.0)
+
+
+# the direction of a run
+
+CLOTH = np.geomspace(2e4, 6e5, 6)
+
+
+def table(rng, slope, modulus=CLOTH, depth=2e-3, participants=8, noise=0.2):
+    layout = layout_of(participants, modulus)
+    ratings = ratings_of(rng, layout, slope, noise=noise).reshape(participants, len(modulus), 1)
+    names = [f"f{k}" for k in range(len(modulus))]
+    people = [f"p{k}" for k in range(participants)]
+    filed = Ratings.crossed(people, names, (Indentation(depth),), ratings)
+    return Experiment(filed, Fabrics(tuple(names), effective_modulus=np.asarray(modulus)), ())
+
+
+@pytest.mark.parametrize(("slope", "direction"), [(0.4, RISES), (-0.4, FALLS)])
+def test_the_data_decide(rng, slope, direction):
+    experiment = table(rng, slope)
+    found = choose_direction(experiment, RunOptions())
+    assert (found.direction, found.asked, found.against_data) == (direction, False, False)
+    assert found.evidence.firing == 1.0
+    assert f"--direction {direction.name} is taken from the data" in found.sentence
+    decided = with_direction(experiment, RunOptions())
+    assert (decided.direction, decided.direction_decided) == (direction, True)
+    again = RunOptions.from_record(decided.record())
+    assert (again.direction, again.direction_decided) == (direction, True)
+    assert not choose_direction(experiment, again).asked
+
+
+def test_what_is_asked_for_is_taken_and_said_to_be_wrong(rng):
+    experiment = table(rng, -0.4)
+    found = choose_direction(experiment, RunOptions(direction=RISES))
+    assert (found.direction, found.asked, found.against_data) == (RISES, True, True)
+    assert found.sentence.startswith(
+        "the readout runs against the data, --direction rises-with-firing is the wrong way"
+    )
+    assert with_direction(experiment, RunOptions(direction=RISES)) == RunOptions(direction=RISES)
+    right = choose_direction(experiment, RunOptions(direction=FALLS))
+    assert not right.against_data
+    assert right.sentence.startswith("--direction falls-with-firing, as asked: these ratings fall")
+
+
+@pytest.mark.parametrize("modulus", [CLOTH, CLOTH[:1]])
+def test_where_the_table_cannot_tell_the_papers_reading_is_taken(modulus):
+    experiment = table(np.random.default_rng(3), 0.0, modulus)
+    found = choose_direction(experiment, RunOptions())
+    assert (found.direction, found.evidence.direction, found.against_data) == (RISES, None, False)
+    assert "is taken by default" in found.sentence
+    assert not choose_direction(experiment, RunOptions(direction=FALLS)).against_data
+
+
+def test_beyond_the_turn_falling_ratings_rise_with_firing(rng):
+    """Fabrics so stiff that firing falls with stiffness: the same falling ratings are the other reading's."""
+    stiff = np.geomspace(1e6, 2e7, 6)
+    found = choose_direction(table(rng, -0.4, stiff, depth=3e-3), RunOptions())
+    assert found.evidence.trend.sign == -1
+    assert found.evidence.firing < 0.1
+    assert found.direction == RISES
+
+
+def test_under_a_model_without_a_turn_they_do_not(rng):
+    stiff = np.geomspace(1e6, 2e7, 6)
+    hertz = RunOptions(readings=RunOptions().readings.override({"pressure": "hertz"}))
+    found = choose_direction(table(rng, -0.4, stiff, depth=3e-3), hertz)
+    assert found.evidence.firing > 0.9
+    assert found.direction == FALLS
+
+
+def test_standardised_ratings_too(rng):
+    experiment = table(rng, -0.4)
+    log = np.log(experiment.ratings.rating)
+    scaled = experiment.ratings.__class__(
+        **{**experiment.ratings.__dict__, "rating": (log - log.mean()) / log.std()},
+    )
+    found = choose_direction(experiment._replace(ratings=scaled), RunOptions(scale=STANDARDISED))
+    assert found.direction == FALLS
