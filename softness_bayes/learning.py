@@ -9,14 +9,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from softness_bayes.arviz_bridge import SAMPLE_DIMS
+from softness_bayes.inference.combinations import find_products
 from softness_bayes.inference.priors import Prior, parse_prior
 from softness_bayes.inference.sensitivity import (
-    PRIOR_DRIVEN,
+    DETERMINED,
+    INFORMED,
     SENSITIVE,
     contraction,
     find_directions,
-    in_words,
-    power_scaling,
+    power_scaling_with_error,
     prior_moments,
 )
 
@@ -40,7 +41,8 @@ def learning_table(tree: xr.DataTree) -> pd.DataFrame:
     -------
     DataFrame
         A row per parameter that has a prior: prior_mean, prior_sd (natural units), contraction,
-        psens_prior, psens_likelihood. The sensitivities of what was drawn after the run (mu) are
+        psens_prior, psens_likelihood, and the Monte-Carlo errors psens_prior_mcse, psens_likelihood_mcse. The
+        sensitivities of what was drawn after the run (mu) are
         missing: it is integrated out of the likelihood whose power they change.
     """
     import pandas as pd
@@ -57,9 +59,15 @@ def learning_table(tree: xr.DataTree) -> pd.DataFrame:
             "prior_mean": mean,
             "prior_sd": sd,
             "contraction": float(contraction(sd, draws.std(ddof=1))),
-            "psens_prior": power_scaling(draws, log_prior) if sampled else np.nan,
-            "psens_likelihood": power_scaling(draws, log_likelihood) if sampled else np.nan,
+            "psens_prior": np.nan,
+            "psens_likelihood": np.nan,
+            "psens_prior_mcse": np.nan,
+            "psens_likelihood_mcse": np.nan,
         }
+        for kind, component in (("prior", log_prior), ("likelihood", log_likelihood)):
+            if sampled:
+                sensitivity, error = power_scaling_with_error(draws, component)
+                rows[name] |= {f"psens_{kind}": sensitivity, f"psens_{kind}_mcse": error}
     return pd.DataFrame.from_dict(rows, orient="index").rename_axis("parameter")
 
 
@@ -75,39 +83,111 @@ def direction_table(tree: xr.DataTree) -> pd.DataFrame:
     -------
     DataFrame
         A row per direction (index ``direction``, from 1): contraction along it; for each parameter the
-        component of the unit vector, in units of the log parameter's prior sd; and its meaning in words.
+        component of the unit vector, in units of the log parameter's prior sd; then the product that it stands
+        for, if the data narrow it (product, factor_90, factor_90_mcse, prior_factor_90: its 90 % limits are the
+        middle times and over the factor; width: that of the limits over that under the prior); and its meaning in
+        words.
     """
     import pandas as pd
 
     names = [*_draws(tree, "log_prior")]
     priors, posterior = _priors(tree.attrs), _draws(tree, "posterior")
     theta = np.stack([posterior[name] for name in names], axis=-1)
-    found = find_directions([priors[name] for name in names], theta)
+    laws = [priors[name] for name in names]
+    found = find_directions(laws, theta)
     table = pd.DataFrame(found.vectors, columns=names)
     table.insert(0, "contraction", found.contraction)
-    table["meaning"] = [in_words(names, found, k) for k in range(len(names))]
+    products = find_products(laws, theta, found)
+    for column, of in (
+        ("product", lambda one: one.written(names)),
+        ("factor_90", lambda one: one.factor),
+        ("factor_90_mcse", lambda one: one.error),
+        ("prior_factor_90", lambda one: one.prior_factor),
+        ("width", lambda one: one.width),
+    ):
+        table[column] = [None if one is None else of(one) for one in products]
+    table["meaning"] = [
+        _open(told) if one is None else one.sentence(names)
+        for one, told in zip(products, found.contraction, strict=True)
+    ]
     table.index = pd.RangeIndex(1, len(names) + 1, name="direction")
     return table
 
 
 def learning_sentences(summary: pd.DataFrame) -> list[str]:
-    """Say which parameters are prior-driven, and which feel the priors although the data speak.
+    """Say which parameters the data determine, inform and do not inform, and which ones other priors would move.
 
     Parameters
     ----------
     summary
         A table with the columns of `learning_table`.
     """
-    driven = [str(n) for n in summary.index[summary["contraction"] < PRIOR_DRIVEN]]
-    moved = [str(n) for n in summary.index[summary["psens_prior"] > SENSITIVE] if n not in driven]
+    width = _width(summary["contraction"])
+    groups = {
+        "determined by the data (posterior sd up to 1/3 of the prior's)": width <= DETERMINED,
+        f"informed (up to {INFORMED:g})": (width > DETERMINED) & (width <= INFORMED),
+        "not informed (wider; what is said of them is what their priors say)": width > INFORMED,
+    }
     lines = [
-        f"prior-driven, the prior weighs more than the data: {', '.join(driven)}"
-        if driven
-        else "no parameter is prior-driven: the data weigh more than the prior in all of them"
+        f"{words}: {', '.join(f'{name} {width[name]:.2g}' for name in summary.index[there]) or 'none'}"
+        for words, there in groups.items()
     ]
-    if moved:
-        lines.append(f"told by the data, yet other priors would move them: {', '.join(moved)}")
+    pull = summary["psens_prior"][width <= INFORMED]
+    error = 2.0 * summary["psens_prior_mcse"].reindex(pull.index).fillna(0.0) if _has_errors(summary) else 0.0 * pull
+    moved, unclear = pull > SENSITIVE + error, (pull - SENSITIVE).abs() <= error
+    if moved.any():
+        named = ", ".join(f"{name} ({pull[name]:.2g})" for name in pull.index[moved])
+        lines.append(f"another prior would move (sensitivity beyond {SENSITIVE} by two errors): {named}")
+    if unclear.any():
+        named = ", ".join(f"{name} ({pull[name]:.3f} ± {error[name] / 2:.1g})" for name in pull.index[unclear])
+        lines.append(f"cannot tell whether another prior would move: {named}")
     return lines
+
+
+def direction_sentences(directions: pd.DataFrame) -> list[str]:
+    """Say which combinations of parameters the data determine, which they inform, and which they leave open.
+
+    Parameters
+    ----------
+    directions
+        As `direction_table` returns it.
+    """
+    width = directions["width"].astype(float)
+    names = [*directions.columns[1 : directions.columns.get_loc("product")]]
+    lines = []
+    for words, there in {
+        "combinations that the data determine (90 % limits up to 1/3 as wide as under the prior)": width <= DETERMINED,
+        f"combinations that they inform (up to {INFORMED:g})": (width > DETERMINED) & (width <= INFORMED),
+    }.items():
+        if there.any():
+            lines.append(f"{words}:")
+            lines += [f"  {row['meaning'].partition(': ')[2]}" for _, row in directions[there].iterrows()]
+    open_ = directions[~(width <= INFORMED)]
+    if len(open_):
+        share = (open_[names] ** 2).sum().sort_values(ascending=False, kind="stable")
+        of = ", ".join(share.index[share >= 0.5])
+        one = len(open_) == 1
+        lines.append(
+            f"left open: {len(open_)} further combination{'' if one else 's'} of {of}, nearly as wide as under the "
+            "prior. To go further, measure one of these parameters or compare runs under several priors (--prior)"
+        )
+    return lines
+
+
+def _open(contraction: float) -> str:
+    width = float(_width(contraction))
+    beside = "as wide as" if abs(width - 1.0) < 0.05 else f"{width:.0%} as wide as"
+    return f"not informed: {beside} under the prior"
+
+
+def _has_errors(summary: pd.DataFrame) -> bool:
+    """Whether a summary has the errors of its sensitivities: those of earlier versions have none."""
+    return "psens_prior_mcse" in summary
+
+
+def _width(contraction: Any) -> Any:
+    """Posterior sd over prior sd."""
+    return np.sqrt(np.maximum(1.0 - contraction, 0.0))
 
 
 def _priors(attributes: Mapping[Any, Any]) -> dict[str, Prior]:

@@ -197,7 +197,7 @@ def test_a_run_that_has_not_converged_ends_with_3_and_its_files(alone):
     written = {path.name for path in (directory / "results").iterdir()}
     tables = {"summary.csv", "directions.csv", "predictive_checks.csv"}
     assert written == {".softness-bayes.json", "checkpoint", "posterior.nc", *tables}
-    assert "prior-driven" in done.stdout
+    assert "determined by the data" in done.stdout
     assert "eps is held at 0.1 Hz: all intervals take it as known" in done.stdout
     assert "leave out '--fix eps=0.1' to sample it too" in done.stdout
     assert done.stdout.count("inflection reproduced?") == 1

@@ -14,6 +14,7 @@ from softness_bayes.inference.priors import (
     LogNormal,
     Normal,
     Uniform,
+    in_short,
     parse_prior,
 )
 
@@ -76,6 +77,11 @@ def test_written_form_reads_back(prior):
 
 def test_written_form_is_the_documented_one():
     assert str(LogNormal(100, 0.5)) == "lognormal(100,0.5)"
+    # people read four digits; what machines read keeps them all
+    precise = Normal(2.995732273553991, 3.0)
+    assert in_short(precise) == "normal(2.996,3)"
+    assert parse_prior(str(precise)) == precise
+    assert in_short(LogNormal(1.05, 0.03, 0.1)) == str(LogNormal(1.05, 0.03, 0.1))
     assert str(LogNormal(1.05, 0.03, 0.1)) == "lognormal(1.05,0.03,0.1)"
     assert parse_prior(" LogNormal( 1e2 , .5 ) ") == LogNormal(100, 0.5)
     assert set(LAWS) == {"lognormal", "halfnormal", "normal", "uniform"}

@@ -211,12 +211,12 @@ def test_every_finding_follows_the_numbers(made):
     assert finding.standing is Standing.BAD
     assert finding.answer == "Under 1 of 2 loads"
     assert standing(result, "inflection").answer == "Under every load"
-    # what was learnt is a matter of contraction alone
+    # what was learnt is a matter of widths alone
     table = result.table.copy()
     table["contraction"] = np.where(table.index == "b", 0.2, 0.9)
     told = standing(replace(result, table=table), "inform")
     assert told.answer == f"{len(table) - 1} of {len(table)}"
-    assert any("prior weighs more than the data: b." in detail for detail in told.details)
+    assert any(detail.startswith("Not informed") and detail.endswith(": b 0.89.") for detail in told.details)
 
 
 def test_curves_are_quantiles_of_the_draws_on_both_axes(made):

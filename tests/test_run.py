@@ -359,6 +359,7 @@ def test_the_summary(result, directory):
     columns.append("mcse_sd")
     written = pd.read_csv(directory / "summary.csv")
     columns += ["prior_mean", "prior_sd", "contraction", "psens_prior", "psens_likelihood"]
+    columns += ["psens_prior_mcse", "psens_likelihood_mcse"]
     assert list(written) == ["parameter", *columns]
     assert written["prior_sd"].iloc[-1] == pytest.approx(3)  # mu's
     assert written["parameter"].tolist() == [*SAMPLED, "mu"]

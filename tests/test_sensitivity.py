@@ -7,19 +7,22 @@ from scipy import integrate
 from scipy.stats import halfnorm, lognorm, norm, truncnorm, uniform
 
 from softness_bayes import arviz_bridge
+from softness_bayes.inference.combinations import find_products
+from softness_bayes.inference.jackknife import jackknife
 from softness_bayes.inference.priors import HalfNormal, LogNormal, Normal, Uniform
 from softness_bayes.inference.sensitivity import (
+    DETERMINED,
+    INFORMED,
     POWERS,
-    PRIOR_DRIVEN,
     SENSITIVE,
     contraction,
     distance,
     find_directions,
-    in_words,
     power_scaling,
+    power_scaling_with_error,
     prior_moments,
 )
-from softness_bayes.learning import direction_table, learning_sentences, learning_table
+from softness_bayes.learning import direction_sentences, direction_table, learning_sentences, learning_table
 
 DRAWS = 40_000
 
@@ -144,8 +147,8 @@ def test_contraction_is_the_data_share_of_a_conjugate_model():
     for error in (0.1, 1.0, 3.0):
         sd = (1 + error**-2) ** -0.5
         assert contraction(1.0, sd) == pytest.approx(error**-2 / (1 + error**-2))
-    # the prior weighs more than the datum exactly if its precision is the larger
-    assert contraction(1.0, (1 + 0.99) ** -0.5) < PRIOR_DRIVEN < contraction(1.0, (1 + 1.01) ** -0.5)
+    # a posterior of so many prior widths holds so much information of the data for each of the prior's
+    assert [width**-2 - 1 for width in (DETERMINED, INFORMED)] == pytest.approx([8, 0.5625])
     assert contraction(1.0, 2.0) == -3
 
 
@@ -168,9 +171,82 @@ def test_directions_of_a_log_linear_model(rng):
     stiff = np.array([0.5, 0.3, 0.0]) / np.sqrt(0.34)  # log b + log m, in units of the prior sds
     np.testing.assert_allclose(found.vectors[0], stiff, atol=1e-3)
     np.testing.assert_allclose(found.vectors @ found.vectors.T, np.eye(3), atol=1e-12)
-    words = in_words(["b", "m", "gamma"], found, 0)
-    assert words.startswith("the data tell b · m^1 to a factor of 1.01 (prior: 1.79)")
-    assert any(in_words(["b", "m", "gamma"], found, k).startswith("the data hardly tell") for k in (1, 2))
+    product, *others = find_products(PRIORS, learnt(rng), found)
+    assert product.written(["b", "m", "gamma"]) == "b · m"
+    limit = norm.isf(0.05)
+    assert product.factor == pytest.approx(np.exp(limit * 0.01), abs=4 * product.error)
+    assert product.prior_factor == pytest.approx(np.exp(limit * np.sqrt(0.34)), rel=0.02)
+    assert product.width == pytest.approx(0.01 / np.sqrt(0.34), rel=0.03)
+    assert others == [None, None]
+
+
+ROWS = np.array([[1.0, -0.6, 0.25], [0.3, 1.0, 0.8]])
+"""What the data of another model tell of the logarithms, to errors of 0.02 and 0.1."""
+ERRORS = np.array([0.02, 0.1])
+
+
+def told(rng, size=20_000):
+    """Posterior draws of that model, and their exact covariance."""
+    precision = np.diag(np.array([0.5, 0.3, 0.2]) ** -2.0) + (ROWS.T / ERRORS**2) @ ROWS
+    covariance = np.linalg.inv(precision)
+    logs = rng.multivariate_normal(np.zeros(3), covariance, size)
+    return np.exp(logs + np.log([100.0, 2.0, 1.0])), covariance
+
+
+def test_a_product_is_known_as_closely_as_is_printed_and_no_product_of_these_parameters_more_closely(rng):
+    theta, covariance = told(rng)
+    found = find_directions(PRIORS, theta)
+    product = find_products(PRIORS, theta, found)[0]
+    kept = [k for k in range(3) if product.exponents[k]]
+    assert len(kept) == 2  # the third component is small, not none
+    first, second = product.order
+    limit = norm.isf(0.05)
+    exact = np.sqrt(product.exponents @ covariance @ product.exponents)
+    assert product.factor == pytest.approx(np.exp(limit * exact), abs=4 * product.error)
+    # two digits of the best exponent: the printed product is within a hundredth of the best one's width
+    best = -covariance[first, second] / covariance[second, second]
+    assert product.exponents[second] == pytest.approx(best, rel=0.06)
+    least = np.sqrt(covariance[first, first] - covariance[first, second] ** 2 / covariance[second, second])
+    assert least <= exact < 1.05 * least
+    # negative control: the precision of the whole direction, which used to be printed, is another number
+    whole = np.sqrt(max(1 - found.contraction[0], 0)) / abs(found.vectors[0, first] / found.prior_sd[first])
+    assert np.exp(limit * whole) < product.factor - 10 * product.error
+
+
+def test_the_factor_of_a_product_by_weighting_prior_draws(rng):
+    """By another way: importance sampling from the prior instead of draws of the posterior."""
+    theta, _ = told(rng)
+    product = find_products(PRIORS, theta, find_directions(PRIORS, theta))[0]
+    logs = rng.standard_normal((1_000_000, 3)) * [0.5, 0.3, 0.2]
+    weight = np.exp(norm.logpdf(logs @ ROWS.T, 0, ERRORS).sum(1))
+    value = logs @ product.exponents
+    order = np.argsort(value)
+    low, high = np.interp([0.05, 0.95], np.cumsum(weight[order]) / weight.sum(), value[order])
+    assert product.factor == pytest.approx(np.exp((high - low) / 2), rel=0.01)
+
+
+def test_a_jackknife_knows_correlation_within_chains(rng):
+    """Against the spread over independent repetitions, of a mean and of a width."""
+    for repeat in (1, 10):
+        found, errors = [], []
+        for _ in range(60):
+            x = np.repeat(rng.standard_normal(4000 // repeat), repeat)
+            found.append([x.mean(), x.std()])
+            errors.append(jackknife(lambda kept, x=x: np.array([x[kept].mean(), x[kept].std()]), x.size))
+        np.testing.assert_allclose(np.mean(errors, axis=0), np.std(found, axis=0), rtol=0.3)
+    assert np.isnan(jackknife(lambda kept: 1.0, 30))
+
+
+@pytest.mark.parametrize("component", ["prior", "likelihood"])
+def test_errors_of_power_scaling(rng, component):
+    found = []
+    for _ in range(40):
+        draws = 0.5 + 0.5**0.5 * rng.standard_normal(3000)
+        log = norm.logpdf(draws) if component == "prior" else norm.logpdf(1.0, draws, 1.0)
+        found.append(power_scaling_with_error(draws, log))
+    sensitivity, error = np.array(found).T
+    assert error.mean() == pytest.approx(sensitivity.std(), rel=0.35)
+    assert sensitivity[-1] == power_scaling(draws, log)
 
 
 def tree_of(theta, log_prior, log_likelihood, **extra):
@@ -190,7 +266,10 @@ def test_tables_of_a_result(rng):
     log_likelihood = norm.logpdf(np.log(theta[:, :2]).sum(1), np.log(200), 0.05)
     tree = tree_of(theta, log_prior, log_likelihood, mu=rng.normal(3, 0.3, (1, len(theta))))
     table = learning_table(tree)
-    assert list(table) == ["prior_mean", "prior_sd", "contraction", "psens_prior", "psens_likelihood"]
+    sensitivities = ["psens_prior", "psens_likelihood"]
+    errors = [f"{name}_mcse" for name in sensitivities]
+    assert list(table) == ["prior_mean", "prior_sd", "contraction", *sensitivities, *errors]
+    assert (table.loc[["b", "m", "gamma"], errors] > 0).all(axis=None)
     assert table.index.tolist() == ["b", "m", "gamma", "mu"]
     assert table.loc["mu", "contraction"] == pytest.approx(0.99, abs=0.002)
     assert table.loc["mu", ["psens_prior", "psens_likelihood"]].isna().all()
@@ -199,17 +278,46 @@ def test_tables_of_a_result(rng):
     assert table.loc["b", "prior_mean"] == pytest.approx(100 * np.exp(0.125), rel=1e-4)
     directions = direction_table(tree)
     assert directions.index.tolist() == [1, 2, 3]
-    assert list(directions) == ["contraction", "b", "m", "gamma", "meaning"]
+    products = ["product", "factor_90", "factor_90_mcse", "prior_factor_90", "width"]
+    assert list(directions) == ["contraction", "b", "m", "gamma", *products, "meaning"]
     assert "b · m" in directions.loc[1, "meaning"]
+    assert directions.loc[2:, "meaning"].str.fullmatch("not informed: as wide as under the prior").all()
+    head, product, rest = direction_sentences(directions)
+    assert head.startswith("combinations that the data determine")
+    assert product.startswith("  b · m")
+    assert " to a factor of 1.08" in product
+    assert rest.startswith("left open: 2 further combinations of ")
+    assert "-" not in "".join(f"{width:.2g}" for width in np.sqrt(np.maximum(1 - directions["contraction"], 0)))
+
+
+def summary(**columns):
+    return pd.DataFrame(columns, index=["b", "m", "gamma"])
 
 
 def test_sentences_name_the_parameters():
-    table = pd.DataFrame(
-        {"contraction": [0.9, 0.1, 0.9], "psens_prior": [0.01, 0.2, 0.08], "psens_likelihood": [0.1, 0.0, 0.1]},
-        index=["b", "m", "gamma"],
+    table = summary(
+        contraction=[0.99, -0.02, 0.5],
+        psens_prior=[0.01, 0.2, 0.08],
+        psens_prior_mcse=[0.001, 0.01, 0.01],
     )
-    first, second = learning_sentences(table)
-    assert first.endswith("than the data: m")
-    assert second.endswith("move them: gamma")
-    (only,) = learning_sentences(table.loc[["b"]])
-    assert only.startswith("no parameter is prior-driven")
+    determined, informed, not_informed, moved = learning_sentences(table)
+    assert determined.startswith("determined by the data")
+    assert determined.endswith(": b 0.1")
+    assert informed.endswith(": gamma 0.71")
+    assert not_informed.endswith(": m 1")  # of a contraction below 0, which is noise
+    assert moved.endswith(": gamma (0.08)")
+    assert not any("cannot tell" in line for line in learning_sentences(table))
+    *_, nothing = learning_sentences(table.loc[["b"]])
+    assert nothing.endswith("say): none")
+
+
+@pytest.mark.parametrize(
+    ("pull", "said"), [(0.0507, "cannot tell"), (0.062, "would move"), (0.038, ""), (0.046, "cannot tell")]
+)
+def test_a_sensitivity_within_its_error_of_the_line_is_not_judged(pull, said):
+    table = summary(contraction=[0.9] * 3, psens_prior=[pull, 0.0, 0.0], psens_prior_mcse=[0.004] * 3)
+    *_, last = learning_sentences(table)
+    assert (said in last and ": b (" in last) if said else last.startswith("not informed")
+    # tables of earlier versions have no errors
+    *_, last = learning_sentences(table.drop(columns="psens_prior_mcse"))
+    assert ("would move" in last) == (pull > SENSITIVE)

@@ -241,7 +241,7 @@ class _Bar:
 
 def _report(result: Result, out: Path) -> None:
     """Print summary, inflection, checks and verdict."""
-    from softness_bayes.learning import learning_sentences
+    from softness_bayes.learning import direction_sentences, learning_sentences
     from softness_bayes.misfit import fit_of
 
     found, summary = result.attributes, result.summary()
@@ -249,9 +249,12 @@ def _report(result: Result, out: Path) -> None:
     faults = [] if fit is None else [f"the fit has failed: {fault}" for fault in fit.faults]
     for fault in faults:
         click.echo(fault)
-    click.echo(summary.to_string(float_format=lambda x: f"{x:.4g}", na_rep="–"))
+    left_out = ("contraction", "psens_prior_mcse", "psens_likelihood_mcse")  # said in words, or kept in the file
+    shown = summary.drop(columns=[*left_out])
+    shown.insert(list(shown).index("prior_sd") + 1, "sd/prior_sd", summary["sd"] / summary["prior_sd"])
+    click.echo(shown.to_string(float_format=lambda x: f"{x:.4g}", na_rep="–"))
     click.echo()
-    for sentence in (*learning_sentences(summary), *result.tables["directions"]["meaning"]):
+    for sentence in (*learning_sentences(summary), *direction_sentences(result.tables["directions"])):
         click.echo(sentence)
     if result.has_compression:
         click.echo(f"\n{found['force_check']}")

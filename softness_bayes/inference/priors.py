@@ -330,6 +330,12 @@ def parse_prior(text: str) -> Prior:
     return prior
 
 
+def in_short(prior: Prior) -> str:
+    """Return a prior as people read it: its numbers to four digits, where ``str`` gives them whole."""
+    numbers = (getattr(prior, field.name) for field in fields(prior))  # type: ignore[arg-type]
+    return f"{_name_of(type(prior))}({','.join(f'{a:.4g}' for a in numbers if a is not None)})"
+
+
 def _form(law: type) -> str:
     names = [f.name if f.default is not None else f"[{f.name}]" for f in fields(law)]
     return f"{_name_of(law)}({', '.join(names)})"

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import ndtr
 
+from softness_bayes.inference.jackknife import jackknife
 from softness_bayes.inference.priors import Prior
 
 FloatArray = NDArray[np.float64]
@@ -22,8 +23,11 @@ FloatArray = NDArray[np.float64]
 SENSITIVE = 0.05
 """Power-scaling sensitivity above which a posterior is said to depend on prior or likelihood."""
 
-PRIOR_DRIVEN = 0.5
-"""Contraction below which the prior weighs more than the data: in a normal model its precision is the larger."""
+DETERMINED, INFORMED = 1 / 3, 0.8
+"""Posterior widths, as shares of the prior's, up to which the data determine a quantity, or inform it.
+
+In a normal model the data then carry at least 8 times, or 0.56 times, as much information as the prior.
+"""
 
 POWERS = (0.99, 1.01)
 """Powers that prior and likelihood are raised to."""
@@ -81,12 +85,37 @@ def power_scaling(draws: ArrayLike, log_component: ArrayLike) -> float:
         Joint log prior density, or joint log-likelihood, of the same draws, shape (draws,).
     """
     draws, log_component = np.asarray(draws, float), np.asarray(log_component, float)
+    order = np.argsort(draws)
+    return _rate(draws[order], log_component[order])
+
+
+def power_scaling_with_error(draws: ArrayLike, log_component: ArrayLike) -> tuple[float, float]:
+    """Sensitivity as `power_scaling` finds it, and its Monte-Carlo standard error.
+
+    Parameters
+    ----------
+    draws, log_component
+        As there, chain after chain; the error is from leaving out groups of chains (`jackknife`).
+    """
+    draws, log_component = np.asarray(draws, float), np.asarray(log_component, float)
+    order = np.argsort(draws)
+    x, component = draws[order], log_component[order]
+
+    def without(kept: NDArray[np.bool_]) -> float:
+        left = kept[order]
+        return _rate(x[left], component[left], POWERS[1:])  # one power errs as both do
+
+    return _rate(x, component), float(jackknife(without, draws.size))
+
+
+def _rate(x: FloatArray, log_component: FloatArray, powers: Sequence[float] = POWERS) -> float:
+    """Sensitivity from draws in rising order."""
     centred = log_component - log_component.mean()
     rates = []
-    for power in POWERS:
+    for power in powers:
         weights = np.exp((power - 1.0) * centred)
         weights /= weights.sum()
-        farther = max(distance(draws, weights), distance(-draws, weights))
+        farther = max(_distance(x, weights), _distance(-x[::-1], weights[::-1]))
         rates.append(farther / abs(np.log2(power)))
     return float(np.mean(rates))
 
@@ -103,9 +132,14 @@ def distance(draws: FloatArray, weights: FloatArray) -> float:
         Shape (draws,); the weights add up to 1.
     """
     order = np.argsort(draws)
-    width = np.diff(draws[order])
-    plain = np.arange(1, draws.size) / draws.size
-    weighted = np.cumsum(weights[order])[:-1]
+    return _distance(draws[order], weights[order])
+
+
+def _distance(x: FloatArray, weights: FloatArray) -> float:
+    """The distance of draws in rising order."""
+    width = np.diff(x)
+    plain = np.arange(1, x.size) / x.size
+    weighted = np.cumsum(weights)[:-1]
     middle = 0.5 * (plain + weighted)
     # the terms without a logarithm cancel in the sum of both divergences
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -134,24 +168,3 @@ def find_directions(priors: Sequence[Prior], theta: FloatArray) -> Directions:
     vectors = vectors.T
     leading = np.take_along_axis(vectors, np.abs(vectors).argmax(axis=1)[:, None], axis=1)
     return Directions(1.0 - variance, vectors * np.sign(leading), prior_sd)
-
-
-def in_words(names: Sequence[str], directions: Directions, index: int) -> str:
-    """Say what one direction means to somebody who knows the parameters' names.
-
-    A direction that the data tell is a product of powers with its accuracy; one that they do not is a
-    change of several parameters together that leaves the ratings as they are.
-    """
-    vector, sd = directions.vectors[index], directions.prior_sd
-    by_size = np.argsort(-np.abs(vector), kind="stable").tolist()
-    kept = [k for k in by_size if abs(vector[k]) >= 0.3 * abs(vector[by_size[0]])]
-    told = directions.contraction[index]
-    if told >= PRIOR_DRIVEN:
-        power = vector / sd
-        power = power / power[kept[0]]
-        before = 1.0 / abs(vector[kept[0]] / sd[kept[0]])
-        after = before * np.sqrt(max(1.0 - told, 0.0))
-        product = " · ".join(names[k] if k == kept[0] else f"{names[k]}^{power[k]:.2g}" for k in kept)
-        return f"the data tell {product} to a factor of {np.exp(after):.3g} (prior: {np.exp(before):.3g})"
-    change = " with ".join(f"{names[k]} × {np.exp(vector[k] * sd[k]):.3g}" for k in kept)
-    return f"the data hardly tell {change} (as wide as {np.sqrt(max(1.0 - told, 0.0)):.0%} of the prior)"

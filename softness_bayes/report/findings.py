@@ -10,7 +10,7 @@ import numpy as np
 
 from softness_bayes.criticism import DOUBTFUL, check_sentences, inflection_reproduced
 from softness_bayes.inference.exactness import Exactness, compare
-from softness_bayes.inference.sensitivity import PRIOR_DRIVEN
+from softness_bayes.inference.sensitivity import INFORMED
 from softness_bayes.learning import learning_sentences
 from softness_bayes.misfit import Fit, fit_of
 from softness_bayes.report.words import sentence, share
@@ -174,13 +174,12 @@ def _without_ratings() -> list[Finding]:
 
 def _information(result: Result) -> Finding:
     summary = result.summary()
-    told = [str(name) for name in summary.index[summary["contraction"] >= PRIOR_DRIVEN]]
-    driven = [str(name) for name in summary.index[summary["contraction"] < PRIOR_DRIVEN]]
-    sentences = [f"Told by the data: {', '.join(told) or 'none'}.", *map(sentence, learning_sentences(summary))]
+    informed = int((summary["contraction"] >= 1.0 - INFORMED**2).sum())
+    sentences = [*map(sentence, learning_sentences(summary))]
     sentences += [sentence(str(result.attributes[name])) for name in ("held_eps",) if name in result.attributes]
     return Finding(
         "Which parameters did the data inform?",
-        f"{len(told)} of {len(told) + len(driven)}",
+        f"{informed} of {len(summary)}",
         Standing.NEUTRAL,
         sentences,
     )

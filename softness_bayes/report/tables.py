@@ -11,6 +11,7 @@ import pandas as pd
 from softness_bayes.criticism import ALL
 from softness_bayes.inference.observation import direction_named
 from softness_bayes.inference.parameters import EVERY_PARAMETER
+from softness_bayes.inference.priors import in_short, parse_prior
 from softness_bayes.report.repeat import recorded_options
 from softness_bayes.report.words import number, share
 from softness_bayes.result import Result
@@ -32,7 +33,7 @@ LEVELS_MEANING = {"mu": "mean log rating of a typical participant", "c0": "inter
 def parameter_table(result: Result) -> Table:
     """Return what was learnt of every parameter."""
     found = result.attributes
-    head = ["Parameter", "Meaning", "Unit", "Prior", "Mean", "Sd", "HDI", "Contraction"]
+    head = ["Parameter", "Meaning", "Unit", "Prior", "Mean", "Sd", "HDI", "Sd / prior’s"]
     head += ["Prior’s pull", "Data’s pull", "R-hat", "ESS bulk", "ESS tail", "MCSE of mean"]
     rows = []
     for label, row in result.summary().iterrows():
@@ -43,11 +44,11 @@ def parameter_table(result: Result) -> Table:
                 name,
                 parameter.meaning if parameter else LEVELS_MEANING.get(name, "–"),
                 parameter.unit if parameter else "–",
-                str(found.get(f"prior_{name}", "–")).replace(",", ", "),
+                _prior(found.get(f"prior_{name}")),
                 number(row["mean"], 4),
                 number(row["sd"]),
                 f"{number(row['hdi_low'])} to {number(row['hdi_high'])}",
-                share(row["contraction"]),
+                number(np.sqrt(max(1.0 - row["contraction"], 0.0)), 2),
                 number(row["psens_prior"], 2),
                 number(row["psens_likelihood"], 2),
                 number(row["r_hat"], 5),
@@ -58,19 +59,30 @@ def parameter_table(result: Result) -> Table:
         )
     interval = share(result.summary()["hdi_prob"].iloc[0])
     caption = (
-        f"Posterior of every parameter. HDI: the narrowest interval with {interval}. Contraction: share of the prior’s "
-        "variance that the data took away. Pulls: how far the posterior moves when prior or likelihood is given twice "
-        "the power."
+        f"Posterior of every parameter. HDI: the narrowest interval with {interval}. Sd / prior’s: how wide the "
+        "posterior is beside the prior, 1 where nothing was learnt. Pulls: how far the posterior moves when prior or "
+        "likelihood is given twice the power."
     )
     return Table("summary", caption, head, rows)
+
+
+def _prior(text: str | None) -> str:
+    return "–" if text is None else in_short(parse_prior(text)).replace(",", ", ")
 
 
 def direction_table(result: Result) -> Table:
     """Return the combinations of parameters from best to least known."""
     table = result.tables["directions"]
-    rows = [[str(k), share(row["contraction"]), str(row["meaning"])] for k, row in table.iterrows()]
-    caption = "What the data tell best and least: independent combinations of the parameters’ logarithms."
-    return Table("directions", caption, ["Direction", "Contraction", "In words"], rows)
+    rows = [
+        [str(k), number(np.sqrt(max(1.0 - row["contraction"], 0.0)), 2), str(row["meaning"])]
+        for k, row in table.iterrows()
+    ]
+    caption = (
+        "What the data tell best and least: independent combinations of the parameters’ logarithms, how wide each is "
+        "beside the prior, and the product that it stands for with its 90 % limits: the middle times and over the "
+        "factor."
+    )
+    return Table("directions", caption, ["Direction", "Sd / prior’s", "In words"], rows)
 
 
 def inflection_table(result: Result) -> Table:
