@@ -38,6 +38,7 @@ from softness_bayes.inference.diagnostics import Goal, look
 from softness_bayes.inference.observation import INVERSE, LogRatings, RatingModel
 from softness_bayes.inference.parameters import PARAMETERS
 from softness_bayes.inference.rank_power import Alarm, power, rank_law
+from softness_bayes.inference.rank_words import coverage_sentence
 from softness_bayes.inference.ranked import LOG_LIKELIHOOD, PARTICIPANT, PARTICIPANTS, quantities
 from softness_bayes.inference.sampling import Sampled, Settings
 from softness_bayes.inference.uniformity import simultaneous_band
@@ -184,6 +185,19 @@ def test_coverage_counts_ranks():
     assert all(row["low"] < row["share"] < row["high"] for row in rows)
     off = Calibration(("x",), np.zeros((50, 1), int)).coverage()
     assert all(row["covered"] == 0 for row in off)
+
+
+def test_shares_outside_their_limits_are_as_many_as_chance_has(rng):
+    def outside(rank):
+        words = coverage_sentence(Calibration(("x",), rank)).split()
+        assert words[2] == "4"
+        return int(words[0]), sum(row["outside"] for row in Calibration(("x",), rank).coverage())
+
+    found = np.array([outside(rng.integers(DRAWS + 1, size=(70, 1))) for _ in range(400)])
+    assert 0.05 < found[0, 1] < 0.2  # of four, at 5 % or less
+    assert found[:, 0].mean() == pytest.approx(found[0, 1], abs=4 * found[:, 0].std() / 20)
+    # intervals 1.5 times too narrow
+    assert outside(ranked(rng, 1, 70, width=1.5).T)[0] >= 3
 
 
 def test_ranks_break_ties_evenly(rng):
@@ -404,7 +418,7 @@ def test_what_is_written_says_how_it_went(tmp_path):
     ]
     assert table.index.tolist() == [0, 1]
     coverage = pd.read_csv(tmp_path / "coverage.csv", index_col=["quantity", "mass"])
-    assert {"expected", "covered", "share", "low", "high", "uniform_p", "spread_p", "spread"} == {*coverage}
+    assert {"expected", "covered", "share", "low", "high", "outside", "uniform_p", "spread_p", "spread"} == {*coverage}
     assert len(coverage) == 20
     assert done.unconverged > 0
     said = f"Not decided: 2 replicates (0 ran longer than 2000 steps, {done.unconverged} did not converge)"

@@ -217,6 +217,12 @@ def test_every_finding_follows_the_numbers(made):
     told = standing(replace(result, table=table), "inform")
     assert told.answer == f"{len(table) - 1} of {len(table)}"
     assert any(detail.startswith("Not informed") and detail.endswith(": b 0.89.") for detail in told.details)
+    # a held eps is said to be taken as known, and only a held one
+    held = "Eps is held at 0.1 Hz: all intervals take it as known"
+    assert sum(detail.startswith(held) for detail in told.details) == 1
+    tree = result.tree.copy()
+    del tree.attrs["held_eps"]
+    assert not any("held at" in detail for detail in standing(replace(result, tree=tree), "inform").details)
 
 
 def test_curves_are_quantiles_of_the_draws_on_both_axes(made):

@@ -97,6 +97,7 @@ def command(
     from softness_bayes.data import Fabrics, loads_of
     from softness_bayes.errors import NumericalError
     from softness_bayes.files.outputs import write_outputs
+    from softness_bayes.inference.rank_words import coverage_sentence
     from softness_bayes.plan import with_accuracy
     from softness_bayes.plotting.calibration import rank_ecdf_figure
     from softness_bayes.plotting.style import files_of
@@ -119,7 +120,7 @@ def command(
     write_outputs(out, files_of(figure, FIGURE, ("png",)), CALIBRATE)
     table = found.coverage()
     click.echo(table[["expected", "share", "low", "high"]].to_string(float_format=lambda x: f"{x:.3g}"))
-    click.echo(f"\nwritten to {out}")
+    click.echo(f"{coverage_sentence(calibration)}\n\nwritten to {out}")
     click.echo(found.sentence())
     if calibration.faults():
         raise NumericalError("not calibrated: see the verdict above")

@@ -252,7 +252,8 @@ class Calibration:
         -------
         list of dict
             For each quantity and mass: quantity, mass, expected (the share of ranks inside), covered (number
-            of replicates), share, and low, high: 95 % limits of the share if the model is calibrated.
+            of replicates), share, low and high: 95 % limits of the share if the model is calibrated, and outside: the
+            probability that it lies beyond them all the same.
         """
         size = len(self.rank)
         places = np.abs((np.arange(self.draws + 1) + 0.5) / (self.draws + 1) - 0.5)
@@ -261,7 +262,8 @@ class Calibration:
             for mass in MASSES:
                 inside = places <= 0.5 * mass + 1e-12
                 covered, expected = int(inside[self.rank[:, k]].sum()), float(inside.mean())
-                low, high = binom.ppf([0.025, 0.975], size, expected) / size
+                low, high = binom.ppf([0.025, 0.975], size, expected)
+                outside = binom.cdf(low - 1, size, expected) + binom.sf(high, size, expected)
                 rows.append(
                     {
                         "quantity": name,
@@ -269,8 +271,9 @@ class Calibration:
                         "expected": expected,
                         "covered": covered,
                         "share": covered / size,
-                        "low": float(low),
-                        "high": float(high),
+                        "low": float(low / size),
+                        "high": float(high / size),
+                        "outside": float(outside),
                     }
                 )
         return rows

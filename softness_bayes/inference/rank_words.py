@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
+
 from softness_bayes.inference.calibration import FALSE_ALARM, LARGEST_WIDTH, Calibration
 from softness_bayes.inference.rank_power import Least
 
@@ -30,6 +32,16 @@ def verdict(calibration: Calibration, size: str, decided: bool) -> str:
         f"smallest p-value {worst:.2g}, alarm below {calibration.threshold:.1g} (a right model raises one in at most "
         f"{FALSE_ALARM:.0%} of calibrations). {_seen(calibration)}"
     )
+
+
+def coverage_sentence(calibration: Calibration) -> str:
+    """Say how many of the shares that intervals cover leave their own limits, and how many do by chance."""
+    rows = calibration.coverage()
+    named = ("low", "share", "high", "outside")
+    low, share, high, chance = np.array([[float(row[name]) for name in named] for row in rows]).T
+    outside = ((share < low) | (share > high)).sum()
+    said = f"{outside} of {len(rows)} shares lie outside their own 95 % limits (low, high)"
+    return f"{said}; about {chance.sum():.0f} do by chance"
 
 
 def _seen(calibration: Calibration) -> str:
