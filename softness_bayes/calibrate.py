@@ -192,6 +192,8 @@ def calibrate(
     """
     ranges.REPLICATES.require("calibration: number of replicates", count)
     ranges.PARTICIPANTS.require("calibration: number of participants", scene.participants)
+    posterior = scene.posterior(options)
+    posterior.space.require_sampled()
     settings = settings or _usual(options)
     manifest, folder = _manifest(scene, options, settings), directory / REPLICATES
     _require_alike(directory, manifest)
@@ -207,7 +209,6 @@ def calibrate(
         done = _finished(folder, count)
         missing = [index for index in range(count) if index not in done]
         if missing:
-            posterior = scene.posterior(options)
             processes = min(options.processes or available_processors(), len(missing))
             with Workers(posterior, processes) as workers:
                 tasks = [(settings, options.seed, index, str(folder)) for index in missing]

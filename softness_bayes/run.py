@@ -253,6 +253,7 @@ def walked(
     workers: Workers | None = None,
 ) -> RunState:
     """Walk to the goal or to a limit, from the start or from where the checkpoint is; arguments as `sample`'s."""
+    density.space.require_sampled()
     settings, begin = options.settings, None
     if checkpoint is not None:
         begin = checkpoint.begin(identity(data, density, settings, options.chosen()))

@@ -22,7 +22,7 @@ LAYERS = (
     {"inference"},
     {"study", "predict", "result", "storage", "learning", "criticism", "misfit", "readout", "variables"},
     {"plate_groups", "illustrations"},
-    {"assembly", "run", "skin", "claims"},
+    {"assembly", "run", "skin", "claims", "evaluation"},
     {"restore", "compare", "calibrate", "plan"},
     {"bench"},
     {"plotting", "report"},

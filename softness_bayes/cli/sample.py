@@ -97,6 +97,9 @@ def command(
     --compression adds the forces of a rigid flat plate on fingerpads, which say what b and m are. Without
     --data the run is on these alone: no response curves, no inflection, but how force grows with indentation.
 
+    With all parameters fixed there is nothing to sample: the log-likelihood at that point is printed, and where the
+    response turns over under each load; nothing is written.
+
     The run is kept in --out all along: 'status' says how far it is, and 'resume' continues it, interrupted or
     ended, to the draws of a run that was never interrupted.
     """
@@ -132,11 +135,41 @@ def command(
         seed=seed,
         command=command_line(),
     )
+    if _evaluated(data, options, model.accuracy):
+        return
     checkpoint = Checkpoint.create(out, force, inputs=files.paths)
     if not isinstance(data, Compression):
         options = with_direction(data, options)
         options, _ = with_accuracy(lambda asked: posterior_of(data, asked), options, model.accuracy)
     run(checkpoint, files, data, options, not no_figures)
+
+
+def _evaluated(data: Experiment | Compression, options: RunOptions, accuracy: float) -> bool:
+    """Evaluate a model without a parameter to sample, and say so; whether it is one."""
+    from softness_bayes.data import Compression
+    from softness_bayes.evaluation import evaluate
+    from softness_bayes.plan import with_accuracy
+    from softness_bayes.run import choose_direction, posterior_of, space_of
+    from softness_bayes.skin import skin_posterior_of
+
+    said = [f"note: {note}" for note in data.notes]
+    if isinstance(data, Compression):
+        skin = skin_posterior_of(data, options)
+        found = None if skin.space.sampled else evaluate(skin)
+    elif space_of(data, options).sampled:
+        found = None
+    else:
+        chosen = choose_direction(data, options)
+        said.append(f"{'warning' if chosen.against_data else 'note'}: {chosen.sentence}")
+        options = replace(options, direction=chosen.direction, direction_decided=True)
+        options, choice = with_accuracy(lambda asked: posterior_of(data, asked), options, accuracy)
+        found = evaluate(posterior_of(data, options), float(choice.errors.peak))
+    if found is None:
+        return False
+    for line in (*said, *found.sentences()):
+        click.echo(line)
+    click.echo("nothing is written; 'softness-bayes predict' shows contact, stress and firing there")
+    return True
 
 
 def run(

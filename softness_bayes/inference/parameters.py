@@ -197,6 +197,20 @@ class ParameterSpace:
         """Number of sampled parameters."""
         return len(self.sampled)
 
+    def require_sampled(self) -> None:
+        """Refuse a space without a sampled parameter.
+
+        Raises
+        ------
+        InputError
+            Saying what evaluates the model instead.
+        """
+        if not self.sampled:
+            raise InputError(
+                "all parameters are held, there is nothing to sample: free one; 'softness-bayes sample' with all of "
+                "them fixed, or softness_bayes.evaluation.evaluate in Python, evaluates the model at that point"
+            )
+
     def natural(self, z: FloatArray) -> FloatArray:
         """Points theta [natural units] at sampler coordinates ``z``, both of shape (..., dimension)."""
         theta = self._coordinates.natural(z)
