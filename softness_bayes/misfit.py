@@ -23,6 +23,10 @@ SILENT = 0.99
 """Share of silent draws from which a result without `TYPICAL` is known to predict one rating for everything."""
 
 
+MOSTLY_SILENT = 0.5
+"""Share of silent draws and conditions beyond which it is said what their silence means."""
+
+
 class Fit(NamedTuple):
     """Whether the model follows the ratings at all."""
 
@@ -33,6 +37,8 @@ class Fit(NamedTuple):
     """What the response explains under each load, then under all; empty where a result does not tell."""
     silent: float
     """Share of the posterior's draws that are silent in every condition."""
+    silent_conditions: float
+    """Share of draws and conditions in which no receptor fires."""
     fabric_effects: bool
     """Whether fabrics have effects of their own beside the response."""
     scale: str
@@ -58,6 +64,17 @@ class Fit(NamedTuple):
             silent = f" ({self.silent:.0%} of the posterior is silent in every condition)" if self.silent > 0.5 else ""
             found.append(f"the prediction is flat where the ratings are not{silent}: {'; '.join(self.flat)}")
         return found
+
+    @property
+    def silence(self) -> str:
+        """How silent the posterior is and what that means; empty where it is not for the most part."""
+        if self.silent_conditions <= MOSTLY_SILENT:
+            return ""
+        return (
+            f"the posterior is {self.silent_conditions:.0%} silent (draws and conditions in which no receptor fires): "
+            "there one rating is predicted for all fabrics, and skin and receptors are told by the prior, and by the "
+            "limit that nothing may fire"
+        )
 
     @property
     def sentence(self) -> str:
@@ -94,7 +111,10 @@ def fit_of(tree: xr.DataTree) -> Fit:
     if predicted is not None:
         known = np.log(predicted) if layout.logarithmic else predicted
         explained = tuple(explain(layout, layout.fit(ratings), known))
-    return Fit(choice, evidence.loads, explained, silent, "omega" in tree["posterior"].to_dataset(), scale)
+    silent_conditions = float(found.get("posterior_silent_conditions", silent))
+    return Fit(
+        choice, evidence.loads, explained, silent, silent_conditions, "omega" in tree["posterior"].to_dataset(), scale
+    )
 
 
 def _predicted(tree: xr.DataTree, silent: float, layout: Layout) -> NDArray[np.float64] | None:

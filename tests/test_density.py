@@ -96,6 +96,33 @@ def test_a_prior_that_is_silent_is_refused():
         fake_posterior(scene=FakeScene(rheobase=1e9)).draw_start(np.random.default_rng(4), 10)
 
 
+def test_where_the_prior_hardly_fires_starts_are_of_a_wider_one():
+    """alpha must exceed its median by a factor of 1.4, 3.4 standard deviations: one prior draw in 3000."""
+    posterior = fake_posterior(scene=FakeScene(rheobase=28.5))
+    rng = np.random.default_rng(8)
+    plain = posterior.mean_rate(posterior.space.draw_prior(rng, 1600))
+    assert ((plain > 0).sum(axis=-1) >= 3).sum() < 10
+    z = posterior.draw_start(rng, 32)
+    assert z.shape == (32, len(posterior.names))
+    assert ((posterior.mean_rate(posterior.natural(z)) > 0).sum(axis=-1) >= 3).all()
+    assert np.isfinite(posterior(z)).all()
+    np.testing.assert_array_equal(*(posterior.draw_start(np.random.default_rng(9), 8) for _ in range(2)), strict=True)
+
+
+def test_where_too_few_conditions_can_fire_those_that_fire_at_all_are_taken():
+    class OneFires(FakeScene):
+        """The stiffest fabric under the firmest load alone is ever heard."""
+
+        def total_rate(self, parameters):
+            rate = super().total_rate(parameters)
+            return np.where(np.arange(rate.shape[-1]) == rate.shape[-1] - 1, rate, 0.0)
+
+    posterior = fake_posterior(scene=OneFires())
+    z = posterior.draw_start(np.random.default_rng(4), 16)
+    fires = (posterior.mean_rate(posterior.natural(z)) > 0).any(axis=-1)
+    assert fires.all()
+
+
 def test_a_posterior_travels_to_a_worker(posterior):
     z = posterior.draw_start(np.random.default_rng(5), 4)
     np.testing.assert_array_equal(pickle.loads(pickle.dumps(posterior))(z), posterior(z))

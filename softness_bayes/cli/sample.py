@@ -295,6 +295,8 @@ def _report(result: Result, out: Path) -> None:
         _report_ratings(result, fit)
     click.echo(f"written to {out}; 'softness-bayes report {out}' makes one page of it")
     click.echo(str(found["verdict"]))
+    if fit is not None and fit.silence:
+        click.echo(fit.silence)
     for fault in faults:
         click.echo(fault)
 

@@ -23,7 +23,7 @@ LEAST_FIRING = 3
 NEGLIGIBLE = -200.0
 """Log prior density of a single parameter below which a point is taken to have none."""
 
-_ATTEMPTS = 50
+_WIDTHS = (1.0, 50), (1.5, 10), (2.0, 10), (3.0, 10), (4.0, 10)  # of priors that starts are of, and attempts
 
 
 class ForwardModel(Protocol):
@@ -182,24 +182,43 @@ class Posterior(Density):
     def draw_start(self, rng: np.random.Generator, size: int) -> FloatArray:
         """Prior draws that fire in at least `LEAST_FIRING` conditions, in sampler coordinates.
 
+        Where the prior hardly ever does, they are of wider ones, about the same medians; where these do not either,
+        of those that fire in any condition: a climb from there finds out what the ratings ask for.
+
         Raises
         ------
         InputError
-            If the prior hardly ever fires.
+            If no receptor fires in any condition, however wide the priors.
         """
         found: list[FloatArray] = []
-        for _ in range(_ATTEMPTS):
-            theta = self.space.draw_prior(rng, size)
-            rate = self.mean_rate(theta)
-            needed = min(LEAST_FIRING, rate.shape[-1])
-            found.extend(theta[(rate > 0).sum(axis=-1) >= needed])
-            if len(found) >= size:
-                return self.space.coordinates(np.array(found[:size]))
-        raise InputError(
-            f"only {len(found)} of {_ATTEMPTS * size} prior draws make receptors fire in {needed} of "
-            f"{rate.shape[-1]} conditions: check the units of fabrics and loads, and the priors of alpha, beta and "
-            "sigma_0"
-        )
+        some: list[FloatArray] = []
+        conditions = self.mean_rate(self.space.median).shape[-1]
+        needed = min(LEAST_FIRING, conditions)
+        for width, attempts in _WIDTHS:
+            for _ in range(attempts):
+                theta = self._drawn(rng, size, width)
+                fires = (self.mean_rate(theta) > 0).sum(axis=-1)
+                found.extend(theta[fires >= needed])
+                some.extend(theta[(fires > 0) & (fires < needed)])
+                if len(found) >= size:
+                    return self.space.coordinates(np.array(found[:size]))
+        if not (found or some):
+            raise InputError(
+                f"only 0 of {size * _WIDTHS[0][1]} prior draws make receptors fire in {needed} of "
+                f"{conditions} conditions, and none of priors {_WIDTHS[-1][0]:g} times as wide "
+                "in any: check the units of fabrics and loads, and the priors of alpha, beta and sigma_0"
+            )
+        rest = self.space.draw_prior(rng, size)
+        return self.space.coordinates(np.array([*found, *some, *rest][:size]))
+
+    def _drawn(self, rng: np.random.Generator, size: int, width: float) -> FloatArray:
+        """Draws of priors so many times as wide in the sampler's coordinates, of positive density, at most `size`."""
+        theta = self.space.draw_prior(rng, size)
+        if width == 1.0:
+            return theta
+        centre = self.space.coordinates(self.space.median)
+        theta = self.space.natural(centre + width * (self.space.coordinates(theta) - centre))
+        return theta[(self.space.log_prior(theta) > NEGLIGIBLE).all(axis=-1)]
 
 
 def _finite(value: FloatArray) -> FloatArray:

@@ -81,7 +81,7 @@ def _shaken(finding: Finding, why: str) -> Finding:
 def _follows(fit: Fit) -> Finding:
     """Say whether the model follows the ratings at all: whatever else holds, without that nothing does."""
     question = "Does the model follow the ratings?"
-    details = [*map(sentence, [*fit.faults, fit.sentence])]
+    details = [*map(sentence, [*fit.faults, fit.sentence, *([fit.silence] if fit.silence else [])])]
     if fit.faults:
         answer = "No: the readout runs against the data" if fit.choice.against_data else "No: a flat line through them"
         return Finding(question, answer, Standing.BAD, details)
