@@ -187,8 +187,11 @@ def write_netcdf(tree: xarray.DataTree, path: str | os.PathLike[str]) -> None:
 
 def read_netcdf(path: str | os.PathLike[str]) -> xarray.DataTree:
     """Read a result into memory, so that the file is free again."""
+    import h5py
     import xarray
 
+    with h5py.File(path, "r") as file:
+        dict(file.attrs)  # where these are damaged h5netcdf fails halfway, and again when its half is deleted
     with xarray.open_datatree(path, engine="h5netcdf") as tree:
         return tree.load()
 

@@ -57,8 +57,10 @@ def _compression_of(result: Result) -> Compression:
 
 def options_of(result: Result) -> RunOptions:
     """Return the model that a result was sampled from: held parameters, priors, readings, resolution; usual else."""
+    from softness_bayes.storage.lookup import Named
+
     found, constant = result.attributes, result.group("constant_data")
-    asked = json.loads(found["options"])
+    asked = Named(json.loads(found["options"]), "option", f"{result.source}: attribute 'options'")
     return RunOptions(
         fix={name: float(constant[name]) for name in EVERY_PARAMETER if name in constant},
         priors={n: parse_prior(str(found[f"prior_{n}"])) for n in EVERY_PARAMETER if f"prior_{n}" in found},

@@ -13,10 +13,11 @@ from numpy.typing import NDArray
 
 from softness_bayes import arviz_bridge
 from softness_bayes.errors import InputError
-from softness_bayes.files.cells import csv_of, table_of
+from softness_bayes.files.cells import csv_of
 from softness_bayes.files.outputs import write_outputs
 from softness_bayes.inference.curves import Curves, Inflection, Outcome
 from softness_bayes.inference.parameters import PARAMETERS
+from softness_bayes.storage.result_file import SUMMARY_TABLE, read, sealed
 from softness_bayes.touch.contact import Force, Indentation, Load
 from softness_bayes.touch.readings import ALTERNATIVES, Readings
 
@@ -28,9 +29,6 @@ if TYPE_CHECKING:
     from softness_bayes.data import Fabrics
 
 Array = NDArray[np.float64]
-
-SCHEMA = 1
-"""Version of the layout of `posterior.nc`; a reader refuses a newer one."""
 
 POSTERIOR, SUMMARY, NONFINITE = "posterior.nc", "summary.csv", "nonfinite.csv"
 """Files of a run; the last, if there is one, holds the points at which the density could not be computed."""
@@ -66,16 +64,24 @@ class Result:
         The summary, one row per parameter.
     tables
         Further tables by name, out of `TABLES`.
+    verified
+        Whether nothing has changed since it was written, by its checksums; false for a file without them.
+    source
+        What messages call it: the file that it was read from.
     """
 
     tree: xr.DataTree
     table: pd.DataFrame
     tables: Mapping[str, pd.DataFrame] = field(default_factory=dict)
+    verified: bool = True
+    source: str = "result"
 
     @property
     def attributes(self) -> dict[str, Any]:
-        """Provenance: schema, versions, command, seed, digests, readings, verdict."""
-        return {str(name): value for name, value in self.tree.attrs.items()}
+        """Provenance: schema, versions, command, seed, digests, readings, verdict; what is missing is an InputError."""
+        from softness_bayes.storage.lookup import Named
+
+        return Named({str(name): value for name, value in self.tree.attrs.items()}, "attribute", self.source)
 
     def group(self, name: str) -> xr.Dataset:
         """Return one group of ``posterior.nc`` as a dataset.
@@ -83,11 +89,13 @@ class Result:
         Raises
         ------
         InputError
-            If the result has no such group.
+            If the result has no such group; the dataset raises it for a variable that it lacks.
         """
+        from softness_bayes.storage.lookup import Group, MissingError
+
         if name not in self.tree.children:
-            raise InputError(f"result: no group '{name}'; it has {', '.join(self.tree.children)}")
-        return self.tree[name].to_dataset()
+            raise MissingError(f"{self.source}: no group '{name}'; it has {', '.join(self.tree.children)}")
+        return Group.of(self.tree[name].to_dataset(), f"{self.source}: group '{name}'")
 
     @property
     def has_ratings(self) -> bool:
@@ -290,34 +298,35 @@ class Result:
         OSError
             If there is no room or no permission; what was there is there still.
         """
-        contents: dict[str, bytes | str] = {POSTERIOR: arviz_bridge.netcdf(self.tree), SUMMARY: csv_of(self.table)}
+        whole = sealed(self.tree, {SUMMARY_TABLE: self.table, **self.tables})
+        contents: dict[str, bytes | str] = {POSTERIOR: arviz_bridge.netcdf(whole), SUMMARY: csv_of(self.table)}
         contents |= {f"{name}.csv": csv_of(table) for name, table in self.tables.items()}
         write_outputs(Path(directory), contents, RUN)
 
     @classmethod
-    def load(cls, directory: str | Path) -> Result:
-        """Read a result from its directory, or from its ``posterior.nc``.
+    def load(cls, directory: str | Path, verify: bool = True) -> Result:
+        """Read a result from its directory, or from its ``posterior.nc``, which holds the tables too.
+
+        Parameters
+        ----------
+        directory
+            Where it was saved.
+        verify
+            Whether to refuse a file that was changed since it was written. To change one on purpose, load it without
+            and `save` it.
 
         Raises
         ------
         InputError
-            If there is no result, it cannot be read, or its schema is newer than this version knows.
+            If there is no result, it cannot be read, it is damaged or lacks something, or its schema is newer than
+            this version knows.
         """
+        from softness_bayes.storage.lookup import Named
+
         path = Path(directory)
         path = path / POSTERIOR if path.is_dir() else path
         if not path.is_file():
             raise InputError(f"{path}: no such file; expected the {POSTERIOR} of a run")
-        try:
-            tree = arviz_bridge.read_netcdf(path)
-        except (OSError, ValueError) as error:
-            raise InputError(f"{path}: not a readable result ({error})") from None
-        if "posterior" not in tree.children or "schema_version" not in tree.attrs:
-            raise InputError(f"{path}: not a result of softness-bayes: no posterior or no schema version")
-        if int(tree.attrs["schema_version"]) > SCHEMA:
-            raise InputError(f"{path}: schema {tree.attrs['schema_version']} is newer than {SCHEMA}, the last known")
-        table = path.with_name(SUMMARY)
-        if not table.is_file():
-            raise InputError(f"{table}: no such file; expected the {SUMMARY} beside {path.name}")
-        files = {name: path.with_name(f"{name}.csv") for name in TABLES}
-        tables = {name: table_of(file, TABLES[name]) for name, file in files.items() if file.is_file()}
-        return cls(tree, table_of(table, "parameter"), tables)
+        tree, tables, verified = read(path, {SUMMARY_TABLE: "parameter", **TABLES}, verify)
+        summary = tables.pop(SUMMARY_TABLE)
+        return cls(tree, summary, Named(tables, "table", str(path)), verified, str(path))

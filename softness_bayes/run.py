@@ -14,6 +14,7 @@ from softness_bayes.assembly import Assembly, versions
 from softness_bayes.commands import storable
 from softness_bayes.criticism import check_table
 from softness_bayes.data import Compression, Experiment
+from softness_bayes.errors import InputError
 from softness_bayes.inference.coordinates import Bent, Scaled
 from softness_bayes.inference.observation import RatingDirection, RatingParameters, direction_named
 from softness_bayes.inference.parameters import PARAMETERS, ParameterSpace, parameter_space
@@ -27,9 +28,10 @@ from softness_bayes.inference.workers import Workers
 from softness_bayes.learning import direction_table, learning_table
 from softness_bayes.plate_groups import forces_of
 from softness_bayes.readout import Choice
-from softness_bayes.result import SCHEMA, Result
+from softness_bayes.result import Result
 from softness_bayes.storage.checkpoint import Checkpoint
 from softness_bayes.storage.identity import identity, require_density
+from softness_bayes.storage.result_file import SCHEMA
 from softness_bayes.storage.serial import as_json
 from softness_bayes.study import design_of, scene_of
 from softness_bayes.touch.readings import MENDED, Readings
@@ -140,16 +142,19 @@ class RunOptions:
         Raises
         ------
         InputError
-            If a prior, a reading or a direction is not known to this version.
+            If an option is missing, or not known to this version.
         """
-        made: dict[str, Any] = {
-            "priors": {name: parse_prior(text) for name, text in record["priors"].items()},
-            "readings": Readings().override(record["readings"]),
-            "direction": None if record["direction"] is None else direction_named(record["direction"]),
-            "scale": RATING_SCALES[record["scale"]],
-            "discretisation": Discretisation(**record["discretisation"]),
-        }
-        return cls(**{**record, **made})
+        try:
+            made: dict[str, Any] = {
+                "priors": {name: parse_prior(text) for name, text in record["priors"].items()},
+                "readings": Readings().override(record["readings"]),
+                "direction": None if record["direction"] is None else direction_named(record["direction"]),
+                "scale": RATING_SCALES[record["scale"]],
+                "discretisation": Discretisation(**record["discretisation"]),
+            }
+            return cls(**{**record, **made})
+        except (AttributeError, KeyError, TypeError) as error:
+            raise InputError(f"options of a run that this version cannot make out: {error}") from None
 
 
 def choose_direction(experiment: Experiment, options: RunOptions) -> Choice:

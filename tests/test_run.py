@@ -19,8 +19,9 @@ from softness_bayes.files.outputs import write_outputs
 from softness_bayes.inference.observation import INVERSE
 from softness_bayes.inference.priors import HalfNormal, LogNormal
 from softness_bayes.inference.sampling import Settings
-from softness_bayes.result import SCHEMA, Result
+from softness_bayes.result import Result
 from softness_bayes.run import RunOptions, posterior_of, sample
+from softness_bayes.storage.result_file import SCHEMA
 from softness_bayes.storage.vacancy import require_vacant
 from softness_bayes.study import simulate_ratings, usual_values
 from softness_bayes.touch import scene
@@ -435,9 +436,13 @@ def test_results_that_cannot_be_read(result, directory, tmp_path):
     arviz_bridge.write_netcdf(newer, tmp_path / "posterior.nc")
     with pytest.raises(InputError, match=f"schema {SCHEMA + 1} is newer than {SCHEMA}"):
         Result.load(tmp_path)
-    (tmp_path / "posterior.nc").write_bytes((directory / "posterior.nc").read_bytes())
+    older = result.tree.copy()
+    older.attrs["schema_version"] = 1  # which had no tables of its own
+    arviz_bridge.write_netcdf(older, tmp_path / "posterior.nc")
     with pytest.raises(InputError, match=r"summary\.csv: no such file"):
         Result.load(tmp_path)
+    (tmp_path / "posterior.nc").write_bytes((directory / "posterior.nc").read_bytes())
+    pd.testing.assert_frame_equal(Result.load(tmp_path).table, result.table, check_exact=True)
     with pytest.raises(InputError, match="no group 'nonsense'; it has posterior"):
         result.group("nonsense")
 

@@ -7,6 +7,7 @@ from pathlib import Path
 import click
 
 from softness_bayes.cli.options import whole
+from softness_bayes.cli.running import reading
 from softness_bayes.ranges import STEPS
 
 COMPARE, COMPARISON = "compare", "compare.csv"
@@ -51,15 +52,15 @@ def command(directories: tuple[Path, ...], left_out: str, max_steps: int | None,
     from softness_bayes.errors import InputError
     from softness_bayes.files.cells import csv_of
     from softness_bayes.files.outputs import require_outputs, write_outputs
-    from softness_bayes.result import Result
 
     require_outputs(out, [COMPARISON], COMPARE, force)
     labels = endings(directories)
     if len({*directories}) < len(directories):
         raise InputError("compare: a result is named twice")
-    results = {label: Result.load(directory) for label, directory in zip(labels, directories, strict=True)}
     settings = REFIT if max_steps is None else replace(REFIT, max_steps=max_steps)
-    found = compare(results, LEAVE[left_out], settings, lambda what: click.echo(f"sampling {what}", err=True))
+    with reading(*directories) as loaded:
+        results = dict(zip(labels, loaded, strict=True))
+        found = compare(results, LEAVE[left_out], settings, lambda what: click.echo(f"sampling {what}", err=True))
     (path,) = write_outputs(out, {COMPARISON: csv_of(found.table)}, COMPARE)
     shown = found.table.drop(columns=["model", "unfinished", "converged"])
     click.echo(shown.to_string(float_format=lambda x: f"{x:.4g}", na_rep="–"))

@@ -6,6 +6,8 @@ from pathlib import Path
 
 import click
 
+from softness_bayes.cli.running import reading
+
 _PATH = click.Path(path_type=Path)
 
 
@@ -46,15 +48,14 @@ def command(
     """
     from softness_bayes.plotting.figures import FIGURES, draw_figures, require_figures
     from softness_bayes.plotting.style import USUAL, Style, require_formats
-    from softness_bayes.result import Result
 
     require_figures(names)
     require_formats(formats)
     style = USUAL if style_file is None else Style.read(style_file)
-    result = Result.load(directory)
     if out is None:
         out = (directory if directory.is_dir() else directory.parent) / "figures"
-    paths = draw_figures(result, out, tuple(dict.fromkeys(names)) or None, tuple(dict.fromkeys(formats)), style)
+    with reading(directory) as (result,):
+        paths = draw_figures(result, out, tuple(dict.fromkeys(names)) or None, tuple(dict.fromkeys(formats)), style)
     for path in paths:
         click.echo(str(path))
     for name, drawing in FIGURES.items():

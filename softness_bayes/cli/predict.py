@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import click
 
 from softness_bayes.cli.options import ReadingChoice, Touches, accuracy, prior_set, readings, set_values, touches
+from softness_bayes.cli.running import reading
 from softness_bayes.errors import InputError
 
 if TYPE_CHECKING:
@@ -72,14 +73,13 @@ def command(
         chosen = choice.resolve()
         named, noise = usual_values(chosen, prior_set, values), 0.0
     else:
-        from softness_bayes.result import Result
-
         if values or not choice.is_default or prior_set != "default":
             raise InputError("--posterior brings its own parameters and readings: leave out --set and others")
-        result = Result.load(posterior)
-        if not result.has_ratings:
-            raise InputError(f"{posterior}: a run without ratings, which says nothing of the receptors; give --set")
-        chosen, named, noise = result.readings, result.values(DRAWS), float(result.attributes["noise"])
+        with reading(posterior) as (result,):
+            if not result.has_ratings:
+                raise InputError(f"{posterior}: a run without ratings, which says nothing of the receptors; give --set")
+            chosen, named, noise = result.readings, result.values(DRAWS), float(result.attributes["noise"])
+            drawn_parameters(named)
     parameters = touch_parameters(named) if posterior is None else drawn_parameters(named)
     scene, _ = scene_with_accuracy(
         lambda discretisation: scene_of(fabrics, loads, named, chosen, discretisation=discretisation, noise=noise),

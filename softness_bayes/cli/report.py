@@ -6,6 +6,8 @@ from pathlib import Path
 
 import click
 
+from softness_bayes.cli.running import reading
+
 REPORT = "report.html"
 
 
@@ -33,10 +35,9 @@ def command(directory: Path, out: Path | None, nameless: bool) -> None:
     single HTML page that needs no network. Reads what 'sample' left in DIR; runs nothing.
     """
     from softness_bayes.report import anonymous, write_report
-    from softness_bayes.result import Result
 
-    result = Result.load(directory)
     home = directory if directory.is_dir() else directory.parent
-    path = write_report(anonymous(result) if nameless else result, out or home / REPORT)
+    with reading(directory) as (result,):
+        path = write_report(anonymous(result) if nameless else result, out or home / REPORT)
     click.echo(f"written to {path} ({path.stat().st_size / 1e6:.1f} MB)")
     click.echo(str(result.attributes["verdict"]))

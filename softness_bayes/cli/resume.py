@@ -61,7 +61,7 @@ def command(
             f"'with Checkpoint.open({str(directory)!r}) as checkpoint'"
         )
     verdict = status.verdict if status.written and status.ended else None
-    if verdict is not None and verdict.converged and more_steps is None:
+    if verdict is not None and verdict.converged and more_steps is None and _is_whole(directory):
         click.echo(f"{directory}: {verdict.sentence()} Its results are written; --more-steps continues it.")
         return
     options = replace(
@@ -85,6 +85,18 @@ def command(
         if path is not None and not path.exists():
             raise InputError(f"{path}: no such file, and the run was begun with it; if it was moved, give --{option}")
     run(checkpoint, files, files.read(), options, checkpoint.request["figures"] and not no_figures)
+
+
+def _is_whole(directory: Path) -> bool:
+    """Whether the results of a run can be read; if not, say why they are written anew."""
+    from softness_bayes.result import Result
+
+    try:
+        Result.load(directory)
+    except InputError as error:
+        click.echo(f"note: {error}; the results are written anew", err=True)
+        return False
+    return True
 
 
 def _continued(options: RunOptions, status: Status, more_steps: int | None) -> RunOptions:

@@ -6,6 +6,8 @@ import os
 import re
 import shlex
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,10 +15,12 @@ import click
 
 from softness_bayes.cli.options import DataFiles, whole
 from softness_bayes.commands import portable
+from softness_bayes.errors import InputError
 from softness_bayes.ranges import PROCESSES
 
 if TYPE_CHECKING:
     from softness_bayes.inference.diagnostics import Verdict
+    from softness_bayes.result import Result
 
 _PATHS = ("data", "fabrics", "compression")
 _SECONDS = {"": 1, "s": 1, "m": 60, "h": 3600}
@@ -54,6 +58,34 @@ no_figures = click.option("--no-figures", is_flag=True, help="Leave out the figu
 def command_line() -> str:
     """Return what was typed, as a shell would take it again, without absolute paths."""
     return shlex.join(["softness-bayes", *(portable(word, Path.cwd()) for word in sys.argv[1:])])
+
+
+@contextmanager
+def reading(*directories: Path) -> Iterator[list[Result]]:
+    """Read results for a verb to work on; what it then finds missing in them is an input error.
+
+    Raises
+    ------
+    InputError
+        If one cannot be read, or lacks what the verb looks for.
+    """
+    from softness_bayes.result import Result
+
+    results = [Result.load(directory) for directory in directories]
+    for result in results:
+        if not result.verified:
+            click.echo(
+                f"note: {result.source}: of an earlier version, without checksums: that it is as it was written cannot "
+                "be verified",
+                err=True,
+            )
+    try:
+        yield results
+    except KeyError as error:
+        if isinstance(error, InputError):
+            raise
+        sources = " or ".join(result.source for result in results)
+        raise InputError(f"{sources}: lacks {error}, which every run of this version has") from error
 
 
 def in_numbers(verdict: Verdict, seconds: float) -> str:

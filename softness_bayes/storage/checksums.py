@@ -1,0 +1,85 @@
+"""Checksums of the content of a result, part by part.
+
+They are of values as they are read, not of bytes in a file: whatever is damaged there, content that passes is the
+content that was written, and a part that does not pass is named.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+CHECKSUMS = "checksums"
+"""Attribute with the SHA-256 of every variable and attribute, as JSON."""
+
+
+def checksums(tree: xr.DataTree) -> str:
+    """Return the checksums of a tree, as its attribute `CHECKSUMS` holds them."""
+    return json.dumps(dict(_checksums(tree)))
+
+
+class Changes(NamedTuple):
+    """Parts of a tree that are not what its checksums are of, in words."""
+
+    missing: list[str]
+    """Those that are not there."""
+    other: list[str]
+    """Those of another content, or that were added."""
+
+
+def changes(tree: xr.DataTree) -> Changes:
+    """Compare a tree with its checksums."""
+    try:
+        written = dict(json.loads(tree.attrs[CHECKSUMS]))
+    except (KeyError, TypeError, ValueError):
+        return Changes([], [f"attribute {CHECKSUMS!r}"])
+    found = dict(_checksums(tree))
+    return Changes(
+        [name for name in written if name not in found],
+        [name for name in found if written.get(name) != found[name]],
+    )
+
+
+def _checksums(tree: xr.DataTree) -> Iterator[tuple[str, str]]:
+    """Yield every part of a tree in words, and its checksum."""
+    for key, value in tree.attrs.items():
+        if key != CHECKSUMS:
+            yield f"attribute {key!r}", _digest(_bytes_of(value))
+    for group, child in tree.children.items():
+        yield f"group {group!r}", _digest(*(part for key in child.attrs for part in _item(key, child.attrs[key])))
+        dataset = child.to_dataset()
+        for name, variable in dataset.variables.items():
+            described = [part for key in sorted(variable.attrs) for part in _item(key, variable.attrs[key])]
+            dims = repr((variable.dims, variable.shape, name in dataset.coords)).encode()
+            yield f"variable {name!r} of group {group!r}", _digest(dims, _bytes_of(variable.values), *described)
+
+
+def _item(key: Any, value: Any) -> tuple[bytes, bytes]:
+    return str(key).encode(), _bytes_of(value)
+
+
+def _digest(*parts: bytes) -> str:
+    digest = hashlib.sha256()
+    for part in parts:
+        digest.update(len(part).to_bytes(8, "little"))
+        digest.update(part)
+    return digest.hexdigest()
+
+
+def _bytes_of(value: Any) -> bytes:
+    """Return numbers with their type, or text, as bytes that do not depend on who holds them."""
+    array: NDArray[Any] = np.asarray(value)
+    if array.dtype.kind not in "biufc":
+        return json.dumps([str(text) for text in array.ravel()]).encode()
+    if array.dtype.kind == "f":
+        array = np.where(np.isnan(array), np.array(np.nan, array.dtype), array)  # which of its many forms is no matter
+    array = np.ascontiguousarray(array, array.dtype.newbyteorder("<"))
+    return array.dtype.str.encode() + array.tobytes()

@@ -1,0 +1,56 @@
+"""Lookups in a result that name what is missing, and where."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import xarray as xr
+
+from softness_bayes.errors import InputError
+
+
+class MissingError(InputError, KeyError):
+    """A result lacks an attribute, a group, a variable or a table."""
+
+    def __str__(self) -> str:
+        return str(self.args[0])
+
+
+class Named(dict[str, Any]):
+    """Values by name; one that is missing is an error that says so.
+
+    Parameters
+    ----------
+    values
+        The values.
+    what, where
+        What they are, and of which file, for the message.
+    """
+
+    def __init__(self, values: Any, what: str, where: str) -> None:
+        super().__init__(values)
+        self._what, self._where = what, where
+
+    def __missing__(self, name: str) -> Any:
+        raise MissingError(f"{self._where}: no {self._what} {name!r}")
+
+
+class Group(xr.Dataset):
+    """A group of a result; a variable that is missing is an error that says so.
+
+    So are labels along an axis: xarray itself takes numbers for them.
+    """
+
+    __slots__ = ()
+
+    @classmethod
+    def of(cls, dataset: xr.Dataset, where: str) -> Group:
+        """Return a dataset as a group; `where` names file and group."""
+        group = cls(dataset.data_vars, dataset.coords, dataset.attrs)
+        group.encoding["source"] = where
+        return group
+
+    def __getitem__(self, key: Any) -> Any:
+        if isinstance(key, str) and key not in self._variables:
+            raise MissingError(f"{self.encoding.get('source', 'result')}: no variable {key!r}")
+        return super().__getitem__(key)
