@@ -23,6 +23,7 @@ from softness_bayes.result import Result
 from softness_bayes.run import RunOptions
 from softness_bayes.storage.checkpoint import Checkpoint, Status, read_status
 from softness_bayes.storage.lock import Lock
+from softness_bayes.storage.manifest import read_manifest, sealed
 from softness_bayes.touch import scene
 
 __all__ = ["here"]  # a fixture
@@ -118,17 +119,18 @@ def test_a_killed_run_is_reported_on_continued_and_draws_what_an_uninterrupted_o
     assert "ESS" in said.stdout
     # as if it had converged at its last step: there is nothing to do unless its results were lost
     manifest = copied / "checkpoint" / "manifest.json"
-    kept = json.loads(manifest.read_text())
+    kept = read_manifest(copied)
     kept["state"]["verdict"]["looks_passed"] = 2
-    manifest.write_text(json.dumps(kept))
+    manifest.write_bytes(sealed(kept))
     before = (copied / "posterior.nc").read_bytes()
     again = here("resume", copied)
     assert again.returncode == 0
     assert "Its results are written; --more-steps continues it." in again.stdout
     assert (copied / "posterior.nc").read_bytes() == before
     (copied / "posterior.nc").unlink()
-    manifest.write_text(json.dumps({**kept, "written": None}))
-    assert here("resume", copied).returncode == 0
+    again = here("resume", copied)
+    assert again.returncode == 0
+    assert "posterior.nc: no such file; expected the posterior.nc of a run; the results are" in again.stderr
     assert Result.load(copied).tree["posterior"].identical(one.tree["posterior"])
 
 
@@ -154,9 +156,10 @@ def test_what_changed_is_named(killed, copied, here):
     refused(here("resume", copied, "--data", other), "cannot be continued", "begun with ratings ")
 
     def asked(place, value):
-        changed = json.loads(kept[manifest])
+        manifest.write_bytes(kept[manifest])
+        changed = read_manifest(copied)
         changed["request"]["options"][place] = value
-        manifest.write_text(json.dumps(changed))
+        manifest.write_bytes(sealed(changed))
         return here("resume", copied)
 
     refused(asked("priors", {"gamma": "lognormal(2,0.3)"}), "prior of gamma lognormal(1,0.3) (now lognormal(2,0.3))")
@@ -182,9 +185,9 @@ def test_another_density_under_the_same_options_is_refused(copied, here, monkeyp
 
 def test_moved_data_are_asked_for_and_found(killed, copied, here):
     manifest = copied / "checkpoint" / "manifest.json"
-    kept = json.loads(manifest.read_text().replace("ratings.csv", "gone.csv"))
+    kept = json.loads(json.dumps(read_manifest(copied)).replace("ratings.csv", "gone.csv"))
     kept["request"]["versions"]["version_emcee"] = "2.0"
-    manifest.write_text(json.dumps(kept))
+    manifest.write_bytes(sealed(kept))
     refused(here("resume", copied), "gone.csv", "note: begun with emcee 2.0 (now ")
     done = here("resume", copied, "--data", killed / "ratings.csv", "--max-time", "0s", "--processes", "1")
     assert done.returncode == 3, done.stderr
@@ -205,7 +208,7 @@ def test_a_run_begun_in_python_is_continued_there(copied, here):
     with Checkpoint.open(copied):
         pass
     manifest = copied / "checkpoint" / "manifest.json"
-    manifest.write_text(json.dumps({**json.loads(manifest.read_text()), "request": None}))
+    manifest.write_bytes(sealed({**read_manifest(copied), "request": None}))
     refused(here("resume", copied), "begun in Python", "Checkpoint.open(")
 
 
