@@ -478,7 +478,7 @@ def test_few_replicates_are_too_few_to_tell():
     assert f"To find one 1.5 times too narrow takes about {found.calibration.needed} replicates" in said
     assert not found.passed
     alone = Calibrated({0: made_up(3)}).sentence()
-    assert "No fault would have raised it nine times in ten" in alone
+    assert "No fault would have raised an alarm nine times in ten" in alone
     # few may be enough to see a gross fault
     assert Calibrated({k: made_up(99) for k in range(12)}).sentence().startswith("Not calibrated: 12 replicates")
 

@@ -47,11 +47,11 @@ def coverage_sentence(calibration: Calibration) -> str:
 def _seen(calibration: Calibration) -> str:
     """Say what so many replicates find, by simulation of the verdict itself."""
     width, shift = calibration.least_width, calibration.least_shift
-    said = "No fault would have raised it nine times in ten."
+    said = "No fault would have raised an alarm nine times in ten."
     if math.isfinite(width.value + shift.value):
         said = (
             f"A posterior {_number(width)} times too narrow, or shifted by {_number(shift)} of its standard "
-            "deviations, would have raised it nine times in ten; smaller faults may be missed."
+            "deviations, would have raised an alarm nine times in ten; smaller faults may be missed."
         )
     if calibration.enough:
         return said
