@@ -256,6 +256,11 @@ def _run(posterior: Posterior, settings: Settings, seed: int, index: int, folder
     return index, one
 
 
+def finished_replicates(directory: Path) -> int:
+    """Return how many replicates a directory holds."""
+    return sum(1 for _ in (directory / REPLICATES).glob("*.json"))
+
+
 def _path(folder: Path, index: int) -> Path:
     return folder / f"{index:05d}.json"
 

@@ -39,3 +39,9 @@ class LockedError(SoftnessError):
     """Another run holds the output directory."""
 
     exit_code = 5
+
+
+class ResourceError(SoftnessError, RuntimeError):
+    """The machine gave out: memory, or a worker process that was killed; the same computation may well work again."""
+
+    exit_code = 6

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import importlib
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import click
 
 from softness_bayes import __version__
-from softness_bayes.errors import SoftnessError
+from softness_bayes.cli.interrupts import guarded, tell_kept
+from softness_bayes.cli.streams import tolerant_streams
+from softness_bayes.errors import NumericalError, ResourceError, SoftnessError
 from softness_bayes.terminal import visible_streams
 
 STARTED = time.monotonic()
@@ -34,6 +36,10 @@ VERBS: Mapping[str, str] = {
 """Verb -> its one-line help; `softness_bayes.cli.<verb>` holds the click command `command`."""
 
 
+LESS_MEMORY = "each of --processes needs its share: fewer take less"
+"""What to do where memory ran out."""
+
+
 class VerbGroup(click.Group):
     """A group that imports a verb only to run it, and turns errors into a message and an exit code."""
 
@@ -53,19 +59,32 @@ class VerbGroup(click.Group):
         with formatter.section("Commands"):
             formatter.write_dl(list(VERBS.items()))
 
-    def main(self, *arguments: Any, **options: Any) -> Any:
-        """Run the command line; all that it prints is visible."""
-        with visible_streams():
-            return super().main(*arguments, **options)
+    def main(self, args: Sequence[str] | None = None, *more: Any, **extra: Any) -> Any:
+        """Run the command line: signals may end it, its output may be closed, all that it prints is visible."""
+        with guarded(last=args is None), tolerant_streams() as out, visible_streams():
+            try:
+                return super().main(args, *more, **extra)
+            except SystemExit as end:
+                if out.lost and not end.code:
+                    click.echo(f"error: standard output: {out.lost}; what was printed is not complete", err=True)
+                    raise SystemExit(2) from None
+                raise
 
     def invoke(self, ctx: click.Context) -> Any:
         """Run a verb."""
         try:
             return super().invoke(ctx)
         except SoftnessError as error:
+            if isinstance(error, (NumericalError, ResourceError)):
+                tell_kept()
             click.echo(f"error: {error}", err=True)
             ctx.exit(error.exit_code)
+        except MemoryError as error:
+            tell_kept()
+            click.echo(f"error: memory ran out ({error or 'no more is to be had'}); {LESS_MEMORY}", err=True)
+            ctx.exit(ResourceError.exit_code)
         except OSError as error:
+            tell_kept()
             click.echo(f"error: {error.filename or 'file'}: {error.strerror or error}", err=True)
             ctx.exit(2)
 
@@ -75,5 +94,6 @@ class VerbGroup(click.Group):
 def main() -> None:
     """Infer how skin and touch receptors turn fabrics into softness, from ratings.
 
-    Exit codes: 0 done, 2 input, 3 not converged, 4 numerical stop, 5 locked by another run.
+    Exit codes: 0 done, 2 input, 3 not converged, 4 numerical stop, 5 locked by another run, 6 memory ran out or a
+    worker process was killed, 130 interrupted (Ctrl-C), 143 terminated.
     """

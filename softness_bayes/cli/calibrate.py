@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, NoReturn
 
 import click
 
+from softness_bayes.cli.interrupts import keeping
 from softness_bayes.cli.options import ModelChoice, decimal, load_options, model_choice, seed, whole
 from softness_bayes.errors import NotConvergedError
 from softness_bayes.ranges import PARTICIPANTS, PROCESSES, REPLICATES, STEPS
@@ -110,10 +111,11 @@ def command(
     options = model.options(max_steps=max_steps, processes=processes, seed=seed)
     options, _ = with_accuracy(scene.posterior, options, model.accuracy)
     bar = _Bar(replicates)
-    try:
-        found = (finished if so_far else partial(calibrate, progress=bar.show))(scene, options, replicates, out)
-    finally:
-        bar.close()
+    with keeping(lambda: _kept(out, replicates)):
+        try:
+            found = (finished if so_far else partial(calibrate, progress=bar.show))(scene, options, replicates, out)
+        finally:
+            bar.close()
     found.save(out)
     calibration = found.calibration
     figure = rank_ecdf_figure(calibration.rank, calibration.draws, calibration.names)
@@ -128,6 +130,16 @@ def command(
         raise NotConvergedError(f"{len(found.unfinished)} of {replicates} replicates are not finished")
     if found.unconverged:
         raise NotConvergedError(f"{found.unconverged} replicates have not converged at --max-steps {max_steps}")
+
+
+def _kept(out: Path, asked: int) -> str:
+    """Say how many replicates are kept and what continues them; nothing before there is one."""
+    from softness_bayes.calibrate import finished_replicates
+
+    finished = finished_replicates(out)
+    if not finished:
+        return ""
+    return f"{finished} of {asked} replicates are kept in {out}: the same command runs the others"
 
 
 class _Bar:

@@ -11,6 +11,7 @@ import click
 from click.core import ParameterSource
 
 from softness_bayes.cli import STARTED
+from softness_bayes.cli.interrupts import keeping
 from softness_bayes.cli.options import (
     DataFiles,
     ModelChoice,
@@ -24,7 +25,7 @@ from softness_bayes.cli.options import (
     whole,
 )
 from softness_bayes.cli.running import command_line, in_numbers, max_time, no_figures, processes, record_of
-from softness_bayes.errors import InputError, NotConvergedError, NumericalError
+from softness_bayes.errors import InputError, NotConvergedError
 from softness_bayes.ranges import NOISES, STEPS
 
 if TYPE_CHECKING:
@@ -194,7 +195,7 @@ def run(
     if not isinstance(data, Compression):
         chosen = choose_direction(data, options)
         click.echo(f"{'warning' if chosen.against_data else 'note'}: {chosen.sentence}", err=True)
-    with checkpoint:
+    with keeping(lambda: _kept(checkpoint)), checkpoint:
         asked = {"files": record_of(files, out), "options": options.record(), "figures": figures}
         checkpoint.request = {**asked, "versions": versions()}
         bar = _Bar(0.0 if checkpoint.status is None else checkpoint.status.seconds)
@@ -210,15 +211,6 @@ def run(
                 processes = min(options.processes or available_processors(), DRAWING)
                 draw_figures(result, out / "figures", processes=processes)
             checkpoint.finish()
-        except (KeyboardInterrupt, NumericalError, OSError):
-            bar.close()
-            if checkpoint.status is not None:
-                click.echo(
-                    f"\nthe run is kept up to step {checkpoint.status.steps}: 'softness-bayes resume {out}' "
-                    "continues it",
-                    err=True,
-                )
-            raise
         finally:
             bar.close()
     _report(result, out)
@@ -228,6 +220,15 @@ def run(
             f"not converged after {result.attributes['steps']} steps; what was drawn is in {out}, for inspection only; "
             f"'softness-bayes resume {out}' continues the run"
         )
+
+
+def _kept(checkpoint: Checkpoint) -> str:
+    """Say how far a run is kept and what continues it; nothing before its first state."""
+    status = checkpoint.status
+    if status is None:
+        return ""
+    again = f"'softness-bayes resume {checkpoint.directory}' continues it"
+    return f"the run is kept up to step {status.steps}: {again}"
 
 
 class _Bar:

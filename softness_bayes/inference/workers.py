@@ -5,34 +5,59 @@ from __future__ import annotations
 import os
 import signal
 import sys
+import tempfile
 import threading
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures import Future, ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
-from multiprocessing import forkserver, get_context, parent_process
+from contextlib import contextmanager
+from multiprocessing import forkserver, get_context, parent_process, resource_tracker
+from multiprocessing.context import BaseContext
 from types import TracebackType
 from typing import Any, Self, TypeVar
 
 from threadpoolctl import threadpool_limits
 
-from softness_bayes.errors import SoftnessError
+from softness_bayes.errors import ResourceError
 
 Result = TypeVar("Result")
 
-_SERVED = sys.platform == "linux"
-"""Whether workers are forks of a server that has imported what they need, and nothing else."""
+_LONGEST = 60
+"""Bytes in the name of the temporary directory up to which a server's socket can have a name in it, of 107 at most."""
+
+RENEWALS = 1
+"""How often processes that died are replaced before one task more is finished; then the computation is given up."""
 
 _NEEDED = ("softness_bayes.run", "emcee")
 """Modules that import all that a worker is asked for."""
 
-_CONTEXT = get_context("forkserver" if _SERVED else "spawn")
+
+def _served() -> bool:
+    """Whether workers are forks of a server that has imported what they need, and nothing else."""
+    return sys.platform == "linux" and len(os.fsencode(tempfile.gettempdir())) <= _LONGEST
+
+
+def _context() -> BaseContext:
+    return get_context("forkserver" if _served() else "spawn")
 
 
 def prepare() -> None:
     """Begin to import what workers need, in another process, beside whatever comes next."""
-    if _SERVED:
-        _CONTEXT.set_forkserver_preload([*_NEEDED])
-        forkserver.ensure_running()
+    if _served():
+        _context().set_forkserver_preload([*_NEEDED])
+        with _shielded():
+            forkserver.ensure_running()
+
+
+@contextmanager
+def _shielded() -> Iterator[None]:
+    """Start processes that no interrupt from the keyboard reaches: whoever waits for them decides what it means."""
+    resource_tracker.ensure_running()  # otherwise started in between, and lets signals through again
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def available_processors() -> int:
@@ -58,10 +83,11 @@ class Workers:
     """
 
     def __init__(self, resident: Any, processes: int) -> None:
-        self._resident, self._pool = resident, None
+        self._resident, self._processes, self._renewed = resident, processes, 0
+        self._pool: ProcessPoolExecutor | None = None
         if processes > 1:
             prepare()
-            self._pool = ProcessPoolExecutor(processes, _CONTEXT, _settle, (resident,))
+            self._pool = self._new_pool()
 
     def __enter__(self) -> Self:
         return self
@@ -69,42 +95,88 @@ class Workers:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        if self._pool is not None:
+        if self._pool is None:
+            return
+        if kind is None or issubclass(kind, Exception):
             self._pool.shutdown(wait=True, cancel_futures=True)
+            return
+        # an interrupt: nobody waits for what is being computed
+        running = [*(getattr(self._pool, "_processes", None) or {}).values()]
+        self._pool.shutdown(wait=False, cancel_futures=True)
+        for process in running:
+            process.kill()
+
+    def _new_pool(self) -> ProcessPoolExecutor:
+        return ProcessPoolExecutor(self._processes, _context(), _settle, (self._resident,))
+
+    def _submit(self, work: Callable[..., Result], task: tuple[Any, ...]) -> Future[Result]:
+        """Hand a task to a process; where one has died meanwhile, to new ones."""
+        assert self._pool is not None
+        with _shielded():
+            try:
+                return self._pool.submit(_in_worker, work, task)
+            except BrokenProcessPool:
+                self._renew()
+                return self._pool.submit(_in_worker, work, task)
+
+    def _renew(self) -> None:
+        """Replace all processes, since one has died and took the pool with it.
+
+        Raises
+        ------
+        ResourceError
+            If that has happened too often.
+        """
+        if self._pool is None or self._renewed == RENEWALS:
+            raise ResourceError(_DIED) from None
+        self._renewed += 1
+        self._pool.shutdown(wait=False, cancel_futures=True)
+        self._pool = self._new_pool()
+
+    def _finished(self, work: Callable[..., Result], tasks: Sequence[tuple[Any, ...]]) -> Iterator[tuple[int, Result]]:
+        """Yield number and result of every task as it is there; tasks whose process died are done again, the same."""
+        left = dict(enumerate(tasks))
+        while left:
+            futures = {self._submit(work, task): k for k, task in left.items()}
+            try:
+                for future in as_completed(futures):
+                    result = future.result()
+                    self._renewed = 0
+                    del left[futures[future]]
+                    yield futures[future], result
+            except BrokenProcessPool:
+                self._renew()
 
     def map(self, work: Callable[..., Result], tasks: Sequence[tuple[Any, ...]]) -> list[Result]:
         """Return ``work(resident, *task)`` of every task, in order; ``work`` is a function of a module.
 
         Raises
         ------
-        SoftnessError
-            If a process died.
+        ResourceError
+            If processes died again and again.
         """
         if self._pool is None:
             return [_on_one_thread(work, self._resident, task) for task in tasks]
-        try:
-            futures = [self._pool.submit(_in_worker, work, task) for task in tasks]
-            return [future.result() for future in futures]
-        except BrokenProcessPool:
-            raise SoftnessError(_DIED) from None
+        found = dict(self._finished(work, tasks))
+        return [found[k] for k in range(len(tasks))]
 
     def start(self, work: Callable[..., Result], *task: Any) -> Callable[[], Result]:
         """Start ``work(resident, *task)`` and return what waits for its result; in this process it runs when asked.
 
         Raises
         ------
-        SoftnessError
-            When asked, if the process died.
+        ResourceError
+            When asked, as `map`.
         """
         if self._pool is None:
             return lambda: _on_one_thread(work, self._resident, task)
-        future = self._pool.submit(_in_worker, work, task)
+        future = self._submit(work, task)
 
         def finished() -> Result:
             try:
                 return future.result()
             except BrokenProcessPool:
-                raise SoftnessError(_DIED) from None
+                return self.map(work, [task])[0]
 
         return finished
 
@@ -113,17 +185,14 @@ class Workers:
         if self._pool is None:
             yield from (_on_one_thread(work, self._resident, task) for task in tasks)
             return
-        try:
-            futures = [self._pool.submit(_in_worker, work, task) for task in tasks]
-            for future in as_completed(futures):
-                yield future.result()
-        except BrokenProcessPool:
-            raise SoftnessError(_DIED) from None
+        for _, result in self._finished(work, tasks):
+            yield result
 
 
 _DIED = (
-    "a worker process died. In a script, the call must stand under "
-    "'if __name__ == \"__main__\":'; with processes=1 no worker is needed"
+    "a worker process died, and those that replaced it: killed from outside, or for want of memory, of which fewer "
+    "processes take less. In a script, the call must stand under 'if __name__ == \"__main__\":'; with processes=1 no "
+    "worker is needed"
 )
 
 

@@ -1,0 +1,155 @@
+"""How a command ends when it is asked to: Ctrl-C and SIGTERM, at any instant, without a traceback or an orphan.
+
+The first signal raises `Interrupted` in the main thread, so that files are closed and what was remembered is written.
+That may be slow, swallowed by a library, or wait for a long computation: a thread ends the process `GRACE` seconds
+later whatever happens. What is on the disk is whole at any instant, so nothing hangs on these seconds.
+"""
+
+from __future__ import annotations
+
+import atexit
+import os
+import signal
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from types import FrameType
+from typing import Any, NoReturn
+
+GRACE = 1.0
+"""Time [s] that a command has to end by itself."""
+
+SIGNALS = (signal.SIGINT, signal.SIGTERM)
+"""What ends a command; its exit code is 128 and the signal's number, as shells count: 130 and 143."""
+
+_kept: list[Callable[[], str]] = []
+
+
+class Interrupted(BaseException):
+    """The command was asked to end; nobody but `guarded` catches it."""
+
+
+@contextmanager
+def keeping(hint: Callable[[], str]) -> Iterator[None]:
+    """Name what is kept and how to go on, should the command end in here; ``hint`` may return no text at all."""
+    _kept.append(hint)
+    yield
+    _kept.remove(hint)
+
+
+def tell_kept() -> None:
+    """Write to the error stream what is kept, and how to go on."""
+    for hint in reversed(_kept):
+        if said := hint():
+            _tell(said)
+
+
+@contextmanager
+def guarded(last: bool) -> Iterator[None]:
+    """End the process with a short message if a signal comes in here; outside of the main thread do nothing.
+
+    Parameters
+    ----------
+    last
+        Whether nothing follows but the end of the process, during which signals are then ignored.
+    """
+    _kept.clear()
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    asked: list[int] = []
+    done = threading.Event()
+
+    def stop(number: int, frame: FrameType | None) -> None:
+        if asked:
+            _end(number)  # asked for twice: at once
+        asked.append(number)
+        # what the interrupt hits in a callback or another thread is of no interest
+        sys.unraisablehook = threading.excepthook = _quiet
+        raise Interrupted
+
+    before = {number: signal.getsignal(number) for number in SIGNALS}
+    before = {number: handler for number, handler in before.items() if handler is not signal.SIG_IGN}
+    try:
+        for number in before:
+            signal.signal(number, stop)
+        reading, writing = os.pipe()
+        os.set_blocking(writing, False)
+        woken = signal.set_wakeup_fd(writing, warn_on_full_buffer=False)
+        threading.Thread(target=_watch, args=(reading, done), daemon=True).start()
+        try:
+            yield
+        finally:
+            for number, handler in before.items():
+                signal.signal(number, signal.SIG_IGN if last and not asked else handler)
+            signal.set_wakeup_fd(woken)
+            os.close(writing)
+    except BaseException as error:
+        if asked and not (isinstance(error, SystemExit) and not error.code):
+            _end(asked[0])
+        raise
+    finally:
+        done.set()
+
+
+def _watch(reading: int, done: threading.Event) -> None:
+    """End the process some time after a signal; the pipe's other end is closed where none came."""
+    while numbers := os.read(reading, 64):
+        asked = [number for number in numbers if number in SIGNALS]
+        if asked and not done.wait(GRACE):
+            _end(asked[0])
+    os.close(reading)
+
+
+_ending = threading.Lock()
+
+
+def _end(number: int) -> NoReturn:
+    """Say so and end, workers first: they may be in the middle of anything."""
+    if not _ending.acquire(blocking=False):  # somebody is at it already
+        time.sleep(GRACE)
+        os._exit(128 + number)
+    with suppress(BaseException):
+        for other in SIGNALS:
+            signal.signal(other, signal.SIG_IGN)  # refused outside of the main thread, where it matters little
+    with suppress(BaseException):
+        _end_workers()
+    with suppress(BaseException):
+        _tell("\rinterrupted" if sys.stderr.isatty() else "interrupted")
+        tell_kept()
+    # what the interpreter does at its end, but for the wait for other threads
+    last = threading.Thread(target=_clean, daemon=True)
+    with suppress(BaseException):
+        last.start()
+        last.join(0.5 * GRACE)
+    os._exit(128 + number)
+
+
+def _end_workers() -> None:
+    if "multiprocessing" in sys.modules:
+        import multiprocessing
+
+        for process in multiprocessing.active_children():
+            process.kill()
+
+
+def _clean() -> None:
+    with suppress(BaseException):
+        sys.stdout.flush()
+    with suppress(BaseException):
+        atexit._run_exitfuncs()
+
+
+def _tell(said: str) -> None:
+    """Write a line as directly as possible: the stream's own lock may be held by whom the signal interrupted."""
+    with suppress(OSError, AttributeError, ValueError):
+        os.write(sys.stderr.fileno(), f"{said}\n".encode(errors="surrogateescape"))
+        return
+    with suppress(OSError, AttributeError, ValueError):
+        print(said, file=sys.stderr)
+
+
+def _quiet(*_: Any) -> None:
+    pass

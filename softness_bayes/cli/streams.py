@@ -1,0 +1,70 @@
+"""Standard output and errors that may be closed or full: `| head` is quiet, and no finished run fails for it."""
+
+from __future__ import annotations
+
+import errno
+import io
+import os
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from typing import Any
+
+
+class Tolerant:
+    """A text stream that says nothing more once it cannot be written to; everything else is the stream's own."""
+
+    def __init__(self, stream: Any) -> None:
+        self._stream = stream
+        self.failure: OSError | None = None
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._stream, name)
+
+    def write(self, text: str) -> int:
+        """Write, or do as if."""
+        try:
+            return int(self._stream.write(text))
+        except OSError as error:
+            self._give_up(error)
+            return len(text)
+
+    def flush(self) -> None:
+        """Flush, or do as if."""
+        try:
+            self._stream.flush()
+        except OSError as error:
+            self._give_up(error)
+
+    def _give_up(self, error: OSError) -> None:
+        self.failure = self.failure or error
+        with suppress(OSError, ValueError, AttributeError):  # a stream in memory has no number
+            nowhere = os.open(os.devnull, os.O_WRONLY)
+            os.dup2(nowhere, self._stream.fileno())  # what is left in buffers goes there too
+            os.close(nowhere)
+            self._stream.flush()
+
+    @property
+    def lost(self) -> str:
+        """What went wrong, if somebody was still to read it: the end of a pipe may be closed on purpose."""
+        if self.failure is None or self.failure.errno == errno.EPIPE:
+            return ""
+        return self.failure.strerror or str(self.failure)
+
+
+@contextmanager
+def tolerant_streams() -> Iterator[Tolerant]:
+    """Make standard output and errors tolerant in here; yields the output."""
+    before = sys.stdout, sys.stderr
+    for stream in before:
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="surrogateescape")  # names of files need not be UTF-8
+    out, err = (None if stream is None else Tolerant(stream) for stream in before)
+    sys.stdout, sys.stderr = out, err
+    try:
+        yield out or Tolerant(None)
+    finally:
+        for stream in (out, err):
+            if stream is not None:
+                stream.flush()
+        sys.stdout, sys.stderr = before
