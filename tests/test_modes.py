@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.stats import binom
 from several_modes import (
     DIMENSION,
     FAR,
@@ -20,6 +21,7 @@ from several_modes import (
 )
 
 from softness_bayes.inference.adaptation import TriangularMap
+from softness_bayes.inference.diagnostics import Share
 from softness_bayes.inference.modes import labels, learn_modes
 from softness_bayes.inference.moves import Mode, Student, StudentModes
 from softness_bayes.inference.sampling import walk
@@ -99,7 +101,18 @@ def test_one_mode_is_walked_on_as_if_there_were_no_others():
     *_, state = walk(one_mode(), settings(max_steps=100), 1)
     assert (state.modes, state.starts) == ((), Starts(8, 0, 1))
     assert not state.verdict.shares
-    assert state.verdict.sentence().endswith("All 8 climbs led to one mode.")
+    said = "All 8 climbs led to one mode; one that fewer than 31% of climbs reach may be missed."
+    assert state.verdict.sentence().endswith(said)
+    assert binom.pmf(0, 8, state.starts.missed) == pytest.approx(0.05)
+    # climbs that ended nowhere say nothing of modes; draws in none of the modes are not counted as if there were some
+    other = replace(state.verdict, starts=Starts(8, 2, 1))
+    assert "6 of 8 climbs led to one mode, the others to negligible mass" in other.sentence()
+    shares = (Share(1.0, 0.0), Share(0.0, 0.0))
+    assert (
+        replace(other, shares=shares)
+        .sentence()
+        .endswith("One mode holds all draws; 1 more, to which climbs led, holds none.")
+    )
 
 
 def test_a_run_with_modes_goes_on_bit_by_bit_from_what_a_checkpoint_holds(tmp_path):

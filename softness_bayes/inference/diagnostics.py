@@ -171,15 +171,21 @@ class Verdict:
         return f"{self.tau.max():.0f} steps, slowest: {self.names[self.worst]}"
 
     def _starts(self) -> str:
-        """Say where the search for modes led."""
+        """Say how many modes there are, and what the search for them could have missed."""
         climbs, hopeless, _ = self.starts
         if self.shares:
-            held = " and ".join(f"{s.share:.3f} ± {s.error:.3f}" for s in self.shares)
-            return f" {len(self.shares)} modes hold {held} of the draws."
+            held = [f"{s.share:.3f} ± {s.error:.3f}" for s in self.shares if s.share > 0]
+            left = len(self.shares) - len(held)
+            also = f"; {left} more, to which climbs led, hold{'s' * (left == 1)} none" if left else ""
+            if len(held) == 1:
+                return f" One mode holds all draws{also}."
+            return f" {len(held)} modes hold {' and '.join(held)} of the draws{also}."
         if not climbs:
             return ""
         found = f"All {climbs} climbs" if not hopeless else f"{climbs - hopeless} of {climbs} climbs"
-        return f" {found} led to one mode{', the others to negligible mass' if hopeless else ''}."
+        others = ", the others to negligible mass" if hopeless else ""
+        missed = f"one that fewer than {self.starts.missed:.0%} of climbs reach may be missed"
+        return f" {found} led to one mode{others}; {missed}."
 
     def _shortfalls(self) -> list[str]:
         goal, found = self.goal, []

@@ -31,6 +31,7 @@ _WIDEN = 2.0  # walkers start this much wider than the curvature says
 _LEAST_CURVATURE = 0.25  # no direction is taken to be wider than a prior's factor of e²
 _DEPTH = 20.0  # a walker this far below its optimum, and ten for each parameter, is lost
 _LAPLACE_ERROR = 7.0  # of a log mass: on the shipped data, climbs that end along one ridge differ by up to five
+_UNSEEN = 0.05  # probability of missing a mode, at which the search is said to see it
 _BARRIER = 5.0  # optima on either side of a dip this deep, in log density, are modes of their own
 _ON_THE_WAY = np.linspace(0.0, 1.0, 9)[1:-1, None]
 
@@ -80,6 +81,11 @@ class Starts(NamedTuple):
     """Those whose mass is negligible."""
     modes: int = 0
     """Separate modes among the others."""
+
+    @property
+    def missed(self) -> float:
+        """Share p of climbs that end in a mode which all of these miss with a probability of 5 %: (1 - p)^climbs."""
+        return 1.0 if not self.climbs else float(1.0 - _UNSEEN ** (1.0 / self.climbs))
 
 
 NO_STARTS = Starts()
