@@ -225,6 +225,20 @@ def test_the_factor_of_a_product_by_weighting_prior_draws(rng):
     assert product.factor == pytest.approx(np.exp((high - low) / 2), rel=0.01)
 
 
+def test_seeds_say_the_same():
+    """The same parameters in the same groups, and factors apart by no more than their errors explain."""
+    found = []
+    for seed in (0, 1, 2):
+        theta, _ = told(np.random.default_rng(seed))
+        found.append([p for p in find_products(PRIORS, theta, find_directions(PRIORS, theta)) if p is not None])
+    for alike in zip(*found, strict=True):
+        assert len({product.order for product in alike}) == 1
+        assert len({product.sentence("bmg").partition(":")[0] for product in alike}) == 1
+        logs = [np.log(product.factor) for product in alike]
+        error = np.hypot.reduce([product.error for product in alike])
+        assert max(logs) - min(logs) < 4 * error + 0.01 * max(logs)  # exponents of two digits may differ in the last
+
+
 def test_a_jackknife_knows_correlation_within_chains(rng):
     """Against the spread over independent repetitions, of a mean and of a width."""
     for repeat in (1, 10):
