@@ -84,8 +84,9 @@ def killed(tmp_path_factory):
 
 @pytest.fixture
 def copied(killed, tmp_path):
-    """A copy of the killed run, which knows the data by their first place."""
+    """A copy of the killed run and of its data, which it finds from its own place on."""
     shutil.copytree(killed / "out", tmp_path / "out")
+    shutil.copy(killed / "ratings.csv", tmp_path)
     return tmp_path / "out"
 
 
