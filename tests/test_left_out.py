@@ -15,6 +15,7 @@ from softness_bayes.inference.observation import LogRatings, RatingModel, Rating
 from softness_bayes.inference.pieces import part_of, pieces
 from softness_bayes.inference.predictive import Layout, check_exponents, loo_pit
 from softness_bayes.inference.standardised import StandardisedRatings
+from softness_bayes.plotting.rating import observed_ratings
 
 MODEL = RatingModel()
 
@@ -140,6 +141,20 @@ def test_room_grows_with_the_ratings_and_not_with_their_square(rng):
         check_exponents(observed, rate, points, effects)
         observed.log_likelihood_participants(rate, points)
         observed.log_likelihood_loo(rate, points)
+        _, most = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert most < 200e6
+
+
+def test_aligning_the_ratings_of_a_figure_takes_little_room(rng):
+    people = 2000
+    rating = np.exp(rng.standard_normal(people * 36))
+    rating[rng.random(rating.size) < 0.2] = np.nan
+    where = np.tile(np.arange(36), people), np.repeat(np.arange(people), 36)
+    tracemalloc.start()
+    try:
+        observed_ratings(rating, *where, np.geomspace(3e3, 6e5, 36), np.zeros(36, int))
         _, most = tracemalloc.get_traced_memory()
     finally:
         tracemalloc.stop()

@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.sparse import csr_array
+from scipy.sparse.linalg import lsqr
 
 from softness_bayes.errors import InputError
 from softness_bayes.plotting.panels import (
@@ -102,10 +104,10 @@ def observed_ratings(
     np.add.at(trials, (condition[known], participant[known]), 1.0)
     rows, columns = np.nonzero(trials)
     value = total[rows, columns] / trials[rows, columns]
-    design = np.zeros((rows.size, sum(shape)))
-    design[np.arange(rows.size), rows] = 1.0
-    design[np.arange(rows.size), shape[0] + columns] = 1.0
-    effect = np.linalg.lstsq(design, value, rcond=None)[0][shape[0] :] * logarithmic
+    each = np.arange(rows.size)
+    places = np.concatenate([each, each]), np.concatenate([rows, shape[0] + columns])
+    design = csr_array((np.ones(2 * rows.size), places), shape=(rows.size, sum(shape)))
+    effect = lsqr(design, value, atol=1e-15, btol=1e-15, conlim=0.0)[0][shape[0] :] * logarithmic
     present = np.unique(columns)
     aligned = value - (effect - effect[present].mean() if present.size else effect)[columns]
     count = np.bincount(rows, minlength=shape[0])
