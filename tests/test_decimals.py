@@ -205,3 +205,14 @@ def test_many_fabrics_take_time_in_proportion(tmp_path):
     taken(100)
     # eightfold rows: eight times as long, sixty-four if it were quadratic
     assert min(taken(16_000) for _ in range(2)) < 25 * min(taken(2_000) for _ in range(3))
+
+
+@pytest.mark.parametrize(
+    "header", ["fabric,effective_modulus_kpa", f'fabric,effective_modulus_kpa,"{"," * 3000}","{"," * 3000}"']
+)
+def test_a_long_name_or_title_is_quoted_in_a_line(tmp_path, header):
+    path = tmp_path / "fabrics.csv"
+    path.write_text(f'{header}\n"{"x" * 3000}",\n')
+    with pytest.raises(InputError) as caught:
+        Fabrics.read(path)
+    assert len(str(caught.value)) < len(str(path)) + 350

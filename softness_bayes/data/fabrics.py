@@ -148,7 +148,7 @@ class Fabrics:
 
     def _place(self, i: int) -> str:
         row = f"row {self.rows[i]}, " if self.rows else ""
-        return f"{self.source}: {row}fabric {self.names[i]!r}"
+        return f"{self.source}: {row}fabric {quoted(self.names[i])}"
 
     @classmethod
     def read(cls, path: str | Path, *, columns: Mapping[str, str] | None = None, decimal: str | None = None) -> Fabrics:

@@ -234,7 +234,7 @@ def _records(path: Path, text: str, separator: str) -> tuple[list[str], list[lis
         raise InputError(f"{path}: there is no row below the header")
     for title, count in Counter(title.casefold() for title in header if title).items():
         if count > 1:
-            raise InputError(f"{path}: row {rows[0]}: {count} columns are called {title!r}, expected one")
+            raise InputError(f"{path}: row {rows[0]}: {count} columns are called {quoted(title)}, expected one")
     used = max(j + 1 for j, title in enumerate(header) if title)
     for record, row in zip(body, rows[1:], strict=True):
         beyond = [cell for cell in record[used:] if cell]
