@@ -35,6 +35,8 @@ GROUPS = (
     "log_likelihood_participant",
     "posterior_predictive",
     "predictions",
+    "inflection",
+    "prior_inflection",
     "prior",
     "prior_predictive",
     "observed_data",

@@ -20,7 +20,13 @@ from softness_bayes.data.ratings import LOAD_COLUMNS
 from softness_bayes.illustrations import membrane_illustration, touch_illustration
 from softness_bayes.inference.chains import Chains
 from softness_bayes.inference.checks import FabricCheck, check_fabrics
-from softness_bayes.inference.curves import curve_scene, find_inflection, response_curves
+from softness_bayes.inference.curves import (
+    LEAST_DROP,
+    curve_scene,
+    find_inflection,
+    response_curves,
+    turning_points,
+)
 from softness_bayes.inference.diagnostics import Verdict
 from softness_bayes.inference.exactness import EXACT_RATES, SAME_RATES, Exactness, compare, resample
 from softness_bayes.inference.observation import RatingParameters
@@ -35,7 +41,7 @@ from softness_bayes.misfit import TYPICAL
 from softness_bayes.plate_groups import plate_attributes, plate_coordinates, plate_groups
 from softness_bayes.touch.parameters import TouchParameters
 from softness_bayes.touch.scene import Scene
-from softness_bayes.variables import Groups, Variable, evenly, merged, named, sampled_groups, tree_of
+from softness_bayes.variables import Groups, Variable, evenly, merged, named, sampled_groups, tree_of, turning_variables
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -54,6 +60,9 @@ REPLICATES = 500
 
 PICKED = {"posterior_predictive": REPLICATES, "log_likelihood_loo": REPLICATES, "predictions": CURVES}
 """Groups that hold some of the posterior's draws, and how many; their coordinates say which."""
+
+TURNING = 4000
+"""Draws, about, of which turning points are stored: so many of every walker."""
 
 PRIOR_DRAWS = 1000
 """Draws of the prior."""
@@ -146,6 +155,7 @@ class Assembly:
             **self._predictive_groups(),
             **self._prior_groups(),
             "predictions": self._predictions(),
+            **self._turning_groups(),
             "observed_data": {"rating": Variable(self.experiment.ratings.rating, ("rating_row",))},
             "constant_data": self._constants(pit),
         }
@@ -154,6 +164,7 @@ class Assembly:
         plate, plate_found = self._plate()
         found = {
             "numerical_error": self.error,
+            "inflection_least_drop": max(LEAST_DROP, 3.0 * self.error),
             "fabric_check": check.sentence(self._condition_names()),
             "fabric_p_value": check.p_value,
             "firing_error": self._firing_error(),
@@ -352,22 +363,30 @@ class Assembly:
             "contact_radius_mm": (curves.radius * 1e3, "mm"),
             "contact_force_n": (curves.force, "N"),
         }
-        points: dict[str, tuple[NDArray[Any], str]] = {
-            "inflection_outcome": (turn.outcome, ""),
-            "inflection_e_fab_kpa": (turn.modulus * 1e-3, "kPa"),
-            "inflection_ratio": (turn.ratio, ""),
-            "inflection_force_n": (turn.force, "N"),
-            "inflection_drop": (turn.drop, ""),
-            "inflection_inside": (turn.inside.astype(np.int8), ""),
-        }
-        along, at = ("load", "e_fab_kpa"), ("load",)
+        along = ("load", "e_fab_kpa")
         rated = model.typical(draws.effects, model.drive(self.ratings.design, draws.mean_rate, draws.parameters))
         return {
             TYPICAL: Variable(rated[None], ("condition",)),
             **{n: Variable(v[None].astype(np.float32), along, unit) for n, (v, unit) in lines.items()},
-            **{n: Variable(v[None], at, unit) for n, (v, unit) in points.items()},
+            **turning_variables(turn, (1, -1)),
             **{f"at_{n}": v for n, v in self._named(draws.theta[None]).items()},
         }
+
+    def _turning_groups(self) -> Groups:
+        """Return where the response turns over in many draws, and in those of the prior."""
+        if self.reweight:
+            theta = self._pick(REWEIGHT_DRAWS).theta[None]
+        else:
+            every = -(-self.theta.shape[0] * self.theta.shape[1] // TURNING)
+            theta = self.theta[:, ::-1][:, ::every][:, ::-1]
+        drawn = {"inflection": theta, "prior_inflection": self.prior[None]}
+        found: Groups = {}
+        for group, points in drawn.items():
+            flat = points.reshape(-1, points.shape[-1])
+            found[group] = turning_variables(
+                turning_points(self.scene, self._touch(flat), self.error), points.shape[:2]
+            )
+        return found
 
     def _illustrations(self, turn: Array) -> tuple[Groups, dict[str, NDArray[Any]]]:
         """Return what the figures of touch and membrane show; `turn` holds E_fab at draws' inflections [Pa]."""

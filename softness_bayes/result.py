@@ -15,8 +15,9 @@ from softness_bayes import arviz_bridge
 from softness_bayes.errors import InputError
 from softness_bayes.files.cells import csv_of
 from softness_bayes.files.outputs import write_outputs
-from softness_bayes.inference.curves import Curves, Inflection, Outcome
+from softness_bayes.inference.curves import Curves, Inflection
 from softness_bayes.inference.parameters import PARAMETERS
+from softness_bayes.inference.turning import turning_table
 from softness_bayes.storage.result_file import SUMMARY_TABLE, read, sealed
 from softness_bayes.touch.contact import Force, Indentation, Load
 from softness_bayes.touch.readings import ALTERNATIVES, Readings
@@ -48,8 +49,8 @@ FILES = (POSTERIOR, SUMMARY, NONFINITE, *(f"{name}.csv" for name in TABLES))
 RUN = "sample"
 """The verb that they are listed under."""
 
-PERCENTS = (0.05, 0.5, 0.95)
-"""Lower limit, middle and upper limit of what tables say of an inflection."""
+FORMER_LEAST_DROP = 0.02
+"""`Result.least_drop` of results that do not record it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,7 +111,7 @@ class Result:
     def _require_ratings(self) -> None:
         if not self.has_ratings:
             raise InputError(
-                "result: of compression data alone, without ratings: it has no loads, response curves or inflection"
+                "result: of compression data alone, without ratings: it has no loads, response curves or turning point"
             )
 
     @property
@@ -168,9 +169,15 @@ class Result:
         )
 
     def inflections(self) -> Inflection:
-        """Return where the response turns over, draw by draw."""
+        """Return where the response turns over (its maximum), draw by draw."""
+        draws = self._turning("inflection" if "inflection" in self.tree.children else "predictions")
+        flat: list[Any] = [values.reshape(-1, values.shape[-1]) for values in draws]
+        return Inflection(*flat)
+
+    def _turning(self, group: str) -> Inflection:
+        """Return turning points as a group stores them, every field of shape (chains, draws, loads)."""
         self._require_ratings()
-        stored = self.group("predictions").isel(chain=0)
+        stored = self.group(group)
         return Inflection(
             stored["inflection_outcome"].values,
             stored["inflection_e_fab_kpa"].values * 1e3,
@@ -180,33 +187,25 @@ class Result:
             stored["inflection_inside"].values.astype(bool),
         )
 
+    @property
+    def least_drop(self) -> float:
+        """Share of itself by which a maximum exceeds both ends of the range to count as a turning point."""
+        return float(self.attributes.get("inflection_least_drop", FORMER_LEAST_DROP))
+
     def inflection(self) -> pd.DataFrame:
-        """Return where the response turns over, one row per load.
+        """Return where the response turns over (its maximum, the turning point), one row per load.
 
-        Columns: probabilities of the three outcomes (interior, none, silent) and of an interior
-        maximum inside the fabrics' own range; then median and 5-95 % limits of E_fab [kPa],
-        E_fab / E_skin, Hertz's force [N] and the drop beyond it, over the draws that have one.
+        Columns: probabilities of the three outcomes (p_interior: a maximum that exceeds both ends of the range by
+        `least_drop` of itself, p_none, p_silent), of the first under the prior (prior_p_interior), and of a maximum
+        inside the fabrics' own range (p_inside); then median and 5-95 % limits of E_fab [kPa], E_fab / E_skin, Hertz's
+        force [N] and the drop beyond it, over the draws that have one, as NAME, NAME_low and NAME_high. Each of these
+        has its Monte-Carlo standard error in COLUMN_mcse.
         """
-        import pandas as pd
-
-        draws = self.inflections()
-        rows = []
-        for k, load in enumerate(self.loads):
-            row: dict[str, Any] = {"load": str(load)}
-            for kind in (Outcome.INTERIOR, Outcome.NONE, Outcome.SILENT):
-                row[f"p_{kind.name.lower()}"] = float((draws.outcome[:, k] == kind).mean())
-            row["p_inside"] = float(draws.inside[:, k].mean())
-            for name, values in (
-                ("e_fab_kpa", draws.modulus * 1e-3),
-                ("ratio", draws.ratio),
-                ("force_n", draws.force),
-                ("drop", draws.drop),
-            ):
-                known = values[:, k][~np.isnan(values[:, k])]
-                limits = np.quantile(known, PERCENTS) if known.size else np.full(3, np.nan)
-                row[f"{name}_low"], row[name], row[f"{name}_high"] = limits
-            rows.append(row)
-        return pd.DataFrame(rows).set_index("load")
+        if "inflection" not in self.tree.children:  # a result of an earlier version
+            return turning_table(self._turning("predictions"), list(map(str, self.loads)))
+        drawn, prior = self._turning("inflection"), self._turning("prior_inflection")
+        ensemble = self.group("inflection").coords.get(arviz_bridge.ENSEMBLE)
+        return turning_table(drawn, list(map(str, self.loads)), prior, None if ensemble is None else ensemble.values)
 
     def predict(
         self, fabrics: Fabrics | None = None, loads: Sequence[Load] | None = None, draws: int = 400
@@ -271,13 +270,14 @@ class Result:
         return Plots(self)
 
     def _repr_html_(self) -> str:
-        """Return verdict, inflection and summary as a notebook shows them."""
+        """Return verdict, turning points and summary as a notebook shows them."""
         from softness_bayes.misfit import fit_of
 
         faults = [f"the fit has failed: {fault}" for fault in fit_of(self.tree).faults] if self.has_ratings else []
         said = [*faults, str(self.attributes.get("verdict", ""))]
         verdict = "".join(f"<p><strong>{escape(line)}</strong></p>" for line in said)
-        columns = ["p_interior", "p_none", "p_silent", "e_fab_kpa_low", "e_fab_kpa", "e_fab_kpa_high"]
+        columns = ["p_interior", "prior_p_interior", "p_none", "p_silent"]
+        columns += ["e_fab_kpa_low", "e_fab_kpa", "e_fab_kpa_high"]
         tables = {"where the response turns over": self.inflection()[columns]} if self.has_ratings else {}
         tables["parameters"] = self.summary()
         shown = [

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from softness_bayes import arviz_bridge
 from softness_bayes.inference.chains import Chains
+from softness_bayes.inference.curves import Inflection
 from softness_bayes.inference.parameters import ParameterSpace
 from softness_bayes.inference.posterior import Density
 
@@ -76,6 +77,19 @@ def sampled_groups(density: Density, kept: Chains, theta: Array, data: str) -> G
         "log_prior": {name: Variable(log_prior[..., k]) for k, name in enumerate(density.names)},
         "log_likelihood": {data: Variable(height - log_prior.sum(axis=-1))},
     }
+
+
+def turning_variables(turn: Inflection, shape: tuple[int, int]) -> dict[str, Variable]:
+    """Return where the response turns over as variables, draws being laid out as `shape`, (chains, draws)."""
+    points: dict[str, tuple[NDArray[Any], str]] = {
+        "inflection_outcome": (turn.outcome, ""),
+        "inflection_e_fab_kpa": (turn.modulus * 1e-3, "kPa"),
+        "inflection_ratio": (turn.ratio, ""),
+        "inflection_force_n": (turn.force, "N"),
+        "inflection_drop": (turn.drop, ""),
+        "inflection_inside": (turn.inside.astype(np.int8), ""),
+    }
+    return {n: Variable(v.reshape(*shape, v.shape[-1]), ("load",), unit) for n, (v, unit) in points.items()}
 
 
 def evenly(shape: tuple[int, ...], size: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:

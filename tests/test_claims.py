@@ -10,12 +10,12 @@ import pandas as pd
 import pytest
 
 from softness_bayes.claims import CLAIMS, CLOTH, DRAWS, TOUCHES, Verdict, evaluate_claims
-from softness_bayes.claims.criteria import CLEAR_DROP
 from softness_bayes.claims.numbers import CENTRES, DEPTHS, ERROR, GRID, Bench, Numbers, mean_standardised, pearson
 from softness_bayes.claims.report import COLUMNS, findings_table, loads_table, markdown, plain
 from softness_bayes.cli import main
 from softness_bayes.data import Fabrics, Ratings, read_experiment
 from softness_bayes.errors import InputError
+from softness_bayes.inference.curves import LEAST_DROP
 from softness_bayes.inference.parameters import parameter_space
 from softness_bayes.study import touch_parameters, usual_values
 from softness_bayes.touch.contact import Finger, Indentation
@@ -104,6 +104,7 @@ def test_every_claim_can_hold_and_be_silent(name):
         ("place", {"modulus": [1e9, 5e5, 4.6e5]}),
         ("place", {"ratio": [5e3, 3.0, 2.8]}),
         ("place", {"interior": [False, False, True]}),
+        ("place", {"drop": [0.0, 0.049, 0.2]}),
         ("centre", {"setback": [0.0, 0.01, 0.0]}),
         ("centre", {"growth": [0.5, -0.1, 0.5]}),
         ("depth", {"depth_spread": [0.01, 0.101, 0.02]}),
@@ -325,7 +326,7 @@ def test_shares_are_of_all_draws(trials):
     for finding in trial.findings:
         assert sum(finding.shares.values()) == pytest.approx(1)
     turn = trial.findings[0]
-    clear = (trial.draws.interior & (trial.draws.drop >= CLEAR_DROP) & (trial.draws.levelling < 0.01)).any(axis=1)
+    clear = (trial.draws.interior & (trial.draws.drop >= LEAST_DROP) & (trial.draws.levelling < 0.01)).any(axis=1)
     assert turn.shares[Verdict.HOLDS] == pytest.approx(clear.mean())
     assert turn.shares[Verdict.SILENT] == pytest.approx((trial.draws.largest == 0).all(axis=1).mean())
 

@@ -16,6 +16,7 @@ from softness_bayes import arviz_bridge, run
 from softness_bayes.data import Experiment, Fabrics
 from softness_bayes.errors import InputError
 from softness_bayes.files.outputs import write_outputs
+from softness_bayes.inference.curves import curve_scene
 from softness_bayes.inference.observation import INVERSE
 from softness_bayes.inference.priors import HalfNormal, LogNormal
 from softness_bayes.inference.sampling import Settings
@@ -43,6 +44,7 @@ PRIORS = {
     "eps": lognorm(1, scale=0.1),
 }
 PARTICIPANTS, ROWS, MISSING = 5, 32, 8
+TURNING = {f"inflection_{name}" for name in ("outcome", "e_fab_kpa", "ratio", "force_n", "drop", "inside")}
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -105,6 +107,7 @@ def test_groups_and_their_variables(result):
         "prior_predictive": {"rating"},
         "log_likelihood_loo": {"rating"},
         "log_likelihood_participant": {"ratings_of_participant"},
+        **dict.fromkeys(("inflection", "prior_inflection"), TURNING),
     }
     assert {*result.tree.children} == {*groups, "log_likelihood", "predictions", "constant_data", "illustrations"}
     for group, variables in groups.items():
@@ -346,13 +349,43 @@ def test_probabilities_of_the_inflection(result):
         if place.size:
             limits = row[["e_fab_kpa_low", "e_fab_kpa", "e_fab_kpa_high"]].to_numpy(float)
             assert_allclose(limits, np.quantile(place, [0.05, 0.5, 0.95]))
-    # the stored maximum is that of the stored curves, within a step of their grid
-    curves = result.curves()
+        assert 0 < row["p_interior_mcse"] < 0.1
+    stored = result.group("inflection")
+    assert stored["ensemble"].values.tolist() == result.group("posterior")["ensemble"].values.tolist()
+    assert 2000 < stored.sizes["chain"] * stored.sizes["draw"] <= 4000
+    # the maximum stored beside a curve is that of the curve, within a step of the grid
+    curves, beside = result.curves(), result.group("predictions").isel(chain=0)
+    draws = draws._replace(outcome=beside["inflection_outcome"].values, modulus=beside["inflection_e_fab_kpa"] * 1e3)
     turns = draws.outcome == 1
     highest = curves.modulus[curves.total_rate.argmax(axis=-1)]
     step = np.log(curves.modulus[1] / curves.modulus[0])
     assert turns.any()
-    assert np.abs(np.log(draws.modulus / highest))[turns].max() <= 1.5 * step
+    assert np.abs(np.log(draws.modulus.values / highest))[turns].max() <= 1.5 * step
+
+
+def test_the_prior_stands_beside_the_probability_of_a_turning_point(result, posterior):
+    """From its draws by whole curves: exceeding both ends by 5 % of the maximum."""
+    prior = theta_of(result.group("prior"))[0]
+    grid = curve_scene(posterior.scene, 321)
+    rate = grid.total_rate(posterior.space.touch(prior)).reshape(len(prior), 2, -1)
+    top = rate.max(axis=-1)
+    assert result.least_drop == 0.05
+    clear = (top > 0) & (rate[..., 0] <= 0.95 * top) & (rate[..., -1] <= 0.95 * top)
+    found = result.inflection()["prior_p_interior"].to_numpy()
+    assert_allclose(found, clear.mean(axis=0), atol=0.005)
+    assert ((found > 0.02) & (found < 0.98)).any()
+
+
+def test_a_result_of_an_earlier_version_has_a_table_too(result):
+    former = dataclasses.replace(result, tree=result.tree.copy())
+    for name in ("inflection", "prior_inflection"):
+        del former.tree[name]
+    former.tree.attrs = {k: v for k, v in result.tree.attrs.items() if k != "inflection_least_drop"}
+    table = former.inflection()
+    assert former.least_drop == 0.02
+    assert table["prior_p_interior"].isna().all()
+    stored = result.group("predictions")["inflection_outcome"].values[0]
+    assert_allclose(table["p_interior"], (stored == 1).mean(axis=0))
 
 
 def test_the_summary(result, directory):

@@ -10,12 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from softness_bayes.claims.numbers import ERROR, Numbers
+from softness_bayes.inference.curves import LEAST_DROP
 
 Array = NDArray[np.float64]
 Booleans = NDArray[np.bool_]
 
-CLEAR_DROP = 0.05
-"""Fall after the maximum, as a share of it, from which on the response has clearly turned."""
 LEVEL = 0.01
 """Change over the last decade of E_fab, as a share of the maximum, below which the response has levelled off."""
 TOUCHING_FORCE = 1.0
@@ -70,7 +69,8 @@ def _known(name: str) -> Callable[[Numbers], Booleans]:
 
 
 def _clear(numbers: Numbers) -> Booleans:
-    return np.asarray(numbers.interior & (numbers.drop >= CLEAR_DROP))
+    # the soft end is silent, or nearly so: a maximum that falls so far afterwards exceeds both ends by as much
+    return np.asarray(numbers.interior & (numbers.drop >= LEAST_DROP))
 
 
 def _turns(numbers: Numbers, speaks: Booleans) -> Booleans:
@@ -83,10 +83,11 @@ def _turns_from_touching_force_on(numbers: Numbers, speaks: Booleans) -> Boolean
 
 
 def _place_depends_on_load(numbers: Numbers, speaks: Booleans) -> Booleans:
-    different = numbers.interior.sum(axis=-1) > 1
+    clear = _clear(numbers)
+    different = clear.sum(axis=-1) > 1
     for place in (numbers.modulus, numbers.ratio):
         # places that are none sort last and leave gaps that are no numbers
-        gaps = np.diff(np.sort(np.where(numbers.interior, np.log(place), np.nan), axis=-1), axis=-1)
+        gaps = np.diff(np.sort(np.where(clear, np.log(place), np.nan), axis=-1), axis=-1)
         different &= ((gaps > np.log(APART)) | np.isnan(gaps)).all(axis=-1)
     return np.asarray(different)
 
@@ -130,9 +131,10 @@ def _tell_force(numbers: Numbers) -> str:
 
 
 def _tell_place(numbers: Numbers) -> str:
-    if not numbers.interior.any():
-        return "no maximum"
-    modulus, ratio = (np.where(numbers.interior[0], place[0], np.nan) for place in (numbers.modulus, numbers.ratio))
+    clear = _clear(numbers)[0]
+    if not clear.any():
+        return "no turning point"
+    modulus, ratio = (np.where(clear, place[0], np.nan) for place in (numbers.modulus, numbers.ratio))
     return f"{_listing(1e-3 * modulus, '', ' kPa', _wide(numbers))}; ratio {_listing(ratio, '')}"
 
 
@@ -145,7 +147,7 @@ CLAIMS = (
     Claim(
         "turn",
         "The response rises with E_fab, falls again and levels off",
-        f"under at least one load an interior maximum, a drop of at least {100 * CLEAR_DROP:g} % by 1 GPa, "
+        f"under at least one load an interior maximum, a drop of at least {100 * LEAST_DROP:g} % by 1 GPa, "
         f"and a change below {100 * LEVEL:g} % over the last decade",
         _fires,
         _turns,
@@ -154,7 +156,7 @@ CLAIMS = (
     Claim(
         "threshold",
         "The turn is clear only beyond the mean touching force",
-        f"a drop of at least {100 * CLEAR_DROP:g} % under every load with {TOUCHING_FORCE:g} N or more at the maximum, "
+        f"a drop of at least {100 * LEAST_DROP:g} % under every load with {TOUCHING_FORCE:g} N or more at the maximum, "
         "and under no other",
         _fires,
         _turns_from_touching_force_on,
@@ -163,7 +165,8 @@ CLAIMS = (
     Claim(
         "place",
         "Where the response turns depends on the load, in E_fab and in E_fab/E_skin",
-        f"at least two loads with a maximum, all of them more than {100 * (APART - 1):.0f} % apart on both axes",
+        f"at least two loads with a maximum and a drop of at least {100 * LEAST_DROP:g} % by 1 GPa, these maxima all "
+        f"more than {100 * (APART - 1):.0f} % apart on both axes",
         _fires,
         _place_depends_on_load,
         _tell_place,

@@ -126,6 +126,6 @@ def _explanation(trials: Sequence[Trial]) -> str:
     share = f", in brackets the share of {drawn} draws of the prior for which the claim holds" if drawn else ""
     return (
         f"Verdicts at the priors' medians{share}; then the numbers behind them in the order of the loads ({held}): – "
-        "where no receptor fires or there is no maximum, † where the contact radius at the maximum exceeds R/2 and "
-        "Hertz's geometry is questionable."
+        "where no receptor fires or there is no turning point (maximum), † where the contact radius at the maximum "
+        "exceeds R/2 and Hertz's geometry is questionable."
     )

@@ -96,7 +96,7 @@ def command(
     whether the model reproduces it, and a verdict. Exit code 3: not converged.
 
     --compression adds the forces of a rigid flat plate on fingerpads, which say what b and m are. Without
-    --data the run is on these alone: no response curves, no inflection, but how force grows with indentation.
+    --data the run is on these alone: no response curves, no turning point, but how force grows with indentation.
 
     With all parameters fixed there is nothing to sample: the log-likelihood at that point is printed, and where the
     response turns over under each load; nothing is written.
@@ -274,7 +274,7 @@ class _Bar:
 
 
 def _report(result: Result, out: Path) -> None:
-    """Print summary, inflection, checks and verdict."""
+    """Print summary, turning points, checks and verdict."""
     from softness_bayes.learning import direction_sentences, learning_sentences
     from softness_bayes.misfit import fit_of
 
@@ -302,15 +302,27 @@ def _report(result: Result, out: Path) -> None:
         click.echo(fault)
 
 
+def _turning(result: Result) -> str:
+    """Return where the response turns over, with what counts as that, the prior's probability and sampling errors."""
+    from softness_bayes.inference.turning import with_errors
+
+    columns = ["p_interior", "prior_p_interior", "p_inside", "p_none", "p_silent"]
+    columns += ["e_fab_kpa_low", "e_fab_kpa", "e_fab_kpa_high"]
+    low, *_, high = (f"{float(f'{end:.3g}'):,.10g}" for end in result.group("predictions")["e_fab_kpa"].values)
+    return (
+        "where the response turns over: a turning point is a maximum (the paper's inflection) that exceeds the "
+        f"response at\n{low} and {high} kPa, the ends of its range, by {result.least_drop:.0%} of itself; its "
+        "probability, the prior's, and\nthat of one within the fabrics' own range; E_fab there, median and 90 % limits "
+        f"[kPa]; each ± its Monte-Carlo error\n{with_errors(result.inflection(), columns).to_string()}"
+    )
+
+
 def _report_ratings(result: Result, fit: Fit) -> None:
-    """Print inflection and checks of what the ratings say."""
+    """Print turning points and checks of what the ratings say."""
     from softness_bayes.criticism import check_sentences
 
     found = result.attributes
-    click.echo("\nwhere the response turns over (probabilities; E_fab in kPa, medians and 90 % limits)")
-    columns = ["p_interior", "p_none", "p_silent", "p_inside", "e_fab_kpa_low", "e_fab_kpa", "e_fab_kpa_high"]
-    click.echo(result.inflection()[columns].to_string(float_format=lambda x: f"{x:.3g}", na_rep="–"))
-    click.echo()
+    click.echo(f"\n{_turning(result)}\n")
     for sentence in (
         fit.sentence,
         *check_sentences(result.tables["predictive_checks"]),

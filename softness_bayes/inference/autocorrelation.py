@@ -46,8 +46,23 @@ def indicator_time(walks: FloatArray, below: FloatArray) -> FloatArray:
     ndarray, shape (...)
         Infinite where no walker crosses the threshold.
     """
-    inside = (walks <= below[..., None, None]).astype(float)
-    return _time(inside - inside.mean(axis=(-2, -1), keepdims=True), each=False)
+    return pooled_time((walks <= below[..., None, None]).astype(float))
+
+
+def pooled_time(walks: FloatArray) -> FloatArray:
+    """Return tau of quantities whose walkers share the mean and variance of the whole ensemble, in steps.
+
+    Parameters
+    ----------
+    walks
+        Values of shape (..., steps, walkers).
+
+    Returns
+    -------
+    ndarray, shape (...)
+        Infinite where nothing varies.
+    """
+    return _time(walks - walks.mean(axis=(-2, -1), keepdims=True), each=False)
 
 
 def _time(deviations: FloatArray, each: bool) -> FloatArray:

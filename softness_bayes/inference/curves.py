@@ -13,11 +13,20 @@ from softness_bayes.touch.scene import Scene
 
 Array = NDArray[np.float64]
 
-LEAST_DROP = 0.02
-"""A maximum counts as interior if it exceeds both ends of the range by this share of itself."""
+LEAST_DROP = 0.05
+"""A maximum counts as a turning point if it exceeds both ends of the range by this share of itself.
+
+The one threshold of curves, of checks and of the paper's claims, whose criteria it is from (model.md 11): a
+response that falls by less changes the mean rating of a fabric by less than its standard error in any usual table.
+"""
 
 RANGE_FACTOR = 10.0
-"""The range of an inflection: from a tenth of the smallest fabric to ten times the largest."""
+"""The range of a turning point: from a tenth of the smallest fabric to ten times the largest."""
+
+TURNING_POINTS = 41
+"""Points of the grid on which turning points of thousands of draws are sought, to 0.1 % in their place."""
+
+_PIECE = 500  # draws whose curves are held at once
 
 
 class Outcome(IntEnum):
@@ -47,7 +56,7 @@ class Curves(NamedTuple):
 
 
 class Inflection(NamedTuple):
-    """Where the response turns over, every field of shape (draws, loads)."""
+    """Where the response turns over (its maximum; the paper's inflection), every field of shape (draws, loads)."""
 
     outcome: NDArray[np.int8]
     """An `Outcome` for each draw and load."""
@@ -64,7 +73,7 @@ class Inflection(NamedTuple):
 
 
 def curve_scene(scene: Scene, points: int = 161) -> Scene:
-    """Return the scene whose fabrics are a logarithmic grid over the inflection's range.
+    """Return the scene whose fabrics are a logarithmic grid over the range of turning points.
 
     Loads, finger, readings and resolution are those of `scene`; the Poisson ratio is the median of
     its fabrics.
@@ -130,6 +139,31 @@ def find_inflection(
         drop = np.where(interior, 1.0 - rate[..., -1] / peak, np.nan)
         inside = interior & (modulus >= data_range[0]) & (modulus <= data_range[1])
     return Inflection(outcome, modulus, modulus / at_peak(curves.skin_modulus), at_peak(curves.force), drop, inside)
+
+
+def turning_points(scene: Scene, parameters: TouchParameters, error: float, points: int = TURNING_POINTS) -> Inflection:
+    """Return where the response of many draws turns over, without keeping their curves.
+
+    Parameters
+    ----------
+    scene
+        That of the data; the range of its fabrics decides the grid, as in `curve_scene`.
+    parameters
+        A batch of draws, shape (draws,).
+    error
+        As `find_inflection` takes it.
+    points
+        Of the grid.
+    """
+    grid, fabrics = curve_scene(scene, points), (float(scene.modulus.min()), float(scene.modulus.max()))
+    draws = np.shape(parameters.b)[0]
+    pieces = [
+        find_inflection(
+            response_curves(grid, TouchParameters(*(v[k : k + _PIECE] for v in parameters))), error, fabrics
+        )
+        for k in range(0, draws, _PIECE)
+    ]
+    return Inflection(*(np.concatenate(field) for field in zip(*pieces, strict=True)))
 
 
 _STENCIL = (-2, -1, 0, 1, 2)

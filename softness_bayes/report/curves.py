@@ -9,10 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from softness_bayes.inference.scales import RATING_SCALES
+from softness_bayes.inference.turning import PERCENTS
 from softness_bayes.plotting.panels import title
 from softness_bayes.plotting.rating import observed_ratings
 from softness_bayes.report.words import share
-from softness_bayes.result import PERCENTS, Result
+from softness_bayes.result import Result
 
 Array = NDArray[np.float64]
 
@@ -48,9 +49,9 @@ class Shown(NamedTuple):
     fabrics: dict[str, list[Any]]
     """x, name, mean rating and its spread between participants, NaN where nobody rated; `foot` is 0."""
     turn: dict[str, list[float]]
-    """left, middle and right of the inflection's 90 % interval; empty where no draw has one."""
+    """left, middle and right of the turning point's 90 % interval; empty where no draw has one."""
     told: str
-    """The inflection in words."""
+    """The turning point in words."""
 
 
 def shown(result: Result) -> dict[str, list[Shown]]:
@@ -133,6 +134,7 @@ def _turn(row: Any, name: str) -> dict[str, list[float]]:
 
 def _told(load: str, row: Any, axis: Axis) -> str:
     likely = f"the response turns over with probability {share(row['p_interior'])}"
+    likely += f" (prior: {share(row['prior_p_interior'])})" if np.isfinite(row["prior_p_interior"]) else ""
     name = "e_fab_kpa" if axis.name == "e_fab" else "ratio"
     if not np.isfinite(row[name]):
         return f"{load}: {likely}."

@@ -13,7 +13,7 @@ from softness_bayes.inference.observation import direction_named
 from softness_bayes.inference.parameters import EVERY_PARAMETER
 from softness_bayes.inference.priors import in_short, parse_prior
 from softness_bayes.report.repeat import recorded_options
-from softness_bayes.report.words import number, share
+from softness_bayes.report.words import number, share, with_error
 from softness_bayes.result import Result
 
 
@@ -87,24 +87,28 @@ def direction_table(result: Result) -> Table:
 
 def inflection_table(result: Result) -> Table:
     """Return where the response turns over under each load."""
-    head = ["Load", "Turns over", "Does not", "Silent", "Among the fabrics"]
+    head = ["Load", "Turns over", "under the prior", "Does not", "Silent", "Among the fabrics"]
     head += ["E_fab [kPa]", "E_fab / E_skin", "Force [N]", "Drop beyond"]
     rows = []
     for load, row in result.inflection().iterrows():
         places = [_interval(row, name) for name in ("e_fab_kpa", "ratio", "force_n")]
-        chances = [share(row[f"p_{what}"]) for what in ("interior", "none", "silent", "inside")]
+        names = ("p_interior", "prior_p_interior", "p_none", "p_silent", "p_inside")
+        chances = [with_error(100 * row[name], 100 * row[f"{name}_mcse"], "\u00a0%") for name in names]
         drop = "–" if np.isnan(row["drop"]) else f"{share(row['drop'])} ({share(row['drop_low'])} to "
         drop += "" if np.isnan(row["drop"]) else f"{share(row['drop_high'])})"
         rows.append([str(load), *chances, *places, drop])
+    low, *_, high = result.group("predictions")["e_fab_kpa"].values
     caption = (
-        "Where the response turns over: probabilities (anywhere, and among the fabrics’ own moduli), then medians and "
-        "90 % intervals over the draws with a turn."
+        "Where the response turns over: probabilities of a turning point, a maximum that exceeds the response at both "
+        f"{number(low)} and {number(high)} kPa by at least {share(result.least_drop)} of itself, and of one among the "
+        "fabrics’ own moduli; then medians and 90 % intervals over the draws with a turning point. ±: Monte-Carlo "
+        "standard error."
     )
     return Table("inflection", caption, head, rows)
 
 
 def _interval(row: pd.Series, name: str) -> str:
-    low, middle, high = (number(row[key]) for key in (f"{name}_low", name, f"{name}_high"))
+    low, middle, high = (with_error(row[key], row[f"{key}_mcse"]) for key in (f"{name}_low", name, f"{name}_high"))
     return "–" if middle == "–" else f"{middle} ({low} to {high})"
 
 

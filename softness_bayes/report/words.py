@@ -13,6 +13,13 @@ def number(value: Any, digits: int = 3) -> str:
     return f"{value:.{digits}g}" if np.isfinite(value) else "–"
 
 
+def with_error(value: Any, error: Any, unit: str = "") -> str:
+    """Return a number with its standard error, a dash where there is none."""
+    if not np.isfinite(value):
+        return "–"
+    return f"{number(value)}{f' ± {number(error, 1)}' if np.isfinite(error) else ''}{unit}"
+
+
 def share(value: Any) -> str:
     """Return a share in per cent, the sign behind a space that no line breaks at; a dash where there is none."""
     return f"{round(100 * float(value))}\u00a0%" if np.isfinite(value) else "–"
