@@ -34,6 +34,7 @@ GROUPS = (
     "log_likelihood_loo",
     "log_likelihood_participant",
     "posterior_predictive",
+    "levelled_predictive",
     "predictions",
     "inflection",
     "prior_inflection",

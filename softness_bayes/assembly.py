@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import platform
 from collections.abc import Mapping
 from dataclasses import replace
@@ -29,16 +30,18 @@ from softness_bayes.inference.curves import (
 )
 from softness_bayes.inference.diagnostics import Verdict
 from softness_bayes.inference.exactness import EXACT_RATES, SAME_RATES, Exactness, compare, resample
+from softness_bayes.inference.levelled import compare_levelled, levelled
 from softness_bayes.inference.observation import RatingParameters
 from softness_bayes.inference.parameters import EVERY_PARAMETER, PARAMETERS, ParameterSpace
 from softness_bayes.inference.pieces import part_of, pieces
 from softness_bayes.inference.posterior import Posterior
-from softness_bayes.inference.predictive import ExponentCheck, LooPit, check_exponents, loo_pit
+from softness_bayes.inference.predictive import ExponentCheck, Layout, LooPit, check_exponents, loo_pit
 from softness_bayes.inference.scales import ObservedRatings
 from softness_bayes.inference.summary import reweighted, summarise
 from softness_bayes.inference.workers import Workers
 from softness_bayes.misfit import TYPICAL
 from softness_bayes.plate_groups import plate_attributes, plate_coordinates, plate_groups
+from softness_bayes.reproduction import LEVELLED, LEVELLED_NAMES, SHORTFALL
 from softness_bayes.touch.parameters import TouchParameters
 from softness_bayes.touch.scene import Scene
 from softness_bayes.variables import Groups, Variable, evenly, merged, named, sampled_groups, tree_of, turning_variables
@@ -151,8 +154,8 @@ class Assembly:
     def tree(self, attributes: Mapping[str, Any]) -> xr.DataTree:
         """Return the groups of the result, with `attributes` as their provenance."""
         check, exponents, pit = self._fabric_check(), self._exponent_check(), self._loo_pit()
+        replicated = self._predictive_groups()
         after: Groups = {
-            **self._predictive_groups(),
             **self._prior_groups(),
             "predictions": self._predictions(),
             **self._turning_groups(),
@@ -186,7 +189,9 @@ class Assembly:
             **plate_found,
         }
         shown, axes = self._illustrations(groups["predictions"]["inflection_e_fab_kpa"].values[0] * 1e3)
-        tree = tree_of(merged(groups, plate, shown), {**self._coordinates(), **axes}, {**attributes, **found})
+        tree = tree_of(
+            merged(groups, replicated, plate, shown), {**self._coordinates(), **axes}, {**attributes, **found}
+        )
         for group, size in PICKED.items():
             chain, draw = self._picked(size)
             which = {"posterior_chain": ("draw", chain), "posterior_draw": ("draw", draw)}
@@ -312,9 +317,10 @@ class Assembly:
         drive = model.drive(self.ratings.design, few.mean_rate, few.parameters)
         alone = self.ratings.log_likelihood_loo(few.mean_rate, few.parameters)
         whole = self.ratings.log_likelihood_participants(few.mean_rate, few.parameters)
-        again = self._rated(drive, few.parameters, few.effects)
+        twin = copy.deepcopy(self.rng)
+        again = self._rated(self.rng, drive, few.parameters, few.effects)
         strangers = model.with_new_participants(self.rng, few.parameters, few.effects)
-        anew = self._rated(drive, few.parameters, strangers)
+        anew = self._rated(self.rng, drive, few.parameters, strangers)
         rows = ("rating_row",)
         replicates = {"rating": Variable(again[None], rows), NEW_PARTICIPANTS: Variable(anew[None], rows)}
         return {
@@ -322,15 +328,34 @@ class Assembly:
             "log_likelihood_loo": {"rating": Variable(alone[None], rows)},
             # by another name than the rating's, which has another axis
             "log_likelihood_participant": {"ratings_of_participant": Variable(whole[None], ("participant",))},
+            **self._levelled_groups(few, again, twin),
         }
 
-    def _rated(self, drive: Array, parameters: RatingParameters, effects: Any) -> Array:
+    def _levelled_groups(self, few: Draws, again: Array, twin: np.random.Generator) -> Groups:
+        """Return what tables show of a turning point whose response levels off at its peak, all else being the same.
+
+        `again` are the ratings replicated with the noise of `twin`.
+        """
+        design, model, ratings = self.ratings.design, self.model, self.experiment.ratings
+        layout = Layout(design, self.scene.modulus, ratings.conditions.load, model.direction.sign, model.logarithmic)
+        drive = model.drive_at(levelled(layout, few.mean_rate), design, few.mean_rate, few.parameters)
+        other = self._rated(twin, drive, few.parameters, few.effects)
+        found, shortfall = compare_levelled(layout, again, other)
+        shown = np.full((len(LEVELLED_NAMES), len(again), len(ratings.loads)), np.nan)
+        shown[..., layout.loads] = found
+        tables = zip(LEVELLED_NAMES, shown, strict=True)
+        return {
+            LEVELLED: {f"levelled_{name}": Variable(values[None], ("load",)) for name, values in tables},
+            "constant_data": {SHORTFALL: Variable(shortfall[design.condition], ("rating_row",))},
+        }
+
+    def _rated(self, rng: np.random.Generator, drive: Array, parameters: RatingParameters, effects: Any) -> Array:
         """Return a rating for every row at every draw, drawn a few draws at a time."""
         design = self.ratings.design
         made = np.empty((len(drive), design.n_rows))
         for k in pieces(*made.shape):
             some = part_of(parameters, k), part_of(effects, k)
-            made[k] = self.model.draw_ratings(self.rng, design, drive[k], *some)
+            made[k] = self.model.draw_ratings(rng, design, drive[k], *some)
         return made
 
     def _prior_groups(self) -> dict[str, dict[str, Variable]]:
@@ -340,7 +365,7 @@ class Assembly:
         rate, parameters = self.posterior.mean_rate(theta), self.posterior.rating_parameters(theta)
         effects = model.draw_effects(self.rng, parameters, theta.shape[:1], design.n_participants, design.n_fabrics)
         drive = model.drive(design, rate, parameters)
-        made = self._rated(drive, parameters, effects)
+        made = self._rated(self.rng, drive, parameters, effects)
         return {
             "prior": self._named(self.prior[None]),
             "prior_predictive": {"rating": Variable(made[None], ("rating_row",))},

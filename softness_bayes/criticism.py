@@ -8,12 +8,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from softness_bayes.inference.design import Design
+from softness_bayes.inference.levelled import DOUBTFUL, fall_p_value
 from softness_bayes.inference.observation import direction_named
 from softness_bayes.inference.predictive import (
     DROP,
     PLACE,
     QUANTITIES,
     TURNS_OVER,
+    Additive,
     Columns,
     Finding,
     Layout,
@@ -22,6 +24,7 @@ from softness_bayes.inference.predictive import (
 )
 from softness_bayes.inference.scales import RATING_SCALES
 from softness_bayes.inference.uniformity import uniformity_p_value
+from softness_bayes.reproduction import FALL, alternative, turning_sentences
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -31,9 +34,6 @@ Array = NDArray[np.float64]
 
 PROBABILITY = 0.9
 """Share of replicates that the limits hold."""
-
-DOUBTFUL = 0.05
-"""Two-sided p-value below which a model is said not to reproduce what was seen."""
 
 ALL = "all"
 """Load, fabric or participant of a quantity that is over all of them."""
@@ -79,7 +79,9 @@ def check_table(tree: xr.DataTree) -> pd.DataFrame:
         Columns: law (prior or posterior, whose replicates), quantity, participants (same: those who
         rated; new: drawn anew), load, fabric, participant (or all of them), observed,
         replicated (median; share for "turns over"), low, high (limits of 90 % of the replicates, joint
-        over the rows of one quantity), p_value: probability of a replicate above what was observed.
+        over the rows of one quantity), p_value: probability of a replicate above what was observed; power, on the
+        rows of "turns over": share of tables of a response that levels off at its peak in which presence, place,
+        drop or fall would lie beyond the replicates' reach, and its Monte-Carlo standard error, power_mcse.
         Posterior p-values are conservative, since the replicates come from a fit to the data. That of
         the LOO-PIT takes its values as independent; they balance each other, so it is conservative too.
     """
@@ -98,6 +100,7 @@ def check_table(tree: xr.DataTree) -> pd.DataFrame:
             kind = "new" if anew or law == "prior" else "same"
             labels = _labels(tree, layout, quantity.columns)
             rows += [_row(law, quantity.name, kind, *label, one) for label, one in zip(labels, findings, strict=True)]
+    rows += _levelled_rows(tree, layout, fit, fits[False], rows)
     for what, name in (("condition", CONDITIONS), ("fabric", FABRICS), ("exponent", EXPONENTS)):
         # a result of an earlier version has no check of conditions
         deviation, p_value = (float(tree.attrs.get(f"{what}_{key}", np.nan)) for key in ("deviation", "p_value"))
@@ -106,6 +109,25 @@ def check_table(tree: xr.DataTree) -> pd.DataFrame:
     p_value = uniformity_p_value(pit, PIT_POINTS)
     rows.append(_row("posterior", PIT, "same", ALL, ALL, ALL, Finding(pit.mean(), 0.5, np.nan, np.nan, p_value)))
     return pd.DataFrame(rows).set_index(["law", "quantity"])
+
+
+def _levelled_rows(
+    tree: xr.DataTree, layout: Layout, data: Additive, replicates: Additive, rows: list[dict[str, Any]]
+) -> list[dict[str, Any]]:
+    """Return the rows of the fall beyond the turning point; its check's power joins those of presence."""
+    levelled = alternative(tree, layout, replicates)
+    if levelled is None:
+        return []
+    labels = _labels(tree, layout, Columns.LOAD)
+    powers = {load: one for (load, _, _), one in zip(labels, levelled.power, strict=True)}
+    for row in rows:
+        if row["law"] == "posterior" and row["quantity"] == TURNS_OVER:
+            row["power"], row["power_mcse"] = powers[str(row["load"])]
+    observed, replicated = (levelled.quantity.of(layout, fit) for fit in (data, replicates))
+    p_values = [fall_p_value(observed[[k]], replicated[:, k])[0] for k in range(observed.size)]
+    findings = compare(levelled.quantity, layout, data, replicates, PROBABILITY)
+    findings = [one._replace(p_value=float(p)) for one, p in zip(findings, p_values, strict=True)]
+    return [_row("posterior", FALL, "same", *label, one) for label, one in zip(labels, findings, strict=True)]
 
 
 class Replicates(NamedTuple):
@@ -144,70 +166,26 @@ def posterior_quantities(tree: xr.DataTree) -> list[Replicates]:
 
 
 def check_sentences(table: pd.DataFrame) -> list[str]:
-    """Say whether the model reproduces the inflection under each load, and what else it does not.
+    """Say whether the model reproduces the turning point under each load, and what else it does not.
 
     Parameters
     ----------
     table
         From `check_table`.
     """
-    return [inflection_sentence(table), *_doubts(_of_posterior(table))]
+    return [*turning_sentences(table), *doubt_sentences(table)]
 
 
-class Reproduction(NamedTuple):
-    """Whether the model reproduces what the ratings under one load show of an inflection."""
-
-    load: str
-    reproduced: bool | None
-    """None where there are too few fabrics or ratings to judge."""
-    seen: str
-    """What the ratings show, and how many of the replicates do."""
-
-
-def inflection_reproduced(table: pd.DataFrame) -> list[Reproduction]:
-    """Judge load by load whether the model reproduces the inflection point.
-
-    It does if presence, place and drop are all within the replicates' reach, at a p-value of `DOUBTFUL`
-    shared between them.
+def doubt_sentences(table: pd.DataFrame) -> list[str]:
+    """Name the quantities, beyond the turning point, that the model does not reproduce.
 
     Parameters
     ----------
     table
         From `check_table`.
     """
-    checks = _of_posterior(table)
-    turns = checks.loc[[TURNS_OVER]]
-    found = []
-    for load in dict.fromkeys(turns["load"]):
-        row, place, drop = (
-            checks[(checks.index == name) & (checks["load"] == load)].iloc[0] for name in (TURNS_OVER, PLACE, DROP)
-        )
-        if np.isnan(row["observed"]):
-            found.append(Reproduction(load, None, "too few fabrics or ratings"))
-            continue
-        known = [p for p in (row["p_value"], place["p_value"], drop["p_value"]) if np.isfinite(p)]
-        reproduced = bool(min(_two_sided(p) for p in known) >= DOUBTFUL / len(known))
-        share = row["replicated"]
-        if row["observed"]:
-            seen = f"ratings turn over at {place['observed']:.3g} kPa, {share:.0%} of replicates do"
-            if np.isfinite(place["low"]):
-                seen += f" (at {place['low']:.3g} to {place['high']:.3g})"
-        else:
-            seen = f"ratings show no clear turn, as {1 - share:.0%} of replicates"
-        found.append(Reproduction(load, reproduced, seen))
-    return found
-
-
-def inflection_sentence(table: pd.DataFrame) -> str:
-    """Say in one line what `inflection_reproduced` found under each load."""
-    words = {True: "yes", False: "no", None: "not judged"}
-    parts = [f"{load}: {words[reproduced]}, {seen}" for load, reproduced, seen in inflection_reproduced(table)]
-    return f"inflection reproduced? {'; '.join(parts)}"
-
-
-def _doubts(checks: pd.DataFrame) -> list[str]:
-    """Name the quantities, beyond the inflection, that the model does not reproduce."""
-    others = checks[~checks.index.isin([TURNS_OVER, PLACE, DROP])]
+    checks = table[table.index.get_level_values("law") == "posterior"].droplevel("law")
+    others = checks[~checks.index.isin([TURNS_OVER, PLACE, DROP, FALL])]
     found = []
     for name in dict.fromkeys(others.index):
         rows = others.loc[[name]]
@@ -224,11 +202,6 @@ def _doubts(checks: pd.DataFrame) -> list[str]:
     if not found:
         return ["predictive checks: nothing else that the model does not reproduce"]
     return [f"predictive checks: the model does not reproduce: {', '.join(found)} (see predictive_checks.csv)"]
-
-
-def _of_posterior(table: pd.DataFrame) -> pd.DataFrame:
-    """Return the rows about posterior replicates, by quantity."""
-    return table[table.index.get_level_values("law") == "posterior"].droplevel("law")
 
 
 def _posterior_replicates(tree: xr.DataTree) -> dict[bool, Array]:
@@ -248,7 +221,7 @@ def _two_sided(p_value: float) -> float:
 
 def _row(
     law: str, quantity: str, participants: str, load: str, fabric: str, participant: str, finding: Finding
-) -> dict[str, object]:
+) -> dict[str, Any]:
     return {
         "law": law,
         "quantity": quantity,
@@ -257,6 +230,8 @@ def _row(
         "fabric": fabric,
         "participant": participant,
         **finding._asdict(),
+        "power": np.nan,
+        "power_mcse": np.nan,
     }
 
 

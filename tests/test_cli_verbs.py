@@ -200,7 +200,7 @@ def test_a_run_that_has_not_converged_ends_with_3_and_its_files(alone):
     assert "determined by the data" in done.stdout
     assert "eps is held at 0.1 Hz: all intervals take it as known" in done.stdout
     assert "leave out '--fix eps=0.1' to sample it too" in done.stdout
-    assert done.stdout.count("inflection reproduced?") == 1
+    assert done.stdout.count("turning point (maximum) reproduced?") == 1
     assert "Not converged after 20 steps" in done.stdout
     assert "not converged" in done.stderr
     for word in ("gamma", "varsigma", "mu", "1 mm", "2 mm", "3 mm", "p_interior"):

@@ -4,27 +4,33 @@ import dataclasses
 
 import numpy as np
 import pytest
-from test_predictive import MODULUS, STEEP, layout, ratings, replicates
+from test_levelled import SHALLOW, tables
+from test_predictive import MODULUS, REPLICATES, STEEP, layout, ratings, replicates
 
 from softness_bayes import arviz_bridge
 from softness_bayes.criticism import NEW_PARTICIPANTS, check_sentences, check_table, layout_of
+from softness_bayes.inference.levelled import compare_levelled
 from softness_bayes.inference.predictive import QUANTITIES
+from softness_bayes.reproduction import FALL, LEVELLED, SHORTFALL, inflection_reproduced
 
 LAY = layout()
+LEVELLED_NAMES = [f"levelled_{name}" for name in ("turns_over", "e_fab_kpa", "drop", "fall")]
 FLAT = np.tile([0.2, 0.5, 1.0, 2.0, 3.0, 4.0], 2)
-BY_ROW = ("rating", NEW_PARTICIPANTS, "participant_index", "fabric_index", "load_index", "loo_pit")
+BY_ROW = ("rating", NEW_PARTICIPANTS, "participant_index", "fabric_index", "load_index", "loo_pit", SHORTFALL)
 
 
 def tree(rng, seen=STEEP, assumed=STEEP, direction="softness"):
     """The groups of a result whose model assumes some rates, with data made at others."""
     filed = ratings(rng, LAY.design, seen)
-    same = replicates(rng, LAY, filed, assumed)
+    same, other = tables(rng, LAY, filed, assumed, REPLICATES)
+    shown, shortfall = compare_levelled(LAY, same, other)
     new = replicates(rng, LAY, filed, assumed, new=True)
     who = LAY.design
     return arviz_bridge.to_tree(
         {
             "log_likelihood_participant": {"ratings_of_participant": np.zeros((1, 1, 15))},
             "posterior_predictive": {"rating": same[None], NEW_PARTICIPANTS: new[None]},
+            LEVELLED: {name: values[None] for name, values in zip(LEVELLED_NAMES, shown, strict=True)},
             "prior_predictive": {"rating": np.exp(rng.normal(3, 3, (1, 50, who.n_rows)))},
             "observed_data": {"rating": filed},
             "constant_data": {
@@ -34,12 +40,14 @@ def tree(rng, seen=STEEP, assumed=STEEP, direction="softness"):
                 "fabric_index": who.fabric[who.condition],
                 "load_index": LAY.load[who.condition],
                 "loo_pit": rng.random(who.n_rows),
+                SHORTFALL: shortfall[who.condition],
             },
         },
         dims={
             "ratings_of_participant": ["participant"],
             "effective_modulus_kpa": ["fabric"],
             "indentation_mm": ["load"],
+            **{name: ["load"] for name in LEVELLED_NAMES},
             **{name: ["rating_row"] for name in BY_ROW},
         },
         coords={"participant": [f"P{k}" for k in range(15)], "fabric": [*"abcdef"], "load": ["1 mm", "2 mm"]},
@@ -70,7 +78,11 @@ def test_the_table_has_every_quantity_under_both_laws(rng):
         "fabrics' own deviations",
         "participants' own exponents",
         "LOO-PIT",
+        FALL,
     }
+    turns = table.loc[("posterior", "turns over")]
+    assert ((turns["power"] > 0) & (turns["power_mcse"] < 0.06)).all()
+    assert table.drop(index=("posterior", "turns over"))["power"].isna().all()
     curve = table.loc[("posterior", "mean log rating")]
     assert curve[["load", "fabric"]].to_numpy().tolist() == [[x, f] for x in ("1 mm", "2 mm") for f in "abcdef"]
     assert (curve["participants"] == "same").all()
@@ -80,25 +92,42 @@ def test_the_table_has_every_quantity_under_both_laws(rng):
 
 
 def test_a_model_that_turns_over_reproduces_ratings_that_do(rng):
-    inflection, others = check_sentences(check_table(tree(rng)))
-    assert "\n" not in inflection
-    assert inflection.count(": yes, ratings turn over at") == 2
+    head, *loads, others = check_sentences(check_table(tree(rng)))
+    assert "turning point (maximum) reproduced?" in head
+    assert "at least 80% of tables" in head
+    assert [load.split(": yes, ratings turn over at")[0] for load in loads] == ["1 mm", "2 mm"]
+    assert all("% of tables would fail" in load for load in loads)
     assert "nothing else" in others
 
 
 @pytest.mark.parametrize(("seen", "assumed"), [(STEEP, FLAT), (FLAT, STEEP)])
 def test_a_model_that_is_wrong_about_the_turn_is_told_so(rng, seen, assumed):
-    inflection, others = check_sentences(check_table(tree(rng, seen, assumed)))
-    assert inflection.count(": no, ratings") == 2
-    assert ("turn over at" if seen is STEEP else "show no clear turn") in inflection
+    _, *loads, others = check_sentences(check_table(tree(rng, seen, assumed)))
+    assert [": no, ratings" in load for load in loads] == [True, True]
+    assert ("turn over at" if seen is STEEP else "show no clear turn") in loads[0]
     assert "mean log rating" in others
+
+
+def test_without_power_nothing_is_said_to_be_reproduced(rng):
+    """A response that cannot turn, one that hardly does, and a result that does not tell the power."""
+    for rates, words in ((FLAT, "does not fall within the fabrics' range"), (SHALLOW, "% of tables would fail")):
+        table = check_table(tree(rng, rates, rates))
+        _, *loads, _ = check_sentences(table)
+        assert all(": ratings cannot tell, ratings show no clear turn" in load and words in load for load in loads)
+        assert [one.reproduced for one in inflection_reproduced(table)] == [None, None]
+    former = tree(rng)
+    del former[LEVELLED]
+    _, *loads, _ = check_sentences(check_table(former))
+    assert all("ratings cannot tell" in load and "is not known" in load for load in loads)
+    table = check_table(tree(rng)).drop(columns=["power", "power_mcse"])  # of a file that an earlier version wrote
+    assert [one.reproduced for one in inflection_reproduced(table)] == [None, None]
 
 
 def test_deviations_are_named(rng):
     groups = tree(rng)
     groups.attrs["exponent_p_value"] = 0.001
     groups["constant_data"]["loo_pit"][:] = 0.5
-    _, others = check_sentences(check_table(groups))
+    *_, others = check_sentences(check_table(groups))
     assert "participants' own exponents" in others
     assert "LOO-PIT" in others
     assert "fabrics" not in others
@@ -107,6 +136,7 @@ def test_deviations_are_named(rng):
 def test_two_fabrics_are_not_judged(rng):
     few = dataclasses.replace(LAY, load=np.arange(12) // 2)
     groups = tree(rng)
+    del groups[LEVELLED]  # of other loads
     groups["constant_data"]["load_index"][:] = few.load[LAY.design.condition]
     groups["constant_data"]["fabric_index"][:] = LAY.design.condition % 2
     groups["constant_data"] = (
@@ -115,4 +145,6 @@ def test_two_fabrics_are_not_judged(rng):
         .drop_vars(["load", "indentation_mm"])
         .assign_coords(load=[f"{k} mm" for k in range(6)])
     )
-    assert "not judged" in check_sentences(check_table(groups))[0]
+    _, *loads, _ = check_sentences(check_table(groups))
+    assert len(loads) == 6
+    assert all(load.endswith("ratings cannot tell, too few fabrics or ratings") for load in loads)

@@ -20,7 +20,7 @@ LAYERS = (
     {"data"},
     {"arviz_bridge"},
     {"inference"},
-    {"study", "predict", "result", "storage", "learning", "criticism", "misfit", "readout", "variables"},
+    {"study", "predict", "result", "storage", "learning", "criticism", "reproduction", "misfit", "readout", "variables"},
     {"plate_groups", "illustrations"},
     {"assembly", "run", "skin", "claims", "evaluation"},
     {"restore", "compare", "calibrate", "plan"},

@@ -18,7 +18,6 @@ from numpy.testing import assert_allclose
 from report_runs import EVIL, OPTIONS, PERSON, TYPED, converged, ratings_run, skin_run, z_score_run
 
 from softness_bayes.cli import main, sample
-from softness_bayes.criticism import inflection_reproduced
 from softness_bayes.errors import InputError
 from softness_bayes.inference.observation import INVERSE
 from softness_bayes.inference.priors import LogNormal
@@ -28,6 +27,7 @@ from softness_bayes.report.anonymous import renamed
 from softness_bayes.report.curves import shown
 from softness_bayes.report.findings import Standing, exactness_of, findings
 from softness_bayes.report.repeat import repetition
+from softness_bayes.reproduction import inflection_reproduced
 from softness_bayes.result import Result
 from softness_bayes.run import RunOptions
 from softness_bayes.touch.readings import CLASSICAL
@@ -201,16 +201,32 @@ def test_every_finding_follows_the_numbers(made):
     far = stats["exact_difference"] * 1e5
     tree["sample_stats"].dataset = stats.assign(exact_difference=far)
     assert standing(replace(result, tree=tree), "exact enough").standing is Standing.BAD
-    # an inflection that replicates hardly ever have
+    # a turning point is reproduced, or not, or the ratings cannot tell: by p-values, and by what the check would notice
     checks = result.tables["predictive_checks"].copy()
-    rows = (checks.index.get_level_values("quantity") == "turns over") & (checks["load"] == "2 mm")
-    checks.loc[rows, "p_value"] = 1e-4
-    spoilt = replace(result, tables={**result.tables, "predictive_checks": checks})
-    assert inflection_reproduced(checks)[0].reproduced is False
-    finding = standing(spoilt, "inflection")
-    assert finding.standing is Standing.BAD
-    assert finding.answer == "Under 1 of 2 loads"
-    assert standing(result, "inflection").answer == "Under every load"
+    rows = checks.index.get_level_values("quantity") == "turns over"
+    assert checks["power"].notna().sum() == 2
+
+    def card(powers, p_value=0.5):
+        changed = checks.copy()
+        changed.loc[rows & (checks["load"] == "1.5 N"), "power"] = powers[1]
+        changed.loc[rows & (checks["load"] == "2 mm"), ["power", "p_value"]] = powers[0], p_value
+        return changed, standing(
+            replace(result, tables={**result.tables, "predictive_checks": changed}), "turning point"
+        )
+
+    for powers, p_value, answer, kind, first in (
+        ((0.9, 0.95), 0.5, "Under every load", Standing.GOOD, True),
+        ((0.1, 0.95), 0.5, "Under 1.5 N; ratings cannot tell under 2 mm", Standing.GOOD, None),
+        ((0.79, 0.1), 0.5, "Ratings cannot tell", Standing.NEUTRAL, None),
+        ((np.nan, np.nan), 0.5, "Ratings cannot tell", Standing.NEUTRAL, None),
+        ((0.9, 0.95), 1e-4, "Not under 2 mm", Standing.BAD, False),
+        ((0.1, 0.1), 1e-4, "Not under 2 mm; ratings cannot tell under 1.5 N", Standing.BAD, False),
+    ):
+        changed, finding = card(powers, p_value)
+        assert (finding.answer, finding.standing) == (answer, kind)
+        assert inflection_reproduced(changed)[0].reproduced is first
+        assert "turns over with probability" in finding.details[0]
+        assert "(prior: " in finding.details[0]
     # what was learnt is a matter of widths alone
     table = result.table.copy()
     table["contraction"] = np.where(table.index == "b", 0.2, 0.9)
@@ -280,7 +296,9 @@ def test_lost_tables_are_made_again_from_the_draws(made, pages, name, quick):
 def test_compression_alone_says_what_does_not_apply(pages, made):
     tree = Tree(pages("skin"))
     cards = {card.children[0].text: card.children[1].text for card in tree.by_class("card")}
-    assert cards["Does the model reproduce the inflection under each load?"].startswith("Does not apply")
+    assert cards["Does the model reproduce the turning point (maximum), where the ratings can tell?"].startswith(
+        "Does not apply"
+    )
     assert cards["Does the skin reproduce the plate's forces?"].startswith(("Yes", "No"))
     assert not tree.by_class("controls")
     assert "Bokeh" not in pages("skin")

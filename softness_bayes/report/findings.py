@@ -5,15 +5,18 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from enum import Enum
+from typing import Any
 
 import numpy as np
 
-from softness_bayes.criticism import DOUBTFUL, check_sentences, inflection_reproduced
+from softness_bayes.criticism import doubt_sentences
 from softness_bayes.inference.exactness import Exactness, compare
+from softness_bayes.inference.levelled import DOUBTFUL
 from softness_bayes.inference.sensitivity import INFORMED
 from softness_bayes.learning import learning_sentences
 from softness_bayes.misfit import Fit, fit_of
-from softness_bayes.report.words import sentence, share
+from softness_bayes.report.words import sentence, share, with_error
+from softness_bayes.reproduction import inflection_reproduced
 from softness_bayes.result import Result
 
 
@@ -51,6 +54,9 @@ class Finding:
 MOSTLY = 0.5
 """Share of the differences between fabrics from which the response is said to explain them."""
 
+TURNING = "Does the model reproduce the turning point (maximum), where the ratings can tell?"
+"""The question of the card about it."""
+
 UNRELIABLE = "Of draws that have not converged: for inspection only."
 
 
@@ -67,6 +73,8 @@ def findings(result: Result) -> list[Finding]:
     if not result.has_ratings:
         return [convergence, *rest]
     follows = _follows(fit_of(result.tree))
+    if convergence.standing is not Standing.GOOD:
+        follows = _shaken(follows, UNRELIABLE)
     if follows.standing is Standing.BAD:
         return [follows, *(_shaken(finding, NOT_OF_THESE_RATINGS) for finding in (convergence, *rest))]
     return [convergence, rest[0], follows, *rest[1:]]
@@ -134,22 +142,33 @@ def _exactness(result: Result) -> Finding:
 
 def _inflection(result: Result) -> Finding:
     judged = inflection_reproduced(result.tables["predictive_checks"])
-    known = [one.reproduced for one in judged if one.reproduced is not None]
-    words = {True: "reproduced", False: "not reproduced", None: "not judged"}
-    answer = f"Under {sum(known)} of {len(known)} loads" if known else "Not judged"
-    if known and all(known):
-        answer = "Under every load" if len(known) == len(judged) else f"{answer} that can be judged"
-    standing = (Standing.GOOD if all(known) else Standing.BAD) if known else Standing.NEUTRAL
-    turning = result.inflection()["p_interior"]
+    words = {True: "reproduced", False: "not reproduced", None: "ratings cannot tell"}
+    under = {answer: ", ".join(one.load for one in judged if one.reproduced is answer) for answer in words}
+    if under[False]:
+        answer, standing = f"Not under {under[False]}", Standing.BAD
+    elif under[True]:
+        answer, standing = f"Under {under[True]}" if under[None] else "Under every load", Standing.GOOD
+    else:
+        answer, standing = "Ratings cannot tell", Standing.NEUTRAL
+    if under[None] and (under[True] or under[False]):
+        answer += f"; ratings cannot tell under {under[None]}"
+    table = result.inflection()
     details = [
-        f"{one.load}: {words[one.reproduced]}; {one.seen}. Posterior probability of a turn: {share(turning[one.load])}."
+        f"{one.load}: {words[one.reproduced]}; {one.seen}. All loads and the model together: the response turns over "
+        f"with probability {_likely(table.loc[one.load], 'p_interior')} (prior: "
+        f"{_likely(table.loc[one.load], 'prior_p_interior')})."
         for one in judged
     ]
-    return Finding("Does the model reproduce the inflection under each load?", answer, standing, details)
+    return Finding(TURNING, answer, standing, details)
+
+
+def _likely(row: Any, name: str) -> str:
+    """Return a probability in per cent with its Monte-Carlo error."""
+    return with_error(100 * row[name], 100 * row[f"{name}_mcse"], "\u00a0%")
 
 
 def _criticism(result: Result) -> Finding:
-    doubts = check_sentences(result.tables["predictive_checks"])[1:]
+    doubts = doubt_sentences(result.tables["predictive_checks"])
     found = result.attributes
     sentences = [*doubts, str(found["exponent_check"]), str(found["fabric_check"])]
     clean = all("nothing else" in doubt for doubt in doubts)
@@ -167,7 +186,7 @@ def _without_ratings() -> list[Finding]:
         Finding(question, "Does not apply", Standing.NEUTRAL, [reason])
         for question in (
             "Are the fast model's numbers exact enough?",
-            "Does the model reproduce the inflection under each load?",
+            TURNING,
         )
     ]
 
