@@ -414,7 +414,7 @@ class Assembly:
         return found
 
     def _illustrations(self, turn: Array) -> tuple[Groups, dict[str, NDArray[Any]]]:
-        """Return what the figures of touch and membrane show; `turn` holds E_fab at draws' inflections [Pa]."""
+        """Return what the figures of touch and membrane show; `turn` holds E_fab at draws' turning points [Pa]."""
         touched, fired = (self._touch(self._pick(size).theta) for size in (ILLUSTRATED, CURVES))
         touch, along = touch_illustration(self.rng, self.scene, touched, turn)
         membrane, currents = membrane_illustration(self.rng, self.scene, fired)

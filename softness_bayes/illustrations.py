@@ -55,7 +55,9 @@ def illustrated_fabrics(scene: Scene, inflection: Array) -> tuple[list[str], Arr
     low, high = float(scene.modulus.min()), float(scene.modulus.max())
     column = inflection[:, (~np.isnan(inflection)).sum(axis=0).argmax()]
     known = column[~np.isnan(column)]
-    between = ("at the inflection", float(np.median(known))) if known.size else ("halfway", float(np.sqrt(low * high)))
+    between = (
+        ("at the turning point", float(np.median(known))) if known.size else ("halfway", float(np.sqrt(low * high)))
+    )
     chosen = sorted([("softest fabric", low), between, ("stiffest fabric", high)], key=lambda each: each[1])
     return [name for name, _ in chosen], np.array([modulus for _, modulus in chosen])
 

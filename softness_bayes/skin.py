@@ -59,7 +59,7 @@ def sample_skin(
 ) -> Result:
     """Sample the skin's modulus and stiffening from compression data alone.
 
-    There are no ratings, hence no response curves and no inflection in the result; the forces that the
+    There are no ratings, hence no response curves and no turning point in the result; the forces that the
     fitted skin replicates are there, and how these grow with indentation.
 
     Parameters

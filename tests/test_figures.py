@@ -74,7 +74,7 @@ def whole_run() -> Result:
         {
             "quantile": quantiles,
             "touch_load": ["1 mm", "0.5 N"],
-            "touch_fabric": ["softest fabric", "at the inflection", "stiffest fabric"],
+            "touch_fabric": ["softest fabric", "at the turning point", "stiffest fabric"],
             "distance_mm": distance,
             "current_ua_cm2": current,
             "participant": ["P1", "P2", "P3", "P4"],

@@ -81,7 +81,7 @@ def test_a_touch_is_kept_as_quantiles_over_the_draws(scene, draws, rng):
     groups, axes = touch_illustration(rng, scene, draws, turn)
     stored = {name: variable.values for name, variable in groups[ILLUSTRATIONS].items()}
     assert axes["touch_load"].tolist() == ["1 mm", "2 mm", "1 N"]
-    assert axes["touch_fabric"].tolist() == ["softest fabric", "at the inflection", "stiffest fabric"]
+    assert axes["touch_fabric"].tolist() == ["softest fabric", "at the turning point", "stiffest fabric"]
     assert_allclose(stored["touch_e_fab_kpa"], [30, 600, 5000])
     grid = Scene([3e4, 6e5, 5e6], 0.3, [LOADS[k] for k in (0, 2, 4)], scene.firing)  # 0.3: the median ratio
     contact = grid.contact(draws)
@@ -104,7 +104,7 @@ def test_without_an_inflection_a_fabric_halfway_is_shown(scene):
     assert names == ["softest fabric", "halfway", "stiffest fabric"]
     assert_allclose(moduli, [3e4, np.sqrt(3e4 * 5e6), 5e6])
     names, moduli = illustrated_fabrics(scene, np.full((4, len(LOADS)), 9e6))  # beyond the fabrics
-    assert names[-1] == "at the inflection"
+    assert names[-1] == "at the turning point"
     assert (np.diff(moduli) > 0).all()
 
 

@@ -29,7 +29,7 @@ REPORT = "report.html"
 def command(directory: Path, out: Path | None, nameless: bool) -> None:
     """Write one page about a finished run, to read, print or send.
 
-    The verdict comes first: converged or not, exact enough or not, whether the model reproduces the inflection under
+    The verdict comes first: converged or not, exact enough or not, whether the model reproduces the turning point under
     each load, which parameters the data informed. Then charts of response and rating (switch load and axis, point at
     a curve for its values), figures, tables, how the run was made, and the command that repeats it. The file is a
     single HTML page that needs no network. Reads what 'sample' left in DIR; runs nothing.

@@ -200,7 +200,7 @@ class Quantity:
 
 
 TURNS_OVER, PLACE, DROP = "turns over", "inflection e_fab_kpa", "drop beyond inflection"
-"""The quantities of the inflection point under each load."""
+"""The quantities of the turning point (maximum; the paper's inflection) under each load."""
 
 
 def _spread_of_participants(_: Layout, fit: Additive) -> FloatArray:

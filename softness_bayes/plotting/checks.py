@@ -52,7 +52,7 @@ def checks_figure(
     """Draw observed mean log ratings within the replicates' limits, and test quantities among their replicates.
 
     A bar holds 90 % of the replicates, over all conditions at once. The histograms are of the replicates that have
-    the quantity; an inflection's place stands on a logarithmic axis.
+    the quantity; a turning point's place stands on a logarithmic axis.
 
     Parameters
     ----------

@@ -35,7 +35,7 @@ Array = NDArray[np.float64]
 TOLD: Mapping[str, str] = MappingProxyType(
     {
         "turns over": "turns over [–]",
-        "inflection e_fab_kpa": "inflection [kPa]",
+        "inflection e_fab_kpa": "turning point [kPa]",
         "drop beyond inflection": "drop [{scale}]",
         "spread of participants": "spread of participants [{scale}]",
         "residual spread": "residual spread [{scale}]",

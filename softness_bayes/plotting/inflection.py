@@ -1,4 +1,4 @@
-"""Where the response turns over: the posterior of the inflection point under each load."""
+"""Where the response turns over: the posterior of the turning point (maximum) under each load."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ FEWEST_BINS, MOST_BINS = 60, 240
 """Bins over the whole range: a bin is never wider than a tenth of a decade, about, nor too thin to see."""
 
 MARGIN = 0.2
-"""Height of the inflection's margin above a response panel, as a share of the panel's."""
+"""Height of the turning point's margin above a response panel, as a share of the panel's."""
 
 
 def inflection_figure(
@@ -32,7 +32,7 @@ def inflection_figure(
     *,
     style: Style = USUAL,
 ) -> Figure:
-    """Draw the posterior of E_fab at the inflection, one row per load, with what else may happen.
+    """Draw the posterior of E_fab at the turning point (maximum), one row per load, with what else may happen.
 
     On the left the density per decade over the draws with an interior maximum. Its area is their
     share, so that rows compare; dot and bar give median and central 95 % of these draws; the range
@@ -80,7 +80,7 @@ def inflection_figure(
         left, right = cells[-1]
         left.set_xscale("log")
         top = max(density(column / 1e3, edges).max() for column in inflection.modulus.T)
-        xlabel = f"{MODULUS_LABEL}{' ' if wide else chr(10)}at the inflection"
+        xlabel = f"{MODULUS_LABEL}{' ' if wide else chr(10)}at the turning point (maximum)"
         left.set(xlim=limits, ylim=(0.0, 1.05 * top or 1.0), xlabel=xlabel)
         number_ticks(left.xaxis)
         right.set(xlim=(0, 100), xticks=(0, 50, 100), xlabel="probability [%]")
@@ -96,7 +96,7 @@ def bin_edges(x: Array, places: Array) -> Array:
     x
         Anything that spans the range, in the unit of `places`.
     places
-        Draws of the inflection, shape (draws, loads), NaN where there is none.
+        Draws of the turning point, shape (draws, loads), NaN where there is none.
     """
     span = np.log10(x.max() / x.min())
     bins = float(FEWEST_BINS)
@@ -115,7 +115,7 @@ def density(places: Array, edges: Array) -> Array:
 
 
 def draw_margin(margin: Axes, inflection: Inflection, index: int, style: Style, gid: str) -> None:
-    """Draw the posterior of the inflection, and its probability, into the margin of a response panel."""
+    """Draw the posterior of the turning point, and its probability, into the margin of a response panel."""
     from softness_bayes.inference.curves import Outcome
 
     edges = bin_edges(np.array(margin.get_xlim()), inflection.modulus / 1e3)
@@ -125,7 +125,7 @@ def draw_margin(margin: Axes, inflection: Inflection, index: int, style: Style, 
     margin.set_ylim(0.0, 1.05 * np.max(heights) or 1.0)
     outcome = inflection.outcome[:, index]
     interior, silent = (float(np.mean(outcome == kind)) for kind in (Outcome.INTERIOR, Outcome.SILENT))
-    said = f"inflection {percent(interior)}" + (f"\nsilent {percent(silent)}" if silent else "")
+    said = f"turning point {percent(interior)}" + (f"\nsilent {percent(silent)}" if silent else "")
     words = margin.text(0.0, 1.0, said, transform=margin.transAxes, va="top", gid=f"probability/{gid}")
     words.set(color=style.inflection, fontsize=style.small)
     margin.spines[["left", "bottom"]].set_visible(False)

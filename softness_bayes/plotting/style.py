@@ -75,7 +75,7 @@ class Style:
     Parameters
     ----------
     posterior, prior, data, inflection, absent
-        Colours of what was inferred, assumed and measured, of the inflection point and of its absence.
+        Colours of what was inferred, assumed and measured, of the turning point and of its absence.
     ensembles
         Colours of the independent ensembles, taken in turn.
     column, page

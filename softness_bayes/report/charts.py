@@ -19,7 +19,7 @@ HEIGHT = 360
 """Height of a chart [CSS pixels]; its width is the page's."""
 
 TURN_TINT = 0.18
-"""Strength of colour of the inflection's interval."""
+"""Strength of colour of the turning point's interval."""
 
 FONT = "system-ui, -apple-system, 'Segoe UI', Roboto, 'DejaVu Sans', sans-serif"
 INK, LINES = "#1f2933", "#d9dee3"

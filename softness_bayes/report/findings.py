@@ -15,7 +15,7 @@ from softness_bayes.inference.levelled import DOUBTFUL
 from softness_bayes.inference.sensitivity import INFORMED
 from softness_bayes.learning import learning_sentences
 from softness_bayes.misfit import Fit, fit_of
-from softness_bayes.report.words import sentence, share, with_error
+from softness_bayes.report.words import sentence, with_error
 from softness_bayes.reproduction import inflection_reproduced
 from softness_bayes.result import Result
 

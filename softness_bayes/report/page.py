@@ -50,7 +50,7 @@ CAPTIONS: Mapping[str, str] = MappingProxyType(
         "membrane": "Firing rate against current with its credible band, and example spike trains.",
         "predictive_checks": "What the ratings show, among what the fitted model replicates.",
         "loo_pit": "Where each rating lies in what all the others predict of it: level where predictions are right.",
-        "inflection": "Posterior of the fabric modulus at which the response turns over, and how probable a turn is.",
+        "inflection": "Posterior of the fabric modulus at the turning point (maximum), and how probable one is.",
         "prior": "Prior (grey) and posterior (blue) of every parameter.",
         "corner": "Joint posterior of every pair of parameters.",
         "trace": "Every ensemble's walk through each parameter, against its steps.",

@@ -11,9 +11,11 @@ import pandas as pd
 from softness_bayes.criticism import ALL
 from softness_bayes.inference.observation import direction_named
 from softness_bayes.inference.parameters import EVERY_PARAMETER
+from softness_bayes.inference.predictive import DROP, PLACE
 from softness_bayes.inference.priors import in_short, parse_prior
 from softness_bayes.report.repeat import recorded_options
 from softness_bayes.report.words import number, share, with_error
+from softness_bayes.reproduction import FALL
 from softness_bayes.result import Result
 
 
@@ -25,6 +27,13 @@ class Table(NamedTuple):
     head: Sequence[str]
     rows: Sequence[Sequence[str]]
 
+
+TOLD = {
+    PLACE: "E_fab at the turning point [kPa]",
+    DROP: "drop beyond the turning point",
+    FALL: "fall beyond the turning point / expected",
+}
+"""Test quantities whose names in files are the paper's."""
 
 LEVELS_MEANING = {"mu": "mean log rating of a typical participant", "c0": "intercept", "c1": "slope"}
 """What is drawn after a run and has no prior of a parameter."""
@@ -120,7 +129,7 @@ def check_table(result: Result) -> Table:
         where = ", ".join(str(row[k]) for k in ("load", "fabric", "participant") if row[k] != ALL)
         limits = "–" if np.isnan(row["low"]) else f"{number(row['low'])} to {number(row['high'])}"
         cells = [number(row["observed"]), number(row["replicated"]), limits, number(row["p_value"], 2)]
-        rows.append([str(row["quantity"]), where or "all ratings", *cells])
+        rows.append([TOLD.get(str(row["quantity"]), str(row["quantity"])), where or "all ratings", *cells])
     caption = (
         "Predictive checks: what the data show beside what the fitted model replicates. Limits hold 90 % of the "
         "replicates, jointly over the rows of a quantity; p is the probability of a replicate above the data."
