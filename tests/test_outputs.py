@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
+import ast
 import contextlib
 import errno
 import importlib
 import json
 import os
+import re
 import shutil
 import stat
+import subprocess
 import sys
 from pathlib import Path
 
 import pytest
-from test_cli_verbs import DATA, TOUCH, here, refused
+from test_cli_verbs import DATA, ROOT, TOUCH, here, refused
+from test_layers import MODULES
 
 from softness_bayes.cli import VERBS
 from softness_bayes.cli.options import DataFiles
@@ -229,7 +233,42 @@ def test_a_place_that_cannot_be_made_is_refused_before_anything_is_computed(verb
     assert [path.name for path in tmp_path.iterdir()] == ["file"]
 
 
+def test_files_are_written_in_one_place():
+    """No module but `files.whole` opens a file to write, and only a lock and programs that build tables are let off."""
+    let_off = {"files.whole", "storage.lock", "touch.surface_build", "touch.firing_sample_build"}
+    homes = {"to_csv": {"files.cells"}, "to_netcdf": {"arviz_bridge"}}
+    never = {"write_text", "write_bytes", "rmtree", "copyfile", "move"}
+    for name, tree in MODULES.items():
+        for call in (node for node in ast.walk(tree) if isinstance(node, ast.Call)):
+            word = call.func.attr if isinstance(call.func, ast.Attribute) else getattr(call.func, "id", "")
+            texts = [part.value for part in (*call.args, *(k.value for k in call.keywords)) if is_text(part)]
+            writes = word == "open" and any(re.fullmatch("[rwxab+t]+", text) and {*text} & {*"wxa+"} for text in texts)
+            assert not (writes or word in never) or name in let_off, f"{name}: {ast.unparse(call)}"
+            assert name in homes.get(word, {name}), f"{name}: {ast.unparse(call)}"
+
+
+def is_text(part):
+    return isinstance(part, ast.Constant) and isinstance(part.value, str)
+
+
 # full disks
+
+
+def test_a_limit_on_files_keeps_the_old_ones(here, tmp_path):
+    """In a process that the system itself keeps from writing more than 3000 bytes to a file."""
+    arguments = ["simulate", *map(str, TOUCH), "--participants", "9", "--out", str(tmp_path)]
+    assert here(*arguments).returncode == 0
+    before = snapshot(tmp_path)
+    assert (tmp_path / "ratings.csv").stat().st_size > 3000 > (tmp_path / "fabrics.csv").stat().st_size
+    program = (
+        "import resource; from softness_bayes.cli import main; "
+        "resource.setrlimit(resource.RLIMIT_FSIZE, (3000, 3000)); main(prog_name='softness-bayes')"
+    )
+    words = [sys.executable, "-c", program, *arguments, "--seed", "7", "--force"]
+    environment = os.environ | {"PYTHONPATH": str(ROOT), "PYTHONDONTWRITEBYTECODE": "1"}
+    done = subprocess.run(words, capture_output=True, text=True, env=environment, check=False)
+    refused(done, "ratings.csv: File too large")
+    assert snapshot(tmp_path) == before
 
 
 @pytest.mark.parametrize("room", range(6))
