@@ -221,7 +221,8 @@ def test_log_likelihood_is_that_of_the_stored_draws(result, posterior):
     density = posterior.log_prior(theta) + posterior.log_likelihood(theta)
     assert_allclose(result.group("sample_stats")["lp"], density, rtol=1e-9)
     in_coordinates = posterior(posterior.space.coordinates(theta.reshape(-1, len(SAMPLED))))
-    assert np.abs(in_coordinates - density.ravel()).min() > 1e-3
+    # the Jacobian is 1 where b, gamma, eps and the others happen to balance: in hardly any of ten thousand draws
+    assert (np.abs(in_coordinates - density.ravel()) > 1e-2).mean() > 0.98
 
 
 def dense(experiment, posterior, theta):
