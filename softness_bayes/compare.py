@@ -15,6 +15,8 @@ from softness_bayes import arviz_bridge
 from softness_bayes.errors import InputError
 from softness_bayes.inference.blocks import block_log_likelihood
 from softness_bayes.inference.diagnostics import Goal
+from softness_bayes.inference.posterior import Posterior
+from softness_bayes.inference.ranking import clustered_error, stacking_weights
 from softness_bayes.inference.sampling import Settings, sample_until
 from softness_bayes.inference.scales import ObservedRatings
 from softness_bayes.restore import differences, experiment_of, options_of
@@ -26,12 +28,16 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
+CLUSTERS = ("fabric", "condition", "participant")
+"""What single ratings or conditions have in common, within which their differences go together."""
+
 SMALL_DIFFERENCE = 4.0
 """Difference in expected log predictive density below which data do not tell models apart."""
 
 REFIT = Settings(ensembles=2, max_steps=20_000, goal=Goal(lengths=20.0, tau_change=0.1, r_hat=1.02, ess=200.0, looks=1))
 """How a model is sampled anew without a fabric: for one expectation over the draws, not for tables of them."""
 
+_WEIGHTED = 1000  # draws of the posterior that are weighted to leave out a condition
 _DRAWS = 100  # of each walker, of a refit
 
 
@@ -78,29 +84,61 @@ def _stored(group: str, name: str) -> Callable[[Result, Settings, Callable[[str]
 
 def _refit(result: Result, settings: Settings, progress: Callable[[str], None]) -> LeftOut:
     """Sample the model anew without each fabric: too much of the posterior hangs on one for weights to do."""
-    experiment, options = experiment_of(result), options_of(result)
-    posterior, fabric = posterior_of(experiment, options), experiment.ratings.fabric
-    observation = posterior.observation
-    assert isinstance(observation, ObservedRatings)
+    experiment = experiment_of(result)
+    posterior, fabric = posterior_of(experiment, options_of(result)), experiment.ratings.fabric
     found, unfinished = [], 0
     for k, name in enumerate(experiment.ratings.fabrics):
         progress(name)
         if (fabric == k).all():
             raise InputError("compare: there is one fabric only; nothing is left to predict it from")
-        rest = replace(posterior, observation=observation.without(fabric == k))
-        seed = np.random.SeedSequence(options.seed, spawn_key=(1 << 21, k))
-        sampled = sample_until(rest, settings, seed)
-        unfinished += not sampled.verdict.converged
-        kept = sampled.chains.kept(sampled.verdict.burn_in, _DRAWS)
-        theta = posterior.natural(kept.coordinates).reshape(-1, posterior.space.dimension)
-        density = block_log_likelihood(
-            observation,
-            posterior.mean_rate(theta),
-            posterior.rating_parameters(theta),
-            (fabric == k).astype(np.intp),
-        )[:, 1]
-        found.append(logsumexp(density) - np.log(density.size))
+        density, finished = _anew(posterior, fabric == k, settings, (options_of(result).seed, 1 << 21, k))
+        found.append(density)
+        unfinished += not finished
     return LeftOut(np.array(found), np.full(len(found), np.nan), 0, unfinished)
+
+
+def _by_condition(result: Result, settings: Settings, progress: Callable[[str], None]) -> LeftOut:
+    """Leave out each fabric under each load: by weights on its density given all others, anew where these fail."""
+    experiment = experiment_of(result)
+    posterior, conditions = posterior_of(experiment, options_of(result)), experiment.ratings.conditions
+    if len(conditions.fabric) < 2:
+        raise InputError("compare: there is one condition only; nothing is left to predict it from")
+    observation = posterior.observation
+    assert isinstance(observation, ObservedRatings)
+    values = result.values(_WEIGHTED)
+    theta = np.stack([values[name] for name in posterior.names], axis=-1)
+    at = posterior.mean_rate(theta), posterior.rating_parameters(theta)
+    left = leave_by_weights(block_log_likelihood(observation, *at, conditions.of_rating))
+    density, shape, unfinished = left.log_density.copy(), left.pareto_k.copy(), 0
+    for k in np.flatnonzero(shape > _limit(left.draws)).tolist():
+        touched = (
+            f"{experiment.ratings.fabrics[conditions.fabric[k]]} at {experiment.ratings.loads[conditions.load[k]]}"
+        )
+        progress(touched)
+        seed = (options_of(result).seed, 1 << 22, k)
+        density[k], finished = _anew(posterior, conditions.of_rating == k, settings, seed)
+        shape[k], unfinished = np.nan, unfinished + (not finished)
+    return LeftOut(density, shape, left.draws, unfinished)
+
+
+def _anew(
+    posterior: Posterior, rows: NDArray[np.bool_], settings: Settings, seed: tuple[int, int, int]
+) -> tuple[float, bool]:
+    """Return the log density of some ratings given all others, sampled without them, and whether that converged."""
+    observation = posterior.observation
+    assert isinstance(observation, ObservedRatings)
+    rest = replace(posterior, observation=observation.without(rows))
+    sampled = sample_until(rest, settings, np.random.SeedSequence(seed[0], spawn_key=seed[1:]))
+    kept = sampled.chains.kept(sampled.verdict.burn_in, _DRAWS)
+    theta = posterior.natural(kept.coordinates).reshape(-1, posterior.space.dimension)
+    at = posterior.mean_rate(theta), posterior.rating_parameters(theta)
+    density = block_log_likelihood(observation, *at, rows.astype(np.intp))[:, 1]
+    return float(logsumexp(density) - np.log(density.size)), sampled.verdict.converged
+
+
+def _limit(draws: int) -> float:
+    """Return the largest Pareto k that so many draws allow."""
+    return float(min(1.0 - 1.0 / np.log10(max(draws, 11)), 0.7))
 
 
 LEAVE: Mapping[str, Leave] = MappingProxyType(
@@ -110,6 +148,7 @@ LEAVE: Mapping[str, Leave] = MappingProxyType(
             Leave("rating", _stored("log_likelihood_loo", "rating")),
             Leave("participant", _stored("log_likelihood_participant", "ratings_of_participant")),
             Leave("fabric", _refit),
+            Leave("condition", _by_condition),
         )
     }
 )
@@ -125,23 +164,32 @@ class Comparison:
     table
         A row per model, the best first. Columns: rank; elpd, the sum over the units left out of their
         log predictive densities, and se, its standard error; elpd_diff, elpd less the best one's, and
-        se_diff, the standard error of that difference unit by unit; units, how many were left out;
+        se_diff, the standard error of that difference unit by unit; se_by_fabric, se_by_condition and
+        se_by_participant, that of clusters, where single ratings or conditions are left out (ratings of one go
+        together); weight, in the mixture of models that predicts best (stacking); units, how many were left out;
         pareto_k_max and pareto_k_high, the largest Pareto k and how many exceed what the draws allow;
         unfinished, how many refits did not converge; converged, whether the run itself had; model, what
         sets it apart. Both errors take the units as independent and what is within them as not.
     leave
         What was left out.
+    interior
+        Probability of an interior maximum under each load, averaged over the models with their weights.
     """
 
     table: pd.DataFrame
     leave: str
+    interior: pd.Series[float]
 
     @property
     def sentence(self) -> str:
         """Whether the data tell the best two apart."""
         best, second = self.table.iloc[0], self.table.iloc[1]
-        gap, error = -float(second["elpd_diff"]), float(second["se_diff"])
-        numbers = f"elpd differs by {gap:.1f} (standard error {error:.1f})"
+        gap = -float(second["elpd_diff"])
+        errors = {"": float(second["se_diff"])}
+        errors |= {f" by {by}": float(second[f"se_by_{by}"]) for by in CLUSTERS if f"se_by_{by}" in second}
+        known = {by: error for by, error in errors.items() if np.isfinite(error)}
+        by, error = max(known.items(), key=lambda one: one[1]) if known else ("", float("nan"))
+        numbers = f"elpd differs by {gap:.1f} (standard error {error:.1f}{by})"
         if gap < SMALL_DIFFERENCE or gap < 2.0 * error:
             return f"the data cannot tell {best.name} from {second.name}: {numbers}, each {self.leave} left out"
         return f"{best.name} predicts best, before {second.name}: {numbers}, each {self.leave} left out"
@@ -201,25 +249,39 @@ def compare(
     }
     order = sorted(found, key=lambda label: -float(found[label].log_density.sum()))
     best = found[order[0]].log_density
+    weights = stacking_weights(np.stack([found[label].log_density for label in order], axis=-1))
+    clusters = _clusters(results[order[0]], leave)
+    interior = sum(w * results[label].inflection()["p_interior"] for w, label in zip(weights, order, strict=True))
     rows = {}
     for rank, label in enumerate(order, 1):
         left = found[label]
         behind = left.log_density - best
-        limit = min(1.0 - 1.0 / np.log10(max(left.draws, 11)), 0.7)
         rows[label] = {
             "rank": rank,
             "elpd": left.log_density.sum(),
             "se": _standard_error(left.log_density),
             "elpd_diff": behind.sum(),
             "se_diff": _standard_error(behind),
+            **{f"se_by_{by}": clustered_error(behind, index) for by, index in clusters.items()},
+            "weight": weights[rank - 1],
             "units": left.log_density.size,
-            "pareto_k_max": left.pareto_k.max(),
-            "pareto_k_high": int((left.pareto_k > limit).sum()),
+            "pareto_k_max": np.nanmax(left.pareto_k, initial=-np.inf) if np.isfinite(left.pareto_k).any() else np.nan,
+            "pareto_k_high": int((left.pareto_k > _limit(left.draws)).sum()),
             "unfinished": left.unfinished,
             "converged": bool(results[label].attributes["converged"]),
             "model": told[label],
         }
-    return Comparison(pd.DataFrame.from_dict(rows, orient="index").rename_axis("result"), leave.name)
+    return Comparison(pd.DataFrame.from_dict(rows, orient="index").rename_axis("result"), leave.name, interior)
+
+
+def _clusters(result: Result, leave: Leave) -> dict[str, NDArray[np.intp]]:
+    """Return the clusters of single ratings or conditions, by what is common to them."""
+    if leave.name not in ("rating", "condition"):
+        return {}
+    ratings = experiment_of(result).ratings
+    if leave.name == "condition":
+        return {"fabric": ratings.conditions.fabric}
+    return {"fabric": ratings.fabric, "condition": ratings.conditions.of_rating, "participant": ratings.participant}
 
 
 def _standard_error(log_density: Array) -> float:

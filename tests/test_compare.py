@@ -20,6 +20,7 @@ from softness_bayes.inference.blocks import block_log_likelihood
 from softness_bayes.inference.design import Design
 from softness_bayes.inference.diagnostics import Goal
 from softness_bayes.inference.observation import INVERSE, LogRatings, RatingParameters
+from softness_bayes.inference.ranking import clustered_error, stacking_weights
 from softness_bayes.inference.sampling import Settings
 from softness_bayes.inference.scales import STANDARDISED
 from softness_bayes.inference.standardised import StandardisedRatings
@@ -244,6 +245,76 @@ def test_errors_are_those_of_the_units(results):
     told = "\n".join(found.warnings)
     assert "a: Pareto k is high for 1 of 3 (largest 0.95)" in told
     assert "b: 1 of 3 refits did not converge" in told
+
+
+def test_clustered_errors_by_brute_force(rng):
+    """The variance of a sum of correlated values, each product of deviations counted within clusters alone."""
+    values, cluster = rng.normal(0.3, 1.0, 40), np.arange(40) % 7
+    deviation = values - values.mean()
+    squared = sum(deviation[i] * deviation[j] for i in range(40) for j in range(40) if cluster[i] == cluster[j])
+    assert clustered_error(values, cluster) == pytest.approx(np.sqrt(7 / 6 * squared))
+    # every value its own cluster: independent units
+    assert clustered_error(values, np.arange(40)) == pytest.approx(np.sqrt(40) * values.std(ddof=1))
+    assert np.isnan(clustered_error(values, np.zeros(40, int)))
+
+
+def test_errors_of_clusters_grow_with_what_their_units_share(rng):
+    cluster = np.repeat(np.arange(200), 5)
+    shared = rng.standard_normal(200)[cluster]
+    alone = rng.standard_normal(1000)
+    independent = np.sqrt(1000) * np.std(shared, ddof=1)
+    assert clustered_error(shared, cluster) == pytest.approx(np.sqrt(5) * independent, rel=1e-2)
+    assert clustered_error(alone, cluster) == pytest.approx(np.sqrt(1000), rel=0.2)  # control: they share nothing
+
+
+def test_stacking_weights_by_a_grid(rng):
+    log_density = rng.normal(-1.0, 0.7, (60, 2)) + np.array([0.1, 0.0])
+    grid = np.linspace(0.0, 1.0, 10_001)
+    score = logsumexp(log_density[:, None, :] + np.log(np.stack([grid, 1 - grid], axis=-1) + 1e-300), axis=2).sum(
+        axis=0
+    )
+    found = stacking_weights(log_density)
+    assert found.sum() == pytest.approx(1.0)
+    assert found[0] == pytest.approx(grid[score.argmax()], abs=2e-4)
+    # a model that is worse everywhere gets nothing, and one given twice shares its weight
+    worse = np.column_stack([log_density[:, 0], log_density[:, 0] - 3.0])
+    assert_allclose(stacking_weights(worse), [1.0, 0.0], atol=1e-6)
+    twice = stacking_weights(log_density[:, [0, 1, 1]])
+    assert_allclose(twice, [found[0], found[1] / 2, found[1] / 2], atol=1e-4)
+
+
+def test_the_largest_error_judges(results, experiment):
+    found = compare({label: results[label] for label in ("upside down", "right")})
+    worst = found.table.loc["upside down"]
+    stored = [results[label].group("log_likelihood_loo")["rating"].values[0] for label in ("upside down", "right")]
+    one, other = (leave_by_weights(values).log_density for values in stored)
+    for by, index in (("fabric", experiment.ratings.fabric), ("participant", experiment.ratings.participant)):
+        assert worst[f"se_by_{by}"] == pytest.approx(clustered_error(one - other, index))
+    errors = worst[["se_diff", "se_by_fabric", "se_by_condition", "se_by_participant"]]
+    assert f"standard error {errors.max():.1f}" in found.sentence
+    # under one load fabrics are the conditions
+    assert worst["se_by_fabric"] == pytest.approx(worst["se_by_condition"])
+    assert found.table["weight"].sum() == pytest.approx(1.0)
+    assert found.table.loc["right", "weight"] > 0.95
+    expected = sum(
+        found.table.loc[label, "weight"] * results[label].inflection()["p_interior"] for label in found.table.index
+    )
+    assert_allclose(found.interior, expected)
+
+
+def test_a_condition_left_out_by_hand(results, experiment):
+    """As a fabric left out, on a grid: by weights, and anew where no weight is trusted."""
+    posterior = posterior_of(experiment, RunOptions(fix=HELD))
+    axes = np.linspace(0.4, 1.6, 61), np.linspace(0.2, 0.5, 61)
+    theta = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 2)
+    prior, whole = posterior.log_prior(theta), posterior.log_likelihood(theta)
+    found = LEAVE["condition"].predict(results["right"], dataclasses.replace(BRIEF, max_steps=200), lambda _: None)
+    assert found.log_density.shape == (4,)
+    for k in range(4):
+        rows = experiment.ratings.conditions.of_rating == k
+        rest = dataclasses.replace(posterior, observation=posterior.observation.without(rows))
+        expected = logsumexp(prior + whole) - logsumexp(prior + rest.log_likelihood(theta))
+        assert found.log_density[k] == pytest.approx(expected, abs=0.2)
 
 
 def test_what_is_not_comparable_is_refused(results, experiment):

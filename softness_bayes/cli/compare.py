@@ -18,10 +18,10 @@ COMPARE, COMPARISON = "compare", "compare.csv"
 @click.option(
     "--leave",
     "left_out",
-    type=click.Choice(["rating", "participant", "fabric"]),
+    type=click.Choice(["rating", "participant", "fabric", "condition"]),
     default="rating",
     show_default=True,
-    help="What is predicted from all the rest: single ratings, whole participants or whole fabrics.",
+    help="What is predicted from all the rest: single ratings, participants, fabrics, or fabrics under single loads.",
 )
 @click.option(
     "--max-steps",
@@ -43,7 +43,9 @@ def command(directories: tuple[Path, ...], left_out: str, max_steps: int | None,
     The runs are of the same ratings under different readings, directions, priors or effects. Each prediction
     is a density of the ratings as filed; their logs are summed (elpd) and compared unit by unit. Ratings and
     participants are left out by importance weights (PSIS); fabrics by sampling each model anew without them,
-    which takes about as long as the runs did times the fabrics.
+    which takes about as long as the runs did times the fabrics; single conditions by weights, or anew where these fail.
+    The difference is judged by the largest of its standard errors: of single units, and of clusters of ratings by
+    fabric, condition and participant. Weights are those of the mixture of runs that predicts best (stacking).
     """
     from dataclasses import replace
 
@@ -69,5 +71,7 @@ def command(directories: tuple[Path, ...], left_out: str, max_steps: int | None,
         click.echo(f"{label}: {model or 'the same model'}")
     for warning in found.warnings:
         click.echo(f"warning: {warning}")
+    shares = ", ".join(f"{load} {share:.0%}" for load, share in found.interior.items())
+    click.echo(f"probability of an interior maximum, averaged over the runs with their weights: {shares}")
     click.echo(f"written to {path}")
     click.echo(found.sentence)

@@ -1,0 +1,61 @@
+"""How models rank by what they predict: errors of summed differences over clusters, and weights of a mixture."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import logsumexp
+
+FloatArray = NDArray[np.float64]
+
+_ITERATIONS, _TOLERANCE = 20_000, 1e-10
+
+
+def clustered_error(values: FloatArray, cluster: NDArray[np.intp]) -> float:
+    """Return the standard error of a sum of values that go together within clusters.
+
+    With G clusters and S_g the sum of the deviations from the mean in cluster g it is sqrt(G / (G - 1) sum_g S_g²), the
+    sandwich with its correction for few clusters (Cameron and Miller, Journal of Human Resources 50, 317, 2015). With
+    every value a cluster of its own it is that of independent values.
+
+    Parameters
+    ----------
+    values
+        Shape (units,).
+    cluster
+        Index of each one's cluster, shape (units,).
+
+    Returns
+    -------
+    float
+        NaN with fewer than two clusters.
+    """
+    _, place = np.unique(cluster, return_inverse=True)
+    sums = np.bincount(place, values - values.mean())
+    return float(np.sqrt(sums.size / (sums.size - 1) * (sums**2).sum())) if sums.size > 1 else float("nan")
+
+
+def stacking_weights(log_density: FloatArray) -> FloatArray:
+    """Return the weights of the mixture of models that predicts best what was left out.
+
+    They maximise sum_i log sum_k w_k exp(l_ik) (Yao, Vehtari, Simpson and Gelman, Bayesian Analysis 13, 917, 2018),
+    which is concave; each step of the EM algorithm for mixtures climbs it.
+
+    Parameters
+    ----------
+    log_density
+        Log predictive density of every unit under every model, shape (units, models).
+
+    Returns
+    -------
+    ndarray, shape (models,)
+    """
+    weights = np.full(log_density.shape[1], 1.0 / log_density.shape[1])
+    for _ in range(_ITERATIONS):
+        with np.errstate(divide="ignore"):
+            joint = log_density + np.log(weights)
+        after = np.exp(joint - logsumexp(joint, axis=1, keepdims=True)).mean(axis=0)
+        if np.abs(after - weights).max() < _TOLERANCE:
+            return after
+        weights = after
+    return weights
