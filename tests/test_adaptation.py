@@ -94,8 +94,15 @@ def test_few_effective_draws_bend_the_map_less():
 
 def test_a_map_of_too_few_or_of_equal_draws_still_maps():
     rng = np.random.default_rng(7)
-    for draws in (rng.standard_normal((3, 4)), np.ones((50, 4)) + 1e-9 * rng.standard_normal((50, 1))):
+    flat = rng.standard_normal((50, 4)) * [1, 1, 0, 1]
+    for draws in (
+        rng.standard_normal((3, 4)),
+        np.ones((50, 4)) + 1e-9 * rng.standard_normal((50, 1)),
+        flat,
+        np.ones((9, 4)),
+    ):
         map = TriangularMap.fit(draws, 10.0)
+        assert np.isfinite(map.inverse(draws)).all()
         y = rng.standard_normal((5, 4))
         assert np.isfinite(map.forward(y)).all()
         assert np.isfinite(map.inverse(map.forward(y))).all()
@@ -108,6 +115,18 @@ def test_walkers_far_below_the_rest_do_not_stretch_the_map():
     walks[0, :, 0], height[0, :, 0] = 50.0, -3000.0
     map = learn(walks, height, 5.0)
     np.testing.assert_allclose(map.axes @ map.axes.T, np.eye(3), atol=0.1)
+
+
+def test_one_walker_far_above_the_rest_is_not_taken_for_all_of_the_law():
+    rng = np.random.default_rng(10)
+    walks = rng.standard_normal((2, 100, 20, 3))
+    height = -1e4 * (walks**2).sum(-1)
+    walks[0, :, 0], height[0, :, 0] = 0.0, 0.0
+    map = learn(walks, height, 5.0)
+    assert np.isfinite(map.inverse(walks)).all()
+    # the variance on each axis of the half nearest to the centre
+    inner = stats.chi2(5).cdf(stats.chi2(3).median()) / 0.5
+    np.testing.assert_allclose(map.axes @ map.axes.T, inner * np.eye(3), atol=0.05)
 
 
 def test_the_identity_and_a_mapped_target():

@@ -21,6 +21,7 @@ FloatArray = NDArray[np.float64]
 _CURVATURE = 0.3  # expected size of a coefficient, in standard deviations
 _REACH = 8.0  # standard deviations beyond which bends go no further
 _REFITS = 4  # fits with ever better estimates of what is left unexplained
+_LEAST_VARIANCE = 1e-30  # of draws that are all the same
 _EXACT = 1e-8  # least share of a coordinate's variance that counts as unexplained
 
 
@@ -69,13 +70,15 @@ class TriangularMap:
         """
         centre = draws.mean(axis=0)
         size, vectors = np.linalg.eigh(np.atleast_2d(np.cov(draws, rowvar=False)))
-        axes = vectors * np.sqrt(np.maximum(size, size[-1] * 1e-12))
+        axes = vectors * np.sqrt(np.maximum(size, max(size[-1] * 1e-12, _LEAST_VARIANCE)))
         t = np.linalg.solve(axes, (draws - centre).T).T
         bends = _Bends(t, effective)
         order = bends.order()
         t = t[:, order]
         fitted = tuple(bends.fit(order[k], order[:k])[0] for k in range(centre.size))
-        return cls(centre, axes[:, order], (t - _bent(t, fitted)).std(axis=0), fitted)
+        spread = (t - _bent(t, fitted)).std(axis=0)
+        # along an axis on which no walker ever moved nothing is known of the width
+        return cls(centre, axes[:, order], np.where(spread > 0, spread, 1.0), fitted)
 
     def forward(self, y: FloatArray) -> FloatArray:
         """Points z at map coordinates ``y``, both of shape (..., dimension)."""
@@ -120,7 +123,9 @@ def learn(walks: FloatArray, log_density: FloatArray, tau: float) -> TriangularM
     """
     draws, height = walks.reshape(-1, walks.shape[-1]), log_density.ravel()
     # walkers still on their way from a bad start would stretch the map; a normal law has no such depths
-    draws = draws[height > height.max() - max(20.0, 4.0 * draws.shape[-1])]
+    # where all are on their way, as about very precise data, the upper half is the best there is
+    low = min(height.max() - max(20.0, 4.0 * draws.shape[-1]), float(np.median(height)))
+    draws = draws[height >= low]
     return TriangularMap.fit(draws, len(draws) / tau)
 
 
