@@ -238,10 +238,15 @@ def test_ratings_must_be_of_the_fabric_set(firing):
     assert not Bench(MENDED, TOUCHES[HELD][:1], two, firing, ratings).rated  # a slope through two points is none
 
 
-@pytest.mark.parametrize("nothing", [{"readings": {}}, {"prior_sets": ()}, {"touches": {}}, {"draws": -1}], ids=str)
+@pytest.mark.parametrize("nothing", [{"readings": {}}, {"prior_sets": ()}, {"touches": {}}], ids=str)
 def test_something_must_be_judged(nothing):
     with pytest.raises(InputError, match="at least one"):
         evaluate_claims(**nothing)
+
+
+def test_the_number_of_draws_is_a_count():
+    with pytest.raises(InputError, match="number of draws is -1, expected a whole number from 0"):
+        evaluate_claims(draws=-1)
 
 
 # what the readings say
@@ -437,7 +442,7 @@ def test_command_takes_loads_and_fabrics(tmp_path, quick):
         (["--priors", "mine"], "prior set 'mine'"),
         (["--fix", "bee=1"], "no parameter 'bee'"),
         (["--prior", "c_K=lognormal(1.16,0.03)"], "channel multipliers are held"),
-        (["--indentation-mm", "-1"], "indentation_mm"),
+        (["--indentation-mm", "-1"], "--indentation-mm"),
         (["--data", "nowhere.csv"], "nowhere.csv"),
         (["--fabrics", "nowhere.csv"], "nowhere.csv"),
         (["--column", "fabric=cloth"], "--column"),

@@ -117,7 +117,7 @@ def test_predict_takes_readings_and_prior_sets():
         (["--posterior", "nowhere", "--readings", "hertz"], "--posterior brings its own parameters and readings"),
         (["--posterior", "nowhere", "--reading", "pressure=hertz"], "--posterior brings its own"),
         (["--column", "fabric=name"], "name"),
-        (["--indentation-mm", "-1"], "indentation_mm"),
+        (["--indentation-mm", "-1"], "--indentation-mm"),
     ],
 )
 def test_predict_refuses(here, tmp_path, arguments, message):

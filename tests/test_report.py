@@ -315,7 +315,10 @@ def repeated(command, monkeypatch, directory):
     monkeypatch.setattr(
         sample, "run", lambda checkpoint, files, data, options, figures: caught.append((files, options))
     )
+    # there are no data to look at
     monkeypatch.setattr("softness_bayes.cli.options.DataFiles.read", lambda files: None)
+    monkeypatch.setattr(sample, "_evaluated", lambda data, options, accuracy: False)
+    monkeypatch.setattr("softness_bayes.run.with_direction", lambda data, options: options)
     monkeypatch.setattr("softness_bayes.plan.with_accuracy", lambda model, options, bound: (options, None))
     monkeypatch.chdir(directory)
     program, *words = shlex.split(command)
@@ -359,7 +362,7 @@ def test_the_command_amounts_to_the_options_of_the_run(made, asked, monkeypatch,
 def test_a_run_of_python_or_of_limited_time_says_so(made):
     result = made("ratings")
     tree = result.tree.copy()
-    limited = replace(OPTIONS, max_seconds=5.0, max_steps=10_000)
+    limited = replace(OPTIONS, command="", max_seconds=5.0, max_steps=10_000)
     tree.attrs = {**tree.attrs, "options": json.dumps(limited.record()), "command": ""}
     found = repetition(replace(result, tree=tree))
     assert "--max-steps 40 " in found.commands[0]

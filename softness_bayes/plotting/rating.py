@@ -7,8 +7,6 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.sparse import csr_array
-from scipy.sparse.linalg import lsqr
 
 from softness_bayes.errors import InputError
 from softness_bayes.plotting.panels import (
@@ -92,6 +90,9 @@ def observed_ratings(
     InputError
         If a rating has no logarithm where one is taken.
     """
+    from scipy.sparse import csr_array
+    from scipy.sparse.linalg import lsqr
+
     rating, condition = np.asarray(rating, float), np.asarray(condition, np.intp)
     modulus, load = np.asarray(modulus, float), np.asarray(load, np.intp)
     known = ~np.isnan(rating)
