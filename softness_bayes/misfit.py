@@ -73,7 +73,8 @@ class Fit(NamedTuple):
         return (
             f"the posterior is {self.silent_conditions:.0%} silent (draws and conditions in which no receptor fires): "
             "there one rating is predicted for all fabrics, and skin and receptors are told by the prior, and by the "
-            "limit that nothing may fire"
+            "limit that nothing may fire; are the units of moduli and loads right, and the priors those of these "
+            "fingers (--priors in-vivo)?"
         )
 
     @property

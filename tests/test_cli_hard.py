@@ -70,12 +70,10 @@ def test_check_says_what_the_data_cannot_tell(here, table, name, statement):
         ("check", "too large", r"row 2, column 'rating': expected a finite number, got '1e400'"),
         ("check", "no modulus", r"row 2, column 'effective_modulus_kpa': expected a finite number above 0"),
         ("check", "header alone", r"no row below the header"),
-        ("sample", "silent", r"only 0 of \d+ prior draws make receptors fire in 2 of 2 conditions"),
     ],
 )
-def test_what_cannot_be_is_an_input_error(here, table, tmp_path, verb, name, words):
-    more = ["--out", tmp_path / "out", "--processes", "1", *CHANNELS] if verb == "sample" else []
-    done = here(verb, "--data", table(name), *more)
+def test_what_cannot_be_is_an_input_error(here, table, verb, name, words):
+    done = here(verb, "--data", table(name))
     refused(done)
     assert re.search(words, done.stderr)
 
@@ -93,3 +91,13 @@ def test_a_run_on_them_ends_with_a_verdict(table, tmp_path, name):
     assert "Warning" not in done.stderr
     assert not re.search(r"\bnan\b", done.stdout), done.stdout
     assert (out / "figures" / "rating.png").stat().st_size > 0
+
+
+@pytest.mark.slow
+def test_a_table_under_which_nothing_fires_says_so(table, tmp_path):
+    out = tmp_path / "out"
+    limits = ("--max-steps", 20, "--processes", 1, "--no-figures")
+    done = run("sample", "--data", table("silent"), "--out", out, *limits, *CHANNELS, timeout=900)
+    assert done.returncode == 3, done.stderr
+    assert "the posterior is 100% silent" in done.stdout
+    assert "are the units of moduli and loads right" in done.stdout

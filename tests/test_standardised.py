@@ -296,7 +296,7 @@ def test_a_run_says_what_its_ratings_were_made_from(values, monkeypatch, scale, 
     options = RunOptions(fix=held, direction=direction, scale=scale, max_steps=80, processes=1)
     found = sample(Experiment(ratings, CLOTH, ()), options)
     truth = (
-        {"gamma": 0.9, "varsigma": 0.4, "mu": np.log(20)}
+        {"gamma": 0.9, "varsigma": 0.4, "eps": 0.1, "mu": np.log(20)}
         if scale.positive
         else {"varsigma": 0.4, "c0": 0, "c1": 0.6745}
     )
