@@ -18,7 +18,7 @@ from fake_scene import fake_posterior
 from scipy.special import expit
 from scipy.stats import norm
 
-from softness_bayes.calibrate import Calibrated, CalibrationScene, calibrate, finished
+from softness_bayes.calibrate import LONG, Calibrated, CalibrationScene, calibrate, finished
 from softness_bayes.cli import main
 from softness_bayes.data import Fabrics
 from softness_bayes.errors import InputError, LockedError
@@ -38,7 +38,7 @@ from softness_bayes.inference.diagnostics import Goal, look
 from softness_bayes.inference.observation import INVERSE, LogRatings, RatingModel
 from softness_bayes.inference.parameters import PARAMETERS
 from softness_bayes.inference.rank_power import Alarm, power, rank_law
-from softness_bayes.inference.rank_words import coverage_sentence
+from softness_bayes.inference.rank_words import coverage_sentence, verdict
 from softness_bayes.inference.ranked import LOG_LIKELIHOOD, PARTICIPANT, PARTICIPANTS, quantities
 from softness_bayes.inference.sampling import Sampled, Settings
 from softness_bayes.inference.uniformity import simultaneous_band
@@ -547,13 +547,14 @@ def test_the_kept_calibration_says_what_its_ranks_say():
     table = pd.read_csv(kept / "ranks.csv", index_col="replicate")
     names = tuple(name for name in table if f"true_{name}" in table)
     found = Calibration(names, table[list(names)].to_numpy())
-    verdict = (kept / "verdict.txt").read_text(encoding="utf-8")
     assert len(table) >= 200
     assert table.index.to_list() == list(range(len(table)))
     assert table["converged"].all()
     assert found.faults() == []
-    smallest = min(min(one.uniform_p, one.spread_p) for one in found.judge().values())
-    assert verdict.startswith(f"Calibrated: {len(table)} replicates")
-    assert f"smallest p-value {smallest:.2g}" in verdict
+    assert found.enough
+    walks = f"{(table['steps'] > LONG).sum()} ran longer than {LONG} steps, 0 did not converge"
+    said = verdict(found, f"{len(table)} replicates ({walks})", decided=True)
+    assert said.startswith(f"Calibrated: {len(table)} replicates")
+    assert (kept / "verdict.txt").read_text(encoding="utf-8") == said + "\n"
     shares = pd.read_csv(kept / "coverage.csv")["share"].to_numpy()
     np.testing.assert_allclose(shares, [row["share"] for row in found.coverage()])
