@@ -213,6 +213,20 @@ def test_a_product_is_known_as_closely_as_is_printed_and_no_product_of_these_par
     assert np.exp(limit * whole) < product.factor - 10 * product.error
 
 
+def test_no_product_holds_a_slight_part():
+    """Whatever the data tell: parts are compared in units of the priors' widths, as directions are."""
+    sd = np.array([0.5, 0.3, 0.2, 0.4, 0.6, 0.3])
+    priors = [LogNormal(1.0, width) for width in sd]
+    for seed in range(60):
+        rng = np.random.default_rng(seed)
+        rows, errors = rng.standard_normal((4, 6)), rng.uniform(0.02, 0.2, 4)
+        covariance = np.linalg.inv(np.diag(sd**-2) + (rows.T / errors**2) @ rows)
+        theta = np.exp(rng.multivariate_normal(np.zeros(6), covariance, 500))
+        for product in find_products(priors, theta, find_directions(priors, theta)):
+            parts = np.abs(product.exponents * sd)[list(product.order)] if product else np.ones(2)
+            assert (parts[1:] >= 0.095 * parts.max()).all()  # exponents have two digits
+
+
 def test_the_factor_of_a_product_by_weighting_prior_draws(rng):
     """By another way: importance sampling from the prior instead of draws of the posterior."""
     theta, _ = told(rng)

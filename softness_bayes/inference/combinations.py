@@ -78,12 +78,8 @@ def find_products(priors: Sequence[Prior], theta: FloatArray, directions: Direct
             found.append(None)
             continue
         order = _leading(vector)
-        exponents = _fitted(covariance, order)
+        exponents = _fitted_without_slight(covariance, order, directions.prior_sd)
         scaled = exponents * directions.prior_sd
-        kept = [k for k in order if k == order[0] or abs(scaled[k]) >= _SLIGHT * np.abs(scaled).max()]
-        if len(kept) < len(order):
-            exponents = _fitted(covariance, kept)
-            scaled = exponents * directions.prior_sd
         if any(_correlation(scaled, one.exponents * directions.prior_sd) > _SAME for one in found if one is not None):
             exponents = _rounded(vector / directions.prior_sd, order)
         found.append(_measured(exponents, order, logs, before))
@@ -93,6 +89,14 @@ def find_products(priors: Sequence[Prior], theta: FloatArray, directions: Direct
 def _leading(vector: FloatArray) -> list[int]:
     by_size = np.argsort(-np.abs(vector), kind="stable").tolist()
     return [k for k in by_size if abs(vector[k]) >= _LEADING * abs(vector[by_size[0]])]
+
+
+def _fitted_without_slight(covariance: FloatArray, order: Sequence[int], prior_sd: FloatArray) -> FloatArray:
+    """Fit, leave out what is slight beside the rest, and fit again, until nothing is."""
+    exponents = _fitted(covariance, order)
+    scaled = np.abs(exponents * prior_sd)
+    kept = [k for k in order if k == order[0] or scaled[k] >= _SLIGHT * scaled.max()]
+    return exponents if len(kept) == len(order) else _fitted_without_slight(covariance, kept, prior_sd)
 
 
 def _fitted(covariance: FloatArray, order: Sequence[int]) -> FloatArray:
