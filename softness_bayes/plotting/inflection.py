@@ -147,7 +147,7 @@ def _draw_density(axes: Axes, edges: Array, inflection: Inflection, index: int, 
             artist.set(color=colour, clip_on=False, zorder=3)
         within = percent(float(np.mean(inflection.inside[:, index])))
         wide = style.page >= WIDE
-        words = f"{short(middle)} kPa [{short(low)}, {short(high)}]\n{within} within{' ' if wide else chr(10)}"
+        words = f"{short(middle)} kPa (95 %: {short(low)} to {short(high)})\n{within} within{' ' if wide else chr(10)}"
         place = axes.text(0.99, 0.95 if wide else 0.8, f"{words}the fabrics' range", transform=axes.transAxes)
         place.set(ha="right", va="top", fontsize=style.small)
 
