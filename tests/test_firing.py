@@ -7,8 +7,9 @@ import math
 import numpy as np
 import pytest
 
-from softness_bayes.errors import InputError
-from softness_bayes.touch.firing import RateCurve, exact_curve
+from softness_bayes.errors import InputError, NumericalError
+from softness_bayes.touch.firing import TRIED, RateCurve, exact_curve
+from softness_bayes.touch.limit_cycle import Budget
 from softness_bayes.touch.membrane import HODGKIN_HUXLEY, PAPER_CHANNELS, PRINTED, Channels, Membrane
 from softness_bayes.touch.rate import firing_rate
 
@@ -95,3 +96,53 @@ def test_a_coarser_tolerance_costs_what_is_said(curve: RateCurve, rng: np.random
     error = np.abs(coarse / fine - 1.0)
     assert error[:20].max() < 4e-6
     assert 1e-9 < error[20:].max() < 1e-6
+
+
+ONE_AT_A_TIME = [
+    PAPER_CHANNELS._replace(**{name: value})
+    for name, values in {
+        "c_Na": (0.8, 1.0, 1.5),
+        "c_K": (0.8, 1.0, 1.5),
+        "c_L": (0.5, 2.0),
+        "c_A": (0.5, 0.8, 1.0, 2.0),
+    }.items()
+    for value in values
+]
+QUICK = [PAPER_CHANNELS._replace(c_K=1.0), PAPER_CHANNELS._replace(c_A=1.0), Channels(1.0, 1.0, 1.0, 1.0)]
+
+
+@pytest.mark.parametrize(
+    "channels",
+    [
+        *(pytest.param(each, id=f"quick-{each.c_A}-{each.c_Na}") for each in QUICK),
+        *(pytest.param(each, marks=pytest.mark.slow) for each in ONE_AT_A_TIME),
+    ],
+)
+def test_multipliers_that_are_said_to_give_a_curve_do(channels: Channels) -> None:
+    for value, (low, high) in zip(channels, TRIED, strict=True):
+        assert low <= value <= high
+    curve = exact_curve(channels)  # within its steps
+    assert 0.0 < curve.rheobase < 40.0
+    assert curve.error.relative < 5e-3
+    far = np.array([curve.rheobase + 3.0, 39.0])
+    np.testing.assert_allclose(curve.rate(far), firing_rate(far, channels), rtol=1e-3)
+
+
+def test_a_search_ends_when_its_steps_are_spent() -> None:
+    channels = PAPER_CHANNELS._replace(c_A=0.5)
+    with pytest.raises(NumericalError) as refusal:
+        exact_curve(channels, steps=1000)
+    assert refusal.value.exit_code == 4
+    for part in ("c_A = 0.5", "1000 steps", "µA/cm²", "c_A 0.5 to 2", "connor-stevens"):
+        assert part in str(refusal.value)
+    assert exact_curve(steps=4000).rheobase < 18.0  # the paper's need less
+
+
+def test_a_budget_counts_the_steps_of_all_calls() -> None:
+    budget = Budget(5000)
+    first = firing_rate(30.0, budget=budget)
+    assert 0 < budget.left < 5000
+    taken = 5000 - budget.left
+    assert firing_rate(30.0, budget=Budget(taken)) == first
+    with pytest.raises(NumericalError, match="at 30 µA/cm²"):
+        firing_rate(30.0, budget=Budget(taken - 1))

@@ -9,14 +9,20 @@ import numpy as np
 from numpy.polynomial import chebyshev, polynomial
 from numpy.typing import ArrayLike, NDArray
 
-from softness_bayes.errors import InputError
-from softness_bayes.touch.limit_cycle import TOLERANCE
+from softness_bayes.errors import InputError, NumericalError
+from softness_bayes.touch.limit_cycle import TOLERANCE, Budget, StepsSpentError
 from softness_bayes.touch.membrane import CONNOR_STEVENS, PAPER_CHANNELS, Channels, Membrane
 from softness_bayes.touch.onset import onset
 from softness_bayes.touch.rate import firing_rate
 
 FloatArray = NDArray[np.float64]
 
+
+SEARCH_STEPS = 40_000
+"""Steps of integration that an exact curve may take: some ten seconds. The paper's multipliers take 3000."""
+
+TRIED = Channels(c_Na=(0.8, 1.5), c_K=(0.8, 1.5), c_L=(0.5, 2.0), c_A=(0.5, 2.0))
+"""Ranges in which each multiplier alone is known to give a curve, the others being the paper's."""
 
 _CLOSEST_BORN = 0.1  # sqrt(µA/cm²): nearest exact rate to a fold of orbits, whose own rate is known
 _CLOSEST_JUMP = 0.03  # and to another jump, where the rate falls off as a logarithm within some 1e-3 µA/cm²
@@ -111,6 +117,7 @@ def exact_curve(
     membrane: Membrane = CONNOR_STEVENS,
     max_current: float = 40.0,
     nodes: int = 18,
+    steps: int = SEARCH_STEPS,
 ) -> RateCurve:
     """Curve through exact firing rates at Chebyshev nodes in ``s``, with its error measured between them.
 
@@ -124,6 +131,8 @@ def exact_curve(
         Largest current that the curve covers [µA/cm²].
     nodes : int
         Number of nodes.
+    steps : int
+        Steps of integration that may be taken, those of cells side by side counted once.
 
     Returns
     -------
@@ -134,12 +143,29 @@ def exact_curve(
     ------
     InputError
         If a multiplier is not one finite non-negative number, or ``max_current`` not finite.
+    NumericalError
+        If the steps do not suffice, as where firing begins so slowly that it is hard to tell from rest.
     """
     if not np.isfinite(max_current) or nodes < 2:
         raise InputError(f"a curve needs a finite largest current and two nodes, not {max_current} and {nodes}")
     if any(np.ndim(c) for c in channels):
         raise InputError("an exact curve has one value of each channel multiplier")
-    begin = onset(channels, membrane)
+    try:
+        return _exact_curve(channels, membrane, max_current, nodes, Budget(steps))
+    except StepsSpentError as spent:
+        named = ", ".join(f"{name} = {value:g}" for name, value in channels._asdict().items())
+        known = ", ".join(f"{name} {low:g} to {high:g}" for name, (low, high) in TRIED._asdict().items())
+        usual = ", ".join(f"{value:g}" for value in PAPER_CHANNELS)
+        raise NumericalError(
+            f"no rate curve of the membrane {membrane.name} with {named}: after {steps} steps of integration the "
+            f"search for where firing begins was still {spent}, where it settles too slowly to tell firing from "
+            f"rest. Use multipliers closer to the paper's ({usual}); one at a time, {known} give a curve with the "
+            f"membrane {CONNOR_STEVENS.name}"
+        ) from None
+
+
+def _exact_curve(channels: Channels, membrane: Membrane, max_current: float, nodes: int, budget: Budget) -> RateCurve:
+    begin = onset(channels, membrane, budget=budget)
     silent = RateCurve(begin.rheobase, np.array(0.0), np.zeros(nodes), float(max_current), CurveError(0.0, 0.0, 0.0))
     if begin.rheobase >= max_current:
         return silent
@@ -153,7 +179,9 @@ def exact_curve(
     between = 0.5 * (angles[1:] + angles[:-1])[1:]
     s = s_min + 0.5 * (s_max - s_min) * (1.0 - np.cos(np.concatenate([angles, between])))
     exact = np.zeros_like(s)
-    exact[int(through_fold) :] = firing_rate(begin.rheobase + s[int(through_fold) :] ** 2, channels, membrane)
+    exact[int(through_fold) :] = firing_rate(
+        begin.rheobase + s[int(through_fold) :] ** 2, channels, membrane, budget=budget
+    )
     w = 2.0 * s[:nodes] / s_max - 1.0
     if through_fold or begin.born:
         value = (exact[:nodes] - begin.rate) / np.where(s[:nodes] > 0.0, s[:nodes], 1.0)

@@ -38,6 +38,30 @@ _MAX_SUBTHRESHOLD = 150  # voltage peaks without a spike that are silence: a ste
 _MAX_STEPS = 400_000
 
 
+class StepsSpentError(NumericalError):
+    """The steps that a search was given are spent."""
+
+
+@dataclass
+class Budget:
+    """Steps that the integrations of one search may still take, all cells side by side counted once."""
+
+    left: int
+
+    def spend(self, cells: Cells) -> None:
+        """Count a step.
+
+        Raises
+        ------
+        StepsSpentError
+            If none is left, with the currents that were being tried.
+        """
+        if self.left <= 0:
+            low, high = cells.current.min(), cells.current.max()
+            raise StepsSpentError(f"at {low:.7g}" + (f" to {high:.7g}" if high > low else "") + " µA/cm²")
+        self.left -= 1
+
+
 class Orbit(NamedTuple):
     """What cells end on."""
 
@@ -52,6 +76,7 @@ def steady_orbit(
     state: FloatArray,
     tolerance: FloatArray | float = TOLERANCE,
     agreement: float = AGREEMENT,
+    budget: Budget | None = None,
 ) -> Orbit:
     """Follow cells that start from given states to the periodic orbit or equilibrium that they end on.
 
@@ -65,17 +90,21 @@ def steady_orbit(
         Largest local error of a step, as :data:`TOLERANCE`.
     agreement : float
         Relative difference of successive periods, and scaled distance of successive spikes, that ends the search.
+    budget : Budget, optional
+        Steps that may be taken; without one, each call has its own.
 
     Raises
     ------
     NumericalError
-        If a cell neither settles nor repeats itself.
+        If a cell neither settles nor repeats itself, or the budget is spent.
     """
     rate, spike_state = np.zeros(len(cells)), np.full_like(state, np.nan)
     orbits = _Orbits.start(cells, state, tolerance)
     for count in range(_MAX_STEPS):
         if not len(orbits.lane):
             return Orbit(rate, spike_state)
+        if budget is not None:
+            budget.spend(orbits.cells)
         orbits.advance()
         period = orbits.period(agreement)
         done = period > 0.0

@@ -5,7 +5,8 @@ There are three ways, told apart by simulation:
 - at a fold of equilibria that the periodic orbit passes through, arbitrarily slowly (:mod:`~.equilibrium`);
 - at a fold of periodic orbits, at a finite rate: the stable orbit meets an unstable one and both vanish. Orbits near
   there attract ever more weakly, and below it trajectories pass the lost orbit so slowly that they look periodic; so
-  the fold is extrapolated from stable orbits a good way above it, twice, the second time from where the first led;
+  the fold is extrapolated from stable orbits a good way above it, twice, the second time from where the first led.
+  Where the two disagree, because the orbits turn too sharply, simulation finds the rheobase to 1e-3 µA/cm²;
 - elsewhere, where the trajectory that leaves rest stops falling into the basin of an equilibrium. There the period
   grows without bound too, but only as the logarithm of the distance to the rheobase.
 """
@@ -21,7 +22,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from softness_bayes.touch.cells import Cells
 from softness_bayes.touch.equilibrium import Fold, fold, rest
-from softness_bayes.touch.limit_cycle import steady_orbit
+from softness_bayes.touch.limit_cycle import Budget, steady_orbit
 from softness_bayes.touch.membrane import CONNOR_STEVENS, PAPER_CHANNELS, Channels, Membrane, lanes
 from softness_bayes.touch.rate import CONTINUED, simulated
 
@@ -34,6 +35,7 @@ _CLASSIFYING_TOLERANCE = 1e-7  # local error where only the kind of onset is ask
 _SECTIONS = 24  # currents tried side by side while a jump is bracketed, shared by the cells of a batch
 _RUNGS = 25  # currents tried upwards until one fires
 _RESOLUTION = 1e-6  # µA/cm², width of the final bracket around a jump
+_SLOW_RESOLUTION = 1e-3  # µA/cm², of one without a fold of equilibria: finer ones take time like 1/sqrt(width)
 _FAMILY_BRACKET = 0.02  # µA/cm², width of the bracket from which a fold of orbits is extrapolated
 _FAMILY = 0.1 + 0.7 * np.sin(0.5 * np.pi * (np.arange(12) + 0.5) / 12.0) ** 2  # sqrt(µA/cm²), orbits above the bracket
 _DEGREE_FROM_AFAR = 9  # of the current as a polynomial in the rate: from afar higher ones follow errors alone
@@ -63,7 +65,10 @@ def rheobase(channels: Channels = PAPER_CHANNELS, membrane: Membrane = CONNOR_ST
 
 
 def onset(
-    channels: Channels = PAPER_CHANNELS, membrane: Membrane = CONNOR_STEVENS, expected: ArrayLike | None = None
+    channels: Channels = PAPER_CHANNELS,
+    membrane: Membrane = CONNOR_STEVENS,
+    expected: ArrayLike | None = None,
+    budget: Budget | None = None,
 ) -> Onset:
     """Rheobase, and the rate just above it.
 
@@ -76,17 +81,21 @@ def onset(
     expected : array_like, optional
         Rheobases that are expected [µA/cm²], of the multipliers' shape. A jump is looked for around them first, which
         is several times faster; simulation decides all the same.
+    budget : Budget, optional
+        Steps that may be taken, as :func:`~.limit_cycle.steady_orbit` takes it.
 
     Raises
     ------
     InputError
         If a multiplier is negative or not finite.
+    NumericalError
+        If a membrane neither settles nor repeats itself, or the budget is spent.
     """
     shape, multipliers = lanes(channels)
     distinct, first, lane = np.unique(np.array(multipliers), axis=1, return_index=True, return_inverse=True)
     guess = np.full(shape, np.nan) if expected is None else np.broadcast_to(np.asarray(expected, float), shape)
     folds = fold(Channels(*distinct), membrane)
-    smooth = fires_through(folds, Channels(*distinct), membrane)
+    smooth = fires_through(folds, Channels(*distinct), membrane, budget)
     begin = Onset(
         rheobase=folds.current.copy(),
         rate=np.zeros(smooth.size),
@@ -96,18 +105,20 @@ def onset(
     jumps = np.flatnonzero(~smooth)
     if jumps.size:
         begin.rheobase[jumps], begin.rate[jumps], begin.born[jumps] = _jumps(
-            distinct[:, jumps], folds.current[jumps], membrane, guess.reshape(-1)[first[jumps]]
+            distinct[:, jumps], folds.current[jumps], membrane, guess.reshape(-1)[first[jumps]], budget
         )
     place = lane.reshape(shape)
     return Onset(begin.rheobase[place], begin.rate[place], begin.prefactor[place], begin.born[place])
 
 
-def fires_through(folds: Fold, channels: Channels, membrane: Membrane) -> NDArray[np.bool_]:
+def fires_through(
+    folds: Fold, channels: Channels, membrane: Membrane, budget: Budget | None = None
+) -> NDArray[np.bool_]:
     """Whether firing begins arbitrarily slowly at each fold, shape (n,): the period just above is the lingering's."""
     through = np.isfinite(folds.prefactor)
     some = Channels(*(c[through] for c in channels))
     cells = Cells.of(membrane, some, folds.current[through] + CONTINUED**2)
-    rate = steady_orbit(cells, rest(some, membrane), _CLASSIFYING_TOLERANCE, _PASSING).rate
+    rate = steady_orbit(cells, rest(some, membrane), _CLASSIFYING_TOLERANCE, _PASSING, budget).rate
     through[through] = np.abs(rate / (CONTINUED * folds.prefactor[through]) - 1.0) < 0.1
     return through
 
@@ -121,7 +132,7 @@ class _Bracket(NamedTuple):
 
 
 def _jumps(
-    channels: FloatArray, fold_current: FloatArray, membrane: Membrane, expected: FloatArray
+    channels: FloatArray, fold_current: FloatArray, membrane: Membrane, expected: FloatArray, budget: Budget | None
 ) -> tuple[FloatArray, FloatArray, NDArray[np.bool_]]:
     """Where firing begins abruptly, the rate there, and whether orbits fold; for multipliers of shape (4, n)."""
 
@@ -129,10 +140,11 @@ def _jumps(
         """Rates, roughly, without waiting for the last of the many spikes that pass by a fold of orbits."""
         some = Channels(*channels[:, lane])
         cells = Cells.of(membrane, some, current)
-        return steady_orbit(cells, rest(some, membrane), _CLASSIFYING_TOLERANCE, _PASSING).rate
+        return steady_orbit(cells, rest(some, membrane), _CLASSIFYING_TOLERANCE, _PASSING, budget).rate
 
     def exact(current: FloatArray, lane: NDArray[np.intp]) -> FloatArray:
-        return simulated(current, Channels(*channels[:, lane]), membrane, current - fold_current[lane]).rate
+        excess = current - fold_current[lane]
+        return simulated(current, Channels(*channels[:, lane]), membrane, excess, budget=budget).rate
 
     start = np.where(np.isfinite(fold_current), fold_current, 0.0)
     bracket = _climb(passing, start, expected)
@@ -143,7 +155,10 @@ def _jumps(
     current, rate = _births(exact, passing, bracket, folding)
     born = np.zeros(found.size, dtype=bool)
     born[folding] = np.isfinite(current)
-    _narrow(exact, bracket, np.flatnonzero(found & ~born), _RESOLUTION)
+    slow = folding[~born[folding]]  # of which what passes slowly may have been taken for firing
+    bracket.high[slow] += _LOOKS_PERIODIC
+    _narrow(exact, bracket, slow, _SLOW_RESOLUTION)
+    _narrow(exact, bracket, np.flatnonzero(found & np.isfinite(fold_current)), _RESOLUTION)
     bracket.high[folding], bracket.rate[folding] = (
         np.where(np.isfinite(current), new, old[folding])
         for new, old in ((current, bracket.high), (rate, bracket.rate))
@@ -195,8 +210,11 @@ def _births(rates: _Rates, passing: _Rates, bracket: _Bracket, lane: NDArray[np.
     """Current and rate at the folds of periodic orbits at which firing begins; NaN where it does not."""
     low, high = bracket.low[lane], bracket.high[lane]
     first, _ = _turn(rates, high, lane, _DEGREE_FROM_AFAR)
-    birth, rate = _turn(rates, first, lane, _FAMILY.size - 1)
+    margin = _LOOKS_PERIODIC + _SAME_FOLD
     with np.errstate(invalid="ignore"):
+        # a fold so far from the bracket is none: no second look from there
+        first = np.where((first > low - margin) & (first <= high + margin), first, np.nan)
+        birth, rate = _turn(rates, first, lane, _FAMILY.size - 1)
         inside = (birth > low - _LOOKS_PERIODIC) & (birth <= high + _LOOKS_PERIODIC)
         found = np.flatnonzero(inside & (np.abs(birth - first) <= _SAME_FOLD))
     # an orbit that rest does not lead to is no birth of firing

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from softness_bayes.touch.cells import Cells
 from softness_bayes.touch.equilibrium import Fold, fold, rest
-from softness_bayes.touch.limit_cycle import AGREEMENT, TOLERANCE, Orbit, steady_orbit
+from softness_bayes.touch.limit_cycle import AGREEMENT, TOLERANCE, Budget, Orbit, steady_orbit
 from softness_bayes.touch.membrane import CONNOR_STEVENS, PAPER_CHANNELS, Channels, Membrane, lanes
 
 FloatArray = NDArray[np.float64]
@@ -26,6 +26,7 @@ def firing_rate(
     channels: Channels = PAPER_CHANNELS,
     membrane: Membrane = CONNOR_STEVENS,
     tolerance: float = TOLERANCE,
+    budget: Budget | None = None,
 ) -> FloatArray:
     """Steady firing rate after a current step applied to the membrane at rest.
 
@@ -45,6 +46,8 @@ def firing_rate(
     tolerance : float
         Largest local error of a step. With 5e-8 rates take half the time, and differ by up to 1e-6 (relative), or 4e-6
         within 0.01 µA/cm² of the rheobase.
+    budget : Budget, optional
+        Steps that may be taken, as :func:`~.limit_cycle.steady_orbit` takes it.
 
     Returns
     -------
@@ -56,7 +59,7 @@ def firing_rate(
     InputError
         If a current or multiplier is not finite, or a multiplier negative.
     NumericalError
-        If a membrane neither settles nor repeats itself.
+        If a membrane neither settles nor repeats itself, or the budget is spent.
     """
     shape, (*multipliers, flat) = lanes(channels, current=current)
     distinct, lane = np.unique(np.array(multipliers), axis=1, return_inverse=True)
@@ -67,12 +70,13 @@ def firing_rate(
     rate = np.zeros(flat.size)
     if slow.any():
         near, place = np.unique(lane[slow], return_inverse=True)
-        continued = _Continuation.of(Channels(*distinct[:, near]), Fold(*(x[near] for x in folds)), membrane, tolerance)
+        some, places = Channels(*distinct[:, near]), Fold(*(x[near] for x in folds))
+        continued = _Continuation.of(some, places, membrane, tolerance, budget)
         rate[slow] = continued.rate(np.sqrt(excess[slow]), place)
         slow[slow] = continued.through_fold[place]
     direct = np.flatnonzero(~slow)
     some = Channels(*(c[direct] for c in multipliers))
-    rate[direct] = simulated(flat[direct], some, membrane, excess[direct], tolerance).rate
+    rate[direct] = simulated(flat[direct], some, membrane, excess[direct], tolerance, budget).rate
     return rate.reshape(shape)
 
 
@@ -83,12 +87,14 @@ class _Continuation(NamedTuple):
     through_fold: NDArray[np.bool_]
 
     @classmethod
-    def of(cls, channels: Channels, folds: Fold, membrane: Membrane, tolerance: float) -> _Continuation:
+    def of(
+        cls, channels: Channels, folds: Fold, membrane: Membrane, tolerance: float, budget: Budget | None
+    ) -> _Continuation:
         nodes = _CONTINUATION_NODES[:, None]
         n = folds.current.size
         current = (folds.current + nodes**2).ravel()
         many = Channels(*(np.tile(c, len(nodes)) for c in channels))
-        rate = simulated(current, many, membrane, np.repeat(nodes**2, n), tolerance).rate.reshape(len(nodes), n)
+        rate = simulated(current, many, membrane, np.repeat(nodes**2, n), tolerance, budget).rate.reshape(len(nodes), n)
         fires = (rate > 0.0).all(axis=0)
         scaled = nodes / np.where(rate > 0.0, rate, 1.0)
         limit = 1.0 / folds.prefactor
@@ -105,7 +111,12 @@ class _Continuation(NamedTuple):
 
 
 def simulated(
-    current: FloatArray, channels: Channels, membrane: Membrane, excess: FloatArray, tolerance: float = TOLERANCE
+    current: FloatArray,
+    channels: Channels,
+    membrane: Membrane,
+    excess: FloatArray,
+    tolerance: float = TOLERANCE,
+    budget: Budget | None = None,
 ) -> Orbit:
     """What cells at rest end on, by integration alone; ``excess`` is the current above the fold, NaN without one."""
     closeness = np.where(excess > 0.0, np.sqrt(np.maximum(excess, 0.0)) / _SLOW, 1.0)
@@ -115,5 +126,6 @@ def simulated(
     for start in range(0, current.size, _BLOCK):
         block = slice(start, start + _BLOCK)
         cells = Cells.of(membrane, Channels(*(c[block] for c in channels)), current[block])
-        orbit.rate[block], orbit.spike_state[:, block] = steady_orbit(cells, state[:, block], local[block], agreement)
+        found = steady_orbit(cells, state[:, block], local[block], agreement, budget)
+        orbit.rate[block], orbit.spike_state[:, block] = found
     return orbit
