@@ -479,3 +479,9 @@ def test_the_status_is_what_was_kept(tmp_path, states):
         checkpoint.finish()
     status = read_status(tmp_path)
     assert (status.running, status.written) == (False, True)
+
+
+def test_a_file_in_the_place_of_the_directory_is_named(tmp_path):
+    (tmp_path / "thesis.txt").write_text("mine")
+    with pytest.raises(InputError, match=r"thesis\.txt: is a file, expected a directory for the results"):
+        Checkpoint.create(tmp_path / "thesis.txt")

@@ -60,13 +60,16 @@ def turning_table(
 
 
 def with_errors(table: pd.DataFrame, columns: Sequence[str]) -> pd.DataFrame:
-    """Return some columns of a `turning_table` as text, each number with its Monte-Carlo standard error."""
+    """Return some columns of a `turning_table` as text, each number with its Monte-Carlo standard error.
+
+    A number without an error is of too few draws, all of them the same, and is left out.
+    """
     import pandas as pd
 
     return pd.DataFrame(
         {
             name: [
-                f"{value:.3g} ± {error:.1g}" if np.isfinite(value) else "–"
+                f"{value:.3g} ± {error:.1g}" if np.isfinite(value) and error > 0 else "–"
                 for value, error in zip(table[name], table[f"{name}_mcse"], strict=True)
             ]
             for name in columns

@@ -143,7 +143,8 @@ class Checkpoint:
         LockedError
             If another process is running there.
         """
-        require_free(Path(directory) / CHECKPOINT / LOCK)
+        if Path(directory).is_dir():  # what else stands there is refused below
+            require_free(Path(directory) / CHECKPOINT / LOCK)
         checkpoint = cls(Path(directory), request, None, replace, inputs)
         require_vacant(checkpoint.directory, replace, checkpoint._inputs)
         return checkpoint
