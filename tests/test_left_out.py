@@ -100,7 +100,7 @@ def test_pieces_cover_all_draws_once():
 
 @pytest.mark.parametrize("omega", [0.0, 0.4])
 def test_a_little_room_gives_the_same_numbers(rng, monkeypatch, omega):
-    draws = 12
+    draws = 40  # ArviZ 1.x smooths tails of five draws and more
     design, rate, noise = lab(rng, draws=draws)
     points = several(rng, draws, omega)
     layout = Layout(design, np.geomspace(3e3, 6e5, 6), np.zeros(6, int))
@@ -122,7 +122,7 @@ def test_a_little_room_gives_the_same_numbers(rng, monkeypatch, omega):
 
     whole = everything()
     monkeypatch.setattr(room, "ROOM", 130)
-    assert len(pieces(draws, design.n_rows)) == 6
+    assert len(pieces(draws, design.n_rows)) == 20
     for one, other in zip(everything(), whole, strict=True):
         assert_allclose(one, other, rtol=1e-10, atol=1e-12)
 
