@@ -124,6 +124,18 @@ def test_people_who_do_not_look_alike_are_not_named(tmp_path):
     assert read.notes == ()
 
 
+def test_names_that_are_the_same_without_spaces_at_the_end_are_one_and_named(tmp_path):
+    path = tmp_path / "ratings.csv"
+    rows = "P1,a,1,5\nP1 ,b ,1,6\nP1\u00a0,a,2,5\nP2 ,b ,2,6\n"
+    path.write_text(f"participant,fabric,indentation_mm,rating\n{rows}", encoding="utf-8")
+    read = Ratings.read(path)
+    assert read.participants == ("P1", "P2")
+    # of P2 and b every cell has a space: nothing was put together
+    assert read.notes == (
+        "ratings.csv: column 'participant': 'P1' with spaces at the ends and without are taken as the same",
+    )
+
+
 def test_a_fabric_that_looks_like_a_known_one_is_named_with_the_difference(tmp_path):
     cloth = Fabrics(("caf\u00e9",), effective_modulus=1e5)
     path = tmp_path / "ratings.csv"

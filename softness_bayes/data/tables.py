@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from softness_bayes.data.columns import LABELS, NUMBERS, Column
 from softness_bayes.data.decimals import MARKS, Cell, Reading, decimal_mark, plain
-from softness_bayes.data.names import guess, listing
+from softness_bayes.data.names import guess, listing, natural
 from softness_bayes.errors import InputError, quoted
 from softness_bayes.files.cells import unescaped
 
@@ -129,7 +129,7 @@ def read_table(path: str | Path, renames: Mapping[str, str], decimal: str | None
         raise InputError(f"{path}: {error.strerror}") from None
     text, notes = _decode(path, content)
     separator = _separator(text)
-    header, body, rows = _records(path, text, separator)
+    header, body, rows, padded = _records(path, text, separator)
 
     where = {title.casefold(): j for j, title in enumerate(header) if title}
     at: dict[str, int] = {}
@@ -138,6 +138,10 @@ def read_table(path: str | Path, renames: Mapping[str, str], decimal: str | None
             if title in where:
                 at.setdefault(name, where[title])
     cells = {name: [record[j] for record in body] for name, j in at.items()}
+    for name in (name for name in LABELS if name in at):
+        total = Counter(cells[name])
+        if both := [f"'{label}'" for label in natural(total) if 0 < padded[at[name], label] < total[label]]:
+            notes.append(f"column {name!r}: {listing(both)} with spaces at the ends and without are taken as the same")
     cells |= {name: [unescaped(text) for text in cells[name]] for name in LABELS if name in cells}
     unused = [title for j, title in enumerate(header) if title and j not in at.values()]
     if unused:
@@ -220,12 +224,19 @@ def _unclear(path: Path, cell: Cell) -> str:
     )
 
 
-def _records(path: Path, text: str, separator: str) -> tuple[list[str], list[list[str]], list[int]]:
-    """Return the header, the rows that are not blank, and the line where each of these starts."""
+def _records(
+    path: Path, text: str, separator: str
+) -> tuple[list[str], list[list[str]], list[int], Counter[tuple[int, str]]]:
+    """Return the header, the rows that are not blank, where each starts, and how often a cell had spaces at its ends.
+
+    The last by column and by what the cell holds without them.
+    """
     records: list[list[str]] = []
     rows: list[int] = []
+    padded: Counter[tuple[int, str]] = Counter()
     for record, line in _rows(path, text, separator):
         cells = [cell.strip() for cell in record]
+        padded.update((j, cell) for j, cell in enumerate(cells) if cell != record[j])
         if any(cells):
             records.append(cells)
             rows.append(line)
@@ -240,7 +251,7 @@ def _records(path: Path, text: str, separator: str) -> tuple[list[str], list[lis
         beyond = [cell for cell in record[used:] if cell]
         if beyond:
             raise InputError(f"{path}: row {row}: {quoted(beyond[-1])} stands beyond the {used} columns of the header")
-    return header[:used], [[*record[:used], *[""] * (used - len(record))] for record in body], rows[1:]
+    return header[:used], [[*record[:used], *[""] * (used - len(record))] for record in body], rows[1:], padded
 
 
 def _rows(path: Path, text: str, separator: str) -> Iterator[tuple[list[str], int]]:
