@@ -347,5 +347,8 @@ def _report_ratings(result: Result, fit: Fit) -> None:
         f"numerical error of the response: {found['numerical_error']:.1e} of its peak, at most, over draws; "
         f"accuracy: {found['accuracy']}"
     )
-    click.echo(f"error of the firing rates: {found['firing_error']:.1e} of the peak response, at most")
+    click.echo(
+        f"if every receptor's firing rate had the largest error of its surface, the response would be off by "
+        f"{found['firing_error']:.1e} of its peak; what the errors come to:"
+    )
     click.echo(str(found["exactness"]))

@@ -129,7 +129,7 @@ def _exactness(result: Result) -> Finding:
     weighted = bool(result.attributes["exact_reweight"])
     numbers = (
         f"Quadrature: {float(result.attributes['numerical_error']):.1e} of the peak response at most; "
-        f"firing rates: {float(result.attributes['firing_error']):.1e}."
+        f"firing rates: {float(result.attributes['firing_error']):.1e}, if every receptor had their largest error."
     )
     tail = ["Summary and predictions are those of draws weighted by the exact likelihood."] if weighted else []
     return Finding(

@@ -187,7 +187,7 @@ def _data(result: Result) -> list[tuple[str, str]]:
 def _errors(found: dict[str, Any]) -> list[tuple[str, str]]:
     return [
         ("Response, share of its peak, at most", f"{float(found['numerical_error']):.1e}"),
-        ("Firing rates, share of the peak response, at most", f"{float(found['firing_error']):.1e}"),
+        ("Firing rates, share of the peak if each had its largest error", f"{float(found['firing_error']):.1e}"),
         ("Log-likelihood of draws, sd of its error", f"{float(found['exactness_sd']):.1g}"),
         ("Log-likelihood of draws, largest error", f"{float(found['exactness_largest']):.1g}"),
         ("Silent in every condition, share of the prior", share(found["prior_silent_everywhere"])),
