@@ -23,7 +23,7 @@ from softness_bayes.inference.observation import INVERSE
 from softness_bayes.inference.priors import LogNormal
 from softness_bayes.plotting.figures import figures_of
 from softness_bayes.report import anonymous, page, report_page, write_report
-from softness_bayes.report.anonymous import renamed
+from softness_bayes.report.anonymity import renamed
 from softness_bayes.report.curves import shown
 from softness_bayes.report.findings import Standing, exactness_of, findings
 from softness_bayes.report.repeat import repetition
