@@ -13,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from full_disk import fill_disk
 from killable import SEED, WHAT, follow, settings
 from killable import fake_posterior as posterior_of_the_fake
 
@@ -201,16 +202,7 @@ def alive(number):
 
 @pytest.mark.usefixtures("eager")
 def test_a_full_disk_ends_the_run_and_loses_nothing(tmp_path, states, monkeypatch):
-    sync, room = os.fsync, 11
-
-    def full(handle):
-        nonlocal room
-        room -= 1
-        if room < 0:
-            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-        sync(handle)
-
-    monkeypatch.setattr(whole.os, "fsync", full)
+    fill_disk(monkeypatch, 11)
     with pytest.raises(OSError, match="No space left") as error:
         keep(tmp_path, states)
     assert Path(error.value.filename).parent == tmp_path / "checkpoint"

@@ -1,6 +1,5 @@
 """`status` and `resume`: an interrupted run at the command line, and what is refused there."""
 
-import errno
 import functools
 import json
 import os
@@ -14,10 +13,10 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from full_disk import fill_disk
 from test_cli_verbs import DATA, FIXED, ROOT, here, refused
 
 from softness_bayes.cli.resume import _continued
-from softness_bayes.files import whole
 from softness_bayes.inference.observation import LogRatings
 from softness_bayes.result import Result
 from softness_bayes.run import RunOptions
@@ -228,16 +227,7 @@ def test_nonsense_is_refused(here, arguments, message):
 
 
 def test_a_full_disk_says_how_to_go_on(copied, here, monkeypatch):
-    room, sync = 4, os.fsync
-
-    def full(handle):
-        nonlocal room
-        room -= 1
-        if room < 0:
-            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-        sync(handle)
-
-    monkeypatch.setattr(whole.os, "fsync", full)
+    fill_disk(monkeypatch, 4)
     done = here("resume", copied, "--processes", "1")
     assert done.returncode == 2
     assert "No space left on device" in done.stderr

@@ -16,6 +16,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from full_disk import fill_disk
 from test_cli_verbs import DATA, ROOT, TOUCH, here, refused
 from test_layers import MODULES
 
@@ -276,16 +277,7 @@ def test_a_full_disk_leaves_all_old_files_or_all_new_ones(tmp_path, monkeypatch,
     """Whichever write fails, what stands there is whole, of one time, and known to be ours."""
     old, new = ({name: f"{age} {name}" * 100 for name in ("a.csv", "b.csv")} for age in ("old", "new"))
     write_outputs(tmp_path, old, "simulate")
-    sync = os.fsync
-
-    def full(handle):
-        nonlocal room
-        room -= 1
-        if room < 0:
-            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-        sync(handle)
-
-    monkeypatch.setattr(whole.os, "fsync", full)
+    fill_disk(monkeypatch, room)
     with contextlib.suppress(OSError):
         write_outputs(tmp_path, new, "simulate")
     monkeypatch.undo()
