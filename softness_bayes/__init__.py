@@ -17,21 +17,21 @@ if TYPE_CHECKING:
     from softness_bayes.data import Fabrics as Fabrics
     from softness_bayes.data import Ratings as Ratings
     from softness_bayes.data import read_experiment as read_experiment
+    from softness_bayes.model.build import scene_of as scene_of
+    from softness_bayes.model.build import simulate_compression as simulate_compression
+    from softness_bayes.model.build import simulate_ratings as simulate_ratings
+    from softness_bayes.model.build import touch_parameters as touch_parameters
+    from softness_bayes.model.build import usual_values as usual_values
+    from softness_bayes.model.prediction import prediction_table as prediction_table
     from softness_bayes.plotting.plots import Plots as Plots
-    from softness_bayes.predict import prediction_table as prediction_table
-    from softness_bayes.result import Result as Result
-    from softness_bayes.run import RunOptions as RunOptions
-    from softness_bayes.run import sample as sample
-    from softness_bayes.skin import sample_skin as sample_skin
-    from softness_bayes.study import scene_of as scene_of
-    from softness_bayes.study import simulate_compression as simulate_compression
-    from softness_bayes.study import simulate_ratings as simulate_ratings
-    from softness_bayes.study import touch_parameters as touch_parameters
-    from softness_bayes.study import usual_values as usual_values
+    from softness_bayes.results.result import Result as Result
+    from softness_bayes.runs.plate import sample_skin as sample_skin
+    from softness_bayes.runs.run import RunOptions as RunOptions
+    from softness_bayes.runs.run import sample as sample
     from softness_bayes.touch.contact import Finger as Finger
     from softness_bayes.touch.contact import Force as Force
     from softness_bayes.touch.contact import Indentation as Indentation
-    from softness_bayes.touch.rate import firing_rate as firing_rate
+    from softness_bayes.touch.neuron.rate import firing_rate as firing_rate
     from softness_bayes.touch.readings import Readings as Readings
     from softness_bayes.touch.scene import Scene as Scene
 
@@ -45,20 +45,20 @@ _HOMES = {
     "Plots": "plotting.plots",
     "Ratings": "data",
     "Readings": "touch.readings",
-    "Result": "result",
-    "RunOptions": "run",
+    "Result": "results.result",
+    "RunOptions": "runs.run",
     "Scene": "touch.scene",
     "evaluate_claims": "claims",
-    "firing_rate": "touch.rate",
-    "prediction_table": "predict",
+    "firing_rate": "touch.neuron.rate",
+    "prediction_table": "model.prediction",
     "read_experiment": "data",
-    "sample": "run",
-    "sample_skin": "skin",
-    "scene_of": "study",
-    "simulate_compression": "study",
-    "simulate_ratings": "study",
-    "touch_parameters": "study",
-    "usual_values": "study",
+    "sample": "runs.run",
+    "sample_skin": "runs.plate",
+    "scene_of": "model.build",
+    "simulate_compression": "model.build",
+    "simulate_ratings": "model.build",
+    "touch_parameters": "model.build",
+    "usual_values": "model.build",
 }
 
 __all__ = ["__version__", *_HOMES]

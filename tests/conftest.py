@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from softness_bayes.touch.firing import CurveError, RateCurve
+from softness_bayes.touch.neuron.firing import CurveError, RateCurve
 from softness_bayes.touch.parameters import TouchParameters
 
 SEED = int(os.environ.get("SOFTNESS_BAYES_SEED", "20240611"))

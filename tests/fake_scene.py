@@ -2,11 +2,11 @@
 
 import numpy as np
 
-from softness_bayes.inference.design import Design
-from softness_bayes.inference.observation import LogRatings, RatingModel, RatingParameters
-from softness_bayes.inference.parameters import parameter_space
-from softness_bayes.inference.posterior import Posterior
-from softness_bayes.touch.membrane import PAPER_CHANNELS
+from softness_bayes.likelihood.design import Design
+from softness_bayes.likelihood.magnitude import LogRatings, RatingModel, RatingParameters
+from softness_bayes.model.posterior import Posterior
+from softness_bayes.parameters.space import parameter_space
+from softness_bayes.touch.neuron.membrane import PAPER_CHANNELS
 
 FABRICS, LOADS, PARTICIPANTS = 6, 2, 8
 TRUTH = RatingParameters(0.9, 0.5, 0.3)

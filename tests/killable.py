@@ -11,10 +11,10 @@ from pathlib import Path
 
 from fake_scene import FakeScene, fake_posterior
 
-from softness_bayes.inference.diagnostics import Goal
-from softness_bayes.inference.sampling import Settings, walk
-from softness_bayes.storage import checkpoint as storage
-from softness_bayes.storage.checkpoint import Checkpoint
+from softness_bayes.checkpoints import checkpoint as storage
+from softness_bayes.checkpoints.checkpoint import Checkpoint
+from softness_bayes.sampler.diagnostics import Goal
+from softness_bayes.sampler.sampling import Settings, walk
 
 SEED = 8
 WHAT = {"model": "the fake scene"}

@@ -10,18 +10,19 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from softness_bayes import run, study
 from softness_bayes.data import Experiment, Fabrics
-from softness_bayes.inference.sampling import Settings
-from softness_bayes.inference.scales import STANDARDISED
-from softness_bayes.result import Result
-from softness_bayes.run import RunOptions, sample
-from softness_bayes.skin import WIDE, sample_skin
-from softness_bayes.study import simulate_compression, simulate_ratings, usual_values
+from softness_bayes.likelihood.scales import STANDARDISED
+from softness_bayes.model import build as study
+from softness_bayes.model.build import simulate_compression, simulate_ratings, usual_values
+from softness_bayes.results.result import Result
+from softness_bayes.runs import run
+from softness_bayes.runs.plate import WIDE, sample_skin
+from softness_bayes.runs.run import RunOptions, sample
+from softness_bayes.sampler.sampling import Settings
 from softness_bayes.touch import scene
 from softness_bayes.touch.contact import Force, Indentation
-from softness_bayes.touch.firing import CurveError, RateCurve
-from softness_bayes.touch.membrane import PAPER_CHANNELS
+from softness_bayes.touch.neuron.firing import CurveError, RateCurve
+from softness_bayes.touch.neuron.membrane import PAPER_CHANNELS
 from softness_bayes.touch.readings import MENDED
 from softness_bayes.touch.scene import Discretisation
 

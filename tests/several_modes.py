@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from softness_bayes.inference.moves import MOVES, Student
-from softness_bayes.inference.sampling import Settings
+from softness_bayes.sampler.moves import MOVES, Student
+from softness_bayes.sampler.sampling import Settings
 
 DIMENSION = 6
 FAR = np.full(DIMENSION, 4.0)

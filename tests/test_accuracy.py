@@ -8,23 +8,23 @@ import numpy as np
 import pytest
 from test_cli_verbs import here, refused
 
-from softness_bayes import plan
 from softness_bayes.data import read_experiment
 from softness_bayes.errors import InputError
-from softness_bayes.inference.parameters import parameter_space
-from softness_bayes.plan import given_draws, ladder, left_out, prior_draws, scene_with_accuracy, with_accuracy
-from softness_bayes.run import RunOptions, posterior_of
-from softness_bayes.study import firing_of, touch_parameters, usual_values
+from softness_bayes.model.build import firing_of, touch_parameters, usual_values
+from softness_bayes.parameters.space import parameter_space
+from softness_bayes.runs import plan
+from softness_bayes.runs.plan import given_draws, ladder, left_out, prior_draws, scene_with_accuracy, with_accuracy
+from softness_bayes.runs.run import RunOptions, posterior_of
 from softness_bayes.touch.accuracy import Errors, choose, errors, references, sampled_rates, thinned
 from softness_bayes.touch.contact import Force, Indentation
-from softness_bayes.touch.firing import exact_curves
 from softness_bayes.touch.firing_sample import FiringSample
-from softness_bayes.touch.membrane import CONNOR_STEVENS, PAPER_CHANNELS, Channels
+from softness_bayes.touch.neuron.firing import exact_curves
+from softness_bayes.touch.neuron.membrane import CONNOR_STEVENS, PAPER_CHANNELS, Channels
+from softness_bayes.touch.neuron.rate import firing_rate
+from softness_bayes.touch.neuron.surface import FiringSurface
 from softness_bayes.touch.parameters import TouchParameters
-from softness_bayes.touch.rate import firing_rate
 from softness_bayes.touch.readings import MENDED
 from softness_bayes.touch.scene import Discretisation, Scene
-from softness_bayes.touch.surface import FiringSurface
 
 __all__ = ["here"]  # a fixture
 

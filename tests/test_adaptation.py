@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from softness_bayes.inference.adaptation import Mapped, TriangularMap, learn
-from softness_bayes.inference.moves import Student
+from softness_bayes.sampler.adaptation import Mapped, TriangularMap, learn
+from softness_bayes.sampler.moves import Student
 
 
 def bent_draws(rng, size):

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from autoregressive import autoregressive, walks
 
-from softness_bayes.inference.autocorrelation import autocorrelation_time, indicator_time
+from softness_bayes.sampler.autocorrelation import autocorrelation_time, indicator_time
 
 
 @pytest.mark.parametrize("tau", [1.0, 8.0, 30.0])

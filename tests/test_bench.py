@@ -19,7 +19,7 @@ from softness_bayes.bench.scaling import scaling
 from softness_bayes.bench.subject import BATCH, QUICK, first, machine, quickest, subject
 from softness_bayes.errors import InputError
 from softness_bayes.plotting.benchmark import work_precision_figure
-from softness_bayes.touch.rate import firing_rate
+from softness_bayes.touch.neuron.rate import firing_rate
 from softness_bayes.touch.scene import Discretisation
 
 __all__ = ["here"]  # a fixture

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from softness_bayes import benchmark_moves
-from softness_bayes.benchmark_moves import DATA, WAYS, measure
+from softness_bayes.tools import benchmark_moves
+from softness_bayes.tools.benchmark_moves import DATA, WAYS, measure
 
 
 class Normal:

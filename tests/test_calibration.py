@@ -18,11 +18,9 @@ from fake_scene import fake_posterior
 from scipy.special import expit
 from scipy.stats import norm
 
-from softness_bayes.calibrate import LONG, Calibrated, CalibrationScene, calibrate, finished
-from softness_bayes.cli import main
-from softness_bayes.data import Fabrics
-from softness_bayes.errors import InputError, LockedError
-from softness_bayes.inference.calibration import (
+from softness_bayes.checking.calibration.power import Alarm, power, rank_law
+from softness_bayes.checking.calibration.quantities import LOG_LIKELIHOOD, PARTICIPANT, PARTICIPANTS, quantities
+from softness_bayes.checking.calibration.ranks import (
     DRAWS,
     FALSE_ALARM,
     Calibration,
@@ -32,21 +30,23 @@ from softness_bayes.inference.calibration import (
     replicate,
     right,
 )
-from softness_bayes.inference.chains import Chains
-from softness_bayes.inference.curves import LEAST_DROP, curve_scene
-from softness_bayes.inference.diagnostics import Goal, look
-from softness_bayes.inference.observation import INVERSE, LogRatings, RatingModel
-from softness_bayes.inference.parameters import PARAMETERS
-from softness_bayes.inference.rank_power import Alarm, power, rank_law
-from softness_bayes.inference.rank_words import coverage_sentence, verdict
-from softness_bayes.inference.ranked import LOG_LIKELIHOOD, PARTICIPANT, PARTICIPANTS, quantities
-from softness_bayes.inference.sampling import Sampled, Settings
-from softness_bayes.inference.uniformity import simultaneous_band
-from softness_bayes.inference.workers import Workers
+from softness_bayes.checking.calibration.words import coverage_sentence, verdict
+from softness_bayes.checking.inflection import LEAST_DROP, curve_scene
+from softness_bayes.checking.uniformity import simultaneous_band
+from softness_bayes.cli import main
+from softness_bayes.data import Fabrics
+from softness_bayes.errors import InputError, LockedError
+from softness_bayes.files.lock import Lock
+from softness_bayes.likelihood.magnitude import INVERSE, LogRatings, RatingModel
+from softness_bayes.parameters.space import PARAMETERS
 from softness_bayes.plotting.calibration import rank_ecdf_figure
-from softness_bayes.run import RunOptions
-from softness_bayes.storage.lock import Lock
-from softness_bayes.touch.membrane import PAPER_CHANNELS
+from softness_bayes.runs.calibrate import LONG, Calibrated, CalibrationScene, calibrate, finished
+from softness_bayes.runs.run import RunOptions
+from softness_bayes.sampler.chains import Chains
+from softness_bayes.sampler.diagnostics import Goal, look
+from softness_bayes.sampler.sampling import Sampled, Settings
+from softness_bayes.sampler.workers import Workers
+from softness_bayes.touch.neuron.membrane import PAPER_CHANNELS
 
 # exact posteriors: slope and intercept of a line, known noise
 

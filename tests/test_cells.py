@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from softness_bayes.data import Fabrics, Ratings, read_experiment, write_fabrics, write_ratings
-from softness_bayes.files.cells import csv_of, escaped, table_of, unescaped
+from softness_bayes.files.spreadsheet import csv_of, escaped, table_of, unescaped
 from softness_bayes.touch.contact import Indentation
 
 FORMULAE = (

@@ -17,14 +17,14 @@ from full_disk import fill_disk
 from killable import SEED, WHAT, follow, settings
 from killable import fake_posterior as posterior_of_the_fake
 
+from softness_bayes.checkpoints import checkpoint as storage
+from softness_bayes.checkpoints.checkpoint import Checkpoint, read_status
 from softness_bayes.errors import InputError, LockedError
 from softness_bayes.files import whole
+from softness_bayes.files.lock import Lock, is_held
 from softness_bayes.files.outputs import write_outputs
-from softness_bayes.inference.nonfinite import Failure, Nonfinite
-from softness_bayes.inference.sampling import walk
-from softness_bayes.storage import checkpoint as storage
-from softness_bayes.storage.checkpoint import Checkpoint, read_status
-from softness_bayes.storage.lock import Lock, is_held
+from softness_bayes.sampler.nonfinite import Failure, Nonfinite
+from softness_bayes.sampler.sampling import walk
 
 HERE = Path(__file__).parent
 STEPS = 220

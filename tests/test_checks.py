@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from scipy.stats import chi2, kstest
 
-from softness_bayes.inference.checks import NEEDED, NOTICED, FabricCheck, check_fabrics
-from softness_bayes.inference.design import Design
-from softness_bayes.inference.observation import LogRatings, RatingModel, RatingParameters
-from softness_bayes.inference.random_effects import Effects
+from softness_bayes.checking.checks import NEEDED, NOTICED, FabricCheck, check_fabrics
+from softness_bayes.likelihood.design import Design
+from softness_bayes.likelihood.magnitude import LogRatings, RatingModel, RatingParameters
+from softness_bayes.likelihood.random_effects import Effects
 from softness_bayes.touch.contact import Indentation
 from softness_bayes.touch.readings import CLASSICAL, MENDED
 from softness_bayes.touch.scene import Scene

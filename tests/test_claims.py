@@ -9,18 +9,18 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from softness_bayes.checking.inflection import LEAST_DROP
 from softness_bayes.claims import CLAIMS, CLOTH, DRAWS, TOUCHES, Verdict, evaluate_claims
 from softness_bayes.claims.numbers import CENTRES, DEPTHS, ERROR, GRID, Bench, Numbers, mean_standardised, pearson
 from softness_bayes.claims.report import COLUMNS, findings_table, loads_table, markdown, plain
 from softness_bayes.cli import main
 from softness_bayes.data import Fabrics, Ratings, read_experiment
 from softness_bayes.errors import InputError
-from softness_bayes.inference.curves import LEAST_DROP
-from softness_bayes.inference.parameters import parameter_space
-from softness_bayes.study import touch_parameters, usual_values
+from softness_bayes.model.build import touch_parameters, usual_values
+from softness_bayes.parameters.space import parameter_space
 from softness_bayes.touch.contact import Finger, Indentation
-from softness_bayes.touch.membrane import CONNOR_STEVENS, PRINTED
-from softness_bayes.touch.rate import firing_rate
+from softness_bayes.touch.neuron.membrane import CONNOR_STEVENS, PRINTED
+from softness_bayes.touch.neuron.rate import firing_rate
 from softness_bayes.touch.readings import AS_PRINTED, CLASSICAL, MENDED
 from softness_bayes.touch.reference import reference_response
 from softness_bayes.touch.scene import FixedChannels, Scene

@@ -225,7 +225,7 @@ def test_options_refuse_what_they_cannot_read(option, arguments, problem):
 
 
 def test_priors_are_values_before_they_reach_a_verb():
-    pytest.importorskip("softness_bayes.inference.priors")
+    pytest.importorskip("softness_bayes.parameters.priors")
     priors = invoke(options.prior, "--prior", "b=lognormal(100,0.5)")["priors"]
     assert {name: str(prior) for name, prior in priors.items()} == {"b": "lognormal(100,0.5)"}
     with pytest.raises(click.BadParameter, match="b: "):

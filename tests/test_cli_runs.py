@@ -16,13 +16,13 @@ import pytest
 from full_disk import fill_disk
 from test_cli_verbs import DATA, FIXED, ROOT, here, refused
 
+from softness_bayes.checkpoints.checkpoint import Checkpoint, Status, read_status
+from softness_bayes.checkpoints.manifest import read_manifest, sealed
 from softness_bayes.cli.resume import _continued
-from softness_bayes.inference.observation import LogRatings
-from softness_bayes.result import Result
-from softness_bayes.run import RunOptions
-from softness_bayes.storage.checkpoint import Checkpoint, Status, read_status
-from softness_bayes.storage.lock import Lock
-from softness_bayes.storage.manifest import read_manifest, sealed
+from softness_bayes.files.lock import Lock
+from softness_bayes.likelihood.magnitude import LogRatings
+from softness_bayes.results.result import Result
+from softness_bayes.runs.run import RunOptions
 from softness_bayes.touch import scene
 
 __all__ = ["here"]  # a fixture
@@ -51,7 +51,8 @@ def begin(directory, *more):
     program = (
         # a shell that runs the tests in the background has interrupts ignored, by its children too
         "import signal; signal.signal(signal.SIGINT, signal.default_int_handler); "
-        "from softness_bayes.cli import main; from softness_bayes.storage import checkpoint; checkpoint.INTERVAL = 0; "
+        "from softness_bayes.cli import main; from softness_bayes.checkpoints import checkpoint; "
+        "checkpoint.INTERVAL = 0; "
         "main(prog_name='softness-bayes')"
     )
     arguments = ["sample", "--data", directory / "ratings.csv", "--out", directory / "out", *ASKED, *more]

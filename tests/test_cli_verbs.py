@@ -14,7 +14,7 @@ import pandas as pd
 import pytest
 
 from softness_bayes.cli import main
-from softness_bayes.result import Result
+from softness_bayes.results.result import Result
 from softness_bayes.touch.readings import MENDED
 
 ROOT = Path(__file__).resolve().parents[1]

@@ -11,24 +11,25 @@ from numpy.testing import assert_allclose
 from scipy.special import logsumexp
 from scipy.stats import multivariate_normal, norm
 
-from softness_bayes import arviz_bridge, run
+from softness_bayes import arviz_bridge
+from softness_bayes.checking.ranking import clustered_error, stacking_weights
 from softness_bayes.cli import main
-from softness_bayes.compare import LEAVE, Leave, LeftOut, compare, leave_by_weights
 from softness_bayes.data import Experiment, Fabrics
 from softness_bayes.errors import InputError
-from softness_bayes.inference.blocks import block_log_likelihood
-from softness_bayes.inference.design import Design
-from softness_bayes.inference.diagnostics import Goal
-from softness_bayes.inference.observation import INVERSE, LogRatings, RatingParameters
-from softness_bayes.inference.ranking import clustered_error, stacking_weights
-from softness_bayes.inference.sampling import Settings
-from softness_bayes.inference.scales import STANDARDISED
-from softness_bayes.inference.standardised import StandardisedRatings
-from softness_bayes.restore import differences, experiment_of, options_of
-from softness_bayes.result import Result
-from softness_bayes.run import RunOptions, posterior_of, sample
-from softness_bayes.skin import sample_skin
-from softness_bayes.study import simulate_compression, simulate_ratings, usual_values
+from softness_bayes.likelihood.design import Design
+from softness_bayes.likelihood.group_conditionals import block_log_likelihood
+from softness_bayes.likelihood.magnitude import INVERSE, LogRatings, RatingParameters
+from softness_bayes.likelihood.scales import STANDARDISED
+from softness_bayes.likelihood.z_scores import StandardisedRatings
+from softness_bayes.model.build import simulate_compression, simulate_ratings, usual_values
+from softness_bayes.results.result import Result
+from softness_bayes.runs import run
+from softness_bayes.runs.comparison import LEAVE, Leave, LeftOut, compare, leave_by_weights
+from softness_bayes.runs.from_result import differences, experiment_of, options_of
+from softness_bayes.runs.plate import sample_skin
+from softness_bayes.runs.run import RunOptions, posterior_of, sample
+from softness_bayes.sampler.diagnostics import Goal
+from softness_bayes.sampler.sampling import Settings
 from softness_bayes.touch import scene
 from softness_bayes.touch.contact import Indentation
 from softness_bayes.touch.readings import MENDED

@@ -6,7 +6,7 @@ from numpy.testing import assert_allclose
 from scipy.stats import kstest, multivariate_normal
 
 from softness_bayes.errors import InputError
-from softness_bayes.inference.compression import CompressionForces, SkinParameters, check_exponent
+from softness_bayes.likelihood.plate import CompressionForces, SkinParameters, check_exponent
 from softness_bayes.touch.contact import DISPLACEMENT, STRAIN, Finger, Indentation, solve_contact
 from softness_bayes.touch.plate import plate_force, plate_line
 

@@ -5,7 +5,7 @@ import pytest
 from autoregressive import autoregressive, walks
 
 from softness_bayes import arviz_bridge
-from softness_bayes.inference.diagnostics import Goal, look, r_hat_between
+from softness_bayes.sampler.diagnostics import Goal, look, r_hat_between
 
 NAMES = ("b", "log posterior")
 

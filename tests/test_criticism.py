@@ -8,10 +8,10 @@ from test_levelled import SHALLOW, tables
 from test_predictive import MODULUS, REPLICATES, STEEP, layout, ratings, replicates
 
 from softness_bayes import arviz_bridge
-from softness_bayes.criticism import NEW_PARTICIPANTS, check_sentences, check_table, layout_of
-from softness_bayes.inference.levelled import compare_levelled
-from softness_bayes.inference.predictive import QUANTITIES
-from softness_bayes.reproduction import FALL, LEVELLED, SHORTFALL, inflection_reproduced
+from softness_bayes.checking.check_table import NEW_PARTICIPANTS, check_sentences, check_table, layout_of
+from softness_bayes.checking.levelled import compare_levelled
+from softness_bayes.checking.quantities import QUANTITIES
+from softness_bayes.checking.reproduction import FALL, LEVELLED, SHORTFALL, inflection_reproduced
 
 LAY = layout()
 LEVELLED_NAMES = [f"levelled_{name}" for name in ("turns_over", "e_fab_kpa", "drop", "fall")]

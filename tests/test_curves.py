@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from softness_bayes.inference.curves import (
+from softness_bayes.checking.inflection import (
     Curves,
     Outcome,
     curve_scene,
@@ -163,7 +163,7 @@ def test_turning_points_of_many_draws_are_those_of_their_curves(scene, monkeypat
     usual = (1e5, 2.0, 22.0, 0.6e-3, 6e3)
     drawn = [value * np.exp(0.2 * rng.standard_normal(120)) for value in usual]
     draws = TouchParameters(*drawn, *(np.full(120, value) for value in (1.05, 1.16, 1.0, 1.5)))
-    monkeypatch.setattr("softness_bayes.inference.curves._PIECE", 50)
+    monkeypatch.setattr("softness_bayes.checking.inflection._PIECE", 50)
     found, fabrics = turning_points(scene, draws, 1e-4), (scene.modulus.min(), scene.modulus.max())
     expected = find_inflection(response_curves(curve_scene(scene, 401), draws), 1e-4, fabrics)
     same = found.outcome == expected.outcome

@@ -9,9 +9,9 @@ import pytest
 from click.testing import CliRunner
 
 from softness_bayes.cli import main
+from softness_bayes.cli.terminal import visible
 from softness_bayes.data import Fabrics, Ratings, read_experiment
 from softness_bayes.errors import InputError
-from softness_bayes.terminal import visible
 
 HEADER = ["participant", "fabric", "indentation_mm", "rating"]
 

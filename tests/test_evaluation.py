@@ -10,9 +10,9 @@ from test_cli_verbs import HELD
 from softness_bayes.cli import main
 from softness_bayes.data import Compression, read_experiment
 from softness_bayes.errors import InputError
-from softness_bayes.evaluation import evaluate
-from softness_bayes.run import RunOptions, posterior_of, sample
-from softness_bayes.skin import sample_skin, skin_posterior_of
+from softness_bayes.runs.evaluation import evaluate
+from softness_bayes.runs.plate import sample_skin, skin_posterior_of
+from softness_bayes.runs.run import RunOptions, posterior_of, sample
 
 ROOT = Path(__file__).resolve().parents[1]
 EVERY = {**HELD, "gamma": 0.9, "varsigma": 0.4, "omega": 0.0, "eps": 0.1}

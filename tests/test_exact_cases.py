@@ -12,11 +12,11 @@ from fake_scene import fake_posterior
 from scipy import integrate
 from scipy.stats import kstest, norm
 
-from softness_bayes.inference.design import Design
-from softness_bayes.inference.observation import INVERSE, LogRatings, RatingModel
-from softness_bayes.inference.parameters import PARAMETERS, parameter_space
-from softness_bayes.inference.posterior import Posterior
-from softness_bayes.inference.sampling import Settings, sample_until
+from softness_bayes.likelihood.design import Design
+from softness_bayes.likelihood.magnitude import INVERSE, LogRatings, RatingModel
+from softness_bayes.model.posterior import Posterior
+from softness_bayes.parameters.space import PARAMETERS, parameter_space
+from softness_bayes.sampler.sampling import Settings, sample_until
 
 SETTINGS = Settings(ensembles=2, processes=1, pilot=(60, 60))
 

@@ -128,7 +128,7 @@ import resource, sys
 import numpy as np
 from softness_bayes.touch import scene
 from softness_bayes.touch.contact import Indentation
-from softness_bayes.touch.firing import CurveError, RateCurve
+from softness_bayes.touch.neuron.firing import CurveError, RateCurve
 from softness_bayes.touch.parameters import TouchParameters
 
 method, vectors, many = sys.argv[1], int(sys.argv[2]), int(sys.argv[3])

@@ -8,7 +8,7 @@ import pytest
 from softness_bayes.errors import InputError, NumericalError
 from softness_bayes.touch.contact import Finger, Force, Indentation
 from softness_bayes.touch.field import StressField, profiles
-from softness_bayes.touch.polynomials import clenshaw
+from softness_bayes.touch.neuron.polynomials import clenshaw
 from softness_bayes.touch.readings import ALTERNATIVES, Readings
 from softness_bayes.touch.stress import ATTENUATED, HERTZ, stress
 

@@ -10,13 +10,13 @@ from numpy.testing import assert_allclose
 from test_plotting import artist, drawn, finished_run, outline
 
 from softness_bayes.arviz_bridge import to_tree
+from softness_bayes.checking.check_table import check_table, posterior_quantities
+from softness_bayes.checking.quantities import Columns
+from softness_bayes.checking.uniformity import simultaneous_band
 from softness_bayes.cli import main
-from softness_bayes.criticism import check_table, posterior_quantities
 from softness_bayes.errors import InputError
-from softness_bayes.inference.predictive import Columns
-from softness_bayes.inference.uniformity import simultaneous_band
 from softness_bayes.plotting import FIGURES, USUAL, Style, figures_of, rating_figure
-from softness_bayes.result import Result
+from softness_bayes.results.result import Result
 
 FABRICS, LOADS, RATINGS = 3, 2, 24
 

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from softness_bayes.errors import InputError, NumericalError
-from softness_bayes.touch.firing import TRIED, RateCurve, exact_curve
-from softness_bayes.touch.limit_cycle import Budget
-from softness_bayes.touch.membrane import HODGKIN_HUXLEY, PAPER_CHANNELS, PRINTED, Channels, Membrane
-from softness_bayes.touch.rate import firing_rate
+from softness_bayes.touch.neuron.firing import TRIED, RateCurve, exact_curve
+from softness_bayes.touch.neuron.limit_cycle import Budget
+from softness_bayes.touch.neuron.membrane import HODGKIN_HUXLEY, PAPER_CHANNELS, PRINTED, Channels, Membrane
+from softness_bayes.touch.neuron.rate import firing_rate
 
 
 @pytest.fixture(scope="module")

@@ -13,7 +13,7 @@ import pytest
 from click.testing import CliRunner
 from conftest import SEED
 
-from softness_bayes import calibrate, claims, plan, run
+from softness_bayes import claims
 from softness_bayes.cli import VERBS, bench, main
 from softness_bayes.cli import sample as sample_verb
 from softness_bayes.data import (
@@ -26,8 +26,9 @@ from softness_bayes.data import (
     read_experiment,
 )
 from softness_bayes.errors import InputError
-from softness_bayes.inference import workers
-from softness_bayes.inference.parameters import EVERY_PARAMETER
+from softness_bayes.parameters.space import EVERY_PARAMETER
+from softness_bayes.runs import calibrate, plan, run
+from softness_bayes.sampler import workers
 
 SEEDS = Path(__file__).with_name("fuzz")
 TABLES = {path.name: path.read_bytes() for path in sorted(SEEDS.glob("*.csv"))}

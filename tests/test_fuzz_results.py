@@ -13,8 +13,8 @@ from report_runs import quickly
 from test_cli_runs import few_ratings
 from test_cli_verbs import DATA, FIXED
 
-from softness_bayes import run
 from softness_bayes.cli import main
+from softness_bayes.runs import run
 
 ASKED = [*FIXED, "--seed", "3", "--no-figures", "--max-steps", "40", "--processes", "1"]
 SENTINELS = {"thesis.tex": b"\\documentclass{thesis}\n", "notes.csv": b"a,b\n1,2\n", ".git_config": b"[core]\n"}

@@ -13,10 +13,10 @@ from test_cli_verbs import DATA, here, refused
 from softness_bayes import arviz_bridge
 from softness_bayes.errors import InputError
 from softness_bayes.report.repeat import recorded_options
-from softness_bayes.restore import experiment_of, options_of
-from softness_bayes.result import Result
-from softness_bayes.storage.checksums import CHECKSUMS
-from softness_bayes.storage.result_file import SCHEMA, TABLES
+from softness_bayes.results.checksums import CHECKSUMS
+from softness_bayes.results.result import Result
+from softness_bayes.results.result_file import SCHEMA, TABLES
+from softness_bayes.runs.from_result import experiment_of, options_of
 
 __all__ = ["here"]  # a fixture
 

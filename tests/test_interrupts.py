@@ -15,10 +15,10 @@ import pytest
 from test_cli_runs import few_ratings
 from test_cli_verbs import DATA, FIXED, ROOT, here
 
+from softness_bayes.checkpoints.checkpoint import read_status
 from softness_bayes.errors import ResourceError
-from softness_bayes.inference import workers as processes
-from softness_bayes.inference.workers import RENEWALS, Workers
-from softness_bayes.storage.checkpoint import read_status
+from softness_bayes.sampler import workers as processes
+from softness_bayes.sampler.workers import RENEWALS, Workers
 
 __all__ = ["here"]  # a fixture
 
@@ -123,9 +123,9 @@ def test_an_interrupt_ends_a_run_quietly_at_any_time(tmp_path, seed):
 @pytest.mark.parametrize(
     "place",
     [
-        "softness_bayes.assembly:Assembly.tree",  # all that follows the walk
+        "softness_bayes.results.assembly:Assembly.tree",  # all that follows the walk
         "softness_bayes.plotting.figures:draw_figures",
-        "softness_bayes.plan:with_accuracy",
+        "softness_bayes.runs.plan:with_accuracy",
     ],
 )
 def test_an_interrupt_ends_a_run_at_a_place(tmp_path, place):
@@ -204,7 +204,7 @@ def test_memory_that_runs_out_in_a_worker_arrives():
 
 
 def test_a_run_that_lost_its_memory_says_how_to_go_on(tmp_path, here, monkeypatch):
-    from softness_bayes.assembly import Assembly
+    from softness_bayes.results.assembly import Assembly
 
     few_ratings(tmp_path)
     asked = ["--data", tmp_path / "ratings.csv", *FIXED, "--max-steps", "20", "--processes", "1", "--no-figures"]
@@ -225,7 +225,7 @@ def test_a_long_temporary_directory_is_no_hindrance(tmp_path, monkeypatch):
     monkeypatch.setattr(tempfile, "tempdir", "/tmp")
     assert processes._served() == (sys.platform == "linux")
     program = (
-        "from softness_bayes.inference.workers import Workers\n"
+        "from softness_bayes.sampler.workers import Workers\n"
         "if __name__ == '__main__':\n"
         "    with Workers(3, 2) as workers:\n"
         "        print(workers.map(max, [(1,), (5,)]))\n"

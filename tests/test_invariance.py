@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from emcee.moves import DESnookerMove
 
-from softness_bayes.inference.autocorrelation import autocorrelation_time
-from softness_bayes.inference.moves import MOVES, DifferentialEvolution
-from softness_bayes.inference.sampling import Settings, sample_until
+from softness_bayes.sampler.autocorrelation import autocorrelation_time
+from softness_bayes.sampler.moves import MOVES, DifferentialEvolution
+from softness_bayes.sampler.sampling import Settings, sample_until
 
 DIMENSION = 6
 

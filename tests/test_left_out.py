@@ -7,14 +7,14 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.stats import multivariate_normal
 
-from softness_bayes.inference import pieces as room
-from softness_bayes.inference.blocks import block_log_likelihood
-from softness_bayes.inference.checks import check_fabrics
-from softness_bayes.inference.design import Design
-from softness_bayes.inference.observation import LogRatings, RatingModel, RatingParameters
-from softness_bayes.inference.pieces import part_of, pieces
-from softness_bayes.inference.predictive import Layout, check_exponents, loo_pit
-from softness_bayes.inference.standardised import StandardisedRatings
+from softness_bayes.checking.checks import check_fabrics
+from softness_bayes.checking.quantities import Layout, check_exponents, loo_pit
+from softness_bayes.likelihood import pieces as room
+from softness_bayes.likelihood.design import Design
+from softness_bayes.likelihood.group_conditionals import block_log_likelihood
+from softness_bayes.likelihood.magnitude import LogRatings, RatingModel, RatingParameters
+from softness_bayes.likelihood.pieces import part_of, pieces
+from softness_bayes.likelihood.z_scores import StandardisedRatings
 from softness_bayes.plotting.rating import observed_ratings
 
 MODEL = RatingModel()

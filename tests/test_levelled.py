@@ -9,7 +9,7 @@ from scipy.stats import norm
 from test_checks import MODEL, PLAIN
 from test_predictive import LOAD, MODULUS, STEEP, layout, ratings
 
-from softness_bayes.inference.levelled import (
+from softness_bayes.checking.levelled import (
     DOUBTFUL,
     Tables,
     compare_levelled,
@@ -19,9 +19,9 @@ from softness_bayes.inference.levelled import (
     levelled,
     power,
 )
-from softness_bayes.inference.observation import LogRatings
-from softness_bayes.inference.predictive import Additive, find_turn
-from softness_bayes.inference.random_effects import Effects
+from softness_bayes.checking.quantities import Additive, find_turn
+from softness_bayes.likelihood.magnitude import LogRatings
+from softness_bayes.likelihood.random_effects import Effects
 
 LAY = layout()
 SHALLOW = np.tile([0.0, 0.3, 1.2, 2.4, 2.5, 2.4], 2)

@@ -13,11 +13,10 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from softness_bayes.errors import InputError, NumericalError
-from softness_bayes.touch import limit_cycle
-from softness_bayes.touch.cells import Cells
-from softness_bayes.touch.equilibrium import fold, rest, steady_state
-from softness_bayes.touch.limit_cycle import steady_orbit
-from softness_bayes.touch.membrane import (
+from softness_bayes.touch.neuron import limit_cycle
+from softness_bayes.touch.neuron.equilibrium import fold, rest, steady_state
+from softness_bayes.touch.neuron.limit_cycle import steady_orbit
+from softness_bayes.touch.neuron.membrane import (
     CONNOR_STEVENS,
     HODGKIN_HUXLEY,
     MEMBRANES,
@@ -27,9 +26,10 @@ from softness_bayes.touch.membrane import (
     Membrane,
     steady_current,
 )
-from softness_bayes.touch.onset import onset, rheobase
-from softness_bayes.touch.rate import firing_rate
-from softness_bayes.touch.rosenbrock import step, travel
+from softness_bayes.touch.neuron.onset import onset, rheobase
+from softness_bayes.touch.neuron.rate import firing_rate
+from softness_bayes.touch.neuron.rosenbrock import step, travel
+from softness_bayes.touch.neuron.vector_field import Cells
 
 CORNER = Channels(0.945, 1.276, 0.9, 1.35)
 

@@ -13,15 +13,15 @@ from test_checks import PLAIN
 from test_criticism import LAY, tree
 from test_predictive import STEEP, ratings
 
+from softness_bayes.checking.flatness import explain
+from softness_bayes.checking.misfit import TYPICAL, fit_of
+from softness_bayes.checking.quantities import Layout
 from softness_bayes.cli.sample import _report
-from softness_bayes.inference.flatness import explain
-from softness_bayes.inference.observation import FALLS, RISES
-from softness_bayes.inference.predictive import Layout
-from softness_bayes.misfit import TYPICAL, fit_of
+from softness_bayes.likelihood.magnitude import FALLS, RISES
 from softness_bayes.report import page
 from softness_bayes.report.findings import Standing, findings
-from softness_bayes.restore import options_of
-from softness_bayes.run import sample
+from softness_bayes.runs.from_result import options_of
+from softness_bayes.runs.run import sample
 
 LOG_RATE = np.log(STEEP + 0.1)
 LEVEL = 0.05

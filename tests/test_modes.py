@@ -20,13 +20,13 @@ from several_modes import (
     settings,
 )
 
-from softness_bayes.inference.adaptation import TriangularMap
-from softness_bayes.inference.diagnostics import Share
-from softness_bayes.inference.modes import labels, learn_modes
-from softness_bayes.inference.moves import Mode, Student, StudentModes
-from softness_bayes.inference.sampling import walk
-from softness_bayes.inference.starts import Optimum, Starts, find_optimum, separate, worth_starting_from
-from softness_bayes.storage.serial import packed, state_arrays, state_of, state_values, unpacked
+from softness_bayes.sampler.adaptation import TriangularMap
+from softness_bayes.sampler.diagnostics import Share
+from softness_bayes.sampler.modes import labels, learn_modes
+from softness_bayes.sampler.moves import Mode, Student, StudentModes
+from softness_bayes.sampler.sampling import walk
+from softness_bayes.sampler.serial import packed, state_arrays, state_of, state_values, unpacked
+from softness_bayes.sampler.starts import Optimum, Starts, find_optimum, separate, worth_starting_from
 
 
 def last(target, seed=0, **changed):

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from softness_bayes.errors import InputError
-from softness_bayes.touch import noisy_curve as module
-from softness_bayes.touch.noisy_curve import LEAST_RATE, noisy_curve
-from softness_bayes.touch.rate import firing_rate
-from softness_bayes.touch.spikes import firing_statistics
+from softness_bayes.touch.neuron import noise as module
+from softness_bayes.touch.neuron.noise import LEAST_RATE, noisy_curve
+from softness_bayes.touch.neuron.rate import firing_rate
+from softness_bayes.touch.neuron.spikes import firing_statistics
 
 
 @pytest.fixture(scope="module")

@@ -5,8 +5,8 @@ import pytest
 from fake_scene import FakeScene, fake_posterior
 
 from softness_bayes.errors import NumericalError
-from softness_bayes.inference.nonfinite import KEPT, Failure, Nonfinite, Watched, watching
-from softness_bayes.inference.sampling import Settings, progress_of, sample_until, walk
+from softness_bayes.sampler.nonfinite import KEPT, Failure, Nonfinite, Watched, watching
+from softness_bayes.sampler.sampling import Settings, progress_of, sample_until, walk
 
 SHORT = Settings(ensembles=2, walkers=12, pilot=(20,), round_steps=20, max_steps=60, processes=1, failures=1.0)
 

@@ -6,8 +6,8 @@ import pytest
 from scipy.stats import kstest, multivariate_normal, norm
 
 from softness_bayes.errors import InputError
-from softness_bayes.inference.design import Design
-from softness_bayes.inference.observation import (
+from softness_bayes.likelihood.design import Design
+from softness_bayes.likelihood.magnitude import (
     INVERSE,
     RATING_DIRECTIONS,
     SOFTNESS,

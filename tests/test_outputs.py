@@ -23,13 +23,13 @@ from test_layers import MODULES
 from softness_bayes.cli import VERBS
 from softness_bayes.cli.options import DataFiles
 from softness_bayes.cli.running import record_of, recorded_files
-from softness_bayes.commands import endings, portable
 from softness_bayes.errors import InputError
 from softness_bayes.files import whole
+from softness_bayes.files.command_line import endings, portable
 from softness_bayes.files.listing import LISTING, Listing
 from softness_bayes.files.outputs import require_outputs, survey, write_outputs
 from softness_bayes.files.whole import write_whole
-from softness_bayes.result import FILES, Result
+from softness_bayes.results.result import FILES, Result
 
 __all__ = ["here"]  # a fixture
 

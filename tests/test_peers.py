@@ -5,11 +5,11 @@ import pytest
 from fake_scene import fake_posterior
 from scipy.stats import multivariate_t
 
-from softness_bayes.calibrate import CalibrationScene
 from softness_bayes.data import Experiment
-from softness_bayes.inference.sampling import Settings, sample_until
-from softness_bayes.run import RunOptions, posterior_of
-from softness_bayes.study import simulate_ratings, usual_values
+from softness_bayes.model.build import simulate_ratings, usual_values
+from softness_bayes.runs.calibrate import CalibrationScene
+from softness_bayes.runs.run import RunOptions, posterior_of
+from softness_bayes.sampler.sampling import Settings, sample_until
 from softness_bayes.touch.readings import MENDED
 from softness_bayes.touch.scene import Discretisation
 

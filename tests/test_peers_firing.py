@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from softness_bayes.benchmark_firing import EQUATIONS, brian2_rates
 from softness_bayes.errors import InputError
-from softness_bayes.touch.membrane import MEMBRANES, PAPER_CHANNELS
-from softness_bayes.touch.rate import firing_rate
+from softness_bayes.tools.benchmark_firing import EQUATIONS, brian2_rates
+from softness_bayes.touch.neuron.membrane import MEMBRANES, PAPER_CHANNELS
+from softness_bayes.touch.neuron.rate import firing_rate
 
 # well above each membrane's onset, and below its depolarisation block
 CURRENTS = {"connor-stevens": (20.3, 30.0, 60.0), "hodgkin-huxley": (12.0, 25.0, 60.0), "printed": (60.0, 75.0, 100.0)}

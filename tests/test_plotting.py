@@ -17,12 +17,12 @@ from numpy.testing import assert_allclose
 
 from softness_bayes import plotting
 from softness_bayes.arviz_bridge import ENSEMBLE, to_tree
+from softness_bayes.checking.inflection import Curves, Inflection, find_inflection
 from softness_bayes.errors import InputError
-from softness_bayes.inference.curves import Curves, Inflection, find_inflection
 from softness_bayes.plotting.chains import MOST_STEPS
 from softness_bayes.plotting.inflection import percent
 from softness_bayes.plotting.panels import number_ticks
-from softness_bayes.result import Result
+from softness_bayes.results.result import Result
 from softness_bayes.touch.contact import Force, Indentation, Load
 
 FINGER_RADIUS = 8e-3

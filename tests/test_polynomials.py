@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from softness_bayes.touch.polynomials import chebyshev_values, clenshaw, horner
+from softness_bayes.touch.neuron.polynomials import chebyshev_values, clenshaw, horner
 
 
 @pytest.mark.parametrize("order", [1, 2, 9])

@@ -5,9 +5,9 @@ import pandas as pd
 import pytest
 from autoregressive import autoregressive
 
-from softness_bayes.inference.curves import Inflection, Outcome
-from softness_bayes.inference.precision import effective_size, quantile, share
-from softness_bayes.inference.turning import turning_table, with_errors
+from softness_bayes.checking.inflection import Inflection, Outcome
+from softness_bayes.checking.turning_points import turning_table, with_errors
+from softness_bayes.sampler.precision import effective_size, quantile, share
 
 ENSEMBLES, STEPS, WALKERS = 2, 60, 20
 

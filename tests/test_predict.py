@@ -12,7 +12,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from softness_bayes.data import Fabrics
-from softness_bayes.predict import prediction_table
+from softness_bayes.model.prediction import prediction_table
 from softness_bayes.touch.contact import Force, Indentation, solve_contact
 from softness_bayes.touch.parameters import TouchParameters
 from softness_bayes.touch.scene import Scene

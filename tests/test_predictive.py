@@ -8,9 +8,7 @@ from scipy.stats import kstest
 from test_checks import FABRICS, LOADS, MODEL, PLAIN, RATE, design
 
 from softness_bayes import arviz_bridge
-from softness_bayes.inference.design import Design
-from softness_bayes.inference.observation import LogRatings
-from softness_bayes.inference.predictive import (
+from softness_bayes.checking.quantities import (
     QUANTITIES,
     Additive,
     Columns,
@@ -22,8 +20,10 @@ from softness_bayes.inference.predictive import (
     joint_limits,
     loo_pit,
 )
-from softness_bayes.inference.random_effects import Effects
-from softness_bayes.inference.uniformity import uniformity_p_value
+from softness_bayes.checking.uniformity import uniformity_p_value
+from softness_bayes.likelihood.design import Design
+from softness_bayes.likelihood.magnitude import LogRatings
+from softness_bayes.likelihood.random_effects import Effects
 
 BY_NAME = {quantity.name: quantity for quantity in QUANTITIES}
 MODULUS = np.tile(np.geomspace(3e3, 6e5, FABRICS), LOADS)

@@ -7,7 +7,7 @@ import pytest
 from scipy import integrate, stats
 
 from softness_bayes.errors import InputError
-from softness_bayes.inference.priors import (
+from softness_bayes.parameters.priors import (
     LAWS,
     HalfNormal,
     Laws,

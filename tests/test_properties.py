@@ -14,9 +14,9 @@ from hypothesis.extra import numpy as hnp
 from scipy import integrate
 
 from softness_bayes.data import Fabrics, Ratings, write_fabrics, write_ratings
-from softness_bayes.inference.design import Design
-from softness_bayes.inference.observation import INVERSE, SOFTNESS, LogRatings, RatingModel, RatingParameters
-from softness_bayes.inference.priors import HalfNormal, LogNormal, Normal, Uniform
+from softness_bayes.likelihood.design import Design
+from softness_bayes.likelihood.magnitude import INVERSE, SOFTNESS, LogRatings, RatingModel, RatingParameters
+from softness_bayes.parameters.priors import HalfNormal, LogNormal, Normal, Uniform
 from softness_bayes.touch.contact import FORCES, INDENTATIONS, Force, Indentation
 from softness_bayes.touch.parameters import TouchParameters
 from softness_bayes.touch.readings import Readings

@@ -10,13 +10,13 @@ from click.testing import CliRunner
 from softness_bayes.cli import main
 from softness_bayes.data import Compression, Fabrics
 from softness_bayes.errors import InputError
-from softness_bayes.inference.parameters import EVERY_PARAMETER, PARAMETERS, parameter_space, require_values
-from softness_bayes.inference.priors import HalfNormal, LogNormal, Normal, Uniform, parse_prior
-from softness_bayes.inference.sampling import Settings
+from softness_bayes.model.build import simulate_ratings, touch_parameters, usual_values
+from softness_bayes.parameters.priors import HalfNormal, LogNormal, Normal, Uniform, parse_prior
+from softness_bayes.parameters.space import EVERY_PARAMETER, PARAMETERS, parameter_space, require_values
 from softness_bayes.ranges import PARTICIPANTS, PROCESSES, STEPS, Count, Range
-from softness_bayes.study import simulate_ratings, touch_parameters, usual_values
+from softness_bayes.sampler.sampling import Settings
 from softness_bayes.touch.contact import FORCES, INDENTATIONS, Force, Indentation
-from softness_bayes.touch.membrane import PAPER_CHANNELS
+from softness_bayes.touch.neuron.membrane import PAPER_CHANNELS
 from softness_bayes.touch.readings import NAMED_READINGS
 from softness_bayes.touch.scene import Scene
 

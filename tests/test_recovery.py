@@ -16,15 +16,15 @@ from numpy.typing import NDArray
 from scipy.stats import binom
 
 from softness_bayes.data import Experiment, Fabrics
-from softness_bayes.inference.diagnostics import Goal
-from softness_bayes.inference.observation import INVERSE, LogRatings, RatingModel
-from softness_bayes.inference.posterior import LEAST_FIRING, Posterior
-from softness_bayes.inference.sampling import Settings, sample_until
-from softness_bayes.inference.workers import Workers
-from softness_bayes.run import RunOptions, posterior_of
-from softness_bayes.study import simulate_ratings, usual_values
+from softness_bayes.likelihood.magnitude import INVERSE, LogRatings, RatingModel
+from softness_bayes.model.build import simulate_ratings, usual_values
+from softness_bayes.model.posterior import LEAST_FIRING, Posterior
+from softness_bayes.runs.run import RunOptions, posterior_of
+from softness_bayes.sampler.diagnostics import Goal
+from softness_bayes.sampler.sampling import Settings, sample_until
+from softness_bayes.sampler.workers import Workers
 from softness_bayes.touch.contact import Indentation
-from softness_bayes.touch.membrane import PAPER_CHANNELS
+from softness_bayes.touch.neuron.membrane import PAPER_CHANNELS
 from softness_bayes.touch.readings import MENDED
 
 MASS = 0.9

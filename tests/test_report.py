@@ -17,19 +17,19 @@ from matplotlib.text import Text
 from numpy.testing import assert_allclose
 from report_runs import EVIL, OPTIONS, PERSON, TYPED, converged, ratings_run, skin_run, z_score_run
 
+from softness_bayes.checking.reproduction import inflection_reproduced
 from softness_bayes.cli import main, sample
 from softness_bayes.errors import InputError
-from softness_bayes.inference.observation import INVERSE
-from softness_bayes.inference.priors import LogNormal
+from softness_bayes.likelihood.magnitude import INVERSE
+from softness_bayes.parameters.priors import LogNormal
 from softness_bayes.plotting.figures import figures_of
 from softness_bayes.report import anonymous, page, report_page, write_report
 from softness_bayes.report.anonymity import renamed
 from softness_bayes.report.curves import shown
 from softness_bayes.report.findings import Standing, exactness_of, findings
 from softness_bayes.report.repeat import repetition
-from softness_bayes.reproduction import inflection_reproduced
-from softness_bayes.result import Result
-from softness_bayes.run import RunOptions
+from softness_bayes.results.result import Result
+from softness_bayes.runs.run import RunOptions
 from softness_bayes.touch.readings import CLASSICAL
 
 VOID = {"meta", "link", "img", "input", "br"}
@@ -318,8 +318,8 @@ def repeated(command, monkeypatch, directory):
     # there are no data to look at
     monkeypatch.setattr("softness_bayes.cli.options.DataFiles.read", lambda files: None)
     monkeypatch.setattr(sample, "_evaluated", lambda data, options, accuracy: False)
-    monkeypatch.setattr("softness_bayes.run.with_direction", lambda data, options: options)
-    monkeypatch.setattr("softness_bayes.plan.with_accuracy", lambda model, options, bound: (options, None))
+    monkeypatch.setattr("softness_bayes.runs.run.with_direction", lambda data, options: options)
+    monkeypatch.setattr("softness_bayes.runs.plan.with_accuracy", lambda model, options, bound: (options, None))
     monkeypatch.chdir(directory)
     program, *words = shlex.split(command)
     assert program == "softness-bayes"

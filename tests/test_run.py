@@ -12,19 +12,20 @@ import xarray as xr
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.stats import halfnorm, kstest, lognorm, multivariate_normal, norm
 
-from softness_bayes import arviz_bridge, run
+from softness_bayes import arviz_bridge
+from softness_bayes.checking.inflection import curve_scene
+from softness_bayes.checkpoints.vacancy import require_vacant
 from softness_bayes.data import Experiment, Fabrics
 from softness_bayes.errors import InputError
 from softness_bayes.files.outputs import write_outputs
-from softness_bayes.inference.curves import curve_scene
-from softness_bayes.inference.observation import INVERSE
-from softness_bayes.inference.priors import HalfNormal, LogNormal
-from softness_bayes.inference.sampling import Settings
-from softness_bayes.result import Result
-from softness_bayes.run import RunOptions, posterior_of, sample
-from softness_bayes.storage.result_file import SCHEMA
-from softness_bayes.storage.vacancy import require_vacant
-from softness_bayes.study import simulate_ratings, usual_values
+from softness_bayes.likelihood.magnitude import INVERSE
+from softness_bayes.model.build import simulate_ratings, usual_values
+from softness_bayes.parameters.priors import HalfNormal, LogNormal
+from softness_bayes.results.result import Result
+from softness_bayes.results.result_file import SCHEMA
+from softness_bayes.runs import run
+from softness_bayes.runs.run import RunOptions, posterior_of, sample
+from softness_bayes.sampler.sampling import Settings
 from softness_bayes.touch import scene
 from softness_bayes.touch.contact import Force, Indentation
 from softness_bayes.touch.readings import CLASSICAL, MENDED

@@ -12,14 +12,14 @@ from fake_scene import fake_posterior
 from scipy import stats
 
 from softness_bayes.errors import InputError, NumericalError, SoftnessError
-from softness_bayes.inference import sampling
-from softness_bayes.inference.adaptation import TriangularMap
-from softness_bayes.inference.chains import Chains, Segment
-from softness_bayes.inference.diagnostics import Goal
-from softness_bayes.inference.moves import MOVES, Student
-from softness_bayes.inference.sampling import EnsembleState, Settings, advance, sample_until, walk
-from softness_bayes.inference.starts import Optimum, find_optimum, scatter, worth_starting_from
-from softness_bayes.inference.workers import Workers
+from softness_bayes.sampler import sampling
+from softness_bayes.sampler.adaptation import TriangularMap
+from softness_bayes.sampler.chains import Chains, Segment
+from softness_bayes.sampler.diagnostics import Goal
+from softness_bayes.sampler.moves import MOVES, Student
+from softness_bayes.sampler.sampling import EnsembleState, Settings, advance, sample_until, walk
+from softness_bayes.sampler.starts import Optimum, find_optimum, scatter, worth_starting_from
+from softness_bayes.sampler.workers import Workers
 
 SHORT = Settings(ensembles=2, walkers=12, pilot=(20,), round_steps=20, max_steps=40, processes=1)
 
@@ -366,7 +366,7 @@ def test_a_script_without_a_main_guard_is_told_so(tmp_path):
     script.write_text(
         textwrap.dedent("""
             from softness_bayes.errors import SoftnessError
-            from softness_bayes.inference.workers import Workers
+            from softness_bayes.sampler.workers import Workers
             try:
                 with Workers(3, 2) as workers:
                     workers.map(max, [(1,)])

@@ -7,13 +7,13 @@ import pytest
 
 from softness_bayes.errors import InputError, NumericalError, SoftnessError
 from softness_bayes.touch.contact import Finger, Force, Indentation
+from softness_bayes.touch.neuron.surface import FiringSurface
 from softness_bayes.touch.parameters import TouchParameters
 from softness_bayes.touch.population import Drive, Population
 from softness_bayes.touch.readings import Readings
 from softness_bayes.touch.reference import SimulatedRate, reference_response
 from softness_bayes.touch.scene import Discretisation, FixedChannels, Scene
 from softness_bayes.touch.stress import HERTZ
-from softness_bayes.touch.surface import FiringSurface
 
 FABRICS = np.array([2e3, 1.5e4, 6e4, 4e5, 1e7])
 POISSON = np.array([0.2, 0.3, 0.35, 0.45, 0.1])

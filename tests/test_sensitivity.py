@@ -7,10 +7,14 @@ from scipy import integrate
 from scipy.stats import halfnorm, lognorm, norm, truncnorm, uniform
 
 from softness_bayes import arviz_bridge
-from softness_bayes.inference.combinations import find_products
-from softness_bayes.inference.jackknife import jackknife
-from softness_bayes.inference.priors import HalfNormal, LogNormal, Normal, Uniform
-from softness_bayes.inference.sensitivity import (
+from softness_bayes.checking.combinations import find_products
+from softness_bayes.checking.identifiability import (
+    direction_sentences,
+    direction_table,
+    learning_sentences,
+    learning_table,
+)
+from softness_bayes.checking.sensitivity import (
     DETERMINED,
     INFORMED,
     POWERS,
@@ -22,7 +26,8 @@ from softness_bayes.inference.sensitivity import (
     power_scaling_with_error,
     prior_moments,
 )
-from softness_bayes.learning import direction_sentences, direction_table, learning_sentences, learning_table
+from softness_bayes.parameters.priors import HalfNormal, LogNormal, Normal, Uniform
+from softness_bayes.sampler.jackknife import jackknife
 
 DRAWS = 40_000
 

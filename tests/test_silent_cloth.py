@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from report_runs import OPTIONS, quickly
 
+from softness_bayes.checking.misfit import fit_of
 from softness_bayes.data import Experiment, Fabrics
-from softness_bayes.inference.starts import find_optimum
-from softness_bayes.misfit import fit_of
+from softness_bayes.model.build import simulate_ratings, usual_values
 from softness_bayes.report.findings import findings
-from softness_bayes.run import RunOptions, posterior_of, sample
-from softness_bayes.study import simulate_ratings, usual_values
+from softness_bayes.runs.run import RunOptions, posterior_of, sample
+from softness_bayes.sampler.starts import find_optimum
 from softness_bayes.touch.contact import Indentation
 from softness_bayes.touch.readings import MENDED
 

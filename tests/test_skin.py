@@ -11,17 +11,17 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.stats import kstest, multivariate_normal
 
-from softness_bayes import run
 from softness_bayes.cli import main
 from softness_bayes.data import Compression, Experiment, Fabrics, read_experiment, write_compression
 from softness_bayes.errors import InputError
-from softness_bayes.inference.priors import LogNormal
-from softness_bayes.inference.sampling import Settings
+from softness_bayes.model.build import simulate_compression, simulate_ratings, usual_values
+from softness_bayes.parameters.priors import LogNormal
 from softness_bayes.plotting import FIGURES, USUAL, figures_of
-from softness_bayes.result import Result
-from softness_bayes.run import RunOptions, posterior_of, sample
-from softness_bayes.skin import WIDE, sample_skin, skin_posterior_of
-from softness_bayes.study import simulate_compression, simulate_ratings, usual_values
+from softness_bayes.results.result import Result
+from softness_bayes.runs import run
+from softness_bayes.runs.plate import WIDE, sample_skin, skin_posterior_of
+from softness_bayes.runs.run import RunOptions, posterior_of, sample
+from softness_bayes.sampler.sampling import Settings
 from softness_bayes.touch import scene
 from softness_bayes.touch.contact import Indentation
 from softness_bayes.touch.readings import MENDED

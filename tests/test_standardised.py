@@ -14,20 +14,20 @@ from scipy import integrate
 from scipy.stats import halfnorm, kstest, multivariate_normal, norm
 from test_recovery import BRIEF, ENOUGH, REPLICATES, Case, coverage_holds
 
-from softness_bayes import run
 from softness_bayes.cli import main
 from softness_bayes.data import Experiment, Fabrics, Ratings
 from softness_bayes.errors import InputError
-from softness_bayes.inference.design import Design
-from softness_bayes.inference.observation import INVERSE, RATING_DIRECTIONS, SOFTNESS, RatingParameters
-from softness_bayes.inference.posterior import LEAST_FIRING
-from softness_bayes.inference.sampling import Settings, sample_until
-from softness_bayes.inference.scales import RATING_SCALES, STANDARDISED
-from softness_bayes.inference.standardised import Line, StandardisedModel, StandardisedRatings
-from softness_bayes.inference.workers import Workers
+from softness_bayes.likelihood.design import Design
+from softness_bayes.likelihood.magnitude import INVERSE, RATING_DIRECTIONS, SOFTNESS, RatingParameters
+from softness_bayes.likelihood.scales import RATING_SCALES, STANDARDISED
+from softness_bayes.likelihood.z_scores import Line, StandardisedModel, StandardisedRatings
+from softness_bayes.model.build import simulate_ratings, usual_values
+from softness_bayes.model.posterior import LEAST_FIRING
 from softness_bayes.plotting import FIGURES, USUAL, observed_ratings
-from softness_bayes.run import RunOptions, posterior_of, sample
-from softness_bayes.study import simulate_ratings, usual_values
+from softness_bayes.runs import run
+from softness_bayes.runs.run import RunOptions, posterior_of, sample
+from softness_bayes.sampler.sampling import Settings, sample_until
+from softness_bayes.sampler.workers import Workers
 from softness_bayes.touch import scene
 from softness_bayes.touch.contact import Indentation
 from softness_bayes.touch.readings import MENDED

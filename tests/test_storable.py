@@ -12,18 +12,19 @@ import pytest
 from report_runs import OPTIONS, experiment, quickly
 from test_cli_verbs import DATA
 
-from softness_bayes import run, skin
 from softness_bayes.arviz_bridge import require_storable
-from softness_bayes.commands import storable
+from softness_bayes.checkpoints.checkpoint import Checkpoint
 from softness_bayes.errors import InputError
+from softness_bayes.files.command_line import storable
+from softness_bayes.model.build import simulate_compression, usual_values
 from softness_bayes.report.repeat import repetition
-from softness_bayes.restore import options_of
-from softness_bayes.result import Result
-from softness_bayes.run import RunOptions, posterior_of, requested, sample
-from softness_bayes.skin import sample_skin
-from softness_bayes.storage.checkpoint import Checkpoint
-from softness_bayes.storage.serial import as_json
-from softness_bayes.study import simulate_compression, usual_values
+from softness_bayes.results.result import Result
+from softness_bayes.runs import plate as skin
+from softness_bayes.runs import run
+from softness_bayes.runs.from_result import options_of
+from softness_bayes.runs.plate import sample_skin
+from softness_bayes.runs.run import RunOptions, posterior_of, requested, sample
+from softness_bayes.sampler.serial import as_json
 from softness_bayes.touch.readings import MENDED
 
 LARGE = 2**127 + 1

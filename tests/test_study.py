@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from softness_bayes import study
 from softness_bayes.data import Fabrics
 from softness_bayes.errors import InputError
-from softness_bayes.inference.observation import INVERSE
-from softness_bayes.inference.parameters import PARAMETERS
-from softness_bayes.study import scene_of, simulate_ratings, touch_parameters, usual_values
+from softness_bayes.likelihood.magnitude import INVERSE
+from softness_bayes.model import build as study
+from softness_bayes.model.build import scene_of, simulate_ratings, touch_parameters, usual_values
+from softness_bayes.parameters.space import PARAMETERS
 from softness_bayes.touch import scene
 from softness_bayes.touch.contact import Force, Indentation
 from softness_bayes.touch.readings import MENDED

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from autoregressive import autoregressive, walks
 
-from softness_bayes.inference.diagnostics import ess_tail
-from softness_bayes.inference.summary import summarise
+from softness_bayes.results.summary import summarise
+from softness_bayes.sampler.diagnostics import ess_tail
 
 
 def test_effective_sizes_follow_tau():

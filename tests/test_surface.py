@@ -8,16 +8,16 @@ import numpy as np
 import pytest
 
 from softness_bayes.errors import InputError, NumericalError
-from softness_bayes.touch import surface as module
-from softness_bayes.touch import surface_build
-from softness_bayes.touch.equilibrium import fold
-from softness_bayes.touch.firing import exact_curve, exact_curves
-from softness_bayes.touch.membrane import CONNOR_STEVENS, HODGKIN_HUXLEY, PAPER_CHANNELS, PRINTED, Channels
-from softness_bayes.touch.onset import onset
+from softness_bayes.tools import surface_build
+from softness_bayes.touch.neuron import surface as module
+from softness_bayes.touch.neuron.equilibrium import fold
+from softness_bayes.touch.neuron.firing import exact_curve, exact_curves
+from softness_bayes.touch.neuron.membrane import CONNOR_STEVENS, HODGKIN_HUXLEY, PAPER_CHANNELS, PRINTED, Channels
+from softness_bayes.touch.neuron.onset import onset
+from softness_bayes.touch.neuron.rate import firing_rate
+from softness_bayes.touch.neuron.surface import ERRORS, TABLES, FiringSurface, Summed, TotalDegree
+from softness_bayes.touch.neuron.surface_design import DESIGNS
 from softness_bayes.touch.parameters import TouchParameters
-from softness_bayes.touch.rate import firing_rate
-from softness_bayes.touch.surface import ERRORS, TABLES, FiringSurface, Summed, TotalDegree
-from softness_bayes.touch.surface_design import DESIGNS
 
 CORNER = Channels(0.945, 1.276, 0.9, 1.35)
 
@@ -60,7 +60,7 @@ def test_rheobase_is_that_of_the_fold(connor_stevens: FiringSurface, rng: np.ran
 
 
 def test_measured_errors_are_kept_and_meet_what_is_promised() -> None:
-    folder = resources.files("softness_bayes.touch")
+    folder = resources.files("softness_bayes.touch.neuron")
     measured = json.loads((folder / ERRORS).read_text())
     assert measured.keys() == DESIGNS.keys()
     for name, error in measured.items():

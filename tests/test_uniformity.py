@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.stats import binom, kstest
 
-from softness_bayes.inference.uniformity import simultaneous_band, uniformity_p_value
+from softness_bayes.checking.uniformity import simultaneous_band, uniformity_p_value
 
 LEVELS = np.arange(1, 20) / 20
 

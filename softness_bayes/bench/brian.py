@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from softness_bayes.bench.peers import Peer
-from softness_bayes.touch.equilibrium import rest
-from softness_bayes.touch.limit_cycle import SPIKE_VOLTAGE
-from softness_bayes.touch.membrane import CONNOR_STEVENS, PAPER_CHANNELS, Channels
+from softness_bayes.touch.neuron.equilibrium import rest
+from softness_bayes.touch.neuron.limit_cycle import SPIKE_VOLTAGE
+from softness_bayes.touch.neuron.membrane import CONNOR_STEVENS, PAPER_CHANNELS, Channels
 
 Array = NDArray[np.float64]
 

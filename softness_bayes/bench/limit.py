@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from softness_bayes.bench.subject import BATCH, Effort, Subject, first, quickest
-from softness_bayes.plan import scene_in
+from softness_bayes.runs.plan import scene_in
 
 Array = NDArray[np.float64]
 

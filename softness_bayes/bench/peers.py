@@ -18,14 +18,14 @@ from scipy.integrate import solve_ivp
 
 from softness_bayes.bench.precision import LIKELIHOOD, Point
 from softness_bayes.bench.subject import Effort, Subject
-from softness_bayes.plan import scene_in
-from softness_bayes.study import touch_parameters, usual_values
-from softness_bayes.touch.cells import Cells
-from softness_bayes.touch.equilibrium import rest
-from softness_bayes.touch.gating import open_fractions
-from softness_bayes.touch.limit_cycle import SPIKE_VOLTAGE
-from softness_bayes.touch.membrane import CONNOR_STEVENS, PAPER_CHANNELS, Channels
-from softness_bayes.touch.rate import firing_rate
+from softness_bayes.model.build import touch_parameters, usual_values
+from softness_bayes.runs.plan import scene_in
+from softness_bayes.touch.neuron.equilibrium import rest
+from softness_bayes.touch.neuron.gating import open_fractions
+from softness_bayes.touch.neuron.limit_cycle import SPIKE_VOLTAGE
+from softness_bayes.touch.neuron.membrane import CONNOR_STEVENS, PAPER_CHANNELS, Channels
+from softness_bayes.touch.neuron.rate import firing_rate
+from softness_bayes.touch.neuron.vector_field import Cells
 from softness_bayes.touch.readings import MENDED
 
 Array = NDArray[np.float64]

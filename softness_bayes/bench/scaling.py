@@ -9,9 +9,9 @@ from typing import NamedTuple
 import numpy as np
 
 from softness_bayes.bench.subject import BATCH, LOADS, Effort, Subject, first, quickest
-from softness_bayes.inference.diagnostics import Goal
-from softness_bayes.inference.sampling import Settings, walk
-from softness_bayes.plan import scene_in
+from softness_bayes.runs.plan import scene_in
+from softness_bayes.sampler.diagnostics import Goal
+from softness_bayes.sampler.sampling import Settings, walk
 from softness_bayes.touch.scene import Scene
 
 BATCHES = (1, 4, 16, 64, 256, 1024)

@@ -14,12 +14,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from softness_bayes.data import Experiment, Fabrics
-from softness_bayes.inference.posterior import Posterior
-from softness_bayes.plan import Draws, prior_draws
-from softness_bayes.run import RunOptions, posterior_of
-from softness_bayes.study import simulate_ratings, usual_values
+from softness_bayes.model.build import simulate_ratings, usual_values
+from softness_bayes.model.posterior import Posterior
+from softness_bayes.runs.plan import Draws, prior_draws
+from softness_bayes.runs.run import RunOptions, posterior_of
 from softness_bayes.touch.contact import Indentation
-from softness_bayes.touch.membrane import PAPER_CHANNELS
+from softness_bayes.touch.neuron.membrane import PAPER_CHANNELS
 from softness_bayes.touch.parameters import TouchParameters
 from softness_bayes.touch.readings import MENDED
 from softness_bayes.touch.scene import Discretisation

@@ -9,8 +9,8 @@ from enum import StrEnum
 import numpy as np
 from numpy.typing import NDArray
 
+from softness_bayes.checking.inflection import LEAST_DROP
 from softness_bayes.claims.numbers import ERROR, Numbers
-from softness_bayes.inference.curves import LEAST_DROP
 
 Array = NDArray[np.float64]
 Booleans = NDArray[np.bool_]

@@ -12,8 +12,8 @@ import click
 from softness_bayes import __version__
 from softness_bayes.cli.interrupts import guarded, tell_kept
 from softness_bayes.cli.streams import tolerant_streams
+from softness_bayes.cli.terminal import visible_streams
 from softness_bayes.errors import NumericalError, ResourceError, SoftnessError
-from softness_bayes.terminal import visible_streams
 
 STARTED = time.monotonic()
 """When the command began, but for Python's own start."""

@@ -59,8 +59,8 @@ def _measure(quick: bool, out: Path) -> None:
     from softness_bayes.bench.scaling import sampler, scaling
     from softness_bayes.bench.subject import FULL, QUICK, machine
     from softness_bayes.bench.words import summary
-    from softness_bayes.files.cells import csv_of
     from softness_bayes.files.outputs import write_outputs
+    from softness_bayes.files.spreadsheet import csv_of
 
     effort, about = QUICK if quick else FULL, machine()
     name = f"{about['processor']}, {about['cores']} cores, Python {about['python']}, NumPy {about['numpy']}"

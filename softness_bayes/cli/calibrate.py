@@ -16,7 +16,7 @@ from softness_bayes.ranges import PARTICIPANTS, PROCESSES, REPLICATES, STEPS
 if TYPE_CHECKING:
     from tqdm import tqdm
 
-    from softness_bayes.inference.calibration import Replicate
+    from softness_bayes.checking.calibration.ranks import Replicate
 
 
 @click.command()
@@ -86,7 +86,13 @@ def command(
     to --out: a file per replicate (an interrupted run continues where it was), ranks.csv, coverage.csv,
     ecdf.png and verdict.txt. Exit code 3: some replicates have not converged; 4: not calibrated.
     """
-    from softness_bayes.calibrate import (
+    from softness_bayes.checking.calibration.words import coverage_sentence
+    from softness_bayes.data import Fabrics, loads_of
+    from softness_bayes.errors import NumericalError
+    from softness_bayes.files.outputs import write_outputs
+    from softness_bayes.plotting.calibration import rank_ecdf_figure
+    from softness_bayes.plotting.style import files_of
+    from softness_bayes.runs.calibrate import (
         CALIBRATE,
         FIGURE,
         USUAL_FABRICS,
@@ -95,13 +101,7 @@ def command(
         calibrate,
         finished,
     )
-    from softness_bayes.data import Fabrics, loads_of
-    from softness_bayes.errors import NumericalError
-    from softness_bayes.files.outputs import write_outputs
-    from softness_bayes.inference.rank_words import coverage_sentence
-    from softness_bayes.plan import with_accuracy
-    from softness_bayes.plotting.calibration import rank_ecdf_figure
-    from softness_bayes.plotting.style import files_of
+    from softness_bayes.runs.plan import with_accuracy
 
     scene = CalibrationScene(
         USUAL_FABRICS if fabrics is None else Fabrics.read(fabrics, decimal=decimal),
@@ -134,7 +134,7 @@ def command(
 
 def _kept(out: Path, asked: int) -> str:
     """Say how many replicates are kept and what continues them; nothing before there is one."""
-    from softness_bayes.calibrate import finished_replicates
+    from softness_bayes.runs.calibrate import finished_replicates
 
     finished = finished_replicates(out)
     if not finished:

@@ -30,8 +30,8 @@ def command(files: DataFiles, scale: str, choice: ReadingChoice) -> None:
     shown in the reading that is asked for. With ratings it is also said whether they rise or fall with stiffness.
     """
     from softness_bayes.data import Compression
-    from softness_bayes.inference.scales import RATING_SCALES
-    from softness_bayes.run import RunOptions, choose_direction
+    from softness_bayes.likelihood.scales import RATING_SCALES
+    from softness_bayes.runs.run import RunOptions, choose_direction
 
     fabric_modulus = choice.resolve().fabric_modulus
     experiment = files.read()

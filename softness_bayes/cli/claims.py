@@ -14,7 +14,7 @@ from softness_bayes.ranges import PRIOR_DRAWS
 
 if TYPE_CHECKING:
     from softness_bayes.data import Fabrics, Ratings
-    from softness_bayes.inference.priors import Prior
+    from softness_bayes.parameters.priors import Prior
     from softness_bayes.touch.contact import Load
     from softness_bayes.touch.readings import Readings
 
@@ -99,8 +99,8 @@ def command(
     """
     from softness_bayes.claims import PRIORS, TOUCHES, evaluate_claims
     from softness_bayes.claims.report import findings_table, loads_table, markdown, plain
-    from softness_bayes.files.cells import csv_of
     from softness_bayes.files.outputs import require_outputs, write_outputs
+    from softness_bayes.files.spreadsheet import csv_of
 
     require_outputs(out, MADE, CLAIMS, force, [path for path in (data, fabrics) if path is not None])
     touched, ratings, loads = _materials(data, fabrics, columns, decimal, indentation_mm, force_n)

@@ -49,11 +49,11 @@ def command(directories: tuple[Path, ...], left_out: str, max_steps: int | None,
     """
     from dataclasses import replace
 
-    from softness_bayes.commands import endings
-    from softness_bayes.compare import LEAVE, REFIT, compare
     from softness_bayes.errors import InputError
-    from softness_bayes.files.cells import csv_of
+    from softness_bayes.files.command_line import endings
     from softness_bayes.files.outputs import require_outputs, write_outputs
+    from softness_bayes.files.spreadsheet import csv_of
+    from softness_bayes.runs.comparison import LEAVE, REFIT, compare
 
     require_outputs(out, [COMPARISON], COMPARE, force)
     labels = endings(directories)

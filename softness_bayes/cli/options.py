@@ -16,8 +16,8 @@ from softness_bayes.ranges import ACCURACIES, Count, Range
 
 if TYPE_CHECKING:
     from softness_bayes.data import Compression, Experiment, Fabrics
-    from softness_bayes.inference.priors import Prior
-    from softness_bayes.run import RunOptions
+    from softness_bayes.parameters.priors import Prior
+    from softness_bayes.runs.run import RunOptions
     from softness_bayes.touch.contact import Load
     from softness_bayes.touch.readings import Readings
 
@@ -98,19 +98,19 @@ def _number(text: str) -> float:
 
 
 def _prior(text: str) -> Prior:
-    from softness_bayes.inference.priors import parse_prior
+    from softness_bayes.parameters.priors import parse_prior
 
     return parse_prior(text)
 
 
 def _require_values(values: dict[str, float]) -> None:
-    from softness_bayes.inference.parameters import require_values
+    from softness_bayes.parameters.space import require_values
 
     require_values(values)
 
 
 def _require_priors(priors: dict[str, Prior]) -> None:
-    from softness_bayes.inference.parameters import require_priors
+    from softness_bayes.parameters.space import require_priors
 
     require_priors(priors)
 
@@ -448,8 +448,8 @@ class ModelChoice:
 
     def options(self, **others: Any) -> RunOptions:
         """Return the options of a run with this model and `others`; its resolution is not chosen yet."""
-        from softness_bayes.inference.observation import direction_named
-        from softness_bayes.run import RunOptions
+        from softness_bayes.likelihood.magnitude import direction_named
+        from softness_bayes.runs.run import RunOptions
 
         return RunOptions(
             fix=self.fixed,

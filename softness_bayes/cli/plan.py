@@ -10,7 +10,7 @@ from softness_bayes.cli.options import DataFiles, ModelChoice, data_files, model
 from softness_bayes.errors import InputError
 
 if TYPE_CHECKING:
-    from softness_bayes.plan import Setting
+    from softness_bayes.runs.plan import Setting
     from softness_bayes.touch.accuracy import Errors
 
 
@@ -25,9 +25,9 @@ def command(files: DataFiles, model: ModelChoice, scale: str) -> None:
     log(N/N_ref + eps); costs are the time for each parameter vector in batches of 64, measured here and now.
     """
     from softness_bayes.data import Compression
-    from softness_bayes.inference.scales import RATING_SCALES
-    from softness_bayes.plan import BATCH, DRAWS, ladder, left_out, prior_draws, scene_in, seconds, with_accuracy
-    from softness_bayes.run import posterior_of, with_direction
+    from softness_bayes.likelihood.scales import RATING_SCALES
+    from softness_bayes.runs.plan import BATCH, DRAWS, ladder, left_out, prior_draws, scene_in, seconds, with_accuracy
+    from softness_bayes.runs.run import posterior_of, with_direction
 
     data = files.read()
     if isinstance(data, Compression):

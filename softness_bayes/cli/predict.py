@@ -59,11 +59,11 @@ def command(
     One row for each fabric and load. Parameters are the medians of their priors; --set changes single
     ones, --posterior takes the draws of a run instead.
     """
-    from softness_bayes.files.cells import csv_of
     from softness_bayes.files.outputs import require_outputs, write_outputs
-    from softness_bayes.plan import given_draws, scene_with_accuracy
-    from softness_bayes.predict import drawn_parameters, prediction_table
-    from softness_bayes.study import scene_of, touch_parameters, usual_values
+    from softness_bayes.files.spreadsheet import csv_of
+    from softness_bayes.model.build import scene_of, touch_parameters, usual_values
+    from softness_bayes.model.prediction import drawn_parameters, prediction_table
+    from softness_bayes.runs.plan import given_draws, scene_with_accuracy
 
     if out is not None:
         require_outputs(out.parent, [out.name], PREDICT, force, [touches.fabrics])

@@ -15,8 +15,8 @@ from softness_bayes.errors import InputError
 from softness_bayes.ranges import STEPS
 
 if TYPE_CHECKING:
-    from softness_bayes.run import RunOptions
-    from softness_bayes.storage.checkpoint import Status
+    from softness_bayes.checkpoints.checkpoint import Status
+    from softness_bayes.runs.run import RunOptions
 
 
 @click.command()
@@ -50,9 +50,9 @@ def command(
     with --more-steps only. If the data, the priors, the readings or anything else that decides the draws is not
     what it was, the run is refused and the difference named.
     """
-    from softness_bayes.assembly import versions
-    from softness_bayes.run import RunOptions
-    from softness_bayes.storage.checkpoint import Checkpoint, read_status
+    from softness_bayes.checkpoints.checkpoint import Checkpoint, read_status
+    from softness_bayes.results.assembly import versions
+    from softness_bayes.runs.run import RunOptions
 
     checkpoint, status = Checkpoint.open(directory), read_status(directory)
     if checkpoint.request is None:
@@ -89,7 +89,7 @@ def command(
 
 def _is_whole(directory: Path) -> bool:
     """Whether the results of a run can be read; if not, say why they are written anew."""
-    from softness_bayes.result import Result
+    from softness_bayes.results.result import Result
 
     try:
         Result.load(directory)

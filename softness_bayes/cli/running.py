@@ -14,13 +14,13 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from softness_bayes.cli.options import DataFiles, whole
-from softness_bayes.commands import portable
 from softness_bayes.errors import InputError
+from softness_bayes.files.command_line import portable
 from softness_bayes.ranges import PROCESSES
 
 if TYPE_CHECKING:
-    from softness_bayes.inference.diagnostics import Verdict
-    from softness_bayes.result import Result
+    from softness_bayes.results.result import Result
+    from softness_bayes.sampler.diagnostics import Verdict
 
 _PATHS = ("data", "fabrics", "compression")
 _SECONDS = {"": 1, "s": 1, "m": 60, "h": 3600}
@@ -69,7 +69,7 @@ def reading(*directories: Path) -> Iterator[list[Result]]:
     InputError
         If one cannot be read, or lacks what the verb looks for.
     """
-    from softness_bayes.result import Result
+    from softness_bayes.results.result import Result
 
     results = [Result.load(directory) for directory in directories]
     for result in results:

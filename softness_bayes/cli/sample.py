@@ -31,12 +31,12 @@ from softness_bayes.ranges import NOISES, STEPS
 if TYPE_CHECKING:
     from tqdm import tqdm
 
+    from softness_bayes.checking.misfit import Fit
+    from softness_bayes.checkpoints.checkpoint import Checkpoint
     from softness_bayes.data import Compression, Experiment
-    from softness_bayes.inference.sampling import Progress
-    from softness_bayes.misfit import Fit
-    from softness_bayes.result import Result
-    from softness_bayes.run import RunOptions
-    from softness_bayes.storage.checkpoint import Checkpoint
+    from softness_bayes.results.result import Result
+    from softness_bayes.runs.run import RunOptions
+    from softness_bayes.sampler.sampling import Progress
 
 
 DRAWING = 4
@@ -104,15 +104,15 @@ def command(
     The run is kept in --out all along: 'status' says how far it is, and 'resume' continues it, interrupted or
     ended, to the draws of a run that was never interrupted.
     """
-    from softness_bayes.inference import workers
+    from softness_bayes.sampler import workers
 
     if processes != 1:
-        workers.prepare()  # they import what they need while this process does
+        workers.prepare("softness_bayes.runs.run")  # they import what they need while this process does
+    from softness_bayes.checkpoints.checkpoint import Checkpoint
     from softness_bayes.data import Compression
-    from softness_bayes.inference.scales import RATING_SCALES
-    from softness_bayes.plan import with_accuracy
-    from softness_bayes.run import posterior_of, with_direction
-    from softness_bayes.storage.checkpoint import Checkpoint
+    from softness_bayes.likelihood.scales import RATING_SCALES
+    from softness_bayes.runs.plan import with_accuracy
+    from softness_bayes.runs.run import posterior_of, with_direction
 
     data = files.read()
     if isinstance(data, Compression):
@@ -148,10 +148,10 @@ def command(
 def _evaluated(data: Experiment | Compression, options: RunOptions, accuracy: float) -> bool:
     """Evaluate a model without a parameter to sample, and say so; whether it is one."""
     from softness_bayes.data import Compression
-    from softness_bayes.evaluation import evaluate
-    from softness_bayes.plan import with_accuracy
-    from softness_bayes.run import choose_direction, posterior_of, space_of
-    from softness_bayes.skin import skin_posterior_of
+    from softness_bayes.runs.evaluation import evaluate
+    from softness_bayes.runs.plan import with_accuracy
+    from softness_bayes.runs.plate import skin_posterior_of
+    from softness_bayes.runs.run import choose_direction, posterior_of, space_of
 
     said = [f"note: {note}" for note in data.notes]
     if isinstance(data, Compression):
@@ -183,11 +183,11 @@ def run(
     NotConvergedError
         If a limit was reached first; everything is written all the same.
     """
-    from softness_bayes.assembly import versions
     from softness_bayes.data import Compression
-    from softness_bayes.inference.workers import available_processors
-    from softness_bayes.run import choose_direction, sample
-    from softness_bayes.skin import sample_skin
+    from softness_bayes.results.assembly import versions
+    from softness_bayes.runs.plate import sample_skin
+    from softness_bayes.runs.run import choose_direction, sample
+    from softness_bayes.sampler.workers import available_processors
 
     out = checkpoint.directory
     for note in data.notes:
@@ -275,8 +275,8 @@ class _Bar:
 
 def _report(result: Result, out: Path) -> None:
     """Print summary, turning points, checks and verdict."""
-    from softness_bayes.learning import direction_sentences, learning_sentences
-    from softness_bayes.misfit import fit_of
+    from softness_bayes.checking.identifiability import direction_sentences, learning_sentences
+    from softness_bayes.checking.misfit import fit_of
 
     found, summary = result.attributes, result.summary()
     fit = fit_of(result.tree) if result.has_ratings else None
@@ -304,7 +304,7 @@ def _report(result: Result, out: Path) -> None:
 
 def _turning(result: Result) -> str:
     """Return where the response turns over, with what counts as that, the prior's probability and sampling errors."""
-    from softness_bayes.inference.turning import with_errors
+    from softness_bayes.checking.turning_points import with_errors
 
     columns = ["p_interior", "prior_p_interior", "p_inside", "p_none", "p_silent"]
     columns += ["e_fab_kpa_low", "e_fab_kpa", "e_fab_kpa_high"]
@@ -319,7 +319,7 @@ def _turning(result: Result) -> str:
 
 def _report_ratings(result: Result, fit: Fit) -> None:
     """Print turning points and checks of what the ratings say."""
-    from softness_bayes.criticism import check_sentences
+    from softness_bayes.checking.check_table import check_sentences
 
     found = result.attributes
     click.echo(f"\n{_turning(result)}\n")

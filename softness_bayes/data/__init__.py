@@ -24,8 +24,8 @@ from softness_bayes.data.names import listing
 from softness_bayes.data.ratings import LOAD_COLUMNS, Conditions, LoadColumn, Ratings, loads_of
 from softness_bayes.data.tables import check_renames, read_table
 from softness_bayes.errors import InputError
-from softness_bayes.files.cells import escaped
 from softness_bayes.files.outputs import write_outputs
+from softness_bayes.files.spreadsheet import escaped
 
 __all__ = [
     "LABELS",

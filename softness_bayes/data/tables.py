@@ -18,7 +18,7 @@ from softness_bayes.data.columns import LABELS, NUMBERS, Column
 from softness_bayes.data.decimals import MARKS, Cell, Reading, decimal_mark, plain
 from softness_bayes.data.names import guess, listing, natural
 from softness_bayes.errors import InputError, quoted
-from softness_bayes.files.cells import unescaped
+from softness_bayes.files.spreadsheet import unescaped
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.intp]

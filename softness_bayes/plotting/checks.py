@@ -156,7 +156,7 @@ def loo_pit_figure(values: ArrayLike, points: ArrayLike, probability: float = 0.
     InputError
         If a value is not a probability.
     """
-    from softness_bayes.inference.uniformity import simultaneous_band
+    from softness_bayes.checking.uniformity import simultaneous_band
 
     pit = np.asarray(values, float)
     if pit.ndim != 1 or not pit.size or not ((pit >= 0) & (pit <= 1)).all():

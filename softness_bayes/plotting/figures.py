@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 
 from softness_bayes.errors import InputError
 from softness_bayes.files.outputs import require_outputs, write_outputs
-from softness_bayes.inference.workers import Workers
 from softness_bayes.plotting.chains import rank_figure, trace_figure
 from softness_bayes.plotting.checks import Means, Replicated, checks_figure, loo_pit_figure
 from softness_bayes.plotting.compression import compression_figure
@@ -24,11 +23,12 @@ from softness_bayes.plotting.rating import Observed, observed_ratings, rating_fi
 from softness_bayes.plotting.response import ratio_figure, response_figure
 from softness_bayes.plotting.style import PLOT, USUAL, Style, files_of, require_formats
 from softness_bayes.plotting.touch import Touches, touch_figure
+from softness_bayes.sampler.workers import Workers
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from softness_bayes.result import Result
+    from softness_bayes.results.result import Result
 
 Array = NDArray[np.float64]
 
@@ -118,8 +118,8 @@ def _compression(result: Result, style: Style) -> Figure:
 
 
 def _checks(result: Result, style: Style) -> Figure:
-    from softness_bayes.criticism import ALL, posterior_quantities
-    from softness_bayes.inference.predictive import Columns
+    from softness_bayes.checking.check_table import ALL, posterior_quantities
+    from softness_bayes.checking.quantities import Columns
 
     modulus = dict(zip(result.group("constant_data")["fabric"].values, _fabric_modulus(result), strict=True))
     means, shown, scale = [], [], "log" if _logarithmic(result) else "sd"
@@ -139,7 +139,7 @@ def _checks(result: Result, style: Style) -> Figure:
 
 
 def _loo_pit(result: Result, style: Style) -> Figure:
-    from softness_bayes.criticism import LOO_PIT, PIT_POINTS
+    from softness_bayes.checking.check_table import LOO_PIT, PIT_POINTS
 
     return loo_pit_figure(result.group("constant_data")[LOO_PIT].values, PIT_POINTS, style=style)
 
@@ -353,19 +353,19 @@ def _observed(result: Result) -> Observed:
 
 
 def _logarithmic(result: Result) -> bool:
-    from softness_bayes.inference.scales import RATING_SCALES
+    from softness_bayes.likelihood.scales import RATING_SCALES
 
     return RATING_SCALES[str(result.attributes.get("rating_scale", "magnitude"))].positive
 
 
 def _sampled(result: Result) -> list[str]:
-    from softness_bayes.inference.parameters import EVERY_PARAMETER
+    from softness_bayes.parameters.space import EVERY_PARAMETER
 
     return [name for name in EVERY_PARAMETER if name in result.group("posterior")]
 
 
 def _labels(names: Sequence[str]) -> list[str]:
-    from softness_bayes.inference.parameters import EVERY_PARAMETER
+    from softness_bayes.parameters.space import EVERY_PARAMETER
 
     return [EVERY_PARAMETER[name].label for name in names]
 

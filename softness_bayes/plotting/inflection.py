@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from softness_bayes.inference.curves import Inflection
+    from softness_bayes.checking.inflection import Inflection
 
 FEWEST_BINS, MOST_BINS = 60, 240
 """Bins over the whole range: a bin is never wider than a tenth of a decade, about, nor too thin to see."""
@@ -62,7 +62,7 @@ def inflection_figure(
     """
     from matplotlib.figure import Figure
 
-    from softness_bayes.inference.curves import RANGE_FACTOR
+    from softness_bayes.checking.inflection import RANGE_FACTOR
 
     check_loads(loads, inflection.outcome.shape[1])
     fabrics = np.asarray(fabric_modulus, float) / 1e3
@@ -116,7 +116,7 @@ def density(places: Array, edges: Array) -> Array:
 
 def draw_margin(margin: Axes, inflection: Inflection, index: int, style: Style, gid: str) -> None:
     """Draw the posterior of the turning point, and its probability, into the margin of a response panel."""
-    from softness_bayes.inference.curves import Outcome
+    from softness_bayes.checking.inflection import Outcome
 
     edges = bin_edges(np.array(margin.get_xlim()), inflection.modulus / 1e3)
     heights = [density(column / 1e3, edges) for column in inflection.modulus.T]
@@ -153,7 +153,7 @@ def _draw_density(axes: Axes, edges: Array, inflection: Inflection, index: int, 
 
 
 def _draw_outcomes(axes: Axes, inflection: Inflection, index: int, style: Style, gid: str) -> None:
-    from softness_bayes.inference.curves import Outcome
+    from softness_bayes.checking.inflection import Outcome
 
     outcome = inflection.outcome[:, index]
     bars = {

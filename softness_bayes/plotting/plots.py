@@ -13,7 +13,7 @@ from softness_bayes.plotting.style import USUAL, Style
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from softness_bayes.result import Result
+    from softness_bayes.results.result import Result
 
 
 class Plots:

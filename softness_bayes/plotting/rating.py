@@ -118,7 +118,7 @@ def observed_ratings(
     spread = np.sqrt(np.where(count > 1, variance, np.nan))
     limits = np.stack([mean, mean - spread, mean + spread])
     if logarithmic:
-        from softness_bayes.inference.observation import LARGEST_LOG_RATING
+        from softness_bayes.likelihood.magnitude import LARGEST_LOG_RATING
 
         limits = np.exp(np.clip(limits, -LARGEST_LOG_RATING, LARGEST_LOG_RATING))
     middle, low, high = limits

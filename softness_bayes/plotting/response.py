@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from softness_bayes.inference.curves import Curves, Inflection
+    from softness_bayes.checking.inflection import Curves, Inflection
 
 HERTZ_LIMIT = 0.5
 """Contact radius over fingertip radius beyond which Hertz's contact is in question (model.md 11)."""

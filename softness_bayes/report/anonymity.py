@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from softness_bayes.result import Result
+from softness_bayes.results.result import Result
 
 if TYPE_CHECKING:
     import xarray as xr

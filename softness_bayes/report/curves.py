@@ -8,12 +8,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from softness_bayes.inference.scales import RATING_SCALES
-from softness_bayes.inference.turning import PERCENTS
+from softness_bayes.checking.turning_points import PERCENTS
+from softness_bayes.likelihood.scales import RATING_SCALES
 from softness_bayes.plotting.panels import title
 from softness_bayes.plotting.rating import observed_ratings
 from softness_bayes.report.words import share
-from softness_bayes.result import Result
+from softness_bayes.results.result import Result
 
 Array = NDArray[np.float64]
 

@@ -9,15 +9,15 @@ from typing import Any
 
 import numpy as np
 
-from softness_bayes.criticism import doubt_sentences
-from softness_bayes.inference.exactness import Exactness, compare
-from softness_bayes.inference.levelled import DOUBTFUL
-from softness_bayes.inference.sensitivity import INFORMED
-from softness_bayes.learning import learning_sentences
-from softness_bayes.misfit import Fit, fit_of
+from softness_bayes.checking.check_table import doubt_sentences
+from softness_bayes.checking.exactness import Exactness, compare
+from softness_bayes.checking.identifiability import learning_sentences
+from softness_bayes.checking.levelled import DOUBTFUL
+from softness_bayes.checking.misfit import Fit, fit_of
+from softness_bayes.checking.reproduction import inflection_reproduced
+from softness_bayes.checking.sensitivity import INFORMED
 from softness_bayes.report.words import sentence, with_error
-from softness_bayes.reproduction import inflection_reproduced
-from softness_bayes.result import Result
+from softness_bayes.results.result import Result
 
 
 class Standing(Enum):

@@ -13,11 +13,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
-from softness_bayes.criticism import check_table
+from softness_bayes.checking.check_table import check_table
+from softness_bayes.checking.identifiability import direction_table
+from softness_bayes.checking.misfit import fit_of
 from softness_bayes.errors import InputError
 from softness_bayes.files.outputs import require_outputs, write_outputs
-from softness_bayes.learning import direction_table
-from softness_bayes.misfit import fit_of
 from softness_bayes.plotting.figures import FIGURES, figures_of
 from softness_bayes.plotting.panels import TINTS
 from softness_bayes.plotting.style import METADATA, USUAL
@@ -26,7 +26,7 @@ from softness_bayes.report.charts import TURN_TINT, charts
 from softness_bayes.report.curves import AXES, Shown, logarithmic, shown
 from softness_bayes.report.findings import Standing, findings
 from softness_bayes.report.repeat import repetition
-from softness_bayes.result import Result
+from softness_bayes.results.result import Result
 
 RESOLUTION = 150
 """Of the figures on the page [dots per inch]: sharp on a screen, and small."""

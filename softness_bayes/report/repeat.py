@@ -8,9 +8,9 @@ import shlex
 from itertools import zip_longest
 from typing import NamedTuple
 
-from softness_bayes.commands import storable
-from softness_bayes.result import Result
-from softness_bayes.run import RunOptions
+from softness_bayes.files.command_line import storable
+from softness_bayes.results.result import Result
+from softness_bayes.runs.run import RunOptions
 from softness_bayes.touch.readings import MENDED
 
 PROGRAM = "softness-bayes"

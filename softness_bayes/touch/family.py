@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from softness_bayes.touch.contact import Finger, skin_modulus
 from softness_bayes.touch.field import StressField, profiles
-from softness_bayes.touch.firing import RateCurve
+from softness_bayes.touch.neuron.firing import RateCurve
 from softness_bayes.touch.parameters import TouchParameters
 from softness_bayes.touch.population import Drive, Population
 

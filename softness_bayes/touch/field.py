@@ -24,7 +24,7 @@ from scipy.interpolate import CubicSpline
 
 from softness_bayes.errors import InputError, NumericalError
 from softness_bayes.touch.contact import Finger, Load
-from softness_bayes.touch.polynomials import chebyshev_values, clenshaw
+from softness_bayes.touch.neuron.polynomials import chebyshev_values, clenshaw
 from softness_bayes.touch.readings import Readings
 from softness_bayes.touch.receptors import kink_distances
 from softness_bayes.touch.stress import GAUSS_DENSITY, unit_stress

@@ -1,7 +1,7 @@
 """Exact rate curves of a sample of channel vectors, to measure a firing-rate surface's error by on any scene.
 
 Exact rates take milliseconds for each current, so that the curves are kept: ``python -m
-softness_bayes.touch.firing_sample_build`` makes them anew for every membrane that has a surface.
+softness_bayes.tools.firing_sample_build`` makes them anew for every membrane that has a surface.
 """
 
 from __future__ import annotations
@@ -12,10 +12,10 @@ from importlib import resources
 import numpy as np
 from numpy.typing import NDArray
 
-from softness_bayes.touch.firing import RateCurve
-from softness_bayes.touch.membrane import Channels, Membrane
+from softness_bayes.touch.neuron.firing import RateCurve
+from softness_bayes.touch.neuron.membrane import Channels, Membrane
+from softness_bayes.touch.neuron.surface import FiringSurface
 from softness_bayes.touch.parameters import TouchParameters
-from softness_bayes.touch.surface import FiringSurface
 
 Array = NDArray[np.float64]
 

@@ -20,8 +20,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from softness_bayes.touch.field import Profile
-from softness_bayes.touch.firing import RateCurve
-from softness_bayes.touch.polynomials import horner
+from softness_bayes.touch.neuron.firing import RateCurve
+from softness_bayes.touch.neuron.polynomials import horner
 from softness_bayes.touch.receptors import ReceptorCount
 
 Array = NDArray[np.float64]

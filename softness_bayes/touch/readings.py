@@ -16,8 +16,8 @@ from softness_bayes.touch.contact import (
     FabricModulus,
     SkinDisplacement,
 )
-from softness_bayes.touch.membrane import CONNOR_STEVENS, HODGKIN_HUXLEY, Membrane
-from softness_bayes.touch.membrane import PRINTED as PRINTED_MEMBRANE
+from softness_bayes.touch.neuron.membrane import CONNOR_STEVENS, HODGKIN_HUXLEY, Membrane
+from softness_bayes.touch.neuron.membrane import PRINTED as PRINTED_MEMBRANE
 from softness_bayes.touch.receptors import CONSISTENT, PRINTED_DENSITY, Density
 from softness_bayes.touch.stress import (
     ATTENUATED,

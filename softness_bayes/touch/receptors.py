@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.special import expit
 
 from softness_bayes.touch.contact import Finger
-from softness_bayes.touch.polynomials import horner
+from softness_bayes.touch.neuron.polynomials import horner
 
 Array = NDArray[np.float64]
 

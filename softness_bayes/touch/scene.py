@@ -22,9 +22,9 @@ from softness_bayes.touch.contact import (
 )
 from softness_bayes.touch.family import MANY, Family
 from softness_bayes.touch.field import Profile, StressField, profiles
-from softness_bayes.touch.firing import RateCurve, exact_curve
-from softness_bayes.touch.membrane import CONNOR_STEVENS, PAPER_CHANNELS, Channels, Membrane, rows_of
-from softness_bayes.touch.noisy_curve import noisy_curve
+from softness_bayes.touch.neuron.firing import RateCurve, exact_curve
+from softness_bayes.touch.neuron.membrane import CONNOR_STEVENS, PAPER_CHANNELS, Channels, Membrane, rows_of
+from softness_bayes.touch.neuron.noise import noisy_curve
 from softness_bayes.touch.parameters import TouchParameters
 from softness_bayes.touch.population import Drive, Population, Sums
 from softness_bayes.touch.readings import Readings

@@ -1,0 +1,1 @@
+"""Simulation-based calibration: ranks of true values, their power, and what they say."""

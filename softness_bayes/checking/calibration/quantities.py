@@ -1,0 +1,69 @@
+"""What a calibration ranks: numbers that follow from parameters, participants and ratings alone.
+
+Any such number has uniform ranks if all is right. Where the response has no turning point its place is put at zero,
+below all others, and equal numbers are ranked at random: so no replicate is left out for the truth's having none, and
+the ranks stay uniform. Whether there is one is ranked as 0 or 1; a rank among ones and zeros, broken at random, holds
+the probability of a turn against how often there is one. Participants are alike beforehand: one stands for all.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from softness_bayes.checking.inflection import Outcome, curve_scene, find_inflection, response_curves
+from softness_bayes.likelihood.random_effects import Effects
+from softness_bayes.model.posterior import Posterior
+from softness_bayes.touch.scene import Scene
+
+FloatArray = NDArray[np.float64]
+
+LOG_LIKELIHOOD = "log_likelihood"
+"""Name of the joint log-likelihood among the ranked quantities."""
+
+PARTICIPANT, PARTICIPANTS = "participant_effect", "participant_spread"
+"""Names of the first participant's effect, and of the standard deviation of all participants' effects."""
+
+
+def turns(load: object) -> str:
+    """Name of whether the response turns over under a load, 0 or 1."""
+    return f"turns[{load}]"
+
+
+def turning_point(load: object) -> str:
+    """Name of the place of its maximum, E_fab [kPa], 0 where there is none."""
+    return f"turning_point_kpa[{load}]"
+
+
+def quantities(posterior: Posterior, theta: FloatArray, effects: Effects) -> dict[str, FloatArray]:
+    """Return all that is ranked at some points, by name.
+
+    Parameters
+    ----------
+    posterior
+        The model, with the ratings that the points are of.
+    theta
+        Points in natural units, shape (points, dimension).
+    effects
+        mu and participants of each point.
+
+    Returns
+    -------
+    dict of ndarray, each of shape (points,)
+    """
+    found = {name: theta[:, k] for k, name in enumerate(posterior.names)}
+    found |= {"mu": effects.mu, LOG_LIKELIHOOD: posterior.log_likelihood(theta)}
+    if posterior.space.held.get("tau") != 0.0:
+        found |= {PARTICIPANT: effects.participant[:, 0], PARTICIPANTS: effects.participant.std(axis=-1)}
+    if isinstance(posterior.scene, Scene):
+        found |= _turning_points(posterior, posterior.scene, theta)
+    return found
+
+
+def _turning_points(posterior: Posterior, scene: Scene, theta: FloatArray) -> dict[str, FloatArray]:
+    curves = response_curves(curve_scene(scene), posterior.space.touch(theta))
+    turn = find_inflection(curves, 0.0, (float(scene.modulus.min()), float(scene.modulus.max())))
+    interior = np.broadcast_to(turn.outcome == Outcome.INTERIOR, (len(theta), len(scene.loads)))
+    place = np.where(interior, turn.modulus * 1e-3, 0.0)
+    found = {turns(load): interior[:, k].astype(float) for k, load in enumerate(scene.loads)}
+    return found | {turning_point(load): place[:, k] for k, load in enumerate(scene.loads)}

@@ -1,0 +1,279 @@
+"""Simulation-based calibration: parameters drawn from the prior, ratings simulated, fitted, and ranked.
+
+If prior, likelihood and sampler belong together, the rank of a true value among independent posterior draws
+is uniform, for every quantity of parameters and data (Talts, Betancourt, Simpson, Vehtari and Gelman,
+arXiv:1804.06788). The log-likelihood is one of them: it finds errors that leave each parameter's law as its
+prior (Modrák et al., Bayesian Analysis 20, 461, 2025).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import chdtr, chdtrc
+from scipy.stats import binom
+
+from softness_bayes.checking.calibration.power import Least, least_shift, least_width, replicates_needed, squared_scores
+from softness_bayes.checking.calibration.quantities import quantities
+from softness_bayes.checking.uniformity import uniformity_p_value
+from softness_bayes.likelihood.magnitude import LogRatings
+from softness_bayes.likelihood.random_effects import Effects
+from softness_bayes.model.posterior import Observation, Posterior
+from softness_bayes.sampler.sampling import Sampled, Settings, sample_until
+
+FloatArray = NDArray[np.float64]
+IndexArray = NDArray[np.intp]
+
+DRAWS = 99
+"""Posterior draws among which a true value is ranked: one hundred equally probable ranks."""
+
+MASSES = (0.5, 0.8, 0.9, 0.95)
+"""Central intervals whose coverage is counted."""
+
+FALSE_ALARM = 0.01
+"""Probability that a right model is called not calibrated, shared between all tests."""
+
+LARGEST_WIDTH = 1.5
+"""How many times too narrow a posterior may be that would be found only just: beyond it there are too few replicates.
+
+A 90 % interval of such a posterior holds the truth in 73 % of cases."""
+
+
+class Replicate(NamedTuple):
+    """What one fit of simulated ratings said of the values that they were made from."""
+
+    names: tuple[str, ...]
+    """Ranked quantities, those of `ranked.quantities`."""
+    rank: tuple[int, ...]
+    """Number of the `DRAWS` posterior draws below the true value."""
+    truth: tuple[float, ...]
+    """True values, in natural units; of a turning point that the truth does not have, 0."""
+    steps: int
+    """Steps that each ensemble walked."""
+    tau: float
+    """Longest autocorrelation time, in steps."""
+    converged: bool
+    """Whether the run met its goal."""
+
+
+def right(observation: LogRatings) -> Observation:
+    """Fit with the likelihood that the ratings were made with."""
+    return observation
+
+
+def replicate(
+    posterior: Posterior,
+    settings: Settings,
+    seed: int,
+    index: int,
+    assume: Callable[[LogRatings], Observation] = right,
+) -> Replicate:
+    """Draw from the prior, simulate ratings, sample their posterior and rank the truth.
+
+    No prior draw is left out, those silent everywhere included. Space, compiled scene and design are those
+    of `posterior`; its ratings are not looked at.
+
+    Parameters
+    ----------
+    posterior
+        The model, with an observation of type `LogRatings`.
+    settings
+        How to sample.
+    seed, index
+        Decide the draw of the prior, the ratings and the walk.
+    assume
+        Turns the right observation into the one that is fitted with.
+    """
+    if not isinstance(posterior.observation, LogRatings):
+        raise TypeError("calibration simulates magnitude estimates: expected log ratings")
+    made, walk = (np.random.SeedSequence(seed, spawn_key=(index, part)) for part in (0, 1))
+    rng = np.random.default_rng(made)
+    theta = posterior.space.draw_prior(rng, 1)[0]
+    observation, true_effects = _simulate(posterior.observation, posterior, theta, rng)
+    fitted = replace(posterior, observation=assume(observation))
+    sampled = sample_until(fitted, settings, walk)
+    draws = fitted.natural(independent(sampled, DRAWS, rng))
+    effects = observation.draw_effects(rng, fitted.mean_rate(draws), fitted.rating_parameters(draws))
+    true = quantities(fitted, theta[None], true_effects)
+    among = quantities(fitted, draws, effects)
+    truth = np.concatenate([*true.values()])
+    rank = tuple(int(r) for r in ranks(truth, np.column_stack([*among.values()]), rng))
+    tau = float(sampled.verdict.tau.max())
+    return Replicate((*true,), rank, tuple(truth.tolist()), sampled.verdict.steps, tau, sampled.verdict.converged)
+
+
+def _simulate(
+    observation: LogRatings, posterior: Posterior, theta: FloatArray, rng: np.random.Generator
+) -> tuple[LogRatings, Effects]:
+    """Return ratings made at a point of the prior, and their effects as a batch of one."""
+    design, model = observation.design, observation.model
+    parameters, rate = posterior.rating_parameters(theta), posterior.mean_rate(theta)
+    effects = model.draw_effects(rng, parameters, (), design.n_participants, design.n_fabrics)
+    ratings = model.draw_ratings(rng, design, model.drive(design, rate, parameters), parameters, effects)
+    return LogRatings(ratings, design, model), Effects(*(each[None] for each in effects))
+
+
+def independent(sampled: Sampled, count: int, rng: np.random.Generator) -> FloatArray:
+    """Draws that are independent of each other, in sampler coordinates, shape (count, dimension).
+
+    Taken at random from all walkers at times that are the longest autocorrelation time apart; a run that
+    has not so many gives some of them repeatedly.
+    """
+    chains, verdict = sampled
+    kept = chains.kept(verdict.burn_in)
+    tau = verdict.tau.max()
+    stored = kept.log_density.shape[1]
+    apart = max(1, math.ceil(tau / kept.stride)) if math.isfinite(tau) else stored
+    candidates = kept.coordinates[:, ::-apart].reshape(-1, kept.coordinates.shape[-1])
+    return candidates[rng.choice(len(candidates), count, replace=len(candidates) < count)]
+
+
+def ranks(truth: FloatArray, draws: FloatArray, rng: np.random.Generator) -> IndexArray:
+    """Number of draws below each true value; ties are broken at random.
+
+    Parameters
+    ----------
+    truth
+        Shape (quantities,).
+    draws
+        Shape (draws, quantities).
+    rng
+        Source of the broken ties.
+    """
+    below, equal = (draws < truth).sum(axis=0), (draws == truth).sum(axis=0)
+    return below + rng.integers(equal + 1)
+
+
+class Judged(NamedTuple):
+    """What the ranks of one quantity say."""
+
+    uniform_p: float
+    """P-value of uniform ranks, by the simultaneous limits of their distribution function; exact."""
+    spread_p: float
+    """P-value of the spread of the ranks' normal scores, sensitive to intervals of wrong width."""
+    spread: float
+    """Root mean square of those scores over its expectation: above 1 the posterior is too narrow."""
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """Ranks of true values over many replicates.
+
+    Parameters
+    ----------
+    names
+        Ranked quantities.
+    rank
+        Ranks from 0 to `draws`, shape (replicates, quantities).
+    draws
+        Posterior draws that each was ranked among.
+    """
+
+    names: tuple[str, ...]
+    rank: IndexArray
+    draws: int = DRAWS
+
+    @classmethod
+    def of(cls, replicates: Sequence[Replicate]) -> Calibration:
+        """Collect the ranks of some replicates of one model."""
+        return cls(replicates[0].names, np.array([one.rank for one in replicates]))
+
+    @property
+    def points(self) -> FloatArray:
+        """Where the distribution function of (rank + 1) / (draws + 1) is looked at."""
+        return np.arange(1, self.draws + 1) / (self.draws + 1)
+
+    @property
+    def positions(self) -> FloatArray:
+        """(rank + 1) / (draws + 1), shape (replicates, quantities)."""
+        return (self.rank + 1) / (self.draws + 1)
+
+    def judge(self) -> dict[str, Judged]:
+        """Test every quantity."""
+        return {name: self._judge(k) for k, name in enumerate(self.names)}
+
+    def _judge(self, quantity: int) -> Judged:
+        squares, freedom = squared_scores(len(self.rank), self.draws)
+        relative = float(squares[self.rank[:, quantity]].mean() / squares.mean())
+        tails = chdtr(freedom, relative * freedom), chdtrc(freedom, relative * freedom)
+        uniform = uniformity_p_value(self.positions[:, quantity], self.points)
+        return Judged(uniform, float(min(1.0, 2.0 * min(tails))), math.sqrt(relative))
+
+    @property
+    def least_width(self) -> Least:
+        """How many times too narrow a posterior is that these replicates find nine times in ten."""
+        return least_width(len(self.rank), self.draws, self.threshold)
+
+    @property
+    def least_shift(self) -> Least:
+        """How far a posterior is shifted, in its standard deviations, that they find as often."""
+        return least_shift(len(self.rank), self.draws, self.threshold)
+
+    @property
+    def enough(self) -> bool:
+        """Whether they find posteriors `LARGEST_WIDTH` times too narrow as often: else uniform ranks say little."""
+        return self.least_width.value <= LARGEST_WIDTH
+
+    @property
+    def needed(self) -> int:
+        """Replicates, in tens, that would be enough."""
+        return replicates_needed(self.draws, self.threshold, LARGEST_WIDTH)
+
+    @property
+    def threshold(self) -> float:
+        """P-value below which one of the tests raises the alarm: `FALSE_ALARM` shared between all."""
+        return FALSE_ALARM / (2 * len(self.names))
+
+    def faults(self) -> list[str]:
+        """Say of every quantity that fails a test what is wrong with its posterior."""
+        return [f"{name} ({fault})" for name, fault in self.fault_of().items()]
+
+    def fault_of(self) -> dict[str, str]:
+        """What is wrong with the posterior of every quantity that fails a test, by name."""
+        found = {}
+        for (name, judged), position in zip(self.judge().items(), self.positions.T, strict=True):
+            if judged.spread_p < self.threshold:
+                kind = "narrow" if judged.spread > 1.0 else "wide"
+                found[name] = f"too {kind}: scores spread {judged.spread:.2f} times, p = {judged.spread_p:.1g}"
+            elif judged.uniform_p < self.threshold:
+                side = "high" if position.mean() < 0.5 else "low"
+                found[name] = f"too {side}: ranks not uniform, p = {judged.uniform_p:.1g}"
+        return found
+
+    def coverage(self) -> list[dict[str, float | str | int]]:
+        """Count how often central intervals hold the truth.
+
+        Returns
+        -------
+        list of dict
+            For each quantity and mass: quantity, mass, expected (the share of ranks inside), covered (number
+            of replicates), share, low and high: 95 % limits of the share if the model is calibrated, and outside: the
+            probability that it lies beyond them all the same.
+        """
+        size = len(self.rank)
+        places = np.abs((np.arange(self.draws + 1) + 0.5) / (self.draws + 1) - 0.5)
+        rows: list[dict[str, float | str | int]] = []
+        for k, name in enumerate(self.names):
+            for mass in MASSES:
+                inside = places <= 0.5 * mass + 1e-12
+                covered, expected = int(inside[self.rank[:, k]].sum()), float(inside.mean())
+                low, high = binom.ppf([0.025, 0.975], size, expected)
+                outside = binom.cdf(low - 1, size, expected) + binom.sf(high, size, expected)
+                rows.append(
+                    {
+                        "quantity": name,
+                        "mass": mass,
+                        "expected": expected,
+                        "covered": covered,
+                        "share": covered / size,
+                        "low": float(low / size),
+                        "high": float(high / size),
+                        "outside": float(outside),
+                    }
+                )
+        return rows

@@ -1,0 +1,62 @@
+"""What the ranks of a calibration say, in words: its alarms, or what having none is worth."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from softness_bayes.checking.calibration.power import Least
+from softness_bayes.checking.calibration.ranks import FALSE_ALARM, LARGEST_WIDTH, Calibration
+
+
+def verdict(calibration: Calibration, size: str, decided: bool) -> str:
+    """Return the verdict in one line.
+
+    Parameters
+    ----------
+    calibration
+        The ranks.
+    size
+        How many replicates there are, and how they went.
+    decided
+        Whether all of them may be taken as they are.
+    """
+    faults = calibration.faults()
+    if faults:
+        return f"Not calibrated: {size}: {'; '.join(faults)}."
+    kind = ("Calibrated" if calibration.enough else "Too few replicates to tell") if decided else "Not decided"
+    worst = min(min(one.uniform_p, one.spread_p) for one in calibration.judge().values())
+    return (
+        f"{kind}: {size}; no alarm over {len(calibration.names)} quantities ranked among {calibration.draws} draws: "
+        f"smallest p-value {worst:.2g}, alarm below {calibration.threshold:.1g} (a right model raises one in at most "
+        f"{FALSE_ALARM:.0%} of calibrations). {_seen(calibration)}"
+    )
+
+
+def coverage_sentence(calibration: Calibration) -> str:
+    """Say how many of the shares that intervals cover leave their own limits, and how many do by chance."""
+    rows = calibration.coverage()
+    named = ("low", "share", "high", "outside")
+    low, share, high, chance = np.array([[float(row[name]) for name in named] for row in rows]).T
+    outside = ((share < low) | (share > high)).sum()
+    said = f"{outside} of {len(rows)} shares lie outside their own 95 % limits (low, high)"
+    return f"{said}; about {chance.sum():.0f} do by chance"
+
+
+def _seen(calibration: Calibration) -> str:
+    """Say what so many replicates find, by simulation of the verdict itself."""
+    width, shift = calibration.least_width, calibration.least_shift
+    said = "No fault would have raised an alarm nine times in ten."
+    if math.isfinite(width.value + shift.value):
+        said = (
+            f"A posterior {_number(width)} times too narrow, or shifted by {_number(shift)} of its standard "
+            "deviations, would have raised an alarm nine times in ten; smaller faults may be missed."
+        )
+    if calibration.enough:
+        return said
+    return f"{said} To find one {LARGEST_WIDTH:g} times too narrow takes about {calibration.needed} replicates."
+
+
+def _number(least: Least) -> str:
+    return f"{least.value:.2f} ± {max(least.error, 0.01):.2f}"

@@ -1,0 +1,250 @@
+"""Predictive checks of a run as a table and in sentences, from the groups of its result alone."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from softness_bayes.checking.levelled import DOUBTFUL, fall_p_value
+from softness_bayes.checking.quantities import (
+    DROP,
+    PLACE,
+    QUANTITIES,
+    TURNS_OVER,
+    Additive,
+    Columns,
+    Finding,
+    Layout,
+    Quantity,
+    compare,
+)
+from softness_bayes.checking.reproduction import FALL, alternative, turning_sentences
+from softness_bayes.checking.uniformity import uniformity_p_value
+from softness_bayes.likelihood.design import Design
+from softness_bayes.likelihood.magnitude import direction_named
+from softness_bayes.likelihood.scales import RATING_SCALES
+
+if TYPE_CHECKING:
+    import pandas as pd
+    import xarray as xr
+
+Array = NDArray[np.float64]
+
+PROBABILITY = 0.9
+"""Share of replicates that the limits hold."""
+
+ALL = "all"
+"""Load, fabric or participant of a quantity that is over all of them."""
+
+NEW_PARTICIPANTS = "rating_of_new_participants"
+"""Replicated ratings of participants drawn anew, in the group `posterior_predictive`."""
+
+LOO_PIT, PARETO_K = "loo_pit", "loo_pareto_k"
+"""What each rating is given all the others, in the group `constant_data`."""
+
+CONDITIONS, FABRICS = "deviations of mean ratings", "fabrics' own deviations"
+EXPONENTS, PIT = "participants' own exponents", "LOO-PIT"
+"""Checks of residuals at draws of the posterior, beside the test quantities."""
+
+PIT_POINTS = np.arange(1, 100) / 100
+"""Where the distribution function of LOO-PIT values is looked at."""
+
+
+def layout_of(tree: xr.DataTree) -> Layout:
+    """Return who rated what in a result."""
+    constant = tree["constant_data"].to_dataset()
+    fabric, load = constant["fabric_index"].values, constant["load_index"].values
+    modulus = constant["effective_modulus_kpa"].values * 1e3
+    codes, condition = np.unique(load * modulus.size + fabric, return_inverse=True)
+    fabrics, loads = codes % modulus.size, codes // modulus.size
+    people = _values(tree, "log_likelihood_participant", "participant").size
+    design = Design(condition, constant["participant_index"].values, fabrics, people)
+    sign = direction_named(str(tree.attrs["direction"])).sign
+    return Layout(design, modulus[fabrics], loads, sign, RATING_SCALES[str(tree.attrs["rating_scale"])].positive)
+
+
+def check_table(tree: xr.DataTree) -> pd.DataFrame:
+    """Return every test quantity of the data among its replicates.
+
+    Parameters
+    ----------
+    tree
+        The groups of a result.
+
+    Returns
+    -------
+    DataFrame
+        Columns: law (prior or posterior, whose replicates), quantity, participants (same: those who
+        rated; new: drawn anew), load, fabric, participant (or all of them), observed,
+        replicated (median; share for "turns over"), low, high (limits of 90 % of the replicates, joint
+        over the rows of one quantity), p_value: probability of a replicate above what was observed; power, on the
+        rows of "turns over": share of tables of a response that levels off at its peak in which presence, place,
+        drop or fall would lie beyond the replicates' reach, and its Monte-Carlo standard error, power_mcse.
+        Posterior p-values are conservative, since the replicates come from a fit to the data. That of
+        the LOO-PIT takes its values as independent; they balance each other, so it is conservative too.
+    """
+    import pandas as pd
+
+    layout = layout_of(tree)
+    observed = _values(tree, "observed_data", "rating")
+    prior = _values(tree, "prior_predictive", "rating")[0]
+    fit = layout.fit(observed)
+    rows = []
+    for law, replicates in (("prior", {False: prior, True: prior}), ("posterior", _posterior_replicates(tree))):
+        fits = {anew: layout.fit(ratings) for anew, ratings in replicates.items()}
+        for quantity in QUANTITIES:
+            anew = quantity.new_participants
+            findings = compare(quantity, layout, fit, fits[anew], PROBABILITY)
+            kind = "new" if anew or law == "prior" else "same"
+            labels = _labels(tree, layout, quantity.columns)
+            rows += [_row(law, quantity.name, kind, *label, one) for label, one in zip(labels, findings, strict=True)]
+    rows += _levelled_rows(tree, layout, fit, fits[False], rows)
+    for what, name in (("condition", CONDITIONS), ("fabric", FABRICS), ("exponent", EXPONENTS)):
+        # a result of an earlier version has no check of conditions
+        deviation, p_value = (float(tree.attrs.get(f"{what}_{key}", np.nan)) for key in ("deviation", "p_value"))
+        rows.append(_row("posterior", name, "same", ALL, ALL, ALL, Finding(deviation, np.nan, np.nan, np.nan, p_value)))
+    pit = _values(tree, "constant_data", LOO_PIT)
+    p_value = uniformity_p_value(pit, PIT_POINTS)
+    rows.append(_row("posterior", PIT, "same", ALL, ALL, ALL, Finding(pit.mean(), 0.5, np.nan, np.nan, p_value)))
+    return pd.DataFrame(rows).set_index(["law", "quantity"])
+
+
+def _levelled_rows(
+    tree: xr.DataTree, layout: Layout, data: Additive, replicates: Additive, rows: list[dict[str, Any]]
+) -> list[dict[str, Any]]:
+    """Return the rows of the fall beyond the turning point; its check's power joins those of presence."""
+    levelled = alternative(tree, layout, replicates)
+    if levelled is None:
+        return []
+    labels = _labels(tree, layout, Columns.LOAD)
+    powers = {load: one for (load, _, _), one in zip(labels, levelled.power, strict=True)}
+    for row in rows:
+        if row["law"] == "posterior" and row["quantity"] == TURNS_OVER:
+            row["power"], row["power_mcse"] = powers[str(row["load"])]
+    observed, replicated = (levelled.quantity.of(layout, fit) for fit in (data, replicates))
+    p_values = [fall_p_value(observed[[k]], replicated[:, k])[0] for k in range(observed.size)]
+    findings = compare(levelled.quantity, layout, data, replicates, PROBABILITY)
+    findings = [one._replace(p_value=float(p)) for one, p in zip(findings, p_values, strict=True)]
+    return [_row("posterior", FALL, "same", *label, one) for label, one in zip(labels, findings, strict=True)]
+
+
+class Replicates(NamedTuple):
+    """A test quantity of the data and of the posterior's replicates."""
+
+    quantity: Quantity
+    labels: list[tuple[str, str, str]]
+    """Load, fabric and participant of every column, `ALL` where it is over all of them."""
+    findings: list[Finding]
+    """What `check_table` tells of every column."""
+    replicated: Array
+    """Shape (replicates, columns); NaN where a replicate does not have it."""
+
+
+def posterior_quantities(tree: xr.DataTree) -> list[Replicates]:
+    """Return the test quantities of ratings that `check_table` lists, replicate by replicate.
+
+    Parameters
+    ----------
+    tree
+        The groups of a result.
+    """
+    layout = layout_of(tree)
+    fit = layout.fit(_values(tree, "observed_data", "rating"))
+    fits = {anew: layout.fit(ratings) for anew, ratings in _posterior_replicates(tree).items()}
+    return [
+        Replicates(
+            quantity,
+            _labels(tree, layout, quantity.columns),
+            compare(quantity, layout, fit, replicates, PROBABILITY),
+            quantity.of(layout, replicates),
+        )
+        for quantity in QUANTITIES
+        for replicates in [fits[quantity.new_participants]]
+    ]
+
+
+def check_sentences(table: pd.DataFrame) -> list[str]:
+    """Say whether the model reproduces the turning point under each load, and what else it does not.
+
+    Parameters
+    ----------
+    table
+        From `check_table`.
+    """
+    return [*turning_sentences(table), *doubt_sentences(table)]
+
+
+def doubt_sentences(table: pd.DataFrame) -> list[str]:
+    """Name the quantities, beyond the turning point, that the model does not reproduce.
+
+    Parameters
+    ----------
+    table
+        From `check_table`.
+    """
+    checks = table[table.index.get_level_values("law") == "posterior"].droplevel("law")
+    others = checks[~checks.index.isin([TURNS_OVER, PLACE, DROP, FALL])]
+    found = []
+    for name in dict.fromkeys(others.index):
+        rows = others.loc[[name]]
+        rows = rows[np.isfinite(rows["p_value"])]
+        if rows.empty:
+            continue
+        # those of one sign only, by construction
+        one_sided = name in (CONDITIONS, FABRICS, EXPONENTS, PIT)
+        p_values = rows["p_value"] if one_sided else rows["p_value"].map(_two_sided)
+        if p_values.min() < DOUBTFUL / len(rows):
+            worst = rows.iloc[int(np.argmin(p_values))]
+            where = " ".join(str(worst[k]) for k in ("fabric", "load", "participant") if worst[k] != ALL)
+            found.append(f"{name}{f' ({where})' if where else ''}")
+    if not found:
+        return ["predictive checks: nothing else that the model does not reproduce"]
+    return [f"predictive checks: the model does not reproduce: {', '.join(found)} (see predictive_checks.csv)"]
+
+
+def _posterior_replicates(tree: xr.DataTree) -> dict[bool, Array]:
+    """Return the posterior's replicated ratings, (draws, rows), by whether they are of new participants."""
+    names = {False: "rating", True: NEW_PARTICIPANTS}
+    return {anew: _values(tree, "posterior_predictive", name)[0] for anew, name in names.items()}
+
+
+def _values(tree: xr.DataTree, group: str, name: str) -> NDArray[Any]:
+    """Return the values of one variable or coordinate."""
+    return np.asarray(tree[group].to_dataset()[name].values)
+
+
+def _two_sided(p_value: float) -> float:
+    return 2.0 * min(p_value, 1.0 - p_value)
+
+
+def _row(
+    law: str, quantity: str, participants: str, load: str, fabric: str, participant: str, finding: Finding
+) -> dict[str, Any]:
+    return {
+        "law": law,
+        "quantity": quantity,
+        "participants": participants,
+        "load": load,
+        "fabric": fabric,
+        "participant": participant,
+        **finding._asdict(),
+        "power": np.nan,
+        "power_mcse": np.nan,
+    }
+
+
+def _labels(tree: xr.DataTree, layout: Layout, columns: Columns) -> list[tuple[str, str, str]]:
+    """Return load, fabric and participant of every column of a quantity."""
+    groups = {"load": "constant_data", "fabric": "constant_data", "participant": "log_likelihood_participant"}
+    load, fabric, participant = (_values(tree, group, what).astype(str) for what, group in groups.items())
+    match columns:
+        case Columns.CONDITION:
+            return [(load[k], fabric[f], ALL) for k, f in zip(layout.load, layout.design.fabric, strict=True)]
+        case Columns.LOAD:
+            return [(load[k], ALL, ALL) for k in layout.loads]
+        case Columns.PARTICIPANT:
+            return [(ALL, ALL, name) for name in participant]
+        case _:
+            return [(ALL, ALL, ALL)]

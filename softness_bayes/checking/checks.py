@@ -1,0 +1,148 @@
+"""Predictive checks: whether the fitted model makes data like those that were seen."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import chdtrc, chdtri
+
+from softness_bayes.likelihood.magnitude import RatingParameters
+from softness_bayes.likelihood.pieces import part_of, pieces
+from softness_bayes.likelihood.scales import ObservedRatings
+
+Array = NDArray[np.float64]
+
+NEEDED = 0.05
+"""Predictive p-value below which deviations of fabrics are said to be real."""
+
+NOTICED = 0.8
+"""Share of tables in which a check notices what it is said to notice."""
+
+
+class FabricCheck(NamedTuple):
+    """Whether mean ratings of fabrics deviate from the response by more than noise explains.
+
+    A condition is a fabric under a load. The sum of squares between conditions is the sum of two parts: that
+    between fabrics, whose deviations are the same under every load, and that within fabrics, whose deviations
+    differ between loads.
+    """
+
+    p_value: float
+    """Probability that replicated ratings spread at least as much between fabrics as the real ones."""
+    deviation: float
+    """Standard deviation between fabrics that the excess amounts to, in the (log) rating."""
+    condition_p_value: float = 1.0
+    """As `p_value`, between conditions."""
+    condition_deviation: float = 0.0
+    """As `deviation`, between conditions."""
+    within_p_value: float = np.nan
+    """As `p_value`, between the loads of a fabric; NaN where each fabric has one load."""
+    noticed: float = np.nan
+    """About the standard deviation between conditions that would be noticed in `NOTICED` of all tables."""
+    worst: int = 0
+    """Index of the condition that deviates by most standard errors."""
+    worst_residual: float = 0.0
+    """Its mean residual, in the (log) rating."""
+    worst_errors: float = 0.0
+    """That in standard errors."""
+    logarithmic: bool = True
+    """Whether the model is one of log ratings; that of z-scores has no effect per fabric to offer."""
+
+    def sentence(self, conditions: Sequence[str]) -> str:
+        """One line for the user; `conditions` names each condition."""
+        unit = "log rating" if self.logarithmic else "z-score"
+        if min(self.p_value, self.condition_p_value) >= NEEDED:
+            return (
+                f"fabrics: no mean rating deviates from the response by more than noise explains (p = "
+                f"{self.condition_p_value:.2g}, {len(conditions)} means; deviations of about {self.noticed:.1g} (sd) "
+                f"in the {unit} would be noticed in {NOTICED:.0%} of such tables)"
+            )
+        if self.condition_p_value >= NEEDED:
+            found = (
+                f"deviate from the response alike under every load, by about {self.deviation:.2g} (sd) in the {unit}"
+            )
+            return f"fabrics: {found}, more than noise explains (p = {self.p_value:.2g}); {self._remedy}"
+        side = "above" if self.worst_residual > 0 else "below"
+        return (
+            f"fabrics: mean ratings deviate from the response by about {self.condition_deviation:.2g} (sd) in the "
+            f"{unit}, more than noise explains (p = {self.condition_p_value:.2g}); most of all "
+            f"{conditions[self.worst]}, {abs(self.worst_residual):.2g} {side} it "
+            f"({abs(self.worst_errors):.1f} standard errors); {self._remedy}"
+        )
+
+    @property
+    def _remedy(self) -> str:
+        """What to do about deviations, by whether they are the same under every load."""
+        if self.within_p_value < NEEDED:
+            return "they differ between the loads of a fabric, so that the response is in doubt: try other readings"
+        alone = (
+            "" if np.isfinite(self.within_p_value) else " (with one load per fabric the response may be wrong instead)"
+        )
+        remedy = ": add --prior omega='halfnormal(0.5)'" if self.logarithmic else ", and z-scores have none"
+        return f"without an effect per fabric the intervals are too narrow{remedy}{alone}"
+
+
+def check_fabrics(
+    observation: ObservedRatings, mean_rate: Array, parameters: RatingParameters, effects: Any
+) -> FabricCheck:
+    """Compare the residuals' spread between fabrics, and between conditions, with what the model replicates.
+
+    The discrepancy is T = sum_c n_c (mean residual of condition c)², given a draw of all parameters and
+    effects; likewise for fabrics. Residuals of replicated ratings are N(0, varsigma²), so their T / varsigma²
+    follows a chi-squared law with one degree of freedom for each condition or fabric: no replicate needs to be
+    drawn. At a single draw the p-value is uniform under the model; its mean over draws is less spread than that,
+    so that it errs towards silence.
+
+    Parameters
+    ----------
+    observation
+        The ratings.
+    mean_rate
+        N/N_ref [Hz], shape (draws, conditions).
+    parameters, effects
+        Draws of the rating model's parameters, shape (draws,), and of the effects given them.
+    """
+    design = observation.design
+    count = np.bincount(design.condition, minlength=design.n_conditions).astype(float)
+    rated = np.flatnonzero(count > 0)
+    count = count[rated]
+    member = (design.condition[:, None] == rated) / count
+    mean = np.empty((len(mean_rate), rated.size))
+    for k in pieces(len(mean_rate), design.n_rows):
+        mean[k] = observation.residual(mean_rate[k], part_of(parameters, k), part_of(effects, k)) @ member
+    spread = np.broadcast_to(np.asarray(parameters.varsigma, float), mean.shape[:1])
+    fabrics, fabric = np.unique(design.fabric[rated], return_inverse=True)
+    member = (fabric[:, None] == np.arange(fabrics.size)) * count[:, None]
+    size = member.sum(axis=0)
+    between, everywhere = ((mean @ member) ** 2 / size).sum(axis=1), (count * mean**2).sum(axis=1)
+    within = rated.size - fabrics.size
+    errors = (np.sqrt(count) * mean / spread[:, None]).mean(axis=0)
+    worst = int(np.abs(errors).argmax())
+    # noise n/varsigma² of a deviation's variance is added to the law's scale
+    scale = chdtri(rated.size, NEEDED) / chdtri(rated.size, NOTICED)
+    return FabricCheck(
+        _p_value(between, spread, fabrics.size),
+        _deviation(between, spread, size),
+        _p_value(everywhere, spread, rated.size),
+        _deviation(everywhere, spread, count),
+        _p_value(np.maximum(everywhere - between, 0.0), spread, within) if within else np.nan,
+        float(np.median(spread) * np.sqrt((scale - 1.0) / count.mean())),
+        int(rated[worst]),
+        float(mean[:, worst].mean()),
+        float(errors[worst]),
+        observation.model.logarithmic,
+    )
+
+
+def _p_value(squares: Array, spread: Array, freedom: int) -> float:
+    """Return the mean probability of a larger sum of squares, from sums at draws of the posterior."""
+    return float(chdtrc(freedom, squares / spread**2).mean())
+
+
+def _deviation(squares: Array, spread: Array, count: Array) -> float:
+    """Return the standard deviation between groups that sums of squares beyond noise amount to."""
+    excess = (squares / count.size - spread**2) / count.mean()
+    return float(np.sqrt(max(np.median(excess), 0.0)))

@@ -1,0 +1,155 @@
+"""Which way the ratings of a table run with stiffness, and which reading of their direction that is."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from softness_bayes.checking.quantities import Layout
+from softness_bayes.checking.trend import Correlation, Trend, find_trend, mean_correlation
+from softness_bayes.likelihood.magnitude import FALLS, RISES, RatingDirection
+from softness_bayes.model.posterior import ForwardModel
+from softness_bayes.touch.parameters import TouchParameters
+
+WAY = {1: "rise", -1: "fall"}
+"""What ratings of a sign do with stiffness."""
+
+DRAWS, FEWEST = 256, 16
+"""Prior draws whose response is looked at, and how many must vary with the fabric to be asked."""
+
+SURE = 0.9
+"""Share of these under which firing must rise, or fall, with stiffness for the ratings to tell their direction."""
+
+
+class Evidence(NamedTuple):
+    """What a table says of the direction of its ratings."""
+
+    trend: Trend
+    loads: tuple[str, ...]
+    firing: float
+    """Share of the prior's draws under which firing rises with stiffness over these fabrics (`firing_rises`)."""
+
+    @property
+    def direction(self) -> RatingDirection | None:
+        """The reading under which ratings run with stiffness as these do; None if the table cannot tell."""
+        firing = int(self.firing >= SURE) - int(self.firing <= 1.0 - SURE)
+        return {1: RISES, -1: FALLS}.get(firing * self.trend.sign)
+
+    @property
+    def sentence(self) -> str:
+        """Which way the ratings run over all loads, in one line."""
+        mean, sign = self.trend.mean, self.trend.sign
+        if not math.isfinite(mean.value):
+            return "these ratings say nothing of stiffness: fabrics or mean ratings do not differ under any load"
+        over = f"over {len(self.loads)} loads" if len(self.loads) > 1 else f"at {self.loads[0]}"
+        numbers = f"rank correlation with E_fab {_numbers(mean)} {over}; p = {self.trend.p_value:.2g} if "
+        numbers += f"{self.trend.shuffled} were chance"
+        if not sign:
+            return f"these ratings neither rise nor fall clearly with stiffness ({numbers})"
+        return f"these ratings {WAY[sign]} with stiffness ({numbers})"
+
+    @property
+    def model(self) -> str:
+        """What the model expects of firing, in a clause."""
+        rises = self.firing >= 0.5
+        share = self.firing if rises else 1.0 - self.firing
+        return f"firing {'rises' if rises else 'falls'} with stiffness over these fabrics in {share:.0%} of prior draws"
+
+    @property
+    def reading(self) -> str:
+        """Which reading the table speaks for."""
+        if self.direction is None:
+            return f"the table does not tell {RISES.name} from {FALLS.name}; {self.model}"
+        return f"reading of the ratings: {self.direction.name}, for {self.model}"
+
+    @property
+    def lines(self) -> list[str]:
+        """One line for each load, then what all of them amount to."""
+        each = zip(self.loads, self.trend.loads, self.trend.fabrics, strict=True)
+        found = [
+            f"{load}: {_way(one)}, rank correlation of mean rating with E_fab {_numbers(one)}, {count} fabrics"
+            for load, one, count in each
+            if math.isfinite(one.value)
+        ]
+        return [*found, self.sentence, self.reading]
+
+
+class Choice(NamedTuple):
+    """The direction that a run takes, and what its data say of it."""
+
+    direction: RatingDirection
+    asked: bool
+    """Whether it was asked for; else it was taken from the data, or by default where these cannot tell."""
+    evidence: Evidence
+
+    @property
+    def against_data(self) -> bool:
+        """Whether the data clearly run the other way."""
+        return self.evidence.direction not in (None, self.direction)
+
+    @property
+    def sentence(self) -> str:
+        """Which reading was taken, why, and what overrides it."""
+        name, found = self.direction.name, self.evidence
+        other = next(one for one in (RISES, FALLS) if one is not self.direction).name
+        if self.against_data:
+            return (
+                f"the readout runs against the data, --direction {name} is the wrong way round: {found.sentence}, and "
+                f"{found.model}; --direction {other} has the ratings run as they do"
+            )
+        if self.asked:
+            return f"--direction {name}, as asked: {found.sentence}"
+        if found.direction is None:
+            return (
+                f"--direction {name} is taken by default: {found.sentence}, and {found.model}; "
+                f"--direction {other} is the other reading"
+            )
+        return (
+            f"--direction {name} is taken from the data: {found.sentence}, and {found.model}; "
+            f"--direction {other} overrides it"
+        )
+
+
+def firing_rises(scene: ForwardModel, layout: Layout, parameters: TouchParameters) -> float:
+    """Return the share of parameter vectors under which firing rises with stiffness over the fabrics.
+
+    Up to its turning point the response rises with E_fab, and falls beyond it. Vectors count under which the response
+    varies; it rises if the mean rank correlation over the loads is positive. Where fewer than `FEWEST` vary, loads are
+    too light for a turn, and it is 1.
+
+    Parameters
+    ----------
+    scene, layout
+        Conditions, the same in both.
+    parameters
+        Some draws of the prior.
+    """
+    rate = np.atleast_2d(scene.total_rate(parameters))
+    found = mean_correlation(layout, rate)
+    varies = found[np.isfinite(found)]
+    return float((varies > 0).mean()) if varies.size >= FEWEST else 1.0
+
+
+def evidence_in(layout: Layout, ratings: NDArray[np.float64], loads: Sequence[str], firing: float) -> Evidence:
+    """Return what ratings of a layout say; `loads` are the names of all of its loads, `firing` as `firing_rises`."""
+    return Evidence(find_trend(layout, ratings), tuple(loads[k] for k in layout.loads), firing)
+
+
+def choose(asked: RatingDirection | None, evidence: Evidence) -> Choice:
+    """Return the direction that was asked for; else that of the data; where these cannot tell, the paper's."""
+    return Choice(asked or evidence.direction or RISES, asked is not None, evidence)
+
+
+def _way(found: Correlation) -> str:
+    sure = found.low * found.high > 0  # NaN is not
+    return f"ratings {WAY[int(np.sign(found.value))]} with stiffness" if sure else "no clear order with stiffness"
+
+
+def _numbers(found: Correlation) -> str:
+    if math.isnan(found.low):
+        return f"{found.value:+.2f}"
+    return f"{found.value:+.2f} (90 % interval {found.low:+.2f} to {found.high:+.2f} over participants)"

@@ -1,0 +1,196 @@
+"""What ratings could tell of a turning point: the check's power against a response that levels off at its peak.
+
+The alternative is made from the run itself: each replicated table again, of the same draw, effects and noise, its
+response held at its largest value for all stiffer fabrics. The check that is passed by the data is applied to these
+tables; the share that fails it is its power.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import ndtr
+
+from softness_bayes.checking.quantities import Additive, Layout, find_turn
+
+FloatArray = NDArray[np.float64]
+
+DOUBTFUL = 0.05
+"""Two-sided p-value below which a model is said not to reproduce what was seen."""
+
+NEEDED = 0.8
+"""Power from which on a check that is passed says that the model reproduces the turning point."""
+
+
+GROUPS = 20
+"""Of the tables, each left out once by the jackknife."""
+
+LEAST_SHORTFALL = 1e-6
+"""Spread of what the model's mean (log) ratings fall short by, below which they do not fall."""
+
+
+class Power(NamedTuple):
+    """The share of tables under one load in which a check would notice the alternative."""
+
+    value: float
+    error: float
+    """Its Monte-Carlo standard error."""
+
+
+def levelled(layout: Layout, response: FloatArray) -> FloatArray:
+    """Return responses that rise with the fabric's modulus under each load and never fall.
+
+    Parameters
+    ----------
+    layout
+        Where the conditions lie.
+    response
+        Shape (..., conditions).
+    """
+    found = np.array(response, float)
+    for load in layout.loads:
+        here = np.flatnonzero(layout.load == load)
+        here = here[np.argsort(layout.modulus[here], kind="stable")]
+        found[..., here] = np.maximum.accumulate(response[..., here], axis=-1)
+    return found
+
+
+def fall(layout: Layout, condition: FloatArray, expected: FloatArray, shortfall: FloatArray) -> FloatArray:
+    """Return how far mean ratings fall beyond the peak, as a multiple of what the model expects.
+
+    The slope of the mean ratings, less those that are expected of a response that levels off, on the shortfall of
+    the model's behind these: 1 is expected under the model, 0 under the response that levels off.
+
+    Parameters
+    ----------
+    layout
+        Where the conditions lie, and how many ratings each has.
+    condition
+        Mean (log) rating of each condition, shape (..., conditions).
+    expected, shortfall
+        Those that the model expects, and how much more a response that levels off gives; shape (conditions,).
+
+    Returns
+    -------
+    ndarray, shape (..., loads)
+        NaN where the model's response does not fall within the range of the fabrics.
+    """
+    count, found = layout.design.cells.sum(axis=0), []
+    for load in layout.loads:
+        here = np.flatnonzero(layout.load == load)
+        weight = count[here] / count[here].sum()
+        less = shortfall[here] - weight @ shortfall[here]
+        squares = weight @ less**2
+        if squares < LEAST_SHORTFALL**2:
+            found.append(np.full(condition.shape[:-1], np.nan))
+            continue
+        found.append(1.0 - ((condition[..., here] - expected[here]) @ (weight * less)) / squares)
+    return np.stack(found, axis=-1)
+
+
+class Tables(NamedTuple):
+    """What tables of ratings show of a turning point, every field of shape (tables, loads)."""
+
+    interior: FloatArray
+    modulus: FloatArray
+    drop: FloatArray
+    """These three as in `predictive.Turn`."""
+    fall: FloatArray
+    """As in `fall`."""
+
+    @classmethod
+    def of(cls, layout: Layout, fit: Additive, expected: FloatArray, shortfall: FloatArray) -> Tables:
+        """Return what the fits of some tables show."""
+        return cls(*find_turn(layout, fit), fall(layout, fit.condition, expected, shortfall))
+
+
+def compare_levelled(layout: Layout, model: FloatArray, other: FloatArray) -> tuple[Tables, FloatArray]:
+    """Return what tables of the levelled response show, and how much more it gives than the model in each condition.
+
+    Parameters
+    ----------
+    layout
+        Who rated what.
+    model, other
+        Ratings replicated under the model and, with the same draws, effects and noise, under the levelled response;
+        shape (tables, rows).
+    """
+    fit, expected = layout.fit(other), layout.fit(model).condition.mean(axis=0)
+    shortfall = fit.condition.mean(axis=0) - expected
+    return Tables.of(layout, fit, expected, shortfall), shortfall
+
+
+def departs(p_values: FloatArray, fall_p_value: FloatArray) -> NDArray[np.bool_]:
+    """Return whether what tables show lies beyond the replicates' reach.
+
+    Half of `DOUBTFUL` is for a fall that is too small, the mark of a response that levels off; presence, place and
+    drop share the other half, or all of it where the model's response does not fall.
+
+    Parameters
+    ----------
+    p_values
+        Of presence, place and drop, each the probability of a larger value; shape (..., 3), NaN where not known.
+    fall_p_value
+        From `fall_p_value`, shape (...).
+    """
+    falls = np.isfinite(fall_p_value)
+    level = np.where(falls, 0.5, 1.0) * DOUBTFUL / np.maximum(np.isfinite(p_values).sum(axis=-1), 1)
+    two_sided = np.where(np.isfinite(p_values), 2.0 * np.minimum(p_values, 1.0 - p_values), 1.0).min(axis=-1)
+    too_small = np.where(falls, 1.0 - fall_p_value, 1.0) < 0.5 * DOUBTFUL
+    return np.asarray(too_small | (two_sided < level))
+
+
+def fall_p_value(values: FloatArray, replicates: FloatArray) -> FloatArray:
+    """Return the probability that a replicate's fall is larger, from their mean and standard deviation.
+
+    The fall is linear in the means of many ratings, hence normal; the tail of some hundred replicates is not to be
+    counted.
+    """
+    spread = replicates.std(ddof=1)
+    if not spread > 0:
+        return np.full(np.shape(values), np.nan)
+    return np.asarray(ndtr((replicates.mean() - values) / spread))
+
+
+def power(alternative: Tables, replicates: Tables) -> list[Power]:
+    """Return the power of the check of each load, NaN where the ratings are too few to judge.
+
+    Its error is that of a jackknife over groups of tables, and no less than that of a share of so many.
+
+    Parameters
+    ----------
+    alternative, replicates
+        Tables made under the alternative and under the model, pairs of the same draw.
+    """
+    found = []
+    for k in range(alternative.interior.shape[1]):
+        other, same = (Tables(*(field[:, k] for field in tables)) for tables in (alternative, replicates))
+        if not np.isfinite(other.interior).all():
+            found.append(Power(np.nan, np.nan))
+            continue
+        size, share = other.interior.size, _share_that_fails(other, same)
+        group = np.arange(size) % GROUPS
+        left = [_share_that_fails(*(Tables(*(f[group != g] for f in t)) for t in (other, same))) for g in range(GROUPS)]
+        smoothed = (share * size + 0.5) / (size + 1.0)
+        variance = max((GROUPS - 1) * float(np.var(left)), smoothed * (1.0 - smoothed) / size)
+        found.append(Power(share, math.sqrt(variance)))
+    return found
+
+
+def _share_that_fails(alternative: Tables, replicates: Tables) -> float:
+    """Return the share of alternative tables, under one load, that depart from the replicates."""
+    shown = zip(alternative[:3], replicates[:3], strict=True)
+    p_values = np.stack([_above(values, others) for values, others in shown], axis=-1)
+    return float(departs(p_values, fall_p_value(alternative.fall, replicates.fall)).mean())
+
+
+def _above(values: FloatArray, replicates: FloatArray) -> FloatArray:
+    """Return P(replicate > value) + P(equal) / 2 among replicates that have one; NaN where value or all lack it."""
+    known = np.sort(replicates[np.isfinite(replicates)])
+    if known.size == 0:
+        return np.full(values.shape, np.nan)
+    below, up_to = (np.searchsorted(known, values, side) for side in ("left", "right"))
+    return np.where(np.isfinite(values), 1.0 - 0.5 * (below + up_to) / known.size, np.nan)

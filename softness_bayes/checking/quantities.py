@@ -1,0 +1,390 @@
+"""Test quantities of ratings: numbers of a data set that a model should reproduce.
+
+Each is computed in the same way from the ratings that were filed and from replicated ones, without knowing
+any parameter. All start from the additive fit of participants and conditions to log ratings (to z-scores as
+they are), which a gap in the table does not bias.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from enum import Enum
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.special import chdtrc
+
+from softness_bayes import arviz_bridge
+from softness_bayes.likelihood.design import Design
+from softness_bayes.likelihood.left_out import summing
+from softness_bayes.likelihood.magnitude import RatingParameters
+from softness_bayes.likelihood.pieces import part_of, pieces
+from softness_bayes.likelihood.scales import ObservedRatings
+
+FloatArray = NDArray[np.float64]
+IndexArray = NDArray[np.intp]
+
+CLEAR = 2.0
+"""Standard errors by which a mean rating must exceed those at both ends to count as an interior maximum."""
+
+ROUNDING = 1e-12
+"""Spread of residuals [-] below which there is none: what is left are roundings of log ratings."""
+
+
+class Additive(NamedTuple):
+    """The additive fit log y = condition + participant + residual of one or many data sets."""
+
+    condition: FloatArray
+    """Mean log rating of each condition at the average participant, shape (..., conditions)."""
+    participant: FloatArray
+    """Deviation of each participant, shape (..., participants); NaN for those without ratings."""
+    smallest: FloatArray
+    """Smallest of the residuals, shape (...)."""
+    largest: FloatArray
+    """Largest of them, shape (...)."""
+    sd: FloatArray
+    """Standard deviation of the residuals, shape (...); NaN without degrees of freedom."""
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Who rated what, and where the conditions lie on the axis of the fabrics' modulus.
+
+    Parameters
+    ----------
+    design
+        Participant and condition of every row; every condition must have a row.
+    modulus
+        E_fab of each condition [Pa], shape (conditions,).
+    load
+        Index of each condition's load, shape (conditions,).
+    sign
+        Whether ratings rise (+1) or fall (-1) with the response.
+    logarithmic
+        Whether the logarithm of ratings is what is additive; z-scores are themselves.
+    """
+
+    design: Design
+    modulus: FloatArray
+    load: IndexArray
+    sign: float = 1.0
+    logarithmic: bool = True
+
+    @property
+    def loads(self) -> IndexArray:
+        """Indices of the loads."""
+        return np.unique(self.load)
+
+    @property
+    def _laplacian(self) -> FloatArray:
+        """Matrix of the normal equations of the conditions, participants taken away."""
+        cells, count = self.design.cells, np.maximum(self.design.cells.sum(axis=1), 1.0)
+        return np.diag(cells.sum(axis=0)) - cells.T @ (cells / count[:, None])
+
+    @property
+    def residual_freedom(self) -> int:
+        """Degrees of freedom that the additive fit leaves."""
+        present = int((self.design.cells.sum(axis=1) > 0).sum())
+        return self.design.n_rows - int(np.linalg.matrix_rank(self._laplacian, hermitian=True)) - present
+
+    def fit(self, ratings: ArrayLike) -> Additive:
+        """Fit log ratings additively by participants and conditions.
+
+        Parameters
+        ----------
+        ratings
+            Shape (..., rows); positive if they have logarithms.
+        """
+        design, filed = self.design, np.asarray(ratings, float)
+        shape, filed = filed.shape[:-1], filed.reshape(-1, filed.shape[-1])
+        cells, count = design.cells, design.cells.sum(axis=1)
+        shares = cells / np.maximum(count, 1.0)[:, None]
+        inverse, present = np.linalg.pinv(self._laplacian, hermitian=True), count > 0
+        of_person = summing(design.participant, design.n_participants)
+        of_condition = summing(design.condition, design.n_conditions)
+        freedom = self.residual_freedom
+        fits = []
+        for k in pieces(len(filed), design.n_rows):
+            y = np.log(filed[k]) if self.logarithmic else filed[k]
+            mean = (of_person @ y.T).T / np.maximum(count, 1.0)
+            within = y - mean[:, design.participant]
+            condition = (of_condition @ within.T).T @ inverse
+            participant = mean - condition @ shares.T
+            residual = y - condition[:, design.condition] - participant[:, design.participant]
+            level = participant[:, present].mean(axis=-1, keepdims=True)
+            participant = np.where(present, participant - level, np.nan)
+            sd = np.sqrt((residual**2).sum(axis=-1) / freedom) if freedom > 0 else np.full(len(y), np.nan)
+            fits.append((condition + level, participant, residual.min(axis=-1), residual.max(axis=-1), sd))
+        return Additive(*(np.concatenate(v).reshape((*shape, *v[0].shape[1:])) for v in zip(*fits, strict=True)))
+
+
+class Turn(NamedTuple):
+    """Where mean log ratings turn over along the fabrics of each load, every field of shape (..., loads)."""
+
+    interior: FloatArray
+    """1 with an interior maximum, 0 without; NaN with fewer than three moduli or no spread to measure it by."""
+    modulus: FloatArray
+    """E_fab at the maximum [Pa]; NaN unless it is interior."""
+    drop: FloatArray
+    """Fall of the mean log rating from the maximum to the stiffest fabric; 0 if that is the maximum."""
+
+
+def find_turn(layout: Layout, fit: Additive) -> Turn:
+    """Locate the maximum of the mean log rating under each load (the minimum where ratings fall with the response).
+
+    It is interior if it exceeds the means of the softest and of the stiffest fabric by `CLEAR` standard
+    errors of their difference. Its place is the vertex of the parabola through it and its neighbours in
+    ln E_fab.
+    """
+    count = layout.design.cells.sum(axis=0)
+    found = [_turn_of_load(layout, fit, count, np.flatnonzero(layout.load == k)) for k in layout.loads]
+    return Turn(*(np.stack(field, axis=-1) for field in zip(*found, strict=True)))
+
+
+def _turn_of_load(layout: Layout, fit: Additive, count: FloatArray, conditions: IndexArray) -> tuple[FloatArray, ...]:
+    conditions = conditions[np.argsort(layout.modulus[conditions], kind="stable")]
+    mean, x = layout.sign * fit.condition[..., conditions], np.log(layout.modulus[conditions])
+    if np.unique(x).size < 3 or not (fit.sd > ROUNDING).all():
+        return (np.full(mean.shape[:-1], np.nan),) * 3
+    top = mean.argmax(axis=-1)
+    peak = mean.max(axis=-1)
+    rows = count[conditions]
+    interior = (top > 0) & (top < x.size - 1)
+    for end in (0, -1):
+        error = fit.sd * np.sqrt(1.0 / rows[top] + 1.0 / rows[end])
+        interior &= peak - mean[..., end] > CLEAR * error
+    middle = np.clip(top, 1, x.size - 2)
+    left, here, right = (np.take_along_axis(mean, (middle + k)[..., None], -1)[..., 0] for k in (-1, 0, 1))
+    before, after = x[middle] - x[middle - 1], x[middle + 1] - x[middle]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        rise, fall = (here - left) / before, (right - here) / after
+        slope, bend = (rise * after + fall * before) / (before + after), 2.0 * (fall - rise) / (before + after)
+        offset = np.clip(np.where(bend < 0, -slope / bend, 0.0), -before, after)
+    return interior.astype(float), np.where(interior, np.exp(x[middle] + offset), np.nan), peak - mean[..., -1]
+
+
+class Columns(Enum):
+    """What a quantity has one value for."""
+
+    ALL = "all ratings"
+    CONDITION = "each condition"
+    LOAD = "each load"
+    PARTICIPANT = "each participant"
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """A test quantity.
+
+    Parameters
+    ----------
+    name
+        As in tables.
+    new_participants
+        Whether replicates are of new participants; else of those who rated.
+    columns
+        What it has a value for.
+    of
+        Values of data sets, shape (..., columns).
+    centre
+        What stands for all replicates in a table.
+    """
+
+    name: str
+    new_participants: bool
+    columns: Columns
+    of: Callable[[Layout, Additive], FloatArray]
+    centre: Callable[[FloatArray], np.floating] = np.median
+
+
+TURNS_OVER, PLACE, DROP = "turns over", "inflection e_fab_kpa", "drop beyond inflection"
+"""The quantities of the turning point (maximum; the paper's inflection) under each load."""
+
+
+def _spread_of_participants(_: Layout, fit: Additive) -> FloatArray:
+    present = fit.participant[..., np.isfinite(fit.participant).reshape(-1, fit.participant.shape[-1]).all(axis=0)]
+    if present.shape[-1] < 2:
+        return np.full((*present.shape[:-1], 1), np.nan)
+    return present.std(axis=-1, ddof=1, keepdims=True)
+
+
+def _in_spreads(extreme: FloatArray, sd: FloatArray) -> FloatArray:
+    """Return an extreme residual in standard deviations, NaN where there are no deviations."""
+    return np.where(sd > ROUNDING, extreme / np.maximum(sd, ROUNDING), np.nan)[..., None]
+
+
+QUANTITIES = (
+    Quantity("mean log rating", False, Columns.CONDITION, lambda _, fit: fit.condition),
+    Quantity(TURNS_OVER, False, Columns.LOAD, lambda layout, fit: find_turn(layout, fit).interior, np.mean),
+    Quantity(PLACE, False, Columns.LOAD, lambda layout, fit: 1e-3 * find_turn(layout, fit).modulus),
+    Quantity(DROP, False, Columns.LOAD, lambda layout, fit: find_turn(layout, fit).drop),
+    Quantity("participant log mean", False, Columns.PARTICIPANT, lambda _, fit: fit.participant),
+    Quantity("spread of participants", True, Columns.ALL, _spread_of_participants),
+    Quantity("residual spread", False, Columns.ALL, lambda _, fit: fit.sd[..., None]),
+    Quantity("largest residual / sd", False, Columns.ALL, lambda _, fit: _in_spreads(fit.largest, fit.sd)),
+    Quantity("smallest residual / sd", False, Columns.ALL, lambda _, fit: _in_spreads(fit.smallest, fit.sd)),
+)
+"""The test quantities, in the order of their table."""
+
+
+class Finding(NamedTuple):
+    """One number of the data among its replicates."""
+
+    observed: float
+    replicated: float
+    """Median of the replicates that have the quantity; of yes and no the share of yes."""
+    low: float
+    high: float
+    """Limits of the replicates; over several columns they hold all of them together."""
+    p_value: float
+    """P(replicate > observed) + P(equal) / 2 among those that have it; NaN where the data or all replicates lack it."""
+
+
+def compare(
+    quantity: Quantity, layout: Layout, data: Additive, replicates: Additive, probability: float = 0.9
+) -> list[Finding]:
+    """Set the values of a quantity beside those of replicates, one finding for each of its columns.
+
+    Parameters
+    ----------
+    quantity, layout
+        What is looked at.
+    data, replicates
+        Fits of the ratings, and of replicated ones of batch shape (replicates,).
+    probability
+        Share of the replicates that the limits hold, all columns of a replicate at once.
+    """
+    observed, replicated = quantity.of(layout, data), quantity.of(layout, replicates)
+    low, high = joint_limits(replicated, probability)
+    findings = []
+    for k, value in enumerate(observed):
+        known = replicated[:, k][np.isfinite(replicated[:, k])]
+        p_value = float(np.mean(known > value) + 0.5 * np.mean(known == value)) if known.size else np.nan
+        centre = float(quantity.centre(known)) if known.size else np.nan
+        findings.append(
+            Finding(float(value), centre, float(low[k]), float(high[k]), p_value if np.isfinite(value) else np.nan)
+        )
+    return findings
+
+
+def joint_limits(replicated: FloatArray, probability: float) -> tuple[FloatArray, FloatArray]:
+    """Limits that hold that share of the replicates in all columns at once, by equal ranks in every column.
+
+    Columns with missing values get limits of their own, over the replicates that have a value.
+    """
+    size, columns = replicated.shape
+    whole = np.isfinite(replicated).all(axis=0)
+    low, high = np.full(columns, np.nan), np.full(columns, np.nan)
+    tail = 0.5 * (1.0 - probability)
+    for k in np.flatnonzero(~whole):
+        known = replicated[:, k][np.isfinite(replicated[:, k])]
+        if known.size:
+            low[k], high[k] = np.quantile(known, [tail, 1.0 - tail])
+    if whole.any():
+        values = np.sort(replicated[:, whole], axis=0)
+        rank = np.argsort(np.argsort(replicated[:, whole], axis=0), axis=0)
+        depth = np.minimum(rank, size - 1 - rank).min(axis=1)  # how far inside a replicate's outermost column is
+        cut = int(np.quantile(depth, 1.0 - probability, method="lower"))
+        low[whole], high[whole] = values[cut], values[size - 1 - cut]
+    return low, high
+
+
+class ExponentCheck(NamedTuple):
+    """Whether participants' exponents differ by more than noise explains."""
+
+    p_value: float
+    """Probability that replicated residuals follow the response as strongly within participants; NaN where the
+    response varies for nobody."""
+    deviation: float
+    """Standard deviation of participants' own exponents that the excess amounts to."""
+
+    @property
+    def sentence(self) -> str:
+        """One line for the user."""
+        if np.isnan(self.p_value):
+            return "participants: whether their exponents differ cannot be told, for none does the response vary"
+        if self.p_value >= 0.05:
+            return f"participants: no exponents of their own beyond noise (p = {self.p_value:.2g})"
+        return (
+            f"participants: their exponents differ by about {self.deviation:.2g} (standard deviation), more than noise "
+            f"explains (p = {self.p_value:.2g}); the model gives all the same one"
+        )
+
+
+def check_exponents(
+    observation: ObservedRatings, mean_rate: FloatArray, parameters: RatingParameters, effects: Any
+) -> ExponentCheck:
+    """Compare how residuals follow the response within participants with what the model replicates.
+
+    The discrepancy is T = sum_p S_p slope_p², slope_p that of participant p's residuals on the logarithm of
+    the response (z-scores: on the standardised response), S_p the sum of squares of the latter about its
+    mean. Given a draw of all parameters and effects, T / varsigma² of replicated residuals follows a
+    chi-squared law with one degree of freedom for each participant under whom the response varies; draws
+    where it varies for nobody say nothing.
+
+    Parameters
+    ----------
+    observation
+        The ratings.
+    mean_rate
+        N/N_ref [Hz], shape (draws, conditions).
+    parameters, effects
+        Draws of the rating model's parameters, shape (draws,), and of the effects given them.
+    """
+    design, model = observation.design, observation.model
+    if model.logarithmic:
+        x = np.log(mean_rate + np.asarray(parameters.eps, float)[..., None])
+    else:
+        x = model.drive(design, mean_rate, parameters)
+    count = np.maximum(design.cells.sum(axis=1), 1.0)
+    centre = x @ (design.cells / count[:, None]).T
+    squares = x**2 @ design.cells.T - count * centre**2
+    member, products = summing(design.participant, design.n_participants), np.empty_like(centre)
+    for k in pieces(len(x), design.n_rows):
+        residual = observation.residual(mean_rate[k], part_of(parameters, k), part_of(effects, k))
+        along = residual * x[k][:, design.condition]
+        products[k] = (member @ along.T).T - centre[k] * (member @ residual.T).T
+    varies = squares > 1e-9 * np.maximum(x**2 @ design.cells.T, 1e-300)
+    followed = np.where(varies, products**2 / np.where(varies, squares, 1.0), 0.0).sum(axis=1)
+    variance = np.broadcast_to(np.asarray(parameters.varsigma, float) ** 2, followed.shape)
+    freedom, telling = varies.sum(axis=1), varies.any(axis=1)
+    if not telling.any():
+        return ExponentCheck(np.nan, 0.0)
+    p_value = float(chdtrc(freedom[telling], (followed / variance)[telling]).mean())
+    excess = (followed - freedom * variance)[telling] / np.where(varies, squares, 0.0).sum(axis=1)[telling]
+    return ExponentCheck(p_value, float(np.sqrt(max(np.median(excess), 0.0))))
+
+
+class LooPit(NamedTuple):
+    """Where each rating lies in its prediction from all the others, arrays of shape (rows,)."""
+
+    value: FloatArray
+    """Probability of a smaller rating; each is uniform under the model, but they balance one another."""
+    pareto_k: FloatArray
+    """Shape of the weights' tail: above 0.7 the draws of the full posterior cannot stand in."""
+
+
+def loo_pit(observation: ObservedRatings, mean_rate: FloatArray, parameters: RatingParameters) -> LooPit:
+    """Probability integral transform of each rating given all the others.
+
+    With what participants, fabrics and ratings share integrated out, p(y_i | y_-i, theta) is known in closed
+    form; over theta it is averaged with weights 1 / p(y_i | y_-i, theta), smoothed by a generalised Pareto law, which
+    turn draws given all ratings into draws given the others (Bürkner, Gabry and Vehtari, Computational
+    Statistics 36, 1243, 2021).
+
+    Parameters
+    ----------
+    observation
+        The ratings.
+    mean_rate, parameters
+        Draws, batch shape (draws,).
+    """
+    alone = observation.log_likelihood_loo(mean_rate, parameters)
+    below = observation.below_loo(mean_rate, parameters)
+    value, pareto_k = np.empty(alone.shape[1]), np.empty(alone.shape[1])
+    for k in pieces(alone.shape[1], len(alone)):
+        log_weights, pareto_k[k] = arviz_bridge.psis(-alone[:, k].T)
+        value[k] = (np.exp(log_weights) * below[:, k].T).sum(axis=1)
+    return LooPit(np.clip(value, 0.0, 1.0), pareto_k)

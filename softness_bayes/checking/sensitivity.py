@@ -1,0 +1,170 @@
+"""What the data taught: contraction, power-scaling, and the directions that were learnt well or not at all.
+
+Power-scaling: the posterior is reweighted as if prior or likelihood had been raised to a power near one;
+how fast each parameter's distribution moves tells which of the two it rests on (Kallioinen, Paananen,
+Bürkner and Vehtari, Statistics and Computing 34, 57, 2024). With powers this close to one the weights
+differ by per cents, so that they need no smoothing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.special import ndtr
+
+from softness_bayes.parameters.priors import Prior
+from softness_bayes.sampler.jackknife import jackknife
+
+FloatArray = NDArray[np.float64]
+
+SENSITIVE = 0.05
+"""Power-scaling sensitivity above which a posterior is said to depend on prior or likelihood."""
+
+DETERMINED, INFORMED = 1 / 3, 0.8
+"""Posterior widths, as shares of the prior's, up to which the data determine a quantity, or inform it.
+
+In a normal model the data then carry at least 8 times, or 0.56 times, as much information as the prior.
+"""
+
+POWERS = (0.99, 1.01)
+"""Powers that prior and likelihood are raised to."""
+
+_REACH, _NODES = 8.0, 641  # standard normal deviates over which moments are summed
+
+
+class Directions(NamedTuple):
+    """Independent directions of what was learnt, stiffest first, in logarithms of the parameters."""
+
+    contraction: FloatArray
+    """1 - posterior variance / prior variance along each direction, shape (directions,)."""
+    vectors: FloatArray
+    """Unit vectors, one row per direction, in units of each log parameter's prior sd."""
+    prior_sd: FloatArray
+    """Prior standard deviation of each log parameter, shape (parameters,)."""
+
+
+def prior_moments(prior: Prior, of: Callable[[FloatArray], FloatArray] = np.asarray) -> tuple[float, float]:
+    """Mean and standard deviation of a function of a quantity under its prior.
+
+    The trapezium rule over the standard normal deviate of the quantile: exponentially accurate for smooth
+    laws.
+
+    Parameters
+    ----------
+    prior
+        The law of the quantity x.
+    of
+        The function; x itself if left out.
+    """
+    deviate = np.linspace(-_REACH, _REACH, _NODES)
+    weight = np.exp(-0.5 * deviate**2)
+    weight /= weight.sum()
+    values = of(prior.quantile(ndtr(deviate)))
+    mean = float(weight @ values)
+    return mean, float(np.sqrt(weight @ (values - mean) ** 2))
+
+
+def contraction(prior_sd: ArrayLike, sd: ArrayLike) -> FloatArray:
+    """1 - (sd / prior_sd)²: 0 where nothing was learnt, 1 where all was; below 0 where the posterior is wider."""
+    return 1.0 - (np.asarray(sd, float) / np.asarray(prior_sd, float)) ** 2
+
+
+def power_scaling(draws: ArrayLike, log_component: ArrayLike) -> float:
+    """Sensitivity of a quantity's posterior to the power of one component, per doubling of the power.
+
+    The mean over a slightly larger and a slightly smaller power of `distance` / |log2 power|.
+
+    Parameters
+    ----------
+    draws
+        Posterior draws of the quantity, shape (draws,).
+    log_component
+        Joint log prior density, or joint log-likelihood, of the same draws, shape (draws,).
+    """
+    draws, log_component = np.asarray(draws, float), np.asarray(log_component, float)
+    order = np.argsort(draws)
+    return _rate(draws[order], log_component[order])
+
+
+def power_scaling_with_error(draws: ArrayLike, log_component: ArrayLike) -> tuple[float, float]:
+    """Sensitivity as `power_scaling` finds it, and its Monte-Carlo standard error.
+
+    Parameters
+    ----------
+    draws, log_component
+        As there, chain after chain; the error is from leaving out groups of chains (`jackknife`).
+    """
+    draws, log_component = np.asarray(draws, float), np.asarray(log_component, float)
+    order = np.argsort(draws)
+    x, component = draws[order], log_component[order]
+
+    def without(kept: NDArray[np.bool_]) -> float:
+        left = kept[order]
+        return _rate(x[left], component[left], POWERS[1:])  # one power errs as both do
+
+    return _rate(x, component), float(jackknife(without, draws.size))
+
+
+def _rate(x: FloatArray, log_component: FloatArray, powers: Sequence[float] = POWERS) -> float:
+    """Sensitivity from draws in rising order."""
+    centred = log_component - log_component.mean()
+    rates = []
+    for power in powers:
+        weights = np.exp((power - 1.0) * centred)
+        weights /= weights.sum()
+        farther = max(_distance(x, weights), _distance(-x[::-1], weights[::-1]))
+        rates.append(farther / abs(np.log2(power)))
+    return float(np.mean(rates))
+
+
+def distance(draws: FloatArray, weights: FloatArray) -> float:
+    """Cumulative Jensen-Shannon distance between draws and the same draws weighted, from 0 to 1.
+
+    sqrt((D(P, M) + D(Q, M)) / ∫ (P + Q)), P and Q the distribution functions without and with weights,
+    M their mean, D(F, M) = ∫ F log2(F / M) dx + ∫ (M - F) dx / ln 2. It depends on the sign of x.
+
+    Parameters
+    ----------
+    draws, weights
+        Shape (draws,); the weights add up to 1.
+    """
+    order = np.argsort(draws)
+    return _distance(draws[order], weights[order])
+
+
+def _distance(x: FloatArray, weights: FloatArray) -> float:
+    """The distance of draws in rising order."""
+    width = np.diff(x)
+    plain = np.arange(1, x.size) / x.size
+    weighted = np.cumsum(weights)[:-1]
+    middle = 0.5 * (plain + weighted)
+    # the terms without a logarithm cancel in the sum of both divergences
+    with np.errstate(divide="ignore", invalid="ignore"):
+        terms = np.stack([f * np.log2(f / middle) for f in (plain, weighted)])
+    divergence = width @ np.where(np.isfinite(terms), terms, 0.0).sum(axis=0)
+    total = width @ (plain + weighted)
+    return float(np.sqrt(max(divergence, 0.0) / total)) if total > 0 else 0.0
+
+
+def find_directions(priors: Sequence[Prior], theta: FloatArray) -> Directions:
+    """Principal directions of the posterior in logarithms, each scaled by its prior's standard deviation.
+
+    Under the prior every direction has variance 1; along the stiff ones the posterior's is much smaller,
+    along the sloppy ones nearly the same.
+
+    Parameters
+    ----------
+    priors
+        Prior of each parameter, which must be positive.
+    theta
+        Draws, shape (draws, parameters).
+    """
+    prior_sd = np.array([prior_moments(prior, np.log)[1] for prior in priors])
+    scaled = np.log(theta) / prior_sd
+    variance, vectors = np.linalg.eigh(np.atleast_2d(np.cov(scaled.T)))
+    vectors = vectors.T
+    leading = np.take_along_axis(vectors, np.abs(vectors).argmax(axis=1)[:, None], axis=1)
+    return Directions(1.0 - variance, vectors * np.sign(leading), prior_sd)

@@ -1,0 +1,220 @@
+"""Whether ratings rise or fall with the fabrics' modulus: rank correlations under each load, and their errors."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import ndtr
+
+from softness_bayes.checking.quantities import Layout
+
+FloatArray = NDArray[np.float64]
+IndexArray = NDArray[np.intp]
+
+LEVEL = 0.05
+"""Two-sided p-value at which ratings are said to rise or fall."""
+
+LIMITS = (0.05, 0.95)
+"""Quantiles that an interval lies between."""
+
+FEWEST_FABRICS = 5
+"""Fabrics from which whole fabrics are shuffled: orders of fewer are not many enough to reach `LEVEL`."""
+
+RESAMPLES, SHUFFLES = 500, 1999
+"""Weights of the participants, and orders of the fabrics where there are too many to try all."""
+
+_ALL_ORDERS = 720  # of six fabrics
+_SEED = 0  # the same for every table: the answer depends on the data alone
+_CELLS = 2_000_000  # of the matrices that are solved at once
+_ROUNDING = 1e-9  # means closer than this are ties
+
+
+class Correlation(NamedTuple):
+    """Spearman's rank correlation of mean ratings with E_fab, and its interval over participants."""
+
+    value: float
+    """NaN where moduli or means are all the same."""
+    low: float
+    high: float
+    """5 and 95 % limits; NaN with one participant."""
+
+
+class Trend(NamedTuple):
+    """Which way the ratings of a table run with stiffness."""
+
+    loads: tuple[Correlation, ...]
+    """Under each load, over its fabrics."""
+    fabrics: tuple[int, ...]
+    """Fabrics under each load."""
+    mean: Correlation
+    """Mean over the loads that have one, weighted by their fabrics less one."""
+    p_value: float
+    """Two-sided: of a mean as large if the order of the fabrics were chance."""
+    shuffled: str
+    """What is shuffled for it: whole fabrics, or where they are few each participant's ratings."""
+
+    @property
+    def sign(self) -> int:
+        """+1 if ratings clearly rise with stiffness, -1 if they clearly fall, 0 if the table cannot tell."""
+        return int(np.sign(self.mean.value)) if self.p_value <= LEVEL else 0
+
+
+def find_trend(layout: Layout, ratings: FloatArray) -> Trend:
+    """Correlate each fabric's mean (log) rating with its modulus under each load.
+
+    Means are those of the additive fit of participants and conditions. Intervals are of participants weighted at
+    random (the Bayesian bootstrap: Rubin, Annals of Statistics 9, 130, 1981), which leaves no condition without
+    ratings. The p-value is that of the mean correlation among those of fabrics in random order, or of all orders;
+    with fewer than `FEWEST_FABRICS` it is that of each participant's ratings in random order under each load, by the
+    normal law of Spearman's correlation in blocks (Page's test, with gaps and ties).
+
+    Parameters
+    ----------
+    layout
+        Who rated what, and the moduli.
+    ratings
+        Shape (rows,).
+    """
+    design = layout.design
+    y = np.log(ratings) if layout.logarithmic else np.asarray(ratings, float)
+    weights = np.ones((1, design.n_participants))
+    if (design.cells.sum(axis=1) > 0).sum() > 1:
+        random = np.random.default_rng(_SEED).exponential(size=(RESAMPLES, design.n_participants))
+        weights = np.concatenate([weights, random])
+    means = condition_means(layout, y, weights)
+    found, shared = _correlations(layout, means), _shares(layout)
+    if np.unique(design.fabric).size >= FEWEST_FABRICS:
+        p_value, shuffled = _p_of_fabrics(layout, means[0]), "the order of the fabrics"
+    else:
+        p_value, shuffled = _p_of_participants(layout, y), "the order of each participant's ratings"
+    each, mean = tuple(map(_with_limits, found)), _with_limits(_mean(found, shared))
+    return Trend(each, tuple(some.size for some in _by_load(layout)), mean, p_value, shuffled)
+
+
+def condition_means(layout: Layout, y: FloatArray, weights: FloatArray) -> FloatArray:
+    """Return the condition's part of the additive fit, participants weighted.
+
+    Parameters
+    ----------
+    layout
+        Who rated what.
+    y
+        What is additive, shape (rows,).
+    weights
+        Positive, shape (k, participants).
+
+    Returns
+    -------
+    ndarray, shape (k, conditions)
+        Of mean 0 over the conditions.
+    """
+    design = layout.design
+    cells, count = design.cells, np.maximum(design.cells.sum(axis=1), 1.0)
+    mean = np.bincount(design.participant, y, design.n_participants) / count
+    within = np.zeros_like(cells)
+    np.add.at(within, (design.participant, design.condition), y - mean[design.participant])
+    size = design.n_conditions
+    found, step = np.empty((len(weights), size)), max(1, _CELLS // size**2)
+    for first in range(0, len(weights), step):
+        w = weights[first : first + step]
+        laplacian = (w @ cells)[..., None] * np.eye(size) - cells.T @ ((w / count)[..., None] * cells)
+        # means are known but for a constant, taken away; where the table falls apart, for one in each part
+        ridge = 1.0 / size + 1e-9 * np.trace(laplacian, axis1=1, axis2=2)[:, None, None] * np.eye(size)
+        found[first : first + step] = np.linalg.solve(laplacian + ridge, (w @ within)[..., None])[..., 0]
+    return found - found.mean(axis=-1, keepdims=True)
+
+
+def mean_correlation(layout: Layout, values: FloatArray) -> FloatArray:
+    """Return the mean rank correlation over loads of values (rows, conditions) with E_fab, shape (rows,)."""
+    return _mean(_correlations(layout, values), _shares(layout))
+
+
+def _by_load(layout: Layout) -> list[IndexArray]:
+    return [np.flatnonzero(layout.load == k) for k in layout.loads]
+
+
+def _shares(layout: Layout) -> FloatArray:
+    """Return the weight of each load: its fabrics less one."""
+    return np.array([some.size - 1.0 for some in _by_load(layout)])
+
+
+def _correlations(layout: Layout, values: FloatArray) -> FloatArray:
+    """Return the rank correlation under each load of values (rows, conditions), shape (loads, rows)."""
+    return np.stack([_spearman(layout.modulus[some], values[:, some]) for some in _by_load(layout)])
+
+
+def _p_of_fabrics(layout: Layout, mean: FloatArray) -> float:
+    """Two-sided p-value of the mean correlation under orders of the fabrics, the same order under every load.
+
+    Moduli are ranked over all fabrics here, not over those of each load.
+    """
+    rated, first, place = np.unique(layout.design.fabric, return_index=True, return_inverse=True)
+    rank = _ranks(layout.modulus[first])
+    if math.factorial(rated.size) <= _ALL_ORDERS:
+        orders = np.array([*itertools.permutations(range(rated.size))])
+    else:
+        shuffled = np.random.default_rng(_SEED).permuted(np.tile(np.arange(rated.size), (SHUFFLES, 1)), axis=1)
+        orders = np.concatenate([np.arange(rated.size)[None], shuffled])
+    found = np.stack([_correlation(rank[orders[:, place[some]]], _ranks(mean[some])) for some in _by_load(layout)])
+    statistic = np.abs(_mean(found, _shares(layout)))
+    # the first order is the one seen, which counts among them
+    return float(np.mean(~(statistic < statistic[0] - _ROUNDING)))
+
+
+def _p_of_participants(layout: Layout, y: FloatArray) -> float:
+    """Two-sided p-value of the ranks' products within participants and loads, each shuffled by itself."""
+    design = layout.design
+    block = design.participant * (int(layout.load.max()) + 1) + layout.load[design.condition]
+    x, total, variance = layout.modulus[design.condition], 0.0, 0.0
+    for k in np.unique(block):
+        one, other = (_ranks(values[block == k]) for values in (x, y))
+        one, other = one - one.mean(), other - other.mean()
+        if one.size > 1:
+            total += float(one @ other)
+            variance += float(one @ one) * float(other @ other) / (one.size - 1)
+    return float(2.0 * ndtr(-abs(total) / math.sqrt(variance))) if variance > 0 else 1.0
+
+
+def _spearman(x: FloatArray, y: FloatArray) -> FloatArray:
+    """Return rank correlations of x, shape (k,), with every row of y, shape (rows, k); NaN where one is constant."""
+    return _correlation(_ranks(y), _ranks(x))
+
+
+def _correlation(rows: FloatArray, x: FloatArray) -> FloatArray:
+    """Return the correlation of every row, shape (rows, k), with x; NaN where one is constant."""
+    rows, x = rows - rows.mean(axis=1, keepdims=True), x - x.mean()
+    size = np.sqrt((x @ x) * (rows**2).sum(axis=1))
+    return np.divide(rows @ x, size, out=np.full(len(rows), np.nan), where=size > 0)
+
+
+def _ranks(values: FloatArray) -> FloatArray:
+    """Return ranks from 1 along the last axis, ties sharing their mean; what differs by rounding alone is tied."""
+    order = np.argsort(values, axis=-1)
+    ordered = np.take_along_axis(values, order, -1)
+    apart = np.diff(ordered, axis=-1) > _ROUNDING * np.maximum(np.ptp(values, axis=-1, keepdims=True), 1e-6)
+    place, edge = np.arange(values.shape[-1]), np.ones((*values.shape[:-1], 1), dtype=bool)
+    first = np.maximum.accumulate(np.where(np.concatenate([edge, apart], -1), place, 0), axis=-1)
+    after = np.where(np.concatenate([apart, edge], -1), place, place.size)
+    last = np.minimum.accumulate(after[..., ::-1], axis=-1)[..., ::-1]
+    found = np.empty(values.shape)
+    np.put_along_axis(found, order, 1.0 + 0.5 * (first + last), -1)
+    return found
+
+
+def _mean(found: FloatArray, weight: FloatArray) -> FloatArray:
+    """Return weighted means over loads of correlations (loads, resamples); NaN where no load has one."""
+    known = np.isfinite(found) & (weight[:, None] > 0)
+    total = (known * weight[:, None]).sum(axis=0)
+    summed = (np.where(known, found, 0.0) * weight[:, None]).sum(axis=0)
+    return np.divide(summed, total, out=np.full_like(summed, np.nan), where=total > 0)
+
+
+def _with_limits(found: FloatArray) -> Correlation:
+    """Return the first value with the limits of those that follow it."""
+    known = found[1:][np.isfinite(found[1:])]
+    low, high = np.quantile(known, LIMITS).tolist() if known.size else (math.nan, math.nan)
+    return Correlation(float(found[0]), low, high)

@@ -1,0 +1,84 @@
+"""The table of where the response turns over: probabilities and places, with their Monte-Carlo errors."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from softness_bayes.checking.inflection import Inflection, Outcome
+from softness_bayes.sampler.precision import Estimate, quantile, share
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+PERCENTS = (0.05, 0.5, 0.95)
+"""Lower limit, middle and upper limit of what tables say of a turning point."""
+
+PLACES = {"e_fab_kpa": ("modulus", 1e-3), "ratio": ("ratio", 1.0), "force_n": ("force", 1.0), "drop": ("drop", 1.0)}
+"""Column -> field of `Inflection`, and units of the column in one of the field."""
+
+
+def turning_table(
+    draws: Inflection,
+    loads: Sequence[str],
+    prior: Inflection | None = None,
+    ensemble: NDArray[Any] | None = None,
+) -> pd.DataFrame:
+    """Return where the response turns over, one row per load; columns as `Result.inflection` has them.
+
+    Parameters
+    ----------
+    draws
+        Of the posterior, fields of shape (chains, draws, loads).
+    loads
+        Names of the loads.
+    prior
+        Draws of the prior, independent, likewise; None if there are none.
+    ensemble
+        Ensemble of every chain, equally many of each and in order; None for a single one.
+    """
+    import pandas as pd
+
+    rows = []
+    for k, load in enumerate(loads):
+        outcome = _walks(draws.outcome[..., k], ensemble)
+        found = {f"p_{kind.name.lower()}": share(outcome == kind) for kind in Outcome}
+        before = Estimate(np.nan, np.nan)
+        if prior is not None:
+            before = share(_walks(prior.outcome[..., k]) == Outcome.INTERIOR)
+        found |= {"prior_p_interior": before, "p_inside": share(_walks(draws.inside[..., k], ensemble))}
+        for name, (field, factor) in PLACES.items():
+            walks = factor * _walks(getattr(draws, field)[..., k], ensemble)
+            columns = zip((f"{name}_low", name, f"{name}_high"), PERCENTS, strict=True)
+            found |= {column: quantile(walks, probability) for column, probability in columns}
+        errors = {f"{name}_mcse": one.error for name, one in found.items()}
+        rows.append({"load": load, **{name: one.value for name, one in found.items()}, **errors})
+    return pd.DataFrame(rows).set_index("load")
+
+
+def with_errors(table: pd.DataFrame, columns: Sequence[str]) -> pd.DataFrame:
+    """Return some columns of a `turning_table` as text, each number with its Monte-Carlo standard error.
+
+    A number without an error is of too few draws, all of them the same, and is left out.
+    """
+    import pandas as pd
+
+    return pd.DataFrame(
+        {
+            name: [
+                f"{value:.3g} ± {error:.1g}" if np.isfinite(value) and error > 0 else "–"
+                for value, error in zip(table[name], table[f"{name}_mcse"], strict=True)
+            ]
+            for name in columns
+        },
+        table.index,
+    )
+
+
+def _walks(values: NDArray[Any], ensemble: NDArray[Any] | None = None) -> NDArray[Any]:
+    """Lay draws (chains, draws) out as (ensembles, draws, walkers)."""
+    count = 1 if ensemble is None else np.unique(ensemble).size
+    return np.swapaxes(values.reshape(count, -1, values.shape[-1]), 1, 2)

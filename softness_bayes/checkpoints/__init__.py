@@ -1,0 +1,1 @@
+"""Checkpoints: a run under way, in files that survive a kill."""

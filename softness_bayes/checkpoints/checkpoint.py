@@ -1,0 +1,381 @@
+"""The checkpoint of a run: pieces of its chains, its last state, and a manifest that says which of them count.
+
+A piece is written once and never touched; the manifest is replaced last, whole. Whatever kills the process, at
+whatever instant, the manifest on the disk names files that are complete, and a reader needs nothing but it. It has
+the checksums of these files and of itself: what was damaged, exchanged or put in another order is refused.
+"""
+
+from __future__ import annotations
+
+import csv
+import hashlib
+import io
+import time
+from collections.abc import Callable, Iterable, Mapping
+from contextlib import ExitStack, suppress
+from pathlib import Path
+from types import TracebackType
+from typing import Any, NamedTuple, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from softness_bayes.checkpoints.manifest import read_manifest, sealed
+from softness_bayes.checkpoints.vacancy import is_kept, remove_run, require_vacant
+from softness_bayes.errors import InputError
+from softness_bayes.files.lock import Lock, is_held, require_free
+from softness_bayes.files.outputs import require_outputs, write_outputs
+from softness_bayes.files.whole import write_whole
+from softness_bayes.likelihood.magnitude import RATING_DIRECTIONS
+from softness_bayes.results.result import CHECKPOINT, FILES, LOCK, MANIFEST, NONFINITE, RUN
+from softness_bayes.sampler.diagnostics import Verdict
+from softness_bayes.sampler.schedule import Schedule
+from softness_bayes.sampler.serial import as_json, packed, state_arrays, state_of, state_values, unpacked, verdict_of
+from softness_bayes.sampler.starts import Target
+from softness_bayes.sampler.state import RunState
+
+INTERVAL = 2.0
+"""Time [s] between two writes."""
+
+MOST_PIECES = 64
+"""Pieces of the chains before they are written anew as one."""
+
+
+class Status(NamedTuple):
+    """What a reader can say of a run without disturbing it."""
+
+    running: bool
+    """Whether a process holds the directory."""
+    piloting: bool
+    """Whether the walk that counts has not begun."""
+    steps: int
+    """Steps of that walk."""
+    missing: int
+    """Estimate of the steps still to go."""
+    seconds: float
+    """Time spent."""
+    failures: int
+    """Points at which the density could not be computed."""
+    ended: bool
+    """Whether the run has converged or reached a limit."""
+    written: bool
+    """Whether the results that stand beside the checkpoint are those of these steps."""
+    max_steps: int
+    """Steps that it cannot exceed, in whole strides."""
+    verdict: Verdict | None
+    """The last look."""
+
+
+def read_status(directory: str | Path) -> Status:
+    """Return how a run is getting on; the process that runs it notices nothing.
+
+    Raises
+    ------
+    InputError
+        If the directory holds no checkpoint, or one of another version.
+    """
+    home = Path(directory) / CHECKPOINT
+    running = is_held(home / LOCK)
+    if running and not (home / MANIFEST).exists():  # it still looks for a place to start
+        return Status(True, True, 0, 0, 0.0, 0, False, False, 0, None)
+    return _status(read_manifest(Path(directory)), running)
+
+
+class Checkpoint:
+    """The checkpoint of one run in its results' directory; a context manager that holds the directory's lock.
+
+    Use `create` for a new run and `open` for one to continue. As long as nothing was kept, leaving it takes away
+    what it made.
+
+    Parameters
+    ----------
+    directory
+        Directory of the results.
+    request
+        What the run was asked for, for whoever continues it: anything that JSON holds.
+    manifest
+        That of the run to continue; none for a new one.
+    replace
+        Whether a new run may replace an earlier one.
+    inputs
+        Files that the run reads, which are never replaced.
+    """
+
+    def __init__(
+        self,
+        directory: Path,
+        request: Any,
+        manifest: dict[str, Any] | None,
+        replace: bool = False,
+        inputs: Iterable[Path] = (),
+    ) -> None:
+        self.directory, self.request, self._replace, self._inputs = directory, request, replace, tuple(inputs)
+        self._home = directory / CHECKPOINT
+        self._manifest, self._held = manifest, ExitStack()
+        self._description: dict[str, str] = {}
+        self._saved: tuple[int, int, int] = (-1, 0, 0)  # phase, stride and number of the stored steps in the pieces
+        self._pieces: list[str] = []
+        self._digests: dict[str, str] = {}  # SHA-256 of every file by its name
+        self._serial, self._told, self._last = 0, 0, -np.inf
+        self._pending: Callable[[], None] | None = None
+
+    @classmethod
+    def create(
+        cls, directory: str | Path, replace: bool = False, request: Any = None, inputs: Iterable[Path] = ()
+    ) -> Checkpoint:
+        """Return the checkpoint of a new run; an earlier result goes when the first state is kept.
+
+        Parameters
+        ----------
+        directory
+            An empty directory or a new one.
+        replace
+            Whether it may hold an earlier run, the files of which are then removed and no others.
+        request
+            What the run is asked for, for whoever continues it.
+        inputs
+            Files that the run reads, which are never removed.
+
+        Raises
+        ------
+        InputError
+            If the directory cannot be written to, or holds something that may not be replaced.
+        LockedError
+            If another process is running there.
+        """
+        if Path(directory).is_dir():  # what else stands there is refused below
+            require_free(Path(directory) / CHECKPOINT / LOCK)
+        checkpoint = cls(Path(directory), request, None, replace, inputs)
+        require_vacant(checkpoint.directory, replace, checkpoint._inputs)
+        return checkpoint
+
+    @classmethod
+    def open(cls, directory: str | Path) -> Checkpoint:
+        """Return the checkpoint of a run to continue.
+
+        Raises
+        ------
+        InputError
+            If the directory holds none, or one of another version.
+        """
+        manifest = read_manifest(Path(directory))
+        return cls(Path(directory), manifest["request"], manifest)
+
+    def __enter__(self) -> Self:
+        made = [place for place in (self._home, *self._home.parents) if not place.exists()]
+        with ExitStack() as stack:
+            try:
+                self._home.mkdir(parents=True, exist_ok=True)
+            except OSError as error:
+                raise InputError(f"{self.directory}: cannot be made ({error.strerror})") from None
+            for place in reversed(made):
+                stack.callback(self._remove_unused, place)
+            lock = stack.enter_context(Lock(self._home / LOCK))
+            stack.callback(self._vanish_unused, lock)
+            if self._manifest is None:
+                # another run may have come and gone meanwhile
+                require_vacant(self.directory, self._replace, self._inputs)
+            else:
+                self._manifest = read_manifest(self.directory)  # the last word of whoever held the lock before
+                require_outputs(self.directory, FILES, RUN)
+                self._serial, self._pieces = self._manifest["serial"], list(self._manifest["pieces"])
+                self._digests = dict(self._manifest["digests"])
+                self._tidy()
+            self._held = stack.pop_all()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._held.close()
+
+    def begin(self, description: Mapping[str, str]) -> RunState | None:
+        """Return the state to continue from, or none for a new run.
+
+        Parameters
+        ----------
+        description
+            What decides the draws, by name.
+
+        Raises
+        ------
+        InputError
+            If that is not what the run was begun with, naming the differences; if a file is damaged; or if JSON
+            cannot hold the request of a new run.
+        """
+        if self._manifest is None:
+            self._description = dict(description)
+            as_json(self.request, "request")
+            return None
+        self._description = self._manifest["description"]
+        if said := _differences(self._description, description):
+            raise InputError(
+                f"{self.directory}: cannot be continued, because the run was begun with {said}; "
+                "give it what it was begun with, or start anew in another directory"
+            )
+        pieces = [self._unpacked(name) for name in self._pieces]
+        state = state_of(self._manifest["state"], self._unpacked(self._manifest["arrays"]), pieces)
+        stored = state.chains.log_density.shape[1] if pieces else 0
+        self._saved, self._told = (state.phase, state.stride, stored), state.nonfinite.count
+        return state
+
+    def keep(self, state: RunState, schedule: Schedule, target: Target) -> None:
+        """Write a state, or remember it if the last one was written a moment ago.
+
+        Parameters
+        ----------
+        state
+            Where the run is.
+        schedule, target
+            How long it goes on, and what it samples.
+
+        Raises
+        ------
+        OSError
+            If it cannot be written; what was kept before still is.
+        """
+        self._pending = lambda: self._write(state, schedule, target)
+        now = time.monotonic()
+        if state.ended or state.phase != self._saved[0] or now - self._last >= INTERVAL:
+            self.flush()
+
+    def flush(self) -> None:
+        """Write the state that was only remembered, if there is one.
+
+        Raises
+        ------
+        OSError
+            As `keep`.
+        """
+        if self._pending is not None:
+            write, self._pending = self._pending, None
+            write()
+            self._last = time.monotonic()
+
+    def finish(self) -> None:
+        """Note that the results of the kept steps are written."""
+        if self._manifest is not None:
+            self._replace_manifest({**self._manifest, "written": self._manifest["state"]["steps"]})
+
+    @property
+    def description(self) -> Mapping[str, str]:
+        """What decides the draws of the run that is kept, by name; empty before the first state."""
+        return {} if self._manifest is None else self._manifest["description"]
+
+    @property
+    def status(self) -> Status | None:
+        """What is kept; none before the first state."""
+        return None if self._manifest is None else _status(self._manifest, True)
+
+    def _write(self, state: RunState, schedule: Schedule, target: Target) -> None:
+        self._serial += 1
+        if self._manifest is None:
+            require_vacant(self.directory, self._replace, self._inputs)
+            remove_run(self.directory, self._inputs)
+        phase, stride, stored = self._saved
+        if (phase, stride) != (state.phase, state.stride) or len(self._pieces) >= MOST_PIECES:
+            pieces, stored = [], 0
+        else:
+            pieces = list(self._pieces)
+        try:
+            if state.steps // state.stride > stored:
+                chains = state.chains
+                pieces.append(f"piece-{self._serial:07d}.npz")
+                new = {
+                    "coordinates": chains.coordinates[:, stored:],
+                    "log_density": chains.log_density[:, stored:],
+                }
+                self._write_file(pieces[-1], packed(new))
+            arrays = f"state-{self._serial:07d}.npz"
+            self._write_file(arrays, packed(state_arrays(state)))
+            self._replace_manifest(
+                {
+                    "serial": self._serial,
+                    "pieces": pieces,
+                    "arrays": arrays,
+                    "digests": {name: self._digests[name] for name in (*pieces, arrays)},
+                    "state": state_values(state),
+                    "piloting": schedule.in_pilot(state),
+                    "max_steps": schedule.max_steps // state.stride * state.stride,
+                    "missing": schedule.missing(state),
+                    "written": self._manifest["written"] if self._manifest is not None else None,
+                    "description": self._description,
+                    "request": self.request,
+                }
+            )
+            self._pieces, self._saved = pieces, (state.phase, state.stride, state.steps // state.stride)
+        finally:
+            self._tidy()
+        if state.nonfinite.count > self._told:
+            self._told = state.nonfinite.count
+            write_outputs(self.directory, {NONFINITE: _failure_table(state, target)}, RUN)
+
+    def _unpacked(self, name: str) -> dict[str, NDArray[Any]]:
+        return unpacked(self._home / name, self._digests[name])
+
+    def _write_file(self, name: str, content: bytes) -> None:
+        write_whole(self._home / name, content)
+        self._digests[name] = hashlib.sha256(content).hexdigest()
+
+    def _replace_manifest(self, manifest: dict[str, Any]) -> None:
+        write_whole(self._home / MANIFEST, sealed(manifest))
+        self._manifest = manifest
+
+    def _tidy(self) -> None:
+        """Remove what the manifest does not name: leftovers of a write that did not end, and what was replaced.
+
+        The manifest on the disk decides: it may be newer than what this process knows, if an error struck in between.
+        """
+        named: set[str] = set()
+        if (self._home / MANIFEST).exists():
+            manifest = read_manifest(self.directory)
+            named = {manifest["arrays"], *manifest["pieces"]}
+        for path in self._home.glob("*"):
+            if is_kept(path) and path.name not in named:
+                with suppress(OSError):
+                    path.unlink()
+
+    def _remove_unused(self, place: Path) -> None:
+        if self._manifest is None:
+            with suppress(OSError):
+                place.rmdir()
+
+    def _vanish_unused(self, lock: Lock) -> None:
+        if self._manifest is None and not (self._home / MANIFEST).exists():
+            lock.vanish()
+
+
+def _status(manifest: Mapping[str, Any], running: bool) -> Status:
+    state, piloting = manifest["state"], manifest["piloting"]
+    return Status(
+        running=running,
+        piloting=piloting,
+        steps=0 if piloting else state["steps"],
+        missing=manifest["missing"],
+        seconds=state["seconds"],
+        failures=state["failures"],
+        ended=state["ended"],
+        written=not piloting and manifest["written"] == state["steps"],
+        max_steps=manifest["max_steps"],
+        verdict=verdict_of(state["verdict"]),
+    )
+
+
+def _differences(then: Mapping[str, str], now: Mapping[str, str]) -> str:
+    names = [name for name in {**then, **now} if _today(then.get(name)) != _today(now.get(name))]
+    return "; ".join(f"{n} {then.get(n, 'not given')} (now {now.get(n, 'not given')})" for n in names)
+
+
+def _today(value: str | None) -> str | None:
+    """Return what a value is called now."""
+    return next((d.name for d in RATING_DIRECTIONS.values() if d.former == value), value)
+
+
+def _failure_table(state: RunState, target: Target) -> str:
+    """Return the points at which the density could not be computed, in natural units, with what failed."""
+    buffer = io.StringIO()
+    writer = csv.writer(buffer, lineterminator="\n")
+    writer.writerow(["stage", *target.names])
+    for failure in state.nonfinite.failures:
+        writer.writerow([failure.stage, *map(repr, target.natural(np.array(failure.point)).tolist())])
+    return buffer.getvalue()

@@ -1,0 +1,83 @@
+"""Whether a run that is to be continued is still the same: what decides its draws, by name and by value."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from softness_bayes.data import Compression, Experiment
+from softness_bayes.errors import InputError
+from softness_bayes.model.posterior import Density
+from softness_bayes.sampler.sampling import Settings
+from softness_bayes.sampler.state import RunState
+
+_RELATIVE, _ABSOLUTE = 1e-9, 1e-6  # of a log density: other versions of the libraries round otherwise
+
+
+def identity(
+    data: Experiment | Compression, density: Density, settings: Settings, choices: Mapping[str, str]
+) -> dict[str, str]:
+    """What decides the draws of a run, by name; two runs have the same draws if they agree in all of it.
+
+    Parameters
+    ----------
+    data, density, settings
+        Data, what is sampled, and how.
+    choices
+        What else was chosen, the seed for one.
+    """
+    space = density.space
+    return {
+        **_digests(data),
+        "parameters": ", ".join(space.names),
+        **{f"prior of {p.name}": str(p.prior) for p in space.sampled},
+        **{f"value of {name}": repr(value) for name, value in space.held.items()},
+        **{f"coordinate of {name}": str(bend) for name, bend in space.bent.items()},
+        **choices,
+        **settings.description(space.dimension),
+    }
+
+
+def _digests(data: Experiment | Compression) -> dict[str, str]:
+    """Digests of the tables of some data, by what they hold."""
+    if isinstance(data, Compression):
+        return {"compression data": _digest(data.participant, data.indentation, data.force)}
+    ratings, fabrics = data.ratings, data.fabrics
+    touched = (ratings.participant, ratings.fabric, ratings.load)
+    sources = [text for source in fabrics.cells().values() for text in source]
+    return {
+        "ratings": _digest(ratings.rating, *touched, np.array([str(load) for load in ratings.loads])),
+        "fabrics": _digest(np.array(sources)),
+        **({} if data.compression is None else _digests(data.compression)),
+    }
+
+
+def require_density(density: Density, state: RunState) -> None:
+    """Refuse to continue where the density is not what it was, because of other software perhaps.
+
+    Raises
+    ------
+    InputError
+        If it differs at a walker by more than rounding.
+    """
+    for ensemble in state.ensembles:
+        then, now = ensemble.log_density, density(state.map.forward(ensemble.coordinates))
+        apart = ~np.isclose(now, then, rtol=_RELATIVE, atol=_ABSOLUTE)
+        if apart.any():
+            k = int(apart.argmax())
+            raise InputError(
+                f"the run cannot be continued: the log density at one of its walkers was {then[k]!r} and is "
+                f"{now[k]!r} now, though data and options are the same; was the software changed meanwhile?"
+            )
+
+
+def _digest(*arrays: NDArray[Any]) -> str:
+    """The first half of the SHA-256 of some arrays' values, enough to tell them apart."""
+    digest = hashlib.sha256()
+    for array in arrays:
+        digest.update(repr((array.dtype.str, array.shape)).encode() + np.ascontiguousarray(array).tobytes())
+    return digest.hexdigest()[:32]

@@ -1,0 +1,60 @@
+"""The manifest of a checkpoint: which files count, in which order, and the checksums of these and of itself."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from softness_bayes.errors import InputError
+from softness_bayes.results.result import CHECKPOINT, MANIFEST
+from softness_bayes.sampler.serial import as_json, changed
+
+FORMAT = 2
+"""Version of the checkpoint's layout; another one is refused."""
+
+_DIGEST = "sha256"
+
+
+def sealed(manifest: Mapping[str, Any]) -> bytes:
+    """Return a manifest as the bytes of its file, with its own checksum.
+
+    Raises
+    ------
+    InputError
+        If JSON cannot hold it.
+    """
+    content = {"format": FORMAT, **manifest}
+    return as_json({**content, _DIGEST: _digest(content)}, MANIFEST, indent=1).encode()
+
+
+def read_manifest(directory: Path) -> dict[str, Any]:
+    """Return the manifest of the run in a directory of results.
+
+    Raises
+    ------
+    InputError
+        If there is none, it is of another version, or not what was written.
+    """
+    path = directory / CHECKPOINT / MANIFEST
+    try:
+        manifest = json.loads(path.read_bytes())
+    except FileNotFoundError:
+        raise InputError(f"{directory}: no run to continue or to report on; expected {path}") from None
+    except ValueError as error:
+        raise InputError(f"{path}: not a manifest ({error})") from None
+    if not isinstance(manifest, dict) or manifest.get("format") != FORMAT:
+        raise InputError(
+            f"{path}: not a checkpoint of format {FORMAT}, the only one known to this version; continue the run with "
+            "the version it was begun with, or start it anew in another directory"
+        )
+    if manifest.pop(_DIGEST, None) != _digest(manifest):
+        raise changed(path)
+    return manifest
+
+
+def _digest(content: Mapping[str, Any]) -> str:
+    """SHA-256 of the values, whatever the white space between them."""
+    return hashlib.sha256(as_json(content, MANIFEST).encode()).hexdigest()

@@ -1,0 +1,94 @@
+"""Whether a run may write to a directory, and what of an earlier run goes when it does."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+from collections.abc import Iterable
+from pathlib import Path
+
+from softness_bayes.errors import InputError
+from softness_bayes.files.outputs import Survey, remove, survey, told
+from softness_bayes.files.whole import is_part
+from softness_bayes.results.result import CHECKPOINT, LOCK, MANIFEST, RUN
+
+OF_A_RUN = (RUN, "plot", "report")
+"""Verbs whose files go with a run when another replaces it."""
+
+_KEPT = re.compile(r"(?:piece|state)-([0-9]{7,})\.npz")
+
+
+def require_vacant(directory: Path, replace: bool, inputs: Iterable[Path] = ()) -> None:
+    """Refuse a directory that a run may not write to; nothing is touched.
+
+    Parameters
+    ----------
+    directory
+        Where the run is to be written.
+    replace
+        Whether an earlier run there may go: the files that it wrote, as it left them, and nothing else.
+    inputs
+        Files that the run reads, which never go.
+
+    Raises
+    ------
+    InputError
+        If it is a file or lies below one; or holds something, and `replace` is not asked for or it is not all of
+        an earlier run.
+    """
+    for place in (directory, *directory.parents):
+        if place.exists() and not place.is_dir():
+            raise InputError(f"{place}: is a file, expected a directory for the results")
+    kept, beside = _kept(directory / CHECKPOINT), survey(directory, OF_A_RUN, inputs, but=(CHECKPOINT,))
+    others = {**kept.others, **beside.others}
+    if replace and others:
+        raise InputError(
+            f"{directory}: --force replaces an earlier run and nothing else, and this is in the way: {told(others)}; "
+            "move it away, or choose another --out"
+        )
+    # a checkpoint without a manifest is what a run leaves that was killed before it had anything to keep
+    begun = (directory / CHECKPOINT / MANIFEST).exists()
+    if not replace and (begun or others or beside.ours):
+        instead = "'softness-bayes resume' to continue its run" if begun else "--force to replace an earlier run"
+        also = ", --force to replace it" if begun else ""
+        raise InputError(f"{directory}: is not empty; choose another --out, or {instead}{also}")
+
+
+def remove_run(directory: Path, inputs: Iterable[Path] = ()) -> None:
+    """Remove what an earlier run left but the lock: its manifest first, so that no half of it can be continued."""
+    remove(_kept(directory / CHECKPOINT))
+    remove(survey(directory, OF_A_RUN, inputs, but=(CHECKPOINT,)))
+
+
+def is_kept(path: Path) -> bool:
+    """Whether a file is a piece or a state of a checkpoint, by its name, or was staged to be one."""
+    return is_part(path) or (_KEPT.fullmatch(path.name) is not None and path.is_file() and not path.is_symlink())
+
+
+def _kept(home: Path) -> Survey:
+    """Tell the files of a checkpoint, its manifest first, from everything else in its directory."""
+    if home.is_symlink() or not home.is_dir():
+        return Survey((), {home: "is not the directory of a checkpoint"} if os.path.lexists(home) else {})
+    last = _last_number(home / MANIFEST)
+    ours: list[Path] = []
+    others: dict[Path, str] = {}
+    for path in sorted(home.iterdir(), key=lambda path: (path.name != MANIFEST, path.name)):
+        number = _KEPT.fullmatch(path.name)
+        if path.is_symlink() or not path.is_file():
+            others[path] = "was not written by this command"
+        elif path.name == MANIFEST and last is None:
+            others[path] = "is not the manifest of a run"
+        elif path.name == MANIFEST or is_part(path) or (number and int(number[1]) <= (last or 0) + 1):
+            ours.append(path)
+        elif path.name != LOCK:
+            others[path] = "was not written by this command"
+    return Survey(tuple(ours), others)
+
+
+def _last_number(manifest: Path) -> int | None:
+    """Return how many states a manifest knows of; none if it is not that of a run."""
+    try:
+        return int(json.loads(manifest.read_bytes())["serial"])
+    except (OSError, ValueError, KeyError, TypeError):
+        return None

@@ -1,1 +1,0 @@
-"""Bayes: priors, parameters, likelihood, sampling and diagnostics."""

@@ -1,0 +1,1 @@
+"""Observation models: how probable ratings, z-scores and plate forces are given the response."""

@@ -1,0 +1,322 @@
+"""From the response to standardised ratings: z-scores as a straight line in the response (model.md 9)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import ClassVar, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.special import log_ndtr, ndtr, owens_t
+
+from softness_bayes.errors import InputError
+from softness_bayes.likelihood.design import Design
+from softness_bayes.likelihood.left_out import given_the_others, minimum, summing
+from softness_bayes.likelihood.magnitude import RISES, RatingDirection, RatingParameters
+from softness_bayes.likelihood.pieces import in_pieces
+from softness_bayes.parameters.priors import HalfNormal, Normal, Prior
+
+FloatArray = NDArray[np.float64]
+
+_LOG_TWO_PI = math.log(2.0 * math.pi)
+_LEAST_VARIANCE = 1e-100  # far below any spread of ratings; the square of its inverse is still a number
+_CONSTANT = 1e-9  # rates that differ by less than this share of their mean differ by rounding alone
+
+
+class Line(NamedTuple):
+    """The line between response and rating, each of the batch shape (...)."""
+
+    c0: FloatArray
+    """Rating at the mean response."""
+    c1: FloatArray
+    """Change of the rating, up or down by the direction, per standard deviation of the response; not negative."""
+
+
+@dataclass(frozen=True)
+class StandardisedModel:
+    """y = c0 ± c1 x + e, x = N/N_ref standardised over the rows (0 where it does not vary).
+
+    c0 ~ N(0, 1), c1 ~ HalfNormal(1), e ~ N(0, varsigma²): z-scores have neither a scale nor an origin of
+    a participant's own left, so there is no participant in it, and no exponent. + under
+    ``rises-with-firing``, - under ``falls-with-firing``.
+
+    Parameters
+    ----------
+    direction
+        The sign of c1.
+    """
+
+    logarithmic: ClassVar[bool] = False
+    direction: RatingDirection = RISES
+
+    def drive(self, design: Design, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
+        """± x of each condition of a design, shape (..., conditions), from mean rates [Hz] of that shape."""
+        return self.drive_at(mean_rate, design, mean_rate, parameters)
+
+    def drive_at(
+        self, elsewhere: FloatArray, design: Design, mean_rate: FloatArray, parameters: RatingParameters
+    ) -> FloatArray:
+        """As `drive`, at other mean rates [Hz], shape (..., k), standardised as the rows of the design are."""
+        centre = (mean_rate @ design.weight)[..., None]
+        spread = np.sqrt((mean_rate - centre) ** 2 @ design.weight)[..., None]
+        varies = spread > _CONSTANT * centre
+        return self.direction.sign * np.where(varies, (elsewhere - centre) / np.where(varies, spread, 1.0), 0.0)
+
+    def draw_effects(
+        self,
+        rng: np.random.Generator,
+        parameters: RatingParameters,
+        shape: tuple[int, ...],
+        n_participants: int,
+        n_fabrics: int,
+    ) -> Line:
+        """Draws of the line from its prior, of batch ``shape``."""
+        return Line(rng.standard_normal(shape), np.abs(rng.standard_normal(shape)))
+
+    def with_new_participants(self, rng: np.random.Generator, parameters: RatingParameters, effects: Line) -> Line:
+        """The same line: nothing of a participant's own is left in z-scores."""
+        return effects
+
+    def draw_ratings(
+        self,
+        rng: np.random.Generator,
+        design: Design,
+        drive: FloatArray,
+        parameters: RatingParameters,
+        effects: Line,
+    ) -> FloatArray:
+        """One rating for every row of a design, shape (..., rows), given the line and `drive`."""
+        expected = self.typical(effects, drive)[..., design.condition]
+        noise = rng.standard_normal(expected.shape)
+        return expected + np.asarray(parameters.varsigma, float)[..., None] * noise
+
+    def typical(self, effects: Line, drive: FloatArray) -> FloatArray:
+        """Expected rating where the response drives it by ``drive``, shape (..., k)."""
+        return effects.c0[..., None] + effects.c1[..., None] * drive
+
+    def named_effects(self, effects: Line) -> Mapping[str, tuple[FloatArray, tuple[str, ...]]]:
+        """Effects by their names in files, each with its axes beyond the batch's."""
+        return {"c0": (effects.c0, ()), "c1": (effects.c1, ())}
+
+    @property
+    def levels(self) -> Mapping[str, Prior]:
+        """Priors of what is drawn after a run and shared by all ratings, by name."""
+        return {"c0": Normal(0.0, 1.0), "c1": HalfNormal(1.0)}
+
+    def observe(self, ratings: ArrayLike, design: Design) -> StandardisedRatings:
+        """These ratings under this model."""
+        return StandardisedRatings(ratings, design, self)
+
+
+class StandardisedRatings:
+    """z-scores under a `StandardisedModel`, with the line integrated out.
+
+    Were c1 normal instead of half-normal, (c0, c1) would be normal given the ratings, with a mean of c1 of
+    t standard deviations. Keeping c1 >= 0 multiplies the joint density by 2 Phi(t).
+
+    Parameters
+    ----------
+    ratings
+        y of every row of the design, shape (rows,).
+    design
+        Who rated what.
+    model
+        The rating model.
+    over
+        Design over whose rows the response is standardised, if not over those of `design`.
+
+    Raises
+    ------
+    InputError
+        If a rating is not finite, or their number is not that of the design's rows.
+    """
+
+    def __init__(
+        self,
+        ratings: ArrayLike,
+        design: Design,
+        model: StandardisedModel = StandardisedModel(),
+        over: Design | None = None,
+    ) -> None:
+        self.ratings = np.array(ratings, dtype=float)
+        self.ratings.flags.writeable = False
+        if self.ratings.shape != (design.n_rows,):
+            raise InputError(f"ratings: shape {self.ratings.shape}, expected one for each of {design.n_rows} rows")
+        if not np.isfinite(self.ratings).all():
+            raise InputError(f"ratings: {(~np.isfinite(self.ratings)).sum()} are not finite numbers")
+        self.design, self.model, self._over = design, model, over or design
+        self._count = design.cells.sum(axis=0)
+        self._mean = float(self.ratings.mean())
+        total = np.bincount(design.condition, self.ratings - self._mean, design.n_conditions)
+        self._condition = total / np.maximum(self._count, 1.0)
+        self._within = float(((self.ratings - self._mean - self._condition[design.condition]) ** 2).sum())
+
+    def log_likelihood(self, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
+        """Log density of all ratings together.
+
+        Parameters
+        ----------
+        mean_rate
+            N/N_ref [Hz] of each condition, shape (..., conditions).
+        parameters
+            Values of batch shape (...); varsigma alone is used.
+
+        Returns
+        -------
+        ndarray, shape (...)
+        """
+        fit = self._fit(mean_rate, parameters)
+        n, variance = self.design.n_rows, fit.variance
+        log_scale = (n - 1) * np.log(variance) + math.log(n) + np.log(fit.mean_variance) + np.log(fit.precision)
+        # the quadratic form at the most probable line is a sum of squares, and errors enter squared
+        deviation = self._condition - fit.slope[..., None] * (fit.drive - fit.centre[..., None])
+        squares = self._within + (deviation**2) @ self._count
+        misfit = (self._mean - fit.slope * fit.centre) ** 2 / fit.mean_variance
+        quadratic = squares / variance + misfit + fit.slope**2
+        return -0.5 * (n * _LOG_TWO_PI + log_scale + quadratic) + math.log(2.0) + log_ndtr(fit.deviate)
+
+    def log_likelihood_loo(self, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
+        """Log density of each rating given all the others, shape (..., rows).
+
+        It is the normal one of the line with c1 of either sign times Phi(t) / Phi(t without the rating).
+        """
+
+        def density(mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
+            alone = self._without_one(mean_rate, parameters)
+            normal = -0.5 * alone.deviate**2 - np.log(alone.sd) - 0.5 * _LOG_TWO_PI
+            return normal + log_ndtr(alone.with_all)[..., None] - log_ndtr(alone.without)
+
+        return in_pieces(density, self.design.n_rows, mean_rate, parameters)
+
+    def below_loo(self, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
+        """Probability of a rating smaller than each one, given all the others, shape (..., rows).
+
+        Rating and c1 are normal given the others, and correlated; c1 is kept positive.
+        """
+
+        def below(mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
+            alone = self._without_one(mean_rate, parameters)
+            joint = bivariate_below(alone.deviate, alone.without, -alone.correlation)
+            return np.clip(joint * np.exp(-log_ndtr(alone.without)), 0.0, 1.0)
+
+        return in_pieces(below, self.design.n_rows, mean_rate, parameters)
+
+    def log_likelihood_participants(self, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
+        """Log density of all ratings of each participant given everybody else's, shape (draws, participants)."""
+
+        def density(mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
+            return self._participants(self._fit(mean_rate, parameters))
+
+        return in_pieces(density, self.design.n_rows, mean_rate, parameters)
+
+    def _participants(self, fit: _Fit) -> FloatArray:
+        """Density by participant: the normal one of the line with c1 of either sign times Phi(t) / Phi(t without)."""
+        cells, row, variance = self.design.cells, self.design.condition, fit.variance[:, None]
+        rows, one, two = cells.sum(axis=1), fit.drive @ cells.T, fit.drive**2 @ cells.T
+        summed = summing(self.design.participant, len(cells))
+        sums = np.stack([np.broadcast_to(rows, one.shape), one, one, two], axis=-1)
+        hessian = sums.reshape(*one.shape, 2, 2) / variance[..., None, None]
+
+        def at(line: FloatArray) -> tuple[FloatArray, FloatArray]:
+            left = self.ratings - (line[:, :1] + line[:, 1:] * fit.drive)[:, row]
+            slopes = [(summed @ part.T).T for part in (left, left * fit.drive[:, row])]
+            misfit = 0.5 * (summed @ (left**2).T).T / variance
+            return misfit, -np.stack(slopes, axis=-1) / variance[..., None]
+
+        line, misfit, gradient = minimum(at, hessian)
+        misfit = misfit + 0.5 * rows * (_LOG_TWO_PI + np.log(variance))
+        given = given_the_others(misfit, gradient, hessian)
+        (a, b), (_, c) = np.moveaxis(given.precision, (-2, -1), (0, 1))
+        without = (line[:, None, 1] + given.moved[..., 1]) * np.sqrt(c - b**2 / a)
+        return given.log_density + log_ndtr(fit.deviate)[:, None] - log_ndtr(without)
+
+    def _without_one(self, mean_rate: FloatArray, parameters: RatingParameters) -> _Alone:
+        """The law of each rating and c1 given all the other ratings, were c1 of either sign."""
+        fit = self._fit(mean_rate, parameters)
+        n = self.design.n_rows
+        variance, slope, precision = (v[..., None] for v in (fit.variance, fit.slope, fit.precision))
+        along = fit.centre[..., None] * n / (n + variance)
+        intercept = (self._mean - slope * fit.centre[..., None]) * n / (n + variance)
+        # variance of the fitted value, and its covariance with c1: of conditions, then of their rows
+        reach = (fit.drive - along) / precision
+        fitted_variance = variance / (n + variance) + reach**2 * precision
+        left = variance - fitted_variance
+        row = self.design.condition
+        residual = (self.ratings - (intercept + slope * fit.drive)[..., row]) * (variance / left)[..., row]
+        sd = np.sqrt(variance**2 / left)[..., row]
+        without = slope - reach[..., row] * residual / variance
+        spread = np.sqrt(1.0 / precision + reach**2 / left)[..., row]
+        correlation = (reach * variance / left)[..., row] / (sd * spread)
+        return _Alone(residual / sd, sd, without / spread, correlation, fit.deviate)
+
+    def draw_effects(self, rng: np.random.Generator, mean_rate: FloatArray, parameters: RatingParameters) -> Line:
+        """Exact draws of the line given the ratings, one for each point of the batch: c1, then c0."""
+        from scipy.stats import truncnorm  # a third of a second that no other start should wait for
+
+        fit = self._fit(mean_rate, parameters)
+        n = self.design.n_rows
+        sd = fit.precision**-0.5
+        c1 = truncnorm.rvs(-fit.deviate, np.inf, loc=fit.slope, scale=sd, size=fit.slope.shape, random_state=rng)
+        expected = n * (self._mean - c1 * fit.centre) / (n + fit.variance)
+        c0 = expected + np.sqrt(fit.variance / (n + fit.variance)) * rng.standard_normal(fit.slope.shape)
+        return Line(np.asarray(c0), np.maximum(c1, 0.0))
+
+    def residual(self, mean_rate: FloatArray, parameters: RatingParameters, effects: Line) -> FloatArray:
+        """What noise must explain of each rating, shape (..., rows)."""
+        drive = self.model.drive(self._over, mean_rate, parameters)
+        return self.ratings - self.model.typical(effects, drive)[..., self.design.condition]
+
+    def without(self, rows: NDArray[np.bool_]) -> StandardisedRatings:
+        """The other ratings alone, x still standardised over all rows: p(y) = p(others) p(rows | others)."""
+        design = self.design.without(rows)
+        return StandardisedRatings(self.ratings[~rows], design, self.model, self._over)
+
+    def _fit(self, mean_rate: FloatArray, parameters: RatingParameters) -> _Fit:
+        """What the ratings say of a line whose c1 may have either sign."""
+        drive = self.model.drive(self._over, mean_rate, parameters)
+        shape = np.broadcast_shapes(drive.shape[:-1], np.shape(parameters.varsigma))
+        drive = np.broadcast_to(drive, (*shape, drive.shape[-1]))
+        variance = np.broadcast_to(np.maximum(np.asarray(parameters.varsigma, float) ** 2, _LEAST_VARIANCE), shape)
+        n = self.design.n_rows
+        centre = drive @ self._count / n
+        deviation = drive - centre[..., None]
+        mean_variance = 1.0 + variance / n
+        precision = 1.0 + deviation**2 @ self._count / variance + centre**2 / mean_variance
+        pull = deviation @ (self._count * self._condition) / variance + centre * self._mean / mean_variance
+        return _Fit(drive, variance, centre, mean_variance, precision, pull / precision, pull / np.sqrt(precision))
+
+
+class _Alone(NamedTuple):
+    """The law of each rating and c1 given all the other ratings; fields (..., rows) but the last."""
+
+    deviate: FloatArray  # rating, in standard deviations from its mean
+    sd: FloatArray  # of the rating
+    without: FloatArray  # mean of c1 in standard deviations
+    correlation: FloatArray  # between both
+    with_all: FloatArray  # mean of c1 given all ratings, in standard deviations (...)
+
+
+def bivariate_below(h: FloatArray, k: FloatArray, correlation: FloatArray) -> FloatArray:
+    """P(X < h, Y < k) of two standard normal variables, by Owen's function (Owen, Ann. Math. Stat. 27, 1075, 1956)."""
+    root = np.sqrt(np.maximum(1.0 - correlation**2, 1e-300))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        tails = sum(
+            np.where(one == 0.0, 0.25 * np.sign(other), owens_t(one, (other / one - correlation) / root))
+            for one, other in ((h, k), (k, h))
+        )
+    apart = (h * k < 0.0) | ((h * k == 0.0) & (h + k < 0.0))
+    return 0.5 * (ndtr(h) + ndtr(k)) - tails - 0.5 * apart
+
+
+class _Fit(NamedTuple):
+    """The normal law of c1 given ratings, before it is kept positive, and what leads to it."""
+
+    drive: FloatArray  # ± x of each condition
+    variance: FloatArray  # varsigma²
+    centre: FloatArray  # mean of ± x over the rows: 0, unless some were taken away
+    mean_variance: FloatArray  # variance of the mean rating given c1
+    precision: FloatArray  # of c1
+    slope: FloatArray  # mean of c1
+    deviate: FloatArray  # that mean in standard deviations

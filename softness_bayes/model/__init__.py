@@ -1,0 +1,1 @@
+"""The model of one experiment: scene, parameters and likelihood put together."""

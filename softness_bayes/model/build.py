@@ -1,0 +1,312 @@
+"""Puts fabrics, loads, readings and parameters together into the model of one experiment."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import replace
+from functools import lru_cache
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from softness_bayes.data import Compression, Experiment, Fabrics, Ratings
+from softness_bayes.errors import InputError
+from softness_bayes.likelihood.magnitude import LARGEST_LOG_RATING, RISES, RatingDirection, RatingParameters
+from softness_bayes.likelihood.plate import CompressionForces, SkinParameters
+from softness_bayes.likelihood.random_effects import Design
+from softness_bayes.likelihood.scales import MAGNITUDE, RatingScale
+from softness_bayes.likelihood.z_scores import Line, StandardisedModel
+from softness_bayes.parameters.priors import HalfNormal
+from softness_bayes.parameters.space import EVERY_PARAMETER, PARAMETERS, parameter_space
+from softness_bayes.ranges import FINGERS, PARTICIPANTS, SIMULATED_RATINGS, SLOPES
+from softness_bayes.touch.contact import Load
+from softness_bayes.touch.neuron.membrane import Channels, Membrane
+from softness_bayes.touch.neuron.surface import FiringSurface
+from softness_bayes.touch.parameters import TouchParameters
+from softness_bayes.touch.readings import MENDED, Readings
+from softness_bayes.touch.scene import Discretisation, Firing, FixedChannels, Scene
+
+
+def design_of(experiment: Experiment) -> Design:
+    """Return who rated what, the conditions by fabric, then load."""
+    ratings, conditions = experiment.ratings, experiment.ratings.conditions
+    return Design(conditions.of_rating, ratings.participant, conditions.fabric, len(ratings.participants))
+
+
+def touch_parameters(values: Mapping[str, ArrayLike]) -> TouchParameters:
+    """Convert named values in natural units to what a `Scene` takes, in SI.
+
+    Parameters
+    ----------
+    values
+        Name -> number or array of one batch shape; names that the chain does not have are left out.
+    """
+    return TouchParameters(*(np.asarray(values[name], float) * PARAMETERS[name].si for name in TouchParameters._fields))
+
+
+def usual_values(
+    readings: Readings,
+    prior_set: str = "default",
+    given: Mapping[str, float] | None = None,
+    n_fingers: int | None = None,
+) -> dict[str, float]:
+    """Return every parameter's value: those given, else the medians of their priors, in natural units.
+
+    With a number of fingers the parameters of compression data are among them.
+
+    Raises
+    ------
+    InputError
+        If a given name is unknown or its value not one that the parameter can take.
+    """
+    space = parameter_space(
+        fix=given,
+        prior_set=prior_set,
+        skin_displacement=readings.skin_displacement,
+        n_fingers=n_fingers,
+        membrane=readings.membrane,
+    )
+    return {name: float(value) for name, value in space.values(space.median).items()}
+
+
+@lru_cache(maxsize=8)
+def curve_of_held(channels: Channels, membrane: Membrane, noise: float, nodes: int) -> FixedChannels:
+    """Return the curve of held channels, which takes a second: a run and the choice of its accuracy share one."""
+    return FixedChannels(channels, membrane, noise=noise, nodes=nodes)
+
+
+def firing_of(
+    values: Mapping[str, ArrayLike],
+    membrane: Membrane,
+    noise: float = 0.0,
+    nodes: int = Discretisation().rate_nodes,
+) -> Firing:
+    """Return the rate curve of the channel multipliers in `values`, or the surface where one is missing or varies.
+
+    Parameters
+    ----------
+    values
+        Named parameters.
+    membrane
+        Reading of the membrane.
+    noise
+        Strength of the white current [µA/cm² sqrt(ms)] over which the rate curve is averaged.
+    nodes
+        Exact rates that the curve of held channels goes through.
+
+    Raises
+    ------
+    InputError
+        If a multiplier varies and no surface is kept for the membrane, or there is noise.
+    """
+    varying = [name for name in Channels._fields if np.ndim(values.get(name, [])) > 0]
+    if varying and noise:
+        raise InputError(
+            f"noise needs fixed channel multipliers, for which the noise-averaged rate is simulated once: "
+            f"fix {', '.join(varying)}"
+        )
+    if varying:
+        return FiringSurface.load(membrane)
+    channels = Channels(*(float(np.asarray(values[name])) for name in Channels._fields))
+    return curve_of_held(channels, membrane, noise, nodes)
+
+
+def scene_of(
+    fabrics: Fabrics,
+    loads: tuple[Load, ...],
+    values: Mapping[str, ArrayLike],
+    readings: Readings,
+    fabric: ArrayLike | None = None,
+    load: ArrayLike | None = None,
+    discretisation: Discretisation = Discretisation(),
+    noise: float = 0.0,
+) -> Scene:
+    """Compile the scene of some fabrics under some loads.
+
+    Parameters
+    ----------
+    fabrics, loads
+        What is touched, and how.
+    values
+        Named parameters that do not vary; with all channel multipliers among them, these are fixed in the scene.
+    readings
+        Readings of the model.
+    fabric, load
+        Indices of the conditions; left out, all pairs.
+    discretisation
+        Resolution.
+    noise
+        Strength of the membrane's white current, as `firing_of` takes it.
+    """
+    modulus = fabrics.modulus(readings.fabric_modulus)
+    firing = firing_of(values, readings.membrane, noise, discretisation.rate_nodes)
+    return Scene(
+        modulus,
+        fabrics.poisson_ratio,
+        loads,
+        firing,
+        fabric,
+        load,
+        readings=readings,
+        discretisation=discretisation,
+    )
+
+
+class Simulation(NamedTuple):
+    """Simulated ratings and all that they were made of."""
+
+    ratings: Ratings
+    truth: dict[str, float]
+    """Every parameter in natural units, and mu, or c0 and c1 of standardised ratings."""
+    participant_effect: NDArray[np.float64]
+    """Log modulus of each participant, shape (participants,); standardised ratings have none left: 0."""
+    total_rate: NDArray[np.float64]
+    """Response [spikes/s], shape (fabrics, loads)."""
+
+
+def simulate_ratings(
+    rng: np.random.Generator,
+    fabrics: Fabrics,
+    loads: tuple[Load, ...],
+    values: Mapping[str, float],
+    readings: Readings = MENDED,
+    participants: int = 30,
+    missing: float = 0.0,
+    mu: float | None = None,
+    direction: RatingDirection = RISES,
+    scale: RatingScale = MAGNITUDE,
+    slope: float | None = None,
+    discretisation: Discretisation = Discretisation(),
+) -> Simulation:
+    """Let simulated participants rate every fabric under every load once.
+
+    Parameters
+    ----------
+    rng
+        Source of the participants' moduli, the noise and the gaps.
+    fabrics, loads
+        What is rated.
+    values
+        Every parameter, in natural units (see `usual_values`).
+    readings
+        Readings of the model.
+    participants
+        Their number.
+    missing
+        Share of ratings left out at random.
+    mu
+        Mean log rating of magnitude estimates; by default the centre of its prior.
+    direction
+        Whether ratings rise or fall with the response.
+    scale
+        Scale of the ratings.
+    slope
+        c1 of standardised ratings, whose c0 is 0; by default the median of its prior.
+    discretisation
+        Resolution of the scene.
+
+    Raises
+    ------
+    InputError
+        If the number of participants or of ratings, the share of gaps, mu or the slope is out of range, or mu or
+        slope is given for the other scale.
+    """
+    PARTICIPANTS.require("simulate: number of participants", participants)
+    SIMULATED_RATINGS.require("simulate: number of ratings", participants * len(fabrics) * len(loads))
+    if not 0 <= missing < 1:
+        raise InputError(f"simulate: share {missing} of gaps, expected one in [0, 1)")
+    if mu is not None and not abs(mu) <= LARGEST_LOG_RATING:
+        raise InputError(f"simulate: mu is {mu}, expected a number up to {LARGEST_LOG_RATING:g} up or down")
+    wrong = ("slope", slope) if scale.positive else ("mu", mu)
+    if wrong[1] is not None:
+        raise InputError(f"simulate: {wrong[0]} is {wrong[1]}, expected none for {scale.name} ratings")
+    if slope is not None:
+        SLOPES.require("simulate: slope", slope)
+    scene = scene_of(fabrics, loads, values, readings, discretisation=discretisation)
+    rate = scene.total_rate(touch_parameters(values))
+    n_conditions = scene.n_conditions
+    design = Design(
+        np.tile(np.arange(n_conditions), participants),
+        np.repeat(np.arange(participants), n_conditions),
+        scene.fabric,
+        participants,
+    )
+    model = scale.model(direction)
+    parameters = RatingParameters(**{name: values[name] for name in RatingParameters._fields})
+    drive = model.drive(design, rate / scene.n_receptors, parameters)
+    effect = np.zeros(participants)
+    if isinstance(model, StandardisedModel):
+        line = Line(np.array(0.0), np.array(HalfNormal(1.0).median if slope is None else slope))
+        filed = model.draw_ratings(rng, design, drive, parameters, line)
+        truth = {"c0": float(line.c0), "c1": float(line.c1)}
+    else:
+        centre = math.log(model.centre) if mu is None else mu
+        effects = model.draw_effects(rng, parameters, (), participants, design.n_fabrics, centre)
+        filed = model.draw_ratings(rng, design, drive, parameters, effects)
+        truth, effect = {"mu": float(effects.mu)}, effects.participant
+    # as few digits as a person gives; also what makes files equal where exp differs in its last bits
+    filed = np.array([float(f"{rating:.4g}") for rating in filed])
+    filed[rng.random(filed.size) < missing] = np.nan
+    # conditions run load by load
+    table = filed.reshape(participants, len(loads), len(fabrics)).transpose(0, 2, 1)
+    width = len(str(participants))
+    names = [f"P{i:0{width}d}" for i in range(1, participants + 1)]
+    ratings = Ratings.crossed(names, fabrics.names, loads, table)
+    absent = set(RatingParameters._fields) - set(scale.parameters)
+    truth = {name: value for name, value in values.items() if name not in absent} | truth
+    return Simulation(ratings, truth, effect, rate.reshape(len(loads), len(fabrics)).T)
+
+
+PLATE_DEPTHS = (0.5e-3, 1e-3, 1.5e-3, 2e-3)
+"""Indentations [m] to which simulated fingers are pressed: those of the published measurements."""
+
+
+class SimulatedForces(NamedTuple):
+    """Simulated compression data, and how their fingers depart from the typical one."""
+
+    compression: Compression
+    log_b_effect: NDArray[np.float64]
+    """In ln b, shape (fingers,)."""
+    m_effect: NDArray[np.float64]
+    """In m, shape (fingers,)."""
+
+
+def simulate_compression(
+    rng: np.random.Generator,
+    values: Mapping[str, float],
+    readings: Readings = MENDED,
+    fingers: int = 8,
+    depths: tuple[float, ...] = PLATE_DEPTHS,
+) -> SimulatedForces:
+    """Press a rigid flat plate on simulated fingers, each to every depth once.
+
+    Parameters
+    ----------
+    rng
+        Source of the fingers and the noise.
+    values
+        b, m, tau_b, tau_m and varsigma_f in natural units (`usual_values` with a number of fingers).
+    readings
+        Readings of the model.
+    fingers
+        Their number.
+    depths
+        Indentations [m].
+
+    Raises
+    ------
+    InputError
+        If there is no finger.
+    """
+    replace(FINGERS, low=1).require("simulate: number of fingers", fingers)
+    skin = SkinParameters(*(np.float64(values[n]) * EVERY_PARAMETER[n].si for n in SkinParameters._fields))
+    finger, depth = np.repeat(np.arange(fingers), len(depths)), np.tile(depths, fingers)
+    plate = CompressionForces(depth, np.ones(depth.size), finger, fingers, displacement=readings.skin_displacement)
+    effects = plate.new_fingers(rng, skin, ())
+    # as few digits as an instrument gives; also what makes files equal where exp differs in its last bits
+    force = np.array([float(f"{value:.4g}") for value in plate.draw_forces(rng, skin, effects)])
+    names = tuple(f"F{i:0{len(str(fingers))}d}" for i in range(1, fingers + 1))
+    compression = Compression(names, finger, depth, force, np.arange(2, 2 + force.size))
+    return SimulatedForces(compression, effects.log_b, effects.m)

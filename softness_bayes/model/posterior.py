@@ -1,0 +1,226 @@
+"""The posterior density of the sampled parameters, for whole batches of points."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from softness_bayes.errors import InputError, NumericalError
+from softness_bayes.likelihood.magnitude import RatingParameters
+from softness_bayes.likelihood.plate import CompressionForces, SkinParameters
+from softness_bayes.parameters.space import EVERY_PARAMETER, ParameterSpace
+from softness_bayes.touch.parameters import TouchParameters
+
+FloatArray = NDArray[np.float64]
+
+LEAST_FIRING = 3
+"""Conditions in which a starting point must fire, or all if there are fewer."""
+
+NEGLIGIBLE = -200.0
+"""Log prior density of a single parameter below which a point is taken to have none."""
+
+_WIDTHS = (1.0, 50), (1.5, 10), (2.0, 10), (3.0, 10), (4.0, 10)  # of priors that starts are of, and attempts
+
+
+class ForwardModel(Protocol):
+    """What the posterior asks of a scene."""
+
+    @property
+    def n_receptors(self) -> float:
+        """Mean number of receptors of the pad."""
+
+    def total_rate(self, parameters: TouchParameters) -> FloatArray:
+        """Total rate [spikes/s] of every condition, shape (..., conditions)."""
+
+
+class Observation(Protocol):
+    """What the posterior asks of the ratings."""
+
+    def log_likelihood(self, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
+        """Log density of all ratings, shape (...), from the pad's mean rate [Hz] in every condition."""
+
+
+@dataclass(frozen=True)
+class Density(ABC):
+    """log p(theta | data) = log p(theta) + log p(data | theta), up to a constant.
+
+    Called with sampler coordinates z it returns the density in z, Jacobian included.
+    """
+
+    space: ParameterSpace
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the sampled parameters."""
+        return self.space.names
+
+    def natural(self, z: FloatArray) -> FloatArray:
+        """Points theta [natural units] at sampler coordinates ``z``."""
+        return self.space.natural(z)
+
+    def log_prior(self, theta: FloatArray) -> FloatArray:
+        """Log prior density at points theta (..., dimension), shape (...)."""
+        return self.space.log_prior(theta).sum(axis=-1)
+
+    @abstractmethod
+    def data_density(self, theta: FloatArray) -> FloatArray:
+        """Log density of the data at points theta, as the model computes it."""
+
+    def log_likelihood(self, theta: FloatArray) -> FloatArray:
+        """Log density of the data at points theta (..., dimension), shape (...).
+
+        Raises
+        ------
+        NumericalError
+            If it is not a finite number somewhere; the message names the point.
+        """
+        value = self._likelihood(theta)
+        if not np.isfinite(value).all():
+            wrong = ~np.isfinite(value)
+            point = ", ".join(f"{n}={x!r}" for n, x in zip(self.names, theta[wrong][0].tolist(), strict=True))
+            raise NumericalError(f"the log-likelihood is {value[wrong][0]} at {point}")
+        return value
+
+    def _likelihood(self, theta: FloatArray) -> FloatArray:
+        """Log density of the data, whatever comes out."""
+        return np.broadcast_to(self.data_density(theta), theta.shape[:-1])
+
+    def response_is_finite(self, theta: FloatArray) -> bool:
+        """Whether the forward model gives numbers at one point theta, shape (dimension,)."""
+        return True
+
+    def failing_stage(self, z: FloatArray) -> str:
+        """Name of the first stage that gives no finite number at one point ``z``, shape (dimension,)."""
+        theta = self.natural(z)
+        if not np.isfinite(theta).all():
+            return "coordinates"
+        if not np.isfinite(self.log_prior(theta)):
+            return "prior"
+        if not self.response_is_finite(theta):
+            return "response"
+        return "likelihood"
+
+    def __call__(self, z: FloatArray) -> FloatArray:
+        """Log posterior density in sampler coordinates, shape (points,) for ``z`` (points, dimension).
+
+        The likelihood is asked only where no parameter's prior density is `NEGLIGIBLE`: proposals reach
+        arbitrarily far, where the chain is not made to be evaluated. Minus infinity comes from the prior
+        alone; where the likelihood is not a finite number the density is NaN.
+        """
+        theta = self.space.natural(z)
+        log_prior = self.space.log_prior(theta)
+        value = log_prior.sum(axis=-1) + self.space.log_jacobian(z)
+        inside = (log_prior > NEGLIGIBLE).all(axis=-1)
+        if inside.all():
+            return value + _finite(self._likelihood(theta))
+        # a prior that is no number is not one without weight
+        value = np.where(inside, value, np.where(np.isnan(log_prior).any(axis=-1), np.nan, -np.inf))
+        if inside.any():
+            value[inside] += _finite(self._likelihood(theta[inside]))
+        return value
+
+    def draw_start(self, rng: np.random.Generator, size: int) -> FloatArray:
+        """Prior draws, in sampler coordinates."""
+        return self.space.coordinates(self.space.draw_prior(rng, size))
+
+    def skin_parameters(self, theta: FloatArray) -> SkinParameters:
+        """The skin and how fingers depart from it, in SI, at points theta."""
+        values, shape = self.space.values(theta), theta.shape[:-1]
+        return SkinParameters(
+            *(np.broadcast_to(values[name] * EVERY_PARAMETER[name].si, shape) for name in SkinParameters._fields)
+        )
+
+
+@dataclass(frozen=True)
+class SkinPosterior(Density):
+    """The posterior of the skin alone, from compression data without ratings."""
+
+    compression: CompressionForces
+
+    def data_density(self, theta: FloatArray) -> FloatArray:
+        """Log density of the forces at points theta."""
+        return self.compression.log_likelihood(self.skin_parameters(theta))
+
+
+@dataclass(frozen=True)
+class Posterior(Density):
+    """The posterior given ratings and, if there are any, compression data.
+
+    Raters and fingers are not matched: the typical finger's b and m are those of the typical rater.
+    """
+
+    scene: ForwardModel
+    observation: Observation
+    compression: CompressionForces | None = None
+
+    def mean_rate(self, theta: FloatArray) -> FloatArray:
+        """The pad's mean rate N/N_ref [Hz] at points theta, shape (..., conditions)."""
+        # with every parameter of the chain held there is one response for all points
+        rate = self.scene.total_rate(self.space.touch(theta)) / self.scene.n_receptors
+        return np.broadcast_to(rate, (*theta.shape[:-1], rate.shape[-1]))
+
+    def response_is_finite(self, theta: FloatArray) -> bool:
+        """Whether the forward model gives numbers at one point theta, shape (dimension,)."""
+        return bool(np.isfinite(self.mean_rate(theta)).all())
+
+    def rating_parameters(self, theta: FloatArray) -> RatingParameters:
+        """The parameters of the rating model at points theta; NaN are those that it does not have."""
+        values = self.space.values(theta)
+        return RatingParameters(*(values.get(name, np.nan) for name in RatingParameters._fields))
+
+    def data_density(self, theta: FloatArray) -> FloatArray:
+        """Log density of ratings and forces at points theta."""
+        value = self.observation.log_likelihood(self.mean_rate(theta), self.rating_parameters(theta))
+        if self.compression is not None:
+            value = value + self.compression.log_likelihood(self.skin_parameters(theta))
+        return value
+
+    def draw_start(self, rng: np.random.Generator, size: int) -> FloatArray:
+        """Prior draws that fire in at least `LEAST_FIRING` conditions, in sampler coordinates.
+
+        Where the prior hardly ever does, they are of wider ones, about the same medians; where these do not either,
+        of those that fire in any condition: a climb from there finds out what the ratings ask for.
+
+        Raises
+        ------
+        InputError
+            If no receptor fires in any condition, however wide the priors.
+        """
+        found: list[FloatArray] = []
+        some: list[FloatArray] = []
+        conditions = self.mean_rate(self.space.median).shape[-1]
+        needed = min(LEAST_FIRING, conditions)
+        for width, attempts in _WIDTHS:
+            for _ in range(attempts):
+                theta = self._drawn(rng, size, width)
+                fires = (self.mean_rate(theta) > 0).sum(axis=-1)
+                found.extend(theta[fires >= needed])
+                some.extend(theta[(fires > 0) & (fires < needed)])
+                if len(found) >= size:
+                    return self.space.coordinates(np.array(found[:size]))
+        if not (found or some):
+            raise InputError(
+                f"only 0 of {size * _WIDTHS[0][1]} prior draws make receptors fire in {needed} of "
+                f"{conditions} conditions, and none of priors {_WIDTHS[-1][0]:g} times as wide "
+                "in any: check the units of fabrics and loads, and the priors of alpha, beta and sigma_0"
+            )
+        rest = self.space.draw_prior(rng, size)
+        return self.space.coordinates(np.array([*found, *some, *rest][:size]))
+
+    def _drawn(self, rng: np.random.Generator, size: int, width: float) -> FloatArray:
+        """Draws of priors so many times as wide in the sampler's coordinates, of positive density, at most `size`."""
+        theta = self.space.draw_prior(rng, size)
+        if width == 1.0:
+            return theta
+        centre = self.space.coordinates(self.space.median)
+        theta = self.space.natural(centre + width * (self.space.coordinates(theta) - centre))
+        return theta[(self.space.log_prior(theta) > NEGLIGIBLE).all(axis=-1)]
+
+
+def _finite(value: FloatArray) -> FloatArray:
+    """The values, NaN where they are infinite."""
+    return np.where(np.isfinite(value), value, np.nan)

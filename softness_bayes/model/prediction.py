@@ -1,0 +1,94 @@
+"""The forward model as a table: one row for each fabric and load, with or without a posterior's width."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from softness_bayes.data import Fabrics
+from softness_bayes.model.build import touch_parameters
+from softness_bayes.touch.parameters import TouchParameters
+from softness_bayes.touch.scene import Response, Scene
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+Array = NDArray[np.float64]
+
+
+def prediction_table(fabrics: Fabrics, scene: Scene, parameters: TouchParameters, prob: float = 0.9) -> pd.DataFrame:
+    """Return the prediction for every condition of a scene.
+
+    Parameters
+    ----------
+    fabrics
+        The scene's fabrics, for their names.
+    scene
+        Fabrics × loads.
+    parameters
+        One parameter vector, or a batch of draws of shape (draws,).
+    prob
+        Credible mass of the columns `_low` and `_high`, which only a batch has.
+
+    Returns
+    -------
+    DataFrame
+        A row per condition: fabric, indentation_mm, force_n, e_fab_kpa, e_skin_kpa,
+        contact_radius_mm, peak_stress_kpa, total_rate_hz, responding, mean_rate_hz,
+        mean_interval_ms; of a batch the medians, with `_low` and `_high` beside each. Mean rate and
+        interval are empty where no receptor fires. The last column, readings, says which were used.
+    """
+    import pandas as pd
+
+    response = scene.respond(parameters)
+    columns: dict[str, object] = {"fabric": [fabrics.names[i] for i in scene.fabric]}
+    for name, values in _quantities(response, scene).items():
+        if values.ndim == 1:
+            columns[name] = values
+        else:
+            columns[f"{name}_low"], columns[name], columns[f"{name}_high"] = _limits(values, prob)
+    columns["readings"] = scene.readings.label
+    return pd.DataFrame(columns)
+
+
+def drawn_parameters(values: Mapping[str, ArrayLike]) -> TouchParameters:
+    """Return draws of a run as a scene takes them, one axis for all: a table of them has limits in any case.
+
+    Parameters
+    ----------
+    values
+        Every parameter by name in natural units: a number where the run held it, else draws (draws,). At least one
+        must be drawn, as those of the rating model are.
+    """
+    batch = np.empty(max(np.size(value) for value in values.values()))
+    return TouchParameters(*np.broadcast_arrays(*touch_parameters(values), batch)[:-1])
+
+
+def _quantities(response: Response, scene: Scene) -> dict[str, Array]:
+    contact = response.contact
+    return {
+        "indentation_mm": contact.indentation * 1e3,
+        "force_n": contact.force,
+        "e_fab_kpa": np.broadcast_to(scene.modulus * 1e-3, contact.force.shape),
+        "e_skin_kpa": contact.skin_modulus * 1e-3,
+        "contact_radius_mm": contact.radius * 1e3,
+        "peak_stress_kpa": response.peak_stress * 1e-3,
+        "total_rate_hz": response.total_rate,
+        "responding": response.responding,
+        "mean_rate_hz": response.mean_rate,
+        "mean_interval_ms": response.mean_interval * 1e3,
+    }
+
+
+def _limits(values: Array, prob: float) -> Array:
+    """Return lower limit, median and upper limit over the draws that have a value; NaN where none has."""
+    tail = 0.5 * (1.0 - prob)
+    limits = np.full((3, values.shape[1]), np.nan)
+    for column in range(values.shape[1]):
+        known = values[:, column][~np.isnan(values[:, column])]
+        if known.size:
+            limits[:, column] = np.quantile(known, [tail, 0.5, 1.0 - tail])
+    return limits

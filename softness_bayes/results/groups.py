@@ -1,0 +1,107 @@
+"""The groups of a result, as variables with their axes and units, and how they become a tree."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from softness_bayes import arviz_bridge
+from softness_bayes.checking.inflection import Inflection
+from softness_bayes.model.posterior import Density
+from softness_bayes.parameters.space import ParameterSpace
+from softness_bayes.sampler.chains import Chains
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+Array = NDArray[np.float64]
+
+
+class Variable(NamedTuple):
+    """A variable of a group: values (chain, draw first in groups with draws), further axes, unit."""
+
+    values: NDArray[Any]
+    dims: tuple[str, ...] = ()
+    units: str = ""
+
+
+Groups = dict[str, dict[str, Variable]]
+"""Variables by group and name; a name means the same axes and unit in every group."""
+
+
+def tree_of(groups: Groups, coordinates: Mapping[str, ArrayLike], attributes: Mapping[str, Any]) -> xr.DataTree:
+    """Return the groups as a result, with `attributes` as its provenance."""
+    every = {name: variable for group in groups.values() for name, variable in group.items()}
+    return arviz_bridge.to_tree(
+        {group: {name: v.values for name, v in variables.items()} for group, variables in groups.items()},
+        {name: v.dims for name, v in every.items()},
+        coordinates,
+        attributes,
+        {name: {"units": v.units} for name, v in every.items() if v.units},
+    )
+
+
+def merged(*parts: Groups) -> Groups:
+    """Return groups that hold the variables of all parts."""
+    names = dict.fromkeys(group for part in parts for group in part)
+    return {group: {n: v for part in parts for n, v in part.get(group, {}).items()} for group in names}
+
+
+def named(space: ParameterSpace, theta: Array) -> dict[str, Variable]:
+    """Return points theta (..., dimension) by the names of the parameters."""
+    return {p.name: Variable(theta[..., k], units=p.unit) for k, p in enumerate(space.sampled)}
+
+
+def sampled_groups(density: Density, kept: Chains, theta: Array, data: str) -> Groups:
+    """Return the draws of the sampled parameters and their densities.
+
+    Parameters
+    ----------
+    density
+        What was sampled.
+    kept, theta
+        The draws, and their points theta, shape (chains, draws, dimension).
+    data
+        Name of the joint log-likelihood, which says of what it is.
+    """
+    log_prior = density.space.log_prior(theta)
+    # in natural units: the sampler's own coordinates are nobody else's concern
+    height = kept.by_walker(kept.log_density - density.space.log_jacobian(kept.coordinates))
+    acceptance = np.broadcast_to(kept.accepted.reshape(-1, 1), height.shape)
+    return {
+        "posterior": named(density.space, theta),
+        "sample_stats": {"lp": Variable(height), "acceptance_rate": Variable(acceptance)},
+        "log_prior": {name: Variable(log_prior[..., k]) for k, name in enumerate(density.names)},
+        "log_likelihood": {data: Variable(height - log_prior.sum(axis=-1))},
+    }
+
+
+def turning_variables(turn: Inflection, shape: tuple[int, int]) -> dict[str, Variable]:
+    """Return where the response turns over as variables, draws being laid out as `shape`, (chains, draws)."""
+    points: dict[str, tuple[NDArray[Any], str]] = {
+        "inflection_outcome": (turn.outcome, ""),
+        "inflection_e_fab_kpa": (turn.modulus * 1e-3, "kPa"),
+        "inflection_ratio": (turn.ratio, ""),
+        "inflection_force_n": (turn.force, "N"),
+        "inflection_drop": (turn.drop, ""),
+        "inflection_inside": (turn.inside.astype(np.int8), ""),
+    }
+    return {n: Variable(v.reshape(*shape, v.shape[-1]), ("load",), unit) for n, (v, unit) in points.items()}
+
+
+def evenly(shape: tuple[int, ...], size: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Return chain and draw of draws evenly spaced over a whole run, all walkers side by side in time.
+
+    Parameters
+    ----------
+    shape
+        Of the run's draws: chains, draws and whatever follows.
+    size
+        Their number, if there are as many.
+    """
+    chains, stored = shape[:2]
+    flat = np.linspace(0, chains * stored - 1, min(size, chains * stored)).astype(int)
+    return flat % chains, flat // chains

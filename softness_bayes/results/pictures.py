@@ -1,0 +1,169 @@
+"""What the figures of a touch and of the membrane show, computed with a run so that no figure runs the model."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from softness_bayes.results.groups import Groups, Variable
+from softness_bayes.touch.contact import Load
+from softness_bayes.touch.neuron.membrane import Channels
+from softness_bayes.touch.neuron.spikes import spike_times
+from softness_bayes.touch.pad import draw_receptors, touch_profiles
+from softness_bayes.touch.parameters import TouchParameters
+from softness_bayes.touch.receptors import kink_distances
+from softness_bayes.touch.scene import Discretisation, Scene
+
+Array = NDArray[np.float64]
+
+ILLUSTRATIONS = "illustrations"
+"""The group of a result that has no draws: quantiles over them, and single examples."""
+
+QUANTILES = (0.025, 0.25, 0.5, 0.75, 0.975)
+"""Of the profiles of a touch over the draws."""
+
+MOST_LOADS = 3
+"""Loads that are illustrated: the least, the middle one and the greatest."""
+
+DISTANCES = 81
+"""Points from the contact's axis to the pad's farthest corner, closer together near the axis."""
+
+UNTABLED = Discretisation(nodes=2, field_tolerance=1e-2)
+"""Of a scene whose tables of stress are not used, so that they may be made quickly."""
+
+CURRENTS = 121
+"""Points of the rate curves."""
+
+EXCESSES = (0.1, 0.4, 1.0)
+"""Currents of the example trains, as shares of the way from the rheobase to the largest current."""
+
+DURATION = 250.0
+"""Length of the example trains [ms]."""
+
+
+def illustrated_loads(loads: tuple[Load, ...]) -> NDArray[np.intp]:
+    """Return the indices of at most `MOST_LOADS` loads, evenly over their order."""
+    return np.unique(np.linspace(0, len(loads) - 1, MOST_LOADS).round().astype(np.intp))
+
+
+def illustrated_fabrics(scene: Scene, inflection: Array) -> tuple[list[str], Array]:
+    """Return names and moduli [Pa] of three fabrics in rising order: the softest, one between, the stiffest.
+
+    The one between is where the response most often turns over, under the load under which it does so most
+    often; where no draw turns over, it is halfway in the logarithm.
+    """
+    low, high = float(scene.modulus.min()), float(scene.modulus.max())
+    column = inflection[:, (~np.isnan(inflection)).sum(axis=0).argmax()]
+    known = column[~np.isnan(column)]
+    between = (
+        ("at the turning point", float(np.median(known))) if known.size else ("halfway", float(np.sqrt(low * high)))
+    )
+    chosen = sorted([("softest fabric", low), between, ("stiffest fabric", high)], key=lambda each: each[1])
+    return [name for name, _ in chosen], np.array([modulus for _, modulus in chosen])
+
+
+def touch_illustration(
+    rng: np.random.Generator, scene: Scene, parameters: TouchParameters, inflection: Array
+) -> tuple[Groups, dict[str, NDArray[np.generic]]]:
+    """Return pressure, stress and rate along the pad for three fabrics and some loads, and the pad's receptors.
+
+    Parameters
+    ----------
+    rng
+        Source of the receptors' places.
+    scene
+        The scene of the data.
+    parameters
+        Draws of the chain's parameters, shape (draws,).
+    inflection
+        E_fab where draws turn over [Pa], shape (draws, loads), NaN where they do not.
+
+    Returns
+    -------
+    groups, coordinates
+        The group `ILLUSTRATIONS`, and coordinates of its axes.
+    """
+    names, moduli = illustrated_fabrics(scene, inflection)
+    loads = illustrated_loads(scene.loads)
+    few = Scene(
+        moduli,
+        np.median(scene.poisson),
+        [scene.loads[k] for k in loads],
+        scene.firing,
+        finger=scene.finger,
+        readings=scene.readings,
+        discretisation=UNTABLED,
+    )
+    distance = kink_distances(scene.finger)[-1] * np.linspace(0.0, 1.0, DISTANCES) ** 1.5
+    profiles, contact = touch_profiles(few, parameters, distance), few.contact(parameters)
+    shape = (loads.size, moduli.size)
+
+    def limits(values: Array) -> NDArray[np.float32]:
+        found = np.quantile(values, QUANTILES, axis=0)
+        return found.reshape(found.shape[0], *shape, *found.shape[2:]).astype(np.float32)
+
+    at = ("quantile", "touch_load", "touch_fabric")
+    along = (*at, "distance_mm")
+    finger, places = scene.finger, draw_receptors(rng, scene.finger, scene.readings.receptor_density)
+    variables = {
+        "touch_pressure_kpa": Variable(limits(profiles.pressure * 1e-3), along, "kPa"),
+        "touch_stress_kpa": Variable(limits(profiles.stress * 1e-3), along, "kPa"),
+        "touch_rate_hz": Variable(limits(profiles.rate), along, "Hz"),
+        "touch_radius_mm": Variable(limits(contact.radius * 1e3), at, "mm"),
+        "touch_e_fab_kpa": Variable(moduli * 1e-3, ("touch_fabric",), "kPa"),
+        "receptor_x_mm": Variable(places[:, 0] * 1e3, ("receptor",), "mm"),
+        "receptor_y_mm": Variable(places[:, 1] * 1e3, ("receptor",), "mm"),
+        "pad_mm": Variable(1e3 * np.array([finger.pad_length, finger.pad_width]), ("side",), "mm"),
+        "contact_centre_mm": Variable(1e3 * np.array(finger.contact_centre), ("side",), "mm"),
+    }
+    coordinates = {
+        "quantile": np.array(QUANTILES),
+        "touch_load": np.array([str(scene.loads[k]) for k in loads]),
+        "touch_fabric": np.array(names),
+        "distance_mm": distance * 1e3,
+    }
+    return {ILLUSTRATIONS: variables}, coordinates
+
+
+def membrane_illustration(
+    rng: np.random.Generator, scene: Scene, parameters: TouchParameters
+) -> tuple[Groups, dict[str, NDArray[np.generic]]]:
+    """Return firing rate against current for every draw, and example trains at the draws' median parameters.
+
+    The currents go from below the lowest rheobase to the largest alpha of the draws' central 95 %.
+
+    Parameters
+    ----------
+    rng
+        Source of the membrane's noise, if the scene has any.
+    scene
+        The scene of the data.
+    parameters
+        Draws of the chain's parameters, shape (draws,).
+    """
+    curve = scene.firing.curves(parameters)
+    rheobase = np.broadcast_to(curve.rheobase, np.shape(parameters.alpha))
+    top = min(float(np.quantile(parameters.alpha, 0.975)), float(np.min(curve.max_current)))
+    begin = min(float(rheobase.min()), top)
+    current = np.linspace(max(0.0, begin - 0.25 * (top - begin)) if begin < top else 0.0, top, CURRENTS)
+    rate = np.broadcast_to(curve.rate(np.broadcast_to(current, (rheobase.size, CURRENTS))), (rheobase.size, CURRENTS))
+    alpha, least = float(np.median(parameters.alpha)), float(np.median(rheobase))
+    channels = Channels(*(float(np.median(getattr(parameters, name))) for name in Channels._fields))
+    given = least + np.array(EXCESSES) * (alpha - least) if least < alpha else np.array([alpha])
+    trains = [
+        spike_times(float(each), channels, scene.readings.membrane, DURATION, scene.firing.noise, rng) for each in given
+    ]
+    spikes = np.full((len(trains), max(1, *(train.size for train in trains))), np.nan)
+    for row, train in zip(spikes, trains, strict=True):
+        row[: train.size] = train
+    examples = {
+        "spike_time_ms": Variable(spikes, ("train", "spike"), "ms"),
+        "train_current_ua_cm2": Variable(given, ("train",), "µA/cm²"),
+        "train_duration_ms": Variable(np.array(DURATION), (), "ms"),
+    }
+    curves = {
+        "firing_rate_hz": Variable(rate[None].astype(np.float32), ("current_ua_cm2",), "Hz"),
+        "rheobase_ua_cm2": Variable(rheobase[None], (), "µA/cm²"),
+        "largest_current_ua_cm2": Variable(np.array(parameters.alpha)[None], (), "µA/cm²"),
+    }
+    return {ILLUSTRATIONS: examples, "predictions": curves}, {"current_ua_cm2": current}

@@ -1,0 +1,116 @@
+"""What compression data add to the groups of a result."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from softness_bayes.data.columns import FORCE, INDENTATION
+from softness_bayes.data.compression import Compression
+from softness_bayes.likelihood.plate import CompressionForces, ExponentCheck, SkinParameters, check_exponent
+from softness_bayes.results.groups import Groups, Variable
+from softness_bayes.touch.plate import plate_force
+from softness_bayes.touch.readings import Readings
+
+Array = NDArray[np.float64]
+
+POINTS = 60
+"""Indentations at which the typical finger's force is stored."""
+
+
+def forces_of(compression: Compression, readings: Readings) -> CompressionForces:
+    """Return the likelihood of compression data under the readings of the skin."""
+    return CompressionForces(
+        compression.indentation,
+        compression.force,
+        compression.participant,
+        len(compression.participants),
+        displacement=readings.skin_displacement,
+    )
+
+
+def plate_groups(
+    rng: np.random.Generator,
+    compression: Compression,
+    forces: CompressionForces,
+    skin: Callable[[Array], SkinParameters],
+    theta: Array,
+    replicates: Array,
+    curves: Array,
+    prior: Array,
+) -> tuple[Groups, ExponentCheck]:
+    """Return fingers, replicated forces, the typical finger's force and the data, and a check of the fit.
+
+    Parameters
+    ----------
+    rng
+        Source of effects and noise.
+    compression, forces
+        The data and their likelihood.
+    skin
+        Gives the skin's parameters of points theta.
+    theta
+        All draws, shape (chains, draws, dimension), for the fingers' departures.
+    replicates, curves
+        Posterior draws (draws, dimension) for replicated forces of the same fingers, and for the typical
+        finger's.
+    prior
+        Draws of the prior (draws, dimension), for forces of new fingers.
+    """
+    fingers = forces.draw_effects(rng, skin(theta))
+    again = forces.draw_forces(rng, skin(replicates), forces.draw_effects(rng, skin(replicates)))
+    new = forces.new_fingers(rng, skin(prior), prior.shape[:1])
+    made = forces.draw_forces(rng, skin(prior), new)
+    depth, typical = _depths(compression), skin(curves)
+    line = plate_force(
+        depth,
+        np.asarray(typical.b)[:, None],
+        np.asarray(typical.m)[:, None],
+        displacement=forces.displacement,
+    )
+    row = ("force_row",)
+    groups: Groups = {
+        "posterior": {
+            "log_b_effect": Variable(fingers.log_b, ("finger",)),
+            "m_effect": Variable(fingers.m, ("finger",)),
+        },
+        "posterior_predictive": {"plate_force_n": Variable(again[None], row, FORCE.unit)},
+        "prior_predictive": {"plate_force_n": Variable(made[None], row, FORCE.unit)},
+        "predictions": {"typical_force_n": Variable(line[None], ("plate_indentation_mm",), FORCE.unit)},
+        "observed_data": {"plate_force_n": Variable(compression.force, row, FORCE.unit)},
+        "constant_data": {
+            "finger_index": Variable(compression.participant, row),
+            "force_indentation_mm": Variable(compression.indentation / INDENTATION.factor, row, INDENTATION.unit),
+        },
+    }
+    return groups, check_exponent(forces, again)
+
+
+def plate_coordinates(compression: Compression) -> dict[str, NDArray[Any]]:
+    """Return the coordinates of the axes of `plate_groups`."""
+    return {
+        "finger": np.array(compression.participants),
+        "force_row": compression.rows,
+        "plate_indentation_mm": _depths(compression) / INDENTATION.factor,
+    }
+
+
+def plate_attributes(compression: Compression, check: ExponentCheck) -> dict[str, Any]:
+    """Return what the provenance says of compression data."""
+    return {
+        "digest_compression": compression.digest,
+        "zero_forces": compression.n_zero,
+        "force_check": check.sentence,
+        "force_exponent": check.observed,
+        "force_exponent_low": check.low,
+        "force_exponent_high": check.high,
+        "force_p_value": check.p_value,
+    }
+
+
+def _depths(compression: Compression) -> Array:
+    """Indentations [m] from half the smallest to a tenth more than the largest of the data."""
+    return np.geomspace(0.5 * compression.indentation.min(), 1.1 * compression.indentation.max(), POINTS)

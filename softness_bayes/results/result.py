@@ -1,0 +1,332 @@
+"""A finished run: its draws, predictions and provenance, in memory and in its directory."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from html import escape
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from softness_bayes import arviz_bridge
+from softness_bayes.checking.inflection import Curves, Inflection
+from softness_bayes.checking.turning_points import turning_table
+from softness_bayes.errors import InputError
+from softness_bayes.files.outputs import write_outputs
+from softness_bayes.files.spreadsheet import csv_of
+from softness_bayes.parameters.space import PARAMETERS
+from softness_bayes.results.result_file import SUMMARY_TABLE, read, sealed
+from softness_bayes.touch.contact import Force, Indentation, Load
+from softness_bayes.touch.readings import ALTERNATIVES, Readings
+
+if TYPE_CHECKING:
+    import pandas as pd
+    import xarray as xr
+
+    from softness_bayes import Plots
+    from softness_bayes.data import Fabrics
+
+Array = NDArray[np.float64]
+
+POSTERIOR, SUMMARY, NONFINITE = "posterior.nc", "summary.csv", "nonfinite.csv"
+"""Files of a run; the last, if there is one, holds the points at which the density could not be computed."""
+
+CHECKPOINT, MANIFEST, LOCK = "checkpoint", "manifest.json", "lock"
+"""Directory of a run's checkpoint inside that of its results, and two files in it."""
+
+TABLES: Mapping[str, str | list[str]] = {
+    "directions": "direction",
+    "predictive_checks": ["law", "quantity"],
+}
+"""Further tables of a result by the name of their file, with the columns that identify a row."""
+
+FILES = (POSTERIOR, SUMMARY, NONFINITE, *(f"{name}.csv" for name in TABLES))
+"""Every file that a run may leave beside its checkpoint."""
+
+RUN = "sample"
+"""The verb that they are listed under."""
+
+FORMER_LEAST_DROP = 0.02
+"""`Result.least_drop` of results that do not record it."""
+
+
+@dataclass(frozen=True, eq=False)
+class Result:
+    """Draws, predictions and provenance of one run.
+
+    Parameters
+    ----------
+    tree
+        The groups of ``posterior.nc``, provenance in its attributes.
+    table
+        The summary, one row per parameter.
+    tables
+        Further tables by name, out of `TABLES`.
+    verified
+        Whether nothing has changed since it was written, by its checksums; false for a file without them.
+    source
+        What messages call it: the file that it was read from.
+    """
+
+    tree: xr.DataTree
+    table: pd.DataFrame
+    tables: Mapping[str, pd.DataFrame] = field(default_factory=dict)
+    verified: bool = True
+    source: str = "result"
+
+    @property
+    def attributes(self) -> dict[str, Any]:
+        """Provenance: schema, versions, command, seed, digests, readings, verdict; what is missing is an InputError."""
+        from softness_bayes.results.lookup import Named
+
+        return Named({str(name): value for name, value in self.tree.attrs.items()}, "attribute", self.source)
+
+    def group(self, name: str) -> xr.Dataset:
+        """Return one group of ``posterior.nc`` as a dataset.
+
+        Raises
+        ------
+        InputError
+            If the result has no such group; the dataset raises it for a variable that it lacks.
+        """
+        from softness_bayes.results.lookup import Group, MissingError
+
+        if name not in self.tree.children:
+            raise MissingError(f"{self.source}: no group '{name}'; it has {', '.join(self.tree.children)}")
+        return Group.of(self.tree[name].to_dataset(), f"{self.source}: group '{name}'")
+
+    @property
+    def has_ratings(self) -> bool:
+        """Whether the run was on ratings, and not on compression data alone."""
+        return "rating" in self.group("observed_data")
+
+    @property
+    def has_compression(self) -> bool:
+        """Whether the run was on compression data, alone or beside ratings."""
+        return "plate_force_n" in self.group("observed_data")
+
+    def _require_ratings(self) -> None:
+        if not self.has_ratings:
+            raise InputError(
+                "result: of compression data alone, without ratings: it has no loads, response curves or turning point"
+            )
+
+    @property
+    def readings(self) -> Readings:
+        """The readings that the run was made with."""
+        return Readings().override({place: str(self.attributes[f"reading_{place}"]) for place in ALTERNATIVES})
+
+    @property
+    def loads(self) -> tuple[Load, ...]:
+        """The loads of the data.
+
+        Raises
+        ------
+        InputError
+            If the run had no ratings, as for all that follows from the response.
+        """
+        self._require_ratings()
+        constant = self.group("constant_data")
+        return tuple(
+            Indentation(float(depth) * 1e-3) if np.isfinite(depth) else Force(float(newton))
+            for depth, newton in zip(constant["indentation_mm"].values, constant["force_n"].values, strict=True)
+        )
+
+    def summary(self) -> pd.DataFrame:
+        """Return mean, spread, interval and sampling error of every parameter."""
+        return self.table.copy()
+
+    def values(self, size: int | None = None) -> dict[str, Array]:
+        """Return every parameter of the model by name, in natural units: draws, or the held value.
+
+        Parameters
+        ----------
+        size
+            Number of draws, evenly spaced over the run; by default all.
+        """
+        names = [name for name, variable in self.group("posterior").items() if variable.dims == ("chain", "draw")]
+        # draws of all chains side by side in time, so that evenly spaced ones cover the whole run
+        columns = {str(name): self.group("posterior")[name].values.T.ravel() for name in names}
+        total = next(iter(columns.values())).size
+        pick = np.arange(total) if size is None or size >= total else np.linspace(0, total - 1, size).astype(int)
+        held = self.group("constant_data")
+        constant = {str(name): held[name].values for name in held.data_vars if name in PARAMETERS}
+        return {**constant, **{name: column[pick] for name, column in columns.items()}}
+
+    def curves(self) -> Curves:
+        """Return the response against E_fab that the run stored, draw by draw."""
+        self._require_ratings()
+        stored = self.group("predictions").isel(chain=0)
+        return Curves(
+            stored["e_fab_kpa"].values * 1e3,
+            stored["total_rate"].values,
+            stored["e_skin_kpa"].values * 1e3,
+            stored["contact_force_n"].values,
+            stored["contact_radius_mm"].values * 1e-3,
+        )
+
+    def inflections(self) -> Inflection:
+        """Return where the response turns over (its maximum), draw by draw."""
+        draws = self._turning("inflection" if "inflection" in self.tree.children else "predictions")
+        flat: list[Any] = [values.reshape(-1, values.shape[-1]) for values in draws]
+        return Inflection(*flat)
+
+    def _turning(self, group: str) -> Inflection:
+        """Return turning points as a group stores them, every field of shape (chains, draws, loads)."""
+        self._require_ratings()
+        stored = self.group(group)
+        return Inflection(
+            stored["inflection_outcome"].values,
+            stored["inflection_e_fab_kpa"].values * 1e3,
+            stored["inflection_ratio"].values,
+            stored["inflection_force_n"].values,
+            stored["inflection_drop"].values,
+            stored["inflection_inside"].values.astype(bool),
+        )
+
+    @property
+    def least_drop(self) -> float:
+        """Share of itself by which a maximum exceeds both ends of the range to count as a turning point."""
+        return float(self.attributes.get("inflection_least_drop", FORMER_LEAST_DROP))
+
+    def inflection(self) -> pd.DataFrame:
+        """Return where the response turns over (its maximum, the turning point), one row per load.
+
+        Columns: probabilities of the three outcomes (p_interior: a maximum that exceeds both ends of the range by
+        `least_drop` of itself, p_none, p_silent), of the first under the prior (prior_p_interior), and of a maximum
+        inside the fabrics' own range (p_inside); then median and 5-95 % limits of E_fab [kPa], E_fab / E_skin, Hertz's
+        force [N] and the drop beyond it, over the draws that have one, as NAME, NAME_low and NAME_high. Each of these
+        has its Monte-Carlo standard error in COLUMN_mcse.
+        """
+        if "inflection" not in self.tree.children:  # a result of an earlier version
+            return turning_table(self._turning("predictions"), list(map(str, self.loads)))
+        drawn, prior = self._turning("inflection"), self._turning("prior_inflection")
+        ensemble = self.group("inflection").coords.get(arviz_bridge.ENSEMBLE)
+        return turning_table(drawn, list(map(str, self.loads)), prior, None if ensemble is None else ensemble.values)
+
+    def predict(
+        self, fabrics: Fabrics | None = None, loads: Sequence[Load] | None = None, draws: int = 400
+    ) -> pd.DataFrame:
+        """Predict contact, stress and firing of fabrics under loads, with their credible limits.
+
+        Parameters
+        ----------
+        fabrics
+            What is touched; by default the fabrics of the data, by their moduli.
+        loads
+            How; by default the loads of the data.
+        draws
+            Posterior draws that median and limits are of.
+
+        Returns
+        -------
+        DataFrame
+            As `prediction_table` gives it: a row per fabric and load, medians, with 5-95 % limits as NAME_low and
+            NAME_high.
+
+        Raises
+        ------
+        InputError
+            If the run had no ratings, which say what the receptors do.
+        """
+        from softness_bayes.model.build import scene_of
+        from softness_bayes.model.prediction import drawn_parameters, prediction_table
+
+        pressed, named = self.loads if loads is None else tuple(loads), self.values(draws)
+        fabrics = self.fabrics if fabrics is None else fabrics
+        noise = float(self.attributes.get("noise", 0.0))
+        scene = scene_of(fabrics, pressed, named, self.readings, noise=noise)
+        return prediction_table(fabrics, scene, drawn_parameters(named))
+
+    @property
+    def fabrics(self) -> Fabrics:
+        """The fabrics of the data, by the moduli that the run's readings made of them.
+
+        Raises
+        ------
+        InputError
+            If the run had no ratings.
+        """
+        from softness_bayes.data import Fabrics
+
+        self._require_ratings()
+        constant = self.group("constant_data")
+        return Fabrics(
+            tuple(str(name) for name in constant["fabric"].values),
+            effective_modulus=constant["effective_modulus_kpa"].values * 1e3,
+            poisson_ratio=constant["poisson_ratio"].values,
+            digest=str(self.attributes.get("digest_fabrics", "")),
+        )
+
+    @property
+    def plot(self) -> Plots:
+        """Its figures, a method each: ``result.plot.response()`` (see `plotting.plots.Plots`)."""
+        # by the package's public name: figures lie above results, which otherwise know nothing of them
+        from softness_bayes import Plots
+
+        return Plots(self)
+
+    def _repr_html_(self) -> str:
+        """Return verdict, turning points and summary as a notebook shows them."""
+        from softness_bayes.checking.misfit import fit_of
+
+        faults = [f"the fit has failed: {fault}" for fault in fit_of(self.tree).faults] if self.has_ratings else []
+        said = [*faults, str(self.attributes.get("verdict", ""))]
+        verdict = "".join(f"<p><strong>{escape(line)}</strong></p>" for line in said)
+        columns = ["p_interior", "prior_p_interior", "p_none", "p_silent"]
+        columns += ["e_fab_kpa_low", "e_fab_kpa", "e_fab_kpa_high"]
+        tables = {"where the response turns over": self.inflection()[columns]} if self.has_ratings else {}
+        tables["parameters"] = self.summary()
+        shown = [
+            f"<p>{name}</p>{table.to_html(float_format='{:.4g}'.format, na_rep='–', border=0)}"
+            for name, table in tables.items()
+        ]
+        return "\n".join([verdict, *shown])
+
+    def save(self, directory: str | Path) -> None:
+        """Write ``posterior.nc`` and the tables into a directory, all of them or none.
+
+        A result that was saved there before is replaced.
+
+        Raises
+        ------
+        InputError
+            If another file of such a name stands there, or one that was changed since it was saved.
+        OSError
+            If there is no room or no permission; what was there is there still.
+        """
+        whole = sealed(self.tree, {SUMMARY_TABLE: self.table, **self.tables})
+        contents: dict[str, bytes | str] = {POSTERIOR: arviz_bridge.netcdf(whole), SUMMARY: csv_of(self.table)}
+        contents |= {f"{name}.csv": csv_of(table) for name, table in self.tables.items()}
+        write_outputs(Path(directory), contents, RUN)
+
+    @classmethod
+    def load(cls, directory: str | Path, verify: bool = True) -> Result:
+        """Read a result from its directory, or from its ``posterior.nc``, which holds the tables too.
+
+        Parameters
+        ----------
+        directory
+            Where it was saved.
+        verify
+            Whether to refuse a file that was changed since it was written. To change one on purpose, load it without
+            and `save` it.
+
+        Raises
+        ------
+        InputError
+            If there is no result, it cannot be read, it is damaged or lacks something, or its schema is newer than
+            this version knows.
+        """
+        from softness_bayes.results.lookup import Named
+
+        path = Path(directory)
+        path = path / POSTERIOR if path.is_dir() else path
+        if not path.is_file():
+            raise InputError(f"{path}: no such file; expected the {POSTERIOR} of a run")
+        tree, tables, verified = read(path, {SUMMARY_TABLE: "parameter", **TABLES}, verify)
+        summary = tables.pop(SUMMARY_TABLE)
+        return cls(tree, summary, Named(tables, "table", str(path)), verified, str(path))

@@ -1,0 +1,144 @@
+"""The file of a result: its groups, its tables, and what says whether they are as they were written."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from softness_bayes import arviz_bridge
+from softness_bayes.errors import InputError
+from softness_bayes.files.spreadsheet import table_of
+from softness_bayes.results.checksums import CHECKSUMS, Changes, changes, checksums
+from softness_bayes.sampler.serial import as_json
+
+if TYPE_CHECKING:
+    import pandas as pd
+    import xarray as xr
+
+SCHEMA = 2
+"""Version of the layout; a reader refuses a newer one. The first had neither tables nor checksums."""
+
+SUMMARY_TABLE = "summary"
+"""The table that every result has."""
+
+TABLES = "tables"
+"""Group of the tables, each the JSON of its columns: what a spreadsheet does to a CSV file does not matter."""
+
+
+class Stored(NamedTuple):
+    """What a file holds."""
+
+    tree: xr.DataTree
+    tables: dict[str, pd.DataFrame]
+    verified: bool
+    """Whether it is what was written."""
+
+
+def sealed(tree: xr.DataTree, tables: Mapping[str, pd.DataFrame]) -> xr.DataTree:
+    """Return the groups of a result with its tables and checksums, as its file holds them."""
+    import xarray as xr
+
+    text = xr.Dataset({name: ((), _text_of(table)) for name, table in tables.items()})
+    whole = tree.assign({TABLES: xr.DataTree(text)})
+    whole.attrs = {**tree.attrs, "schema_version": SCHEMA}
+    whole.attrs[CHECKSUMS] = checksums(whole)
+    return whole
+
+
+def read(path: Path, index: Mapping[str, str | list[str]], verify: bool = True) -> Stored:
+    """Read a file into memory.
+
+    Parameters
+    ----------
+    path
+        The file.
+    index
+        For a file of the first layout, tables that may stand beside it as CSV, with the columns that identify a row.
+    verify
+        Whether to refuse one that was changed since it was written.
+
+    Raises
+    ------
+    InputError
+        If it cannot be read, was changed, or is not the file of a result that this version knows.
+    """
+    try:
+        tree = arviz_bridge.read_netcdf(path)
+    except Exception as error:  # HDF5 and what stands above it have no error in common
+        raise InputError(f"{path}: not a readable result ({error!s:.200})") from None
+    if _schema(path, tree) == 1:
+        return Stored(tree, _old_tables(path, index), False)
+    if verify:
+        _require_unchanged(path, changes(tree))
+    tables = _tables(path, tree)
+    rest = tree.filter(lambda node: node.name != TABLES)
+    rest.attrs = {name: value for name, value in tree.attrs.items() if name != CHECKSUMS}
+    return Stored(rest, tables, verify)
+
+
+def _require_unchanged(path: Path, found: Changes) -> None:
+    said = [f"{what} {_listed(parts)}" for what, parts in zip(("no", "another"), found, strict=True) if parts]
+    if said:
+        raise InputError(
+            f"{path}: damaged, or changed since it was written: {', '.join(said)}; restore the file from a copy, or, "
+            f"if the change is meant, accept it in Python: Result.load({str(path)!r}, verify=False).save(DIRECTORY)"
+        )
+
+
+def _schema(path: Path, tree: xr.DataTree) -> int:
+    """Return the version of the layout of a file that has one."""
+    if "posterior" not in tree.children or "schema_version" not in tree.attrs:
+        raise InputError(f"{path}: not a result of softness-bayes: no posterior or no schema version")
+    schema = tree.attrs["schema_version"]
+    if not isinstance(schema, (int, np.integer)) or schema < 1:
+        raise InputError(f"{path}: schema {schema!r:.40}, expected a number from 1 to {SCHEMA}")
+    if schema > SCHEMA:
+        raise InputError(f"{path}: schema {schema} is newer than {SCHEMA}, the last known")
+    return int(schema)
+
+
+def _listed(parts: Sequence[str], most: int = 3) -> str:
+    return ", ".join(parts[:most]) + (f" and {len(parts) - most} more" if len(parts) > most else "")
+
+
+def _text_of(table: pd.DataFrame) -> str:
+    columns = table.reset_index().to_dict("list")
+    return as_json({"index": list(table.index.names), "columns": columns}, "table")
+
+
+def _tables(path: Path, tree: xr.DataTree) -> dict[str, pd.DataFrame]:
+    import pandas as pd
+
+    if TABLES not in tree.children or SUMMARY_TABLE not in tree[TABLES].data_vars:
+        raise InputError(f"{path}: no table {SUMMARY_TABLE!r} in group {TABLES!r}")
+    tables = {}
+    for name, text in tree[TABLES].data_vars.items():
+        try:
+            found: dict[str, Any] = json.loads(str(text.values))
+            tables[str(name)] = pd.DataFrame(found["columns"]).set_index(found["index"])
+        except (KeyError, TypeError, ValueError):
+            raise InputError(f"{path}: {name!r} of group {TABLES!r} is no table") from None
+    return tables
+
+
+def _old_tables(path: Path, every: Mapping[str, str | list[str]]) -> dict[str, pd.DataFrame]:
+    tables = {}
+    for name, index in every.items():
+        file = path.with_name(f"{name}.csv")
+        if not file.is_file():
+            if name == SUMMARY_TABLE:
+                raise InputError(
+                    f"{file}: no such file; a result of schema 1 has its {SUMMARY_TABLE} beside {path.name}"
+                )
+            continue
+        try:
+            tables[name] = table_of(file, index)
+        except (OSError, ValueError, KeyError) as error:  # no text, no table, or no such column
+            raise InputError(
+                f"{file}: not the table that was written beside {path.name} ({error}); was it saved by a spreadsheet?"
+            ) from None
+    return tables

@@ -1,0 +1,95 @@
+"""The table of what was learnt about each quantity, and how accurately."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from softness_bayes import arviz_bridge
+from softness_bayes.sampler.diagnostics import ess_tail, r_hat_between
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+FloatArray = NDArray[np.float64]
+
+
+def summarise(names: Sequence[str], values: FloatArray, hdi_probability: float = 0.9) -> pd.DataFrame:
+    """Mean, spread, interval and Monte-Carlo accuracy of each quantity, unrounded.
+
+    Bulk ESS and Monte-Carlo errors take every walker as a chain, tail ESS comes from autocorrelation
+    times of tail indicators, and R-hat compares the ensembles.
+
+    Parameters
+    ----------
+    names
+        Quantities, one row each.
+    values
+        Their draws after the burn-in, shape (ensembles, draws, walkers, quantities).
+    hdi_probability
+        Probability within the shortest interval.
+    """
+    import pandas as pd
+
+    walks = np.moveaxis(values, -1, 1)
+    tails, r_hats = ess_tail(walks), r_hat_between(walks)
+    rows = {}
+    for k, name in enumerate(names):
+        chains = np.swapaxes(walks[:, k], 1, 2).reshape(-1, walks.shape[2])
+        low, high = arviz_bridge.hdi(chains, hdi_probability)
+        rows[name] = {
+            "mean": chains.mean(),
+            "sd": chains.std(ddof=1),
+            "hdi_low": low,
+            "hdi_high": high,
+            "hdi_prob": hdi_probability,
+            "ess_bulk": arviz_bridge.ess_bulk(chains),
+            "ess_tail": tails[k],
+            "r_hat": r_hats[k],
+            "mcse_mean": arviz_bridge.mcse_mean(chains),
+            "mcse_sd": arviz_bridge.mcse_sd(chains),
+        }
+    return pd.DataFrame.from_dict(rows, orient="index").rename_axis("parameter")
+
+
+def reweighted(table: pd.DataFrame, draws: FloatArray, log_weight: FloatArray) -> pd.DataFrame:
+    """A summary with means, spreads and intervals of weighted draws, and accuracies that the weights leave.
+
+    Parameters
+    ----------
+    table
+        Summary of all draws, a row for each quantity.
+    draws
+        Those with weights, shape (draws, quantities).
+    log_weight
+        Their log weights, shape (draws,).
+    """
+    weight = np.exp(log_weight - log_weight.max())
+    weight /= weight.sum()
+    efficiency = 1.0 / (weight**2).sum() / weight.size
+    mean = weight @ draws
+    sd = np.sqrt(weight @ (draws - mean) ** 2 / (1.0 - (weight**2).sum()))
+    found = table.assign(mean=mean, sd=sd)
+    limits = [_weighted_hdi(column, weight, table["hdi_prob"].iloc[0]) for column in draws.T]
+    found["hdi_low"], found["hdi_high"] = np.transpose(limits)
+    # the weighted draws are a share of all, and the weights waste some of those
+    share = min(1.0, weight.size / float(table["ess_bulk"].max()))
+    for name in ("ess_bulk", "ess_tail"):
+        found[name] = np.minimum(table[name] * efficiency, weight.size * efficiency)
+    for name in ("mcse_mean", "mcse_sd"):
+        found[name] = table[name] / np.sqrt(share * efficiency)
+    return found
+
+
+def _weighted_hdi(values: FloatArray, weight: FloatArray, probability: float) -> tuple[float, float]:
+    """Shortest interval between two draws that holds a probability of the weight."""
+    order = np.argsort(values)
+    ordered, cumulative = values[order], np.cumsum(weight[order])
+    last = np.searchsorted(cumulative, cumulative - weight[order] + probability)
+    inside = last < values.size
+    width = np.where(inside, ordered[np.minimum(last, values.size - 1)] - ordered, np.inf)
+    first = int(width.argmin())
+    return float(ordered[first]), float(ordered[min(last[first], values.size - 1)])

@@ -1,0 +1,1 @@
+"""Runs from data to result: sampling, plate runs, comparison, calibration and evaluation."""

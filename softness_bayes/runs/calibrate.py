@@ -1,0 +1,331 @@
+"""Calibration of a whole scene: replicates side by side, one file each, and what they amount to."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from softness_bayes import __version__, ranges
+from softness_bayes.checking.calibration.ranks import DRAWS, Calibration, Replicate, replicate
+from softness_bayes.checking.calibration.words import verdict
+from softness_bayes.data import Experiment, Fabrics, Ratings
+from softness_bayes.errors import InputError
+from softness_bayes.files.lock import Lock
+from softness_bayes.files.outputs import require_outputs, write_outputs
+from softness_bayes.files.spreadsheet import csv_of
+from softness_bayes.files.whole import sweep, write_whole
+from softness_bayes.likelihood.magnitude import RISES, direction_named
+from softness_bayes.model.posterior import Posterior
+from softness_bayes.runs.run import RunOptions, posterior_of
+from softness_bayes.sampler.sampling import Settings
+from softness_bayes.sampler.workers import Workers, available_processors
+from softness_bayes.touch.contact import Indentation, Load
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+MANIFEST, REPLICATES, LOCK = "manifest.json", "replicates", "lock"
+RANKS, COVERAGE, VERDICT, FIGURE = "ranks.csv", "coverage.csv", "verdict.txt", "ecdf"
+
+CALIBRATE = "calibrate"
+"""The verb that the files are listed under."""
+
+LONG = 2_000
+"""Steps beyond which a replicate is counted as one that ran longer."""
+
+ENSEMBLES = 2
+"""Independent ensembles of each replicate: the least that can disagree."""
+
+
+USUAL_FABRICS = Fabrics(tuple("abcdefgh"), effective_modulus=np.geomspace(3e3, 6e5, 8))
+"""Cloth from silent under a light touch to past the turn of the response under a firm one."""
+
+USUAL_LOADS: tuple[Load, ...] = (Indentation(1.5e-3), Indentation(2.5e-3))
+
+
+@dataclass(frozen=True)
+class CalibrationScene:
+    """Who rates what in every replicate: all participants every fabric under every load, once.
+
+    Parameters
+    ----------
+    fabrics, loads
+        What is rated; by default a small scene, so that a replicate takes seconds.
+    participants
+        Their number.
+    """
+
+    fabrics: Fabrics = field(default_factory=lambda: USUAL_FABRICS)
+    loads: tuple[Load, ...] = USUAL_LOADS
+    participants: int = 20
+
+    def posterior(self, options: RunOptions) -> Posterior:
+        """Return the model of the scene, compiled once for all replicates; its ratings are all 1, to be replaced."""
+        names = [f"P{k}" for k in range(1, self.participants + 1)]
+        table = np.ones((self.participants, len(self.fabrics), len(self.loads)))
+        ratings = Ratings.crossed(names, self.fabrics.names, self.loads, table)
+        direction = options.direction or RISES  # there are no data to take it from
+        return posterior_of(Experiment(ratings, self.fabrics, ()), replace(options, direction=direction))
+
+
+@dataclass(frozen=True)
+class Calibrated:
+    """All replicates of a calibration.
+
+    Parameters
+    ----------
+    replicates
+        By index.
+    unfinished
+        Indices of those that were asked for and are not among them.
+    """
+
+    replicates: Mapping[int, Replicate]
+    unfinished: tuple[int, ...] = ()
+
+    @property
+    def calibration(self) -> Calibration:
+        """Their ranks."""
+        return Calibration.of([*self.replicates.values()])
+
+    @property
+    def unconverged(self) -> int:
+        """Replicates that did not converge within the steps allowed; their ranks count all the same."""
+        return sum(not one.converged for one in self.replicates.values())
+
+    @property
+    def longer(self) -> int:
+        """Replicates that ran longer than `LONG` steps."""
+        return sum(one.steps > LONG for one in self.replicates.values())
+
+    @property
+    def passed(self) -> bool:
+        """Whether all are finished and converged, no test raised the alarm, and there are enough to find a fault."""
+        return self.decided and not self.calibration.faults() and self.calibration.enough
+
+    @property
+    def decided(self) -> bool:
+        """Whether all are finished and converged: what takes longest is not like the rest."""
+        return not self.unconverged and not self.unfinished
+
+    def ranks(self) -> pd.DataFrame:
+        """Return a row per replicate: its walk (steps, autocorrelation_time, converged), then every rank and truth."""
+        import pandas as pd
+
+        rows = {}
+        for index, one in self.replicates.items():
+            found = dict(zip(one.names, one.rank, strict=True))
+            true = {f"true_{name}": value for name, value in zip(one.names, one.truth, strict=True)}
+            rows[index] = {
+                "steps": one.steps,
+                "autocorrelation_time": one.tau,
+                "converged": one.converged,
+                **found,
+                **true,
+            }
+        return pd.DataFrame.from_dict(rows, orient="index").rename_axis("replicate")
+
+    def coverage(self) -> pd.DataFrame:
+        """Return how often central intervals hold the truth, with the tests of each quantity beside it."""
+        import pandas as pd
+
+        calibration = self.calibration
+        judged = pd.DataFrame({name: one._asdict() for name, one in calibration.judge().items()}).T
+        return pd.DataFrame(calibration.coverage()).join(judged, on="quantity").set_index(["quantity", "mass"])
+
+    def sentence(self) -> str:
+        """Return the verdict in one line: alarms, or what no alarm is worth."""
+        size = len(self.replicates)
+        asked = f"{size} of {size + len(self.unfinished)}" if self.unfinished else f"{size}"
+        left = f"; unfinished: {', '.join(map(str, self.unfinished))}" if self.unfinished else ""
+        walks = f"{self.longer} ran longer than {LONG} steps, {self.unconverged} did not converge{left}"
+        return verdict(self.calibration, f"{asked} replicates ({walks})", self.decided)
+
+    def save(self, directory: Path) -> None:
+        """Write ranks, coverage and verdict, all or none of them; those of an earlier calibration are replaced."""
+        ranks, coverage = csv_of(self.ranks()), csv_of(self.coverage())
+        write_outputs(directory, {RANKS: ranks, COVERAGE: coverage, VERDICT: self.sentence() + "\n"}, CALIBRATE)
+
+
+def calibrate(
+    scene: CalibrationScene,
+    options: RunOptions,
+    count: int,
+    directory: Path,
+    progress: Callable[[int, Replicate], None] | None = None,
+    settings: Settings | None = None,
+) -> Calibrated:
+    """Calibrate the model of a scene; replicates that a directory already holds are not run again.
+
+    A replicate is cheap where its posterior is smooth. Where a prior draw has hardly any noise (varsigma of a few
+    hundredths or thousandths), the posterior is a bent sheet as thin, on which it takes many times the usual number
+    of steps. A replicate that has not converged when they end counts with the draws that it has, and the verdict
+    stays open.
+
+    Parameters
+    ----------
+    scene
+        Who rates what.
+    options
+        Priors, held parameters, readings, resolution, seed, processes, and the largest number of steps.
+    count
+        Number of replicates.
+    directory
+        Where each replicate leaves a file as soon as it is finished.
+    progress
+        Called with the number of finished replicates and the last of them.
+    settings
+        How to sample; `ENSEMBLES` ensembles and `options.max_steps` if left out.
+
+    Raises
+    ------
+    InputError
+        If the directory holds anything but a calibration that was asked for in the same way, apart from the
+        number of replicates and processes.
+    LockedError
+        If another process is calibrating there.
+    """
+    ranges.REPLICATES.require("calibration: number of replicates", count)
+    ranges.PARTICIPANTS.require("calibration: number of participants", scene.participants)
+    posterior = scene.posterior(options)
+    posterior.space.require_sampled()
+    settings = settings or _usual(options)
+    manifest, folder = _manifest(scene, options, settings), directory / REPLICATES
+    _require_alike(directory, manifest)
+    require_outputs(directory, (RANKS, COVERAGE, VERDICT, f"{FIGURE}.png"), CALIBRATE)
+    if folder.is_symlink():
+        raise InputError(f"{folder}: is a symbolic link, which nothing is written through; move it away")
+    folder.mkdir(parents=True, exist_ok=True)
+    with Lock(directory / LOCK) as lock:
+        _require_alike(directory, manifest)
+        if not (directory / MANIFEST).exists():
+            write_whole(directory / MANIFEST, (json.dumps(manifest, indent=1) + "\n").encode())
+        sweep(folder)
+        done = _finished(folder, count)
+        missing = [index for index in range(count) if index not in done]
+        if missing:
+            processes = min(options.processes or available_processors(), len(missing))
+            with Workers(posterior, processes) as workers:
+                tasks = [(settings, options.seed, index, str(folder)) for index in missing]
+                for index, one in workers.as_finished(_run, tasks):
+                    done[index] = one
+                    if progress is not None:
+                        progress(len(done), one)
+        lock.vanish()
+    return Calibrated({index: done[index] for index in range(count)})
+
+
+def finished(
+    scene: CalibrationScene, options: RunOptions, count: int, directory: Path, settings: Settings | None = None
+) -> Calibrated:
+    """Return the replicates of a calibration that are finished, and run none; it may be going on meanwhile.
+
+    Arguments, and what raises, as `calibrate`; also
+
+    Raises
+    ------
+    InputError
+        If none is finished.
+    """
+    settings = settings or _usual(options)
+    _require_alike(directory, _manifest(scene, options, settings))
+    done = _finished(directory / REPLICATES, count)
+    if not done:
+        raise InputError(f"{directory}: no replicate of a calibration is finished there")
+    return Calibrated(done, tuple(index for index in range(count) if index not in done))
+
+
+def _usual(options: RunOptions) -> Settings:
+    return Settings(ensembles=ENSEMBLES, max_steps=options.max_steps, processes=1)
+
+
+def _finished(folder: Path, count: int) -> dict[int, Replicate]:
+    """Return the replicates that have left a file, by index."""
+    return {index: _read(path) for index in range(count) if (path := _path(folder, index)).is_file()}
+
+
+def _run(posterior: Posterior, settings: Settings, seed: int, index: int, folder: str) -> tuple[int, Replicate]:
+    """Run one replicate and leave its file."""
+    one = replicate(posterior, settings, seed, index)
+    write_whole(_path(Path(folder), index), (json.dumps(one._asdict(), indent=1) + "\n").encode())
+    return index, one
+
+
+def finished_replicates(directory: Path) -> int:
+    """Return how many replicates a directory holds."""
+    return sum(1 for _ in (directory / REPLICATES).glob("*.json"))
+
+
+def _path(folder: Path, index: int) -> Path:
+    return folder / f"{index:05d}.json"
+
+
+def _read(path: Path) -> Replicate:
+    fields = _json(path, "replicate")
+    try:
+        return Replicate(
+            names=tuple(fields["names"]),
+            rank=tuple(fields["rank"]),
+            truth=tuple(fields["truth"]),
+            steps=int(fields["steps"]),
+            tau=float(fields["tau"]),
+            converged=bool(fields["converged"]),
+        )
+    except (TypeError, KeyError, ValueError) as error:
+        raise InputError(f"{path}: not the file of a replicate ({error!r})") from None
+
+
+def _json(path: Path, what: str) -> dict[str, Any]:
+    try:
+        fields = json.loads(path.read_text(encoding="utf-8"))
+    except ValueError as error:
+        raise InputError(f"{path}: not the file of a {what} ({error})") from None
+    if not isinstance(fields, dict):
+        raise InputError(f"{path}: not the file of a {what}")
+    return fields
+
+
+def _manifest(scene: CalibrationScene, options: RunOptions, settings: Settings) -> dict[str, Any]:
+    """Return all that decides the ranks, as JSON holds it."""
+    fabrics = scene.fabrics
+    return {
+        "version": __version__,
+        "seed": options.seed,
+        "draws": DRAWS,
+        "participants": scene.participants,
+        "fabrics": dict(zip(fabrics.names, fabrics.modulus(options.readings.fabric_modulus).tolist(), strict=True)),
+        "poisson_ratio": np.asarray(fabrics.poisson_ratio).tolist(),
+        "loads": [str(load) for load in scene.loads],
+        "fix": dict(options.fix),
+        "priors": {name: str(prior) for name, prior in options.priors.items()},
+        "prior_set": options.prior_set,
+        "readings": options.readings.names,
+        "direction": (options.direction or RISES).name,
+        "discretisation": str(options.discretisation),
+        "ensembles": settings.ensembles,
+        "max_steps": settings.max_steps,
+        "goal": str(settings.goal),
+    }
+
+
+def _require_alike(directory: Path, manifest: dict[str, Any]) -> None:
+    """Make sure that a directory is empty, or holds what was asked for in the same way."""
+    manifest = json.loads(json.dumps(manifest))
+    path = directory / MANIFEST
+    if path.is_file():
+        before = _json(path, "calibration")
+        if "direction" in before:  # by the name it has now
+            before["direction"] = direction_named(str(before["direction"])).name
+        for name in dict.fromkeys([*before, *manifest]):
+            if before.get(name) != manifest.get(name):
+                raise InputError(
+                    f"{path}: {name} was {before.get(name)} and is now {manifest.get(name)}; "
+                    "choose another --out, or ask for the same"
+                )
+    elif directory.is_dir() and any(entry.name not in (LOCK, REPLICATES) for entry in directory.iterdir()):
+        raise InputError(f"{directory}: is not empty and holds no calibration; choose another --out")

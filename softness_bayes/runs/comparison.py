@@ -1,0 +1,324 @@
+"""Which of several fitted models predicts ratings best that it has not seen."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from types import MappingProxyType
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import logsumexp
+
+from softness_bayes import arviz_bridge
+from softness_bayes.checking.ranking import clustered_error, stacking_weights
+from softness_bayes.errors import InputError
+from softness_bayes.likelihood.group_conditionals import block_log_likelihood
+from softness_bayes.likelihood.scales import ObservedRatings
+from softness_bayes.model.posterior import Posterior
+from softness_bayes.results.result import Result
+from softness_bayes.runs.from_result import differences, experiment_of, options_of
+from softness_bayes.runs.run import posterior_of
+from softness_bayes.sampler.diagnostics import Goal
+from softness_bayes.sampler.sampling import Settings, sample_until
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+Array = NDArray[np.float64]
+
+CLUSTERS = ("fabric", "condition", "participant")
+"""What single ratings or conditions have in common, within which their differences go together."""
+
+SMALL_DIFFERENCE = 4.0
+"""Difference in expected log predictive density below which data do not tell models apart."""
+
+REFIT = Settings(ensembles=2, max_steps=20_000, goal=Goal(lengths=20.0, tau_change=0.1, r_hat=1.02, ess=200.0, looks=1))
+"""How a model is sampled anew without a fabric: for one expectation over the draws, not for tables of them."""
+
+_WEIGHTED = 1000  # draws of the posterior that are weighted to leave out a condition
+_DRAWS = 100  # of each walker, of a refit
+
+
+class LeftOut(NamedTuple):
+    """How well a model predicts each unit from the others, arrays of shape (units,)."""
+
+    log_density: Array
+    """log p(y_unit | other ratings), the parameters integrated out; a density of ratings as filed."""
+    pareto_k: Array
+    """Shape of the tail of the importance weights; NaN where the model was sampled anew instead."""
+    draws: int
+    """Draws behind each importance-weighted mean; 0 where the model was sampled anew."""
+    unfinished: int = 0
+    """Refits that ended without having converged."""
+
+
+@dataclass(frozen=True)
+class Leave:
+    """A kind of unit to leave out, and how well a result predicts each such unit."""
+
+    name: str
+    predict: Callable[[Result, Settings, Callable[[str], None]], LeftOut]
+
+
+def leave_by_weights(log_density: Array) -> LeftOut:
+    """Weight draws of the posterior by 1 / p(unit | others, theta): they become draws without the unit.
+
+    Parameters
+    ----------
+    log_density
+        log p(y_unit | y_others, theta), shape (draws, units).
+    """
+    weights, shape = arviz_bridge.psis(-log_density.T)
+    return LeftOut(logsumexp(weights + log_density.T, axis=1), shape, len(log_density))
+
+
+def _stored(group: str, name: str) -> Callable[[Result, Settings, Callable[[str], None]], LeftOut]:
+    def predict(result: Result, settings: Settings, progress: Callable[[str], None]) -> LeftOut:
+        values = result.group(group)[name].values
+        return leave_by_weights(values.reshape(-1, values.shape[-1]))
+
+    return predict
+
+
+def _refit(result: Result, settings: Settings, progress: Callable[[str], None]) -> LeftOut:
+    """Sample the model anew without each fabric: too much of the posterior hangs on one for weights to do."""
+    experiment = experiment_of(result)
+    posterior, fabric = posterior_of(experiment, options_of(result)), experiment.ratings.fabric
+    found, unfinished = [], 0
+    for k, name in enumerate(experiment.ratings.fabrics):
+        progress(name)
+        if (fabric == k).all():
+            raise InputError("compare: there is one fabric only; nothing is left to predict it from")
+        density, finished = _anew(posterior, fabric == k, settings, (options_of(result).seed, 1 << 21, k))
+        found.append(density)
+        unfinished += not finished
+    return LeftOut(np.array(found), np.full(len(found), np.nan), 0, unfinished)
+
+
+def _by_condition(result: Result, settings: Settings, progress: Callable[[str], None]) -> LeftOut:
+    """Leave out each fabric under each load: by weights on its density given all others, anew where these fail."""
+    experiment = experiment_of(result)
+    posterior, conditions = posterior_of(experiment, options_of(result)), experiment.ratings.conditions
+    if len(conditions.fabric) < 2:
+        raise InputError("compare: there is one condition only; nothing is left to predict it from")
+    observation = posterior.observation
+    assert isinstance(observation, ObservedRatings)
+    values = result.values(_WEIGHTED)
+    theta = np.stack([values[name] for name in posterior.names], axis=-1)
+    at = posterior.mean_rate(theta), posterior.rating_parameters(theta)
+    left = leave_by_weights(block_log_likelihood(observation, *at, conditions.of_rating))
+    density, shape, unfinished = left.log_density.copy(), left.pareto_k.copy(), 0
+    for k in np.flatnonzero(shape > _limit(left.draws)).tolist():
+        touched = (
+            f"{experiment.ratings.fabrics[conditions.fabric[k]]} at {experiment.ratings.loads[conditions.load[k]]}"
+        )
+        progress(touched)
+        seed = (options_of(result).seed, 1 << 22, k)
+        density[k], finished = _anew(posterior, conditions.of_rating == k, settings, seed)
+        shape[k], unfinished = np.nan, unfinished + (not finished)
+    return LeftOut(density, shape, left.draws, unfinished)
+
+
+def _anew(
+    posterior: Posterior, rows: NDArray[np.bool_], settings: Settings, seed: tuple[int, int, int]
+) -> tuple[float, bool]:
+    """Return the log density of some ratings given all others, sampled without them, and whether that converged."""
+    observation = posterior.observation
+    assert isinstance(observation, ObservedRatings)
+    rest = replace(posterior, observation=observation.without(rows))
+    sampled = sample_until(rest, settings, np.random.SeedSequence(seed[0], spawn_key=seed[1:]))
+    kept = sampled.chains.kept(sampled.verdict.burn_in, _DRAWS)
+    theta = posterior.natural(kept.coordinates).reshape(-1, posterior.space.dimension)
+    at = posterior.mean_rate(theta), posterior.rating_parameters(theta)
+    density = block_log_likelihood(observation, *at, rows.astype(np.intp))[:, 1]
+    return float(logsumexp(density) - np.log(density.size)), sampled.verdict.converged
+
+
+def _limit(draws: int) -> float:
+    """Return the largest Pareto k that so many draws allow."""
+    return float(min(1.0 - 1.0 / np.log10(max(draws, 11)), 0.7))
+
+
+LEAVE: Mapping[str, Leave] = MappingProxyType(
+    {
+        leave.name: leave
+        for leave in (
+            Leave("rating", _stored("log_likelihood_loo", "rating")),
+            Leave("participant", _stored("log_likelihood_participant", "ratings_of_participant")),
+            Leave("fabric", _refit),
+            Leave("condition", _by_condition),
+        )
+    }
+)
+"""What can be left out, by name."""
+
+
+@dataclass(frozen=True, eq=False)
+class Comparison:
+    """Fitted models in the order of how well they predict.
+
+    Parameters
+    ----------
+    table
+        A row per model, the best first. Columns: rank; elpd, the sum over the units left out of their
+        log predictive densities, and se, its standard error; elpd_diff, elpd less the best one's, and
+        se_diff, the standard error of that difference unit by unit; se_by_fabric, se_by_condition and
+        se_by_participant, that of clusters, where single ratings or conditions are left out (ratings of one go
+        together); weight, in the mixture of models that predicts best (stacking); units, how many were left out;
+        pareto_k_max and pareto_k_high, the largest Pareto k and how many exceed what the draws allow;
+        unfinished, how many refits did not converge; converged, whether the run itself had; model, what
+        sets it apart. Both errors take the units as independent and what is within them as not.
+    leave
+        What was left out.
+    interior
+        Probability of an interior maximum under each load, averaged over the models with their weights.
+    """
+
+    table: pd.DataFrame
+    leave: str
+    interior: pd.Series[float]
+
+    @property
+    def sentence(self) -> str:
+        """Whether the data tell the best two apart."""
+        best, second = self.table.iloc[0], self.table.iloc[1]
+        gap = -float(second["elpd_diff"])
+        errors = {"": float(second["se_diff"])}
+        errors |= {f" by {by}": float(second[f"se_by_{by}"]) for by in CLUSTERS if f"se_by_{by}" in second}
+        known = {by: error for by, error in errors.items() if np.isfinite(error)}
+        by, error = max(known.items(), key=lambda one: one[1]) if known else ("", float("nan"))
+        numbers = f"elpd differs by {gap:.1f} (standard error {error:.1f}{by})"
+        if gap < SMALL_DIFFERENCE or gap < 2.0 * error:
+            return f"the data cannot tell {best.name} from {second.name}: {numbers}, each {self.leave} left out"
+        return f"{best.name} predicts best, before {second.name}: {numbers}, each {self.leave} left out"
+
+    @property
+    def warnings(self) -> list[str]:
+        """What makes numbers of the table doubtful, a line each."""
+        found = []
+        for label, row in self.table.iterrows():
+            if row["pareto_k_high"]:
+                found.append(
+                    f"{label}: Pareto k is high for {row['pareto_k_high']} of {row['units']} (largest "
+                    f"{row['pareto_k_max']:.2f}): single {self.leave}s pull on the posterior, and its elpd is not "
+                    "to be relied on"
+                )
+            if row["unfinished"]:
+                found.append(f"{label}: {row['unfinished']} of {row['units']} refits did not converge")
+            if not row["converged"]:
+                found.append(f"{label}: the run itself has not converged")
+        return found
+
+
+def compare(
+    results: Mapping[str, Result],
+    leave: Leave = LEAVE["rating"],
+    settings: Settings = REFIT,
+    progress: Callable[[str], None] = lambda _: None,
+) -> Comparison:
+    """Rank models that were fitted to the same ratings by how they predict what is left out of these.
+
+    Ratings and participants are left out by Pareto-smoothed importance weights on the closed-form densities
+    given all others that each result stores, fabrics by sampling the model anew without each.
+
+    Parameters
+    ----------
+    results
+        Results by the names that the table gives them, at least two.
+    leave
+        An entry of `LEAVE`.
+    settings
+        How a model is sampled anew.
+    progress
+        Told what is being sampled.
+
+    Raises
+    ------
+    InputError
+        If there are fewer than two results, one has no ratings, or they are of different data or scales.
+    """
+    import pandas as pd
+
+    _require_comparable(results)
+    told = differences(dict(results))
+    found = {
+        label: leave.predict(result, settings, lambda unit, of=label: progress(f"{of} without {unit}"))  # type: ignore[misc]
+        for label, result in results.items()
+    }
+    order = sorted(found, key=lambda label: -float(found[label].log_density.sum()))
+    best = found[order[0]].log_density
+    weights = stacking_weights(np.stack([found[label].log_density for label in order], axis=-1))
+    clusters = _clusters(results[order[0]], leave)
+    interior = sum(w * results[label].inflection()["p_interior"] for w, label in zip(weights, order, strict=True))
+    rows = {}
+    for rank, label in enumerate(order, 1):
+        left = found[label]
+        behind = left.log_density - best
+        rows[label] = {
+            "rank": rank,
+            "elpd": left.log_density.sum(),
+            "se": _standard_error(left.log_density),
+            "elpd_diff": behind.sum(),
+            "se_diff": _standard_error(behind),
+            **{f"se_by_{by}": clustered_error(behind, index) for by, index in clusters.items()},
+            "weight": weights[rank - 1],
+            "units": left.log_density.size,
+            "pareto_k_max": np.nanmax(left.pareto_k, initial=-np.inf) if np.isfinite(left.pareto_k).any() else np.nan,
+            "pareto_k_high": int((left.pareto_k > _limit(left.draws)).sum()),
+            "unfinished": left.unfinished,
+            "converged": bool(results[label].attributes["converged"]),
+            "model": told[label],
+        }
+    return Comparison(pd.DataFrame.from_dict(rows, orient="index").rename_axis("result"), leave.name, interior)
+
+
+def _clusters(result: Result, leave: Leave) -> dict[str, NDArray[np.intp]]:
+    """Return the clusters of single ratings or conditions, by what is common to them."""
+    if leave.name not in ("rating", "condition"):
+        return {}
+    ratings = experiment_of(result).ratings
+    if leave.name == "condition":
+        return {"fabric": ratings.conditions.fabric}
+    return {"fabric": ratings.fabric, "condition": ratings.conditions.of_rating, "participant": ratings.participant}
+
+
+def _standard_error(log_density: Array) -> float:
+    """Standard error of the sum over independent units."""
+    if log_density.size < 2:
+        return float("nan")
+    return float(np.sqrt(log_density.size) * log_density.std(ddof=1))
+
+
+def _require_comparable(results: Mapping[str, Result]) -> None:
+    if len(results) < 2:
+        raise InputError(f"compare: {len(results)} result, expected at least two")
+    first, other = next(iter(results)), ""
+    for label, result in results.items():
+        if not result.has_ratings:
+            raise InputError(f"{label}: a run without ratings, which compare ranks by")
+        scales = {str(results[name].attributes.get("rating_scale", "magnitude")) for name in (first, label)}
+        if len(scales) > 1:
+            raise InputError(
+                f"{label}: fits to z-scores are not ranked against fits to ratings: {first} and {label} take "
+                "their ratings for different things"
+            )
+        other = other or _data_that_differ(results[first], result)
+        if other:
+            raise InputError(f"{label}: fitted to other data than {first} ({other}); models are ranked on the same")
+
+
+def _data_that_differ(one: Result, two: Result) -> str:
+    """Name what differs between the data of two results; nothing if they are the same."""
+    for name in ("digest_ratings", "digest_fabrics", "digest_compression"):
+        if one.attributes.get(name, "") != two.attributes.get(name, ""):
+            return name.replace("_", " of ")
+    constants = ("participant_index", "fabric_index", "load_index", "indentation_mm", "force_n")
+    pairs = [
+        (r.group("observed_data")["rating"], *(r.group("constant_data")[n] for n in constants)) for r in (one, two)
+    ]
+    for a, b in zip(*pairs, strict=True):
+        if a.shape != b.shape or not np.array_equal(a.values, b.values, equal_nan=True):
+            return str(a.name)
+    return ""

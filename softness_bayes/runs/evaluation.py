@@ -1,0 +1,71 @@
+"""A model all of whose parameters are held: there is nothing to sample, and what it says is said at one point."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import numpy as np
+
+from softness_bayes.checking.inflection import Inflection, Outcome, curve_scene, find_inflection, response_curves
+from softness_bayes.model.posterior import Density, Posterior
+from softness_bayes.touch.contact import Load
+from softness_bayes.touch.scene import Scene
+
+
+class Evaluation(NamedTuple):
+    """What a model says at the values that its parameters are held at."""
+
+    values: Mapping[str, float]
+    """Every parameter in natural units."""
+    log_likelihood: float
+    """Log density of the data."""
+    loads: tuple[Load, ...]
+    inflection: Inflection | None
+    """Where the response turns over, fields of shape (1, loads); None without ratings."""
+
+    def sentences(self) -> tuple[str, ...]:
+        """Say it, a line each."""
+        held = ", ".join(f"{name} {value:g}" for name, value in self.values.items())
+        said = [f"all parameters are held, there is nothing to sample: {held}"]
+        said.append(f"log-likelihood of the data there: {self.log_likelihood:.10g}")
+        if self.inflection is not None:
+            said += [f"under {load}: {self._turn(self.inflection, k)}" for k, load in enumerate(self.loads)]
+        return tuple(said)
+
+    def _turn(self, found: Inflection, k: int) -> str:
+        match Outcome(found.outcome[0, k]):
+            case Outcome.SILENT:
+                return "no receptor fires"
+            case Outcome.NONE:
+                return "the response does not turn over"
+        where = "among" if found.inside[0, k] else "beyond"
+        return (
+            f"the response turns over at E_fab {found.modulus[0, k] / 1e3:.4g} kPa, {where} the fabrics that were rated"
+        )
+
+
+def evaluate(density: Density, error: float = 0.0) -> Evaluation:
+    """Evaluate a model at the values that all its parameters are held at.
+
+    Parameters
+    ----------
+    density
+        A model without a sampled parameter.
+    error
+        Numerical error of the response relative to its peak.
+
+    Raises
+    ------
+    NumericalError
+        If the log-likelihood is not a number there.
+    """
+    space, theta = density.space, np.empty((1, 0))
+    values = {name: float(value) for name, value in space.held.items()}
+    log_likelihood = float(density.log_likelihood(theta)[0])
+    if not (isinstance(density, Posterior) and isinstance(density.scene, Scene)):
+        return Evaluation(values, log_likelihood, (), None)
+    scene, grid = density.scene, curve_scene(density.scene)
+    touch = type(p := space.touch(theta))(*(np.atleast_1d(value) for value in p))
+    ends = (float(scene.modulus.min()), float(scene.modulus.max()))
+    return Evaluation(values, log_likelihood, grid.loads, find_inflection(response_curves(grid, touch), error, ends))

@@ -1,0 +1,96 @@
+"""Data and options of a finished run, from its result alone."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+
+from softness_bayes.data import Compression, Experiment, Ratings
+from softness_bayes.likelihood.magnitude import direction_named
+from softness_bayes.likelihood.scales import RATING_SCALES
+from softness_bayes.parameters.priors import parse_prior
+from softness_bayes.parameters.space import EVERY_PARAMETER
+from softness_bayes.results.result import Result
+from softness_bayes.runs.run import RunOptions
+from softness_bayes.touch.scene import Discretisation
+
+
+def experiment_of(result: Result) -> Experiment:
+    """Return the data that a result stores: ratings, fabrics by their moduli and compression data if any.
+
+    Raises
+    ------
+    InputError
+        If the run had no ratings.
+    """
+    loads, constant, found = result.loads, result.group("constant_data"), result.attributes
+    rating = result.group("observed_data")["rating"]
+    fabrics = result.fabrics
+    ratings = Ratings(
+        tuple(str(name) for name in result.group("log_likelihood_participant")["participant"].values),
+        fabrics.names,
+        loads,
+        participant=constant["participant_index"].values,
+        fabric=constant["fabric_index"].values,
+        load=constant["load_index"].values,
+        rating=rating.values,
+        rows=rating["rating_row"].values,
+        n_missing=int(found["missing_ratings"]),
+        digest=str(found["digest_ratings"]),
+    )
+    return Experiment(ratings, fabrics, (), _compression_of(result) if result.has_compression else None)
+
+
+def _compression_of(result: Result) -> Compression:
+    constant, force = result.group("constant_data"), result.group("observed_data")["plate_force_n"]
+    return Compression(
+        tuple(str(name) for name in result.group("posterior")["finger"].values),
+        constant["finger_index"].values,
+        constant["force_indentation_mm"].values * 1e-3,
+        force.values,
+        force["force_row"].values,
+        n_zero=int(result.attributes["zero_forces"]),
+        digest=str(result.attributes["digest_compression"]),
+    )
+
+
+def options_of(result: Result) -> RunOptions:
+    """Return the model that a result was sampled from: held parameters, priors, readings, resolution; usual else."""
+    from softness_bayes.results.lookup import Named
+
+    found, constant = result.attributes, result.group("constant_data")
+    asked = Named(json.loads(found["options"]), "option", f"{result.source}: attribute 'options'")
+    return RunOptions(
+        fix={name: float(constant[name]) for name in EVERY_PARAMETER if name in constant},
+        priors={n: parse_prior(str(found[f"prior_{n}"])) for n in EVERY_PARAMETER if f"prior_{n}" in found},
+        prior_set=str(found["prior_set"]),
+        readings=result.readings,
+        direction=direction_named(str(found["direction"])),
+        direction_decided=not found.get("direction_asked", 1),
+        scale=RATING_SCALES[str(found.get("rating_scale", "magnitude"))],
+        discretisation=Discretisation(**asked["discretisation"]),
+        accuracy=asked.get("accuracy"),
+        noise=float(found.get("noise", 0.0)),
+        seed=int(found["seed"]),
+    )
+
+
+def differences(results: dict[str, Result]) -> dict[str, str]:
+    """Say of each result what sets its model apart: readings, scale, direction, priors and held values."""
+    told = {label: _model(result) for label, result in results.items()}
+    every = dict.fromkeys(key for model in told.values() for key in model)
+    apart = [key for key in every if len({model.get(key, "–") for model in told.values()}) > 1]
+    return {label: ", ".join(f"{key}={model.get(key, '–')}" for key in apart) for label, model in told.items()}
+
+
+def _model(result: Result) -> dict[str, str]:
+    found, options = result.attributes, options_of(result)
+    return {
+        **options.readings.names,
+        "ratings": options.scale.name,
+        "direction": direction_named(str(found["direction"])).name,
+        **{name: str(prior) for name, prior in options.priors.items()},
+        **{name: f"{np.format_float_positional(value, 6, trim='-')}" for name, value in options.fix.items()},
+        **({"compression": str(found["digest_compression"])[:8]} if result.has_compression else {}),
+    }

@@ -1,0 +1,110 @@
+"""Runs on compression data: what they add to a result, and the run on such data alone."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from softness_bayes import arviz_bridge
+from softness_bayes.checking.identifiability import direction_table, learning_table
+from softness_bayes.checkpoints.checkpoint import Checkpoint
+from softness_bayes.data.compression import Compression
+from softness_bayes.model.posterior import SkinPosterior
+from softness_bayes.parameters.space import EVERY_PARAMETER, PARAMETERS, parameter_space
+from softness_bayes.results.assembly import CURVES, DRAWS_PER_WALKER, PRIOR_DRAWS, REPLICATES
+from softness_bayes.results.groups import Variable, evenly, merged, named, sampled_groups, tree_of
+from softness_bayes.results.plate import forces_of, plate_attributes, plate_coordinates, plate_groups
+from softness_bayes.results.result import Result
+from softness_bayes.results.summary import summarise
+from softness_bayes.runs.run import RunOptions, labels_of, outcome, requested, rng_after, walked
+from softness_bayes.sampler.sampling import Progress, sampled_of
+
+Array = NDArray[np.float64]
+
+SKIN = ("b", "m")
+"""The parameters of the chain that a rigid plate knows."""
+
+
+WIDE = RunOptions(prior_set="wide")
+"""Options of a run on compression data alone: priors that say little of the skin beforehand."""
+
+
+def skin_posterior_of(compression: Compression, options: RunOptions) -> SkinPosterior:
+    """Return the posterior density of the skin given compression data alone.
+
+    Raises
+    ------
+    InputError
+        If the options name what does not exist, or a parameter that a plate's force does not depend on.
+    """
+    displacement = options.readings.skin_displacement
+    space = parameter_space(
+        fix=options.fix,
+        priors=options.priors,
+        prior_set=options.prior_set,
+        skin_displacement=displacement,
+        absent=PARAMETERS.keys() - set(SKIN),
+        n_fingers=len(compression.participants),
+    )
+    return SkinPosterior(space, forces_of(compression, options.readings))
+
+
+def sample_skin(
+    compression: Compression,
+    options: RunOptions = WIDE,
+    progress: Callable[[Progress], None] | None = None,
+    checkpoint: Checkpoint | None = None,
+) -> Result:
+    """Sample the skin's modulus and stiffening from compression data alone.
+
+    There are no ratings, hence no response curves and no turning point in the result; the forces that the
+    fitted skin replicates are there, and how these grow with indentation.
+
+    Parameters
+    ----------
+    compression
+        Forces of a rigid plate on fingerpads.
+    options
+        What is asked for; readings and priors of what a plate does not touch are not used.
+    progress, checkpoint
+        As `sample` takes them.
+
+    Raises
+    ------
+    InputError
+        If data and options do not make a model, or the result's file could not hold a name or an option.
+    NumericalError
+        If the log-likelihood is not a number somewhere.
+    """
+    posterior = skin_posterior_of(compression, options)
+    asked = requested(posterior, options)
+    arviz_bridge.require_storable(asked, labels_of(compression))
+    state = walked(compression, posterior, options, progress, checkpoint)
+    sampled = sampled_of(state)
+    rng = rng_after(options)
+    kept = sampled.chains.kept(sampled.verdict.burn_in, DRAWS_PER_WALKER)
+    theta = kept.by_walker(posterior.natural(kept.coordinates))
+    prior = posterior.space.draw_prior(rng, PRIOR_DRAWS)
+    groups, check = plate_groups(
+        rng,
+        compression,
+        posterior.compression,
+        posterior.skin_parameters,
+        theta,
+        theta[evenly(theta.shape, REPLICATES)],
+        theta[evenly(theta.shape, CURVES)],
+        prior[:REPLICATES],
+    )
+    held = {n: Variable(np.array(v), units=EVERY_PARAMETER[n].unit) for n, v in posterior.space.held.items()}
+    own = {"prior": named(posterior.space, prior[None]), "constant_data": held}
+    attributes = {**asked, **outcome(state), **plate_attributes(compression, check)}
+    tree = tree_of(
+        merged(sampled_groups(posterior, kept, theta, "compression"), groups, own),
+        {arviz_bridge.ENSEMBLE: kept.ensemble, **plate_coordinates(compression)},
+        attributes,
+    )
+    natural = posterior.natural(kept.coordinates)
+    summary = summarise(posterior.names, natural).join(learning_table(tree))
+    return Result(tree, summary, {"directions": direction_table(tree)})

@@ -1,0 +1,377 @@
+"""Whether ensembles of walkers have converged, in numbers and in one sentence."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from softness_bayes import arviz_bridge
+from softness_bayes.sampler.autocorrelation import autocorrelation_time, indicator_time
+from softness_bayes.sampler.starts import NO_STARTS, Starts
+
+FloatArray = NDArray[np.float64]
+
+LOG_POSTERIOR = "log posterior"
+"""Name of the log density where it is judged beside the parameters."""
+
+_TAILS = (0.05, 0.95)
+_APART = 1.1  # R-hat beyond which long ensembles are not merely short of draws
+_FEWER = 20.0  # times fewer effective draws than the walkers' own times promise
+_ESS_STRIDE = 3  # draws closer than tau over this carry nothing that the bulk ESS would miss
+_R_HAT_DRAWS = 4000  # of each ensemble: R-hat needs no more
+
+
+@dataclass(frozen=True)
+class Goal:
+    """When a run counts as converged.
+
+    Parameters
+    ----------
+    lengths
+        Kept steps of each ensemble, in autocorrelation times of its worst quantity.
+    tau_change
+        Largest relative change of that time since the look before.
+    r_hat
+        Largest R-hat between ensembles.
+    ess
+        Smallest effective sample size, bulk and tail.
+    looks
+        Successive looks at which all of this must hold.
+    burn_in
+        Steps dropped at the start, in autocorrelation times of the run's second half; never more
+        than half of the run.
+    """
+
+    lengths: float = 50.0
+    tau_change: float = 0.03
+    r_hat: float = 1.01
+    ess: float = 400.0
+    looks: int = 2
+    burn_in: float = 5.0
+
+
+class Share(NamedTuple):
+    """The share of the draws that one of several modes holds."""
+
+    share: float
+    """From 0 to 1."""
+    error: float
+    """Its Monte-Carlo standard error."""
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What one look at the chains found.
+
+    Parameters
+    ----------
+    names
+        Judged quantities: the parameters, the log posterior, and the modes' shares if there are several.
+    steps, burn_in, kept
+        Steps walked by each ensemble, dropped at the start, and left.
+    walkers
+        Walkers of each ensemble.
+    tau
+        Autocorrelation time in steps of each ensemble and quantity, shape (ensembles, quantities).
+    tau_change
+        Relative change of the worst quantity's time since the look before; infinite at the first.
+    r_hat
+        R-hat between ensembles, shape (quantities,).
+    ess_bulk, ess_tail
+        Effective sample sizes, shape (quantities,); NaN while length, R-hat or the time's change still fails.
+    acceptance
+        Share of accepted proposals.
+    stuck
+        Walkers that never moved after the burn-in.
+    looks_passed
+        Successive looks, this one included, at which the goal was met.
+    goal
+        What was asked.
+    shares
+        Share of each mode, if there are several.
+    starts
+        What the search for places to start found.
+    """
+
+    names: tuple[str, ...]
+    steps: int
+    burn_in: int
+    kept: int
+    walkers: int
+    tau: FloatArray
+    tau_change: float
+    r_hat: FloatArray
+    ess_bulk: FloatArray
+    ess_tail: FloatArray
+    acceptance: float
+    stuck: int
+    looks_passed: int
+    goal: Goal
+    shares: tuple[Share, ...] = ()
+    starts: Starts = NO_STARTS
+
+    @property
+    def converged(self) -> bool:
+        """Whether the goal was met at enough successive looks."""
+        return self.looks_passed >= self.goal.looks
+
+    @property
+    def worst(self) -> int:
+        """Index of the quantity with the longest autocorrelation time of any ensemble."""
+        return int(self.tau.max(axis=0).argmax())
+
+    @property
+    def lengths(self) -> float:
+        """Kept steps in the longest autocorrelation time."""
+        return self.kept / float(self.tau.max())
+
+    @property
+    def ess(self) -> float:
+        """Smallest effective sample size; while that is not computed, what the longest time leaves of the draws."""
+        known = float(np.min([*self.ess_bulk, *self.ess_tail]))
+        return known if math.isfinite(known) else self.tau.shape[0] * self.walkers * self.lengths
+
+    @property
+    def more_steps(self) -> int:
+        """Estimate of the steps that are still missing; 0 when converged."""
+        if self.converged:
+            return 0
+        goal, tau = self.goal, float(self.tau.max())
+        if not math.isfinite(tau):
+            return self.steps
+        needs = [
+            1.02 * (goal.lengths + goal.burn_in) * tau - self.steps,
+            self.kept * (goal.ess / float(np.nanmin([*self.ess_bulk, *self.ess_tail, math.inf])) - 1.0),
+            # between ensembles that share a target, R-hat² - 1 falls as one over the length
+            self.kept * ((float(self.r_hat.max()) ** 2 - 1.0) / (goal.r_hat**2 - 1.0) - 1.0),
+            0.1 * self.steps,
+        ]
+        return math.ceil(min(max(needs), 20.0 * self.steps))
+
+    def sentence(self) -> str:
+        """The verdict in one line, with what is missing and about how many steps would supply it."""
+        ensembles = self.tau.shape[0]
+        head = f"after {self.steps} steps of {ensembles} x {self.walkers} walkers"
+        if self.converged:
+            return (
+                f"Converged {head}: {self.lengths:.0f} autocorrelation times kept ({self.slowest}), "
+                f"R-hat <= {self.r_hat.max():.3f}, ESS >= {self.ess_bulk.min():.0f} (bulk) and "
+                f"{self.ess_tail.min():.0f} (tail).{self._starts()}"
+            )
+        shortfalls = "; ".join(self._shortfalls())
+        return f"Not converged {head}: {shortfalls}; about {self.more_steps} more steps.{self._starts()}"
+
+    @property
+    def slowest(self) -> str:
+        """The longest autocorrelation time in words."""
+        return f"{self.tau.max():.0f} steps, slowest: {self.names[self.worst]}"
+
+    def _starts(self) -> str:
+        """Say how many modes there are, and what the search for them could have missed."""
+        climbs, hopeless, _ = self.starts
+        if self.shares:
+            held = [f"{s.share:.3f} ± {s.error:.3f}" for s in self.shares if s.share > 0]
+            left = len(self.shares) - len(held)
+            also = f"; {left} more, to which climbs led, hold{'s' * (left == 1)} none" if left else ""
+            if len(held) == 1:
+                return f" One mode holds all draws{also}."
+            return f" {len(held)} modes hold {' and '.join(held)} of the draws{also}."
+        if not climbs:
+            return ""
+        found = f"All {climbs} climbs" if not hopeless else f"{climbs - hopeless} of {climbs} climbs"
+        others = ", the others to negligible mass" if hopeless else ""
+        missed = f"one that fewer than {self.starts.missed:.0%} of climbs reach may be missed"
+        return f" {found} led to one mode{others}; {missed}."
+
+    def _shortfalls(self) -> list[str]:
+        goal, found = self.goal, []
+        if self.stuck:
+            found.append(f"{self.stuck} walker{'s' * (self.stuck > 1)} never moved")
+        if not self.lengths >= goal.lengths and not self.stuck:
+            kept = f"{self.lengths:.0f} of {goal.lengths:.0f} autocorrelation times kept"
+            found.append(f"{kept} ({self.slowest})")
+        if not self.r_hat.max() <= goal.r_hat:
+            apart = self.names[int(self.r_hat.argmax())]
+            found.append(f"ensembles disagree about {apart} (R-hat {self.r_hat.max():.2f})")
+        for kind, ess in (("bulk", self.ess_bulk), ("tail", self.ess_tail)):
+            if ess.min() < goal.ess:
+                found.append(f"{kind} ESS of {self.names[int(ess.argmin())]} is {ess.min():.0f} of {goal.ess:.0f}")
+        if not found and not self.tau_change <= goal.tau_change:
+            change = "not yet compared" if math.isinf(self.tau_change) else f"changed by {self.tau_change:.0%}"
+            found.append(f"the autocorrelation time of {self.names[self.worst]} {change}")
+        if self.modes:
+            long = f"though each is longer than {goal.lengths:.0f} of its own autocorrelation times"
+            found.append(f"{self.modes}, {long}: more steps may never join them")
+        return found or ["the goal was met at this look only"]
+
+    @property
+    def modes(self) -> str:
+        """Who sits in separate modes, if anybody seems to; empty otherwise.
+
+        Ensembles that disagree by far, or walkers that make far fewer effective draws together than each of
+        them does alone, although all of them are long in their own autocorrelation times.
+        """
+        if not self.lengths >= self.goal.lengths:
+            return ""
+        if self.r_hat.max() > _APART:
+            return f"the ensembles sit in separate modes of {self.names[int(self.r_hat.argmax())]}"
+        alone = self.tau.shape[0] * self.walkers * self.lengths
+        if self.ess_bulk.min() < alone / _FEWER:
+            return f"walkers of an ensemble sit in separate modes of {self.names[int(self.ess_bulk.argmin())]}"
+        return ""
+
+
+def look(
+    names: tuple[str, ...],
+    values: FloatArray,
+    stride: int = 1,
+    acceptance: float = math.nan,
+    before: Verdict | None = None,
+    goal: Goal = Goal(),
+    inside: NDArray[np.bool_] | None = None,
+    starts: Starts = NO_STARTS,
+) -> Verdict:
+    """Judge the chains as they are now.
+
+    Parameters
+    ----------
+    names
+        Quantities to judge.
+    values
+        Their stored values from the first step on, shape (ensembles, stored, walkers, quantities).
+    stride
+        Steps of the walk for one stored.
+    acceptance
+        Share of accepted proposals, for the record.
+    before
+        Verdict of the look before this one.
+    goal
+        When the run counts as converged.
+    inside
+        Where the density has several modes: whether a draw is in each, shape (ensembles, stored, walkers, modes).
+        Their shares are judged as the other quantities are.
+    starts
+        What the search for places to start found, for the record.
+    """
+    _, stored, walkers, _ = values.shape
+    walks = np.moveaxis(values, -1, 1)
+    late = autocorrelation_time(walks[..., stored // 2 :, :])
+    reach = np.where(np.isfinite(late), late, np.inf).max()
+    first = int(min(math.ceil(goal.burn_in * min(reach, stored)), stored // 2))
+    walks = walks[..., first:, :]
+    tau, r_hat = autocorrelation_time(walks), r_hat_between(walks)
+    shares: tuple[Share, ...] = ()
+    if inside is not None:
+        shares, times, apart = _shares(inside[:, first:])
+        names = (*names, *(f"the share of mode {k}" for k in range(1, len(shares) + 1)))
+        tau = np.column_stack([tau, np.broadcast_to(times, (len(tau), times.size))])
+        r_hat = np.concatenate([r_hat, apart])
+    kept = stored - first
+    worst = int(tau.max(axis=0).argmax())
+    change = math.inf
+    if before is not None and np.isfinite(tau).all():
+        mean = tau[:, worst].mean() * stride
+        change = float(abs(mean / before.tau[:, worst].mean() - 1.0))
+    missing = np.full(len(names), math.nan)
+    ess = (missing, missing)
+    # effective sizes take longest, and are asked for where all else holds
+    fits = kept >= goal.lengths * tau.max() and r_hat.max() <= goal.r_hat and change <= goal.tau_change
+    if fits:
+        count = values[..., 0].size * kept / stored / tau[0, walks.shape[1] :]  # of the modes' indicators
+        ess = (np.concatenate([_bulk(walks, tau), count]), np.concatenate([ess_tail(walks), count]))
+    passed = bool(fits and min(ess[0].min(), ess[1].min()) >= goal.ess)
+    moved = (np.ptp(walks, axis=-2) > 0).any(axis=1)
+    return Verdict(
+        names=names,
+        steps=stored * stride,
+        burn_in=first * stride,
+        kept=kept * stride,
+        walkers=walkers,
+        tau=tau * stride,
+        tau_change=change,
+        r_hat=r_hat,
+        ess_bulk=ess[0],
+        ess_tail=ess[1],
+        acceptance=acceptance,
+        stuck=int((~moved).sum()),
+        looks_passed=(before.looks_passed if before is not None else 0) + 1 if passed else 0,
+        goal=goal,
+        shares=shares,
+        starts=starts,
+    )
+
+
+def _shares(inside: NDArray[np.bool_]) -> tuple[tuple[Share, ...], FloatArray, FloatArray]:
+    """Return each mode's share, the autocorrelation time of being in it, and R-hat between ensembles.
+
+    All walkers of all ensembles share one mean: modes between which nobody moves make the time as long as the walk.
+    A mode in which there is no draw, or every draw, has nothing to be judged by, and counts as well mixed.
+    """
+    walks = np.moveaxis(inside, -1, 1).astype(float)
+    modes = walks.shape[1]
+    share = walks.mean(axis=(0, 2, 3))
+    mixed = (share > 0) & (share < 1)
+    together = np.moveaxis(walks, 0, -2).reshape(modes, walks.shape[2], -1)
+    times, apart = np.ones(modes), np.ones(modes)
+    times[mixed] = indicator_time(together[mixed], np.full(int(mixed.sum()), 0.5))
+    half = walks.shape[2] // 2
+    halves = np.concatenate([walks[:, :, :half].mean(axis=(2, 3)), walks[:, :, half:].mean(axis=(2, 3))])
+    # split R-hat; ranks and folds tell no more of what is either 0 or 1
+    within = (halves * (1.0 - halves)).mean(axis=0)
+    with np.errstate(divide="ignore"):  # ensembles that never change modes
+        apart[mixed] = np.sqrt(1.0 + halves.var(axis=0, ddof=1)[mixed] / within[mixed])
+    error = np.sqrt(share * (1.0 - share) * times / walks[:, 0].size)
+    return tuple(Share(*one) for one in zip(share.tolist(), error.tolist(), strict=True)), times, apart
+
+
+def r_hat_between(walks: FloatArray) -> FloatArray:
+    """R-hat between ensembles, each one chain with its walkers interleaved in time order.
+
+    Parameters
+    ----------
+    walks
+        Values of shape (ensembles, quantities, steps, walkers).
+
+    Returns
+    -------
+    ndarray, shape (quantities,)
+        Infinite for a quantity that never moves.
+    """
+    ensembles, _, steps, walkers = walks.shape
+    every = max(1, steps * walkers // _R_HAT_DRAWS)
+    thinned = walks[..., ::every, :]
+    chains = [thinned[:, k].reshape(ensembles, -1) for k in range(walks.shape[1])]
+    return np.array([arviz_bridge.r_hat(c) if np.ptp(c) > 0 and c.shape[1] > 3 else math.inf for c in chains])
+
+
+def ess_tail(walks: FloatArray) -> FloatArray:
+    """Effective number of draws in the tails, from tau of the indicators of the 5 % and 95 % quantiles.
+
+    Parameters
+    ----------
+    walks
+        Values of shape (ensembles, quantities, steps, walkers).
+
+    Returns
+    -------
+    ndarray, shape (quantities,)
+        The smaller of the two tails.
+    """
+    ensembles, _, steps, walkers = walks.shape
+    thresholds = np.quantile(walks, _TAILS, axis=(0, 2, 3))
+    times = [indicator_time(walks, np.broadcast_to(t, walks.shape[:2])).mean(axis=0) for t in thresholds]
+    return ensembles * steps * walkers / np.max(times, axis=0)
+
+
+def _bulk(walks: FloatArray, tau: FloatArray) -> FloatArray:
+    """Bulk ESS by ArviZ with one chain per walker, of every so many draws: much the same, much faster."""
+    sizes = []
+    for k in range(walks.shape[1]):
+        every = max(1, int(tau[:, k].min() / _ESS_STRIDE))
+        chains = np.swapaxes(walks[:, k, ::every], 1, 2)
+        sizes.append(arviz_bridge.ess_bulk(chains.reshape(-1, chains.shape[-1])))
+    return np.array(sizes)

@@ -1,0 +1,93 @@
+"""Separate modes of a density: which draw is of which, and a map of each.
+
+A mode starts as the normal law that matches an optimum. From a pilot walk it gets a map of its own, which may be
+bent, so that draws change sides where the maps tell better than the normal laws did. Modes that turn out to overlap
+are one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import permutations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from softness_bayes.sampler.adaptation import TriangularMap, learn
+from softness_bayes.sampler.moves import Student
+
+FloatArray = NDArray[np.float64]
+Labels = NDArray[np.intp]
+
+_ROUNDS = 10  # of labelling draws and mapping the modes anew
+_FEWEST = 4  # different draws of a mode, for each dimension, below which it keeps the map that it has
+_NEAR = 3.0  # a draw is at home in two modes if their log densities differ by less
+_SHARED = 0.1  # share of such draws beyond which two modes overlap
+
+_LAW = Student()
+
+
+def labels(modes: Sequence[TriangularMap], z: FloatArray) -> Labels:
+    """Return the number of the mode that each point belongs to, shape (...), for ``z`` of shape (..., dimension)."""
+    return np.asarray(_log_densities(modes, z.reshape(-1, z.shape[-1])).argmax(axis=0).reshape(z.shape[:-1]))
+
+
+def learn_modes(
+    modes: Sequence[TriangularMap], walks: FloatArray, log_density: FloatArray, tau: float
+) -> tuple[TriangularMap, ...]:
+    """Learn a map of each mode from a pilot walk, the mode with most draws first.
+
+    Parameters
+    ----------
+    modes
+        Maps of the modes so far.
+    walks, log_density, tau
+        As `adaptation.learn` takes them.
+
+    Returns
+    -------
+    tuple of TriangularMap
+        One map for all draws if the modes turn out to be one.
+    """
+    draws, height = walks.reshape(-1, walks.shape[-1]), log_density.ravel()
+    found = list(modes)
+    while len(found) > 1:
+        found, label = _mapped(found, draws, height, tau)
+        if (pair := _overlapping(found, label, draws)) is None:
+            sizes = np.bincount(label, minlength=len(found))
+            return tuple(found[k] for k in np.argsort(-sizes, kind="stable"))
+        both = np.isin(label, pair)
+        found = [mode for k, mode in enumerate(found) if k not in pair] + [learn(draws[both], height[both], tau)]
+    return (learn(draws, height, tau),)
+
+
+def _mapped(
+    modes: list[TriangularMap], draws: FloatArray, height: FloatArray, tau: float
+) -> tuple[list[TriangularMap], Labels]:
+    """Map modes and label draws in turns until few draws change sides."""
+    label = labels(modes, draws)
+    for _ in range(_ROUNDS):
+        own = [label == k for k in range(len(modes))]
+        enough = _FEWEST * draws.shape[-1]
+        modes = [
+            learn(draws[mine], height[mine], tau) if len(np.unique(height[mine])) >= enough else mode
+            for mode, mine in zip(modes, own, strict=True)
+        ]
+        before, label = label, labels(modes, draws)
+        if (label != before).mean() < 1e-3:
+            break
+    return modes, label
+
+
+def _overlapping(modes: Sequence[TriangularMap], label: Labels, draws: FloatArray) -> tuple[int, int] | None:
+    """Return two modes of which the draws of one are often at home in the other, if there are any."""
+    density = _log_densities(modes, draws)
+    for k, other in permutations(range(len(modes)), 2):
+        mine = label == k
+        if mine.any() and (density[other, mine] > density[k, mine] - _NEAR).mean() > _SHARED:
+            return k, other
+    return None
+
+
+def _log_densities(modes: Sequence[TriangularMap], z: FloatArray) -> FloatArray:
+    return np.stack([_LAW.log_density(mode.inverse(z)) - mode.log_volume for mode in modes])

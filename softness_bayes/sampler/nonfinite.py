@@ -1,0 +1,146 @@
+"""Points at which a density could not be computed: counted, kept, and treated as of density zero."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple, Protocol, TypeVar, runtime_checkable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from softness_bayes.errors import NumericalError
+from softness_bayes.sampler.starts import Target
+
+FloatArray = NDArray[np.float64]
+Value = TypeVar("Value")
+
+KEPT = 1000
+"""Points that a record keeps; beyond it they are only counted."""
+
+_LEAST = 10_000  # evaluations below which a share is judged as if there were so many: ten failures are always allowed
+
+
+@runtime_checkable
+class Explaining(Protocol):
+    """A target that can say which of its stages fails."""
+
+    def failing_stage(self, z: FloatArray) -> str:
+        """Name of the first stage that gives no finite number at one point ``z``, shape (dimension,)."""
+
+
+class Failure(NamedTuple):
+    """One point at which the density could not be computed."""
+
+    point: tuple[float, ...]
+    """Sampler coordinates."""
+    stage: str
+    """What failed."""
+
+
+@dataclass(frozen=True)
+class Nonfinite:
+    """How often a density was asked for, and where it could not be computed.
+
+    Parameters
+    ----------
+    evaluations
+        Points at which it was asked for.
+    count
+        Points at which it was no number, or infinitely large.
+    failures
+        The first `KEPT` of them.
+    """
+
+    evaluations: int = 0
+    count: int = 0
+    failures: tuple[Failure, ...] = ()
+
+    def __add__(self, other: Nonfinite) -> Nonfinite:
+        failures = (*self.failures, *other.failures)[:KEPT]
+        return Nonfinite(self.evaluations + other.evaluations, self.count + other.count, failures)
+
+    @property
+    def share(self) -> float:
+        """Share of the evaluations that failed; few evaluations count as ten thousand."""
+        return self.count / max(self.evaluations, _LEAST)
+
+    def sentence(self, names: Sequence[str], natural: Callable[[FloatArray], FloatArray]) -> str:
+        """How many failed, and the first of them in natural units; empty if none did."""
+        if not self.failures:
+            return ""
+        first = natural(np.array(self.failures[0].point))
+        point = ", ".join(f"{name}={value!r}" for name, value in zip(names, first.tolist(), strict=True))
+        return (
+            f"the density could not be computed at {self.count} of {self.evaluations} points, "
+            f"first at {point} ({self.failures[0].stage})"
+        )
+
+
+class Watched:
+    """A target whose failures are recorded in `found` and have density zero, so that they are never accepted.
+
+    A target fails where it returns NaN or plus infinity, or raises an arithmetic error; minus infinity is
+    a density of zero. It is called as the target is, and hands everything else on to it.
+    """
+
+    def __init__(self, target: Target) -> None:
+        self._target, self.found = target, Nonfinite()
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the parameters."""
+        return self._target.names
+
+    def natural(self, z: FloatArray) -> FloatArray:
+        """Parameters [natural units] at coordinates ``z``."""
+        return self._target.natural(z)
+
+    def draw_start(self, rng: np.random.Generator, size: int) -> FloatArray:
+        """Dispersed points from which optima may be sought."""
+        return self._target.draw_start(rng, size)
+
+    def __call__(self, z: FloatArray) -> FloatArray:
+        """Log density at ``z`` (points, dimension), shape (points,): minus infinity where it fails."""
+        raised: dict[int, str] = {}
+        try:
+            value = np.array(self._target(z), float)
+        except (ArithmeticError, np.linalg.LinAlgError):
+            value, raised = self._one_by_one(z)
+        wrong = np.isnan(value) | np.isposinf(value)
+        if wrong.any():
+            indices = np.flatnonzero(wrong)[:KEPT].tolist()
+            failures = tuple(Failure(tuple(z[i].tolist()), raised.get(i) or self._stage(z[i])) for i in indices)
+            self.found += Nonfinite(0, int(wrong.sum()), failures)
+            value[wrong] = -np.inf
+        self.found += Nonfinite(len(value))
+        return value
+
+    def _one_by_one(self, z: FloatArray) -> tuple[FloatArray, dict[int, str]]:
+        """Values at points of which some raise, and what those say."""
+        value, raised = np.full(len(z), np.nan), dict[int, str]()
+        for i in range(len(z)):
+            try:
+                value[i] = self._target(z[i : i + 1])[0]
+            except (ArithmeticError, np.linalg.LinAlgError) as error:
+                raised[i] = str(error)
+        return value, raised
+
+    def _stage(self, z: FloatArray) -> str:
+        return self._target.failing_stage(z) if isinstance(self._target, Explaining) else "density"
+
+
+def watching(work: Callable[..., Value], target: Target, *task: Any) -> tuple[Value, Nonfinite]:
+    """Return ``work(target, *task)`` and what the target failed at meanwhile.
+
+    Raises
+    ------
+    NumericalError
+        If the work does, with the failures so far in the message.
+    """
+    watched = Watched(target)
+    try:
+        return work(watched, *task), watched.found
+    except NumericalError as error:
+        said = watched.found.sentence(target.names, target.natural)
+        raise NumericalError(f"{error}; {said}" if said else str(error)) from None

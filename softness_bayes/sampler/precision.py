@@ -1,0 +1,75 @@
+"""Monte-Carlo standard errors of shares and quantiles, from draws of ensembles of walkers."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from softness_bayes.sampler.autocorrelation import pooled_time
+
+FloatArray = NDArray[np.float64]
+
+
+class Estimate(NamedTuple):
+    """A number from draws."""
+
+    value: float
+    error: float
+    """Its Monte-Carlo standard error; NaN where there is no number."""
+
+
+def share(holds: NDArray[np.bool_]) -> Estimate:
+    """Return the share of draws for which something holds.
+
+    Half a draw is added to either side for the error alone, so that a share of 0 or 1 has one too.
+
+    Parameters
+    ----------
+    holds
+        Shape (ensembles, steps, walkers).
+    """
+    size, value = effective_size(holds.astype(float)), float(holds.mean())
+    smoothed = (value * size + 0.5) / (size + 1.0)
+    return Estimate(value, float(np.sqrt(smoothed * (1.0 - smoothed) / size)))
+
+
+def quantile(walks: FloatArray, probability: float) -> Estimate:
+    """Return a quantile of those draws that have a value.
+
+    Its error is half the distance between the quantiles one standard error of the probability below and above
+    (Vehtari et al., Bayesian Analysis 16, 667, 2021); that which stems from who has a value is part of it.
+
+    Parameters
+    ----------
+    walks
+        Shape (ensembles, steps, walkers), NaN where a draw has no value.
+    probability
+        Of a smaller value.
+    """
+    has = np.isfinite(walks)
+    known = walks[has]
+    if known.size == 0:
+        return Estimate(np.nan, np.nan)
+    value = float(np.quantile(known, probability))
+    # how each draw pulls at the probability; the mean is 0
+    pull = np.where(has, np.where(has, walks, np.inf) <= value, probability) - probability
+    error = float(np.sqrt((pull**2).mean() / effective_size(pull)) / has.mean())
+    # never less than the spread of a binomial share of so many draws, where all are on one side
+    error = max(error, 0.5 / known.size)
+    low, high = np.quantile(known, np.clip([probability - error, probability + error], 0.0, 1.0))
+    return Estimate(value, float(0.5 * (high - low)))
+
+
+def effective_size(walks: FloatArray) -> float:
+    """Return the effective number of draws, as many as there are where nothing varies.
+
+    Parameters
+    ----------
+    walks
+        Shape (ensembles, steps, walkers).
+    """
+    times = pooled_time(walks)
+    known = times[np.isfinite(times)]
+    return float(walks.size / max(1.0, known.mean())) if known.size else float(walks.size)

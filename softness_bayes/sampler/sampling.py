@@ -1,0 +1,288 @@
+"""Independent ensembles of walkers, run until they have converged.
+
+A run has three parts. Walkers start about optimised points (`starts`). In a pilot walk of a fixed number of
+steps, the density's shape is learnt (`adaptation`); its draws are dropped. A walk that looks find slow all the same
+becomes one more stage of the pilot, a few times at most. From then on nothing is adapted: what follows is a Markov
+chain with the density as its law.
+
+The chain depends on target, settings and seed alone. A run is a sequence of states (`walk`), each of which can be
+continued to the same chain, whatever the machine's speed and however often the run was interrupted: looks are made
+at steps that only the chain decides, and a look made because a limit is reached leaves no trace in what follows.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import nullcontext
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from softness_bayes.errors import InputError, NumericalError
+from softness_bayes.ranges import PROCESSES, STEPS
+from softness_bayes.sampler.adaptation import Mapped, TriangularMap
+from softness_bayes.sampler.chains import Chains, Segment
+from softness_bayes.sampler.diagnostics import Verdict
+from softness_bayes.sampler.first_state import place_walkers, watched
+from softness_bayes.sampler.moves import FIRST_MOVES, MOVES, Mode, Moves, leaping
+from softness_bayes.sampler.schedule import Schedule
+from softness_bayes.sampler.starts import Target
+from softness_bayes.sampler.state import EnsembleState, RunState
+from softness_bayes.sampler.workers import Workers, available_processors
+
+FloatArray = NDArray[np.float64]
+
+PATIENCE = 2.0
+"""Time [s] after which an ensemble reports, so that little is lost if the run is killed."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Settings(Schedule):
+    """How to sample: a `Schedule`, and who walks how.
+
+    Parameters
+    ----------
+    ensembles
+        Independent ensembles, at least two.
+    walkers
+        Walkers of each; chosen by dimension if left out.
+    processes
+        Worker processes; one for each ensemble or processor, whichever are fewer, if left out. The draws do
+        not depend on it.
+    optima
+        Optimised points about which the walkers of an ensemble start.
+    first_moves, moves
+        Proposals with their probabilities in the first stage of the pilot, and from then on.
+    failures
+        Share of the evaluated points at which the density may fail to be a number; beyond it the run stops.
+    """
+
+    ensembles: int = 4
+    walkers: int | None = None
+    processes: int | None = None
+    optima: int = 2
+    first_moves: Moves = FIRST_MOVES
+    moves: Moves = MOVES
+    failures: float = 1e-3
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        for name, bound in {"ensembles": 2, "optima": 1}.items():
+            if getattr(self, name) < bound:
+                raise InputError(f"sampling: {name} is {getattr(self, name)}, expected at least {bound}")
+        if self.processes is not None:
+            PROCESSES.require("sampling: processes", self.processes)
+        STEPS.require("sampling: max_steps", self.max_steps)
+
+    def workers(self, target: Target) -> Workers:
+        """Processes that share the ensembles, each of which holds the target."""
+        return Workers(target, self.processes or min(self.ensembles, available_processors()))
+
+    def walkers_for(self, dimension: int) -> int:
+        """Walkers of each ensemble.
+
+        Raises
+        ------
+        InputError
+            If the number asked for is odd or below twice the dimension plus two.
+        """
+        if self.walkers is None:
+            return max(20, 4 * dimension)
+        if self.walkers % 2 or self.walkers < max(8, 2 * dimension + 2):
+            least = max(8, 2 * dimension + 2)
+            raise InputError(f"sampling: walkers is {self.walkers}, expected an even number from {least}")
+        return self.walkers
+
+    def description(self, dimension: int) -> dict[str, str]:
+        """What decides the draws, by name; limits and processes are not among it."""
+        named = ("ensembles", "round_steps", "stored", "optima", "pilot", "relearning", "slow", "growing", "goal")
+        plain = {name: getattr(self, name) for name in named}
+        moves = {
+            name: " + ".join(f"{share:g} {proposal}" for proposal, share in getattr(self, name))
+            for name in ("first_moves", "moves")
+        }
+        return {"walkers": str(self.walkers_for(dimension)), **{n: str(v) for n, v in plain.items()}, **moves}
+
+
+class Progress(NamedTuple):
+    """Where a run is."""
+
+    steps: int
+    """Steps walked."""
+    missing: int
+    """Estimate of the steps still to go."""
+    seconds: float
+    """Time since the start, earlier sessions included."""
+    verdict: Verdict | None
+    """The last look; none before the first."""
+    failures: int = 0
+    """Points at which the density could not be computed."""
+
+
+class Sampled(NamedTuple):
+    """What a run leaves behind."""
+
+    chains: Chains
+    """All stored steps, those before the burn-in of the verdict included."""
+    verdict: Verdict
+    """The last look."""
+
+
+def advance(
+    target: Target,
+    state: EnsembleState,
+    steps: int,
+    moves: Moves,
+    map: TriangularMap,
+    stride: int = 1,
+    modes: Sequence[TriangularMap] = (),
+) -> tuple[EnsembleState, Segment]:
+    """Let one ensemble walk; two calls give bit by bit what one call over all the steps gives.
+
+    Parameters
+    ----------
+    target
+        Density to sample.
+    state
+        Where the ensemble is.
+    steps
+        Steps to walk, a multiple of ``stride``.
+    moves
+        Proposals with their probabilities.
+    map
+        Coordinates in which the moves are made.
+    stride
+        Steps of the walk for one stored.
+    modes
+        Maps of the density's modes, if it has several.
+    """
+    import emcee  # see `moves`
+
+    walkers, dimension = state.coordinates.shape
+    mapped = Mapped(target, map)
+    leaps = leaping(moves, [Mode(map, own) for own in modes])
+    made = [(proposal.made(), share) for proposal, share in leaps]
+    sampler = emcee.EnsembleSampler(walkers, dimension, mapped, moves=made, vectorize=True)
+    # emcee takes any state without complaint and keeps NumPy's global one if it does not understand it
+    sampler.random_state = state.random
+    if not _same_random(sampler.random_state, state.random):
+        raise NumericalError("the state of the random generator was not accepted")
+    first = emcee.State(state.coordinates, log_prob=state.log_density, random_state=state.random)
+    last = sampler.run_mcmc(first, steps // stride, thin_by=stride, skip_initial_state_check=True)
+    accepted = np.asarray(sampler.backend.accepted, dtype=np.int64)
+    segment = Segment(map.forward(sampler.get_chain()), sampler.get_log_prob(), accepted)
+    return EnsembleState(last.coords, last.log_prob, last.random_state), segment
+
+
+def walk(
+    target: Target,
+    settings: Settings = Settings(),
+    seed: int | np.random.SeedSequence = 0,
+    begin: RunState | None = None,
+    workers: Workers | None = None,
+) -> Iterator[RunState]:
+    """Sample a density with independent ensembles, state by state, until the last one has `RunState.ended`.
+
+    Parameters
+    ----------
+    target
+        Density to sample; it is sent to the worker processes once.
+    settings
+        How to sample.
+    seed
+        Decides the draws, together with target and settings but whatever the number of processes.
+    begin
+        State of a run with the same target, settings and seed, which is continued; limits may differ.
+    workers
+        Processes that hold the target, as `Settings.workers` makes them; if left out, some for this walk alone.
+
+    Raises
+    ------
+    NumericalError
+        If the density is zero wherever walkers start; or, after the state that says so, if it could not be
+        computed at more than the settings' share of points.
+    InputError
+        If the settings do not suit the target.
+    """
+    begun = time.monotonic()
+    root = seed if isinstance(seed, np.random.SeedSequence) else np.random.SeedSequence(seed)
+    before = begin.seconds if begin is not None else 0.0
+    walkers = settings.walkers_for(len(target.names))
+    pace = math.inf  # steps in a second: at first unknown
+
+    with nullcontext(workers) if workers is not None else settings.workers(target) as workers:
+        state = begin or place_walkers(workers, root, settings.ensembles, walkers, settings.optima, settings.first_look)
+        while True:
+            spent = time.monotonic() - begun
+            state = settings.settle(target, replace(state, seconds=before + spent), spent >= settings.max_seconds)
+            yield state
+            if state.nonfinite.share > settings.failures:
+                said = state.nonfinite.sentence(target.names, target.natural)
+                raise NumericalError(f"stopped after {state.steps} steps: {said}")
+            if state.ended:
+                return
+            state = settings.relearned(state)
+            size = settings.next_steps(state, PATIENCE * pace)
+            since = time.monotonic()
+            state = _advance(workers, settings, state, size)
+            pace = size / max(time.monotonic() - since, 1e-9)
+
+
+def sample_until(
+    target: Target,
+    settings: Settings = Settings(),
+    seed: int | np.random.SeedSequence = 0,
+    progress: Callable[[Progress], None] | None = None,
+) -> Sampled:
+    """Sample a density with independent ensembles until they have converged, or a limit is reached.
+
+    Parameters
+    ----------
+    target, settings, seed
+        As `walk` takes them.
+    progress
+        Called after every state of the walk.
+
+    Raises
+    ------
+    NumericalError, InputError
+        As `walk`.
+    """
+    for state in walk(target, settings, seed):
+        if progress is not None:
+            progress(progress_of(state, settings))
+    return sampled_of(state)
+
+
+def sampled_of(state: RunState) -> Sampled:
+    """What a run that has ended leaves behind."""
+    if not state.ended or state.verdict is None:
+        raise ValueError("the run has not ended")
+    return Sampled(state.chains, state.verdict)
+
+
+def progress_of(state: RunState, settings: Settings) -> Progress:
+    """Where a run is, in short."""
+    steps = 0 if settings.in_pilot(state) else state.steps
+    return Progress(steps, settings.missing(state), state.seconds, state.verdict, state.nonfinite.count)
+
+
+def _advance(workers: Workers, settings: Settings, state: RunState, steps: int) -> RunState:
+    """Let all ensembles walk."""
+    first = state.phase == 0 and bool(settings.pilot)
+    moves = settings.first_moves if first else settings.moves
+    tasks = [(advance, one, steps, moves, state.map, state.stride, state.modes) for one in state.ensembles]
+    walked, found = watched(workers, tasks)
+    ensembles, segments = zip(*walked, strict=True)
+    parts = tuple((*part, segment) for part, segment in zip(state.parts, segments, strict=True))
+    return replace(
+        state, steps=state.steps + steps, ensembles=ensembles, parts=parts, nonfinite=state.nonfinite + found
+    )
+
+
+def _same_random(one: tuple[Any, ...], other: tuple[Any, ...]) -> bool:
+    return all(np.array_equal(a, b) for a, b in zip(one, other, strict=True))

@@ -1,0 +1,172 @@
+"""When a run looks at its chains, thins what it stores, changes from pilot to walk, and ends.
+
+All of it is decided by the steps walked and by what was drawn, never by the clock or by interruptions: a state that
+was settled once settles in the same way again. Only where a limit ends a run is up to the limit, and the look made
+there leaves no trace in what follows.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from softness_bayes.errors import InputError
+from softness_bayes.sampler.autocorrelation import autocorrelation_time
+from softness_bayes.sampler.chains import Segment
+from softness_bayes.sampler.diagnostics import LOG_POSTERIOR, Goal, Verdict, look
+from softness_bayes.sampler.modes import labels, learn_modes
+from softness_bayes.sampler.starts import Target
+from softness_bayes.sampler.state import RunState
+
+
+@dataclass(frozen=True, kw_only=True)
+class Schedule:
+    """How long to walk, and what to do on the way.
+
+    Parameters
+    ----------
+    pilot
+        Steps of each stage of the pilot walk; after each the map is learnt anew from its second half.
+    relearning
+        How often a walk that a look finds slow becomes one more stage of the pilot.
+    slow, growing
+        Kept steps, in autocorrelation times, below which a look finds a walk slow; and change of that time since the
+        look before that means as much: walkers are still finding their way into tails that the map has not seen.
+    round_steps
+        Looks are made at multiples of so many steps.
+    stored
+        Largest number of stored steps of an ensemble; beyond it every second one is dropped, again and again.
+    goal
+        When the run counts as converged.
+    min_steps
+        Steps to walk even if the run has converged before.
+    max_steps, max_seconds
+        Where to stop without having converged; steps count from the last map on, the time is that of this session.
+    """
+
+    pilot: tuple[int, ...] = (100, 200)
+    relearning: int = 4
+    slow: float = 22.0
+    growing: float = 0.25
+    round_steps: int = 100
+    stored: int = 20_000
+    goal: Goal = field(default_factory=Goal)
+    min_steps: int = 0
+    max_steps: int = 100_000
+    max_seconds: float = math.inf
+
+    def __post_init__(self) -> None:
+        for name, bound in {"max_steps": 1, "min_steps": 0, "round_steps": 1, "stored": 2, "max_seconds": 0}.items():
+            if not getattr(self, name) >= bound:
+                raise InputError(f"sampling: {name} is {getattr(self, name)}, expected at least {bound}")
+        if any(stage < 2 for stage in self.pilot):
+            raise InputError(f"sampling: pilot is {self.pilot}, expected stages of at least 2 steps")
+
+    @property
+    def first_look(self) -> int:
+        """Steps before the first look."""
+        return 3 * self.round_steps
+
+    def relearned(self, state: RunState) -> RunState:
+        """The state to walk on from: with a new map, all draws dropped, if the last look found the walk slow.
+
+        Whether it did is up to the draws, not to limits: a run that has ended here does it when it is continued.
+        """
+        again, found = state.phase - len(self.pilot), state.before
+        if not 0 <= again < self.relearning or found is None or found.steps != state.steps:
+            return state
+        growing = self.growing < found.tau_change < math.inf and found.lengths < self.goal.lengths
+        if found.lengths >= self.slow and not growing:
+            return state
+        return replace(_learn(state), stride=1, due=2 * state.steps, before=None, verdict=None)
+
+    def in_pilot(self, state: RunState) -> bool:
+        """Whether a run is still in its pilot walk, whose draws do not count."""
+        return state.phase < len(self.pilot)
+
+    def settle(self, target: Target, state: RunState, late: bool) -> RunState:
+        """Do what is due where a run is: learn a map, thin what is stored, look at the chains, end.
+
+        Parameters
+        ----------
+        target
+            What is sampled.
+        state
+            Where the run is.
+        late
+            Whether its time is over.
+        """
+        while self.in_pilot(state) and state.steps == self.pilot[state.phase]:
+            state = _learn(state)
+        if self.in_pilot(state) or not state.steps:
+            return state
+        while (
+            state.steps // state.stride > self.stored and self._on_grid(state) and not state.steps % (2 * state.stride)
+        ):
+            halved = tuple((Segment.join(part).every(2),) for part in state.parts)
+            state = replace(state, parts=halved, stride=2 * state.stride)
+        if state.steps >= state.due and self._on_grid(state):
+            verdict = _look(target, state, self.goal)
+            # a tenth more at least: a look at a long run takes longer than a round
+            wait = max(verdict.more_steps, self.round_steps, -(-state.steps // 10))
+            joined = tuple((Segment.join(part),) for part in state.parts)
+            due = state.steps + min(wait, state.steps)
+            state = replace(state, parts=joined, before=verdict, verdict=verdict, due=due)
+        last = state.verdict if state.verdict is not None and state.verdict.steps == state.steps else None
+        if late or state.steps + state.stride > self.max_steps:
+            return replace(state, ended=True, verdict=last or _look(target, state, self.goal))
+        return replace(state, ended=last is not None and last.converged and state.steps >= self.min_steps)
+
+    def next_steps(self, state: RunState, affordable: float) -> int:
+        """Steps to walk before the next state: to the grid, to a limit or what is affordable, in whole strides."""
+        if self.in_pilot(state):
+            most = self.pilot[state.phase] - state.steps
+        else:
+            grid = self._grid(state)
+            most = min(grid - state.steps % grid, self.max_steps - state.steps)
+        return max(int(min(most, affordable)) // state.stride * state.stride, state.stride)
+
+    def missing(self, state: RunState) -> int:
+        """Estimate of the steps that a run still has to walk after its pilot."""
+        if state.ended:
+            return 0
+        steps = 0 if self.in_pilot(state) else state.steps
+        goal = state.due if state.verdict is None else state.verdict.steps + state.verdict.more_steps
+        return max(min(max(goal, self.min_steps), self.max_steps) - steps, 0)
+
+    def _grid(self, state: RunState) -> int:
+        """Steps between the places where looks may be made: a round, in whole strides."""
+        return -(-self.round_steps // state.stride) * state.stride
+
+    def _on_grid(self, state: RunState) -> bool:
+        return state.steps % self._grid(state) == 0
+
+
+def _look(target: Target, state: RunState, goal: Goal) -> Verdict:
+    chains = state.chains
+    natural = target.natural(chains.coordinates)
+    values = np.concatenate([natural, chains.log_density[..., None]], axis=-1)
+    names = (*target.names, LOG_POSTERIOR)
+    inside = None
+    if state.modes:
+        inside = labels(state.modes, chains.coordinates)[..., None] == np.arange(len(state.modes))
+    return look(names, values, chains.stride, float(chains.accepted.mean()), state.before, goal, inside, state.starts)
+
+
+def _learn(state: RunState) -> RunState:
+    """End a stage of the pilot: learn a map, or one of each mode, from its second half, and drop its draws."""
+    segments = [Segment.join(part) for part in state.parts]
+    stored = state.steps // state.stride
+    late = np.stack([segment.coordinates[stored // 2 :] for segment in segments])
+    height = np.stack([segment.log_density[stored // 2 :] for segment in segments])
+    tau = autocorrelation_time(np.moveaxis(late, -1, 1)).max()
+    modes = learn_modes(state.modes, late, height, min(float(tau), stored))
+    learnt = modes[0]
+    moved = tuple(
+        one._replace(coordinates=learnt.inverse(state.map.forward(one.coordinates))) for one in state.ensembles
+    )
+    parts: tuple[tuple[Segment, ...], ...] = tuple(() for _ in state.parts)
+    several = modes if len(modes) > 1 else ()
+    return replace(state, phase=state.phase + 1, steps=0, ensembles=moved, map=learnt, parts=parts, modes=several)

@@ -1,0 +1,222 @@
+"""Tasks on one resident object, in this process or in several; the results do not depend on which."""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+import tempfile
+import threading
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Future, ProcessPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
+from multiprocessing import forkserver, get_context, parent_process, resource_tracker
+from multiprocessing.context import BaseContext
+from types import TracebackType
+from typing import Any, Self, TypeVar
+
+from threadpoolctl import threadpool_limits
+
+from softness_bayes.errors import ResourceError
+
+Result = TypeVar("Result")
+
+_LONGEST = 60
+"""Bytes in the name of the temporary directory up to which a server's socket can have a name in it, of 107 at most."""
+
+RENEWALS = 1
+"""How often processes that died are replaced before one task more is finished; then the computation is given up."""
+
+
+def _served() -> bool:
+    """Whether workers are forks of a server that has imported what they need, and nothing else."""
+    return sys.platform == "linux" and len(os.fsencode(tempfile.gettempdir())) <= _LONGEST
+
+
+def _context() -> BaseContext:
+    return get_context("forkserver" if _served() else "spawn")
+
+
+def prepare(module: str) -> None:
+    """Begin to import a module that workers need, and emcee, in another process, beside whatever comes next."""
+    if _served():
+        _context().set_forkserver_preload([module, "emcee"])
+        with _shielded():
+            forkserver.ensure_running()
+
+
+@contextmanager
+def _shielded() -> Iterator[None]:
+    """Start processes that no interrupt from the keyboard reaches: whoever waits for them decides what it means."""
+    resource_tracker.ensure_running()  # otherwise started in between, and lets signals through again
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+def available_processors() -> int:
+    """Processors that this process may use."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
+class Workers:
+    """Processes that each hold one object and work on it; a context manager.
+
+    New processes are not forks of this one, for a fork of a process with threads may hang: they are spawned, or
+    forked from a server that does nothing else. A script that samples with more than one process therefore needs
+    the guard ``if __name__ == "__main__":``.
+
+    Parameters
+    ----------
+    resident
+        What the tasks work on; sent to each process once.
+    processes
+        Number of processes; with one, the tasks run in this one.
+    """
+
+    def __init__(self, resident: Any, processes: int) -> None:
+        self._resident, self._processes, self._renewed = resident, processes, 0
+        self._pool: ProcessPoolExecutor | None = None
+        if processes > 1:
+            prepare(type(resident).__module__)
+            self._pool = self._new_pool()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if self._pool is None:
+            return
+        if kind is None or issubclass(kind, Exception):
+            self._pool.shutdown(wait=True, cancel_futures=True)
+            return
+        # an interrupt: nobody waits for what is being computed
+        running = [*(getattr(self._pool, "_processes", None) or {}).values()]
+        self._pool.shutdown(wait=False, cancel_futures=True)
+        for process in running:
+            process.kill()
+
+    def _new_pool(self) -> ProcessPoolExecutor:
+        return ProcessPoolExecutor(self._processes, _context(), _settle, (self._resident,))
+
+    def _submit(self, work: Callable[..., Result], task: tuple[Any, ...]) -> Future[Result]:
+        """Hand a task to a process; where one has died meanwhile, to new ones."""
+        assert self._pool is not None
+        with _shielded():
+            try:
+                return self._pool.submit(_in_worker, work, task)
+            except BrokenProcessPool:
+                self._renew()
+                return self._pool.submit(_in_worker, work, task)
+
+    def _renew(self) -> None:
+        """Replace all processes, since one has died and took the pool with it.
+
+        Raises
+        ------
+        ResourceError
+            If that has happened too often.
+        """
+        if self._pool is None or self._renewed == RENEWALS:
+            raise ResourceError(_DIED) from None
+        self._renewed += 1
+        self._pool.shutdown(wait=False, cancel_futures=True)
+        self._pool = self._new_pool()
+
+    def _finished(self, work: Callable[..., Result], tasks: Sequence[tuple[Any, ...]]) -> Iterator[tuple[int, Result]]:
+        """Yield number and result of every task as it is there; tasks whose process died are done again, the same."""
+        left = dict(enumerate(tasks))
+        while left:
+            futures = {self._submit(work, task): k for k, task in left.items()}
+            try:
+                for future in as_completed(futures):
+                    result = future.result()
+                    self._renewed = 0
+                    del left[futures[future]]
+                    yield futures[future], result
+            except BrokenProcessPool:
+                self._renew()
+
+    def map(self, work: Callable[..., Result], tasks: Sequence[tuple[Any, ...]]) -> list[Result]:
+        """Return ``work(resident, *task)`` of every task, in order; ``work`` is a function of a module.
+
+        Raises
+        ------
+        ResourceError
+            If processes died again and again.
+        """
+        if self._pool is None:
+            return [_on_one_thread(work, self._resident, task) for task in tasks]
+        found = dict(self._finished(work, tasks))
+        return [found[k] for k in range(len(tasks))]
+
+    def start(self, work: Callable[..., Result], *task: Any) -> Callable[[], Result]:
+        """Start ``work(resident, *task)`` and return what waits for its result; in this process it runs when asked.
+
+        Raises
+        ------
+        ResourceError
+            When asked, as `map`.
+        """
+        if self._pool is None:
+            return lambda: _on_one_thread(work, self._resident, task)
+        future = self._submit(work, task)
+
+        def finished() -> Result:
+            try:
+                return future.result()
+            except BrokenProcessPool:
+                return self.map(work, [task])[0]
+
+        return finished
+
+    def as_finished(self, work: Callable[..., Result], tasks: Sequence[tuple[Any, ...]]) -> Iterator[Result]:
+        """Yield ``work(resident, *task)`` of every task as soon as it is there, in any order; otherwise as `map`."""
+        if self._pool is None:
+            yield from (_on_one_thread(work, self._resident, task) for task in tasks)
+            return
+        for _, result in self._finished(work, tasks):
+            yield result
+
+
+_DIED = (
+    "a worker process died, and those that replaced it: killed from outside, or for want of memory, of which fewer "
+    "processes take less. In a script, the call must stand under 'if __name__ == \"__main__\":'; with processes=1 no "
+    "worker is needed"
+)
+
+
+_resident: Any = None
+
+
+def _settle(resident: Any) -> None:
+    global _resident
+    _resident = resident
+    # whoever waits for the results decides what an interrupt from the keyboard means
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+
+
+def _end_with_parent() -> None:
+    """End this process when its parent is gone, killed perhaps: nobody would ever send it another task."""
+    parent = parent_process()
+    if parent is not None:
+        parent.join()
+        os.kill(os.getpid(), signal.SIGTERM)
+
+
+def _in_worker(work: Callable[..., Result], task: tuple[Any, ...]) -> Result:
+    return _on_one_thread(work, _resident, task)
+
+
+def _on_one_thread(work: Callable[..., Result], resident: Any, task: tuple[Any, ...]) -> Result:
+    """Run a task with one BLAS thread: more would compete, and their number could change the last bits."""
+    with threadpool_limits(1):
+        return work(resident, *task)

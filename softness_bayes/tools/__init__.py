@@ -1,0 +1,1 @@
+"""Programs for developers: table builders, benchmarks, and the API reference."""

@@ -1,0 +1,65 @@
+"""The pages of the API, built from the docstrings: ``python -m softness_bayes.tools.api_pages DIR``.
+
+Needs pdoc, which the extra ``dev`` installs. Whatever pdoc warns of, a name that does not exist or a docstring that
+does not parse, ends the building.
+"""
+
+from __future__ import annotations
+
+import argparse
+import pkgutil
+import warnings
+from importlib import import_module
+from pathlib import Path
+
+import softness_bayes
+
+
+def modules() -> list[str]:
+    """Return what pdoc is to make pages of: all modules but those of the command line, which explains itself.
+
+    A package that lists its public names would hide its modules, so that these are named; those of other packages
+    come with them.
+    """
+    root = softness_bayes.__name__
+    found = (module.name for module in pkgutil.walk_packages(softness_bayes.__path__, f"{root}."))
+    own = [name for name in found if name.split(".")[1] != "cli"]
+    return [root, *(name for name in own if hasattr(import_module(name.rpartition(".")[0]), "__all__"))]
+
+
+def build(directory: Path) -> None:
+    """Write the pages of every module into a directory.
+
+    Parameters
+    ----------
+    directory
+        Where to; made if it does not exist.
+
+    Raises
+    ------
+    Warning
+        If pdoc warns of anything.
+    """
+    import pdoc
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        # mypy checks annotations; pdoc evaluates them where names that were imported for checking do not exist
+        warnings.filterwarnings("ignore", "Error parsing type annotation")
+        # pdoc looks for what a module has, and these are imported on first use
+        vars(softness_bayes).update({name: getattr(softness_bayes, name) for name in softness_bayes.__all__})
+        pdoc.render.configure(docformat="numpy", show_source=False, footer_text=f"{softness_bayes.__version__}")
+        pdoc.pdoc(*modules(), output_directory=directory)
+
+
+def main() -> None:
+    """Build the pages into the directory that is named."""
+    parser = argparse.ArgumentParser(description="Build the API reference from the docstrings.")
+    parser.add_argument("directory", type=Path, metavar="DIR", help="directory to write to")
+    directory = parser.parse_args().directory
+    build(directory)
+    print(f"{directory / 'index.html'}: written")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,232 @@
+"""Exact firing rates against Brian2's, in time and error: ``python -m softness_bayes.tools.benchmark_firing``.
+
+Prints, for one batch of currents into the Connor-Stevens membrane at the paper's multipliers, the processor time for
+each current and the largest relative error of the exact rate, of the same method with looser tolerances, and of
+Brian2's simulations (Runge-Kutta of fourth order) at several step lengths; and how many times longer Brian2 takes than
+the fastest of ours that is at least as accurate. Brian2 comes with the extra ``peers``, in an environment of its own
+while it needs an older NumPy. It is given its best: crossings of the spike voltage are interpolated within a step, and
+what it takes to compile is left out.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping
+from types import MappingProxyType
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from softness_bayes.errors import InputError
+from softness_bayes.touch.neuron.equilibrium import rest
+from softness_bayes.touch.neuron.limit_cycle import AGREEMENT, SPIKE_VOLTAGE, TOLERANCE, steady_orbit
+from softness_bayes.touch.neuron.membrane import CONNOR_STEVENS, PAPER_CHANNELS, Channels, Membrane
+from softness_bayes.touch.neuron.rate import firing_rate
+from softness_bayes.touch.neuron.vector_field import Cells
+
+FloatArray = NDArray[np.float64]
+
+CURRENTS = 512
+CURRENT_RANGE = (20.3, 60.0)  # µA/cm²: from the paper's largest current to the end of the firing-rate surface
+LOOSER = ((TOLERANCE, AGREEMENT), (3e-8, 1e-7), (3e-7, 1e-6), (3e-6, 1e-5), (3e-5, 1e-4), (3e-4, 1e-3))
+"""Local errors and agreements of periods with which the exact method is measured."""
+STEPS = (0.04, 0.02)
+TARGETS = ("cython", "numpy")
+DURATION, SETTLING = 400.0, 200.0  # ms of a simulation, and of its beginning that is not counted
+
+_A_GATES = """
+ainf = (0.0761*exp((v+94.22)/31.84)/(1+exp((v+1.17)/28.93)))**(1.0/3.0) : 1
+binf = (1+exp((v+53.3)/14.54))**(-4) : 1
+da/dt = (ainf-a)/(0.3632+1.158/(1+exp((v+55.96)/20.12)))/ms : 1
+db/dt = (binf-b)/(1.24+2.678/(1+exp((v+50.0)/16.027)))/ms : 1
+"""
+_HODGKIN_HUXLEY = """
+dm/dt = (1/exprel(-(v+40)/10)*(1-m) - 4*exp(-(v+65)/18)*m)/ms : 1
+dh/dt = (0.07*exp(-(v+65)/20)*(1-h) - 1/(1+exp(-(v+35)/10))*h)/ms : 1
+dn/dt = (0.1/exprel(-(v+55)/10)*(1-n) - 0.125*exp(-(v+65)/80)*n)/ms : 1
+"""
+_CONNOR_STEVENS = """
+dm/dt = (3.8/exprel(-(v+29.7)/10)*(1-m) - 15.2*exp(-(v+54.7)/18)*m)/ms : 1
+dh/dt = (0.266*exp(-(v+48)/20)*(1-h) - 3.8/(1+exp(-(v+18)/10))*h)/ms : 1
+dn/dt = (0.19/exprel(-(v+45.7)/10)*(1-n) - 0.2375*exp(-(v+55.7)/80)*n)/ms : 1
+"""
+_IONIC = "g_na*m**3*h*(e_na-v) + g_k*n**4*(e_k-v) + g_l*(e_l-v)"
+EQUATIONS: Mapping[str, str] = MappingProxyType(
+    {
+        "connor-stevens": f"dv/dt = (drive + {_IONIC} + g_a*a**3*b*(e_a-v))/ms : 1 {_CONNOR_STEVENS} {_A_GATES}",
+        "hodgkin-huxley": f"dv/dt = (drive + {_IONIC})/ms : 1 {_HODGKIN_HUXLEY}",
+        "printed": f"dv/dt = (drive + {_IONIC} + g_a*a**3*b*(e_a-v))/ms : 1 {_HODGKIN_HUXLEY} {_A_GATES}",
+    }
+)
+"""The membranes in Brian2's words, in mV, ms, mS/cm² and µA/cm² (model.md 7), by name."""
+
+_BOOKKEEPING = """
+drive : 1
+v_before : 1
+first : 1
+last : 1
+counted : 1
+"""
+_AT_A_SPIKE = """
+last = t/ms + dt/ms*(spike_voltage-v_before)/(v-v_before)
+counted = counted + int(last > settling)
+first = first + int(counted == 1)*int(last > settling)*(last-first)
+"""
+_GATES = {"m": "m", "h": "h", "n": "n", "A": "a", "B": "b"}
+
+
+class Peer(NamedTuple):
+    """One way to get the rates of a batch."""
+
+    simulator: str
+    setting: str
+    seconds: float
+    """Processor time for each current."""
+    error: float
+    """Largest, relative to the exact rate; of the exact rate itself, to one with a tolerance a tenth as large."""
+    ratio: float
+    """Time over that of the fastest of our ways that is at least as accurate; NaN where none is, 1 for these."""
+
+
+class Simulated(NamedTuple):
+    """What Brian2 finds."""
+
+    rate: FloatArray
+    """Rates [Hz], shape (n,); NaN with fewer than two spikes after the settling."""
+    seconds: float
+    """Processor time of the simulation, without compiling."""
+
+
+def brian2_rates(
+    current: FloatArray,
+    channels: Channels = PAPER_CHANNELS,
+    membrane: Membrane = CONNOR_STEVENS,
+    step: float = 0.02,
+    target: str = "numpy",
+) -> Simulated:
+    """Rates after a current step from rest, simulated by Brian2 for `DURATION`.
+
+    Parameters
+    ----------
+    current : ndarray, shape (n,)
+        Currents [µA/cm²].
+    channels : Channels
+        Scalar multipliers [-].
+    membrane : Membrane
+        Constants, of a membrane in `EQUATIONS`.
+    step : float
+        Length of a step [ms].
+    target : str
+        Brian2's way to run its code: ``cython`` or ``numpy``.
+
+    Raises
+    ------
+    InputError
+        If Brian2 is not installed.
+    """
+    try:
+        import brian2
+    except ImportError as error:
+        raise InputError("Brian2 is not installed here: install softness-bayes[peers]") from error
+    ms = brian2.ms
+    conductances = {
+        f"g_{ion}": multiplier * getattr(membrane, f"g_{ion}")
+        for ion, multiplier in zip(("na", "k", "l", "a"), channels, strict=True)
+    }
+    potentials = {name: getattr(membrane, name) for name in ("e_na", "e_k", "e_l", "e_a")}
+    brian2.prefs.codegen.target = target
+    cells = brian2.NeuronGroup(
+        current.size,
+        EQUATIONS[membrane.name] + _BOOKKEEPING,
+        method="rk4",
+        dt=step * ms,
+        threshold="v >= spike_voltage",
+        refractory="v >= spike_voltage",
+        reset=_AT_A_SPIKE,
+        namespace={**conductances, **potentials, "spike_voltage": SPIKE_VOLTAGE, "settling": SETTLING},
+    )
+    remember = cells.run_regularly("v_before = v", when="start", dt=step * ms)
+    network = brian2.Network(cells, remember)
+    state = rest(Channels(*(np.full(current.size, c) for c in channels)), membrane)
+    cells.v, cells.drive = state[0], current
+    for gate, values in zip(membrane.gating.names, state[1:], strict=True):
+        setattr(cells, _GATES[gate], values)
+    _seconds(lambda: network.run(step * ms))  # compiles
+    begin = _seconds(lambda: network.run(step * ms))
+    seconds = _seconds(lambda: network.run(DURATION * ms)) - begin
+    counted, span = np.array(cells.counted), np.array(cells.last) - np.array(cells.first)
+    enough = counted >= 2
+    rate = np.where(enough, 1000.0 * (counted - 1) / np.where(enough, span, 1.0), np.nan)
+    return Simulated(rate, seconds)
+
+
+def firing_peers(
+    currents: int = CURRENTS, steps: tuple[float, ...] = STEPS, targets: tuple[str, ...] = TARGETS
+) -> list[Peer]:
+    """Time and error of the exact rate, of looser ones and of Brian2's, for one batch of currents in one run.
+
+    Parameters
+    ----------
+    currents : int
+        Their number, evenly over `CURRENT_RANGE`.
+    steps : tuple of float
+        Brian2's step lengths [ms].
+    targets : tuple of str
+        Brian2's ways to run its code.
+
+    Raises
+    ------
+    InputError
+        If Brian2 is not installed.
+    """
+    current = np.linspace(*CURRENT_RANGE, currents)
+    best = _ours(current, 0.1 * TOLERANCE, 0.1 * AGREEMENT)
+    ours = []
+    for tolerance, agreement in LOOSER:
+        begun = time.process_time()
+        rate = _ours(current, tolerance, agreement)
+        seconds = (time.process_time() - begun) / currents
+        ours.append(Peer("softness-bayes", f"local error {tolerance:.0e}", seconds, _error(rate, best), 1.0))
+    exact = firing_rate(current)
+    theirs = []
+    for target in targets:
+        for step in steps:
+            found = brian2_rates(current, step=step, target=target)
+            seconds, error = found.seconds / currents, _error(found.rate, exact)
+            rivals = [way.seconds for way in ours if way.error <= error]
+            ratio = seconds / min(rivals) if rivals else np.nan
+            theirs.append(Peer("Brian2", f"{target}, RK4, {step:g} ms", seconds, error, ratio))
+    return [*ours, *theirs]
+
+
+def _ours(current: FloatArray, tolerance: float, agreement: float) -> FloatArray:
+    many = Channels(*(np.full(current.size, c) for c in PAPER_CHANNELS))
+    cells = Cells.of(CONNOR_STEVENS, many, current)
+    return steady_orbit(cells, rest(many, CONNOR_STEVENS), tolerance, agreement).rate
+
+
+def _error(rate: FloatArray, exact: FloatArray) -> float:
+    return float(np.abs(rate / exact - 1.0).max())
+
+
+def _seconds(run: Callable[[], object]) -> float:
+    begun = time.process_time()
+    run()
+    return time.process_time() - begun
+
+
+def main() -> None:
+    """Print the table."""
+    from threadpoolctl import threadpool_limits
+
+    with threadpool_limits(1):
+        rows = firing_peers()
+    print(f"{CURRENTS} currents from {CURRENT_RANGE[0]:g} to {CURRENT_RANGE[1]:g} µA/cm²")
+    print(f"{'':16}{'':24}ms/current  relative error  time at equal accuracy")
+    for row in rows:
+        print(f"{row.simulator:16}{row.setting:24}{1e3 * row.seconds:10.3f}  {row.error:14.1e}  {row.ratio:22.1f}")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,128 @@
+"""Moves compared on several data sets: ``python -m softness_bayes.tools.benchmark_moves``.
+
+Prints, for each set of simulated ratings and each way to walk, the autocorrelation time of the worst quantity and
+the effective draws for each second of processor time, pilot included, after a fixed number of steps. A run shorter
+than fifty of its autocorrelation times underestimates them: those are marked, and their draws are upper limits.
+
+emcee's snooker move is not compared: up to emcee 3.1.6 its acceptance takes half of the Jacobian's exponent, so that
+what it draws has another law.
+"""
+
+from __future__ import annotations
+
+import time
+from collections import deque
+from collections.abc import Callable, Mapping
+from typing import NamedTuple
+
+import numpy as np
+
+from softness_bayes.data import Experiment, Fabrics
+from softness_bayes.model.build import simulate_ratings, usual_values
+from softness_bayes.runs.run import RunOptions, posterior_of
+from softness_bayes.sampler.diagnostics import Goal
+from softness_bayes.sampler.moves import FIRST_MOVES, MOVES, STRETCH, Moves
+from softness_bayes.sampler.sampling import Settings, walk
+from softness_bayes.sampler.starts import Target
+from softness_bayes.touch.contact import Force, Indentation, Load
+from softness_bayes.touch.readings import MENDED
+
+STEPS, ENSEMBLES, LENGTHS = 1200, 2, 50.0
+
+
+class Way(NamedTuple):
+    """A way to walk."""
+
+    moves: Moves
+    pilot: tuple[int, ...] = ()
+    """Stages of the pilot walk that learns a map; without one the moves are made in the sampler's coordinates."""
+
+
+WAYS: Mapping[str, Way] = {
+    "stretch": Way(STRETCH),
+    "differential evolution": Way(FIRST_MOVES),
+    "half stretch, half differential evolution": Way(
+        (*((move, 0.5 * share) for move, share in STRETCH), *((move, 0.5 * share) for move, share in FIRST_MOVES))
+    ),
+    "stretch in the learnt map": Way(STRETCH, Settings().pilot),
+    "differential evolution in the learnt map": Way(FIRST_MOVES, Settings().pilot),
+    "default: Student and differential evolution in the learnt map": Way(MOVES, Settings().pilot),
+}
+
+
+class Measured(NamedTuple):
+    """How well a way to walk does."""
+
+    tau: float
+    """Longest autocorrelation time [steps] of any quantity in any ensemble."""
+    lengths: float
+    """Kept steps in that time."""
+    ess_per_second: float
+    """Effective draws of that quantity for each second of processor time."""
+
+
+def measure(target: Target, way: Way, steps: int, seed: int = 1) -> Measured:
+    """Walk a fixed number of steps in this process."""
+    settings = Settings(
+        ensembles=ENSEMBLES,
+        processes=1,
+        pilot=way.pilot,
+        relearning=0,
+        moves=way.moves,
+        min_steps=steps,
+        max_steps=steps,
+        goal=Goal(lengths=np.inf),
+    )
+    states = walk(target, settings, seed)
+    next(states)  # the starts are the same for all
+    begun = time.process_time()
+    verdict = deque(states, maxlen=1).pop().verdict
+    spent = time.process_time() - begun
+    assert verdict is not None, "a walk that has ended was looked at"
+    draws = ENSEMBLES * verdict.walkers * verdict.lengths
+    return Measured(float(verdict.tau.max()), verdict.lengths, draws / spent)
+
+
+def _posterior(
+    moduli: tuple[float, ...], loads: tuple[Load, ...], participants: int, options: RunOptions, **given: float
+) -> Callable[[], Target]:
+    """Return what makes the posterior of ratings simulated at the priors' medians, some replaced."""
+
+    def make() -> Target:
+        cloth = Fabrics(tuple(f"F{k}" for k in range(len(moduli))), effective_modulus=np.array(moduli))
+        values = usual_values(MENDED, options.prior_set, {"sigma_0": 7.0, **given})
+        made = simulate_ratings(np.random.default_rng(1), cloth, loads, values, participants=participants)
+        return posterior_of(Experiment(made.ratings, cloth, ()), options)
+
+    return make
+
+
+_WIDE, _FEW = tuple(np.geomspace(2e3, 2e6, 12)), (4e4, 1e5, 4e5, 2e6)
+_DEPTHS = (Indentation(1e-3), Indentation(2e-3), Indentation(3e-3))
+
+DATA: Mapping[str, Callable[[], Target]] = {
+    "12 fabrics, 3 indentations, 30 raters": _posterior(_WIDE, _DEPTHS, 30, RunOptions()),
+    "4 fabrics, 1 indentation, 4 raters": _posterior(_FEW, _DEPTHS[2:], 4, RunOptions()),
+    "12 fabrics, 2 forces, 20 raters": _posterior(_WIDE, (Force(1.0), Force(3.0)), 20, RunOptions()),
+    "12 fabrics, 3 indentations, 30 raters, in-vivo priors": _posterior(
+        _WIDE, _DEPTHS, 30, RunOptions(prior_set="in-vivo"), sigma_0=3.0
+    ),
+    "8 fabrics, 3 indentations, 60 precise raters": _posterior(_WIDE[2:10], _DEPTHS, 60, RunOptions(), varsigma=0.1),
+}
+
+
+def main() -> None:
+    """Print a table for each data set."""
+    for data, make in DATA.items():
+        target = make()
+        print(f"\n{data} ({len(target.names)} parameters):\n")
+        print("| way to walk | tau [steps] | effective draws / s |\n|---|---|---|")
+        for name, way in WAYS.items():
+            found = measure(target, way, STEPS)
+            short = found.lengths < LENGTHS
+            tau, draws = f"{'> ' * short}{found.tau:.0f}", f"{'< ' * short}{found.ess_per_second:.3g}"
+            print(f"| {name} | {tau} | {draws} |", flush=True)
+
+
+if __name__ == "__main__":
+    main()

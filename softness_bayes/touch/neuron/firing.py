@@ -1,0 +1,262 @@
+"""Fast firing rates: for given channels, the rate is one polynomial in the root of the current above the rheobase."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.polynomial import chebyshev, polynomial
+from numpy.typing import ArrayLike, NDArray
+
+from softness_bayes.errors import InputError, NumericalError
+from softness_bayes.touch.neuron.limit_cycle import TOLERANCE, Budget, StepsSpentError
+from softness_bayes.touch.neuron.membrane import CONNOR_STEVENS, PAPER_CHANNELS, Channels, Membrane
+from softness_bayes.touch.neuron.onset import onset
+from softness_bayes.touch.neuron.rate import firing_rate
+
+FloatArray = NDArray[np.float64]
+
+
+SEARCH_STEPS = 40_000
+"""Steps of integration that an exact curve may take: some ten seconds. The paper's multipliers take 3000."""
+
+TRIED = Channels(c_Na=(0.8, 1.5), c_K=(0.8, 1.5), c_L=(0.5, 2.0), c_A=(0.5, 2.0))
+"""Ranges in which each multiplier alone is known to give a curve, the others being the paper's."""
+
+_CLOSEST_BORN = 0.1  # sqrt(µA/cm²): nearest exact rate to a fold of orbits, whose own rate is known
+_CLOSEST_JUMP = 0.03  # and to another jump, where the rate falls off as a logarithm within some 1e-3 µA/cm²
+
+
+class CurveError(NamedTuple):
+    """Measured error of a curve against exact rates."""
+
+    hertz: float
+    """Largest error [Hz], except within 1e-3 µA/cm² of a jump"""
+    relative: float
+    """Largest error relative to the rate, at the same places"""
+    onset_hertz: float
+    """Error of the rate just above a jump [Hz]; 0 at a fold"""
+
+
+@dataclass(frozen=True)
+class RateCurve:
+    """Firing rate against current, one curve for each parameter vector of a batch.
+
+    ``rate(I) = onset_rate + s sum_k coefficients[k] w^k`` with ``s = sqrt(I - rheobase)`` and
+    ``w = 2 s / s_max - 1``; 0 up to the rheobase. The rate is smooth in s, not in I.
+
+    Parameters
+    ----------
+    rheobase : ndarray, shape (...)
+        Smallest current with sustained firing [µA/cm²]; infinite where there is none.
+    onset_rate : ndarray, shape (...)
+        Rate just above the rheobase [Hz]: 0 at a fold, more at a jump.
+    coefficients : ndarray, shape (..., K)
+        Monomial coefficients [Hz/sqrt(µA/cm²)].
+    max_current : float or ndarray, shape (...)
+        Largest current that may be asked for [µA/cm²].
+    error : CurveError
+        Largest measured difference to the exact rate.
+    """
+
+    rheobase: FloatArray
+    onset_rate: FloatArray
+    coefficients: FloatArray
+    max_current: float | FloatArray
+    error: CurveError
+
+    @property
+    def s_max(self) -> FloatArray:
+        """Root of the largest current above the rheobase, shape (...); 1 where nothing fires below it."""
+        excess = self.max_current - self.rheobase
+        return np.sqrt(np.where(excess > 0.0, excess, 1.0))
+
+    def rate(self, current: ArrayLike) -> FloatArray:
+        """Firing rates [Hz] at currents [µA/cm²] of shape (..., n), the leading axes those of the batch.
+
+        Raises
+        ------
+        InputError
+            If a current exceeds ``max_current`` or is not a number.
+        """
+        current = np.asarray(current, dtype=float)
+        limit = np.asarray(self.max_current)[..., None]
+        if not (current <= limit).all():
+            raise InputError(
+                f"a current of {current.max():.6g} µA/cm² lies beyond the {limit.min():.6g} µA/cm² "
+                "that the firing-rate curve covers"
+            )
+        excess = current - self.rheobase[..., None]
+        fires = excess > 0.0
+        s = np.sqrt(np.where(fires, excess, 0.0))
+        w = s * (2.0 / self.s_max)[..., None]
+        w -= 1.0
+        total = np.zeros_like(w) + self.coefficients[..., -1, None]
+        for k in range(self.coefficients.shape[-1] - 2, -1, -1):
+            total *= w
+            total += self.coefficients[..., k, None]
+        total *= s
+        total += self.onset_rate[..., None]
+        total *= fires
+        return total
+
+    def take(self, index: Any) -> RateCurve:
+        """The curves at ``index`` of the batch."""
+        return replace(
+            self,
+            rheobase=self.rheobase[index],
+            onset_rate=self.onset_rate[index],
+            coefficients=self.coefficients[index],
+            max_current=self.max_current if np.ndim(self.max_current) == 0 else np.asarray(self.max_current)[index],
+        )
+
+
+def exact_curve(
+    channels: Channels = PAPER_CHANNELS,
+    membrane: Membrane = CONNOR_STEVENS,
+    max_current: float = 40.0,
+    nodes: int = 18,
+    steps: int = SEARCH_STEPS,
+) -> RateCurve:
+    """Curve through exact firing rates at Chebyshev nodes in ``s``, with its error measured between them.
+
+    Parameters
+    ----------
+    channels : Channels
+        Scalar multipliers of the conductances [-].
+    membrane : Membrane
+        Constants.
+    max_current : float
+        Largest current that the curve covers [µA/cm²].
+    nodes : int
+        Number of nodes.
+    steps : int
+        Steps of integration that may be taken, those of cells side by side counted once.
+
+    Returns
+    -------
+    RateCurve
+        Of batch shape ().
+
+    Raises
+    ------
+    InputError
+        If a multiplier is not one finite non-negative number, or ``max_current`` not finite.
+    NumericalError
+        If the steps do not suffice, as where firing begins so slowly that it is hard to tell from rest.
+    """
+    if not np.isfinite(max_current) or nodes < 2:
+        raise InputError(f"a curve needs a finite largest current and two nodes, not {max_current} and {nodes}")
+    if any(np.ndim(c) for c in channels):
+        raise InputError("an exact curve has one value of each channel multiplier")
+    try:
+        return _exact_curve(channels, membrane, max_current, nodes, Budget(steps))
+    except StepsSpentError as spent:
+        named = ", ".join(f"{name} = {value:g}" for name, value in channels._asdict().items())
+        known = ", ".join(f"{name} {low:g} to {high:g}" for name, (low, high) in TRIED._asdict().items())
+        usual = ", ".join(f"{value:g}" for value in PAPER_CHANNELS)
+        raise NumericalError(
+            f"no rate curve of the membrane {membrane.name} with {named}: after {steps} steps of integration the "
+            f"search for where firing begins was still {spent}, where it settles too slowly to tell firing from "
+            f"rest. Use multipliers closer to the paper's ({usual}); one at a time, {known} give a curve with the "
+            f"membrane {CONNOR_STEVENS.name}"
+        ) from None
+
+
+def _exact_curve(channels: Channels, membrane: Membrane, max_current: float, nodes: int, budget: Budget) -> RateCurve:
+    begin = onset(channels, membrane, budget=budget)
+    silent = RateCurve(begin.rheobase, np.array(0.0), np.zeros(nodes), float(max_current), CurveError(0.0, 0.0, 0.0))
+    if begin.rheobase >= max_current:
+        return silent
+    s_max = float(np.sqrt(max_current - begin.rheobase))
+    through_fold, s_min = bool(np.isfinite(begin.prefactor)), 0.0
+    angles = np.pi * np.arange(nodes) / (nodes - 1)
+    if not through_fold:
+        s_min = _CLOSEST_BORN if begin.born else _CLOSEST_JUMP
+        s_min = s_min if s_min < 0.1 * s_max else 0.1 * s_max
+    # below the first node, where simulation is slow, the error is smaller still: it is proportional to s
+    between = 0.5 * (angles[1:] + angles[:-1])[1:]
+    s = s_min + 0.5 * (s_max - s_min) * (1.0 - np.cos(np.concatenate([angles, between])))
+    exact = np.zeros_like(s)
+    exact[int(through_fold) :] = firing_rate(
+        begin.rheobase + s[int(through_fold) :] ** 2, channels, membrane, budget=budget
+    )
+    w = 2.0 * s[:nodes] / s_max - 1.0
+    if through_fold or begin.born:
+        value = (exact[:nodes] - begin.rate) / np.where(s[:nodes] > 0.0, s[:nodes], 1.0)
+        value[0] = begin.prefactor if through_fold else value[0]
+        onset_rate, coefficients = float(begin.rate), _monomials(w, value)
+    else:
+        onset_rate, coefficients = _without_constant(_monomials(w, exact[:nodes]), s_max)
+    curve = replace(silent, onset_rate=np.array(onset_rate), coefficients=coefficients)
+    difference = np.abs(curve.rate(begin.rheobase + s[nodes:] ** 2) - exact[nodes:])
+    error = CurveError(
+        float(difference.max()),
+        float((difference / exact[nodes:]).max()),
+        float(abs(onset_rate - begin.rate)),
+    )
+    return replace(curve, error=error)
+
+
+def exact_curves(
+    channels: Channels,
+    membrane: Membrane,
+    max_current: ArrayLike,
+    nodes: int = 14,
+    expected: ArrayLike | None = None,
+    tolerance: float = TOLERANCE,
+) -> RateCurve:
+    """Curves of many channel vectors through exact rates, without a measurement of their error.
+
+    At 14 nodes the curves are within 3e-5 of the rate to 40 µA/cm², and within 3e-6 to 20 (model.md 7).
+
+    Parameters
+    ----------
+    channels : Channels
+        Multipliers, each of shape (n,).
+    membrane : Membrane
+        Constants.
+    max_current : array_like
+        Largest current that each covers [µA/cm²], of shape (n,).
+    nodes : int
+        Number of nodes.
+    expected : array_like, optional
+        Rheobases that are expected [µA/cm²], as :func:`~.onset.onset` takes them.
+    tolerance : float
+        Of the rates, as :func:`~.rate.firing_rate` takes it.
+    """
+    begin = onset(channels, membrane, expected)
+    limit = np.broadcast_to(np.asarray(max_current, dtype=float), begin.rheobase.shape)
+    unknown = CurveError(np.nan, np.nan, np.nan)
+    curve = RateCurve(begin.rheobase, np.zeros_like(limit), np.zeros((limit.size, nodes)), limit, unknown)
+    through_fold, fires = np.isfinite(begin.prefactor), begin.rheobase < limit
+    smooth = np.flatnonzero(fires & (through_fold | begin.born))
+    s_max = curve.s_max[smooth, None]
+    s_min = np.where(through_fold[smooth, None], 0.0, np.minimum(_CLOSEST_BORN, 0.1 * s_max))
+    s = s_min + 0.5 * (s_max - s_min) * (1.0 - np.cos(np.pi * np.arange(nodes) / (nodes - 1)))
+    value = np.repeat(begin.prefactor[smooth, None], nodes, axis=1)
+    vector, node = np.nonzero(s)
+    excess, lane = s[vector, node], smooth[vector]
+    current = begin.rheobase[lane] + excess**2
+    rate = firing_rate(current, Channels(*(c[lane] for c in channels)), membrane, tolerance)
+    value[vector, node] = (rate - begin.rate[lane]) / excess
+    curve.onset_rate[smooth] = begin.rate[smooth]
+    for place, i in enumerate(smooth):
+        curve.coefficients[i] = _monomials(2.0 * s[place] / s_max[place] - 1.0, value[place])
+    for i in np.flatnonzero(fires & ~through_fold & ~begin.born):
+        own = exact_curve(Channels(*(float(c[i]) for c in channels)), membrane, float(limit[i]), nodes)
+        curve.onset_rate[i], curve.coefficients[i] = own.onset_rate, own.coefficients
+    return curve
+
+
+def _monomials(w: FloatArray, value: FloatArray) -> FloatArray:
+    """Monomial coefficients of the polynomial through ``value`` at nodes ``w`` within [-1, 1]."""
+    return np.asarray(chebyshev.cheb2poly(chebyshev.chebfit(w, value, w.size - 1)), dtype=float)
+
+
+def _without_constant(coefficients: FloatArray, s_max: float) -> tuple[float, FloatArray]:
+    """Write ``p(w)`` as ``p(-1) + s q(w)``, ``w = 2 s / s_max - 1``: the value ``p(-1)`` and the coefficients of q."""
+    value = polynomial.polyval(-1.0, coefficients)
+    quotient, _ = polynomial.polydiv(coefficients - value * (np.arange(coefficients.size) == 0), [1.0, 1.0])
+    return float(value), np.append(quotient * (2.0 / s_max), 0.0)

@@ -1,0 +1,265 @@
+"""Steady firing after a current step from rest: integrate until the membrane repeats itself or settles.
+
+A spike is an upward crossing of ``SPIKE_VOLTAGE``. Its instant is found by repeating the step that crosses it with
+other lengths until the step ends on it, so that it has the full order of the method. The answer is always taken from
+the interval between spikes once it has converged, never from their number: the spikes of an onset transient do not
+count as firing.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from softness_bayes.errors import NumericalError
+from softness_bayes.touch.neuron.rosenbrock import FIRST_LENGTH, ArrowSolver, local_error, next_length, step
+from softness_bayes.touch.neuron.vector_field import ArrowJacobian, Cells
+
+FloatArray = NDArray[np.float64]
+
+SPIKE_VOLTAGE = -30.0
+"""Voltage [mV] that a spike crosses upwards."""
+
+TOLERANCE = 2e-9
+"""Largest local error of a step, relative to 100 mV and to a fully open gate; periods come out within 3e-8, except
+where the membrane lingers beside the place of a lost equilibrium: there errors count in proportion to the stay."""
+
+AGREEMENT = 1e-8
+"""Agreement of successive periods, and of the states at successive spikes, at which an orbit counts as periodic."""
+
+_REARM = 1.0  # mV below the spike voltage before another spike can count
+_LOCATED = 1e-6  # mV from the spike voltage at which a spike counts as found
+_SETTLED = (2e-2, 2e-4)  # mV and gate distance from a stable equilibrium that is silence
+_SETTLED_CHECK = 16  # steps between looks for settled cells
+_MAX_SUBTHRESHOLD = 150  # voltage peaks without a spike that are silence: a steady subthreshold oscillation
+_MAX_STEPS = 400_000
+
+
+class StepsSpentError(NumericalError):
+    """The steps that a search was given are spent."""
+
+
+@dataclass
+class Budget:
+    """Steps that the integrations of one search may still take, all cells side by side counted once."""
+
+    left: int
+
+    def spend(self, cells: Cells) -> None:
+        """Count a step.
+
+        Raises
+        ------
+        StepsSpentError
+            If none is left, with the currents that were being tried.
+        """
+        if self.left <= 0:
+            low, high = cells.current.min(), cells.current.max()
+            raise StepsSpentError(f"at {low:.7g}" + (f" to {high:.7g}" if high > low else "") + " µA/cm²")
+        self.left -= 1
+
+
+class Orbit(NamedTuple):
+    """What cells end on."""
+
+    rate: FloatArray
+    """Rates [Hz], shape (n,); exactly 0 where a cell settles or oscillates below the spike voltage"""
+    spike_state: FloatArray
+    """State on the orbit at the instant of a spike, shape (1 + gates, n); NaN where the rate is 0"""
+
+
+def steady_orbit(
+    cells: Cells,
+    state: FloatArray,
+    tolerance: FloatArray | float = TOLERANCE,
+    agreement: float = AGREEMENT,
+    budget: Budget | None = None,
+) -> Orbit:
+    """Follow cells that start from given states to the periodic orbit or equilibrium that they end on.
+
+    Parameters
+    ----------
+    cells : Cells
+        n cells under constant currents.
+    state : ndarray, shape (1 + gates, n)
+        Their states when the currents begin.
+    tolerance : float or ndarray, shape (n,)
+        Largest local error of a step, as :data:`TOLERANCE`.
+    agreement : float
+        Relative difference of successive periods, and scaled distance of successive spikes, that ends the search.
+    budget : Budget, optional
+        Steps that may be taken; without one, each call has its own.
+
+    Raises
+    ------
+    NumericalError
+        If a cell neither settles nor repeats itself, or the budget is spent.
+    """
+    rate, spike_state = np.zeros(len(cells)), np.full_like(state, np.nan)
+    orbits = _Orbits.start(cells, state, tolerance)
+    for count in range(_MAX_STEPS):
+        if not len(orbits.lane):
+            return Orbit(rate, spike_state)
+        if budget is not None:
+            budget.spend(orbits.cells)
+        orbits.advance()
+        period = orbits.period(agreement)
+        done = period > 0.0
+        rate[orbits.lane[done]] = 1000.0 / period[done]
+        spike_state[:, orbits.lane[done]] = orbits.spike_state[:, done]
+        if count % _SETTLED_CHECK == 0:
+            done |= orbits.settled() | (orbits.peaks > _MAX_SUBTHRESHOLD)
+        if done.any():
+            orbits = orbits.take(np.flatnonzero(~done))
+    lane = orbits.lane[0]
+    raise NumericalError(
+        f"the membrane {cells.membrane.name} neither settles nor repeats itself at {cells.current[lane]:.9g} µA/cm² "
+        f"with conductances {cells.conductance[:, lane]} and leak {cells.leak[lane]:.9g} mS/cm²"
+    )
+
+
+@dataclass
+class _Orbits:
+    """Trajectories under way, one column for each cell that is not decided yet."""
+
+    cells: Cells
+    lane: NDArray[np.intp]  # the cell's place among all cells
+    tolerance: FloatArray
+    state: FloatArray
+    stride: FloatArray  # step length that the error allows [ms]
+    length: FloatArray  # step length to be tried: the stride, or less while a spike is being located
+    elapsed: FloatArray  # time since the last spike [ms]
+    armed: NDArray[np.bool_]  # the voltage has been below the spike voltage since the last spike
+    rising: NDArray[np.bool_]
+    peaks: NDArray[np.intp]  # voltage peaks since the last spike
+    low: FloatArray  # step lengths around the spike, (length [ms], voltage above the spike voltage [mV])
+    high: FloatArray
+    intervals: FloatArray  # the last four, newest last; NaN where there is none yet
+    spike_state: FloatArray  # at the last spike
+    returned: FloatArray  # scaled distance between the last two such states
+
+    @classmethod
+    def start(cls, cells: Cells, state: FloatArray, tolerance: FloatArray | float) -> _Orbits:
+        n = len(cells)
+        return cls(
+            cells=cells,
+            lane=np.arange(n),
+            tolerance=np.broadcast_to(np.asarray(tolerance, dtype=float), (n,)),
+            state=state.copy(),
+            stride=np.full(n, FIRST_LENGTH),
+            length=np.full(n, FIRST_LENGTH),
+            elapsed=np.full(n, np.nan),
+            armed=state[0] < SPIKE_VOLTAGE - _REARM,
+            rising=np.zeros(n, dtype=bool),
+            peaks=np.zeros(n, dtype=np.intp),
+            low=np.zeros((2, n)),
+            high=np.zeros((2, n)),
+            intervals=np.full((4, n), np.nan),
+            spike_state=np.full_like(state, np.nan),
+            returned=np.full(n, np.inf),
+        )
+
+    def take(self, index: NDArray[np.intp]) -> _Orbits:
+        """The trajectories at ``index``."""
+        return _Orbits(
+            self.cells.take(index),
+            *(getattr(self, name)[..., index] for name in self.__dataclass_fields__ if name != "cells"),
+        )
+
+    def advance(self) -> None:
+        """Try one step of every trajectory."""
+        after, error, slope = step(self.cells, self.state, self.length)
+        size = local_error(error) / self.tolerance
+        locating = self.high[0] > 0.0
+        accepted = (size <= 1.0) & ~locating
+        gap = after[0] - SPIKE_VOLTAGE
+        crossing = accepted & self.armed & (gap >= 0.0)
+        spiking = self._locate(locating, crossing, gap)
+
+        rising = slope[0] > 0.0
+        self.peaks += self.rising & ~rising
+        self.rising = rising
+        self.stride = np.where(locating, self.stride, next_length(self.length, size))
+        moved = (accepted & ~crossing) | spiking
+        self.state = np.where(moved, after, self.state)
+        self.elapsed = np.where(moved, self.elapsed + self.length, self.elapsed)
+        self.armed = np.where(moved, (self.armed | (gap < -_REARM)) & ~spiking, self.armed)
+        if spiking.any():
+            self._record(np.flatnonzero(spiking))
+        between = self.high[0] > 0.0
+        self.length = np.where(between, self._secant(), self.stride)
+
+    def _locate(self, locating: NDArray[np.bool_], crossing: NDArray[np.bool_], gap: FloatArray) -> NDArray[np.bool_]:
+        """Tighten the bracket around every spike that is being located (Illinois); which ones are found."""
+        found = (locating | crossing) & (np.abs(gap) <= _LOCATED)
+        before = self.state[0] - SPIKE_VOLTAGE
+        self.low = np.where(crossing, [np.zeros_like(gap), before], self.low)
+        above, below = crossing | (locating & (gap >= 0.0)), locating & (gap < 0.0)
+        trial = np.array([self.length, gap])
+        self.low[1] *= np.where(above & locating, 0.5, 1.0)
+        self.high[1] *= np.where(below, 0.5, 1.0)
+        self.high = np.where(above, trial, self.high)
+        self.low = np.where(below, trial, self.low)
+        self.high = np.where(found, 0.0, self.high)
+        return found
+
+    def _secant(self) -> FloatArray:
+        (start, below), (end, above) = self.low, self.high
+        return start - below * (end - start) / np.where(above > below, above - below, 1.0)
+
+    def _record(self, spiking: NDArray[np.intp]) -> None:
+        """Note the intervals that end with the spikes just found."""
+        self.intervals[:, spiking] = np.vstack([self.intervals[1:, spiking], self.elapsed[spiking]])
+        change = np.abs(self.state[:, spiking] - self.spike_state[:, spiking])
+        change[0] /= 100.0
+        self.returned[spiking] = change.max(axis=0)
+        self.spike_state[:, spiking] = self.state[:, spiking]
+        self.elapsed[spiking] = 0.0
+        self.peaks[spiking] = 0
+
+    def period(self, agreement: float) -> FloatArray:
+        """Periods of the trajectories that repeat themselves [ms], 0 for the others."""
+        fresh = self.elapsed == 0.0
+        if not fresh.any():
+            return np.zeros(len(self.lane))
+        first, second, third, last = self.intervals
+        with np.errstate(invalid="ignore", divide="ignore"):
+            older, newer = _aitken(first, second, third), _aitken(second, third, last)
+            converged = np.abs(newer - older) <= agreement * last
+        repeated = self.returned <= 2.0 * agreement
+        return np.where(fresh & repeated, last, np.where(fresh & converged, newer, 0.0))
+
+    def settled(self) -> NDArray[np.bool_]:
+        """Which trajectories have come to rest on a stable equilibrium."""
+        settled = np.zeros(len(self.lane), dtype=bool)
+        slope = self.cells.slope(self.state)
+        slow = np.flatnonzero(np.abs(slope).max(axis=0) < 1e-1)
+        if slow.size:
+            jacobian = self.cells.take(slow).linearise(self.state[:, slow])
+            distance = np.abs(ArrowSolver(jacobian, np.zeros(slow.size))(slope[:, slow]))
+            near = (distance[0] < _SETTLED[0]) & (distance[1:].max(axis=0) < _SETTLED[1])
+            settled[slow] = near & (growth_rate(jacobian) < 0.0)
+        return settled
+
+
+def _aitken(first: FloatArray, second: FloatArray, third: FloatArray) -> FloatArray:
+    """Limit of a geometric sequence from three terms; the last term where they no longer differ."""
+    change = third - second
+    curvature = change - (second - first)
+    settled = np.abs(curvature) <= 1e-12 * np.abs(third)
+    return np.where(settled, third, third - change**2 / np.where(settled, 1.0, curvature))
+
+
+def growth_rate(jacobian: ArrowJacobian) -> FloatArray:
+    """Largest real part of the eigenvalues [1/ms], shape (n,): negative where an equilibrium is stable."""
+    gates, n = jacobian.decay.shape
+    matrix = np.zeros((n, gates + 1, gates + 1))
+    diagonal = np.arange(1, gates + 1)
+    matrix[:, 0, 0] = jacobian.voltage_by_voltage
+    matrix[:, 0, 1:] = jacobian.voltage_by_gate.T
+    matrix[:, 1:, 0] = jacobian.gate_by_voltage.T
+    matrix[:, diagonal, diagonal] = -jacobian.decay.T
+    return np.linalg.eigvals(matrix).real.max(axis=1)

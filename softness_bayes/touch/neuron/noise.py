@@ -1,0 +1,114 @@
+"""The noise-averaged firing rate against current, with its Monte-Carlo error.
+
+Noise lets a membrane fire below its rheobase, ever more seldom; where the mean rate falls below `LEAST_RATE` the curve
+ends and the membrane counts as silent. Above, the rate is smooth in the current, and a least-squares polynomial in the
+root of the distance from that end averages the simulations' scatter.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.polynomial import chebyshev
+from numpy.typing import NDArray
+
+from softness_bayes.errors import InputError
+from softness_bayes.ranges import NOISES
+from softness_bayes.touch.neuron.firing import CurveError, RateCurve, exact_curve
+from softness_bayes.touch.neuron.membrane import CONNOR_STEVENS, PAPER_CHANNELS, Channels, Membrane
+from softness_bayes.touch.neuron.spikes import firing_statistics
+
+FloatArray = NDArray[np.float64]
+
+LEAST_RATE = 0.25
+"""Mean rate [Hz] below which a noisy membrane counts as silent: a spike in four seconds."""
+
+_NODES = 40
+_DEGREE = 13
+_STEP = 0.02  # ms; rates come out within 2e-4
+_CLOSEST = 0.05  # of the range of s, the node next to the end of the curve
+_REACHES = np.linspace(0.0, 12.0, 25)  # µA/cm² below the rheobase where the end of the curve is looked for
+
+
+def noisy_curve(
+    noise: float,
+    channels: Channels = PAPER_CHANNELS,
+    membrane: Membrane = CONNOR_STEVENS,
+    max_current: float = 40.0,
+    seed: int = 0,
+    runs: int = 16,
+    duration: float = 2000.0,
+) -> RateCurve:
+    """Curve through simulated mean rates.
+
+    Parameters
+    ----------
+    noise : float
+        Strength of the white current [µA/cm² sqrt(ms)].
+    channels : Channels
+        Scalar multipliers of the conductances [-].
+    membrane : Membrane
+        Constants.
+    max_current : float
+        Largest current that the curve covers [µA/cm²].
+    seed : int
+        Seed of the simulations.
+    runs : int
+        Runs of each current.
+    duration : float
+        Length of each [ms].
+
+    Returns
+    -------
+    RateCurve
+        Of batch shape (). Its error is the largest deviation of a simulated rate from the curve, or two of the fit's
+        standard errors where that is more.
+
+    Raises
+    ------
+    InputError
+        If the noise is not positive, or the membrane silent up to the largest current.
+    """
+    replace(NOISES, above=True).require("noise", noise)
+    rng = np.random.default_rng(seed)
+    quiet = exact_curve(channels, membrane, max_current)
+    if not quiet.rheobase < max_current:
+        raise InputError(f"the membrane {membrane.name} is silent up to {max_current:g} µA/cm²")
+    begin = _end(noise, channels, membrane, float(quiet.rheobase), rng, runs)
+    s_max = float(np.sqrt(max_current - begin))
+    share = 0.5 * (1.0 - np.cos(np.pi * np.arange(_NODES) / (_NODES - 1)))
+    s = s_max * (_CLOSEST + (1.0 - _CLOSEST) * share)
+    current = np.minimum(begin + s**2, max_current)  # rounding may pass the end
+    found = firing_statistics(current, noise, rng, channels, membrane, duration, runs, _STEP)
+    # a run without a spike has no spread of its own: one spike more or less is the least error
+    spread = np.maximum(found.rate_error, 1000.0 / (duration * runs))
+    w = 2.0 * s / s_max - 1.0
+    rows = s[:, None] * chebyshev.chebvander(w, _DEGREE) / spread[:, None]
+    fitted = np.linalg.lstsq(rows, (found.rate - LEAST_RATE) / spread, rcond=None)[0]
+    coefficients = np.asarray(chebyshev.cheb2poly(fitted), dtype=float)
+    curve = RateCurve(np.array(begin), np.array(LEAST_RATE), coefficients, max_current, CurveError(0.0, 0.0, 0.0))
+    deviation = np.abs(curve.rate(current) - found.rate)
+    of_fit = spread * np.sqrt((rows @ np.linalg.pinv(rows)).diagonal())
+    size = np.maximum(deviation, 2.0 * of_fit)
+    error = CurveError(float(size.max()), float((size / np.maximum(found.rate, LEAST_RATE)).max()), LEAST_RATE)
+    return RateCurve(curve.rheobase, curve.onset_rate, coefficients, max_current, error)
+
+
+def _end(
+    noise: float, channels: Channels, membrane: Membrane, rheobase: float, rng: np.random.Generator, runs: int
+) -> float:
+    """Current at which the mean rate falls through `LEAST_RATE`, by interpolation of its logarithm."""
+    current = rheobase - _REACHES
+    found = firing_statistics(current, noise, rng, channels, membrane, 1000.0, 2 * runs, _STEP)
+    seldom = np.flatnonzero(found.rate < LEAST_RATE)
+    if not seldom.size:
+        raise InputError(
+            f"noise: with {noise:g} µA/cm² sqrt(ms) the membrane fires even {_REACHES[-1]:g} µA/cm² below its "
+            "rheobase; expected less noise"
+        )
+    if seldom[0] == 0:
+        return rheobase
+    above, below = np.log(found.rate[seldom[0] - 1]), np.log(max(float(found.rate[seldom[0]]), 0.1 * LEAST_RATE))
+    share = (above - np.log(LEAST_RATE)) / (above - below)
+    return float(current[seldom[0] - 1] - share * (_REACHES[1] - _REACHES[0]))

@@ -1,0 +1,322 @@
+"""The fast firing-rate surface: rate curves for a whole batch of channel multipliers from one table of polynomials.
+
+Over the box of the multipliers, the rheobase, the rate just above it and the coefficients of the curve
+(:class:`~.firing.RateCurve`) are smooth: each is one polynomial of bounded total degree in the multipliers, so that a
+vector's curve costs one row of a matrix product. In a thin corner of the Connor-Stevens box firing begins at a jump
+instead of a fold (model.md 7). Its border is one more polynomial; a channel vector beyond it gets its own exact curve.
+Vectors outside the box are refused, never extrapolated.
+
+The tables are built and measured by ``python -m softness_bayes.tools.surface_build``.
+"""
+
+from __future__ import annotations
+
+import itertools
+import json
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+from importlib import resources
+
+import numpy as np
+from numpy.typing import NDArray
+
+from softness_bayes.errors import InputError, NumericalError
+from softness_bayes.touch.neuron.firing import CurveError, RateCurve, exact_curve, exact_curves
+from softness_bayes.touch.neuron.membrane import CONNOR_STEVENS, Channels, Driven, Membrane, lanes
+from softness_bayes.touch.neuron.polynomials import chebyshev_values
+from softness_bayes.touch.neuron.surface_design import DESIGNS, NO_SURFACE, Design
+
+FloatArray = NDArray[np.float64]
+
+TABLES = "firing_surface.npz"
+"""Name of the data file beside this module."""
+
+ERRORS = "firing_surface.json"
+"""Name of the file with the measured errors beside it."""
+
+_CHECKING = 5e-8  # local error where many exact curves are made: within 1e-6 of a rate, and in half the time
+_AT_THE_EDGE = 1e-9  # of the box's half-width: rounding of a multiplier at its prior's end
+
+
+@dataclass(frozen=True)
+class TotalDegree:
+    """Chebyshev products in some variables up to a total degree."""
+
+    variables: int
+    degree: int
+
+    @cached_property
+    def exponents(self) -> NDArray[np.intp]:
+        """Degrees of every product, shape (variables, terms)."""
+        every = itertools.product(range(self.degree + 1), repeat=self.variables)
+        return np.array([e for e in every if sum(e) <= self.degree]).T
+
+    def basis(self, x: FloatArray) -> FloatArray:
+        """Values of all products at points of shape (variables, n), shape (n, terms)."""
+        return np.ascontiguousarray(_products(chebyshev_values(x, self.degree + 1), self.exponents).T)
+
+
+class Summed:
+    """A polynomial of some total degree, without making its products: those of all variables but the last suffice.
+
+    Degree by degree of the last variable, what multiplies it is a polynomial of a lower degree in the others.
+
+    Parameters
+    ----------
+    terms : TotalDegree
+        Products, of two variables at least.
+    coefficients : ndarray, shape (terms, columns)
+        One polynomial for each column.
+    """
+
+    def __init__(self, terms: TotalDegree, coefficients: FloatArray) -> None:
+        others = TotalDegree(terms.variables - 1, terms.degree).exponents
+        # rising in degree, so that the products up to any degree come first
+        self._exponents, self._degree = others[:, np.argsort(others.sum(axis=0), kind="stable")], terms.degree
+        row = {tuple(exponent): k for k, exponent in enumerate(terms.exponents.T.tolist())}
+        self._parts = []
+        for last in range(terms.degree + 1):
+            chosen = [row[*e, last] for e in self._exponents.T.tolist() if sum(e) + last <= terms.degree]
+            self._parts.append(np.ascontiguousarray(coefficients[chosen]))
+
+    def __call__(self, x: FloatArray) -> FloatArray:
+        """Values of the polynomials at points of shape (variables, n), shape (n, columns)."""
+        values = chebyshev_values(x, self._degree + 1)
+        product = _products(values[:, :-1], self._exponents).T
+        total = product @ self._parts[0]
+        for last, part in zip(values[1:, -1], self._parts[1:], strict=True):
+            total += last[:, None] * (product[:, : len(part)] @ part)
+        return total
+
+
+def _products(values: FloatArray, exponents: NDArray[np.intp]) -> FloatArray:
+    """Products, shape (terms, n), of polynomials of each variable, shape (orders, variables, n)."""
+    product = values[exponents[0], 0]
+    for k, exponent in enumerate(exponents[1:], 1):
+        product *= values[exponent, k]
+    return product
+
+
+@dataclass(frozen=True)
+class FiringSurface:
+    """Firing rate as a function of current and channel multipliers.
+
+    Parameters
+    ----------
+    design : Design
+        What it was made from.
+    table : ndarray, shape (terms, 2 + nodes)
+        Polynomial coefficients of the rheobase [µA/cm²], the onset rate [Hz] and the coefficients of the curve.
+    border : ndarray, shape (terms,)
+        Polynomial coefficients of the place of the corner's border in ``c_K``; empty without a corner.
+    error : CurveError
+        Largest measured error.
+    """
+
+    design: Design
+    table: FloatArray
+    border: FloatArray
+    error: CurveError
+    noise = 0.0
+
+    @classmethod
+    def load(cls, membrane: Membrane = CONNOR_STEVENS) -> FiringSurface:
+        """Surface of a membrane from the shipped tables.
+
+        Raises
+        ------
+        InputError
+            If there is no surface for the membrane, or it was made from other inputs than are declared now.
+        """
+        design = DESIGNS.get(membrane.name)
+        if design is None or design.membrane != membrane:
+            raise InputError(
+                f"channel multipliers cannot be sampled with the membrane {membrane.name}, "
+                f"{NO_SURFACE.get(membrane.name, 'for which no firing-rate surface is kept')}; hold c_Na, c_K, c_L and "
+                f"c_A, or use a membrane that has a surface: {', '.join(DESIGNS)}"
+            )
+        folder = resources.files(__package__)
+        with (folder / TABLES).open("rb") as file, np.load(file) as data:
+            digest = data[f"{membrane.name}/digest"].item()
+            table, border = data[f"{membrane.name}/table"], data[f"{membrane.name}/border"]
+        if digest != design.digest:
+            raise InputError(
+                f"{TABLES} was made from other inputs for {membrane.name}; "
+                "rebuild it with `python -m softness_bayes.tools.surface_build`"
+            )
+        measured = json.loads((folder / ERRORS).read_text())[membrane.name]
+        return cls(design, table, border, CurveError(*(measured[name] for name in CurveError._fields)))
+
+    @property
+    def max_current(self) -> float:
+        """Largest current that the curves cover [µA/cm²]."""
+        return self.design.max_current
+
+    @cached_property
+    def _terms(self) -> TotalDegree:
+        return TotalDegree(len(self.design.axes), self.design.degree)
+
+    @cached_property
+    def _summed(self) -> Summed:
+        return Summed(self._terms, self.table)
+
+    @cached_property
+    def _border_terms(self) -> TotalDegree:
+        return TotalDegree(3, self.design.border.degree if self.design.border is not None else 0)
+
+    @cached_property
+    def _quadratic_rheobase(self) -> tuple[FloatArray, FloatArray]:
+        """Gradient g and matrix H of the rheobase up to second order, g·x + x·H x above that at the box's centre."""
+        exponents, coefficients = self._terms.exponents, self.table[:, 0]
+        axes = len(exponents)
+        gradient, matrix = np.zeros(axes), np.zeros((axes, axes))
+        for exponent, coefficient in zip(exponents.T, coefficients, strict=True):
+            if exponent.sum() == 1:
+                gradient += coefficient * exponent
+            elif exponent.sum() == 2:
+                # T_2(x) = 2 x² - 1, T_1(x) T_1(y) = x y
+                share = np.outer(exponent, exponent) * 0.5
+                matrix += coefficient * (share if exponent.max() == 2 else share - np.diag(np.diag(share)))
+        return gradient, matrix
+
+    @cached_property
+    def _plane_below_border(self) -> tuple[float, FloatArray]:
+        """Intercept and slopes of a plane that the border's polynomial nowhere falls below: what T_k can take off."""
+        exponents = self._border_terms.exponents
+        order = exponents.sum(axis=0)
+        slopes = exponents[:, order == 1] @ self.border[order == 1]
+        return float(self.border[order == 0].sum() - np.abs(self.border[order > 1]).sum()), slopes
+
+    def corner(self, place: FloatArray) -> NDArray[np.bool_]:
+        """Whether places of shape (axes, n) lie in the corner, or in the strip beside it that counts as the corner."""
+        found = np.zeros(place.shape[1], dtype=bool)
+        if self.design.border is not None:
+            # the polynomial is asked only where the plane below it leaves a doubt
+            intercept, slopes = self._plane_below_border
+            near = np.flatnonzero(intercept + slopes @ place[[0, 2, 3]] - place[1] < self.design.border.margin)
+            if near.size:
+                found[near] = self.before_corner(place[:, near]) < self.design.border.margin
+        return found
+
+    def rheobase_shift(self, channels: Channels) -> FloatArray:
+        """Change of the rheobase from that at the box's centre [µA/cm²], to second order."""
+        shape, place = self._places(channels)
+        gradient, matrix = self._quadratic_rheobase
+        return (gradient @ place + (place * (matrix @ place)).sum(axis=0)).reshape(shape)
+
+    def _places(self, channels: Channels) -> tuple[tuple[int, ...], FloatArray]:
+        """Batch shape of channel vectors, and their places, shape (axes, n), wherever they lie."""
+        values = np.broadcast_arrays(*(np.asarray(c, float) for c in channels))
+        return values[0].shape, self.design.place(np.array([v.reshape(-1) for v in values]))
+
+    def answers(self, channels: Channels) -> NDArray[np.bool_]:
+        """Whether channel vectors lie in the box and out of the corner, of their batch shape."""
+        shape, place = self._places(channels)
+        inside = np.flatnonzero((np.abs(place) <= 1.0 + _AT_THE_EDGE).all(axis=0))
+        found = np.zeros(place.shape[1], dtype=bool)
+        found[inside] = ~self.corner(place[:, inside])
+        return found.reshape(shape)
+
+    def before_corner(self, place: FloatArray) -> FloatArray:
+        """How far places of shape (axes, n) are from the corner's border along ``c_K``; negative in the corner."""
+        if self.design.border is None:
+            return np.full(place.shape[1], np.inf)
+        return self._border_terms.basis(place[[0, 2, 3]]) @ self.border - place[1]
+
+    def curve(self, channels: Channels) -> RateCurve:
+        """Rate curves of channel vectors.
+
+        Parameters
+        ----------
+        channels : Channels
+            Multipliers [-], broadcast to the batch shape.
+
+        Raises
+        ------
+        InputError
+            If a multiplier is not finite or lies outside the box.
+        """
+        shape, multipliers = lanes(channels)
+        flat = np.array(multipliers)
+        place = self.design.place(flat)
+        self._require_inside(flat, place)
+        values = self._summed(place)
+        for i in np.flatnonzero(self.corner(place)):
+            own = _own_curve(Channels(*flat[:, i].tolist()), self.design.membrane, self.max_current, self.design.nodes)
+            values[i] = np.hstack([own.rheobase, own.onset_rate, own.coefficients])
+        values = values.reshape(*shape, values.shape[-1])
+        return RateCurve(values[..., 0], values[..., 1], values[..., 2:], self.max_current, self.error)
+
+    def curves(self, parameters: Driven) -> RateCurve:
+        """Rate curves of parameter vectors, of their batch shape.
+
+        Raises
+        ------
+        NumericalError
+            If an alpha exceeds `max_current`.
+        """
+        alpha = np.asarray(parameters.alpha, float)
+        if not (alpha <= self.max_current).all():
+            raise NumericalError(
+                f"alpha = {alpha.max():.6g} µA/cm² lies beyond the {self.max_current:g} that the firing-rate surface "
+                "covers; hold the channel multipliers for larger ones"
+            )
+        return self.curve(Channels(*(getattr(parameters, name) for name in Channels._fields)))
+
+    def exact(self) -> ExactRates:
+        """Return the source of the curves that the surface stands for."""
+        return ExactRates(self.design.membrane, self)
+
+    def _require_inside(self, channels: FloatArray, place: FloatArray) -> None:
+        outside = np.abs(place) > 1.0 + _AT_THE_EDGE
+        if outside.any():
+            axis, i = np.argwhere(outside)[0]
+            which = self.design.axes[axis]
+            centre, width = self.design.channels[which], self.design.half_width
+            raise InputError(
+                f"{Channels._fields[which]} = {channels[which, i]:.6g} lies outside {centre * (1 - width):.6g} to "
+                f"{centre * (1 + width):.6g}, the box that the firing-rate surface covers; "
+                "hold the channel multipliers at values there, or let their priors end within it"
+            )
+
+
+@dataclass(frozen=True)
+class ExactRates:
+    """Rate curves through exact rates of every parameter vector, each up to its alpha: milliseconds for each.
+
+    Parameters
+    ----------
+    membrane : Membrane
+        Constants.
+    near : FiringSurface, optional
+        Surface near whose rheobase firing is looked for first, which saves most of the search.
+    """
+
+    membrane: Membrane
+    near: FiringSurface | None = None
+    noise = 0.0
+
+    def curves(self, parameters: Driven) -> RateCurve:
+        """Rate curves of parameter vectors, of their batch shape."""
+        values = np.broadcast_arrays(*(getattr(parameters, name) for name in (*Channels._fields, "alpha")))
+        *multipliers, alpha = (np.asarray(v, float).reshape(-1) for v in values)
+        channels = Channels(*multipliers)
+        expected = None if self.near is None else self.near.curve(channels).rheobase
+        curves = exact_curves(channels, self.membrane, alpha, expected=expected, tolerance=_CHECKING)
+        shape = values[0].shape
+        return RateCurve(
+            curves.rheobase.reshape(shape),
+            curves.onset_rate.reshape(shape),
+            curves.coefficients.reshape(*shape, -1),
+            np.reshape(curves.max_current, shape),
+            curves.error,
+        )
+
+    def exact(self) -> ExactRates:
+        """Return itself."""
+        return self
+
+
+@lru_cache(maxsize=4096)
+def _own_curve(channels: Channels, membrane: Membrane, max_current: float, nodes: int) -> RateCurve:
+    return exact_curve(channels, membrane, max_current, nodes)

@@ -1,0 +1,149 @@
+"""What the firing-rate surfaces are made from: one declared design for each membrane."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from functools import cached_property
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from softness_bayes.touch.neuron.limit_cycle import AGREEMENT, TOLERANCE
+from softness_bayes.touch.neuron.membrane import (
+    CONNOR_STEVENS,
+    HODGKIN_HUXLEY,
+    PAPER_CHANNELS,
+    PRINTED,
+    Channels,
+    Membrane,
+)
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Border:
+    """Declared inputs of the border of the corner: ``c_K`` at which firing stops beginning at the fold.
+
+    Parameters
+    ----------
+    degree : int
+        Total degree in the other multipliers.
+    points : int
+        Points that the polynomial is fitted to.
+    distance : float
+        Root of the current above the fold at which firing decides [sqrt(µA/cm²)].
+    margin : float
+        Strip beside the border that counts as the corner, in units of the box's half-width.
+    """
+
+    degree: int = 6
+    points: int = 600
+    distance: float = 0.01
+    margin: float = 3e-3
+
+
+@dataclass(frozen=True)
+class Design:
+    """Declared inputs of one surface.
+
+    Parameters
+    ----------
+    membrane : Membrane
+        Constants.
+    max_current : float
+        Largest current [µA/cm²].
+    degree : int
+        Total degree in the multipliers.
+    points : int
+        Channel vectors that the polynomials are fitted to.
+    nodes : int
+        Nodes in ``s``, the root of the current above the rheobase.
+    closest : float
+        First node, as a share of the largest ``s``; 0 where the limit is known analytically.
+    border : Border or None
+        Where there is a corner.
+    channels : Channels
+        Centre of the box.
+    half_width : float
+        Half-width of the box, relative to its centre.
+    """
+
+    membrane: Membrane
+    max_current: float
+    degree: int
+    points: int
+    nodes: int
+    closest: float = 0.0
+    border: Border | None = None
+    channels: Channels = PAPER_CHANNELS
+    half_width: float = 0.1
+
+    @property
+    def axes(self) -> list[int]:
+        """Multipliers that matter, as indices into ``Channels``: without an A-current, ``c_A`` does not."""
+        return [0, 1, 2, 3] if self.membrane.gating.a_current else [0, 1, 2]
+
+    @property
+    def nodes_w(self) -> FloatArray:
+        """Nodes in ``w = 2 s / s_max - 1``, Chebyshev points between ``closest`` and 1."""
+        share = 0.5 * (1.0 - np.cos(np.pi * np.arange(self.nodes) / (self.nodes - 1)))
+        return 2.0 * (self.closest + (1.0 - self.closest) * share) - 1.0
+
+    def place(self, channels: FloatArray) -> FloatArray:
+        """Where multipliers of shape (4, n) lie in the box, in units of its half-width, shape (axes, n)."""
+        return (np.asarray(channels)[self.axes] / self._centre - 1.0) / self.half_width
+
+    @cached_property
+    def _centre(self) -> FloatArray:
+        return np.array(self.channels)[self.axes, None]
+
+    def channels_at(self, place: FloatArray) -> Channels:
+        """Multipliers at places of shape (axes, n); one that does not matter is that of the centre."""
+        full = np.zeros((4, place.shape[1]))
+        full[self.axes] = place
+        return Channels(*(np.array(self.channels)[:, None] * (1.0 + self.half_width * full)))
+
+    def interval(self, channel: str) -> tuple[float, float]:
+        """Smallest and largest value of a multiplier in the box."""
+        centre = self.channels[Channels._fields.index(channel)]
+        return centre * (1 - self.half_width), centre * (1 + self.half_width)
+
+    @property
+    def digest(self) -> str:
+        """SHA-256 of everything declared that the surface is made from."""
+        declared = json.dumps([_declared(asdict(self)), TOLERANCE, AGREEMENT], sort_keys=True)
+        return hashlib.sha256(declared.encode()).hexdigest()
+
+
+def _declared(value: Any) -> Any:
+    """Numbers and words alone: what is derived from them (private fields) left out."""
+    if isinstance(value, dict):
+        return {key: _declared(item) for key, item in value.items() if not key.startswith("_")}
+    return value
+
+
+DESIGNS: Mapping[str, Design] = MappingProxyType(
+    {
+        design.membrane.name: design
+        for design in (
+            Design(CONNOR_STEVENS, max_current=60.0, degree=10, points=3072, nodes=20, border=Border()),
+            Design(HODGKIN_HUXLEY, max_current=60.0, degree=9, points=384, nodes=20, closest=0.015),
+        )
+    }
+)
+"""The surfaces that are shipped, by membrane."""
+
+NO_SURFACE: Mapping[str, str] = MappingProxyType(
+    {
+        PRINTED.name: "which is silent up to 38 µA/cm² whatever they are, almost twice the paper's largest current, "
+        "and begins to fire in more ways than one"
+    }
+)
+"""Why there is none for a membrane. The printed one begins at 39 to 67 µA/cm² where orbits fold, but in another way
+over a fiftieth of the box."""

@@ -1,0 +1,112 @@
+"""A row of independent cells as one vector field with its Jacobian."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from softness_bayes.touch.neuron.gating import channel_of_gate, fraction_slopes, open_fractions
+from softness_bayes.touch.neuron.membrane import Channels, Membrane
+
+FloatArray = NDArray[np.float64]
+
+
+class ArrowJacobian(NamedTuple):
+    """Jacobian of a cell: gates depend on themselves and on the voltage only, so it is an arrow.
+
+    Attributes
+    ----------
+    voltage_by_voltage : ndarray, shape (n,)
+        [1/ms].
+    voltage_by_gate : ndarray, shape (gates, n)
+        [mV/ms].
+    gate_by_voltage : ndarray, shape (gates, n)
+        [1/(ms mV)].
+    decay : ndarray, shape (gates, n)
+        Minus the derivative of each gate by itself [1/ms].
+    """
+
+    voltage_by_voltage: FloatArray
+    voltage_by_gate: FloatArray
+    gate_by_voltage: FloatArray
+    decay: FloatArray
+
+
+@dataclass(frozen=True)
+class Cells:
+    """A row of independent cells of one membrane under constant currents.
+
+    A state has the shape (1 + gates, n): the voltage [mV], then the gates as ``Gating.names`` orders them.
+
+    Parameters
+    ----------
+    membrane : Membrane
+        Constants that all cells share.
+    conductance : ndarray, shape (2 or 3, n)
+        Maximal conductances of the gated channels Na, (A,) K [mS/cm²].
+    leak : ndarray, shape (n,)
+        Leak conductance [mS/cm²].
+    current : ndarray, shape (n,)
+        Injected current [µA/cm²].
+    """
+
+    membrane: Membrane
+    conductance: FloatArray
+    leak: FloatArray
+    current: FloatArray
+    _drive: FloatArray = field(init=False, repr=False, compare=False)
+    _reversal: FloatArray = field(init=False, repr=False, compare=False)
+    _channel_of_gate: list[int] = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        m = self.membrane
+        reversal = [m.e_na, m.e_k] if len(self.conductance) == 2 else [m.e_na, m.e_a, m.e_k]
+        object.__setattr__(self, "_reversal", np.array(reversal)[:, None])
+        object.__setattr__(self, "_channel_of_gate", channel_of_gate(2 * len(reversal) - 1))
+        object.__setattr__(self, "_drive", self.current + self.leak * m.e_l)
+
+    @classmethod
+    def of(cls, membrane: Membrane, channels: Channels, current: FloatArray) -> Cells:
+        """Cells with multipliers and currents of one shape (n,)."""
+        c_na, c_k, c_l, c_a = channels
+        gated = [c_na * membrane.g_na, c_k * membrane.g_k]
+        if membrane.gating.a_current is not None:
+            gated.insert(1, c_a * membrane.g_a)
+        return cls(membrane, np.array(gated), c_l * membrane.g_l, current)
+
+    def __len__(self) -> int:
+        return len(self.leak)
+
+    def take(self, index: NDArray[np.intp] | NDArray[np.bool_]) -> Cells:
+        """The cells at ``index``."""
+        return Cells(self.membrane, self.conductance[:, index], self.leak[index], self.current[index])
+
+    def slope(self, state: FloatArray) -> FloatArray:
+        """Time derivative of the state [mV/ms and 1/ms], same shape."""
+        voltage, gates = state[0], state[1:]
+        opening, total = self.membrane.gating.rates(voltage)
+        slope = np.empty_like(state)
+        np.subtract(opening, total * gates, out=slope[1:])
+        conductance = open_fractions(gates)
+        conductance *= self.conductance
+        net = np.add.reduce(conductance * (self._reversal - voltage))
+        net += self._drive
+        net -= self.leak * voltage
+        np.divide(net, self.membrane.capacitance, out=slope[0])
+        return slope
+
+    def linearise(self, state: FloatArray) -> ArrowJacobian:
+        """The derivative of :meth:`slope` by the state."""
+        voltage, gates = state[0], state[1:]
+        _, total, opening_slope, total_slope = self.membrane.gating.rates_and_slopes(voltage)
+        conductance = (self.conductance * open_fractions(gates)).sum(axis=0) + self.leak
+        force = self.conductance * (self._reversal - voltage) / self.membrane.capacitance
+        return ArrowJacobian(
+            -conductance / self.membrane.capacitance,
+            fraction_slopes(gates) * force[self._channel_of_gate],
+            opening_slope - total_slope * gates,
+            total,
+        )
