@@ -25,10 +25,11 @@ __all__ = ["here"]  # a fixture
 PROGRAM = (
     # a shell that runs the tests in the background has interrupts ignored, by its children too
     "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)\n"
-    "from softness_bayes.cli import main\n"
+    "from softness_bayes.__main__ import heed_signals, run\n"
+    "heed_signals()\n"
     "print('begun', flush=True)\n"
     "{before}\n"
-    "main(prog_name='softness-bayes')"
+    "run()"
 )
 ENVIRONMENT = os.environ | {"PYTHONPATH": str(ROOT), "PYTHONUTF8": "1"}
 SAMPLE = [*FIXED, "--seed", "3", "--processes", "2", "--max-steps", "300"]
@@ -102,7 +103,7 @@ def sent(directory, delay, number=signal.SIGINT, whole=True):
     return "nothing"
 
 
-@pytest.mark.parametrize("delay", [0.0, 0.3, 1.0, 2.5])
+@pytest.mark.parametrize("delay", [0.0, 0.02, 0.05, 0.1, 0.3, 1.0, 2.5])
 def test_an_interrupt_ends_a_run_quietly_at_its_start(tmp_path, delay):
     sent(tmp_path, delay)
 

@@ -1,0 +1,35 @@
+"""The program `softness-bayes`, also started by ``python -m softness_bayes``."""
+
+from __future__ import annotations
+
+import os
+import signal
+from types import FrameType
+from typing import NoReturn
+
+
+def run() -> None:
+    """Run the command line."""
+    heed_signals()
+    from softness_bayes.cli import main
+
+    main(prog_name="softness-bayes")
+
+
+def heed_signals() -> None:
+    """End the process without a traceback if a signal comes before the command line has its own handlers.
+
+    `softness_bayes.cli.interrupts` installs those before the first verb begins.
+    """
+    for number in (signal.SIGINT, signal.SIGTERM):
+        if signal.getsignal(number) is not signal.SIG_IGN:
+            signal.signal(number, _end)
+
+
+def _end(number: int, frame: FrameType | None) -> NoReturn:
+    os.write(2, b"interrupted: nothing was begun\n")
+    os._exit(128 + number)
+
+
+if __name__ == "__main__":
+    run()
