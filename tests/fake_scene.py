@@ -5,7 +5,7 @@ import numpy as np
 from softness_bayes.likelihood.design import Design
 from softness_bayes.likelihood.magnitude import LogRatings, RatingModel, RatingParameters
 from softness_bayes.model.posterior import Posterior
-from softness_bayes.parameters.space import parameter_space
+from softness_bayes.parameters.choice import parameter_space
 from softness_bayes.touch.neuron.membrane import PAPER_CHANNELS
 
 FABRICS, LOADS, PARTICIPANTS = 6, 2, 8

@@ -11,7 +11,7 @@ from test_cli_verbs import here, refused
 from softness_bayes.data import read_experiment
 from softness_bayes.errors import InputError
 from softness_bayes.model.build import firing_of, touch_parameters, usual_values
-from softness_bayes.parameters.space import parameter_space
+from softness_bayes.parameters.choice import parameter_space
 from softness_bayes.runs import plan
 from softness_bayes.runs.plan import given_draws, ladder, left_out, prior_draws, scene_with_accuracy, with_accuracy
 from softness_bayes.runs.run import RunOptions, posterior_of

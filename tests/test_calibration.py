@@ -38,7 +38,7 @@ from softness_bayes.data import Fabrics
 from softness_bayes.errors import InputError, LockedError
 from softness_bayes.files.lock import Lock
 from softness_bayes.likelihood.magnitude import INVERSE, LogRatings, RatingModel
-from softness_bayes.parameters.space import PARAMETERS
+from softness_bayes.parameters.declared import PARAMETERS
 from softness_bayes.plotting.calibration import rank_ecdf_figure
 from softness_bayes.runs.calibrate import LONG, Calibrated, CalibrationScene, calibrate, finished
 from softness_bayes.runs.run import RunOptions

@@ -17,13 +17,14 @@ from softness_bayes.cli import main
 from softness_bayes.data import Fabrics, Ratings, read_experiment
 from softness_bayes.errors import InputError
 from softness_bayes.model.build import touch_parameters, usual_values
-from softness_bayes.parameters.space import parameter_space
+from softness_bayes.parameters.choice import parameter_space
 from softness_bayes.touch.contact import Finger, Indentation
+from softness_bayes.touch.neuron.fixed_channels import FixedChannels
 from softness_bayes.touch.neuron.membrane import CONNOR_STEVENS, PRINTED
 from softness_bayes.touch.neuron.rate import firing_rate
 from softness_bayes.touch.readings import AS_PRINTED, CLASSICAL, MENDED
 from softness_bayes.touch.reference import reference_response
-from softness_bayes.touch.scene import FixedChannels, Scene
+from softness_bayes.touch.scene import Scene
 
 ROOT = Path(__file__).resolve().parents[1]
 BY_NAME = {claim.name: claim for claim in CLAIMS}

@@ -13,8 +13,9 @@ from softness_bayes.checking.inflection import (
     turning_points,
 )
 from softness_bayes.touch.contact import Force, Indentation, solve_contact
+from softness_bayes.touch.neuron.fixed_channels import FixedChannels
 from softness_bayes.touch.parameters import TouchParameters
-from softness_bayes.touch.scene import FixedChannels, Scene
+from softness_bayes.touch.scene import Scene
 
 GRID = np.geomspace(1e2, 1e8, 161)
 STEP = np.log(GRID[1] / GRID[0])

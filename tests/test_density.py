@@ -8,7 +8,7 @@ from fake_scene import FakeScene, fake_posterior
 from scipy import integrate
 
 from softness_bayes.errors import InputError, NumericalError
-from softness_bayes.parameters.space import PARAMETERS
+from softness_bayes.parameters.declared import PARAMETERS
 
 
 @pytest.fixture(scope="module")

@@ -15,7 +15,8 @@ from scipy.stats import kstest, norm
 from softness_bayes.likelihood.design import Design
 from softness_bayes.likelihood.magnitude import INVERSE, LogRatings, RatingModel
 from softness_bayes.model.posterior import Posterior
-from softness_bayes.parameters.space import PARAMETERS, parameter_space
+from softness_bayes.parameters.choice import parameter_space
+from softness_bayes.parameters.declared import PARAMETERS
 from softness_bayes.sampler.sampling import Settings, sample_until
 
 SETTINGS = Settings(ensembles=2, processes=1, pilot=(60, 60))

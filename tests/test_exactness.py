@@ -8,10 +8,11 @@ from softness_bayes.checking.exactness import HARMLESS, compare, resample
 from softness_bayes.results.summary import reweighted, summarise
 from softness_bayes.touch.contact import Indentation
 from softness_bayes.touch.neuron.firing import exact_curves
+from softness_bayes.touch.neuron.fixed_channels import FixedChannels
 from softness_bayes.touch.neuron.membrane import CONNOR_STEVENS, PAPER_CHANNELS, Channels
 from softness_bayes.touch.neuron.rate import firing_rate
 from softness_bayes.touch.neuron.surface import FiringSurface
-from softness_bayes.touch.scene import FixedChannels, Scene
+from softness_bayes.touch.scene import Scene
 
 NAMES = ("x", "y")
 
@@ -87,7 +88,7 @@ def test_surface_and_exact_rates_give_one_response() -> None:
     """End to end: the scene on the surface against one with exact rates and a finer quadrature."""
     surface = FiringSurface.load(CONNOR_STEVENS)
     scene = Scene(np.geomspace(3e3, 3e6, 5), 0.3, (Indentation(1e-3), Indentation(2.5e-3)), surface)
-    from softness_bayes.parameters.space import parameter_space
+    from softness_bayes.parameters.choice import parameter_space
 
     space = parameter_space()
     touch = space.touch(space.draw_prior(np.random.default_rng(5), 12))

@@ -26,7 +26,7 @@ from softness_bayes.data import (
     read_experiment,
 )
 from softness_bayes.errors import InputError
-from softness_bayes.parameters.space import EVERY_PARAMETER
+from softness_bayes.parameters.declared import EVERY_PARAMETER
 from softness_bayes.runs import calibrate, plan, run
 from softness_bayes.sampler import workers
 

@@ -14,11 +14,12 @@ from softness_bayes.results.pictures import (
     touch_illustration,
 )
 from softness_bayes.touch.contact import Finger, Force, Indentation
+from softness_bayes.touch.neuron.fixed_channels import FixedChannels
 from softness_bayes.touch.pad import draw_receptors, touch_profiles
 from softness_bayes.touch.parameters import TouchParameters
 from softness_bayes.touch.readings import CLASSICAL, MENDED
 from softness_bayes.touch.receptors import CONSISTENT, PRINTED_DENSITY, receptors_within
-from softness_bayes.touch.scene import FixedChannels, Scene
+from softness_bayes.touch.scene import Scene
 
 LOADS = (*(Indentation(depth * 1e-3) for depth in (1, 1.5, 2, 3)), Force(1.0))
 MODULI = np.array([3e4, 5e6, 4e5])

@@ -11,8 +11,9 @@ from softness_bayes.cli import main
 from softness_bayes.data import Compression, Fabrics
 from softness_bayes.errors import InputError
 from softness_bayes.model.build import simulate_ratings, touch_parameters, usual_values
+from softness_bayes.parameters.choice import parameter_space, require_values
+from softness_bayes.parameters.declared import EVERY_PARAMETER, PARAMETERS
 from softness_bayes.parameters.priors import HalfNormal, LogNormal, Normal, Uniform, parse_prior
-from softness_bayes.parameters.space import EVERY_PARAMETER, PARAMETERS, parameter_space, require_values
 from softness_bayes.ranges import PARTICIPANTS, PROCESSES, STEPS, Count, Range
 from softness_bayes.sampler.sampling import Settings
 from softness_bayes.touch.contact import FORCES, INDENTATIONS, Force, Indentation

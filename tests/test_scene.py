@@ -7,12 +7,13 @@ import pytest
 
 from softness_bayes.errors import InputError, NumericalError, SoftnessError
 from softness_bayes.touch.contact import Finger, Force, Indentation
+from softness_bayes.touch.neuron.fixed_channels import FixedChannels
 from softness_bayes.touch.neuron.surface import FiringSurface
 from softness_bayes.touch.parameters import TouchParameters
 from softness_bayes.touch.population import Drive, Population
 from softness_bayes.touch.readings import Readings
 from softness_bayes.touch.reference import SimulatedRate, reference_response
-from softness_bayes.touch.scene import Discretisation, FixedChannels, Scene
+from softness_bayes.touch.scene import Discretisation, Scene
 from softness_bayes.touch.stress import HERTZ
 
 FABRICS = np.array([2e3, 1.5e4, 6e4, 4e5, 1e7])
@@ -359,7 +360,7 @@ def test_scenes_that_cannot_be(smooth_firing, change, message):
 
 def test_a_vector_has_the_same_response_in_any_company():
     """A larger alpha beside it needs a longer rate curve; the vector keeps its own."""
-    from softness_bayes.touch.scene import LARGEST_CURRENT, FixedChannels
+    from softness_bayes.touch.neuron.fixed_channels import LARGEST_CURRENT, FixedChannels
 
     scene = Scene(np.geomspace(1e4, 1e6, 4), 0.3, (Indentation(2e-3),), FixedChannels())
     alone = TouchParameters(1e5, 2.0, 20.3, 6e-4, 9e3, 1.05, 1.16, 1.0, 1.5)

@@ -11,7 +11,7 @@ from softness_bayes.errors import InputError
 from softness_bayes.likelihood.magnitude import INVERSE
 from softness_bayes.model import build as study
 from softness_bayes.model.build import scene_of, simulate_ratings, touch_parameters, usual_values
-from softness_bayes.parameters.space import PARAMETERS
+from softness_bayes.parameters.declared import PARAMETERS
 from softness_bayes.touch import scene
 from softness_bayes.touch.contact import Force, Indentation
 from softness_bayes.touch.readings import MENDED

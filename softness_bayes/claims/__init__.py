@@ -12,13 +12,13 @@ from softness_bayes.claims.numbers import Bench, Numbers
 from softness_bayes.data import Fabrics, Ratings
 from softness_bayes.errors import InputError
 from softness_bayes.model.build import firing_of
+from softness_bayes.parameters.choice import parameter_space
 from softness_bayes.parameters.priors import Prior
-from softness_bayes.parameters.space import parameter_space
 from softness_bayes.ranges import PRIOR_DRAWS
 from softness_bayes.touch.contact import Force, Indentation, Load
+from softness_bayes.touch.neuron.fixed_channels import Firing
 from softness_bayes.touch.neuron.membrane import PAPER_CHANNELS, Membrane
 from softness_bayes.touch.readings import NAMED_READINGS, Readings
-from softness_bayes.touch.scene import Firing
 
 __all__ = [
     "CLAIMS",

@@ -104,13 +104,13 @@ def _prior(text: str) -> Prior:
 
 
 def _require_values(values: dict[str, float]) -> None:
-    from softness_bayes.parameters.space import require_values
+    from softness_bayes.parameters.choice import require_values
 
     require_values(values)
 
 
 def _require_priors(priors: dict[str, Prior]) -> None:
-    from softness_bayes.parameters.space import require_priors
+    from softness_bayes.parameters.choice import require_priors
 
     require_priors(priors)
 

@@ -60,7 +60,7 @@ def command(files: DataFiles, model: ModelChoice, scale: str) -> None:
 
 
 def _rates(firing: object, nodes: int) -> str:
-    from softness_bayes.touch.scene import FixedChannels
+    from softness_bayes.touch.neuron.fixed_channels import FixedChannels
 
     return f"curve through {nodes} rates" if isinstance(firing, FixedChannels) else "surface over the channels"
 

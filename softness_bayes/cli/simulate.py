@@ -103,7 +103,7 @@ def command(
         touch_parameters,
         usual_values,
     )
-    from softness_bayes.parameters.space import FINGER_PARAMETERS
+    from softness_bayes.parameters.declared import FINGER_PARAMETERS
     from softness_bayes.runs.plan import given_draws, scene_with_accuracy
 
     made = [RATINGS, FABRICS, TRUTH, *([COMPRESSION] if fingers else [])]

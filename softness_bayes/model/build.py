@@ -18,15 +18,17 @@ from softness_bayes.likelihood.plate import CompressionForces, SkinParameters
 from softness_bayes.likelihood.random_effects import Design
 from softness_bayes.likelihood.scales import MAGNITUDE, RatingScale
 from softness_bayes.likelihood.z_scores import Line, StandardisedModel
+from softness_bayes.parameters.choice import parameter_space
+from softness_bayes.parameters.declared import EVERY_PARAMETER, PARAMETERS
 from softness_bayes.parameters.priors import HalfNormal
-from softness_bayes.parameters.space import EVERY_PARAMETER, PARAMETERS, parameter_space
 from softness_bayes.ranges import FINGERS, PARTICIPANTS, SIMULATED_RATINGS, SLOPES
 from softness_bayes.touch.contact import Load
+from softness_bayes.touch.neuron.fixed_channels import Firing, FixedChannels
 from softness_bayes.touch.neuron.membrane import Channels, Membrane
 from softness_bayes.touch.neuron.surface import FiringSurface
 from softness_bayes.touch.parameters import TouchParameters
 from softness_bayes.touch.readings import MENDED, Readings
-from softness_bayes.touch.scene import Discretisation, Firing, FixedChannels, Scene
+from softness_bayes.touch.scene import Discretisation, Scene
 
 
 def design_of(experiment: Experiment) -> Design:

@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from softness_bayes.errors import InputError, NumericalError
 from softness_bayes.likelihood.magnitude import RatingParameters
 from softness_bayes.likelihood.plate import CompressionForces, SkinParameters
-from softness_bayes.parameters.space import EVERY_PARAMETER, ParameterSpace
+from softness_bayes.parameters.declared import EVERY_PARAMETER
+from softness_bayes.parameters.space import ParameterSpace
 from softness_bayes.touch.parameters import TouchParameters
 
 FloatArray = NDArray[np.float64]

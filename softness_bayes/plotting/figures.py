@@ -359,13 +359,13 @@ def _logarithmic(result: Result) -> bool:
 
 
 def _sampled(result: Result) -> list[str]:
-    from softness_bayes.parameters.space import EVERY_PARAMETER
+    from softness_bayes.parameters.declared import EVERY_PARAMETER
 
     return [name for name in EVERY_PARAMETER if name in result.group("posterior")]
 
 
 def _labels(names: Sequence[str]) -> list[str]:
-    from softness_bayes.parameters.space import EVERY_PARAMETER
+    from softness_bayes.parameters.declared import EVERY_PARAMETER
 
     return [EVERY_PARAMETER[name].label for name in names]
 

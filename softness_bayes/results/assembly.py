@@ -35,7 +35,8 @@ from softness_bayes.likelihood.magnitude import RatingParameters
 from softness_bayes.likelihood.pieces import part_of, pieces
 from softness_bayes.likelihood.scales import ObservedRatings
 from softness_bayes.model.posterior import Posterior
-from softness_bayes.parameters.space import EVERY_PARAMETER, PARAMETERS, ParameterSpace
+from softness_bayes.parameters.declared import EVERY_PARAMETER, PARAMETERS
+from softness_bayes.parameters.space import ParameterSpace
 from softness_bayes.results.groups import (
     Groups,
     Variable,

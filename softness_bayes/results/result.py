@@ -17,7 +17,7 @@ from softness_bayes.checking.turning_points import turning_table
 from softness_bayes.errors import InputError
 from softness_bayes.files.outputs import write_outputs
 from softness_bayes.files.spreadsheet import csv_of
-from softness_bayes.parameters.space import PARAMETERS
+from softness_bayes.parameters.declared import PARAMETERS
 from softness_bayes.results.result_file import SUMMARY_TABLE, read, sealed
 from softness_bayes.touch.contact import Force, Indentation, Load
 from softness_bayes.touch.readings import ALTERNATIVES, Readings

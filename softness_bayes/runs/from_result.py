@@ -9,8 +9,8 @@ import numpy as np
 from softness_bayes.data import Compression, Experiment, Ratings
 from softness_bayes.likelihood.magnitude import direction_named
 from softness_bayes.likelihood.scales import RATING_SCALES
+from softness_bayes.parameters.declared import EVERY_PARAMETER
 from softness_bayes.parameters.priors import parse_prior
-from softness_bayes.parameters.space import EVERY_PARAMETER
 from softness_bayes.results.result import Result
 from softness_bayes.runs.run import RunOptions
 from softness_bayes.touch.scene import Discretisation

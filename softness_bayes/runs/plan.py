@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from softness_bayes.model.posterior import Posterior
-from softness_bayes.parameters.space import PARAMETERS, ParameterSpace
+from softness_bayes.parameters.declared import PARAMETERS
+from softness_bayes.parameters.space import ParameterSpace
 from softness_bayes.ranges import ACCURACIES
 from softness_bayes.runs.run import RunOptions
 from softness_bayes.touch.accuracy import (
@@ -29,10 +30,11 @@ from softness_bayes.touch.accuracy import (
     thinned,
 )
 from softness_bayes.touch.firing_sample import FiringSample
+from softness_bayes.touch.neuron.fixed_channels import FixedChannels
 from softness_bayes.touch.neuron.membrane import Channels
 from softness_bayes.touch.neuron.surface import FiringSurface
 from softness_bayes.touch.parameters import TouchParameters
-from softness_bayes.touch.scene import Discretisation, FixedChannels, Scene
+from softness_bayes.touch.scene import Discretisation, Scene
 
 Array = NDArray[np.float64]
 

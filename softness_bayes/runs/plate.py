@@ -12,7 +12,8 @@ from softness_bayes.checking.identifiability import direction_table, learning_ta
 from softness_bayes.checkpoints.checkpoint import Checkpoint
 from softness_bayes.data.compression import Compression
 from softness_bayes.model.posterior import SkinPosterior
-from softness_bayes.parameters.space import EVERY_PARAMETER, PARAMETERS, parameter_space
+from softness_bayes.parameters.choice import parameter_space
+from softness_bayes.parameters.declared import EVERY_PARAMETER, PARAMETERS
 from softness_bayes.results.assembly import CURVES, DRAWS_PER_WALKER, PRIOR_DRAWS, REPLICATES
 from softness_bayes.results.groups import Variable, evenly, merged, named, sampled_groups, tree_of
 from softness_bayes.results.plate import forces_of, plate_attributes, plate_coordinates, plate_groups

@@ -24,9 +24,11 @@ from softness_bayes.likelihood.magnitude import RatingDirection, RatingParameter
 from softness_bayes.likelihood.scales import MAGNITUDE, RATING_SCALES, RatingScale
 from softness_bayes.model.build import design_of, scene_of
 from softness_bayes.model.posterior import Density, Posterior
+from softness_bayes.parameters.choice import parameter_space
 from softness_bayes.parameters.coordinates import Bent, Scaled
+from softness_bayes.parameters.declared import PARAMETERS
 from softness_bayes.parameters.priors import Prior, parse_prior
-from softness_bayes.parameters.space import PARAMETERS, ParameterSpace, parameter_space
+from softness_bayes.parameters.space import ParameterSpace
 from softness_bayes.results.assembly import Assembly, versions
 from softness_bayes.results.plate import forces_of
 from softness_bayes.results.result import Result

@@ -15,8 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from softness_bayes.errors import InputError
+from softness_bayes.touch.neuron.fixed_channels import Firing, FixedChannels
 from softness_bayes.touch.parameters import TouchParameters
-from softness_bayes.touch.scene import Discretisation, Firing, FixedChannels, Scene
+from softness_bayes.touch.scene import Discretisation, Scene
 
 Array = NDArray[np.float64]
 

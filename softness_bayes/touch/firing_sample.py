@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from softness_bayes.touch.neuron.firing import RateCurve
-from softness_bayes.touch.neuron.membrane import Channels, Membrane
+from softness_bayes.touch.neuron.membrane import Channels, Driven, Membrane
 from softness_bayes.touch.neuron.surface import FiringSurface
 from softness_bayes.touch.parameters import TouchParameters
 
@@ -56,7 +56,7 @@ class FiringSample:
         first = TouchParameters(*(np.broadcast_to(v, np.shape(parameters.alpha))[:size] for v in parameters))
         return first._replace(**{name: values[:size] for name, values in self.channels._asdict().items()})
 
-    def curves(self, parameters: TouchParameters) -> RateCurve:
+    def curves(self, parameters: Driven) -> RateCurve:
         """Return the curves of parameter vectors, shape (vectors,), whose multipliers are of the sample."""
         order = np.argsort(self.channels.c_Na)
         place = np.searchsorted(np.asarray(self.channels.c_Na)[order], parameters.c_Na)

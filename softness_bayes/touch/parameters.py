@@ -2,7 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, NoReturn
+
+import numpy as np
+from numpy.typing import NDArray
+
+from softness_bayes.errors import InputError
+from softness_bayes.touch.neuron.membrane import Channels, rows_of
+
+Array = NDArray[np.float64]
 
 
 class TouchParameters(NamedTuple):
@@ -26,3 +34,23 @@ class TouchParameters(NamedTuple):
     """Multiplier of the leak conductance [-]."""
     c_A: Any
     """Multiplier of the A-current's conductance [-]."""
+
+
+_POSITIVE = [TouchParameters._fields.index(name) for name in ("b", "alpha", "beta", *Channels._fields)]
+
+
+def checked_rows(parameters: TouchParameters) -> tuple[tuple[int, ...], TouchParameters]:
+    """Return the batch shape of parameter vectors, and these as checked arrays of one axis."""
+    shape, flat = rows_of(parameters)
+    if not (np.isfinite(flat).all() and (flat[_POSITIVE] > 0).all()):
+        _refuse(flat)
+    return shape, TouchParameters(*flat)
+
+
+def _refuse(flat: Array) -> NoReturn:
+    """Say which parameter, a row each, has a value that it cannot take."""
+    for name, value in zip(TouchParameters._fields, flat, strict=True):
+        if not np.isfinite(value).all():
+            raise InputError(f"parameters: {name} is not finite")
+    row = next(k for k in _POSITIVE if not (flat[k] > 0).all())
+    raise InputError(f"parameters: {TouchParameters._fields[row]} is {flat[row].min()}, expected a positive number")

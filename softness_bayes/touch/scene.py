@@ -6,12 +6,11 @@ import copy
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import NamedTuple, NoReturn, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from softness_bayes.errors import InputError, NumericalError
+from softness_bayes.errors import InputError
 from softness_bayes.touch.contact import (
     Contact,
     Finger,
@@ -22,13 +21,12 @@ from softness_bayes.touch.contact import (
 )
 from softness_bayes.touch.family import MANY, Family
 from softness_bayes.touch.field import Profile, StressField, profiles
-from softness_bayes.touch.neuron.firing import RateCurve, exact_curve
-from softness_bayes.touch.neuron.membrane import CONNOR_STEVENS, PAPER_CHANNELS, Channels, Membrane, rows_of
-from softness_bayes.touch.neuron.noise import noisy_curve
-from softness_bayes.touch.parameters import TouchParameters
+from softness_bayes.touch.neuron.fixed_channels import Firing
+from softness_bayes.touch.parameters import TouchParameters, checked_rows
 from softness_bayes.touch.population import Drive, Population, Sums
 from softness_bayes.touch.readings import Readings
 from softness_bayes.touch.receptors import ReceptorCount, kink_distances
+from softness_bayes.touch.response import BeyondHertz, Response
 
 Array = NDArray[np.float64]
 
@@ -38,98 +36,8 @@ LEAST_SKIN_MODULUS = 1e3
 STIFFEST_SKIN_MODULUS = 1e7
 """Stiffest skin [Pa] that the tables cover, a hundred times the median at rest; stiffer skin likewise."""
 
-LARGEST_CURRENT = 150.0
-"""Largest alpha [µA/cm²] that is answered: depolarisation block starts at 154-210 (model.md 7)."""
-
 CHUNK = 1 << 16
 """Quadrature nodes handled at once: large enough for array speed, small enough for the cache."""
-
-
-class Firing(Protocol):
-    """Where a scene takes its rate curves from: fixed channels, or a surface over the channels."""
-
-    noise: float
-
-    def curves(self, parameters: TouchParameters) -> RateCurve:
-        """Return the rate curve of each parameter vector, of batch shape (batch,) or ()."""
-
-    def exact(self) -> Firing:
-        """Return a source of the curves that these approximate, to measure their error against."""
-
-
-class FixedChannels:
-    """One rate curve for all parameter vectors, whose channel multipliers are not looked at.
-
-    Parameters
-    ----------
-    channels, membrane
-        Multipliers and membrane of the curve.
-    max_current
-        Largest current [µA/cm²] of the usual curve. Larger alphas get a longer one, made once.
-    noise
-        Strength of a white current [µA/cm² sqrt(ms)] over which the curve is averaged, by simulation.
-    nodes
-        Exact rates that the usual curve goes through.
-    """
-
-    def __init__(
-        self,
-        channels: Channels = PAPER_CHANNELS,
-        membrane: Membrane = CONNOR_STEVENS,
-        max_current: float = 40.0,
-        noise: float = 0.0,
-        nodes: int = 18,
-    ) -> None:
-        self.channels, self.membrane, self.noise, self.max_current = channels, membrane, noise, max_current
-        self.nodes = nodes
-        self.curve = self._made(max_current, nodes)
-        # a curve of averages takes minutes: made now, for all the processes that a run may have
-        self._longer: RateCurve | None = self._made(LARGEST_CURRENT, nodes) if noise else None
-        self._exact: FixedChannels | None = None
-
-    def _made(self, max_current: float, nodes: int) -> RateCurve:
-        if self.noise:
-            return noisy_curve(self.noise, self.channels, self.membrane, max_current)
-        return exact_curve(self.channels, self.membrane, max_current, nodes)
-
-    def exact(self) -> FixedChannels:
-        """Return a source with more nodes, made once; itself where the curve is an average over noise."""
-        if self.noise:
-            return self
-        if self._exact is None:
-            self._exact = FixedChannels(self.channels, self.membrane, self.max_current, nodes=max(28, self.nodes + 6))
-        return self._exact
-
-    def curves(self, parameters: TouchParameters) -> RateCurve:
-        """Return the one curve, of batch shape (), or one for each vector where an alpha needs a longer one.
-
-        Raises
-        ------
-        NumericalError
-            If an alpha exceeds `LARGEST_CURRENT`.
-        """
-        alpha = np.asarray(parameters.alpha, float)
-        long = alpha > self.curve.max_current
-        if not long.any():
-            return self.curve
-        if alpha.max() > LARGEST_CURRENT:
-            raise NumericalError(
-                f"alpha = {alpha.max():.6g} µA/cm² lies beyond {LARGEST_CURRENT:g}, where the membrane is near "
-                "depolarisation block and no rate curve is kept"
-            )
-        if self._longer is None:
-            self._longer = self._made(LARGEST_CURRENT, 28)
-        # each vector keeps its own curve, whatever the company it is evaluated in
-        usual, longer = self.curve.coefficients, self._longer.coefficients
-        size = max(usual.size, longer.size)
-        padded, longer = (np.append(c, np.zeros(size - c.size)) for c in (usual, longer))
-        return RateCurve(
-            np.where(long, self._longer.rheobase, self.curve.rheobase),
-            np.where(long, self._longer.onset_rate, self.curve.onset_rate),
-            np.where(long[..., None], longer, padded),
-            np.where(long, LARGEST_CURRENT, self.curve.max_current),
-            self._longer.error,
-        )
 
 
 @dataclass(frozen=True)
@@ -146,32 +54,6 @@ class Discretisation:
     """Exact rates that the curve of held channels goes through."""
     field_source: float | None = None
     """Tolerance that the stress field is made for before it is cut to its own; left out, it is made for that."""
-
-
-class Response(NamedTuple):
-    """The population's response, each field of shape (..., conditions)."""
-
-    total_rate: Array
-    """Sum of the receptors' firing rates [spikes/s]."""
-    responding: Array
-    """Receptors that fire."""
-    mean_rate: Array
-    """Mean rate of those [Hz]; NaN where none fires."""
-    mean_interval: Array
-    """Mean inter-spike interval of those [s]; NaN where none fires."""
-    peak_stress: Array
-    """Stress at receptor depth on the contact's axis [Pa]."""
-    contact: Contact
-    """State of the contact."""
-
-
-class BeyondHertz(NamedTuple):
-    """Shares of draws × conditions with a large contact (model.md 3)."""
-
-    questionable: float
-    """Share with a > 0.5 R."""
-    meaningless: float
-    """Share with a >= R."""
 
 
 class Scene:
@@ -300,7 +182,7 @@ class Scene:
         return np.concatenate(rates).reshape(*shape, self.n_conditions)
 
     def _interpolated_rate(self, parameters: TouchParameters) -> Array:
-        shape, flat = _flat(parameters)
+        shape, flat = checked_rows(parameters)
         found, curve = np.empty((flat.b.size, self.n_conditions)), self.firing.curves(flat)
         for columns, field in zip(self._columns, self._fields, strict=True):
             compression = field.load.compression(self.finger, self.readings.skin_displacement)
@@ -453,7 +335,7 @@ class Scene:
         return BeyondHertz(float((radius > 0.5).mean()), float((radius >= 1.0).mean()))
 
     def _chunks(self, parameters: TouchParameters) -> tuple[tuple[int, ...], Iterator[tuple[TouchParameters, Contact]]]:
-        shape, flat = _flat(parameters)
+        shape, flat = checked_rows(parameters)
         rows = max(1, CHUNK // (self.n_conditions * self.discretisation.nodes))
         # one after another: what a chunk needs in memory is gone before the next
         starts = range(0, max(flat[0].size, 1), rows)
@@ -491,23 +373,3 @@ def _indices(values: ArrayLike, size: int, what: str) -> NDArray[np.intp]:
         raise InputError(f"scene: a {what} index lies outside 0 to {size - 1}")
     array.flags.writeable = False
     return array
-
-
-_POSITIVE = [TouchParameters._fields.index(name) for name in ("b", "alpha", "beta", *Channels._fields)]
-
-
-def _flat(parameters: TouchParameters) -> tuple[tuple[int, ...], TouchParameters]:
-    """Return the batch shape of parameter vectors, and these as checked arrays of one axis."""
-    shape, flat = rows_of(parameters)
-    if not (np.isfinite(flat).all() and (flat[_POSITIVE] > 0).all()):
-        _refuse(flat)
-    return shape, TouchParameters(*flat)
-
-
-def _refuse(flat: Array) -> NoReturn:
-    """Say which parameter, a row each, has a value that it cannot take."""
-    for name, value in zip(TouchParameters._fields, flat, strict=True):
-        if not np.isfinite(value).all():
-            raise InputError(f"parameters: {name} is not finite")
-    row = next(k for k in _POSITIVE if not (flat[k] > 0).all())
-    raise InputError(f"parameters: {TouchParameters._fields[row]} is {flat[row].min()}, expected a positive number")

@@ -1,0 +1,195 @@
+"""The choice of the sampled parameters: those that are held, those that have other priors, those that are absent."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable, Mapping, Set
+from dataclasses import replace
+
+from softness_bayes.errors import InputError
+from softness_bayes.parameters.declared import (
+    EVERY_PARAMETER,
+    FINGER_PARAMETERS,
+    HELD,
+    PARAMETERS,
+    PRIOR_SETS,
+    Parameter,
+)
+from softness_bayes.parameters.priors import Prior
+from softness_bayes.parameters.space import ParameterSpace
+from softness_bayes.touch.contact import STRAIN, SkinDisplacement
+from softness_bayes.touch.neuron.membrane import CONNOR_STEVENS, Channels, Membrane
+from softness_bayes.touch.neuron.surface import FiringSurface
+from softness_bayes.touch.neuron.surface_design import DESIGNS
+
+_ROUNDING = 1e-9
+
+
+def parameter_space(
+    free: Iterable[str] = (),
+    fix: Mapping[str, float] | None = None,
+    priors: Mapping[str, Prior] | None = None,
+    prior_set: str = "default",
+    skin_displacement: SkinDisplacement = STRAIN,
+    n_participants: int | None = None,
+    absent: Collection[str] = (),
+    n_fingers: int | None = None,
+    membrane: Membrane = CONNOR_STEVENS,
+) -> ParameterSpace:
+    """Decide which parameters are sampled, under which priors, and where the others are held.
+
+    Parameters
+    ----------
+    free
+        Parameters to sample that are `HELD` by default.
+    fix
+        Parameters to hold, with their values in natural units.
+    priors
+        Priors in place of the declared ones; a `HELD` parameter with a prior is freed.
+    prior_set
+        A name of `PRIOR_SETS`.
+    skin_displacement
+        Reading of the skin's displacement, which decides unit and prior of m.
+    n_participants
+        With one, tau cannot be told from mu and is held at 0.
+    absent
+        Parameters that the model at hand does not have: neither sampled nor held.
+    n_fingers
+        Fingers of the compression data; without any there are no `FINGER_PARAMETERS`. With one, the
+        spreads between fingers cannot be told from b and m and are held at 0.
+    membrane
+        Reading of the membrane, whose firing-rate surface limits alpha and the channel multipliers. One that it does
+        not have is held.
+
+    Raises
+    ------
+    InputError
+        If a name is unknown or absent, a parameter is both held and sampled, or a value or a prior's support
+        leaves the values that a parameter can take.
+    """
+    fix, priors = dict(fix or {}), dict(priors or {})
+    freed = set(free) | set(priors)
+    absent = {*absent, *(() if n_fingers else FINGER_PARAMETERS)}
+    _require_free_to_choose(freed, fix, absent)
+    if prior_set not in PRIOR_SETS:
+        raise InputError(f"prior set '{prior_set}': expected one of {', '.join(PRIOR_SETS)}")
+    forced = _not_identifiable(freed, n_participants, n_fingers, membrane)
+    fix |= {name: value for name, value in forced.items() if name not in {*fix, *absent}}
+    held = {name: value for name, value in HELD.items() if name not in (*freed, *absent)} | fix
+    for name, value in held.items():
+        _require_value(EVERY_PARAMETER[name], value)
+    chosen = {**PRIOR_SETS[prior_set][skin_displacement], **priors}
+    units = dict.fromkeys(("m", "tau_m"), skin_displacement.exponent_unit)
+    sampled = tuple(
+        replace(p, prior=_suitable(p, chosen.get(name, p.prior)), unit=units.get(name, p.unit))
+        for name, p in EVERY_PARAMETER.items()
+        if name not in held and name not in absent
+    )
+    free_channels = any(p.name in Channels._fields for p in sampled)
+    # a membrane without a firing-rate surface still has usual values; computing its rates raises a clear error
+    firing = FiringSurface.load(membrane) if free_channels and membrane.name in DESIGNS else None
+    return ParameterSpace(sampled if firing is None else _within_surface(sampled, held, firing), held, firing)
+
+
+def _require_free_to_choose(freed: Set[str], fix: Mapping[str, float], absent: Collection[str]) -> None:
+    """Refuse names that the model does not have, and those both held and sampled."""
+    for name in (*fix, *freed):
+        _declared(name)
+        if name in absent:
+            raise InputError(f"{name}: the model of these data has no such parameter; leave it out")
+    if clash := sorted(freed & fix.keys()):
+        raise InputError(f"{clash[0]} is both fixed and given a prior or freed; choose one")
+
+
+def _not_identifiable(
+    freed: Collection[str], n_participants: int | None, n_fingers: int | None, membrane: Membrane
+) -> dict[str, float]:
+    """Return the parameters that these data or this membrane cannot inform, with the values that hold them."""
+    held: dict[str, float] = {}
+    if n_participants == 1:
+        if "tau" in freed:
+            raise InputError("tau cannot be sampled: there is one participant only, so fix it or leave it out")
+        held["tau"] = 0.0
+    if n_fingers == 1:
+        for name in ("tau_b", "tau_m"):
+            if name in freed:
+                raise InputError(f"{name} cannot be sampled: there is one finger only, so fix it or leave it out")
+            held[name] = 0.0
+    for name in membrane.without_effect:
+        if name in freed:
+            raise InputError(
+                f"{name} cannot be sampled: the membrane {membrane.name} has no such current; leave it out"
+            )
+        held[name] = PARAMETERS[name].prior.median
+    return held
+
+
+def require_values(values: Mapping[str, float]) -> None:
+    """Refuse values [natural units] that no model could be held at, whatever its data.
+
+    Raises
+    ------
+    InputError
+        Naming a parameter that does not exist, or the range of one.
+    """
+    for name, value in values.items():
+        _require_value(_declared(name), value)
+
+
+def require_priors(priors: Mapping[str, Prior]) -> None:
+    """Refuse priors of parameters that do not exist, or that these could not take.
+
+    Raises
+    ------
+    InputError
+        Naming the parameter, and the range of its values.
+    """
+    for name, prior in priors.items():
+        _suitable(_declared(name), prior)
+
+
+def _declared(name: str) -> Parameter:
+    if name not in EVERY_PARAMETER:
+        raise InputError(f"no parameter '{name}'; expected one of {', '.join(EVERY_PARAMETER)}")
+    return EVERY_PARAMETER[name]
+
+
+def _require_value(parameter: Parameter, value: float) -> None:
+    replace(parameter.range, unit=parameter.unit).require(parameter.name, value)
+
+
+def _within_surface(
+    sampled: tuple[Parameter, ...], held: Mapping[str, float], firing: FiringSurface
+) -> tuple[Parameter, ...]:
+    """The parameters as they are where channel multipliers are sampled: alpha ends with the firing-rate surface.
+
+    Raises
+    ------
+    InputError
+        If the prior of a multiplier, or alpha held at a value, reaches beyond what the surface covers.
+    """
+    channels = [p for p in sampled if p.name in Channels._fields]
+    for p in channels:
+        low, high = firing.design.interval(p.name)
+        if p.prior.support[0] < low * (1 - _ROUNDING) or p.prior.support[1] > high * (1 + _ROUNDING):
+            raise InputError(
+                f"prior of {p.name}: {p.prior} reaches beyond {low:g} to {high:g}, where the firing-rate surface ends; "
+                f"expected one that ends there, as {PARAMETERS[p.name].prior} does, or {p.name} fixed"
+            )
+    if held.get("alpha", 0.0) > firing.max_current:
+        raise InputError(
+            f"alpha is {held['alpha']}, expected at most {firing.max_current:g} µA/cm², where "
+            f"the firing-rate surface ends; fix {', '.join(p.name for p in channels)} too for larger ones"
+        )
+    return tuple(
+        replace(p, range=replace(p.range, high=firing.max_current)) if p.name == "alpha" else p for p in sampled
+    )
+
+
+def _suitable(parameter: Parameter, prior: Prior) -> Prior:
+    if prior.support[0] < 0:
+        raise InputError(
+            f"prior of {parameter.name}: {prior} allows negative values, which {parameter.name} cannot take; "
+            "expected lognormal, halfnormal or uniform above 0"
+        )
+    replace(parameter.range, unit=parameter.unit).require(f"prior of {parameter.name}: median of {prior}", prior.median)
+    return prior

@@ -1,0 +1,135 @@
+"""The parameters, each declared once, and the named sets of their priors (model.md 10)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from types import MappingProxyType
+
+from softness_bayes.parameters.priors import HalfNormal, LogNormal, Prior
+from softness_bayes.ranges import Range
+from softness_bayes.touch.contact import DISPLACEMENT, STRAIN, SkinDisplacement
+from softness_bayes.touch.neuron.fixed_channels import LARGEST_CURRENT
+
+_POSITIVE = Range(1e-6, 1e6)
+_MULTIPLIER = Range(0.1, 10.0)
+_FROM_ZERO = Range(1e-6, 1e6, zero=True)
+_SPREAD = Range(1e-6, 100.0, zero=True)
+# less than this is no noise but a surface, and a walk on it never ends
+_NOISE = Range(1e-4, 100.0)
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One parameter of the model, as every chain, file, plot, table and help text names it.
+
+    Parameters
+    ----------
+    name, symbol, unit, meaning
+        Name in files and options, LaTeX symbol, natural unit, and what it is.
+    si
+        SI units (or the neuron's own) in one natural unit.
+    prior
+        Default prior, in natural units.
+    range
+        Values that it may be held at, in natural units; at its upper end every prior ends.
+    """
+
+    name: str
+    symbol: str
+    unit: str
+    meaning: str
+    prior: Prior
+    si: float = 1.0
+    range: Range = _POSITIVE
+
+    @property
+    def largest(self) -> float:
+        """Value beyond which the model does not answer, and every prior ends."""
+        return self.range.high
+
+    def up_to(self, largest: float) -> Parameter:
+        """Return the same parameter with another largest value."""
+        return replace(self, range=replace(self.range, high=largest))
+
+    @property
+    def label(self) -> str:
+        """Symbol with its unit, for an axis."""
+        return f"{self.symbol} [{self.unit}]" if self.unit != "–" else self.symbol
+
+
+PARAMETERS: Mapping[str, Parameter] = MappingProxyType(
+    {
+        parameter.name: parameter
+        for parameter in (
+            Parameter("b", r"$b$", "kPa", "skin modulus at rest", LogNormal(100, 0.5), si=1e3),
+            Parameter("m", r"$m$", "–", "stiffening of the skin", LogNormal(2, 0.3), range=_FROM_ZERO),
+            Parameter(
+                "alpha",
+                r"$\alpha$",
+                "µA/cm²",
+                "largest receptor current",
+                LogNormal(20.3, 0.1),
+                range=Range(1e-6, LARGEST_CURRENT),
+            ),
+            Parameter("beta", r"$\beta$", "1/kPa", "steepness of transduction", LogNormal(0.6, 0.3), si=1e-3),
+            Parameter("sigma_0", r"$\sigma_0$", "kPa", "stress at half current", LogNormal(9, 0.4), si=1e3),
+            Parameter(
+                "c_Na", r"$c_{Na}$", "–", "sodium conductance multiplier", LogNormal(1.05, 0.03, 0.1), range=_MULTIPLIER
+            ),
+            Parameter(
+                "c_K", r"$c_K$", "–", "potassium conductance multiplier", LogNormal(1.16, 0.03, 0.1), range=_MULTIPLIER
+            ),
+            Parameter(
+                "c_L", r"$c_L$", "–", "leak conductance multiplier", LogNormal(1.0, 0.03, 0.1), range=_MULTIPLIER
+            ),
+            Parameter(
+                "c_A", r"$c_A$", "–", "A-current conductance multiplier", LogNormal(1.5, 0.03, 0.1), range=_MULTIPLIER
+            ),
+            Parameter("gamma", r"$\gamma$", "–", "exponent of the rating", LogNormal(1, 0.3), range=Range(1e-3, 1e3)),
+            Parameter("tau", r"$\tau$", "–", "spread of participants", HalfNormal(1), range=_SPREAD),
+            Parameter(
+                "varsigma", r"$\varsigma$", "–", "spread of a participant's ratings", HalfNormal(0.5), range=_NOISE
+            ),
+            Parameter("omega", r"$\omega$", "–", "spread between fabrics", HalfNormal(0.5), range=_SPREAD),
+            Parameter("eps", r"$\epsilon$", "Hz", "rate added to a silent fabric's", LogNormal(0.1, 1)),
+        )
+    }
+)
+"""Every parameter by name, in the order of files and tables."""
+
+FINGER_PARAMETERS: Mapping[str, Parameter] = MappingProxyType(
+    {
+        parameter.name: parameter
+        for parameter in (
+            Parameter("tau_b", r"$\tau_b$", "–", "spread of fingers' log b", HalfNormal(0.5), range=_SPREAD),
+            Parameter("tau_m", r"$\tau_m$", "–", "spread of fingers' m", HalfNormal(1), range=_FROM_ZERO),
+            Parameter(
+                "varsigma_f", r"$\varsigma_F$", "–", "spread of a finger's log forces", HalfNormal(0.3), range=_NOISE
+            ),
+        )
+    }
+)
+"""What compression data add to the parameters: how fingers and single forces depart from b and m."""
+
+EVERY_PARAMETER: Mapping[str, Parameter] = MappingProxyType({**PARAMETERS, **FINGER_PARAMETERS})
+"""All parameters that a run may sample, by name."""
+
+HELD: Mapping[str, float] = MappingProxyType({"omega": 0.0})
+"""Parameters that are held at a value unless they are freed or given a prior."""
+
+PRIOR_SETS: Mapping[str, Mapping[SkinDisplacement, Mapping[str, Prior]]] = MappingProxyType(
+    {
+        "default": {STRAIN: {}, DISPLACEMENT: {"m": LogNormal(707, 0.3), "tau_m": HalfNormal(354)}},
+        "in-vivo": {
+            STRAIN: {"b": LogNormal(7.5, 0.25), "m": LogNormal(3.9, 0.1)},
+            DISPLACEMENT: {"b": LogNormal(15.8, 0.2), "m": LogNormal(630, 0.1), "tau_m": HalfNormal(354)},
+        },
+        # for compression data alone: the others hold what such data are there to tell
+        "wide": {
+            STRAIN: {"b": LogNormal(30, 1), "m": LogNormal(3, 0.5)},
+            DISPLACEMENT: {"b": LogNormal(30, 1), "m": LogNormal(1060, 0.5), "tau_m": HalfNormal(354)},
+        },
+    }
+)
+"""Named prior sets: what differs from the parameters' own priors under each reading of the skin."""

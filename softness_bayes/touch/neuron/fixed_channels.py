@@ -1,0 +1,102 @@
+"""Rate curves of held channels: one curve for all parameter vectors, with or without noise."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+import numpy as np
+
+from softness_bayes.errors import NumericalError
+from softness_bayes.touch.neuron.firing import RateCurve, exact_curve
+from softness_bayes.touch.neuron.membrane import CONNOR_STEVENS, PAPER_CHANNELS, Channels, Driven, Membrane
+from softness_bayes.touch.neuron.noise import noisy_curve
+
+LARGEST_CURRENT = 150.0
+"""Largest alpha [µA/cm²] that is answered: depolarisation block starts at 154-210 (model.md 7)."""
+
+
+class Firing(Protocol):
+    """Where a scene takes its rate curves from: fixed channels, or a surface over the channels."""
+
+    noise: float
+
+    def curves(self, parameters: Driven) -> RateCurve:
+        """Return the rate curve of each parameter vector, of batch shape (batch,) or ()."""
+
+    def exact(self) -> Firing:
+        """Return a source of the curves that these approximate, to measure their error against."""
+
+
+class FixedChannels:
+    """One rate curve for all parameter vectors, whose channel multipliers are not looked at.
+
+    Parameters
+    ----------
+    channels, membrane
+        Multipliers and membrane of the curve.
+    max_current
+        Largest current [µA/cm²] of the usual curve. Larger alphas get a longer one, made once.
+    noise
+        Strength of a white current [µA/cm² sqrt(ms)] over which the curve is averaged, by simulation.
+    nodes
+        Exact rates that the usual curve goes through.
+    """
+
+    def __init__(
+        self,
+        channels: Channels = PAPER_CHANNELS,
+        membrane: Membrane = CONNOR_STEVENS,
+        max_current: float = 40.0,
+        noise: float = 0.0,
+        nodes: int = 18,
+    ) -> None:
+        self.channels, self.membrane, self.noise, self.max_current = channels, membrane, noise, max_current
+        self.nodes = nodes
+        self.curve = self._made(max_current, nodes)
+        # a curve of averages takes minutes: made now, for all the processes that a run may have
+        self._longer: RateCurve | None = self._made(LARGEST_CURRENT, nodes) if noise else None
+        self._exact: FixedChannels | None = None
+
+    def _made(self, max_current: float, nodes: int) -> RateCurve:
+        if self.noise:
+            return noisy_curve(self.noise, self.channels, self.membrane, max_current)
+        return exact_curve(self.channels, self.membrane, max_current, nodes)
+
+    def exact(self) -> FixedChannels:
+        """Return a source with more nodes, made once; itself where the curve is an average over noise."""
+        if self.noise:
+            return self
+        if self._exact is None:
+            self._exact = FixedChannels(self.channels, self.membrane, self.max_current, nodes=max(28, self.nodes + 6))
+        return self._exact
+
+    def curves(self, parameters: Driven) -> RateCurve:
+        """Return the one curve, of batch shape (), or one for each vector where an alpha needs a longer one.
+
+        Raises
+        ------
+        NumericalError
+            If an alpha exceeds `LARGEST_CURRENT`.
+        """
+        alpha = np.asarray(parameters.alpha, float)
+        long = alpha > self.curve.max_current
+        if not long.any():
+            return self.curve
+        if alpha.max() > LARGEST_CURRENT:
+            raise NumericalError(
+                f"alpha = {alpha.max():.6g} µA/cm² lies beyond {LARGEST_CURRENT:g}, where the membrane is near "
+                "depolarisation block and no rate curve is kept"
+            )
+        if self._longer is None:
+            self._longer = self._made(LARGEST_CURRENT, 28)
+        # each vector keeps its own curve, whatever the company it is evaluated in
+        usual, longer = self.curve.coefficients, self._longer.coefficients
+        size = max(usual.size, longer.size)
+        padded, longer = (np.append(c, np.zeros(size - c.size)) for c in (usual, longer))
+        return RateCurve(
+            np.where(long, self._longer.rheobase, self.curve.rheobase),
+            np.where(long, self._longer.onset_rate, self.curve.onset_rate),
+            np.where(long[..., None], longer, padded),
+            np.where(long, LARGEST_CURRENT, self.curve.max_current),
+            self._longer.error,
+        )

@@ -1,0 +1,38 @@
+"""The response of the population of receptors to each condition, as values."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from softness_bayes.touch.contact import Contact
+
+Array = NDArray[np.float64]
+
+
+class Response(NamedTuple):
+    """The population's response, each field of shape (..., conditions)."""
+
+    total_rate: Array
+    """Sum of the receptors' firing rates [spikes/s]."""
+    responding: Array
+    """Receptors that fire."""
+    mean_rate: Array
+    """Mean rate of those [Hz]; NaN where none fires."""
+    mean_interval: Array
+    """Mean inter-spike interval of those [s]; NaN where none fires."""
+    peak_stress: Array
+    """Stress at receptor depth on the contact's axis [Pa]."""
+    contact: Contact
+    """State of the contact."""
+
+
+class BeyondHertz(NamedTuple):
+    """Shares of draws × conditions with a large contact (model.md 3)."""
+
+    questionable: float
+    """Share with a > 0.5 R."""
+    meaningless: float
+    """Share with a >= R."""
