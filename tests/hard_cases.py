@@ -1,12 +1,12 @@
 """Hard cases of the forward model and the likelihood, each against a reference that shares no code with them.
 
-``python tests/hard_cases.py`` writes the table of worst errors into the README.
+Run as a program, it writes the worst errors to ``notebooks/results/hard_cases.csv``.
 """
 
 from __future__ import annotations
 
+import csv
 import math
-import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,6 +17,7 @@ import numpy as np
 import plain_chain
 from plain_chain import RootLaw, Touch
 
+import softness_bayes
 from softness_bayes.likelihood.design import Design
 from softness_bayes.likelihood.magnitude import LogRatings, RatingParameters
 from softness_bayes.touch.contact import Finger, Force, Indentation, solve_contact
@@ -28,8 +29,8 @@ from softness_bayes.touch.receptors import receptor_current
 from softness_bayes.touch.scene import Scene
 from softness_bayes.touch.stress import ATTENUATED, HERTZ, stress
 
-README = Path(__file__).resolve().parents[1] / "README.md"
-BLOCK = re.compile(r"(<!-- hard-cases -->\n)(.*?)(<!-- /hard-cases -->)", re.DOTALL)
+KEPT = Path(softness_bayes.__file__).parents[1] / "notebooks" / "results" / "hard_cases.csv"
+COLUMNS = ("case", "over", "worst error", "resolved more finely")
 
 MEDIANS = {"b": 1e5, "m": 2.0, "alpha": 20.3, "beta": 0.6e-3, "sigma_0": 9e3}
 LAW = RootLaw()
@@ -354,15 +355,9 @@ CASES = (
 )
 
 
-def table():
-    """The table of worst errors, in Markdown."""
-    head = "| case | over | worst error | resolved more finely |\n|---|---|---|---|\n"
-    return head + "".join(row(case, case.measure()) for case in CASES)
-
-
 def row(case, found):
     usual, fine = (written(error) for error in found)
-    return f"| {case.name} | {case.covers} | {usual} | {'' if case.allowed == EXACT else fine} |\n"
+    return (case.name, case.covers, usual, "" if case.allowed == EXACT else fine)
 
 
 def written(error):
@@ -373,11 +368,12 @@ def written(error):
     return f"{math.ceil(error / 10.0**power - 1e-9) * 10.0**power:.0e}".replace("e-0", "e-")
 
 
-def documented():
-    """The table that the README has."""
-    return BLOCK.search(README.read_text(encoding="utf-8"))[2]
+def kept():
+    """The worst errors that are kept, a dictionary for each case."""
+    with KEPT.open(encoding="utf-8", newline="") as file:
+        return list(csv.DictReader(file))
 
 
 if __name__ == "__main__":
-    text = README.read_text(encoding="utf-8")
-    README.write_text(BLOCK.sub(lambda found: found[1] + table() + found[3], text), encoding="utf-8")
+    with KEPT.open("w", encoding="utf-8", newline="") as file:
+        csv.writer(file, lineterminator="\n").writerows([COLUMNS, *(row(case, case.measure()) for case in CASES)])

@@ -10,13 +10,15 @@ import pandas as pd
 import pytest
 from test_cli_verbs import here, refused
 
+import softness_bayes
 from softness_bayes.bench import peers
 from softness_bayes.bench.brian import ABSENT, brian_peers
-from softness_bayes.bench.limit import limit
-from softness_bayes.bench.peers import PEERS, Peer, Work, faster, measure_peer, solve_each, step_all
+from softness_bayes.bench.limit import Limit, limit
+from softness_bayes.bench.peers import PEERS, Peer, Ratio, Work, faster, measure_peer, solve_each, step_all
 from softness_bayes.bench.precision import FIELD, LIKELIHOOD, POPULATION, RATES, Point
-from softness_bayes.bench.scaling import scaling
+from softness_bayes.bench.scaling import Drawing, Size, scaling
 from softness_bayes.bench.subject import BATCH, QUICK, first, machine, quickest, subject
+from softness_bayes.bench.words import summary
 from softness_bayes.errors import InputError
 from softness_bayes.plotting.benchmark import work_precision_figure
 from softness_bayes.touch.neuron.rate import firing_rate
@@ -147,7 +149,16 @@ def test_without_brian_there_is_a_reason_instead_of_a_peer(monkeypatch):
     assert "softness-bayes[peers]" in ABSENT
 
 
-def test_the_readme_has_what_was_measured():
-    root = Path(__file__).resolve().parents[1]
-    kept = (root / "notebooks" / "results" / "bench" / "summary.md").read_text(encoding="utf-8")
-    assert f"<!-- bench -->\n{kept}<!-- /bench -->" in (root / "README.md").read_text(encoding="utf-8")
+def test_the_kept_words_are_those_of_the_kept_measurements():
+    kept = Path(softness_bayes.__file__).parents[1] / "notebooks" / "results" / "bench"
+    points, sizes = (
+        [kind(*row) for row in pd.read_csv(kept / name).itertuples(index=False)]
+        for kind, name in ((Point, "work_precision.csv"), (Size, "scaling.csv"))
+    )
+    facts = json.loads((kept / "bench.json").read_text(encoding="utf-8"))
+    ratios = {name: Ratio(**ratio) for name, ratio in facts["ratios"].items()}
+    bare = Limit(**{name: value for name, value in facts["limit"].items() if name in Limit._fields})
+    about = facts["machine"]
+    machine = f"{about['processor']}, {about['cores']} cores, Python {about['python']}, NumPy {about['numpy']}"
+    words = summary(points, ratios, sizes, bare, Drawing(**facts["sampler"]), machine)
+    assert words == (kept / "summary.md").read_text(encoding="utf-8")

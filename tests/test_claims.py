@@ -16,6 +16,7 @@ from softness_bayes.claims.report import COLUMNS, findings_table, loads_table, m
 from softness_bayes.cli import main
 from softness_bayes.data import Fabrics, Ratings, read_experiment
 from softness_bayes.errors import InputError
+from softness_bayes.files.spreadsheet import table_of
 from softness_bayes.model.build import touch_parameters, usual_values
 from softness_bayes.parameters.choice import parameter_space
 from softness_bayes.touch.contact import Finger, Indentation
@@ -356,24 +357,34 @@ def test_tables(trials):
     assert "9.2, 23.3† %" in text
 
 
-def test_the_readme_has_the_median_verdicts(trials):
-    """Column `mended`, rows under indentation control, default priors: without the shares, which need more draws."""
-    block = readme_block()
-    rows = re.findall(r"^\| (\w+) \| indentation \| ([^|]*) \|", block.split("Priors `in-vivo`")[0], re.MULTILINE)
-    told = {name: re.sub(r" \(\d+ %\)", "", cell) for name, cell in rows}
-    wanted = re.findall(r"^\| (\w+) \| indentation \| ([^|]*) \|", markdown(trials), re.MULTILINE)
-    assert told == {name: re.sub(r" \(\d+ %\)", "", cell) for name, cell in wanted}
+KEPT = ROOT / "notebooks" / "results" / "claims"
 
 
-def readme_block():
-    text = (ROOT / "README.md").read_text(encoding="utf-8")
-    return re.search(r"<!-- claims -->\n(.*?)<!-- /claims -->", text, re.DOTALL).group(1)
+def test_the_kept_verdicts_at_the_medians(trials):
+    """Readings `mended`, indentation control, default priors: without the shares, which need more draws."""
+    kept, found = table_of(KEPT / "claims.csv"), findings_table(trials)
+    kept = kept[(kept["readings"] == "mended") & (kept["priors"] == "default") & (kept["control"] == "indentation")]
+    for column in ("claim", "verdict", "numbers", "statement", "criterion"):
+        assert kept[column].fillna("").tolist() == found[column].tolist()
+
+
+def test_the_kept_table_is_made_of_the_verdicts(trials):
+    """As above, in Markdown."""
+    mended = re.compile(r"^\| (\w+) \| indentation \| ([^|]*) \|", re.MULTILINE)
+    kept = (KEPT / "claims.md").read_text(encoding="utf-8").split("Priors `in-vivo`")[0]
+    told, wanted = (dict(mended.findall(text)) for text in (kept, markdown(trials)))
+    assert {name: re.sub(r" \(\d+ %\)", "", cell) for name, cell in told.items()} == {
+        name: re.sub(r" \(\d+ %\)", "", cell) for name, cell in wanted.items()
+    }
+    assert wanted
 
 
 @pytest.mark.slow
-def test_the_readme_has_what_the_command_writes(tmp_path):
+def test_the_kept_claims_are_what_the_command_writes(tmp_path):
     call("claims", "--out", tmp_path)
-    assert readme_block() == (tmp_path / "claims.md").read_text(encoding="utf-8")
+    assert (KEPT / "claims.md").read_text(encoding="utf-8") == (tmp_path / "claims.md").read_text(encoding="utf-8")
+    for name in ("claims.csv", "claims_loads.csv"):
+        pd.testing.assert_frame_equal(pd.read_csv(KEPT / name), pd.read_csv(tmp_path / name), rtol=1e-6)
 
 
 # the command

@@ -42,6 +42,7 @@ PROGRAMS = {
     "tools.api_pages",
     "tools.benchmark_firing",
     "tools.benchmark_moves",
+    "tools.doc_tables",
     "tools.firing_sample_build",
     "tools.surface_build",
 }

@@ -1,4 +1,4 @@
-"""Moves compared on several data sets: ``python -m softness_bayes.tools.benchmark_moves``.
+"""Moves compared on several data sets: ``python -m softness_bayes.tools.benchmark_moves [FILE.csv]``.
 
 Prints, for each set of simulated ratings and each way to walk, the autocorrelation time of the worst quantity and
 the effective draws for each second of processor time, pilot included, after a fixed number of steps. A run shorter
@@ -10,9 +10,12 @@ what it draws has another law.
 
 from __future__ import annotations
 
+import argparse
+import csv
 import time
 from collections import deque
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -111,8 +114,14 @@ DATA: Mapping[str, Callable[[], Target]] = {
 }
 
 
-def main() -> None:
-    """Print a table for each data set."""
+COLUMNS = ("ratings", "way", "too_short", "tau_steps", "effective_draws_per_second")
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Print a table for each data set, and write all of it to a CSV file if one is named."""
+    parser = argparse.ArgumentParser(description="Compare moves of the sampler on simulated ratings.")
+    parser.add_argument("file", type=Path, nargs="?", metavar="FILE.csv", help="file to write")
+    kept, rows = parser.parse_args(arguments).file, []
     for data, make in DATA.items():
         target = make()
         print(f"\n{data} ({len(target.names)} parameters):\n")
@@ -120,8 +129,12 @@ def main() -> None:
         for name, way in WAYS.items():
             found = measure(target, way, STEPS)
             short = found.lengths < LENGTHS
-            tau, draws = f"{'> ' * short}{found.tau:.0f}", f"{'< ' * short}{found.ess_per_second:.3g}"
-            print(f"| {name} | {tau} | {draws} |", flush=True)
+            tau, draws = f"{found.tau:.0f}", f"{found.ess_per_second:.3g}"
+            rows.append((data, name, short, tau, draws))
+            print(f"| {name} | {'> ' * short}{tau} | {'< ' * short}{draws} |", flush=True)
+    if kept is not None:
+        with kept.open("w", encoding="utf-8", newline="") as file:
+            csv.writer(file, lineterminator="\n").writerows([COLUMNS, *rows])
 
 
 if __name__ == "__main__":

@@ -1,0 +1,120 @@
+"""Tables of the guide, filled in from the kept results: ``python -m softness_bayes.tools.doc_tables``.
+
+Run it in a clone after a command has written new results to ``notebooks/results``. On a page, each table stands between
+``<!-- name -->`` and ``<!-- /name -->``; what is between these marks is replaced, the rest of the page is left alone.
+"""
+
+from __future__ import annotations
+
+import csv
+import re
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from pathlib import Path
+
+import softness_bayes
+
+PACKAGE = Path(softness_bayes.__file__).parent
+DOCS = PACKAGE / "docs"
+RESULTS = PACKAGE.parent / "notebooks" / "results"
+
+
+def table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    """Return a Markdown table."""
+    return "".join(f"| {' | '.join(cells)} |\n" for cells in (head, ["---"] * len(head), *rows))
+
+
+def _rows(path: Path) -> list[dict[str, str]]:
+    with path.open(encoding="utf-8", newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def claims(results: Path) -> str:
+    """Return the verdicts on the paper's claims, as ``softness-bayes claims`` writes them."""
+    return (results / "claims" / "claims.md").read_text(encoding="utf-8")
+
+
+def bench(results: Path) -> str:
+    """Return time and error of the likelihood and of its peers, as ``softness-bayes bench`` writes them."""
+    return (results / "bench" / "summary.md").read_text(encoding="utf-8")
+
+
+def moves(results: Path) -> str:
+    """Return the effective draws of each way to walk, data set by data set, from ``tools.benchmark_moves``."""
+    rows = _rows(results / "moves.csv")
+    ways, sets = (list(dict.fromkeys(row[key] for row in rows)) for key in ("way", "ratings"))
+    cells = {(row["ratings"], row["way"]): _walked(row) for row in rows}
+    return table(["ratings", *ways], ([name, *(cells[name, way] for way in ways)] for name in sets))
+
+
+def _walked(row: Mapping[str, str]) -> str:
+    upper, lower = ("< ", "> ") if row["too_short"] == "True" else ("", "")
+    return f"{upper}{row['effective_draws_per_second']} ({lower}{row['tau_steps']})"
+
+
+def hard_cases(results: Path) -> str:
+    """Return the worst errors of the hard cases, as the program among the tests writes them."""
+    rows = _rows(results / "hard_cases.csv")
+    return table(list(rows[0]), (list(row.values()) for row in rows))
+
+
+def calibration(results: Path) -> str:
+    """Return the verdict of the kept calibration, and how often its intervals hold the truth."""
+    rows = _rows(results / "calibration" / "coverage.csv")
+    expected = {row["mass"]: float(row["expected"]) for row in rows}
+    shares = {(row["quantity"], row["mass"]): float(row["share"]) for row in rows}
+    names = dict.fromkeys(row["quantity"] for row in rows)
+    head = ["quantity", *(f"{float(mass):.0%} interval" for mass in expected)]
+    held = ([f"`{name}`", *(f"{shares[name, mass]:.1%}" for mass in expected)] for name in names)
+    exact = ["*expected*", *(f"*{share:.1%}*" for share in expected.values())]
+    verdict = (results / "calibration" / "verdict.txt").read_text(encoding="utf-8").strip()
+    return f"> {verdict}\n\n{table(head, [*held, exact])}"
+
+
+TABLES: Mapping[tuple[str, str], Callable[[Path], str]] = {
+    ("claims.md", "claims"): claims,
+    ("benchmarks.md", "bench"): bench,
+    ("benchmarks.md", "moves"): moves,
+    ("benchmarks.md", "hard-cases"): hard_cases,
+    ("calibration.md", "calibration"): calibration,
+}
+"""What makes each table, by page and name."""
+
+
+def filled(page: str, text: str, results: Path = RESULTS) -> str:
+    """Return the text of a page with its tables as the kept results have them.
+
+    Parameters
+    ----------
+    page
+        Name of the page's file.
+    text
+        What is in it.
+    results
+        Directory of the kept results.
+
+    Raises
+    ------
+    ValueError
+        If the page has no marks for one of its tables.
+    """
+    for (home, name), made in TABLES.items():
+        if home == page:
+            begin, end = f"<!-- {name} -->", f"<!-- /{name} -->"
+            parts = re.split(f"{begin}.*?{end}", text, flags=re.DOTALL)
+            if len(parts) != 2:
+                raise ValueError(f"{page}: expected {begin} and {end} once, found them {len(parts) - 1} times")
+            # a table follows an empty line: some readers of Markdown need it
+            text = f"{begin}\n\n{made(results)}\n{end}".join(parts)
+    return text
+
+
+def main() -> None:
+    """Fill in the tables of all pages."""
+    for page in dict.fromkeys(home for home, _ in TABLES):
+        path = DOCS / page
+        path.write_text(filled(page, path.read_text(encoding="utf-8")), encoding="utf-8")
+        print(f"{path}: written")
+
+
+if __name__ == "__main__":
+    main()
