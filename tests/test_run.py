@@ -254,7 +254,7 @@ def test_each_rating_given_the_others_at_some_draw(result, posterior, experiment
     matched = [int(np.abs(every - row).max(axis=1).argmin()) for row in loo]
     assert_allclose(loo, every[matched], rtol=1e-9)
     assert len({*matched}) > len(loo) / 4  # spread over the run, repeated only where walkers stood still
-    # outputs.md: 1/2 log(K_ii / 2 pi) - (K r)_i^2 / (2 K_ii), K the inverse covariance
+    # files.md 5: 1/2 log(K_ii / 2 pi) - (K r)_i^2 / (2 K_ii), K the inverse covariance
     for row, index in list(zip(loo, matched, strict=True))[::200]:
         mean, covariance = dense(experiment, posterior, theta[index])
         inverse = np.linalg.inv(covariance)
