@@ -176,8 +176,8 @@ def check_sentences(table: pd.DataFrame) -> list[str]:
     return [*turning_sentences(table), *doubt_sentences(table)]
 
 
-def doubt_sentences(table: pd.DataFrame) -> list[str]:
-    """Name the quantities, beyond the turning point, that the model does not reproduce.
+def doubts(table: pd.DataFrame) -> list[str]:
+    """Return the quantities, beyond the turning point, that the model does not reproduce, with where it fails most.
 
     Parameters
     ----------
@@ -199,6 +199,18 @@ def doubt_sentences(table: pd.DataFrame) -> list[str]:
             worst = rows.iloc[int(np.argmin(p_values))]
             where = " ".join(str(worst[k]) for k in ("fabric", "load", "participant") if worst[k] != ALL)
             found.append(f"{name}{f' ({where})' if where else ''}")
+    return found
+
+
+def doubt_sentences(table: pd.DataFrame) -> list[str]:
+    """Say which quantities, beyond the turning point, the model does not reproduce.
+
+    Parameters
+    ----------
+    table
+        From `check_table`.
+    """
+    found = doubts(table)
     if not found:
         return ["predictive checks: nothing else that the model does not reproduce"]
     return [f"predictive checks: the model does not reproduce: {', '.join(found)} (see predictive_checks.csv)"]

@@ -213,8 +213,7 @@ def run(
             checkpoint.finish()
         finally:
             bar.close()
-    _report(result, out)
-    click.echo(bar.times())
+    _report(result, out, bar.times())
     if not result.attributes["converged"]:
         raise NotConvergedError(
             f"not converged after {result.attributes['steps']} steps; what was drawn is in {out}, for inspection only; "
@@ -273,10 +272,11 @@ class _Bar:
             self._bar.close()
 
 
-def _report(result: Result, out: Path) -> None:
-    """Print summary, turning points, checks and verdict."""
+def _report(result: Result, out: Path, times: str = "") -> None:
+    """Print summary, turning points, checks and verdict, the time taken, and the conclusion in three lines."""
     from softness_bayes.checking.identifiability import direction_sentences, learning_sentences
     from softness_bayes.checking.misfit import fit_of
+    from softness_bayes.report.conclusion import conclude, facts_of
 
     found, summary = result.attributes, result.summary()
     fit = fit_of(result.tree) if result.has_ratings else None
@@ -298,8 +298,11 @@ def _report(result: Result, out: Path) -> None:
     click.echo(str(found["verdict"]))
     if fit is not None and fit.silence:
         click.echo(fit.silence)
-    for fault in faults:
-        click.echo(fault)
+    if times:
+        click.echo(times)
+    click.echo()
+    for line in conclude(facts_of(result), str(out)).lines:
+        click.echo(line)
 
 
 def _turning(result: Result) -> str:

@@ -23,6 +23,7 @@ from softness_bayes.plotting.panels import TINTS
 from softness_bayes.plotting.style import METADATA, USUAL
 from softness_bayes.report import tables
 from softness_bayes.report.charts import TURN_TINT, charts
+from softness_bayes.report.conclusion import conclude, facts_of
 from softness_bayes.report.curves import AXES, Shown, logarithmic, shown
 from softness_bayes.report.findings import Standing, findings
 from softness_bayes.report.repeat import repetition
@@ -124,6 +125,7 @@ def report_page(result: Result) -> str:
         converged=bool(result.attributes["converged"]),
         faults=fit_of(result.tree).faults if result.has_ratings else [],
         verdict=str(result.attributes["verdict"]),
+        conclusion=conclude(facts_of(result)),
         findings=findings(result),
         words={
             Standing.GOOD: "good",

@@ -1,0 +1,265 @@
+"""The three lines that end what a run prints and open its report: trust, findings, next step."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from softness_bayes.checking.check_table import doubts
+from softness_bayes.checking.levelled import DOUBTFUL
+from softness_bayes.checking.misfit import MOSTLY_SILENT, fit_of
+from softness_bayes.checking.reproduction import inflection_reproduced
+from softness_bayes.checking.sensitivity import INFORMED
+from softness_bayes.likelihood.magnitude import FALLS, RISES
+from softness_bayes.parameters.declared import PARAMETERS
+from softness_bayes.report.findings import exactness_of
+from softness_bayes.results.result import Result
+
+LIKELY = 0.9
+"""Probability from which the response is said to turn over, and one minus that up to which it is said not to."""
+
+
+class Turn(NamedTuple):
+    """The turning point under one load."""
+
+    load: str
+    probability: float
+    """Of a maximum inside the range of the response curve."""
+    low: float
+    middle: float
+    high: float
+    """5 %, 50 % and 95 % quantiles of E_fab at the maximum [kPa]; NaN without one."""
+    reproduced: bool | None
+    """Result of the predictive check; None where the ratings of this load cannot tell."""
+
+
+class Skin(NamedTuple):
+    """The posterior of one parameter of a run on plate forces alone."""
+
+    name: str
+    low: float
+    high: float
+    """90 % interval, in natural units."""
+    informed: bool
+    """Whether the interval is clearly narrower than the prior's."""
+
+
+class Facts(NamedTuple):
+    """The values behind a conclusion."""
+
+    converged: bool
+    steps: int
+    other_direction: str | None = None
+    """The direction that the data speak for, if the run took the other one."""
+    flat: bool = False
+    """Whether the prediction is flat where ratings differ between fabrics."""
+    silent: bool = False
+    """Whether most of the posterior predicts no firing."""
+    differ: bool = True
+    """Whether ratings differ between fabrics beyond noise."""
+    exact: bool = True
+    """Whether the fast forward model left the posterior in place."""
+    unreproduced: tuple[str, ...] = ()
+    """Predictive checks that failed, beside the turning point."""
+    turns: tuple[Turn, ...] = ()
+    skin: tuple[Skin, ...] = ()
+    """Parameters of a run without ratings; empty for one with ratings."""
+    fabrics: tuple[float, float] = (np.nan, np.nan)
+    """Range of E_fab of the rated fabrics [kPa]."""
+
+    @property
+    def failed(self) -> bool:
+        """Whether the model does not follow the ratings at all."""
+        return self.other_direction is not None or self.flat
+
+    @property
+    def contradicted(self) -> tuple[str, ...]:
+        """Loads whose turning point the model does not reproduce."""
+        return tuple(turn.load for turn in self.turns if turn.reproduced is False)
+
+
+class Conclusion(NamedTuple):
+    """Three sentences for somebody who does not know R-hat."""
+
+    trust: str
+    learnt: str
+    following: str
+
+    @property
+    def lines(self) -> tuple[str, str, str]:
+        """The sentences behind their labels, as they are printed."""
+        return (f"Trust it?  {self.trust}", f"Learnt:    {self.learnt}", f"Next:      {self.following}")
+
+
+def facts_of(result: Result) -> Facts:
+    """Return the values that a conclusion about a result rests on."""
+    found = result.attributes
+    converged, steps = bool(found["converged"]), int(found["steps"])
+    if not result.has_ratings:
+        failed = float(found["force_p_value"]) < DOUBTFUL  # NaN is not
+        wrong = ("growth of the plate's force with indentation",) if failed else ()
+        return Facts(converged, steps, unreproduced=wrong, skin=_skin(result))
+    fit, checks = fit_of(result.tree), result.tables["predictive_checks"]
+    other = next(one.name for one in (RISES, FALLS) if one is not fit.choice.direction)
+    whole = fit.explained[-1] if fit.explained else None
+    modulus = result.fabrics.effective_modulus
+    return Facts(
+        converged,
+        steps,
+        other if fit.choice.against_data else None,
+        bool(fit.flat),
+        fit.silent_conditions > MOSTLY_SILENT,
+        whole is None or not whole.p_value >= DOUBTFUL,
+        exactness_of(result).exact_enough,
+        tuple(doubts(checks)),
+        _turns(result),
+        fabrics=(float(modulus.min()) / 1e3, float(modulus.max()) / 1e3),
+    )
+
+
+def conclude(facts: Facts, directory: str | None = None) -> Conclusion:
+    """Return the conclusion that follows from some facts.
+
+    Parameters
+    ----------
+    facts
+        As `facts_of` returns them.
+    directory
+        Directory of the run, as commands name it; None on the report's page, which knows of none.
+    """
+    return Conclusion(_trust(facts), _learnt(facts), _next(facts, directory))
+
+
+def _trust(facts: Facts) -> str:
+    if facts.other_direction is not None:
+        return "No: the ratings run with stiffness in the opposite direction to the one that the run assumes."
+    if facts.flat:
+        return "No: the model predicts the same rating for fabrics that were rated differently."
+    if not facts.converged:
+        return (
+            f"Not yet: the chains have not converged after {facts.steps} steps, and more steps may change any number."
+        )
+    if not facts.exact:
+        return "With care: the chains have converged, but to a fast approximation that is not exact enough."
+    if failed := [*(f"the turning point at {load}" for load in facts.contradicted), *facts.unreproduced]:
+        return f"In part: the chains have converged, but the model does not reproduce {_listed(failed)}."
+    if facts.silent:
+        return "With care: the chains have converged, but most of the posterior predicts that no receptor fires."
+    return "Yes: the chains have converged, and no check found a difference between model and data."
+
+
+def _learnt(facts: Facts) -> str:
+    if facts.failed:
+        return "nothing about skin or receptors, because the model does not describe these ratings."
+    if not facts.converged:
+        return "nothing yet: the draws so far are for inspection only."
+    if facts.skin:
+        return f"{'; '.join(map(_known, facts.skin))}."
+    if not facts.differ:
+        return (
+            "the ratings do not differ between fabrics beyond noise, so they say little about where the response turns."
+        )
+    return f"{'; '.join(_turned(turn) for turn in facts.turns)}."
+
+
+def _turned(turn: Turn) -> str:
+    if turn.reproduced is False:
+        return f"at {turn.load} the ratings contradict the model's turning point"
+    chance = "below 1%" if turn.probability < 0.01 else f"{turn.probability:.0%}"
+    if turn.probability <= 1.0 - LIKELY:
+        return f"at {turn.load} the response does not turn over (probability of a turn: {chance})"
+    if turn.probability < LIKELY:
+        return f"at {turn.load} the data cannot tell whether the response turns over (probability: {chance})"
+    limits = f"(90 % interval {turn.low:.3g} to {turn.high:.3g} kPa)"
+    alone = ", though the ratings at this load alone cannot show it" if turn.reproduced is None else ""
+    return f"at {turn.load} the response turns over at E_fab = {turn.middle:.3g} kPa {limits}{alone}"
+
+
+def _known(one: Skin) -> str:
+    declared = PARAMETERS[one.name]
+    name = f"the {declared.meaning} ({one.name})"
+    if not one.informed:
+        return f"the data say little about {name}, whose posterior is nearly as wide as its prior"
+    unit = f" {declared.unit}" if declared.unit != "–" else ""
+    return f"{name} lies between {one.low:.3g} and {one.high:.3g}{unit} (90 % interval)"
+
+
+def _next(facts: Facts, directory: str | None) -> str:
+    if facts.other_direction is not None:
+        return (
+            f"repeat the run with --direction {facts.other_direction}, or check whether the rating scale was reversed."
+        )
+    if facts.flat or (facts.silent and facts.converged):
+        return "check the units of moduli and loads ('softness-bayes check'), then try --priors in-vivo."
+    if not facts.converged:
+        return f"continue the run with 'softness-bayes resume {directory or 'DIR'}'."
+    if not facts.exact:
+        return "repeat the run with --exact-reweight."
+    if facts.contradicted or facts.unreproduced:
+        return _after_a_failed_check(facts)
+    help_ = _helpful(facts)
+    steps = [f"read the page that 'softness-bayes report {directory}' writes"] if directory else []
+    return f"{'; '.join([*steps, *([help_] if help_ else [])]) or 'nothing is left to do'}."
+
+
+def _after_a_failed_check(facts: Facts) -> str:
+    if facts.skin:
+        return "look for fingers that differ from the others in figures/compression.png, and check their forces' units."
+    return "see predictive_checks.csv, try another --reading, and rank the runs with 'softness-bayes compare'."
+
+
+def _helpful(facts: Facts) -> str:
+    """Return which further data would help most; empty if every turning point is decided."""
+    if facts.skin:
+        weak = [one.name for one in facts.skin if not one.informed]
+        if weak:
+            return f"forces of more fingers, over a wider range of indentations, would narrow {_listed(weak)}"
+        return "ratings (--data) would show where the response turns over"
+    undecided = [turn for turn in facts.turns if not _decided(turn)]
+    if not undecided:
+        return ""
+    at, (softest, stiffest) = _listed([turn.load for turn in undecided]), facts.fabrics
+    places = [turn.middle for turn in undecided if np.isfinite(turn.middle)]
+    if not places:
+        return f"ratings of stiffer fabrics or by more participants at {at} would help to decide"
+    if max(places) > stiffest:
+        return f"ratings at {at} of fabrics stiffer than {stiffest:.3g} kPa would help to decide"
+    if min(places) < softest:
+        return f"ratings at {at} of fabrics softer than {softest:.3g} kPa would help to decide"
+    around = float(np.median(places))
+    return f"ratings at {at} of more fabrics around {around:.3g} kPa, or by more participants, would help to decide"
+
+
+def _decided(turn: Turn) -> bool:
+    return turn.probability <= 1.0 - LIKELY or (turn.probability >= LIKELY and turn.reproduced is not None)
+
+
+def _turns(result: Result) -> tuple[Turn, ...]:
+    table = result.inflection()
+    reproduced = {str(one.load): one.reproduced for one in inflection_reproduced(result.tables["predictive_checks"])}
+    columns = ("p_interior", "e_fab_kpa_low", "e_fab_kpa", "e_fab_kpa_high")
+    return tuple(
+        Turn(load, probability, low, middle, high, reproduced.get(load))
+        for load, probability, low, middle, high in zip(
+            map(str, table.index), *(table[name].tolist() for name in columns), strict=True
+        )
+    )
+
+
+def _skin(result: Result) -> tuple[Skin, ...]:
+    return tuple(
+        Skin(
+            str(name),
+            float(row["hdi_low"]),
+            float(row["hdi_high"]),
+            bool(row["contraction"] >= 1.0 - INFORMED**2),
+        )
+        for name, row in result.summary().iterrows()
+        if name in PARAMETERS
+    )
+
+
+def _listed(names: list[str]) -> str:
+    """Return names as a sentence lists them."""
+    return " and ".join(", ".join(names).rsplit(", ", 1))
