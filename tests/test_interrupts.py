@@ -124,7 +124,7 @@ def test_an_interrupt_ends_a_run_quietly_at_any_time(tmp_path, seed):
 @pytest.mark.parametrize(
     "place",
     [
-        "softness_bayes.results.assembly:Assembly.tree",  # all that follows the walk
+        "softness_bayes.results.assembly:draw_replicates",  # all that follows the walk
         "softness_bayes.plotting.figures:draw_figures",
         "softness_bayes.runs.plan:with_accuracy",
     ],
@@ -205,12 +205,12 @@ def test_memory_that_runs_out_in_a_worker_arrives():
 
 
 def test_a_run_that_lost_its_memory_says_how_to_go_on(tmp_path, here, monkeypatch):
-    from softness_bayes.results.assembly import Assembly
+    from softness_bayes.results import assembly
 
     few_ratings(tmp_path)
     asked = ["--data", tmp_path / "ratings.csv", *FIXED, "--max-steps", "20", "--processes", "1", "--no-figures"]
     for error, words in ((MemoryError("no 2 GB"), "memory ran out (no 2 GB)"), (ResourceError("a worker"), "a worker")):
-        monkeypatch.setattr(Assembly, "tree", lambda *_, error=error: (_ for _ in ()).throw(error))
+        monkeypatch.setattr(assembly, "draw_replicates", lambda *_, error=error: (_ for _ in ()).throw(error))
         done = here("sample", *asked, "--out", tmp_path / words[:6])
         assert done.returncode == 6
         assert words in done.stderr

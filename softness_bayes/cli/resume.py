@@ -51,7 +51,7 @@ def command(
     what it was, the run is refused and the difference named.
     """
     from softness_bayes.checkpoints.checkpoint import Checkpoint, read_status
-    from softness_bayes.results.assembly import versions
+    from softness_bayes.results.versions import versions
     from softness_bayes.runs.run import RunOptions
 
     checkpoint, status = Checkpoint.open(directory), read_status(directory)

@@ -184,7 +184,7 @@ def run(
         If a limit was reached first; everything is written all the same.
     """
     from softness_bayes.data import Compression
-    from softness_bayes.results.assembly import versions
+    from softness_bayes.results.versions import versions
     from softness_bayes.runs.plate import sample_skin
     from softness_bayes.runs.run import choose_direction, sample
     from softness_bayes.sampler.workers import available_processors

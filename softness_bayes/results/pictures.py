@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -9,7 +11,7 @@ from softness_bayes.results.groups import Groups, Variable
 from softness_bayes.touch.contact import Load
 from softness_bayes.touch.neuron.membrane import Channels
 from softness_bayes.touch.neuron.spikes import spike_times
-from softness_bayes.touch.pad import draw_receptors, touch_profiles
+from softness_bayes.touch.pad import touch_profiles
 from softness_bayes.touch.parameters import TouchParameters
 from softness_bayes.touch.receptors import kink_distances
 from softness_bayes.touch.scene import Discretisation, Scene
@@ -63,14 +65,14 @@ def illustrated_fabrics(scene: Scene, inflection: Array) -> tuple[list[str], Arr
 
 
 def touch_illustration(
-    rng: np.random.Generator, scene: Scene, parameters: TouchParameters, inflection: Array
+    receptors: Array, scene: Scene, parameters: TouchParameters, inflection: Array
 ) -> tuple[Groups, dict[str, NDArray[np.generic]]]:
     """Return pressure, stress and rate along the pad for three fabrics and some loads, and the pad's receptors.
 
     Parameters
     ----------
-    rng
-        Source of the receptors' places.
+    receptors
+        Places of the pad's receptors [m], shape (receptors, 2), as `draw_receptors` draws them.
     scene
         The scene of the data.
     parameters
@@ -104,15 +106,15 @@ def touch_illustration(
 
     at = ("quantile", "touch_load", "touch_fabric")
     along = (*at, "distance_mm")
-    finger, places = scene.finger, draw_receptors(rng, scene.finger, scene.readings.receptor_density)
+    finger = scene.finger
     variables = {
         "touch_pressure_kpa": Variable(limits(profiles.pressure * 1e-3), along, "kPa"),
         "touch_stress_kpa": Variable(limits(profiles.stress * 1e-3), along, "kPa"),
         "touch_rate_hz": Variable(limits(profiles.rate), along, "Hz"),
         "touch_radius_mm": Variable(limits(contact.radius * 1e3), at, "mm"),
         "touch_e_fab_kpa": Variable(moduli * 1e-3, ("touch_fabric",), "kPa"),
-        "receptor_x_mm": Variable(places[:, 0] * 1e3, ("receptor",), "mm"),
-        "receptor_y_mm": Variable(places[:, 1] * 1e3, ("receptor",), "mm"),
+        "receptor_x_mm": Variable(receptors[:, 0] * 1e3, ("receptor",), "mm"),
+        "receptor_y_mm": Variable(receptors[:, 1] * 1e3, ("receptor",), "mm"),
         "pad_mm": Variable(1e3 * np.array([finger.pad_length, finger.pad_width]), ("side",), "mm"),
         "contact_centre_mm": Variable(1e3 * np.array(finger.contact_centre), ("side",), "mm"),
     }
@@ -125,12 +127,17 @@ def touch_illustration(
     return {ILLUSTRATIONS: variables}, coordinates
 
 
-def membrane_illustration(
-    rng: np.random.Generator, scene: Scene, parameters: TouchParameters
-) -> tuple[Groups, dict[str, NDArray[np.generic]]]:
-    """Return firing rate against current for every draw, and example trains at the draws' median parameters.
+class Trains(NamedTuple):
+    """Example spike trains at the draws' median parameters."""
 
-    The currents go from below the lowest rheobase to the largest alpha of the draws' central 95 %.
+    current: Array
+    """Current of each train [µA/cm²], shape (trains,)."""
+    spikes: tuple[Array, ...]
+    """Times of each train's spikes [ms]."""
+
+
+def example_trains(rng: np.random.Generator, scene: Scene, parameters: TouchParameters) -> Trains:
+    """Return trains at `EXCESSES` of the way from the median rheobase to the median alpha.
 
     Parameters
     ----------
@@ -141,24 +148,41 @@ def membrane_illustration(
     parameters
         Draws of the chain's parameters, shape (draws,).
     """
-    curve = scene.firing.curves(parameters)
-    rheobase = np.broadcast_to(curve.rheobase, np.shape(parameters.alpha))
+    rheobase = _rheobase(scene, parameters)
+    alpha, least = float(np.median(parameters.alpha)), float(np.median(rheobase))
+    channels = Channels(*(float(np.median(getattr(parameters, name))) for name in Channels._fields))
+    given = least + np.array(EXCESSES) * (alpha - least) if least < alpha else np.array([alpha])
+    membrane, noise = scene.readings.membrane, scene.firing.noise
+    return Trains(given, tuple(spike_times(float(each), channels, membrane, DURATION, noise, rng) for each in given))
+
+
+def membrane_illustration(
+    trains: Trains, scene: Scene, parameters: TouchParameters
+) -> tuple[Groups, dict[str, NDArray[np.generic]]]:
+    """Return firing rate against current for every draw, and example trains.
+
+    The currents go from below the lowest rheobase to the largest alpha of the draws' central 95 %.
+
+    Parameters
+    ----------
+    trains
+        From `example_trains`.
+    scene
+        The scene of the data.
+    parameters
+        Draws of the chain's parameters, shape (draws,).
+    """
+    curve, rheobase = scene.firing.curves(parameters), _rheobase(scene, parameters)
     top = min(float(np.quantile(parameters.alpha, 0.975)), float(np.min(curve.max_current)))
     begin = min(float(rheobase.min()), top)
     current = np.linspace(max(0.0, begin - 0.25 * (top - begin)) if begin < top else 0.0, top, CURRENTS)
     rate = np.broadcast_to(curve.rate(np.broadcast_to(current, (rheobase.size, CURRENTS))), (rheobase.size, CURRENTS))
-    alpha, least = float(np.median(parameters.alpha)), float(np.median(rheobase))
-    channels = Channels(*(float(np.median(getattr(parameters, name))) for name in Channels._fields))
-    given = least + np.array(EXCESSES) * (alpha - least) if least < alpha else np.array([alpha])
-    trains = [
-        spike_times(float(each), channels, scene.readings.membrane, DURATION, scene.firing.noise, rng) for each in given
-    ]
-    spikes = np.full((len(trains), max(1, *(train.size for train in trains))), np.nan)
-    for row, train in zip(spikes, trains, strict=True):
+    spikes = np.full((len(trains.spikes), max(1, *(train.size for train in trains.spikes))), np.nan)
+    for row, train in zip(spikes, trains.spikes, strict=True):
         row[: train.size] = train
     examples = {
         "spike_time_ms": Variable(spikes, ("train", "spike"), "ms"),
-        "train_current_ua_cm2": Variable(given, ("train",), "µA/cm²"),
+        "train_current_ua_cm2": Variable(trains.current, ("train",), "µA/cm²"),
         "train_duration_ms": Variable(np.array(DURATION), (), "ms"),
     }
     curves = {
@@ -167,3 +191,8 @@ def membrane_illustration(
         "largest_current_ua_cm2": Variable(np.array(parameters.alpha)[None], (), "µA/cm²"),
     }
     return {ILLUSTRATIONS: examples, "predictions": curves}, {"current_ua_cm2": current}
+
+
+def _rheobase(scene: Scene, parameters: TouchParameters) -> Array:
+    """Return the rheobase of every draw [µA/cm²], shape (draws,)."""
+    return np.broadcast_to(scene.firing.curves(parameters).rheobase, np.shape(parameters.alpha))

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from softness_bayes.data.columns import FORCE, INDENTATION
 from softness_bayes.data.compression import Compression
-from softness_bayes.likelihood.plate import CompressionForces, ExponentCheck, SkinParameters, check_exponent
+from softness_bayes.likelihood.plate import CompressionForces, ExponentCheck, FingerEffects, SkinParameters
 from softness_bayes.results.groups import Groups, Variable
 from softness_bayes.touch.plate import plate_force
 from softness_bayes.touch.readings import Readings
@@ -32,39 +32,61 @@ def forces_of(compression: Compression, readings: Readings) -> CompressionForces
     )
 
 
-def plate_groups(
+class PlateReplicates(NamedTuple):
+    """What is drawn after a run on compression data, each of shape (draws, ...)."""
+
+    fingers: FingerEffects
+    """How the fingers depart from the typical one, at every draw of every chain."""
+    again: Array
+    """Forces of the same fingers [N], by draws of the posterior."""
+    prior: Array
+    """Forces of new fingers [N], by draws of the prior."""
+
+
+def draw_plate(
     rng: np.random.Generator,
-    compression: Compression,
     forces: CompressionForces,
     skin: Callable[[Array], SkinParameters],
     theta: Array,
     replicates: Array,
-    curves: Array,
     prior: Array,
-) -> tuple[Groups, ExponentCheck]:
-    """Return fingers, replicated forces, the typical finger's force and the data, and a check of the fit.
+) -> PlateReplicates:
+    """Draw how the fingers depart, and forces that the model makes.
 
     Parameters
     ----------
     rng
         Source of effects and noise.
-    compression, forces
-        The data and their likelihood.
+    forces
+        The likelihood.
     skin
         Gives the skin's parameters of points theta.
     theta
         All draws, shape (chains, draws, dimension), for the fingers' departures.
-    replicates, curves
-        Posterior draws (draws, dimension) for replicated forces of the same fingers, and for the typical
-        finger's.
-    prior
-        Draws of the prior (draws, dimension), for forces of new fingers.
+    replicates, prior
+        Draws of the posterior and of the prior (draws, dimension) that forces are made at.
     """
     fingers = forces.draw_effects(rng, skin(theta))
     again = forces.draw_forces(rng, skin(replicates), forces.draw_effects(rng, skin(replicates)))
     new = forces.new_fingers(rng, skin(prior), prior.shape[:1])
-    made = forces.draw_forces(rng, skin(prior), new)
-    depth, typical = _depths(compression), skin(curves)
+    return PlateReplicates(fingers, again, forces.draw_forces(rng, skin(prior), new))
+
+
+def plate_groups(
+    compression: Compression, forces: CompressionForces, typical: SkinParameters, drawn: PlateReplicates
+) -> Groups:
+    """Return fingers, replicated forces, the typical finger's force and the data.
+
+    Parameters
+    ----------
+    compression, forces
+        The data and their likelihood.
+    typical
+        The skin's parameters at some draws of the posterior, shape (draws,), for the typical finger's force.
+    drawn
+        From `draw_plate`.
+    """
+    depth = _depths(compression)
     line = plate_force(
         depth,
         np.asarray(typical.b)[:, None],
@@ -72,13 +94,13 @@ def plate_groups(
         displacement=forces.displacement,
     )
     row = ("force_row",)
-    groups: Groups = {
+    return {
         "posterior": {
-            "log_b_effect": Variable(fingers.log_b, ("finger",)),
-            "m_effect": Variable(fingers.m, ("finger",)),
+            "log_b_effect": Variable(drawn.fingers.log_b, ("finger",)),
+            "m_effect": Variable(drawn.fingers.m, ("finger",)),
         },
-        "posterior_predictive": {"plate_force_n": Variable(again[None], row, FORCE.unit)},
-        "prior_predictive": {"plate_force_n": Variable(made[None], row, FORCE.unit)},
+        "posterior_predictive": {"plate_force_n": Variable(drawn.again[None], row, FORCE.unit)},
+        "prior_predictive": {"plate_force_n": Variable(drawn.prior[None], row, FORCE.unit)},
         "predictions": {"typical_force_n": Variable(line[None], ("plate_indentation_mm",), FORCE.unit)},
         "observed_data": {"plate_force_n": Variable(compression.force, row, FORCE.unit)},
         "constant_data": {
@@ -86,7 +108,6 @@ def plate_groups(
             "force_indentation_mm": Variable(compression.indentation / INDENTATION.factor, row, INDENTATION.unit),
         },
     }
-    return groups, check_exponent(forces, again)
 
 
 def plate_coordinates(compression: Compression) -> dict[str, NDArray[Any]]:

@@ -11,12 +11,14 @@ from softness_bayes import arviz_bridge
 from softness_bayes.checking.identifiability import direction_table, learning_table
 from softness_bayes.checkpoints.checkpoint import Checkpoint
 from softness_bayes.data.compression import Compression
+from softness_bayes.likelihood.plate import check_exponent
 from softness_bayes.model.posterior import SkinPosterior
 from softness_bayes.parameters.choice import parameter_space
-from softness_bayes.parameters.declared import EVERY_PARAMETER, PARAMETERS
-from softness_bayes.results.assembly import CURVES, DRAWS_PER_WALKER, PRIOR_DRAWS, REPLICATES
-from softness_bayes.results.groups import Variable, evenly, merged, named, sampled_groups, tree_of
-from softness_bayes.results.plate import forces_of, plate_attributes, plate_coordinates, plate_groups
+from softness_bayes.parameters.declared import PARAMETERS
+from softness_bayes.results.constants import held_parameters
+from softness_bayes.results.draws import CURVES, DRAWS_PER_WALKER, PRIOR_DRAWS, REPLICATES
+from softness_bayes.results.groups import evenly, merged, named, sampled_groups, tree_of
+from softness_bayes.results.plate import draw_plate, forces_of, plate_attributes, plate_coordinates, plate_groups
 from softness_bayes.results.result import Result
 from softness_bayes.results.summary import summarise
 from softness_bayes.runs.run import RunOptions, labels_of, outcome, requested, rng_after, walked
@@ -88,18 +90,11 @@ def sample_skin(
     kept = sampled.chains.kept(sampled.verdict.burn_in, DRAWS_PER_WALKER)
     theta = kept.by_walker(posterior.natural(kept.coordinates))
     prior = posterior.space.draw_prior(rng, PRIOR_DRAWS)
-    groups, check = plate_groups(
-        rng,
-        compression,
-        posterior.compression,
-        posterior.skin_parameters,
-        theta,
-        theta[evenly(theta.shape, REPLICATES)],
-        theta[evenly(theta.shape, CURVES)],
-        prior[:REPLICATES],
-    )
-    held = {n: Variable(np.array(v), units=EVERY_PARAMETER[n].unit) for n, v in posterior.space.held.items()}
-    own = {"prior": named(posterior.space, prior[None]), "constant_data": held}
+    forces, skin = posterior.compression, posterior.skin_parameters
+    drawn = draw_plate(rng, forces, skin, theta, theta[evenly(theta.shape, REPLICATES)], prior[:REPLICATES])
+    groups = plate_groups(compression, forces, skin(theta[evenly(theta.shape, CURVES)]), drawn)
+    check = check_exponent(forces, drawn.again)
+    own = {"prior": named(posterior.space, prior[None]), "constant_data": held_parameters(posterior.space)}
     attributes = {**asked, **outcome(state), **plate_attributes(compression, check)}
     tree = tree_of(
         merged(sampled_groups(posterior, kept, theta, "compression"), groups, own),

@@ -29,10 +29,11 @@ from softness_bayes.parameters.coordinates import Bent, Scaled
 from softness_bayes.parameters.declared import PARAMETERS
 from softness_bayes.parameters.priors import Prior, parse_prior
 from softness_bayes.parameters.space import ParameterSpace
-from softness_bayes.results.assembly import Assembly, versions
+from softness_bayes.results.assembly import assembled
 from softness_bayes.results.plate import forces_of
 from softness_bayes.results.result import Result
 from softness_bayes.results.result_file import SCHEMA
+from softness_bayes.results.versions import versions
 from softness_bayes.sampler.sampling import Progress, Settings, progress_of, sampled_of, walk
 from softness_bayes.sampler.serial import as_json
 from softness_bayes.sampler.state import RunState
@@ -378,11 +379,15 @@ def sample(
     with options.settings.workers(posterior) as workers:
         state = walked(experiment, posterior, options, progress, checkpoint, workers)
         sampled, rng = sampled_of(state), rng_after(options)
-        assembly = Assembly(
-            experiment, posterior, sampled.chains, sampled.verdict, rng, workers, options.exact_reweight
+        tree, summary = assembled(
+            experiment,
+            posterior,
+            sampled.chains,
+            sampled.verdict.burn_in,
+            rng,
+            workers,
+            {**asked, **outcome(state)},
+            options.exact_reweight,
         )
-        levels = {f"prior_{name}": str(prior) for name, prior in assembly.model.levels.items()}
-        tree = assembly.tree({**asked, **outcome(state), **levels})
-        summary = assembly.summary().join(learning_table(tree))
-        tables = {"directions": direction_table(tree), "predictive_checks": check_table(tree)}
-    return Result(tree, summary, tables)
+    tables = {"directions": direction_table(tree), "predictive_checks": check_table(tree)}
+    return Result(tree, summary.join(learning_table(tree)), tables)

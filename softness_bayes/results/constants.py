@@ -1,0 +1,66 @@
+"""What a result holds that no draw changes: held parameters, fabrics, loads, ratings, and the names of the axes."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from softness_bayes import arviz_bridge
+from softness_bayes.checking.check_table import LOO_PIT, PARETO_K
+from softness_bayes.checking.quantities import LooPit
+from softness_bayes.data.columns import EFFECTIVE_MODULUS, POISSON_RATIO
+from softness_bayes.data.ratings import LOAD_COLUMNS
+from softness_bayes.parameters.declared import EVERY_PARAMETER
+from softness_bayes.parameters.space import ParameterSpace
+from softness_bayes.results.draws import RatedDraws
+from softness_bayes.results.groups import Variable
+from softness_bayes.results.plate import plate_coordinates
+from softness_bayes.touch.scene import Scene
+
+
+def held_parameters(space: ParameterSpace) -> dict[str, Variable]:
+    """Return the parameters that were held."""
+    return {n: Variable(np.array(value), units=EVERY_PARAMETER[n].unit) for n, value in space.held.items()}
+
+
+def constant_group(draws: RatedDraws, pit: LooPit) -> dict[str, Variable]:
+    """Return the held parameters, the fabrics, the loads, and what each rating is of."""
+    ratings, fabrics = draws.experiment.ratings, draws.experiment.fabrics
+    modulus = fabrics.modulus(draws.scene.readings.fabric_modulus) / EFFECTIVE_MODULUS.factor
+    return {
+        **held_parameters(draws.posterior.space),
+        "finger_radius_mm": Variable(np.array(draws.scene.finger.radius * 1e3), units="mm"),
+        LOO_PIT: Variable(pit.value, ("rating_row",)),
+        PARETO_K: Variable(pit.pareto_k, ("rating_row",)),
+        EFFECTIVE_MODULUS.name: Variable(modulus, ("fabric",), EFFECTIVE_MODULUS.unit),
+        POISSON_RATIO.name: Variable(fabrics.poisson_ratio, ("fabric",)),
+        **{
+            column.name: Variable(
+                np.array([value(x) / column.factor if isinstance(x, kind) else np.nan for x in ratings.loads]),
+                ("load",),
+                column.unit,
+            )
+            for column, kind, value in LOAD_COLUMNS
+        },
+        **{
+            f"{what}_index": Variable(getattr(ratings, what), ("rating_row",))
+            for what in ("participant", "fabric", "load")
+        },
+    }
+
+
+def coordinates(draws: RatedDraws, grid: Scene) -> dict[str, NDArray[Any]]:
+    """Return the coordinates of the axes; `grid` is the scene of the response curves."""
+    ratings, compression = draws.experiment.ratings, draws.experiment.compression
+    points = grid.n_conditions // len(grid.loads)
+    return {
+        arviz_bridge.ENSEMBLE: draws.kept.ensemble,
+        "participant": np.array(ratings.participants),
+        "fabric": np.array(ratings.fabrics),
+        "load": np.array([str(load) for load in ratings.loads]),
+        "rating_row": ratings.rows,
+        "e_fab_kpa": grid.modulus[:points] * 1e-3,
+        **({} if compression is None else plate_coordinates(compression)),
+    }

@@ -1,0 +1,131 @@
+"""The draws of a run on ratings, and the smaller sets of them that the groups of its result are made from."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from softness_bayes.checking.exactness import resample
+from softness_bayes.data import Experiment
+from softness_bayes.likelihood.magnitude import RatingParameters
+from softness_bayes.likelihood.scales import ObservedRatings
+from softness_bayes.model.posterior import Posterior
+from softness_bayes.results.groups import evenly
+from softness_bayes.sampler.chains import Chains
+from softness_bayes.touch.parameters import TouchParameters
+from softness_bayes.touch.scene import Scene
+
+Array = NDArray[np.float64]
+
+DRAWS_PER_WALKER = 100
+"""Draws of each walker that the file keeps, evenly thinned; convergence is judged on all."""
+
+CURVES = 400
+"""Posterior draws whose response curves are stored."""
+
+REPLICATES = 500
+"""Draws with replicated ratings, and with what each rating is given all the others."""
+
+PICKED = {"posterior_predictive": REPLICATES, "log_likelihood_loo": REPLICATES, "predictions": CURVES}
+"""Groups that hold some of the posterior's draws, and how many; their coordinates say which."""
+
+PRIOR_DRAWS = 1000
+"""Draws of the prior."""
+
+REWEIGHT_DRAWS = 1000
+"""Draws that are weighted where a run asks for exact weights."""
+
+
+class Some(NamedTuple):
+    """Some of the draws, one axis for all of them."""
+
+    theta: Array
+    mean_rate: Array
+    parameters: RatingParameters
+    effects: Any
+    """As the rating model draws them."""
+
+
+@dataclass(frozen=True)
+class RatedDraws:
+    """The draws of one run on ratings: all that the groups of its result have in common.
+
+    Parameters
+    ----------
+    experiment, posterior
+        The data, and the density that was sampled.
+    scene, ratings
+        The posterior's compiled scene and its observed ratings.
+    kept
+        The chains without their burn-in, thinned.
+    theta
+        Their points, shape (chains, draws, dimension).
+    mean_rate
+        N/N_ref [Hz] there, shape (chains, draws, conditions).
+    effects
+        Effects drawn given each point, as the rating model draws them.
+    prior
+        Draws of the prior, shape (`PRIOR_DRAWS`, dimension).
+    log_weight
+        Log weights of `REWEIGHT_DRAWS` evenly spaced draws, if the result is that of weighted draws.
+    """
+
+    experiment: Experiment
+    posterior: Posterior
+    scene: Scene
+    ratings: ObservedRatings
+    kept: Chains
+    theta: Array
+    mean_rate: Array
+    effects: Any
+    prior: Array
+    log_weight: Array | None = None
+
+    @property
+    def model(self) -> Any:
+        """The rating model."""
+        return self.ratings.model
+
+    def picked(self, size: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+        """Return chain and draw of evenly spaced draws, or of as many in proportion to their exact weights."""
+        if self.log_weight is None:
+            return evenly(self.theta.shape, size)
+        chosen = resample(self.log_weight, size)
+        chain, draw = evenly(self.theta.shape, REWEIGHT_DRAWS)
+        return chain[chosen], draw[chosen]
+
+    def some(self, size: int) -> Some:
+        """Return the draws at `picked`."""
+        index = self.picked(size)
+        return Some(
+            self.theta[index],
+            self.mean_rate[index],
+            self.posterior.rating_parameters(self.theta[index]),
+            type(self.effects)(*(effect[index] for effect in self.effects)),
+        )
+
+    def touch(self, theta: Array) -> TouchParameters:
+        """Return the chain's parameters at theta, held ones as often as sampled ones."""
+        return TouchParameters(*(np.broadcast_to(v, theta.shape[:-1]) for v in self.posterior.space.touch(theta)))
+
+
+def draws_of(
+    experiment: Experiment, posterior: Posterior, kept: Chains, theta: Array, rng: np.random.Generator
+) -> RatedDraws:
+    """Return the draws of a run, with effects given them and draws of the prior, both from `rng` in this order.
+
+    Raises
+    ------
+    TypeError
+        If the posterior is not that of a compiled scene and ratings.
+    """
+    scene, ratings = posterior.scene, posterior.observation
+    if not isinstance(scene, Scene) or not isinstance(ratings, ObservedRatings):
+        raise TypeError("a result is assembled from a compiled scene and ratings")
+    mean_rate = posterior.mean_rate(theta)
+    effects = ratings.draw_effects(rng, mean_rate, posterior.rating_parameters(theta))
+    prior = posterior.space.draw_prior(rng, PRIOR_DRAWS)
+    return RatedDraws(experiment, posterior, scene, ratings, kept, theta, mean_rate, effects, prior)

@@ -1,0 +1,84 @@
+"""The log-likelihood with exact firing rates at some draws of a run, beside the fast one that was sampled."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from softness_bayes.checking.exactness import EXACT_RATES, SAME_RATES, Exactness, compare
+from softness_bayes.model.posterior import Posterior
+from softness_bayes.results.draws import REWEIGHT_DRAWS
+from softness_bayes.results.groups import Variable, evenly
+from softness_bayes.sampler.workers import Workers
+from softness_bayes.touch.scene import Scene
+
+Array = NDArray[np.float64]
+
+EXACT_DRAWS = 200
+"""Posterior draws at which the log-likelihood is compared with an exact one."""
+
+EXACT_PARTS = 4
+"""Tasks that these comparisons are divided into, for as many processes."""
+
+
+def exact_log_likelihood(posterior: Posterior, theta: Array) -> Array:
+    """Return the log-likelihood at points theta with exact firing rates and a finer quadrature, shape (points,)."""
+    return replace(posterior, scene=_scene(posterior).exact()).log_likelihood(theta)
+
+
+def begin_comparison(posterior: Posterior, theta: Array, workers: Workers, reweight: bool) -> Callable[[], Exactness]:
+    """Begin to compute the exact log-likelihood at evenly spaced draws and return what waits for the comparison.
+
+    Parameters
+    ----------
+    posterior
+        The density that was sampled.
+    theta
+        All draws, shape (chains, draws, dimension).
+    workers
+        With `posterior` as their resident: the exact likelihood is computed there, beside everything else.
+    reweight
+        Whether as many draws are wanted as are weighted.
+    """
+    compared = theta[evenly(theta.shape, REWEIGHT_DRAWS if reweight else EXACT_DRAWS)]
+    # in parts that do not depend on the number of processes, nor then do the last bits
+    parts = [workers.start(exact_log_likelihood, part) for part in np.array_split(compared, EXACT_PARTS)]
+
+    def finished() -> Exactness:
+        fast = posterior.log_likelihood(compared)
+        rates = SAME_RATES if _scene(posterior).firing.noise else EXACT_RATES
+        exact = np.concatenate([part() for part in parts])
+        return compare(posterior.names, compared, fast, exact, rates)
+
+    return finished
+
+
+def exactness_stats(exactness: Exactness, shape: tuple[int, ...]) -> dict[str, Variable]:
+    """Return the differences of the log-likelihood and the log weights; NaN at draws that were not compared.
+
+    Parameters
+    ----------
+    exactness
+        The comparison at evenly spaced draws.
+    shape
+        Of all draws: chains, draws and whatever follows.
+    """
+    index = evenly(shape, exactness.difference.size)
+    found = {}
+    for name, values in (
+        ("exact_difference", exactness.difference),
+        ("exact_log_weight", exactness.log_weight),
+    ):
+        everywhere = np.full(shape[:2], np.nan)
+        everywhere[index] = values
+        found[name] = Variable(everywhere)
+    return found
+
+
+def _scene(posterior: Posterior) -> Scene:
+    if not isinstance(posterior.scene, Scene):
+        raise TypeError("the exact likelihood is that of a compiled scene")
+    return posterior.scene

@@ -1,0 +1,90 @@
+"""What the fitted model predicts beyond the data: response curves, turning points, and what the figures show."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from softness_bayes.checking.inflection import find_inflection, response_curves, turning_points
+from softness_bayes.checking.misfit import TYPICAL
+from softness_bayes.results.draws import CURVES, REWEIGHT_DRAWS, RatedDraws
+from softness_bayes.results.groups import Groups, Variable, merged, named, turning_variables
+from softness_bayes.results.pictures import membrane_illustration, touch_illustration
+from softness_bayes.results.replicates import Replicates
+from softness_bayes.touch.scene import Scene
+
+Array = NDArray[np.float64]
+
+TURNING = 4000
+"""Draws, about, of which turning points are stored: so many of every walker."""
+
+ILLUSTRATED = 64
+"""Posterior draws whose touches are stored in detail."""
+
+
+def prediction_group(draws: RatedDraws, grid: Scene, error: float) -> dict[str, Variable]:
+    """Return response and rating against E_fab under each load, and where they turn over.
+
+    Parameters
+    ----------
+    draws
+        The draws of the run.
+    grid
+        The scene of the curves, from `curve_scene`.
+    error
+        Numerical error of the response relative to its peak.
+    """
+    few, scene, model, design = draws.some(CURVES), draws.scene, draws.model, draws.ratings.design
+    curves = response_curves(grid, draws.touch(few.theta))
+    fabrics = float(scene.modulus.min()), float(scene.modulus.max())
+    turn = find_inflection(curves, error, fabrics)
+    shape = curves.total_rate.shape
+    everywhere = curves.total_rate.reshape(shape[0], -1) / scene.n_receptors
+    drive = model.drive_at(everywhere, design, few.mean_rate, few.parameters)
+    lines = {
+        "total_rate": (curves.total_rate, "Hz"),
+        "typical_rating": (model.typical(few.effects, drive).reshape(shape), ""),
+        "e_skin_kpa": (curves.skin_modulus * 1e-3, "kPa"),
+        "contact_radius_mm": (curves.radius * 1e3, "mm"),
+        "contact_force_n": (curves.force, "N"),
+    }
+    along = ("load", "e_fab_kpa")
+    rated = model.typical(few.effects, model.drive(design, few.mean_rate, few.parameters))
+    return {
+        TYPICAL: Variable(rated[None], ("condition",)),
+        **{n: Variable(v[None].astype(np.float32), along, unit) for n, (v, unit) in lines.items()},
+        **turning_variables(turn, (1, -1)),
+        **{f"at_{n}": v for n, v in named(draws.posterior.space, few.theta[None]).items()},
+    }
+
+
+def turning_groups(draws: RatedDraws, error: float) -> Groups:
+    """Return where the response turns over in many draws, and in those of the prior; arguments as above."""
+    if draws.log_weight is not None:
+        theta = draws.some(REWEIGHT_DRAWS).theta[None]
+    else:
+        every = -(-draws.theta.shape[0] * draws.theta.shape[1] // TURNING)
+        theta = draws.theta[:, ::-1][:, ::every][:, ::-1]
+    found: Groups = {}
+    for group, points in {"inflection": theta, "prior_inflection": draws.prior[None]}.items():
+        flat = points.reshape(-1, points.shape[-1])
+        found[group] = turning_variables(turning_points(draws.scene, draws.touch(flat), error), points.shape[:2])
+    return found
+
+
+def illustration_groups(draws: RatedDraws, drawn: Replicates, turn: Array) -> tuple[Groups, dict[str, NDArray[Any]]]:
+    """Return what the figures of touch and membrane show, and coordinates of its axes.
+
+    Parameters
+    ----------
+    draws, drawn
+        The draws of the run, and what was drawn after it.
+    turn
+        E_fab at the turning points of `CURVES` draws [Pa], shape (draws, loads), NaN where there is none.
+    """
+    touched, fired = (draws.touch(draws.some(size).theta) for size in (ILLUSTRATED, CURVES))
+    touch, along = touch_illustration(drawn.receptors, draws.scene, touched, turn)
+    membrane, currents = membrane_illustration(drawn.trains, draws.scene, fired)
+    return merged(touch, membrane), {**along, **currents}

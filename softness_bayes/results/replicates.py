@@ -1,0 +1,145 @@
+"""All that is drawn at random after a walk, and the groups that hold it.
+
+One function draws everything, in an order that fixes the numbers of a seed; the groups are functions of what it drew.
+"""
+
+from __future__ import annotations
+
+import copy
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from softness_bayes.checking.check_table import NEW_PARTICIPANTS
+from softness_bayes.checking.levelled import compare_levelled, levelled
+from softness_bayes.checking.quantities import Layout
+from softness_bayes.checking.reproduction import LEVELLED, LEVELLED_NAMES, SHORTFALL
+from softness_bayes.likelihood.magnitude import RatingParameters
+from softness_bayes.likelihood.pieces import part_of, pieces
+from softness_bayes.results.draws import CURVES, REPLICATES, RatedDraws, Some
+from softness_bayes.results.groups import Groups, Variable, named
+from softness_bayes.results.pictures import Trains, example_trains
+from softness_bayes.results.plate import PlateReplicates, draw_plate
+from softness_bayes.touch.pad import draw_receptors
+
+Array = NDArray[np.float64]
+
+ROWS = ("rating_row",)
+"""Axis of what each rating has."""
+
+
+class Replicates(NamedTuple):
+    """What was drawn: ratings (draws, rows) at `REPLICATES` draws, forces, and what the figures show of a touch."""
+
+    again: Array
+    """Ratings of the same participants."""
+    anew: Array
+    """Ratings of new participants."""
+    levelled: Array
+    """Ratings as `again`, with the same noise, of a response that levels off at its peak."""
+    prior: Array
+    """Ratings of new participants, by draws of the prior."""
+    plate: PlateReplicates | None
+    """Forces of a plate; None without compression data."""
+    receptors: Array
+    """Places of the pad's receptors [m], shape (receptors, 2)."""
+    trains: Trains
+    """Example spike trains."""
+
+
+def draw_replicates(rng: np.random.Generator, draws: RatedDraws) -> Replicates:
+    """Draw everything at random that a result holds beside the walk and its effects.
+
+    Parameters
+    ----------
+    rng
+        Source of all of it, in the order of the function's lines: another order is other numbers.
+    draws
+        The draws of the run.
+    """
+    few, model, design = draws.some(REPLICATES), draws.model, draws.ratings.design
+    drive = model.drive(design, few.mean_rate, few.parameters)
+    twin = copy.deepcopy(rng)
+    again = _rated(rng, draws, drive, few.parameters, few.effects)
+    strangers = model.with_new_participants(rng, few.parameters, few.effects)
+    anew = _rated(rng, draws, drive, few.parameters, strangers)
+    level = _levelled_rated(twin, draws, few)
+    prior = _prior_rated(rng, draws)
+    plate = _plate(rng, draws, few)
+    receptors = draw_receptors(rng, draws.scene.finger, draws.scene.readings.receptor_density)
+    trains = example_trains(rng, draws.scene, draws.touch(draws.some(CURVES).theta))
+    return Replicates(again, anew, level, prior, plate, receptors, trains)
+
+
+def predictive_groups(draws: RatedDraws, drawn: Replicates) -> Groups:
+    """Return replicated ratings of the same and of new participants, and each rating given all the others."""
+    few = draws.some(REPLICATES)
+    alone = draws.ratings.log_likelihood_loo(few.mean_rate, few.parameters)
+    whole = draws.ratings.log_likelihood_participants(few.mean_rate, few.parameters)
+    replicates = {"rating": Variable(drawn.again[None], ROWS), NEW_PARTICIPANTS: Variable(drawn.anew[None], ROWS)}
+    return {
+        "posterior_predictive": replicates,
+        "log_likelihood_loo": {"rating": Variable(alone[None], ROWS)},
+        # by another name than the rating's, which has another axis
+        "log_likelihood_participant": {"ratings_of_participant": Variable(whole[None], ("participant",))},
+        **_levelled_groups(draws, drawn),
+    }
+
+
+def prior_groups(draws: RatedDraws, drawn: Replicates) -> Groups:
+    """Return draws of the prior, and ratings that they make of new participants."""
+    return {
+        "prior": named(draws.posterior.space, draws.prior[None]),
+        "prior_predictive": {"rating": Variable(drawn.prior[None], ROWS)},
+    }
+
+
+def _levelled_groups(draws: RatedDraws, drawn: Replicates) -> Groups:
+    """Return what tables show of a turning point whose response levels off at its peak, all else being the same."""
+    layout, loads = _layout(draws), draws.experiment.ratings.loads
+    found, shortfall = compare_levelled(layout, drawn.again, drawn.levelled)
+    shown = np.full((len(LEVELLED_NAMES), len(drawn.again), len(loads)), np.nan)
+    shown[..., layout.loads] = found
+    tables = zip(LEVELLED_NAMES, shown, strict=True)
+    return {
+        LEVELLED: {f"levelled_{name}": Variable(values[None], ("load",)) for name, values in tables},
+        "constant_data": {SHORTFALL: Variable(shortfall[layout.design.condition], ROWS)},
+    }
+
+
+def _layout(draws: RatedDraws) -> Layout:
+    model, load = draws.model, draws.experiment.ratings.conditions.load
+    return Layout(draws.ratings.design, draws.scene.modulus, load, model.direction.sign, model.logarithmic)
+
+
+def _rated(
+    rng: np.random.Generator, draws: RatedDraws, drive: Array, parameters: RatingParameters, effects: Any
+) -> Array:
+    """Return a rating for every row at every draw, drawn a few draws at a time."""
+    design = draws.ratings.design
+    made = np.empty((len(drive), design.n_rows))
+    for k in pieces(*made.shape):
+        some = part_of(parameters, k), part_of(effects, k)
+        made[k] = draws.model.draw_ratings(rng, design, drive[k], *some)
+    return made
+
+
+def _levelled_rated(rng: np.random.Generator, draws: RatedDraws, few: Some) -> Array:
+    level = levelled(_layout(draws), few.mean_rate)
+    drive = draws.model.drive_at(level, draws.ratings.design, few.mean_rate, few.parameters)
+    return _rated(rng, draws, drive, few.parameters, few.effects)
+
+
+def _prior_rated(rng: np.random.Generator, draws: RatedDraws) -> Array:
+    design, model, theta = draws.ratings.design, draws.model, draws.prior[:REPLICATES]
+    rate, parameters = draws.posterior.mean_rate(theta), draws.posterior.rating_parameters(theta)
+    effects = model.draw_effects(rng, parameters, theta.shape[:1], design.n_participants, design.n_fabrics)
+    return _rated(rng, draws, model.drive(design, rate, parameters), parameters, effects)
+
+
+def _plate(rng: np.random.Generator, draws: RatedDraws, few: Some) -> PlateReplicates | None:
+    forces, skin = draws.posterior.compression, draws.posterior.skin_parameters
+    if forces is None:
+        return None
+    return draw_plate(rng, forces, skin, draws.theta, few.theta, draws.prior[:REPLICATES])

@@ -1,0 +1,16 @@
+"""Versions of what the numbers of a result depend on."""
+
+from __future__ import annotations
+
+import platform
+from importlib.metadata import version
+
+LIBRARIES = ("softness-bayes", "numpy", "scipy", "emcee", "arviz", "xarray")
+
+
+def versions() -> dict[str, str]:
+    """Return the versions of what the numbers depend on, as attributes of a result."""
+    return {
+        "version_python": platform.python_version(),
+        **{f"version_{name.replace('-', '_')}": version(name) for name in LIBRARIES},
+    }
