@@ -19,8 +19,8 @@ from softness_bayes.runs import run
 from softness_bayes.runs.plate import WIDE, sample_skin
 from softness_bayes.runs.run import RunOptions, sample
 from softness_bayes.sampler.sampling import Settings
-from softness_bayes.touch import scene
 from softness_bayes.touch.contact import Force, Indentation
+from softness_bayes.touch.neuron import fixed_channels
 from softness_bayes.touch.neuron.firing import CurveError, RateCurve
 from softness_bayes.touch.neuron.membrane import PAPER_CHANNELS
 from softness_bayes.touch.readings import MENDED
@@ -44,7 +44,7 @@ def quickly() -> Iterator[None]:
     )
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(run, "Settings", functools.partial(Settings, pilot=(20,), optima=1))
-        patch.setattr(scene, "exact_curve", lambda *_: curve)
+        patch.setattr(fixed_channels, "exact_curve", lambda *_: curve)
         study.curve_of_held.cache_clear()  # no curve of the membrane itself, nor this one for whoever comes after
         yield
         study.curve_of_held.cache_clear()

@@ -24,6 +24,7 @@ from softness_bayes.likelihood.magnitude import LogRatings
 from softness_bayes.results.result import Result
 from softness_bayes.runs.run import RunOptions
 from softness_bayes.touch import scene
+from softness_bayes.touch.neuron import fixed_channels
 
 __all__ = ["here"]  # a fixture
 
@@ -35,7 +36,7 @@ ASKED = [*FIXED, "--seed", "3", "--no-figures", "--max-steps", STEPS]
 def one_curve():
     """Compute the membrane's one rate curve once."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(scene, "exact_curve", functools.cache(scene.exact_curve))
+        patch.setattr(fixed_channels, "exact_curve", functools.cache(fixed_channels.exact_curve))
         yield
 
 

@@ -30,8 +30,8 @@ from softness_bayes.runs.plate import sample_skin
 from softness_bayes.runs.run import RunOptions, posterior_of, sample
 from softness_bayes.sampler.diagnostics import Goal
 from softness_bayes.sampler.sampling import Settings
-from softness_bayes.touch import scene
 from softness_bayes.touch.contact import Indentation
+from softness_bayes.touch.neuron import fixed_channels
 from softness_bayes.touch.readings import MENDED
 
 CLOTH = Fabrics(
@@ -50,7 +50,7 @@ def quickly():
     """Learn little in the pilot walk, and compute the membrane's one rate curve once."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(run, "Settings", functools.partial(Settings, pilot=(40,), optima=1))
-        patch.setattr(scene, "exact_curve", functools.cache(scene.exact_curve))
+        patch.setattr(fixed_channels, "exact_curve", functools.cache(fixed_channels.exact_curve))
         yield
 
 

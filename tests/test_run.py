@@ -28,6 +28,7 @@ from softness_bayes.runs.run import RunOptions, posterior_of, sample
 from softness_bayes.sampler.sampling import Settings
 from softness_bayes.touch import scene
 from softness_bayes.touch.contact import Force, Indentation
+from softness_bayes.touch.neuron import fixed_channels
 from softness_bayes.touch.readings import CLASSICAL, MENDED
 
 CLOTH = Fabrics(("felt", "lawn", "drill", "gauze"), effective_modulus=np.array([8e4, 2e4, 4e5, 2e5]))
@@ -53,7 +54,7 @@ def quickly():
     """Learn little in the pilot walk, and compute the membrane's one rate curve once."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(run, "Settings", functools.partial(Settings, pilot=(50, 50), optima=1))
-        patch.setattr(scene, "exact_curve", functools.cache(scene.exact_curve))
+        patch.setattr(fixed_channels, "exact_curve", functools.cache(fixed_channels.exact_curve))
         yield
 
 
@@ -613,7 +614,7 @@ def test_the_result_says_whether_it_is_exact_enough(result):
 
 
 def test_under_noise_the_result_says_what_rates_it_was_compared_with(experiment, options, result, monkeypatch):
-    monkeypatch.setattr(scene, "noisy_curve", lambda noise, *curve: scene.exact_curve(*curve))
+    monkeypatch.setattr(fixed_channels, "noisy_curve", lambda noise, *curve: fixed_channels.exact_curve(*curve))
     noisy = sample(experiment, dataclasses.replace(options, noise=1.0))
     assert "against the same noise-averaged firing rates and a finer quadrature" in noisy.attributes["exactness"]
     assert "against exact firing rates and a finer quadrature" in result.attributes["exactness"]

@@ -28,8 +28,8 @@ from softness_bayes.runs import run
 from softness_bayes.runs.run import RunOptions, posterior_of, sample
 from softness_bayes.sampler.sampling import Settings, sample_until
 from softness_bayes.sampler.workers import Workers
-from softness_bayes.touch import scene
 from softness_bayes.touch.contact import Indentation
+from softness_bayes.touch.neuron import fixed_channels
 from softness_bayes.touch.readings import MENDED
 
 
@@ -212,7 +212,7 @@ LOADS = (Indentation(1.5e-3), Indentation(2.5e-3))
 def one_membrane():
     """Compute the membrane's one rate curve once."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(scene, "exact_curve", functools.cache(scene.exact_curve))
+        patch.setattr(fixed_channels, "exact_curve", functools.cache(fixed_channels.exact_curve))
         yield
 
 
