@@ -208,7 +208,7 @@ def for_arviz(tree: xarray.DataTree) -> Any:
 
 
 def _is_storable(value: Any) -> bool:
-    """Whether a NetCDF file holds some text, a number, or a sequence of text as an attribute, by trying."""
+    """Return whether a NetCDF file holds some text, a number, or a sequence of text as an attribute, by trying."""
     import h5netcdf
 
     try:

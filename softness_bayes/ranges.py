@@ -31,7 +31,7 @@ class Range:
     zero: bool = False
 
     def holds(self, value: float) -> bool:
-        """Whether `value` is finite and lies in the range."""
+        """Return whether `value` is finite and lies in the range."""
         over = value > self.low if self.above else value >= self.low
         return math.isfinite(value) and ((over and value <= self.high) or (self.zero and value == 0))
 

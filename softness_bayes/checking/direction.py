@@ -88,7 +88,7 @@ class Choice(NamedTuple):
 
     @property
     def against_data(self) -> bool:
-        """Whether the data clearly run the other way."""
+        """True if the data clearly run the other way."""
         return self.evidence.direction not in (None, self.direction)
 
     @property

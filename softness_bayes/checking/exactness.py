@@ -69,7 +69,7 @@ class Exactness:
 
     @property
     def exact_enough(self) -> bool:
-        """Whether the approximation may be ignored."""
+        """True if the approximation may be ignored."""
         return self.sd <= HARMLESS or (self.pareto_k <= LARGEST_K and float(np.abs(self.shift).max(initial=0.0)) <= 0.1)
 
     def sentence(self) -> str:

@@ -40,7 +40,7 @@ class Explained(NamedTuple):
 
     @property
     def flat(self) -> bool:
-        """Whether the prediction is flat where fabrics differ."""
+        """True if the prediction is flat where fabrics differ."""
         return bool(self.p_value < LEVEL and self.share < FLAT and self.matters)
 
 

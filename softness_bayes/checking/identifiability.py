@@ -181,7 +181,7 @@ def _open(contraction: float) -> str:
 
 
 def _has_errors(summary: pd.DataFrame) -> bool:
-    """Whether a summary has the errors of its sensitivities: those of earlier versions have none."""
+    """Return whether a summary has the errors of its sensitivities: those of earlier versions have none."""
     return "psens_prior_mcse" in summary
 
 

@@ -106,7 +106,7 @@ class Bench:
 
     @property
     def rated(self) -> bool:
-        """Whether under some load enough fabrics are rated for a slope."""
+        """True if under some load enough fabrics are rated for a slope."""
         return bool((np.isfinite(self.standardised).sum(axis=1) > 2).any())
 
     def measure(self, parameters: TouchParameters) -> Numbers:

@@ -54,7 +54,7 @@ class Column:
         return str(self.range.within(10.0**-self.power))
 
     def holds(self, value: float) -> bool:
-        """Whether `value` [SI] may stand in the column."""
+        """Return whether `value` [SI] may stand in the column."""
         return self.range.holds(value)
 
     def parse(self, text: str, filed: str | None = None) -> float:

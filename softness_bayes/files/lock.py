@@ -75,7 +75,7 @@ def require_free(path: Path) -> None:
 
 
 def is_held(path: Path) -> bool:
-    """Whether a process holds a lock; nothing is written or waited for."""
+    """Return whether a process holds a lock; nothing is written or waited for."""
     try:
         handle = os.open(path, os.O_RDONLY | _PLAIN)
     except FileNotFoundError:

@@ -97,7 +97,7 @@ def sweep(directory: Path) -> None:
 
 
 def is_part(path: Path) -> bool:
-    """Whether a file was staged here, by its name."""
+    """Return whether a file was staged here, by its name."""
     return _PART.fullmatch(path.name) is not None and path.is_file() and not path.is_symlink()
 
 

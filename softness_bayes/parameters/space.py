@@ -104,7 +104,7 @@ class ParameterSpace:
         return self._coordinates.coordinate(theta)
 
     def _walks_along(self, name: str, other: object) -> bool:
-        """Whether a parameter's coordinate moves along with others that are known: a shear, which keeps volumes."""
+        """Return whether a parameter's coordinate is shifted by a function of others, which keeps volumes."""
         return other is not None and name in self.bent and name in self._place
 
     def _beyond_threshold(self, theta: FloatArray, shift: FloatArray) -> FloatArray:
@@ -145,7 +145,7 @@ class ParameterSpace:
         return density
 
     def _answered(self, theta: FloatArray) -> NDArray[np.bool_]:
-        """Whether the firing-rate surface answers at points theta, shape (...)."""
+        """Return whether the firing-rate surface answers at points theta, shape (...)."""
         if self.firing is None:
             return np.ones(theta.shape[:-1], dtype=bool)
         return self.firing.answers(Channels(*(self.value(name, theta) for name in Channels._fields)))

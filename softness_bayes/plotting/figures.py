@@ -191,7 +191,7 @@ class Source:
     """What to say where it is not there."""
 
     def is_in(self, result: Result) -> bool:
-        """Whether a result has it."""
+        """Return whether a result has it."""
         group, name = self.place.split("/")
         return group in result.tree.children and name in result.tree[group].data_vars
 

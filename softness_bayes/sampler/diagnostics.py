@@ -116,7 +116,7 @@ class Verdict:
 
     @property
     def converged(self) -> bool:
-        """Whether the goal was met at enough successive looks."""
+        """True if the goal was met at enough successive looks."""
         return self.looks_passed >= self.goal.looks
 
     @property

@@ -83,7 +83,7 @@ class Schedule:
         return replace(_learn(state), stride=1, due=2 * state.steps, before=None, verdict=None)
 
     def in_pilot(self, state: RunState) -> bool:
-        """Whether a run is still in its pilot walk, whose draws do not count."""
+        """Return whether a run is still in its pilot walk, whose draws do not count."""
         return state.phase < len(self.pilot)
 
     def settle(self, target: Target, state: RunState, late: bool) -> RunState:

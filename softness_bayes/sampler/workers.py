@@ -30,7 +30,7 @@ RENEWALS = 1
 
 
 def _served() -> bool:
-    """Whether workers are forks of a server that has imported what they need, and nothing else."""
+    """Return whether workers are forks of a server that has imported what they need, and nothing else."""
     return sys.platform == "linux" and len(os.fsencode(tempfile.gettempdir())) <= _LONGEST
 
 

@@ -1,9 +1,9 @@
-"""Choosing how finely a scene is resolved: the cheapest setting of each stage whose measured error stays under a bound.
+"""Choice of a scene's resolution: the cheapest setting of each stage whose measured error stays under a bound.
 
-The error is that of the total rate relative to the vector's largest one, and that of log(N/N_ref + eps), which is what
-a likelihood of log ratings sees. Both are measured on the scene itself, at given parameter vectors, against one whose
-stress fields are a hundred times closer and whose quadrature is far finer. That scene's fields cut shorter are the
-candidates, so that the choice costs one compilation.
+Two errors are measured: that of the total rate, relative to the vector's largest rate, and that of
+log(N/N_ref + eps), which enters a likelihood of log ratings. The reference is the same scene at given parameter
+vectors, with stress fields a hundred times more accurate and a far finer quadrature. Candidates use its fields, cut
+shorter, so that the choice costs one compilation.
 """
 
 from __future__ import annotations
@@ -25,31 +25,32 @@ QUADRATURES: tuple[tuple[int, float], ...] = (
     (4, 6.0), (5, 6.5), (6, 7.0), (7, 8.0), (8, 9.0), (9, 10.0), (10, 10.5), (12, 12.0), (14, 13.0), (16, 14.5),
     (18, 16.0), (21, 18.0), (24, 20.0), (30, 24.0),
 )  # fmt: skip
-"""Nodes of the population integral and how far it follows the sigmoid, from cheap to good: either alone is wasted."""
+"""Nodes of the population integral and its extent along the sigmoid, from cheap to accurate. Both errors shrink
+together, because refining one of them alone gains nothing."""
 
 TOLERANCES = (1e-3, 3e-4, 1e-4, 3e-5, 1e-5, 3e-6, 1e-6, 3e-7, 1e-7, 3e-8, 1e-8)
-"""Tolerances of the stress fields, from cheap to good."""
+"""Tolerances of the stress fields, from cheap to accurate."""
 
 COARSEST = Discretisation(*QUADRATURES[0], TOLERANCES[0])
-"""Where the choice begins."""
+"""The coarsest candidate."""
 
 RATE_NODES = (18, 28)
-"""Exact rates that the curve of held channels goes through."""
+"""Exact rates that the curve of held channels goes through, first and second try."""
 
 REFERENCE = (40, 30.0)
-"""Quadrature that others are measured against: within 1e-10 of the peak response."""
+"""Reference quadrature: within 1e-10 of the peak response."""
 
 RATES_SHARE = 0.2
-"""Share of the bound that the curve of held channels may use up before it goes through more exact rates."""
+"""Share of the bound that the error of the held curve may take before the curve gets more exact rates."""
 
 FIRST_SHARE = 0.5
-"""Share of the bound that the quadrature may use up; the fields get what it and the rates leave."""
+"""Share of the bound that the quadrature error may take; the fields get what is left."""
 
 MARGIN = 0.8
-"""Share of the bound that the vectors measured may reach, for there are others."""
+"""Share of the bound that the error may reach at the measured vectors, since others may have larger errors."""
 
 BEYOND = 0.01
-"""Share of the vectors that is not counted for the error of the rate curves."""
+"""Share of the vectors, those with the largest errors, that the error of the rate curves leaves out."""
 
 CONDITIONS = 120
 """Conditions at which errors are measured; more are thinned evenly under each load."""
@@ -96,9 +97,9 @@ class Choice(NamedTuple):
     firing: Errors
     """Of the rate curves."""
     tried: tuple[Tried, ...]
-    """What was measured on the way."""
+    """The candidates and their errors."""
     reference: Scene
-    """What it was measured against."""
+    """The scene that errors were measured against."""
 
     @property
     def errors(self) -> Errors:
@@ -116,7 +117,7 @@ def errors(rate: Array, better: Array, n_receptors: float, eps: float | None) ->
     n_receptors
         Receptors of the pad.
     eps
-        What is added to N/N_ref in the logarithm [Hz]; without one, no logarithm is taken of it.
+        Constant added to N/N_ref in the logarithm [Hz]; None leaves the logarithm out.
 
     Returns
     -------
@@ -132,7 +133,7 @@ def errors(rate: Array, better: Array, n_receptors: float, eps: float | None) ->
 
 
 def references(accuracy: float) -> tuple[Discretisation, ...]:
-    """Return what a scene is compiled with to choose by, each with more exact rates of a held curve than the last.
+    """Return the resolutions of reference scenes, each with more exact rates of a held curve than the last.
 
     Raises
     ------
@@ -161,7 +162,7 @@ def choose(
     reference
         The scene, compiled with one of `references`.
     parameters
-        Where errors are measured, shape (vectors,).
+        Parameter vectors at which errors are measured, shape (vectors,).
     accuracy
         The bound, of both errors.
     eps
@@ -169,16 +170,16 @@ def choose(
     rates
         The error of the scene's rate curves.
     least
-        A discretisation than which no stage is resolved more coarsely.
+        The coarsest resolution allowed for any stage.
 
     Raises
     ------
     InputError
-        If the scene cannot reach the bound; the message says what it can, and what would help.
+        If the scene cannot reach the bound; the message says which accuracy it reaches, and what would help.
     """
     best, few = reference.discretisation, thinned(reference)
     exact = few.total_rate(parameters)
-    # two fields may share an error that their difference does not show
+    # the two fields may share an error that their difference does not show
     lacking = Errors(*np.full((2,), few.field_error))
     room, tried = MARGIN * accuracy - rates.largest, list[Tried]()
 
@@ -188,7 +189,7 @@ def choose(
         return found.largest
 
     allowed = FIRST_SHARE * (room - few.field_error)
-    # saturation alone leaves its exponential, and a field hardly less than its tolerance: those need no measurement
+    # a saturation leaves an error of its exponential, and a field about its tolerance: too large ones are not measured
     promising = (q for q in QUADRATURES if q[0] >= least.nodes and (np.exp(-q[1]) <= allowed or q == QUADRATURES[-1]))
     for nodes, saturation in promising:
         over = measured("population", replace(best, nodes=nodes, saturation=saturation)) - few.field_error
@@ -204,9 +205,9 @@ def choose(
 
 
 def held_rates(scene: Scene) -> Errors:
-    """Return the error of the curve of held channels: relative to every rate, so no response has more.
+    """Return the error of the curve of held channels, relative to the rate; a response has at most this error.
 
-    A curve that is an average over noise is what it is; how well it is known is reported with it.
+    The error is 0 for an average over noise, whose Monte-Carlo error is reported separately.
     """
     firing = scene.firing
     relative = firing.curve.error.relative if isinstance(firing, FixedChannels) and not firing.noise else 0.0
@@ -214,10 +215,10 @@ def held_rates(scene: Scene) -> Errors:
 
 
 def sampled_rates(scene: Scene, firing: Firing, parameters: TouchParameters, eps: float | None) -> Errors:
-    """Return what other rate curves, exact ones, change of a scene's response at some parameter vectors.
+    """Return how much exact rate curves change a scene's response at some parameter vectors.
 
-    It is what all but `BEYOND` of the vectors stay under: as alpha comes close to the rheobase a response, and with it
-    what an error is relative to, goes to nothing.
+    The result is the quantile that all but `BEYOND` of the vectors stay under. As alpha approaches the rheobase the
+    response vanishes, and errors relative to it grow without meaning.
 
     Parameters
     ----------
@@ -251,14 +252,14 @@ def _unreachable(accuracy: float, mechanics: float, rates: Errors, scene: Scene)
     helps = []
     if rates.largest > 0.5 * MARGIN * accuracy:
         helps.append(
-            f"the firing rates alone are good to {rates.largest:.1e}: hold c_Na, c_K, c_L and c_A (--fix), for which "
-            "rates are exact"
+            f"the error of the firing rates alone is {rates.largest:.1e}: hold c_Na, c_K, c_L and c_A (--fix), which "
+            "makes rates exact"
         )
     if scene.field_error > 0.2 * accuracy:
-        helps.append(f"its stress fields are good to {scene.field_error:.1e}: try another reading, or fewer loads")
+        helps.append(f"the error of its stress fields is {scene.field_error:.1e}: try another reading, or fewer loads")
     reached = (mechanics + rates.largest) / MARGIN
     return InputError(
-        f"accuracy {accuracy:g} is out of this scene's reach: it can reach {_rounded_up(reached):.1e}"
+        f"accuracy {accuracy:g} is out of this scene's reach; it can reach {_rounded_up(reached):.1e}"
         + "".join(f"; {help_}" for help_ in helps)
     )
 

@@ -17,15 +17,15 @@ PLATE_LENGTH = 1e-3
 """Length l [m] that turns a rigidity into a modulus, E_fab = D / l³ (the paper's number implies 1 mm)."""
 
 INDENTATIONS = Range(1e-9, 0.1, "m")
-"""Indentations that a fingertip may be held at: far beyond those that make sense, and the model answers for all."""
+"""Indentations at which a fingertip may be held: the model gives numbers far beyond sensible values."""
 
 FORCES = Range(1e-9, 1e3, "N")
-"""Contact forces that it may be held at."""
+"""Contact forces at which a fingertip may be held."""
 
 
 @dataclass(frozen=True)
 class Finger:
-    """The fingertip: its shape, its Poisson ratio, where its receptors lie and where it is touched.
+    """The fingertip: its shape, its Poisson ratio, the depth of its receptors and the place of contact.
 
     Parameters
     ----------
@@ -38,7 +38,7 @@ class Finger:
     pad_length, pad_width
         Extent of the pad along the finger (distal to proximal) and across it [m].
     contact_centre
-        Where the contact's axis meets the pad, (x, y) [m].
+        Point of the pad on the contact's axis, (x, y) [m].
     """
 
     radius: float = 8e-3
@@ -147,7 +147,7 @@ Load = Indentation | Force
 
 
 class Closure(NamedTuple):
-    """What a load leaves to the reduced modulus: radius [m], indentation [m], force [N]."""
+    """Contact radius [m], indentation [m] and force [N] of a load at some reduced modulus."""
 
     radius: Array
     indentation: Array
@@ -183,11 +183,11 @@ def log_compliance_ratio(fabric_modulus: ArrayLike, fabric_poisson: ArrayLike, f
 def skin_modulus(log_scale: ArrayLike, p: ArrayLike, log_k: ArrayLike, b: ArrayLike, m: ArrayLike) -> Array:
     """Solve E = b exp(m u), u = C E^-p (1 + k E)^(p-1), for the skin's modulus E [Pa].
 
-    With v = m u and w = ln v the equation reads
+    With v = m u and w = ln v the equation becomes
     w + p e^w + (1-p) softplus(ln(k b) + e^w) = ln(m C) - p ln b. The left side rises and is convex
-    in w, so Newton's method finds the root from everywhere, without a bracket. The start is the
-    smaller of two upper bounds, one sharp for a soft and one for a stiff fabric. Halley's term makes
-    each step sharper: above the root longer, at most twice Newton's, below it shorter; three are usual.
+    in w, so Newton's method finds the root from any start, without a bracket. The start is the
+    smaller of two upper bounds, one sharp for a soft and one for a stiff fabric. Halley's correction lengthens
+    steps above the root (to at most twice Newton's) and shortens those below it; three steps are usual.
 
     Parameters
     ----------
@@ -207,7 +207,7 @@ def skin_modulus(log_scale: ArrayLike, p: ArrayLike, log_k: ArrayLike, b: ArrayL
     if not ((b > 0) & np.isfinite(b)).all() or not ((m >= 0) & np.isfinite(m)).all():
         raise InputError("skin: expected finite b > 0 and m >= 0")
     log_b = np.log(b)
-    # m = 0 leaves v = 0; the smallest positive number says the same in logarithms
+    # m = 0 gives v = 0; a tiny positive number stands for it in logarithms
     target = np.asarray(log_scale, float) + np.log(np.maximum(m, 1e-300)) - p * log_b
     offset = np.asarray(log_k, float) + log_b
     q = 1.0 - p
@@ -232,7 +232,7 @@ def skin_modulus(log_scale: ArrayLike, p: ArrayLike, log_k: ArrayLike, b: ArrayL
 
 
 def _softplus(x: Array) -> tuple[Array, Array]:
-    """Return ln(1 + e^x) and its derivative, without overflow; together faster than `numpy.logaddexp` alone."""
+    """Return ln(1 + e^x) and its derivative, without overflow; both take less time than `numpy.logaddexp`."""
     small = np.exp(-np.abs(x))
     return np.maximum(x, 0.0) + np.log1p(small), np.where(x < 0.0, small, 1.0) / (1.0 + small)
 

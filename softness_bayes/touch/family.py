@@ -1,16 +1,16 @@
-"""Many fabrics under one load: their responses as values of one function (model.md 2-5).
+"""Responses of many fabrics under one load, as values of one function (model.md 2-5).
 
 Fabric and skin meet only through ln k, k = (1 - nu_fab²) / ((1 - nu_skin²) E_fab): the skin's modulus
 depends on nothing else of the fabric, and 1/E_star = (1 - nu_skin²) (1/E_skin + k). For a parameter
 vector and a load the total rate is therefore one function of ln k. Above the onset of firing it is
-smooth; at the onset it leaves 0 like the 3/2 power of the distance (of the area that responds, times
-the root with which the rate of a receptor starts), or like the distance itself where the rate starts
-with a jump; and where the responding patch reaches an edge of the pad its second derivative leaps.
+smooth. At the onset it rises from 0 like the 3/2 power of the distance (the responding area grows
+linearly, and the rate of a receptor like a root), or linearly where the rate starts with a jump.
+Where the responding patch reaches an edge of the pad, the second derivative jumps.
 
-Nothing of this needs to be located. The range is cut into panels, each with a Chebyshev series, and a
-panel is halved where its series has not converged or not all of its nodes agree on whether there is
-any response. A panel with no more fabrics than nodes is evaluated at its fabrics: no kink costs more
-than they do. The number of evaluations grows with the logarithm of the number of fabrics.
+None of these points needs to be located. The range is cut into panels, each with a Chebyshev series.
+A panel is halved if its series has not converged, or if only some of its nodes respond. A panel with no
+more fabrics than nodes is evaluated at its fabrics, which limits the cost of a kink. The number of
+evaluations grows with the logarithm of the number of fabrics.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
 MANY = 250
-"""Fabrics under one load beyond which interpolation is twice as fast, or more."""
+"""Number of fabrics under one load above which interpolation is at least twice as fast."""
 
 NODES = 11
 """Chebyshev nodes of a panel, its ends among them."""
@@ -41,8 +41,8 @@ WIDTH = 2.5
 """Widest panel in ln k; the poles of E_star lie about pi off the real axis."""
 
 FAINT = 0.01
-"""Share of one spike per second and receptor that is added to a panel's largest rate as the scale of its
-error: a tenth of the rating model's usual eps."""
+"""Rate per receptor [Hz] added to a panel's largest rate as the scale of its error: a tenth of the rating model's
+usual eps."""
 
 _X = np.polynomial.chebyshev.chebpts2(NODES)
 _TO_SERIES = np.linalg.inv(chebyshev.chebvander(_X, NODES - 1)).T
@@ -66,7 +66,7 @@ class _Panels(NamedTuple):
 def interpolated(
     evaluate: Callable[[Indices, Array], Array], batch: int, at: Array, tolerance: float, floor: float
 ) -> Array:
-    """Return the values of a batch of functions that are smooth in pieces and 0 on some, at many points.
+    """Return the values, at many points, of a batch of functions that are piecewise smooth, and 0 on some pieces.
 
     Parameters
     ----------
@@ -79,7 +79,7 @@ def interpolated(
     tolerance
         Error allowed on a panel, relative to its largest value plus `floor`.
     floor
-        Value that is small against all that matters.
+        Value below which differences do not matter.
 
     Returns
     -------
@@ -153,7 +153,7 @@ class Family:
         population, finger
             The pad.
         chunk
-            Evaluations to make at once.
+            Number of evaluations made at once.
         """
         rows = max(chunk // NODES, 1)
 

@@ -1,14 +1,14 @@
-"""The stress field of one load as a smooth one-parameter family, tabulated once (model.md 5).
+"""Stress field of one load as a smooth one-parameter family, tabulated once (model.md 5).
 
 For a given load the stress at receptor depth depends on fabric and skin only through E_star: the
-contact radius and the pressure's shape are functions of it. What the population needs is the
-inverse: how far from the axis a stress sigma is still reached. If the stress falls like rho^-n far
+contact radius and the pressure's shape are functions of it. The population needs the inverse: the
+distance from the axis at which the stress is sigma. If the stress falls like rho^-n far
 away, then with y = (sigma / sigma_peak)^(2/n)
 
     rho² = Q(y; E_star) (1 - y) / y
 
-and Q has no singularity left at either end of y: a short Chebyshev series in y and in
-ln(E_star + shift) represents it. The series is cut where its own coefficients fall under the tolerance.
+and Q has no singularity at either end of y, so that a short Chebyshev series in y and in
+ln(E_star + shift) represents it. The series is cut where its coefficients fall below the tolerance.
 """
 
 from __future__ import annotations
@@ -32,17 +32,18 @@ from softness_bayes.touch.stress import GAUSS_DENSITY, unit_stress
 Array = NDArray[np.float64]
 
 SHAPE_NODES = (41, 81, 161, 321)
-"""Chebyshev nodes in y at which the field is inverted before its series is cut: the first that suffice.
+"""Numbers of Chebyshev nodes in y at which the field is inverted before its series is cut; the first that suffices is
+taken.
 
-Finer tolerances need more, and so does a strong attenuation under a force. The most is needed where the printed kernel,
-which is not even about the axis, gives the largest principal stress a slope in rho that attenuation confines to a layer
-near y = 1."""
+Finer tolerances and strong attenuation under a force need more nodes. The largest number is needed for the largest
+principal stress with the printed kernel, which is not symmetric about the axis: its slope in rho is then confined to a
+layer near y = 1."""
 
 MODULUS_NODES = (24, 48, 96, 160)
 """Chebyshev nodes in ln(E_star + shift), likewise."""
 
 BLOCK = 4
-"""Moduli inverted side by side: with more of them the arrays would leave the cache."""
+"""Moduli inverted at once: the arrays of more of them do not fit into the cache."""
 
 
 class Profile(NamedTuple):
@@ -56,7 +57,7 @@ class Profile(NamedTuple):
     """Lower end of that range, of a shape that broadcasts with the peak's."""
 
     def take(self, at: NDArray[np.intp]) -> Profile:
-        """Return the profile of some elements of the batch, by their places in it flattened, along one axis."""
+        """Return the profile of some elements of the flattened batch, along one axis."""
         least = np.broadcast_to(self.y_least, self.peak.shape)
         return Profile(self.peak.take(at), self.shape.reshape(len(self.shape), -1).take(at, axis=1), least.take(at))
 
@@ -76,7 +77,7 @@ class StressField:
     finger, readings
         Geometry and the readings of pressure, kernel and component.
     modulus_range
-        Reduced moduli [Pa] that the table covers. Others are answered exactly and slowly.
+        Reduced moduli [Pa] that the table covers. Others are computed exactly, which is slow.
     tolerance
         Error allowed in Q and in the peak, each relative to its largest in the table.
 
@@ -85,9 +86,9 @@ class StressField:
     root : float
         2/n, the power of sigma / sigma_peak that gives y.
     reached : float
-        The table's error on the tolerance's scale: the largest difference to the field itself at points between
-        its nodes. A few times the tolerance is usual, for each series is cut by its own coefficients; far more
-        says that no number of nodes tried sufficed. `Scene.error` contains it.
+        The table's error on the tolerance's scale: the largest difference from the field itself at points between
+        its nodes. A few times the tolerance is usual, because each series is cut by its own coefficients. Far more
+        means that no number of nodes sufficed. `Scene.error` includes it.
     """
 
     def __init__(
@@ -106,7 +107,7 @@ class StressField:
         self.root = 2.0 / (component.far_power or kernel.far_power)
         low, high = modulus_range
         self.shift = self._shift(high)
-        # where the family has a limit for soft fabrics the table starts there, at E_star = 0
+        # if the family has a limit for soft fabrics, the table starts there, at E_star = 0
         self.log_range = np.log(self.shift) if self.shift > 0 else np.log(low), np.log(high + self.shift)
         self.farthest = float(kink_distances(finger)[-1])
         moduli = np.geomspace(1e-3 * low, 1e3 * high, 13)
@@ -114,7 +115,7 @@ class StressField:
         self._fit()
 
     def _shift(self, high: float) -> float:
-        """Return the modulus at which the pressure's decay is 1, if the contact radius is held, else 0."""
+        """Return the modulus at which the pressure's decay is 1 if the load holds the contact radius; otherwise 0."""
         radius = self.load.close(np.array([0.5, 1.0]) * high, self.finger).radius
         if radius[0] != radius[1]:
             return 0.0
@@ -135,7 +136,7 @@ class StressField:
         modulus = modulus[:, None]
         radius = self.load.close(modulus, self.finger).radius
         depth = self.finger.receptor_depth
-        # from deep under the contact to where the field is its own power law, and finely across the edge
+        # from near the axis to where the field follows its power law, and finely across the edge of the contact
         everywhere = np.geomspace(1e-4 * (depth + radius), 10.0 * (self.farthest + radius), 70, axis=-1)[:, 0]
         edge = radius + depth * np.sinh(np.linspace(-1, 1, 51) * np.arcsinh(0.9 * radius / depth))
         grid = np.sort(np.concatenate([everywhere, edge], axis=-1), axis=-1)
@@ -147,11 +148,11 @@ class StressField:
             inverse = CubicSpline(known[row][falling][::-1], log_grid[row][falling][::-1])
             log_rho[row], slope[row] = inverse(log_y), inverse(log_y, 1)
         before = 0.0
-        for _ in range(12):  # the spline's slope serves Newton's method: each step usually gains about three digits
+        for _ in range(12):  # Newton's method with the spline's slope: each step usually gains about three digits
             excess = slope * (np.log(self._relative_root(np.exp(log_rho), modulus)) - log_y)
             log_rho = log_rho - np.clip(excess, -1.0, 1.0)
             found = float(np.abs(excess).max())
-            # from step to step the rest shrinks by much the same factor, which two of them tell; ten times that is safe
+            # the error shrinks by a similar factor at every step, estimated from two steps; ten times that is safe
             shrinks = min(1.0, 10.0 * found / before) if before else 1.0
             if found * shrinks < 1e-2 * self.tolerance:
                 break
@@ -159,7 +160,7 @@ class StressField:
         return np.exp(log_rho)
 
     def size(self, modulus: Array, radius: Array) -> Array:
-        """Return the square [m²] of depth and width of the loaded patch: what Q is tabulated relative to."""
+        """Return the scale of Q [m²]: the sum of the squared depth and the squared width of the loaded patch."""
         decay = self.readings.pressure.decay(modulus, radius, self.finger)
         return self.finger.receptor_depth**2 + radius**2 / (1.0 + decay)
 
@@ -213,7 +214,7 @@ class StressField:
         return part
 
     def _measure(self, peak_scale: float, shape_scale: float) -> float:
-        """Return the largest difference between table and field at points that are nodes of neither series."""
+        """Return the largest difference between table and field at points that are not nodes of either series."""
         along, across = np.cos(np.pi * (np.arange(11) + 0.3) / 11), np.cos(np.pi * (np.arange(61) + 0.3) / 61)
         peak, shape = self._exact(self._moduli(along), across)
         rows = chebyshev.chebvander(along, self.table.shape[0] - 1) @ self.table

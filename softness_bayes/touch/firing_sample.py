@@ -1,7 +1,7 @@
-"""Exact rate curves of a sample of channel vectors, to measure a firing-rate surface's error by on any scene.
+"""Exact rate curves of a sample of channel vectors, to measure a firing-rate surface's error on any scene.
 
-Exact rates take milliseconds for each current, so that the curves are kept: ``python -m
-softness_bayes.tools.firing_sample_build`` makes them anew for every membrane that has a surface.
+Exact rates take milliseconds for each current, so that the curves are stored. ``python -m
+softness_bayes.tools.firing_sample_build`` makes them again for every membrane that has a surface.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ TABLE = "firing_sample.npz"
 
 @dataclass(frozen=True)
 class FiringSample:
-    """The channel vectors, log-normal about the box's centre within the box, and the curves that they have.
+    """Channel vectors, log-normal about the box's centre and inside the box, and their exact curves.
 
     Parameters
     ----------
@@ -41,7 +41,7 @@ class FiringSample:
 
     @classmethod
     def load(cls, membrane: Membrane) -> FiringSample | None:
-        """Return the sample that is kept for a membrane, if there is one."""
+        """Return the stored sample of a membrane, or None."""
         with (resources.files(__package__) / TABLE).open("rb") as file, np.load(file) as data:
             if membrane.name not in data:
                 return None

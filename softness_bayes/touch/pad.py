@@ -1,4 +1,4 @@
-"""One touch in detail: pressure, stress and firing rate along the pad, and where its receptors lie (model.md 4-8)."""
+"""Details of one touch: pressure, stress and firing rate along the pad, and receptor positions (model.md 4-8)."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ Array = NDArray[np.float64]
 
 
 DRAWS_AT_ONCE = 8
-"""Draws whose stress is integrated together: more do not fit into the cache."""
+"""Number of draws whose stress is integrated together; more do not fit into the cache."""
 
 
 class Profiles(NamedTuple):
@@ -37,7 +37,7 @@ def touch_profiles(scene: Scene, parameters: TouchParameters, distance: ArrayLik
     Parameters
     ----------
     scene
-        What is touched; its readings, its finger and its rate curves are used, its tables are not.
+        The scene; its readings, finger and rate curves are used, its tables are not.
     parameters
         A batch of parameter vectors, shape (draws,).
     distance
@@ -46,7 +46,7 @@ def touch_profiles(scene: Scene, parameters: TouchParameters, distance: ArrayLik
     Raises
     ------
     InputError
-        If a parameter is not one that the chain can take.
+        If a parameter is outside the range that the chain accepts.
     """
     r, contact = np.asarray(distance, float), scene.contact(parameters)
     shares = np.array_split(np.arange(len(contact.radius)), -(-len(contact.radius) // DRAWS_AT_ONCE))
@@ -69,14 +69,14 @@ def _profiles(scene: Scene, parameters: TouchParameters, r: Array, modulus: Arra
 
 
 def draw_receptors(rng: np.random.Generator, finger: Finger = Finger(), density: Density = CONSISTENT) -> Array:
-    """Draw the places of a pad's receptors: a Poisson process of the given density.
+    """Draw the positions of a pad's receptors from a Poisson process of the given density.
 
-    Places are drawn evenly at the largest density and kept in proportion to the density where they fall.
+    Positions are drawn uniformly at the largest density and kept in proportion to the local density.
 
     Parameters
     ----------
     rng
-        Source of the places.
+        Source of random numbers.
     finger, density
         The pad and the reading of its density.
 

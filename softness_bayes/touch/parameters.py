@@ -1,4 +1,4 @@
-"""The parameters of the chain, as the forward model takes them: by name, in SI, any batch shape."""
+"""Parameters of the chain as the forward model takes them: by name, in SI, of any batch shape."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ _POSITIVE = [TouchParameters._fields.index(name) for name in ("b", "alpha", "bet
 
 
 def checked_rows(parameters: TouchParameters) -> tuple[tuple[int, ...], TouchParameters]:
-    """Return the batch shape of parameter vectors, and these as checked arrays of one axis."""
+    """Check parameter vectors; return their batch shape, and the vectors as arrays of one axis."""
     shape, flat = rows_of(parameters)
     if not (np.isfinite(flat).all() and (flat[_POSITIVE] > 0).all()):
         _refuse(flat)

@@ -1,4 +1,4 @@
-"""A fingerpad pressed by a rigid flat plate: the contact of `contact` as E_fab goes to infinity."""
+"""Contact of a fingerpad with a rigid flat plate: the limit of `contact` as E_fab goes to infinity."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ class PlateLine(NamedTuple):
     """The force of a rigid plate, ln F = ln b + m slope + offset, arrays of the indentations' shape."""
 
     slope: Array
-    """a^power / R, what multiplies m."""
+    """a^power / R, the coefficient of m."""
     offset: Array
     """ln(4 a³ / (3 R (1 - nu_skin²))), the force on skin of unit modulus [ln m²]."""
 
 
 def plate_line(indentation: ArrayLike, finger: Finger = Finger(), displacement: SkinDisplacement = STRAIN) -> PlateLine:
-    """Return what makes the force of a rigid flat plate linear in ln b and m.
+    """Return slope and offset of the force of a rigid flat plate, whose logarithm is linear in ln b and m.
 
-    With k = 0 the skin's modulus is b exp(m a^power / R) whatever b and m, E_star = E_skin / (1 - nu_skin²),
-    and F = 4 E_star a³ / (3 R), a = sqrt(R delta) (model.md 2-3).
+    With k = 0 the skin's modulus is b exp(m a^power / R), E_star = E_skin / (1 - nu_skin²), and
+    F = 4 E_star a³ / (3 R), a = sqrt(R delta) (model.md 2-3).
 
     Parameters
     ----------
@@ -42,6 +42,6 @@ def plate_line(indentation: ArrayLike, finger: Finger = Finger(), displacement: 
 def plate_force(
     indentation: ArrayLike, b: Any, m: Any, finger: Finger = Finger(), displacement: SkinDisplacement = STRAIN
 ) -> Array:
-    """Force [N] of a rigid plate at indentations [m], for b [Pa] and m; all broadcast."""
+    """Return the force [N] of a rigid plate at indentations [m], for b [Pa] and m; all broadcast."""
     line = plate_line(indentation, finger, displacement)
     return np.asarray(np.exp(np.log(b) + m * line.slope + line.offset))

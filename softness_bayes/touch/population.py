@@ -5,11 +5,11 @@ total rate is the integral of nu over the receptors; by parts it is
 
     N = integral of M(sigma(I)) dnu(I)   from the rheobase to the largest current,
 
-(plus nu just above the rheobase times M there, where the rate starts with a jump). With
+(plus nu just above the rheobase times M there, if the rate starts with a jump). With
 u = beta (sigma - sigma_0) and u = u_rheobase + t² the integrand is smooth in t on all of [0, T]:
-the square root in which the rate starts is gone, and M has no singularity at the peak of the
-stress. So a few Gauss nodes suffice for each condition. M is evaluated through the tabulated
-field; only where the responding patch crosses an edge or corner of the pad is the range cut.
+the substitution removes the square root at the onset of the rate, and M has no singularity at the
+peak of the stress. A few Gauss nodes therefore suffice for each condition. M is evaluated through the
+tabulated field. The range is cut only where the responding patch crosses an edge or corner of the pad.
 """
 
 from __future__ import annotations
@@ -27,9 +27,9 @@ from softness_bayes.touch.receptors import ReceptorCount
 Array = NDArray[np.float64]
 
 WIDE = 0.02
-"""A patch that ends at a smaller share of the peak stress is wide: the count's pole at stress 0 comes close."""
+"""Share of the peak stress below which the edge of a patch makes it wide: the pole of M at stress 0 is then close."""
 
-_SEARCH, _SAME = 60, 1e-14  # most steps of a search in y, and the step that ends it
+_SEARCH, _SAME = 60, 1e-14  # largest number of steps of a search in y, and the step size that ends it
 
 
 class Drive(NamedTuple):
@@ -40,7 +40,7 @@ class Drive(NamedTuple):
     beta: Array
     """Steepness [1/Pa]."""
     sigma_0: Array
-    """Stress of half response [Pa]."""
+    """Stress at half the largest current [Pa]."""
     curve: RateCurve
     """The rate curve, of batch shape (batch,), or () where all share one."""
 
@@ -53,7 +53,7 @@ class Sums(NamedTuple):
     responding: Array
     """Number of receptors that fire."""
     interval: Array
-    """Sum of the inter-spike intervals of those [s]; 0 where none fires or not asked for."""
+    """Sum of their inter-spike intervals [s]; 0 where none fires, or if not computed."""
 
 
 class Population:
@@ -64,18 +64,18 @@ class Population:
     root
         The power of sigma / sigma_peak that gives y (see `StressField`).
     count
-        Receptors within a distance.
+        Number of receptors within a distance.
     nodes
         Gauss nodes in t for each condition.
     saturation
-        The largest u - u_rheobase to integrate to. Beyond it the sigmoid has saturated to
-        exp(-saturation) and what rate remains is given to all receptors in one term.
+        Upper limit of u - u_rheobase. Beyond it the sigmoid is within exp(-saturation) of its limit, and the rest
+        of the rate is one term for all receptors.
     """
 
     def __init__(self, root: float, count: ReceptorCount, nodes: int, saturation: float) -> None:
         self.root, self.count, self.saturation = root, count, saturation
         x, weight = np.polynomial.legendre.leggauss(nodes)
-        # both ends ride along without weight: what fires at all, and what remains beyond saturation
+        # the two ends have weight 0: they serve the count of responding receptors, and the rest beyond saturation
         self.part = np.concatenate([[0.0], 0.5 * (x + 1.0), [1.0]])
         self.weight = np.concatenate([[0.0], 0.5 * weight, [0.0]])
 
@@ -89,11 +89,11 @@ class Population:
         drive
             Transduction and firing.
         intervals
-            Whether the sum of inter-spike intervals is wanted, which costs half as much again.
+            Whether to sum the inter-spike intervals too, which takes half as long again.
         """
         onset = _Onset.of(drive)
         reach = np.maximum(onset.beta[:, None] * (profile.peak - onset.stress[:, None]), 0.0)
-        # no node is spent where nothing fires: often a third of all conditions
+        # conditions without firing, often a third of all, are skipped
         firing = np.flatnonzero(reach)
         vector = firing // reach.shape[1]
         sums = Sums(*(np.zeros(reach.size) for _ in Sums._fields))
@@ -105,8 +105,8 @@ class Population:
     def _firing(self, profile: Profile, onset: _Onset, reach: Array, intervals: bool) -> Sums:
         """Integrate conditions in which receptors fire, all arrays along one axis.
 
-        What belongs to nodes gets an axis before that one, so that it broadcasts with the rest and NumPy's inner
-        loops run over the conditions, of which there are many more than nodes.
+        Arrays over nodes have the nodes on an axis before that one, so that NumPy's inner loops run over the
+        conditions, of which there are many more than nodes.
         """
         top = np.sqrt(np.minimum(reach, self.saturation))
         nodes = _Nodes(top * self.part[:, None], top * self.weight[:, None])
@@ -129,8 +129,8 @@ class Population:
     ) -> tuple[Array, Sums]:
         """Integrate from the first node to the peak, where the patch lies within the pad's first kink.
 
-        Returns the squared distance at the first node and the sums; the number of responding receptors
-        is that within the distance unless it is known.
+        Return the squared distance at the first node, and the sums. Unless it is given, the number of responding
+        receptors is the number within that distance.
         """
         t = nodes.t
         extent = profile.squared_distance(self._y(profile, onset.stress_at(t)))
@@ -156,16 +156,16 @@ class Population:
         return np.minimum(np.maximum(power, profile.y_least), 1.0)
 
     def _wide(self, profile: Profile, onset: _Onset, reach: Array, intervals: bool) -> Sums:
-        """Integrate where the patch may reach past the pad's first kink, one interval after another."""
+        """Integrate, interval by interval, where the patch may reach past the pad's first kink."""
         kinks = self.count.kinks
         t_kinks = np.minimum(self._t_at(profile, onset, kinks), np.sqrt(reach))
         responding = self.count.anywhere(profile.squared_distance(self._y(profile, onset.stress)))
-        # where saturation comes first the integral ends there
+        # the integral ends at saturation if that comes first
         top = np.sqrt(np.minimum(reach, self.saturation))
         bottom = np.minimum(t_kinks[0], top)
         nodes = self._stretched(onset, bottom, top)
         _, inner = self._inner(profile, onset, reach, nodes, responding, intervals)
-        # from the outermost inwards: below its t every receptor of the pad fires
+        # from the outermost kink inwards; below its t every receptor of the pad fires
         whole = onset.rate(np.minimum(t_kinks[-1], bottom)) - onset.rate_0
         rate = inner.rate + onset.rate_0 * responding + self.count.total * whole
         interval = inner.interval
@@ -173,7 +173,7 @@ class Population:
             outer, near = np.minimum(t_kinks[k], bottom), np.minimum(t_kinks[k - 1], bottom)
             if not (near > outer).any():
                 continue
-            # just outside a kink the count opens like a square root: x² smooths it
+            # just outside a kink the count grows like a square root, which x² makes smooth
             part = self.part[:, None]
             t = near - (near - outer) * part**2
             weight = (near - outer) * 2.0 * part * self.weight[:, None]
@@ -190,8 +190,8 @@ class Population:
     def _stretched(self, onset: _Onset, bottom: Array, top: Array) -> _Nodes:
         """Return nodes from bottom to top for a wide patch, even in the logarithm of the stress.
 
-        The count has a pole at stress 0, to which a wide patch comes close. With h² = beta (stress -
-        max(onset stress, 0)) it lies at h = ±i sqrt(beta onset stress) or 0: a sinh map leads away from it.
+        The count has a pole at stress 0, and a wide patch comes close to it. With h² = beta (stress -
+        max(onset stress, 0)) the pole is at h = ±i sqrt(beta onset stress) or 0; a sinh map keeps nodes away from it.
         """
         below = onset.beta * np.maximum(-onset.stress, 0.0)
         low, high = (np.sqrt(np.maximum(end**2 - below, 0.0)) for end in (bottom, top))
@@ -204,10 +204,10 @@ class Population:
         return _Nodes(t, weight * height / np.maximum(t, 1e-300))
 
     def _t_at(self, profile: Profile, onset: _Onset, distance: Array) -> Array:
-        """Return t where the stress is that at some distances from the axis, shape (distances, n); 0 outside the patch.
+        """Return t at which the patch reaches some distances from the axis, shape (distances, n); 0 outside the patch.
 
-        In y the condition rho² = d² is Q(y) (1 - y) = d² y, a straight line but for what Q varies: false
-        position in Illinois's form gains digits as fast as the secant does and never leaves the bracket.
+        In y the condition rho² = d² is Q(y) (1 - y) = d² y, nearly a straight line because Q varies slowly. The
+        Illinois variant of false position converges as fast as the secant method and never leaves the bracket.
         """
         squared = distance[:, None] ** 2
 
@@ -218,7 +218,7 @@ class Population:
         low, high = np.broadcast_to(profile.y_least, shape).copy(), np.ones(shape)
         at_low, at_high = beyond(low), np.broadcast_to(-squared, shape).copy()
         low_stays = np.ones(shape, dtype=bool)
-        # where the table ends before the distance its end stands in for the root
+        # if the table does not reach the distance, its last point is used
         inside = at_low > 0.0
         at_low[~inside] = 1.0
         y = low
@@ -229,7 +229,7 @@ class Population:
                 break
             at_y = beyond(y)
             up = at_y > 0.0
-            # the end that stays twice in a row counts half, or it would stay for good
+            # an end that stays twice in a row gets half its value, or it would stay forever
             at_high = np.where(up, np.where(low_stays, at_high, 0.5 * at_high), at_y)
             at_low = np.where(up, at_y, np.where(low_stays, 0.5 * at_low, at_low))
             low, high, low_stays = np.where(up, y, low), np.where(up, high, y), ~up
@@ -245,9 +245,9 @@ class _Nodes(NamedTuple):
 
 
 class _Onset(NamedTuple):
-    """Where firing starts, and the rate beyond it as a function of t (u = u_rheobase + t²).
+    """Onset of firing, and the rate beyond it as a function of t (u = u_rheobase + t²).
 
-    Fields have the shape (batch,), or (1,) where one value serves all; coefficients one axis more, the first.
+    Fields have the shape (batch,), or (1,) if all share one value; coefficients have one more axis, the first.
     """
 
     beta: Array

@@ -36,7 +36,7 @@ from softness_bayes.touch.stress import (
 
 @dataclass(frozen=True)
 class Readings:
-    """One choice for every place where the paper admits several (model.md 1-8)."""
+    """One reading for every place where the paper allows several (model.md 1-8)."""
 
     fabric_modulus: FabricModulus = PRINTED_RIGIDITY
     skin_displacement: SkinDisplacement = STRAIN
@@ -60,7 +60,7 @@ class Readings:
 
     @property
     def label(self) -> str:
-        """The named set that these readings are, or depart from in the fewest places, with what departs."""
+        """Name of the nearest named set, and the places in which these readings depart from it."""
         departures = {
             name: [f"{place}={chosen}" for place, chosen in self.names.items() if chosen != named.names[place]]
             for name, named in NAMED_READINGS.items()
@@ -74,7 +74,7 @@ class Readings:
         Raises
         ------
         InputError
-            If a place or a name does not exist, or the result does not compose.
+            If a place or a name does not exist, or the readings do not fit together.
         """
         return replace(self, **{place: alternative(place, name) for place, name in choices.items()})
 
@@ -118,7 +118,7 @@ def readings_named(name: str, overrides: Mapping[str, str] | None = None) -> Rea
     Raises
     ------
     InputError
-        If there is no such set, place or alternative, or the result does not compose.
+        If there is no such set, place or alternative, or the readings do not fit together.
     """
     if name not in NAMED_READINGS:
         raise InputError(f"readings: no set '{name}'; expected one of {', '.join(NAMED_READINGS)}")

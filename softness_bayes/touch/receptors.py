@@ -1,4 +1,4 @@
-"""Transduction, the density of SAI receptors over the pad, and how many lie within a distance (model.md 6, 8)."""
+"""Transduction, density of SAI receptors over the pad, and their number within a distance (model.md 6, 8)."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from softness_bayes.touch.neuron.polynomials import horner
 Array = NDArray[np.float64]
 
 DIGITS = 12
-"""Decimals [m] to which distances to the pad's edges count: rounding must not make two kinks of one."""
+"""Decimals [m] to which distances to the pad's edges are rounded, so that rounding errors do not split a kink."""
 
 
 def receptor_current(stress: ArrayLike, alpha: ArrayLike, beta: ArrayLike, sigma_0: ArrayLike) -> Array:
@@ -29,7 +29,7 @@ def receptor_current(stress: ArrayLike, alpha: ArrayLike, beta: ArrayLike, sigma
     alpha, beta
         Largest current [µA/cm²] and steepness [1/Pa]. All broadcast; no finite input overflows.
     """
-    # half the difference cannot overflow; what may become infinite then is the right argument for expit
+    # half the difference cannot overflow; if the product does, expit of infinity is right
     excess = 0.5 * np.asarray(stress, float) - 0.5 * np.asarray(sigma_0, float)
     with np.errstate(over="ignore"):
         return np.asarray(alpha, float) * expit(2.0 * (np.asarray(beta, float) * excess))
@@ -73,11 +73,11 @@ def kink_distances(finger: Finger) -> Array:
 
 
 def receptors_within(distance: ArrayLike, finger: Finger, density: Density = CONSISTENT) -> Array:
-    """Count the receptors of the pad within `distance` [m] of the contact's axis, in the mean.
+    """Return the expected number of receptors within `distance` [m] of the contact's axis.
 
-    The area integral of the density over disc and pad, as one integral along the finger: at
-    x = x_c + r sin(psi) the chord is clipped by the pad's sides where r cos(psi) passes them, so the
-    range of psi is cut there and Gauss's rule sees smooth pieces only.
+    It is the integral of the density over the part of the disc on the pad, as one integral along the finger. At
+    x = x_c + r sin(psi) the pad's sides clip the chord where r cos(psi) exceeds them. The range of psi is cut
+    there, so that Gauss's rule is applied to smooth pieces.
     """
     r = np.atleast_1d(np.asarray(distance, float))
     x_c, y_c = finger.contact_centre
@@ -100,17 +100,17 @@ class ReceptorCount:
     """`receptors_within` as polynomials, one for each interval between the pad's kinks.
 
     On the first interval the count is the squared distance times a smooth function of it (of the
-    distance itself where the axis stands on the pad's edge), so that it stays relatively accurate
-    for the smallest patch; beyond a kink at d it is smooth in sqrt(r² - d²), because the arc that
-    the edge cuts off opens like a square root.
+    distance itself where the axis is on the pad's edge), so that it keeps its relative accuracy
+    for the smallest patch. Beyond a kink at d it is smooth in sqrt(r² - d²), because the arc that
+    the edge cuts off grows like a square root.
 
     Parameters
     ----------
     finger, density
         The pad, where it is touched, and the density reading.
     tolerance
-        Where the series are cut, in receptors. Their 40 terms reach it except with the axis within
-        a millimetre of an edge or corner, where up to 1e-4 receptors remain.
+        Error at which the series are cut, in receptors. Forty terms reach it, except with the axis within
+        a millimetre of an edge or corner, where the error is up to 1e-4 receptors.
     """
 
     def __init__(self, finger: Finger, density: Density, tolerance: float = 1e-9) -> None:
@@ -128,7 +128,7 @@ class ReceptorCount:
             part = 0.5 * (node + 1)
             squared = start**2 + span**2 * (part if even else part**2)
             within = receptors_within(np.sqrt(squared), finger, density)
-            # at the axis both vanish; their ratio, which is smooth, keeps the relative accuracy of small patches
+            # both vanish at the axis; their ratio is smooth and keeps the relative accuracy of small patches
             full = np.asarray(chebyshev.chebfit(node, within if start else within / squared, 40))
             tail = np.abs(full)[::-1].cumsum()[::-1] * (1.0 if start else span**2)
             keep = max(int((tail > tolerance).sum()), 1)

@@ -1,4 +1,4 @@
-"""The response of one parameter vector by slow adaptive integration: what the fast scene is measured against.
+"""Response of one parameter vector by slow adaptive integration: the reference for the fast scene.
 
 Nothing is tabulated and nothing is integrated by parts. Over the distance rho from the contact's
 axis, with w the receptors per unit distance that the pad has there,
@@ -39,18 +39,18 @@ NODES = 12
 """Gauss nodes of a piece."""
 
 HALVINGS = 60
-"""How often a piece may be halved; 2^-60 of the pad is less than an atom."""
+"""Largest number of halvings of a piece; 2^-60 of the pad is less than an atom."""
 
 INTERVAL_RTOL = 1e-7
-"""Least tolerance of the intervals. Where firing starts they are the reciprocal of a root, so that stresses
-rounded to 1e-15 of themselves leave them uncertain by about the root of that."""
+"""Smallest tolerance of the intervals. Near the onset of firing they are the reciprocal of a root, so that stresses
+rounded to 1e-15 leave them uncertain by about the root of that."""
 
 ARC_NODES = 40
 """Gauss nodes of an arc, which spans at most a quarter of the circle."""
 
 
 class RateLaw(Protocol):
-    """How a receptor fires: a `RateCurve` of one parameter vector, or the simulated membrane."""
+    """Firing rate of a receptor against current: a `RateCurve` of one parameter vector, or the simulated membrane."""
 
     @property
     def rheobase(self) -> ArrayLike:
@@ -62,7 +62,7 @@ class RateLaw(Protocol):
 
 @dataclass(frozen=True)
 class SimulatedRate:
-    """The membrane's own rate, simulated at every current that is asked for.
+    """The membrane's own rate, simulated at every current.
 
     Parameters
     ----------
@@ -93,21 +93,21 @@ def reference_response(
     Parameters
     ----------
     scene
-        Its declared fabrics, loads, finger and readings are used, none of its tables.
+        Its fabrics, loads, finger and readings are used; its tables are not.
     parameters
         Scalars.
     law
-        The firing rate; left out, the reading's membrane is simulated, which takes about a
-        millisecond for each quadrature node: ten seconds for 36 conditions at `rtol` 1e-5, where a
-        curve takes a tenth of one.
+        The firing rate. By default the reading's membrane is simulated, which takes about a
+        millisecond for each quadrature node: ten seconds for 36 conditions at `rtol` 1e-5, against a
+        tenth of a second with a curve.
     rtol
         Relative tolerance of each integral; intervals are not refined below `INTERVAL_RTOL`, and
-        simulated rates are good to 1e-6 themselves.
+        simulated rates have an error of 1e-6 themselves.
 
     Returns
     -------
     Response
-        Fields of shape (conditions,); NaN means where no receptor fires.
+        Fields of shape (conditions,); means are NaN where no receptor fires.
 
     Raises
     ------
@@ -148,7 +148,7 @@ def reference_response(
 
 
 def receptors_per_distance(rho: Array, finger: Finger, density: Density) -> Array:
-    """Receptors of the pad per unit distance from the contact's axis [1/m], at distances of shape (n,).
+    """Return the receptors per unit distance from the contact's axis [1/m], at distances of shape (n,).
 
     The circle's arcs inside the pad lie between its crossings with the lines through the pad's
     sides; each contributes rho times the integral of the density along its angle.
@@ -188,13 +188,13 @@ def _contact(scene: Scene, b: float, m: float) -> Contact:
 
 
 def _needed_stress(rheobase: float, alpha: float, beta: float, sigma_0: float) -> float:
-    """Return the stress [Pa] at which the current is the rheobase; infinite where no stress suffices."""
+    """Return the stress [Pa] at which the current equals the rheobase; infinite if none is large enough."""
     odds = (alpha - rheobase) / rheobase
     return sigma_0 - math.log(odds) / beta if odds > 0 else math.inf
 
 
 def _last_distance(excess: Callable[[float, int], float], condition: int, finger: Finger) -> float:
-    """Return the distance [m] to which a condition's stress suffices, at most the pad's farthest corner."""
+    """Return the distance [m] up to which a condition's stress is large enough, at most the pad's farthest corner."""
     farthest = float(kink_distances(finger)[-1])
     if excess(farthest, condition) >= 0:
         return farthest

@@ -1,4 +1,4 @@
-"""The response of the population of receptors to each condition, as values."""
+"""Responses of the receptor population to each condition, as values."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ class Response(NamedTuple):
     responding: Array
     """Receptors that fire."""
     mean_rate: Array
-    """Mean rate of those [Hz]; NaN where none fires."""
+    """Mean rate of the receptors that fire [Hz]; NaN where none does."""
     mean_interval: Array
-    """Mean inter-spike interval of those [s]; NaN where none fires."""
+    """Mean inter-spike interval of the receptors that fire [s]; NaN where none does."""
     peak_stress: Array
     """Stress at receptor depth on the contact's axis [Pa]."""
     contact: Contact

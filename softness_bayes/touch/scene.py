@@ -1,4 +1,4 @@
-"""A scene: fabrics and loads on one finger, compiled once; the response of a whole batch in one call."""
+"""Scenes: fabrics and loads on one finger, compiled once, with the response of a whole batch in one call."""
 
 from __future__ import annotations
 
@@ -31,29 +31,29 @@ from softness_bayes.touch.response import BeyondHertz, Response
 Array = NDArray[np.float64]
 
 LEAST_SKIN_MODULUS = 1e3
-"""Softest skin [Pa] that the tables of force-controlled loads cover; softer skin is computed without them."""
+"""Softest skin [Pa] in the tables of force-controlled loads; softer skin is computed without tables."""
 
 STIFFEST_SKIN_MODULUS = 1e7
-"""Stiffest skin [Pa] that the tables cover, a hundred times the median at rest; stiffer skin likewise."""
+"""Stiffest skin [Pa] in the tables, a hundred times the median at rest; stiffer skin is computed without tables."""
 
 CHUNK = 1 << 16
-"""Quadrature nodes handled at once: large enough for array speed, small enough for the cache."""
+"""Quadrature nodes evaluated at once: enough for array speed, few enough for the cache."""
 
 
 @dataclass(frozen=True)
 class Discretisation:
-    """How finely a scene is resolved; the defaults leave errors near 1e-5 of the peak response."""
+    """Resolution of a scene; the defaults leave errors near 1e-5 of the peak response."""
 
     nodes: int = 12
     """Gauss nodes of the population integral for each condition."""
     saturation: float = 12.0
-    """How far the integral follows the sigmoid, in units of its exponent beyond the rheobase."""
+    """Extent of the integral along the sigmoid, in units of its exponent beyond the rheobase."""
     field_tolerance: float = 3e-6
     """Error allowed in the tabulated stress field."""
     rate_nodes: int = 18
     """Exact rates that the curve of held channels goes through."""
     field_source: float | None = None
-    """Tolerance that the stress field is made for before it is cut to its own; left out, it is made for that."""
+    """Tolerance to which the stress field is made before it is cut to `field_tolerance`; by default the same."""
 
 
 class Scene:
@@ -120,14 +120,14 @@ class Scene:
         self._once = self._each_once()
 
     def _each_once(self) -> tuple[Scene, NDArray[np.intp]] | None:
-        """Return the scene of the different conditions and where each one is in it, if some are the same."""
+        """Return the scene of the distinct conditions and each condition's index in it; None if all are distinct."""
         touched = np.column_stack([self.load, self.modulus, self.poisson])
         _, first, place = np.unique(touched, axis=0, return_index=True, return_inverse=True)
         return None if first.size == self.n_conditions else (self.take(first), place.reshape(-1))
 
     @property
     def n_repeated(self) -> int:
-        """Conditions that repeat another's load and fabric, whose total rate is not computed again."""
+        """Number of conditions that repeat another's load and fabric; their total rate is not computed again."""
         return 0 if self._once is None else self.n_conditions - self._once[0].n_conditions
 
     def _field(self, load: Load) -> StressField:
@@ -146,7 +146,7 @@ class Scene:
 
     @property
     def n_receptors(self) -> float:
-        """Receptors on the pad, in the mean (N_ref of the rating model is one spike per second for each)."""
+        """Expected number of receptors on the pad (N_ref of the rating model is one spike per second for each)."""
         return self.count.total
 
     def total_rate(self, parameters: TouchParameters) -> Array:
@@ -192,7 +192,7 @@ class Scene:
         return found.reshape(*shape, self.n_conditions)
 
     def respond(self, parameters: TouchParameters) -> Response:
-        """Return everything a condition's response has, for a batch of parameter vectors.
+        """Return all fields of every condition's response, for a batch of parameter vectors.
 
         Parameters and errors as in `total_rate`.
         """
@@ -215,11 +215,11 @@ class Scene:
         return Contact(*(np.concatenate(part).reshape(*shape, self.n_conditions) for part in fields))
 
     def stress_profile(self, contact: Contact) -> Profile:
-        """Return the stress fields in states of the contact, of shape (batch, conditions)."""
+        """Return the stress fields for states of the contact of shape (batch, conditions)."""
         return profiles(self._fields, self._columns, contact.reduced_modulus, contact.radius)
 
     def refined(self) -> Scene:
-        """Return the same scene resolved more finely, to measure this one's error against; made once."""
+        """Return the same scene at a finer resolution, the reference for this scene's error; made once."""
         if self._finer is None:
             d = self.discretisation
             nodes, saturation, tolerance = d.nodes + 12, d.saturation + 8.0, 1e-2 * d.field_tolerance
@@ -229,22 +229,22 @@ class Scene:
         return self._finer
 
     def exact(self) -> Scene:
-        """Return the same scene resolved more finely and with exact firing rates.
+        """Return the same scene at a finer resolution and with exact firing rates.
 
-        It agrees with adaptive integration over the pad to 1e-8 of the peak; milliseconds for each vector.
+        It agrees with adaptive integration over the pad to 1e-8 of the peak, and takes milliseconds for each vector.
         """
         return self.refined().fired_by(self.firing.exact())
 
     @property
     def field_error(self) -> float:
-        """What the tables of the stress fields are known to be wrong by at most, on their tolerance's scale."""
+        """Largest measured error of the tables of the stress fields, on their tolerance's scale."""
         return max(field.reached for field in self._fields)
 
     def error(self, parameters: TouchParameters) -> Array:
         """Return the numerical error of each vector's response relative to its largest, shape (...).
 
-        It is the largest difference to the same scene resolved more finely, and, because both might share it, what
-        that scene's stress fields still lack.
+        It is the largest difference from the same scene at a finer resolution, plus the error of that scene's stress
+        fields, which both scenes might share.
         """
         finer = self.refined()
         fine = finer.total_rate(parameters)
@@ -253,24 +253,24 @@ class Scene:
         return difference / np.where(peak > 0, peak, 1.0) + finer.field_error
 
     def take(self, conditions: ArrayLike, contact_centre: tuple[float, float] | None = None) -> Scene:
-        """Return the scene of some conditions, perhaps touched elsewhere on the pad, with the same stress fields.
+        """Return the scene of some conditions, optionally with another place of contact, with the same stress fields.
 
         Parameters
         ----------
         conditions
             Indices into this scene's conditions, without repetition, shape (n,).
         contact_centre
-            Where the contact's axis meets the pad, (x, y) [m]; left out, where it did.
+            Point of the pad on the contact's axis, (x, y) [m]; unchanged by default.
 
         Raises
         ------
         InputError
-            If there is no condition, an index points nowhere, or the pad now reaches farther from the axis than
-            the fields were made for.
+            If there is no condition, an index is out of range, or the pad now extends farther from the axis than
+            the fields do.
         """
         finger = replace(self.finger, contact_centre=contact_centre or self.finger.contact_centre)
         if kink_distances(finger)[-1] > kink_distances(self.finger)[-1]:
-            raise InputError(f"scene: seen from {contact_centre} m the pad reaches farther than the stress fields")
+            raise InputError(f"scene: from {contact_centre} m the pad extends farther than the stress fields")
         chosen, part = _indices(conditions, self.n_conditions, "condition"), copy.copy(self)
         if not chosen.size:
             raise InputError("scene: expected at least one condition")
@@ -287,9 +287,9 @@ class Scene:
         return part
 
     def coarser(self, discretisation: Discretisation) -> Scene:
-        """Return the scene resolved less finely, its stress fields cut from the ones that it has: nothing is computed.
+        """Return the scene at a coarser resolution, with its stress fields cut from the present ones, at no cost.
 
-        Its responses are those of a scene compiled so, within the tolerance of the fields.
+        Its responses agree with those of a scene compiled at that resolution, within the tolerance of the fields.
         """
         part, d = copy.copy(self), discretisation
         part.discretisation, part._once, part._finer = d, None, None
@@ -337,7 +337,7 @@ class Scene:
     def _chunks(self, parameters: TouchParameters) -> tuple[tuple[int, ...], Iterator[tuple[TouchParameters, Contact]]]:
         shape, flat = checked_rows(parameters)
         rows = max(1, CHUNK // (self.n_conditions * self.discretisation.nodes))
-        # one after another: what a chunk needs in memory is gone before the next
+        # one after another, so that the memory of a chunk is free before the next
         starts = range(0, max(flat[0].size, 1), rows)
         chunks = (TouchParameters(*(value[start : start + rows] for value in flat)) for start in starts)
         return shape, ((chunk, self._contact(chunk)) for chunk in chunks)
@@ -357,7 +357,7 @@ class Scene:
         return self._population.sums(profile, drive, intervals), profile.peak
 
 
-# the scene that an accuracy is chosen with and the one that is chosen have the same fields, cut differently
+# the reference scene of an accuracy choice and the chosen scene share these fields, cut differently
 _stress_field = lru_cache(maxsize=64)(StressField)
 
 

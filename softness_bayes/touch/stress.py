@@ -1,4 +1,4 @@
-"""Pressure under the fingerpad and the stress it makes at receptor depth (model.md 4-5)."""
+"""Pressure under the fingerpad and the resulting stress at receptor depth (model.md 4-5)."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from softness_bayes.touch.contact import Finger, hertz_force
 Array = NDArray[np.float64]
 
 ATTENUATION = 2.67e-3
-"""kappa of the attenuated pressure [N m]: the paper's 2.67 with the unit it needs, N mm."""
+"""kappa of the attenuated pressure [N m]: the paper's 2.67, whose unit must be N mm."""
 
 GAUSS_DENSITY = 9.0
 """Gauss nodes per unit of the graded variable of the stress integral; 9 reach 1e-12 at every depth."""
@@ -25,7 +25,7 @@ GAUSS_DENSITY = 9.0
 class Pressure:
     """A reading of the contact pressure, p(r) = amplitude sqrt(1 - r²/a²) exp(-decay r²/a²) for r <= a.
 
-    Both numbers depend on the touch only through E_star and a; that is what lets a scene tabulate
+    Both numbers depend on the touch only through E_star and a. A scene can therefore tabulate
     the stress field of a load as a one-parameter family.
     """
 
@@ -73,11 +73,11 @@ PRINTED_PRESSURE = Pressure("printed", _printed_amplitude, _printed_decay)
 
 @dataclass(frozen=True)
 class Kernel:
-    """A reading of how pressure at distance s makes stress at depth z and distance rho (model.md 5).
+    """A reading of the stress at depth z and distance rho due to pressure at distance s (model.md 5).
 
     `influence(rho, s, z)` returns the stresses (sigma_x, sigma_z, tau_xz) per unit pressure and
-    length [1/m]; `centre(rho, z)` is where along s the influence peaks; `two_sided` tells whether s
-    runs over [-a, a] (a line) or [0, a] (rings).
+    length [1/m]; `centre(rho, z)` is the s at which the influence peaks; `two_sided` is true if s
+    runs over [-a, a] (a line), false if over [0, a] (rings).
     """
 
     name: str
@@ -129,14 +129,14 @@ AXISYMMETRIC = Kernel("axisymmetric", _ring_influence, _line_centre, two_sided=F
 
 @dataclass(frozen=True)
 class Component:
-    """A reading of which stress drives the receptor, from (sigma_x, sigma_z, tau_xz)."""
+    """A reading of the stress that drives the receptor, from (sigma_x, sigma_z, tau_xz)."""
 
     name: str
     select: Callable[[Array, Array, Array], Array]
     needs_plane: bool
     """Whether all three plane stresses enter, which the axisymmetric kernel does not give."""
     far_power: float | None
-    """n, where the stress falls like rho^-n far from the contact; None where the kernel says it."""
+    """n, where the stress falls like rho^-n far from the contact; None if the kernel defines it."""
 
 
 def _vertical(sigma_x: Array, sigma_z: Array, tau_xz: Array) -> Array:
@@ -177,12 +177,12 @@ def unit_stress(
     component: Component = VERTICAL,
     density: float = GAUSS_DENSITY,
 ) -> Array:
-    """Stress at a receptor under a pressure of amplitude 1, sqrt(1 - s²/a²) exp(-decay s²/a²).
+    """Return the stress at a receptor under a pressure of amplitude 1, sqrt(1 - s²/a²) exp(-decay s²/a²).
 
     The substitution s = a sin(phi) removes the square-root edges. Two length scales remain: the
     receptor's depth around the influence's centre, and the width of the attenuation around the
-    axis. Where they are apart the range is cut between them, and each piece is graded towards its
-    own centre, so the number of nodes grows only with the logarithm of the scales' ratio as the
+    axis. If they are apart, the range is cut between them and each piece is graded towards its
+    own centre. The number of nodes then grows only with the logarithm of the scales' ratio as the
     depth goes to 0 or the decay to infinity.
 
     Parameters
@@ -209,7 +209,7 @@ def unit_stress(
         return pressure.reshape(given[0].shape)
     pole = np.arcsin((kernel.centre(rho, depth) + 1j * depth) / a)
     centre = pole.real
-    # past exp(-42) the pressure is nothing
+    # beyond exp(-42) the pressure is negligible
     edge = np.arcsin(np.minimum(6.5 / np.sqrt(np.maximum(q, 1e-300)), 1.0))
     lower = -edge if kernel.two_sided else np.zeros_like(edge)
     width = 1.0 / np.sqrt(1.0 + 2.0 * q)
@@ -239,7 +239,7 @@ def stress(
     kernel: Kernel = LINE,
     component: Component = VERTICAL,
 ) -> Array:
-    """Compressive stress [Pa] at receptor depth, distance `rho` [m] from the contact's axis.
+    """Return the compressive stress [Pa] at receptor depth, at distance `rho` [m] from the contact's axis.
 
     Parameters
     ----------

@@ -62,7 +62,7 @@ class Alarm:
         self._wide = chdtri(freedom, 1.0 - 0.5 * threshold) / freedom
 
     def raised(self, rank: NDArray[np.intp]) -> NDArray[np.bool_]:
-        """Whether tables of ranks, shape (tables, replicates), raise the alarm, shape (tables,)."""
+        """Return whether tables of ranks, shape (tables, replicates), raise the alarm, shape (tables,)."""
         ranks, tables = self.draws + 1, len(rank)
         flat = (rank + ranks * np.arange(tables)[:, None]).ravel()
         counts = np.bincount(flat, minlength=ranks * tables).reshape(tables, ranks)

@@ -216,7 +216,7 @@ class Calibration:
 
     @property
     def enough(self) -> bool:
-        """Whether they find posteriors `LARGEST_WIDTH` times too narrow as often: else uniform ranks say little."""
+        """True if they find posteriors `LARGEST_WIDTH` times too narrow as often: else uniform ranks say little."""
         return self.least_width.value <= LARGEST_WIDTH
 
     @property

@@ -41,7 +41,7 @@ class Fold(NamedTuple):
 
 
 def fold(channels: Channels, membrane: Membrane) -> Fold:
-    """First local maximum of the steady current along the branch of rest.
+    """Return the first local maximum of the steady current along the branch of rest.
 
     Parameters
     ----------
@@ -79,7 +79,7 @@ def fold(channels: Channels, membrane: Membrane) -> Fold:
 
 
 def rest(channels: Channels, membrane: Membrane) -> FloatArray:
-    """State at rest without a current, shape (1 + gates, n): the equilibrium of lowest voltage.
+    """Return the state at rest without a current, shape (1 + gates, n): the equilibrium of lowest voltage.
 
     Parameters
     ----------
@@ -103,7 +103,7 @@ def rest(channels: Channels, membrane: Membrane) -> FloatArray:
 
 
 def steady_state(voltage: FloatArray, membrane: Membrane) -> FloatArray:
-    """State with all gates in equilibrium at voltages of shape (n,), shape (1 + gates, n)."""
+    """Return the state, shape (1 + gates, n), with all gates in equilibrium at voltages of shape (n,)."""
     opening, total = membrane.gating.rates(voltage)
     return np.vstack([voltage, opening / total])
 
@@ -114,7 +114,7 @@ def _rising_root(
     low: FloatArray,
     high: FloatArray,
 ) -> FloatArray:
-    """Root of a function that rises through 0 between ``low`` and ``high``: Newton, safeguarded by bisection."""
+    """Return the root of a function that rises through 0 between ``low`` and ``high``, by Newton and bisection."""
     x = 0.5 * (low + high)
     for _ in range(_ITERATIONS):
         value, steepness = function(x), slope(x)

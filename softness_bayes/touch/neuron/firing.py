@@ -19,10 +19,10 @@ FloatArray = NDArray[np.float64]
 
 
 SEARCH_STEPS = 40_000
-"""Steps of integration that an exact curve may take: some ten seconds. The paper's multipliers take 3000."""
+"""Most steps of integration for an exact curve: some ten seconds. The paper's multipliers take 3000."""
 
 TRIED = Channels(c_Na=(0.8, 1.5), c_K=(0.8, 1.5), c_L=(0.5, 2.0), c_A=(0.5, 2.0))
-"""Ranges in which each multiplier alone is known to give a curve, the others being the paper's."""
+"""Ranges of each multiplier that give a curve while the other multipliers keep the paper's values."""
 
 _CLOSEST_BORN = 0.1  # sqrt(µA/cm²): nearest exact rate to a fold of orbits, whose own rate is known
 _CLOSEST_JUMP = 0.03  # and to another jump, where the rate falls off as a logarithm within some 1e-3 µA/cm²
@@ -55,7 +55,7 @@ class RateCurve:
     coefficients : ndarray, shape (..., K)
         Monomial coefficients [Hz/sqrt(µA/cm²)].
     max_current : float or ndarray, shape (...)
-        Largest current that may be asked for [µA/cm²].
+        Largest current that the curve covers [µA/cm²].
     error : CurveError
         Largest measured difference to the exact rate.
     """
@@ -73,7 +73,7 @@ class RateCurve:
         return np.sqrt(np.where(excess > 0.0, excess, 1.0))
 
     def rate(self, current: ArrayLike) -> FloatArray:
-        """Firing rates [Hz] at currents [µA/cm²] of shape (..., n), the leading axes those of the batch.
+        """Return firing rates [Hz] at currents [µA/cm²] of shape (..., n), whose leading axes are those of the batch.
 
         Raises
         ------
@@ -102,7 +102,7 @@ class RateCurve:
         return total
 
     def take(self, index: Any) -> RateCurve:
-        """The curves at ``index`` of the batch."""
+        """Return the curves at ``index`` of the batch."""
         return replace(
             self,
             rheobase=self.rheobase[index],
@@ -119,7 +119,7 @@ def exact_curve(
     nodes: int = 18,
     steps: int = SEARCH_STEPS,
 ) -> RateCurve:
-    """Curve through exact firing rates at Chebyshev nodes in ``s``, with its error measured between them.
+    """Return the curve through exact firing rates at Chebyshev nodes in ``s``, with its error measured between them.
 
     Parameters
     ----------
@@ -207,7 +207,7 @@ def exact_curves(
     expected: ArrayLike | None = None,
     tolerance: float = TOLERANCE,
 ) -> RateCurve:
-    """Curves of many channel vectors through exact rates, without a measurement of their error.
+    """Return curves of many channel vectors through exact rates, without a measurement of their error.
 
     At 14 nodes the curves are within 3e-5 of the rate to 40 µA/cm², and within 3e-6 to 20 (model.md 7).
 
@@ -251,7 +251,7 @@ def exact_curves(
 
 
 def _monomials(w: FloatArray, value: FloatArray) -> FloatArray:
-    """Monomial coefficients of the polynomial through ``value`` at nodes ``w`` within [-1, 1]."""
+    """Return monomial coefficients of the polynomial through ``value`` at nodes ``w`` within [-1, 1]."""
     return np.asarray(chebyshev.cheb2poly(chebyshev.chebfit(w, value, w.size - 1)), dtype=float)
 
 

@@ -12,11 +12,11 @@ from softness_bayes.touch.neuron.membrane import CONNOR_STEVENS, PAPER_CHANNELS,
 from softness_bayes.touch.neuron.noise import noisy_curve
 
 LARGEST_CURRENT = 150.0
-"""Largest alpha [µA/cm²] that is answered: depolarisation block starts at 154-210 (model.md 7)."""
+"""Largest alpha [µA/cm²] with a rate curve: depolarisation block starts at 154-210 (model.md 7)."""
 
 
 class Firing(Protocol):
-    """Where a scene takes its rate curves from: fixed channels, or a surface over the channels."""
+    """Source of a scene's rate curves: fixed channels, or a surface over the channels."""
 
     noise: float
 
@@ -28,7 +28,7 @@ class Firing(Protocol):
 
 
 class FixedChannels:
-    """One rate curve for all parameter vectors, whose channel multipliers are not looked at.
+    """One rate curve for all parameter vectors, which ignores their channel multipliers.
 
     Parameters
     ----------
@@ -89,7 +89,7 @@ class FixedChannels:
             )
         if self._longer is None:
             self._longer = self._made(LARGEST_CURRENT, 28)
-        # each vector keeps its own curve, whatever the company it is evaluated in
+        # a vector's curve does not depend on the other vectors of its batch
         usual, longer = self.curve.coefficients, self._longer.coefficients
         size = max(usual.size, longer.size)
         padded, longer = (np.append(c, np.zeros(size - c.size)) for c in (usual, longer))

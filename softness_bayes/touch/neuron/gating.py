@@ -71,7 +71,7 @@ class GateRates(NamedTuple):
 
 
 class _Terms(NamedTuple):
-    """What all rates are made of; rows as ``Gating.__post_init__`` stacks them."""
+    """The terms that all rates share; rows as ``Gating.__post_init__`` stacks them."""
 
     arguments: FloatArray
     growth: FloatArray
@@ -123,11 +123,11 @@ class Gating:
         return ("m", "h", "n") if self.a_current is None else ("m", "A", "h", "B", "n")
 
     def rates(self, voltage: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Opening and total rates [1/ms] of all gates, each (gates, n), at voltages of shape (n,) [mV]."""
+        """Return opening and total rates [1/ms] of all gates, each (gates, n), at voltages of shape (n,) [mV]."""
         return self._compose(self._terms(voltage))
 
     def rates_and_slopes(self, voltage: FloatArray) -> GateRates:
-        """Rates of all gates at voltages of shape (n,) [mV] with their derivatives."""
+        """Return rates of all gates at voltages of shape (n,) [mV] with their derivatives."""
         terms = self._terms(voltage)
         opening, total = self._compose(terms)
         return GateRates(opening, total, *self._differentiate(terms, opening, total))
@@ -185,7 +185,7 @@ class Gating:
 
 
 def open_fractions(gates: FloatArray) -> FloatArray:
-    """Open fractions ``m^3 h``, (``A^3 B``,) ``n^4`` of the channels, shape (2 or 3, n)."""
+    """Return open fractions ``m^3 h``, (``A^3 B``,) ``n^4`` of the channels, shape (2 or 3, n)."""
     pairs = len(gates) // 2
     activation, n = gates[:pairs], gates[-1]
     fractions = np.empty((pairs + 1, gates.shape[1]))
@@ -198,12 +198,12 @@ def open_fractions(gates: FloatArray) -> FloatArray:
 
 
 def channel_of_gate(gates: int) -> list[int]:
-    """Row of :func:`open_fractions` in which each gate appears."""
+    """Return the row of :func:`open_fractions` in which each gate appears."""
     return [0, 0, 1] if gates == 3 else [0, 1, 0, 1, 2]
 
 
 def fraction_slopes(gates: FloatArray) -> FloatArray:
-    """Derivative of each gate's open fraction by that gate, shape (gates, n)."""
+    """Return the derivative of each gate's open fraction by that gate, shape (gates, n)."""
     pairs = len(gates) // 2
     activation, n = gates[:pairs], gates[-1]
     square = activation * activation

@@ -1,9 +1,8 @@
 """Steady firing after a current step from rest: integrate until the membrane repeats itself or settles.
 
-A spike is an upward crossing of ``SPIKE_VOLTAGE``. Its instant is found by repeating the step that crosses it with
-other lengths until the step ends on it, so that it has the full order of the method. The answer is always taken from
-the interval between spikes once it has converged, never from their number: the spikes of an onset transient do not
-count as firing.
+A spike is an upward crossing of ``SPIKE_VOLTAGE``. Its time is found by repeating the step that crosses it with
+other lengths until the step ends on it, so that it has the full order of the method. The rate is the inverse of the
+converged interval between spikes. Spikes are not counted: those of an onset transient are no sustained firing.
 """
 
 from __future__ import annotations
@@ -24,32 +23,32 @@ SPIKE_VOLTAGE = -30.0
 """Voltage [mV] that a spike crosses upwards."""
 
 TOLERANCE = 2e-9
-"""Largest local error of a step, relative to 100 mV and to a fully open gate; periods come out within 3e-8, except
-where the membrane lingers beside the place of a lost equilibrium: there errors count in proportion to the stay."""
+"""Largest local error of a step, relative to 100 mV and to a fully open gate. Periods are accurate to 3e-8, except
+where the membrane lingers near the place of a lost equilibrium: there the error grows with the time it stays."""
 
 AGREEMENT = 1e-8
 """Agreement of successive periods, and of the states at successive spikes, at which an orbit counts as periodic."""
 
 _REARM = 1.0  # mV below the spike voltage before another spike can count
 _LOCATED = 1e-6  # mV from the spike voltage at which a spike counts as found
-_SETTLED = (2e-2, 2e-4)  # mV and gate distance from a stable equilibrium that is silence
+_SETTLED = (2e-2, 2e-4)  # distance from a stable equilibrium [mV, gate] within which a cell counts as silent
 _SETTLED_CHECK = 16  # steps between looks for settled cells
-_MAX_SUBTHRESHOLD = 150  # voltage peaks without a spike that are silence: a steady subthreshold oscillation
+_MAX_SUBTHRESHOLD = 150  # voltage peaks without a spike after which a cell counts as silent: it oscillates below
 _MAX_STEPS = 400_000
 
 
 class StepsSpentError(NumericalError):
-    """The steps that a search was given are spent."""
+    """The step limit of a search is reached."""
 
 
 @dataclass
 class Budget:
-    """Steps that the integrations of one search may still take, all cells side by side counted once."""
+    """Remaining integration steps of one search; a step of many cells side by side counts once."""
 
     left: int
 
     def spend(self, cells: Cells) -> None:
-        """Count a step.
+        """Count one step.
 
         Raises
         ------
@@ -63,7 +62,7 @@ class Budget:
 
 
 class Orbit(NamedTuple):
-    """What cells end on."""
+    """The periodic orbit or equilibrium that cells end on."""
 
     rate: FloatArray
     """Rates [Hz], shape (n,); exactly 0 where a cell settles or oscillates below the spike voltage"""
@@ -123,7 +122,7 @@ def steady_orbit(
 
 @dataclass
 class _Orbits:
-    """Trajectories under way, one column for each cell that is not decided yet."""
+    """Trajectories of the cells that are not yet decided, one column for each cell."""
 
     cells: Cells
     lane: NDArray[np.intp]  # the cell's place among all cells
@@ -163,7 +162,7 @@ class _Orbits:
         )
 
     def take(self, index: NDArray[np.intp]) -> _Orbits:
-        """The trajectories at ``index``."""
+        """Return the trajectories at ``index``."""
         return _Orbits(
             self.cells.take(index),
             *(getattr(self, name)[..., index] for name in self.__dataclass_fields__ if name != "cells"),
@@ -193,7 +192,7 @@ class _Orbits:
         self.length = np.where(between, self._secant(), self.stride)
 
     def _locate(self, locating: NDArray[np.bool_], crossing: NDArray[np.bool_], gap: FloatArray) -> NDArray[np.bool_]:
-        """Tighten the bracket around every spike that is being located (Illinois); which ones are found."""
+        """Tighten the bracket around every spike that is being located (Illinois); return which ones are found."""
         found = (locating | crossing) & (np.abs(gap) <= _LOCATED)
         before = self.state[0] - SPIKE_VOLTAGE
         self.low = np.where(crossing, [np.zeros_like(gap), before], self.low)
@@ -221,7 +220,7 @@ class _Orbits:
         self.peaks[spiking] = 0
 
     def period(self, agreement: float) -> FloatArray:
-        """Periods of the trajectories that repeat themselves [ms], 0 for the others."""
+        """Return the periods of the trajectories that repeat themselves [ms], 0 for the others."""
         fresh = self.elapsed == 0.0
         if not fresh.any():
             return np.zeros(len(self.lane))
@@ -233,7 +232,7 @@ class _Orbits:
         return np.where(fresh & repeated, last, np.where(fresh & converged, newer, 0.0))
 
     def settled(self) -> NDArray[np.bool_]:
-        """Which trajectories have come to rest on a stable equilibrium."""
+        """Return which trajectories have come to rest on a stable equilibrium."""
         settled = np.zeros(len(self.lane), dtype=bool)
         slope = self.cells.slope(self.state)
         slow = np.flatnonzero(np.abs(slope).max(axis=0) < 1e-1)
@@ -246,7 +245,7 @@ class _Orbits:
 
 
 def _aitken(first: FloatArray, second: FloatArray, third: FloatArray) -> FloatArray:
-    """Limit of a geometric sequence from three terms; the last term where they no longer differ."""
+    """Return the limit of a geometric sequence from three terms; the last term where they no longer differ."""
     change = third - second
     curvature = change - (second - first)
     settled = np.abs(curvature) <= 1e-12 * np.abs(third)
@@ -254,7 +253,7 @@ def _aitken(first: FloatArray, second: FloatArray, third: FloatArray) -> FloatAr
 
 
 def growth_rate(jacobian: ArrowJacobian) -> FloatArray:
-    """Largest real part of the eigenvalues [1/ms], shape (n,): negative where an equilibrium is stable."""
+    """Return the largest real part of the eigenvalues [1/ms], shape (n,): negative where an equilibrium is stable."""
     gates, n = jacobian.decay.shape
     matrix = np.zeros((n, gates + 1, gates + 1))
     diagonal = np.arange(1, gates + 1)

@@ -39,7 +39,7 @@ class Channels(NamedTuple):
 
 
 class Driven(Protocol):
-    """Parameter vectors as far as they concern the neuron: its channel multipliers and its largest current."""
+    """The parameters of the neuron: its channel multipliers and its largest current."""
 
     @property
     def c_Na(self) -> Any:
@@ -73,7 +73,7 @@ class Membrane:
     Parameters
     ----------
     name : str
-        What users call it.
+        Name in options and files.
     g_na, g_k, g_l, g_a : float
         Maximal conductances [mS/cm²]; ``g_a`` counts only where the gating has an A-current.
     e_na, e_k, e_l, e_a : float
@@ -166,7 +166,7 @@ class SteadyTerms(NamedTuple):
 
 
 def steady_terms(voltage: FloatArray, membrane: Membrane) -> SteadyTerms:
-    """What each channel lets out at a clamped voltage of shape (n,) [mV]; linear combinations give ``I_ss``."""
+    """Return the channels' outward currents at clamped voltages of shape (n,) [mV]; combinations give ``I_ss``."""
     rates = membrane.gating.rates_and_slopes(voltage)
     gates = rates.opening / rates.total
     gate_slopes = (rates.opening_slope - gates * rates.total_slope) / rates.total
@@ -183,7 +183,7 @@ def steady_terms(voltage: FloatArray, membrane: Membrane) -> SteadyTerms:
 def steady_current(
     voltage: ArrayLike, channels: Channels = PAPER_CHANNELS, membrane: Membrane = CONNOR_STEVENS
 ) -> FloatArray:
-    """Current that holds the membrane at a voltage, ``I_ss(V) = -sum of the steady ionic currents``.
+    """Return the current that holds the membrane at a voltage, ``I_ss(V) = -sum of the steady ionic currents``.
 
     Parameters
     ----------
@@ -209,7 +209,7 @@ def steady_current(
 
 
 def lanes(channels: Channels, **others: ArrayLike) -> tuple[tuple[int, ...], list[FloatArray]]:
-    """Check the multipliers and further named arrays and broadcast them: their common shape, and each flattened.
+    """Check and broadcast the multipliers and further named arrays; return their common shape, and each flattened.
 
     Raises
     ------
@@ -227,7 +227,7 @@ def lanes(channels: Channels, **others: ArrayLike) -> tuple[tuple[int, ...], lis
 
 
 def rows_of(values: Sequence[ArrayLike]) -> tuple[tuple[int, ...], FloatArray]:
-    """Broadcast arrays: their common shape, and each flattened to a row of one table, shape (len(values), size)."""
+    """Broadcast arrays; return their common shape, and each as a row of one table, shape (len(values), size)."""
     shape = np.broadcast_shapes(*(np.shape(value) for value in values))
     table = np.empty((len(values), *shape))
     for k, value in enumerate(values):

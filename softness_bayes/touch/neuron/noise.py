@@ -1,8 +1,8 @@
 """The noise-averaged firing rate against current, with its Monte-Carlo error.
 
-Noise lets a membrane fire below its rheobase, ever more seldom; where the mean rate falls below `LEAST_RATE` the curve
-ends and the membrane counts as silent. Above, the rate is smooth in the current, and a least-squares polynomial in the
-root of the distance from that end averages the simulations' scatter.
+With noise a membrane also fires below its rheobase, less and less often. The curve ends where the mean rate falls
+below `LEAST_RATE`; below that current the membrane counts as silent. Above it the rate is smooth in the current, and a
+least-squares polynomial in the root of the distance from that end averages the simulations' scatter.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ LEAST_RATE = 0.25
 
 _NODES = 40
 _DEGREE = 13
-_STEP = 0.02  # ms; rates come out within 2e-4
+_STEP = 0.02  # ms; rates are accurate to 2e-4
 _CLOSEST = 0.05  # of the range of s, the node next to the end of the curve
 _REACHES = np.linspace(0.0, 12.0, 25)  # µA/cm² below the rheobase where the end of the curve is looked for
 
@@ -40,7 +40,7 @@ def noisy_curve(
     runs: int = 16,
     duration: float = 2000.0,
 ) -> RateCurve:
-    """Curve through simulated mean rates.
+    """Return the curve through simulated mean rates.
 
     Parameters
     ----------
@@ -81,7 +81,7 @@ def noisy_curve(
     s = s_max * (_CLOSEST + (1.0 - _CLOSEST) * share)
     current = np.minimum(begin + s**2, max_current)  # rounding may pass the end
     found = firing_statistics(current, noise, rng, channels, membrane, duration, runs, _STEP)
-    # a run without a spike has no spread of its own: one spike more or less is the least error
+    # runs without a spike have no spread; their error is at least that of one spike
     spread = np.maximum(found.rate_error, 1000.0 / (duration * runs))
     w = 2.0 * s / s_max - 1.0
     rows = s[:, None] * chebyshev.chebvander(w, _DEGREE) / spread[:, None]
@@ -98,7 +98,7 @@ def noisy_curve(
 def _end(
     noise: float, channels: Channels, membrane: Membrane, rheobase: float, rng: np.random.Generator, runs: int
 ) -> float:
-    """Current at which the mean rate falls through `LEAST_RATE`, by interpolation of its logarithm."""
+    """Return the current at which the mean rate falls through `LEAST_RATE`, by interpolation of its logarithm."""
     current = rheobase - _REACHES
     found = firing_statistics(current, noise, rng, channels, membrane, 1000.0, 2 * runs, _STEP)
     seldom = np.flatnonzero(found.rate < LEAST_RATE)

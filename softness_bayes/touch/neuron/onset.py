@@ -1,11 +1,11 @@
-"""Where and how firing begins: the rheobase, and the rate just above it.
+"""Onset of firing: the rheobase, and the rate just above it.
 
-There are three ways, told apart by simulation:
+Firing begins in one of three ways, which simulation tells apart:
 
 - at a fold of equilibria that the periodic orbit passes through, arbitrarily slowly (:mod:`~.equilibrium`);
 - at a fold of periodic orbits, at a finite rate: the stable orbit meets an unstable one and both vanish. Orbits near
-  there attract ever more weakly, and below it trajectories pass the lost orbit so slowly that they look periodic; so
-  the fold is extrapolated from stable orbits a good way above it, twice, the second time from where the first led.
+  the fold attract only weakly, and below it trajectories pass the lost orbit so slowly that they look periodic. The
+  fold is therefore extrapolated from stable orbits well above it, twice; the second time from closer by.
   Where the two disagree, because the orbits turn too sharply, simulation finds the rheobase to 1e-3 µA/cm²;
 - elsewhere, where the trajectory that leaves rest stops falling into the basin of an equilibrium. There the period
   grows without bound too, but only as the logarithm of the distance to the rheobase.
@@ -29,25 +29,25 @@ from softness_bayes.touch.neuron.vector_field import Cells
 FloatArray = NDArray[np.float64]
 
 SEARCH_LIMIT = 250.0
-"""Current [µA/cm²] beyond which no onset of firing is looked for: every membrane is blocked there."""
+"""Largest current [µA/cm²] at which the onset is searched for: beyond it depolarisation blocks every membrane."""
 
-_CLASSIFYING_TOLERANCE = 1e-7  # local error where only the kind of onset is asked for
+_CLASSIFYING_TOLERANCE = 1e-7  # local error where only the kind of onset is needed
 _SECTIONS = 24  # currents tried side by side while a jump is bracketed, shared by the cells of a batch
 _RUNGS = 25  # currents tried upwards until one fires
 _RESOLUTION = 1e-6  # µA/cm², width of the final bracket around a jump
-_SLOW_RESOLUTION = 1e-3  # µA/cm², of one without a fold of equilibria: finer ones take time like 1/sqrt(width)
+_SLOW_RESOLUTION = 1e-3  # µA/cm², without a fold of equilibria: the time taken grows like 1/sqrt(width)
 _FAMILY_BRACKET = 0.02  # µA/cm², width of the bracket from which a fold of orbits is extrapolated
 _FAMILY = 0.1 + 0.7 * np.sin(0.5 * np.pi * (np.arange(12) + 0.5) / 12.0) ** 2  # sqrt(µA/cm²), orbits above the bracket
-_DEGREE_FROM_AFAR = 9  # of the current as a polynomial in the rate: from afar higher ones follow errors alone
+_DEGREE_FROM_AFAR = 9  # of the current as a polynomial in the rate: higher degrees fit errors only
 _SAME_FOLD = 2e-3  # µA/cm², agreement of the two extrapolations
-_JUST_ABOVE = 5e-4  # µA/cm² above the fold, where rest must lead to the orbit
-_LOOKS_PERIODIC = 5e-3  # µA/cm² below the fold where slow passing is taken for firing
-_EXPECTED_WITHIN = 0.49 * _FAMILY_BRACKET  # µA/cm², where a rheobase that is expected is looked for first
-_PASSING = 1e-5  # agreement of periods where only the kind of onset is asked for
+_JUST_ABOVE = 5e-4  # µA/cm² above the fold, where a trajectory from rest must reach the orbit
+_LOOKS_PERIODIC = 5e-3  # µA/cm² below the fold within which a slow passage looks like firing
+_EXPECTED_WITHIN = 0.49 * _FAMILY_BRACKET  # µA/cm² around an expected rheobase that are searched first
+_PASSING = 1e-5  # agreement of periods where only the kind of onset is needed
 
 
 class Onset(NamedTuple):
-    """Where and how firing begins; every array has the shape of the multipliers."""
+    """The onset of firing; every array has the shape of the multipliers."""
 
     rheobase: FloatArray
     """Smallest current with sustained firing [µA/cm²]; infinite where there is none"""
@@ -60,7 +60,7 @@ class Onset(NamedTuple):
 
 
 def rheobase(channels: Channels = PAPER_CHANNELS, membrane: Membrane = CONNOR_STEVENS) -> FloatArray:
-    """Smallest current step from rest with sustained firing [µA/cm²]; see :func:`onset`."""
+    """Return the smallest current step from rest with sustained firing [µA/cm²]; see :func:`onset`."""
     return onset(channels, membrane).rheobase
 
 
@@ -70,7 +70,7 @@ def onset(
     expected: ArrayLike | None = None,
     budget: Budget | None = None,
 ) -> Onset:
-    """Rheobase, and the rate just above it.
+    """Return the rheobase, and the rate just above it.
 
     Parameters
     ----------
@@ -79,8 +79,8 @@ def onset(
     membrane : Membrane
         Constants.
     expected : array_like, optional
-        Rheobases that are expected [µA/cm²], of the multipliers' shape. A jump is looked for around them first, which
-        is several times faster; simulation decides all the same.
+        Expected rheobases [µA/cm²], of the multipliers' shape. A jump is searched for around them first, which is
+        several times faster. Simulation still decides.
     budget : Budget, optional
         Steps that may be taken, as :func:`~.limit_cycle.steady_orbit` takes it.
 
@@ -114,7 +114,10 @@ def onset(
 def fires_through(
     folds: Fold, channels: Channels, membrane: Membrane, budget: Budget | None = None
 ) -> NDArray[np.bool_]:
-    """Whether firing begins arbitrarily slowly at each fold, shape (n,): the period just above is the lingering's."""
+    """Return whether firing begins arbitrarily slowly at each fold, shape (n,).
+
+    There the period just above the fold is the time that the membrane lingers near the lost equilibrium.
+    """
     through = np.isfinite(folds.prefactor)
     some = Channels(*(c[through] for c in channels))
     cells = Cells.of(membrane, some, folds.current[through] + CONTINUED**2)
@@ -134,10 +137,13 @@ class _Bracket(NamedTuple):
 def _jumps(
     channels: FloatArray, fold_current: FloatArray, membrane: Membrane, expected: FloatArray, budget: Budget | None
 ) -> tuple[FloatArray, FloatArray, NDArray[np.bool_]]:
-    """Where firing begins abruptly, the rate there, and whether orbits fold; for multipliers of shape (4, n)."""
+    """Return the currents at which firing begins abruptly, the rates there, and whether orbits fold.
+
+    Multipliers have the shape (4, n).
+    """
 
     def passing(current: FloatArray, lane: NDArray[np.intp]) -> FloatArray:
-        """Rates, roughly, without waiting for the last of the many spikes that pass by a fold of orbits."""
+        """Return approximate rates, without integrating through the many spikes near a fold of orbits."""
         some = Channels(*channels[:, lane])
         cells = Cells.of(membrane, some, current)
         return steady_orbit(cells, rest(some, membrane), _CLASSIFYING_TOLERANCE, _PASSING, budget).rate
@@ -155,7 +161,7 @@ def _jumps(
     current, rate = _births(exact, passing, bracket, folding)
     born = np.zeros(found.size, dtype=bool)
     born[folding] = np.isfinite(current)
-    slow = folding[~born[folding]]  # of which what passes slowly may have been taken for firing
+    slow = folding[~born[folding]]  # a slow passage may have been taken for firing here
     bracket.high[slow] += _LOOKS_PERIODIC
     _narrow(exact, bracket, slow, _SLOW_RESOLUTION)
     _narrow(exact, bracket, np.flatnonzero(found & np.isfinite(fold_current)), _RESOLUTION)
@@ -170,7 +176,7 @@ _Rates = Callable[[FloatArray, NDArray[np.intp]], FloatArray]
 
 
 def _climb(rates: _Rates, start: FloatArray, expected: FloatArray) -> _Bracket:
-    """The first of rising currents that fires, and the one before it; infinite where none does."""
+    """Return the first of rising currents that fires, and the one before it; infinite where none does."""
     low, high, rate = start.copy(), np.full(start.size, np.inf), np.zeros(start.size)
     lane = np.flatnonzero(expected - _EXPECTED_WITHIN > start)
     if lane.size:
@@ -207,17 +213,17 @@ def _narrow(rates: _Rates, bracket: _Bracket, lane: NDArray[np.intp], width: flo
 
 
 def _births(rates: _Rates, passing: _Rates, bracket: _Bracket, lane: NDArray[np.intp]) -> tuple[FloatArray, FloatArray]:
-    """Current and rate at the folds of periodic orbits at which firing begins; NaN where it does not."""
+    """Return current and rate at the folds of periodic orbits at which firing begins; NaN where it does not."""
     low, high = bracket.low[lane], bracket.high[lane]
     first, _ = _turn(rates, high, lane, _DEGREE_FROM_AFAR)
     margin = _LOOKS_PERIODIC + _SAME_FOLD
     with np.errstate(invalid="ignore"):
-        # a fold so far from the bracket is none: no second look from there
+        # so far from the bracket an extrapolated fold is an artefact, and is not refined
         first = np.where((first > low - margin) & (first <= high + margin), first, np.nan)
         birth, rate = _turn(rates, first, lane, _FAMILY.size - 1)
         inside = (birth > low - _LOOKS_PERIODIC) & (birth <= high + _LOOKS_PERIODIC)
         found = np.flatnonzero(inside & (np.abs(birth - first) <= _SAME_FOLD))
-    # an orbit that rest does not lead to is no birth of firing
+    # firing begins at the fold only if a trajectory from rest reaches the orbit
     found = found[passing(birth[found] + _JUST_ABOVE, lane[found]) > 0.0]
     missing = np.setdiff1d(np.arange(lane.size), found)
     birth[missing], rate[missing] = np.nan, np.nan
@@ -225,7 +231,7 @@ def _births(rates: _Rates, passing: _Rates, bracket: _Bracket, lane: NDArray[np.
 
 
 def _turn(rates: _Rates, base: FloatArray, lane: NDArray[np.intp], degree: int) -> tuple[FloatArray, FloatArray]:
-    """Current and rate where the family of orbits above ``base`` turns around; NaN where it is not seen to.
+    """Return current and rate where the family of orbits above ``base`` turns around; NaN where no turn is found.
 
     Along the family the current is a smooth function of the rate, and smallest at the fold.
     """

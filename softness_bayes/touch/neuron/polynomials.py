@@ -1,6 +1,6 @@
-"""Sums of polynomials as the inner loops take them: in place, orders along the first axis and points along the last.
+"""Sums of polynomials for the inner loops: in place, orders along the first axis and points along the last.
 
-What differs from point to point then lies side by side in memory, coefficients and points alike.
+Values of neighbouring points then lie side by side in memory, coefficients and points alike.
 """
 
 from __future__ import annotations

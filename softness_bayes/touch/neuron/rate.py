@@ -1,4 +1,4 @@
-"""Exact steady firing rates: the reference that every faster form is measured against."""
+"""Exact steady firing rates: the reference for every faster form."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ from softness_bayes.touch.neuron.vector_field import Cells
 FloatArray = NDArray[np.float64]
 
 _BLOCK = 2048  # cells integrated side by side
-_SLOW = 0.06  # sqrt(µA/cm²): closer to the fold the tolerance shrinks, because errors add up during the long stay
+_SLOW = 0.06  # sqrt(µA/cm²): closer to the fold the tolerance shrinks, because errors add up over the long period
 CONTINUED = 0.02  # sqrt(µA/cm²): closer to the fold the rate is continued analytically
 _CONTINUATION_NODES = CONTINUED * np.array([1.0, 1.5, 2.0, 2.5])
-_SAME_LIMIT = 1e-3  # relative difference to the analytic limit below which the orbit does pass through the fold
+_SAME_LIMIT = 1e-3  # relative difference to the analytic limit below which the orbit passes through the fold
 
 
 def firing_rate(
@@ -28,12 +28,12 @@ def firing_rate(
     tolerance: float = TOLERANCE,
     budget: Budget | None = None,
 ) -> FloatArray:
-    """Steady firing rate after a current step applied to the membrane at rest.
+    """Return the steady firing rate after a current step applied to the membrane at rest.
 
     The membrane starts from its equilibrium without a current, and the rate is the inverse period of the orbit that it
     ends on: 0 where it settles on an equilibrium (below the rheobase, and in depolarisation block far above it).
-    Within 4e-4 µA/cm² above a fold the period exceeds seconds and is not waited for: ``sqrt(I - I_fold) / rate`` is
-    smooth in ``sqrt(I - I_fold)`` and is interpolated between its analytic limit and exact values.
+    Within 4e-4 µA/cm² above a fold the period exceeds seconds and is not integrated. There ``sqrt(I - I_fold) / rate``,
+    which is smooth in ``sqrt(I - I_fold)``, is interpolated between its analytic limit and exact values.
 
     Parameters
     ----------
@@ -118,7 +118,7 @@ def simulated(
     tolerance: float = TOLERANCE,
     budget: Budget | None = None,
 ) -> Orbit:
-    """What cells at rest end on, by integration alone; ``excess`` is the current above the fold, NaN without one."""
+    """Return the orbits that cells reach from rest, by integration; ``excess`` is the current above a fold, or NaN."""
     closeness = np.where(excess > 0.0, np.sqrt(np.maximum(excess, 0.0)) / _SLOW, 1.0)
     local, agreement = tolerance * np.clip(closeness, CONTINUED / _SLOW, 1.0) ** 3, tolerance * (AGREEMENT / TOLERANCE)
     state = rest(channels, membrane)

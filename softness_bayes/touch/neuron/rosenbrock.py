@@ -69,7 +69,7 @@ def step(cells: Cells, state: FloatArray, length: FloatArray) -> tuple[FloatArra
     stages = np.empty((len(_STAGES) + 1, rows * n))
     slope = cells.slope(state)
     stages[0] = solver(slope).ravel()
-    with np.errstate(over="ignore", invalid="ignore"):  # of a step that is far too long, hence rejected
+    with np.errstate(over="ignore", invalid="ignore"):  # a step that is far too long overflows, and is rejected
         for i, weights in enumerate(_STAGES, start=1):
             offset, memory = (weights @ stages[:i]).reshape(2, rows, n)
             within = state + offset
@@ -79,18 +79,18 @@ def step(cells: Cells, state: FloatArray, length: FloatArray) -> tuple[FloatArra
 
 
 def local_error(error: FloatArray) -> FloatArray:
-    """Size of the error estimate of a step, relative to 100 mV and to a fully open gate, shape (n,)."""
+    """Return the size of a step's error estimate, relative to 100 mV and to a fully open gate, shape (n,)."""
     size = np.maximum(np.abs(error[0]) / 100.0, np.abs(error[1:]).max(axis=0))
     return np.where(np.isfinite(size), size, 1.0)
 
 
 def next_length(length: FloatArray, size: FloatArray) -> FloatArray:
-    """Length of the next step [ms] after a step whose error was ``size`` times the tolerance."""
+    """Return the length of the next step [ms] after a step whose error was ``size`` times the tolerance."""
     return length * np.clip(0.9 * np.maximum(size, 1e-9) ** (-1.0 / ORDER), 0.2, 5.0)
 
 
 def travel(cells: Cells, state: FloatArray, duration: FloatArray, tolerance: float) -> FloatArray:
-    """State of every cell after its own duration [ms], shapes as in :func:`step`."""
+    """Return the state of every cell after its own duration [ms], shapes as in :func:`step`."""
     state, left = state.copy(), duration.copy()
     length = np.minimum(FIRST_LENGTH, duration)
     under_way = np.flatnonzero(left > 0.0)
@@ -121,7 +121,7 @@ class ArrowSolver:
         self._pivot = 1.0 / (w - jacobian.voltage_by_voltage - feedback)
 
     def __call__(self, b: FloatArray) -> FloatArray:
-        """Solution for right-hand sides of shape (1 + gates, n)."""
+        """Return the solution for right-hand sides of shape (1 + gates, n)."""
         x = np.empty_like(b)
         x[0] = (b[0] + np.add.reduce(self._by_gate * b[1:])) * self._pivot
         np.multiply(b[1:] + self._by_voltage * x[0], self._inverse, out=x[1:])

@@ -25,11 +25,11 @@ Current = Callable[[float], float] | float
 """Injected current [µA/cm²]: a number, or a function of the time [ms]."""
 
 REARM_VOLTAGE = -45.0
-"""Voltage [mV] below which the membrane must fall before it can spike again: noise about the spike voltage, or about
-the depolarised rest of a blocked membrane, is not a train."""
+"""Voltage [mV] below which the membrane must fall before it can spike again. Noise about the spike voltage, or about
+the depolarised rest of a blocked membrane, then makes no spikes."""
 
 STEP = 0.01
-"""Step of the noisy integration [ms]; explicit, it becomes unstable beyond about 0.04."""
+"""Step of the noisy integration [ms]; the explicit method becomes unstable beyond about 0.04."""
 
 _TOLERANCE = 1e-7  # of the integration without noise
 _LONGEST_STEP = 1.0  # ms, so that no pulse of a millisecond is stepped over
@@ -44,13 +44,13 @@ def spike_times(
     noise: float = 0.0,
     rng: np.random.Generator | None = None,
 ) -> FloatArray:
-    """Spikes of one membrane that rests when the current begins.
+    """Return the spike times of one membrane that is at rest when the current begins.
 
     Parameters
     ----------
     current : float or callable
-        Injected current [µA/cm²], or a function that gives it at a time [ms]. Features shorter than 1 ms need noise's
-        fixed step, or may be missed.
+        Injected current [µA/cm²], or a function that gives it at a time [ms]. Without noise, features shorter than
+        1 ms may be missed; the fixed step of the noisy integration resolves them.
     channels : Channels
         Scalar multipliers of the conductances [-].
     membrane : Membrane
@@ -110,7 +110,7 @@ def spike_times(
 
 
 def _rearmed(crossings: FloatArray, rearmings: FloatArray) -> FloatArray:
-    """Crossings that are the first, or the first after a rearming."""
+    """Return the crossings that are the first, or the first after a rearming."""
     before = np.searchsorted(rearmings, crossings)
     return crossings[np.append(True, np.diff(before) > 0)[: crossings.size]]
 
@@ -160,11 +160,11 @@ def firing_statistics(
     runs: int = 16,
     step: float = STEP,
 ) -> FiringStatistics:
-    """Rate and interval statistics of a noisy membrane under constant currents.
+    """Return rate and interval statistics of a noisy membrane under constant currents.
 
     Every current has its own independent ``runs``; errors are the standard errors between them. The first 100 ms of
-    each run are left out. The mean is over spikes counted and over intervals between them: with noise both are averages
-    over time, so that counting is right here where it is wrong without noise.
+    each run are left out. Rates are spike counts per time, which is right here because noise makes them averages over
+    time; a noise-free rate comes from the interval instead.
 
     Parameters
     ----------
@@ -224,7 +224,7 @@ def firing_statistics(
 
 
 def _mean_and_error(runs: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Mean over the runs that have a value, and its standard error, along the last axis."""
+    """Return the mean over the runs that have a value, and its standard error, along the last axis."""
     known = np.isfinite(runs)
     n = known.sum(axis=-1)
     mean = np.where(known, runs, 0.0).sum(axis=-1) / n
@@ -252,7 +252,7 @@ class _Walk:
         return cls(cells, state.copy(), noise, rng, step, state[0] < REARM_VOLTAGE)
 
     def advance(self, extra: float, extra_later: float) -> tuple[NDArray[np.bool_], FloatArray]:
-        """One SRA1 step; who spiked in it, and at which part of it.
+        """Take one SRA1 step; return which cells spiked, and at which fraction of the step.
 
         ``extra`` is the current beyond the cells' own [µA/cm²] at the step's start, ``extra_later`` at 3/4 of it.
         """

@@ -4,7 +4,7 @@ Over the box of the multipliers, the rheobase, the rate just above it and the co
 (:class:`~.firing.RateCurve`) are smooth: each is one polynomial of bounded total degree in the multipliers, so that a
 vector's curve costs one row of a matrix product. In a thin corner of the Connor-Stevens box firing begins at a jump
 instead of a fold (model.md 7). Its border is one more polynomial; a channel vector beyond it gets its own exact curve.
-Vectors outside the box are refused, never extrapolated.
+Vectors outside the box raise an error; nothing is extrapolated.
 
 The tables are built and measured by ``python -m softness_bayes.tools.surface_build``.
 """
@@ -52,14 +52,14 @@ class TotalDegree:
         return np.array([e for e in every if sum(e) <= self.degree]).T
 
     def basis(self, x: FloatArray) -> FloatArray:
-        """Values of all products at points of shape (variables, n), shape (n, terms)."""
+        """Return the values of all products at points of shape (variables, n), shape (n, terms)."""
         return np.ascontiguousarray(_products(chebyshev_values(x, self.degree + 1), self.exponents).T)
 
 
 class Summed:
-    """A polynomial of some total degree, without making its products: those of all variables but the last suffice.
+    """A polynomial of some total degree, evaluated from the products of all variables but the last.
 
-    Degree by degree of the last variable, what multiplies it is a polynomial of a lower degree in the others.
+    Each power of the last variable is multiplied by a polynomial of a lower degree in the others.
 
     Parameters
     ----------
@@ -80,7 +80,7 @@ class Summed:
             self._parts.append(np.ascontiguousarray(coefficients[chosen]))
 
     def __call__(self, x: FloatArray) -> FloatArray:
-        """Values of the polynomials at points of shape (variables, n), shape (n, columns)."""
+        """Return the values of the polynomials at points of shape (variables, n), shape (n, columns)."""
         values = chebyshev_values(x, self._degree + 1)
         product = _products(values[:, :-1], self._exponents).T
         total = product @ self._parts[0]
@@ -90,7 +90,7 @@ class Summed:
 
 
 def _products(values: FloatArray, exponents: NDArray[np.intp]) -> FloatArray:
-    """Products, shape (terms, n), of polynomials of each variable, shape (orders, variables, n)."""
+    """Return products, shape (terms, n), of polynomials of each variable, shape (orders, variables, n)."""
     product = values[exponents[0], 0]
     for k, exponent in enumerate(exponents[1:], 1):
         product *= values[exponent, k]
@@ -104,7 +104,7 @@ class FiringSurface:
     Parameters
     ----------
     design : Design
-        What it was made from.
+        Inputs that the surface was made from.
     table : ndarray, shape (terms, 2 + nodes)
         Polynomial coefficients of the rheobase [µA/cm²], the onset rate [Hz] and the coefficients of the curve.
     border : ndarray, shape (terms,)
@@ -121,7 +121,7 @@ class FiringSurface:
 
     @classmethod
     def load(cls, membrane: Membrane = CONNOR_STEVENS) -> FiringSurface:
-        """Surface of a membrane from the shipped tables.
+        """Return the surface of a membrane from the shipped tables.
 
         Raises
         ------
@@ -181,17 +181,17 @@ class FiringSurface:
 
     @cached_property
     def _plane_below_border(self) -> tuple[float, FloatArray]:
-        """Intercept and slopes of a plane that the border's polynomial nowhere falls below: what T_k can take off."""
+        """Intercept and slopes of a plane below the border's polynomial everywhere, from the bounds of T_k."""
         exponents = self._border_terms.exponents
         order = exponents.sum(axis=0)
         slopes = exponents[:, order == 1] @ self.border[order == 1]
         return float(self.border[order == 0].sum() - np.abs(self.border[order > 1]).sum()), slopes
 
     def corner(self, place: FloatArray) -> NDArray[np.bool_]:
-        """Whether places of shape (axes, n) lie in the corner, or in the strip beside it that counts as the corner."""
+        """Return whether places of shape (axes, n) lie in the corner or in the strip beside it, which counts too."""
         found = np.zeros(place.shape[1], dtype=bool)
         if self.design.border is not None:
-            # the polynomial is asked only where the plane below it leaves a doubt
+            # the polynomial is evaluated only where the plane below it does not decide
             intercept, slopes = self._plane_below_border
             near = np.flatnonzero(intercept + slopes @ place[[0, 2, 3]] - place[1] < self.design.border.margin)
             if near.size:
@@ -199,18 +199,18 @@ class FiringSurface:
         return found
 
     def rheobase_shift(self, channels: Channels) -> FloatArray:
-        """Change of the rheobase from that at the box's centre [µA/cm²], to second order."""
+        """Return the change of the rheobase from that at the box's centre [µA/cm²], to second order."""
         shape, place = self._places(channels)
         gradient, matrix = self._quadratic_rheobase
         return (gradient @ place + (place * (matrix @ place)).sum(axis=0)).reshape(shape)
 
     def _places(self, channels: Channels) -> tuple[tuple[int, ...], FloatArray]:
-        """Batch shape of channel vectors, and their places, shape (axes, n), wherever they lie."""
+        """Return the batch shape of channel vectors and their places, shape (axes, n), inside the box or not."""
         values = np.broadcast_arrays(*(np.asarray(c, float) for c in channels))
         return values[0].shape, self.design.place(np.array([v.reshape(-1) for v in values]))
 
     def answers(self, channels: Channels) -> NDArray[np.bool_]:
-        """Whether channel vectors lie in the box and out of the corner, of their batch shape."""
+        """Return whether channel vectors lie in the box and out of the corner, of their batch shape."""
         shape, place = self._places(channels)
         inside = np.flatnonzero((np.abs(place) <= 1.0 + _AT_THE_EDGE).all(axis=0))
         found = np.zeros(place.shape[1], dtype=bool)
@@ -218,13 +218,13 @@ class FiringSurface:
         return found.reshape(shape)
 
     def before_corner(self, place: FloatArray) -> FloatArray:
-        """How far places of shape (axes, n) are from the corner's border along ``c_K``; negative in the corner."""
+        """Return distances from the corner's border along ``c_K``, negative in it, at places of shape (axes, n)."""
         if self.design.border is None:
             return np.full(place.shape[1], np.inf)
         return self._border_terms.basis(place[[0, 2, 3]]) @ self.border - place[1]
 
     def curve(self, channels: Channels) -> RateCurve:
-        """Rate curves of channel vectors.
+        """Return rate curves of channel vectors.
 
         Parameters
         ----------
@@ -248,7 +248,7 @@ class FiringSurface:
         return RateCurve(values[..., 0], values[..., 1], values[..., 2:], self.max_current, self.error)
 
     def curves(self, parameters: Driven) -> RateCurve:
-        """Rate curves of parameter vectors, of their batch shape.
+        """Return rate curves of parameter vectors, of their batch shape.
 
         Raises
         ------
@@ -282,14 +282,14 @@ class FiringSurface:
 
 @dataclass(frozen=True)
 class ExactRates:
-    """Rate curves through exact rates of every parameter vector, each up to its alpha: milliseconds for each.
+    """Rate curves through exact rates, one for each parameter vector up to its alpha; each takes milliseconds.
 
     Parameters
     ----------
     membrane : Membrane
         Constants.
     near : FiringSurface, optional
-        Surface near whose rheobase firing is looked for first, which saves most of the search.
+        Surface whose rheobase is where the search begins, which saves most of it.
     """
 
     membrane: Membrane
@@ -297,7 +297,7 @@ class ExactRates:
     noise = 0.0
 
     def curves(self, parameters: Driven) -> RateCurve:
-        """Rate curves of parameter vectors, of their batch shape."""
+        """Return rate curves of parameter vectors, of their batch shape."""
         values = np.broadcast_arrays(*(getattr(parameters, name) for name in (*Channels._fields, "alpha")))
         *multipliers, alpha = (np.asarray(v, float).reshape(-1) for v in values)
         channels = Channels(*multipliers)

@@ -1,4 +1,4 @@
-"""What the firing-rate surfaces are made from: one declared design for each membrane."""
+"""Designs of the firing-rate surfaces: the declared inputs of each membrane's surface."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class Border:
     points : int
         Points that the polynomial is fitted to.
     distance : float
-        Root of the current above the fold at which firing decides [sqrt(µA/cm²)].
+        Root of the current above the fold at which the cell is tested for firing [sqrt(µA/cm²)].
     margin : float
         Strip beside the border that counts as the corner, in units of the box's half-width.
     """
@@ -86,7 +86,7 @@ class Design:
 
     @property
     def axes(self) -> list[int]:
-        """Multipliers that matter, as indices into ``Channels``: without an A-current, ``c_A`` does not."""
+        """Multipliers that have an effect, as indices into ``Channels``: ``c_A`` has none without an A-current."""
         return [0, 1, 2, 3] if self.membrane.gating.a_current else [0, 1, 2]
 
     @property
@@ -96,7 +96,7 @@ class Design:
         return 2.0 * (self.closest + (1.0 - self.closest) * share) - 1.0
 
     def place(self, channels: FloatArray) -> FloatArray:
-        """Where multipliers of shape (4, n) lie in the box, in units of its half-width, shape (axes, n)."""
+        """Return the places in the box of multipliers of shape (4, n), in units of its half-width, shape (axes, n)."""
         return (np.asarray(channels)[self.axes] / self._centre - 1.0) / self.half_width
 
     @cached_property
@@ -104,13 +104,13 @@ class Design:
         return np.array(self.channels)[self.axes, None]
 
     def channels_at(self, place: FloatArray) -> Channels:
-        """Multipliers at places of shape (axes, n); one that does not matter is that of the centre."""
+        """Return multipliers at places of shape (axes, n); one without effect keeps the centre's value."""
         full = np.zeros((4, place.shape[1]))
         full[self.axes] = place
         return Channels(*(np.array(self.channels)[:, None] * (1.0 + self.half_width * full)))
 
     def interval(self, channel: str) -> tuple[float, float]:
-        """Smallest and largest value of a multiplier in the box."""
+        """Return the smallest and largest value of a multiplier in the box."""
         centre = self.channels[Channels._fields.index(channel)]
         return centre * (1 - self.half_width), centre * (1 + self.half_width)
 
@@ -122,7 +122,7 @@ class Design:
 
 
 def _declared(value: Any) -> Any:
-    """Numbers and words alone: what is derived from them (private fields) left out."""
+    """Return declared numbers and text, without the private fields that are derived from them."""
     if isinstance(value, dict):
         return {key: _declared(item) for key, item in value.items() if not key.startswith("_")}
     return value
@@ -141,9 +141,9 @@ DESIGNS: Mapping[str, Design] = MappingProxyType(
 
 NO_SURFACE: Mapping[str, str] = MappingProxyType(
     {
-        PRINTED.name: "which is silent up to 38 µA/cm² whatever they are, almost twice the paper's largest current, "
+        PRINTED.name: "which is silent up to 38 µA/cm² for all multipliers, almost twice the paper's largest current, "
         "and begins to fire in more ways than one"
     }
 )
-"""Why there is none for a membrane. The printed one begins at 39 to 67 µA/cm² where orbits fold, but in another way
-over a fiftieth of the box."""
+"""The reason why a membrane has no surface. The printed membrane begins to fire at 39 to 67 µA/cm² at a fold of
+orbits, but in another way over a fiftieth of the box."""

@@ -70,7 +70,7 @@ class Cells:
 
     @classmethod
     def of(cls, membrane: Membrane, channels: Channels, current: FloatArray) -> Cells:
-        """Cells with multipliers and currents of one shape (n,)."""
+        """Return cells with multipliers and currents of one shape (n,)."""
         c_na, c_k, c_l, c_a = channels
         gated = [c_na * membrane.g_na, c_k * membrane.g_k]
         if membrane.gating.a_current is not None:
@@ -81,11 +81,11 @@ class Cells:
         return len(self.leak)
 
     def take(self, index: NDArray[np.intp] | NDArray[np.bool_]) -> Cells:
-        """The cells at ``index``."""
+        """Return the cells at ``index``."""
         return Cells(self.membrane, self.conductance[:, index], self.leak[index], self.current[index])
 
     def slope(self, state: FloatArray) -> FloatArray:
-        """Time derivative of the state [mV/ms and 1/ms], same shape."""
+        """Return the time derivative of the state [mV/ms and 1/ms], same shape."""
         voltage, gates = state[0], state[1:]
         opening, total = self.membrane.gating.rates(voltage)
         slope = np.empty_like(state)
@@ -99,7 +99,7 @@ class Cells:
         return slope
 
     def linearise(self, state: FloatArray) -> ArrowJacobian:
-        """The derivative of :meth:`slope` by the state."""
+        """Return the derivative of :meth:`slope` by the state."""
         voltage, gates = state[0], state[1:]
         _, total, opening_slope, total_slope = self.membrane.gating.rates_and_slopes(voltage)
         conductance = (self.conductance * open_fractions(gates)).sum(axis=0) + self.leak
