@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-import os
-import zlib
+import subprocess
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from softness_bayes.cli import main
 from softness_bayes.touch.neuron.firing import CurveError, RateCurve
 from softness_bayes.touch.parameters import TouchParameters
-
-SEED = int(os.environ.get("SOFTNESS_BAYES_SEED", "20240611"))
+from support.paths import SHARED
+from support.randomness import SEED, generator_of
 
 
 def pytest_report_header() -> str:
@@ -23,15 +23,27 @@ def pytest_report_header() -> str:
 @pytest.fixture
 def rng(request: pytest.FixtureRequest) -> np.random.Generator:
     """A generator of the test's own: the same numbers whichever tests run beside it."""
-    return np.random.default_rng([SEED, zlib.crc32(request.node.nodeid.encode())])
+    return generator_of(request.node.nodeid)
+
+
+@pytest.fixture
+def here(capsys):
+    """Call a verb in this process, which takes no second to start."""
+
+    def call(*arguments):
+        with pytest.raises(SystemExit) as end:
+            main([str(argument) for argument in arguments], prog_name="softness-bayes")
+        written = capsys.readouterr()
+        return subprocess.CompletedProcess(arguments, end.value.code or 0, written.out, written.err)
+
+    return call
 
 
 @pytest.fixture(scope="session")
 def shared() -> Path:
-    path = Path(__file__).resolve().parents[2] / "shared"
-    if not path.is_dir():
+    if not SHARED.is_dir():
         pytest.skip("the shared reference data are not beside the project")
-    return path
+    return SHARED
 
 
 @dataclass(frozen=True)

@@ -14,10 +14,10 @@ from typing import NamedTuple
 
 import mpmath
 import numpy as np
-import plain_chain
-from plain_chain import RootLaw, Touch
 
 import softness_bayes
+from oracles import plain_chain
+from oracles.plain_chain import RootLaw, Touch
 from softness_bayes.likelihood.design import Design
 from softness_bayes.likelihood.magnitude import LogRatings, RatingParameters
 from softness_bayes.touch.contact import Finger, Force, Indentation, solve_contact

@@ -6,13 +6,12 @@ import ast
 import subprocess
 import sys
 from graphlib import TopologicalSorter
-from pathlib import Path
 
 import pytest
 
-import softness_bayes
+from support.modules import MODULES, imports
+from support.paths import ROOT
 
-ROOT = Path(softness_bayes.__file__).parent
 LAYERS = (
     {"errors"},
     {"ranges", "files"},
@@ -47,32 +46,6 @@ PROGRAMS = {
     "tools.surface_build",
 }
 """Run with ``python -m``, beside the command line: they may print, and nothing imports them."""
-
-
-def modules():
-    """Return every module below the package itself: dotted name (without the package's) and syntax tree."""
-    found = {}
-    for path in sorted(ROOT.rglob("*.py")):
-        parts = path.relative_to(ROOT).with_suffix("").parts
-        name = ".".join(part for part in parts if part != "__init__")
-        if name:
-            found[name] = ast.parse(path.read_text(encoding="utf-8"), str(path))
-    return found
-
-
-MODULES = modules()
-
-
-def imports(tree):
-    """Return every name that a module imports, anywhere in it, as absolute dotted names."""
-    names = set()
-    for node in ast.walk(tree):
-        if isinstance(node, ast.Import):
-            names |= {alias.name for alias in node.names}
-        elif isinstance(node, ast.ImportFrom):
-            assert node.level == 0, "imports are absolute"
-            names |= {f"{node.module}.{alias.name}" for alias in node.names}
-    return names
 
 
 def own_imports(tree):
@@ -175,3 +148,20 @@ def test_import_is_cheap(module, also):
     code = f"import sys, {module}; print([name for name in {heavy} if name in sys.modules])"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"
+
+
+# the tests themselves
+
+TESTS = {path.relative_to(ROOT / "tests"): path for path in (ROOT / "tests").rglob("*.py")}
+
+
+def test_folders_of_tests_are_rooms_of_the_package():
+    folders = {".".join(path.parent.parts) for path in TESTS if path.name.startswith("test_")} - {""}
+    assert folders <= RANK.keys()
+
+
+@pytest.mark.parametrize("path", TESTS, ids=str)
+def test_no_test_imports_another_test(path):
+    """What two tests need is in `support`, or a fixture of conftest.py."""
+    named = {part for name in imports(ast.parse(TESTS[path].read_text(encoding="utf-8"))) for part in name.split(".")}
+    assert not named & {other.stem for other in TESTS if other.name.startswith("test_") or other.stem == "conftest"}

@@ -239,16 +239,15 @@ class StandardisedRatings:
         variance, slope, precision = (v[..., None] for v in (fit.variance, fit.slope, fit.precision))
         along = fit.centre[..., None] * n / (n + variance)
         intercept = (self._mean - slope * fit.centre[..., None]) * n / (n + variance)
-        # variance of the fitted value, and its covariance with c1: of conditions, then of their rows
-        reach = (fit.drive - along) / precision
-        fitted_variance = variance / (n + variance) + reach**2 * precision
-        left = variance - fitted_variance
+        # variance of the fitted value, and its covariance with c1, of every row: a condition without one has no part
         row = self.design.condition
-        residual = (self.ratings - (intercept + slope * fit.drive)[..., row]) * (variance / left)[..., row]
-        sd = np.sqrt(variance**2 / left)[..., row]
-        without = slope - reach[..., row] * residual / variance
-        spread = np.sqrt(1.0 / precision + reach**2 / left)[..., row]
-        correlation = (reach * variance / left)[..., row] / (sd * spread)
+        reach = ((fit.drive - along) / precision)[..., row]
+        left = variance - (variance / (n + variance) + reach**2 * precision)
+        residual = (self.ratings - (intercept + slope * fit.drive)[..., row]) * (variance / left)
+        sd = np.sqrt(variance**2 / left)
+        without = slope - reach * residual / variance
+        spread = np.sqrt(1.0 / precision + reach**2 / left)
+        correlation = reach * variance / left / (sd * spread)
         return _Alone(residual / sd, sd, without / spread, correlation, fit.deviate)
 
     def draw_effects(self, rng: np.random.Generator, mean_rate: FloatArray, parameters: RatingParameters) -> Line:

@@ -154,5 +154,5 @@ MOVES: Moves = (
 """In the coordinates of the learnt map.
 
 emcee's snooker move is not among them: up to emcee 3.1.6 its acceptance takes half of the Jacobian's exponent,
-which narrows what it samples (`tests/test_invariance.py` shows both).
+which narrows what it samples (`tests/sampler/test_invariance.py` shows both).
 """

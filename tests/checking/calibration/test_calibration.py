@@ -1,0 +1,560 @@
+"""Simulation-based calibration: a right model passes, and every wrong one that is offered is found out.
+
+The statistics are tested on a normal model whose posterior is drawn exactly; the fits on the fake scene; the
+files and the resuming on both.
+"""
+
+import json
+import math
+import os
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pandas as pd
+import pytest
+from click.testing import CliRunner
+from scipy.special import expit
+from scipy.stats import norm
+
+from softness_bayes.checking.calibration.power import Alarm, power, rank_law
+from softness_bayes.checking.calibration.quantities import LOG_LIKELIHOOD, PARTICIPANT, PARTICIPANTS, quantities
+from softness_bayes.checking.calibration.ranks import (
+    DRAWS,
+    FALSE_ALARM,
+    Calibration,
+    Replicate,
+    independent,
+    ranks,
+    replicate,
+    right,
+)
+from softness_bayes.checking.calibration.words import coverage_sentence, verdict
+from softness_bayes.checking.inflection import LEAST_DROP, curve_scene
+from softness_bayes.checking.uniformity import simultaneous_band
+from softness_bayes.cli import main
+from softness_bayes.data import Fabrics
+from softness_bayes.errors import InputError, LockedError
+from softness_bayes.files.lock import Lock
+from softness_bayes.likelihood.magnitude import INVERSE, LogRatings, RatingModel
+from softness_bayes.parameters.declared import PARAMETERS
+from softness_bayes.plotting.calibration import rank_ecdf_figure
+from softness_bayes.runs.calibrate import LONG, Calibrated, CalibrationScene, calibrate, finished
+from softness_bayes.runs.run import RunOptions
+from softness_bayes.sampler.chains import Chains
+from softness_bayes.sampler.diagnostics import Goal, look
+from softness_bayes.sampler.sampling import Sampled, Settings
+from softness_bayes.sampler.workers import Workers
+from softness_bayes.touch.neuron.membrane import PAPER_CHANNELS
+from support.fake_scene import fake_posterior
+from support.paths import ROOT
+
+# exact posteriors: slope and intercept of a line, known noise
+
+
+def line(rng, count, noise=1.0, sign=1.0, width=1.0):
+    """Ranks of slope ~ N(1, 0.3²) and intercept ~ N(0, 1), whose fit may be wrong about noise, sign or width."""
+    x, prior_mean, prior_sd = np.linspace(-1, 1, 12), np.array([1.0, 0.0]), np.array([0.3, 1.0])
+    found = []
+    for _ in range(count):
+        truth = prior_mean + prior_sd * rng.standard_normal(2)
+        y = truth[0] * x + truth[1] + rng.standard_normal(x.size)
+        columns = np.column_stack([sign * x, np.ones_like(x)])
+        precision = columns.T @ columns / noise**2 + np.diag(prior_sd**-2)
+        mean = np.linalg.solve(precision, columns.T @ y / noise**2 + prior_mean / prior_sd**2)
+        root = np.linalg.cholesky(np.linalg.inv(precision))
+        draws = mean + width * rng.standard_normal((DRAWS, 2)) @ root.T
+
+        def log_likelihood(theta, columns=columns, y=y):
+            return -0.5 * ((y - theta @ columns.T) ** 2).sum(axis=-1) / noise**2
+
+        everything = np.column_stack([draws, log_likelihood(draws)])
+        found.append(ranks(np.append(truth, log_likelihood(truth)), everything, rng))
+    return Calibration(("slope", "intercept", LOG_LIKELIHOOD), np.array(found))
+
+
+def test_a_right_model_passes_nearly_always(rng):
+    alarms = [bool(line(rng, 60).faults()) for _ in range(60)]
+    assert np.mean(alarms) <= 0.05
+
+
+@pytest.mark.parametrize(
+    ("mistake", "word"),
+    [
+        ({"width": 0.8}, "too narrow"),
+        ({"noise": 0.7}, "too narrow"),
+        ({"noise": 1.4}, "too wide"),
+        ({"sign": -1.0}, "slope"),
+    ],
+    ids=["posterior narrowed by 20 %", "variance too small", "variance too large", "wrong sign"],
+)
+def test_a_wrong_model_does_not(rng, mistake, word):
+    found = [line(rng, 200, **mistake).faults() for _ in range(8)]
+    assert all(found)
+    assert word in " ".join(found[0])
+
+
+def test_a_prior_of_the_wrong_width_is_found(rng):
+    """Truths that spread more than the prior says."""
+    calibration = line(rng, 200)
+    wide = calibration.rank.copy()
+    wide[::3, 0] = np.where(wide[::3, 0] > 50, DRAWS, 0)
+    assert replace(calibration, rank=wide).faults()
+
+
+def test_judgement_of_exact_ranks():
+    every = np.repeat(np.arange(DRAWS + 1), 3)[:, None]
+    judged = Calibration(("x",), every).judge()["x"]
+    assert judged.uniform_p > 0.999
+    assert judged.spread == pytest.approx(1)
+    assert judged.spread_p > 0.5
+
+
+def test_a_right_model_raises_the_alarm_as_seldom_as_is_said(rng):
+    """Whole tables of independent quantities, by the rule that the stated power is simulated with."""
+    names, size, tables = 9, 60, 6000
+    alarm = Alarm(size, DRAWS, FALSE_ALARM / (2 * names))
+    rank = rng.integers(DRAWS + 1, size=(names * tables, size))
+    alarms = alarm.raised(rank).reshape(tables, names).any(axis=1).mean()
+    assert 0.0 < alarms < FALSE_ALARM + 3 * math.sqrt(FALSE_ALARM / tables)
+
+
+def test_the_simulated_rule_is_the_verdicts(rng):
+    """The same tables, some at fault, judged one by one and all at once."""
+    z = rng.standard_normal((60, 80)) * np.linspace(0.6, 1.7, 60)[:, None] + rng.normal(0, 0.3, 60)[:, None]
+    rank = np.floor(norm.cdf(z) * (DRAWS + 1)).astype(int)
+    calibration = Calibration(("x", "y"), np.zeros((80, 2), int))
+    one_by_one = []
+    for row in rank:
+        judged = Calibration(("x",), row[:, None]).judge()["x"]
+        one_by_one.append(min(judged) < calibration.threshold)
+    assert 10 < sum(one_by_one) < 50
+    np.testing.assert_array_equal(Alarm(80, DRAWS, calibration.threshold).raised(rank), one_by_one)
+
+
+def ranked(rng, tables, size, width=1.0, shift=0.0):
+    """Ranks of a truth among draws of a normal posterior, drawn and counted."""
+    truth, draws = rng.standard_normal((tables, size, 1)), rng.standard_normal((tables, size, DRAWS))
+    return (draws < width * truth + shift).sum(axis=-1)
+
+
+def test_the_stated_fault_is_found_nine_times_in_ten(rng):
+    """In other tables, made of truths and draws themselves."""
+    size, tables = 60, 600
+    calibration = Calibration(("x", "y", "z"), np.zeros((size, 3), int))
+    width, shift = calibration.least_width, calibration.least_shift
+    assert 1.2 < width.value < 1.6
+    assert 0.3 < shift.value < 0.8
+    assert max(width.error, shift.error) < 0.01
+    alarm = Alarm(size, DRAWS, calibration.threshold)
+    for fault in ({"width": width.value}, {"shift": shift.value}, {"shift": -shift.value}):
+        found = alarm.raised(ranked(rng, tables, size, **fault)).mean()
+        assert found == pytest.approx(0.9, abs=4 * math.sqrt(0.09 / tables))
+    # half of either is found far less often
+    for fault in ({"width": 0.5 + 0.5 * width.value}, {"shift": 0.5 * shift.value}):
+        assert alarm.raised(ranked(rng, tables, size, **fault)).mean() < 0.5
+
+
+def test_power_of_the_default_calibration():
+    """What an independent audit found for 14 quantities: 28 % at 1.17, 73 % at 1.25."""
+    threshold = FALSE_ALARM / 28
+    assert power(200, DRAWS, threshold, width=1.17) == pytest.approx(0.28, abs=0.04)
+    assert power(200, DRAWS, threshold, width=1.25) == pytest.approx(0.73, abs=0.04)
+    assert power(200, DRAWS, threshold) < 0.005
+
+
+def test_the_law_of_ranks(rng):
+    np.testing.assert_allclose(rank_law(DRAWS), 1 / (DRAWS + 1), rtol=1e-6)
+    found = np.bincount(ranked(rng, 1, 40_000, 1.4, 0.3)[0], minlength=DRAWS + 1) / 40_000
+    np.testing.assert_allclose(found, rank_law(DRAWS, 1.4, 0.3), atol=0.004)
+    assert np.abs(found - 0.01).max() > 0.01
+
+
+def test_more_replicates_see_smaller_faults():
+    few, more = (Calibration(("x",), np.zeros((size, 1), int)) for size in (20, 120))
+    assert few.least_width.value > 1.5 > more.least_width.value
+    assert few.least_shift.value > more.least_shift.value
+    assert (few.enough, more.enough) == (False, True)
+    assert 20 < few.needed <= 120
+    assert not math.isfinite(Calibration(("x",), np.zeros((1, 1), int)).least_width.value)
+
+
+def test_coverage_counts_ranks():
+    rows = Calibration(("x",), np.repeat(np.arange(DRAWS + 1), 2)[:, None]).coverage()
+    assert [(row["mass"], row["expected"]) for row in rows] == [(0.5, 0.5), (0.8, 0.8), (0.9, 0.9), (0.95, 0.96)]
+    assert all(row["share"] == row["expected"] for row in rows)
+    assert all(row["low"] < row["share"] < row["high"] for row in rows)
+    off = Calibration(("x",), np.zeros((50, 1), int)).coverage()
+    assert all(row["covered"] == 0 for row in off)
+
+
+def test_shares_outside_their_limits_are_as_many_as_chance_has(rng):
+    def outside(rank):
+        words = coverage_sentence(Calibration(("x",), rank)).split()
+        assert words[2] == "4"
+        return int(words[0]), sum(row["outside"] for row in Calibration(("x",), rank).coverage())
+
+    found = np.array([outside(rng.integers(DRAWS + 1, size=(70, 1))) for _ in range(400)])
+    assert 0.05 < found[0, 1] < 0.2  # of four, at 5 % or less
+    assert found[:, 0].mean() == pytest.approx(found[0, 1], abs=4 * found[:, 0].std() / 20)
+    # intervals 1.5 times too narrow
+    assert outside(ranked(rng, 1, 70, width=1.5).T)[0] >= 3
+
+
+def test_ranks_break_ties_evenly(rng):
+    found = [int(ranks(np.array([2.0]), np.array([[1.0], [2.0], [2.0], [3.0]]), rng)[0]) for _ in range(600)]
+    assert np.bincount(found, minlength=5).tolist()[0] == 0
+    assert np.abs(np.bincount(found, minlength=5)[1:4] - 200).max() < 60
+    assert ranks(np.array([2.5, 0.0]), np.array([[1.0, 1.0], [2.0, 1.0]]), rng).tolist() == [2, 0]
+
+
+def test_draws_are_taken_a_tau_apart(rng):
+    steps = np.arange(800.0)
+    coordinates = np.tile(steps[None, :, None, None], (2, 1, 10, 1)) + 0.1 * rng.standard_normal((2, 800, 10, 1))
+    noise = rng.standard_normal((2, 800, 10, 1)).cumsum(axis=1)
+    verdict = look(("x",), noise - noise.mean(axis=1, keepdims=True))
+    chains = Chains(coordinates, coordinates[..., 0], np.zeros((2, 10)), 800)
+    apart = math.ceil(verdict.tau.max())
+    assert apart > 5
+    taken = independent(Sampled(chains, verdict), DRAWS, rng)
+    assert taken.shape == (DRAWS, 1)
+    times = np.unique(taken.round())
+    assert (np.diff(times) % apart == 0).all()
+    assert times.min() >= verdict.burn_in
+
+
+# fits of the fake scene
+
+
+CHAIN = {"b": 100.0, "m": 2.0, "alpha": 20.3, "beta": 0.6, "sigma_0": 9.0}
+QUICK = Settings(
+    ensembles=2,
+    pilot=(60,),
+    optima=1,
+    round_steps=60,
+    max_steps=1500,
+    processes=1,
+    goal=Goal(lengths=20.0, tau_change=math.inf, r_hat=1.05, ess=150.0, looks=1),
+)
+
+
+class Powered(LogRatings):
+    """A likelihood raised to a power: as if the variances were another multiple of what they are."""
+
+    power = 4.0
+
+    def log_likelihood(self, *arguments):
+        return self.power * super().log_likelihood(*arguments)
+
+
+class Narrowed(Powered):
+    """Posteriors narrower by 20 %, where the prior says little."""
+
+    power = 0.8**-2
+
+
+def wrong_variance(observation):
+    return Powered(observation.ratings, observation.design, observation.model)
+
+
+def narrowed(observation):
+    return Narrowed(observation.ratings, observation.design, observation.model)
+
+
+def wrong_sign(observation):
+    return LogRatings(observation.ratings, observation.design, RatingModel(INVERSE))
+
+
+def fits(assume, count, processes=1):
+    posterior = fake_posterior(fix=CHAIN, priors={"eps": PARAMETERS["eps"].prior})
+    with Workers(posterior, processes) as workers:
+        return Calibration.of(workers.map(replicate, [(QUICK, 5, k, assume) for k in range(count)]))
+
+
+def test_fits_of_the_fake_scene_are_calibrated_and_mistakes_are_seen():
+    calibration = fits(right, 8)
+    assert calibration.names == ("gamma", "tau", "varsigma", "eps", "mu", LOG_LIKELIHOOD, PARTICIPANT, PARTICIPANTS)
+    assert calibration.rank.shape == (8, 8)
+    assert calibration.faults() == []
+    assert any("gamma" in fault for fault in fits(wrong_sign, 5).faults())
+    assert fits(wrong_variance, 5).faults()
+
+
+@pytest.mark.slow
+def test_many_fits_of_the_fake_scene():
+    processes = os.cpu_count() or 1
+    assert fits(right, 150, processes).faults() == []
+    for mistake in (narrowed, wrong_variance, wrong_sign):
+        assert fits(mistake, 150, processes).faults(), mistake.__name__
+
+
+# what is ranked
+
+
+@pytest.fixture(scope="module")
+def pool():
+    """All that is ranked at prior draws of a small scene, of which some turn over and some do not."""
+    small = CalibrationScene(Fabrics(tuple("abcd"), effective_modulus=np.geomspace(5e3, 1e6, 4)), participants=3)
+    posterior = small.posterior(RunOptions(fix=PAPER_CHANNELS._asdict()))
+    rng = np.random.default_rng(5)
+    theta = posterior.space.draw_prior(rng, 1500)
+    parameters, rate = posterior.rating_parameters(theta), posterior.mean_rate(theta)
+    return posterior, theta, quantities(posterior, theta, posterior.observation.draw_effects(rng, rate, parameters))
+
+
+def test_turning_points_are_those_of_the_fine_curve(pool):
+    posterior, theta, found = pool
+    names = ("b", "m", "alpha", "beta", "sigma_0", "gamma", "tau", "varsigma", "eps", "mu", LOG_LIKELIHOOD)
+    places = tuple(f"{what}[{load}]" for what in ("turns", "turning_point_kpa") for load in ("1.5 mm", "2.5 mm"))
+    assert tuple(found) == (*names, PARTICIPANT, PARTICIPANTS, *places)
+    few = slice(0, 40)
+    grid = curve_scene(posterior.scene, 801)
+    rate = grid.total_rate(posterior.space.touch(theta[few])).reshape(40, 2, 801)[:, 1]
+    fine, top = grid.modulus[:801] * 1e-3, rate.argmax(axis=-1)
+    turn, place = found["turns[2.5 mm]"][few], found["turning_point_kpa[2.5 mm]"][few]
+    assert 5 < turn.sum() < 35
+    np.testing.assert_array_equal(place > 0, turn == 1)
+    np.testing.assert_allclose(place[turn == 1], fine[top][turn == 1], rtol=0.05)
+    drop = 1 - np.maximum(rate[:, 0], rate[:, -1]) / np.maximum(rate.max(axis=-1), 1e-9)
+    np.testing.assert_array_equal(turn == 1, (drop >= LEAST_DROP) & (rate.max(axis=-1) > 0))
+
+
+def test_turns_and_their_places_have_uniform_ranks_where_some_have_none(pool, rng):
+    """Truth and draws from one law: whether the truth turns over or not, none is left out."""
+    found = pool[2]
+    names = [name for name in found if name.startswith(("turn", "participant"))]
+    table = np.column_stack([found[name] for name in names])
+    picked = [table[rng.choice(len(table), DRAWS + 1, replace=False)] for _ in range(300)]
+    rank = np.array([ranks(each[0], each[1:], rng) for each in picked])
+    assert Calibration(tuple(names), rank).faults() == []
+    # truths without a turning point left out: those that are left are ranked too high
+    turn, place = names.index("turns[2.5 mm]"), names.index("turning_point_kpa[2.5 mm]")
+    kept = np.array([each[0, turn] == 1 for each in picked])
+    assert 50 < kept.sum() < 250
+    assert Calibration(("place",), rank[kept][:, [place]]).faults()
+
+
+@pytest.mark.parametrize("wrong", [0.0, 1.2], ids=["right", "odds too high"])
+def test_the_probability_of_a_turn_is_held_against_turns(rng, wrong):
+    log_odds = rng.normal(0, 1.5, 300)
+    truth = rng.random(300) < expit(log_odds)
+    draws = rng.random((300, DRAWS)) < expit(log_odds + wrong)[:, None]
+    rank = np.array([ranks(np.array([t]), d[:, None], rng) for t, d in zip(truth, draws, strict=True)])
+    faults = Calibration(("turns",), rank).faults()
+    assert bool(faults) == bool(wrong)
+    assert not wrong or faults[0].startswith("turns (too high")
+
+
+# files
+
+
+@dataclass(frozen=True)
+class FakeCalibration(CalibrationScene):
+    def posterior(self, options):
+        return fake_posterior(fix=CHAIN | {"tau": 0.5, "varsigma": 0.3})
+
+
+BRIEF = replace(QUICK, pilot=(10,), round_steps=10, max_steps=30)
+
+
+def run(directory, count, scene=FakeCalibration(), settings=BRIEF, **options):
+    finished = []
+    done = calibrate(
+        scene, RunOptions(**{"processes": 1, **options}), count, directory, lambda n, one: finished.append(n), settings
+    )
+    return done, finished
+
+
+def test_an_interrupted_calibration_continues(tmp_path):
+    first, finished = run(tmp_path / "a", 2)
+    assert finished == [1, 2]
+    leftover = tmp_path / "a" / "replicates" / f".softness-bayes-{0:032x}.part"
+    leftover.write_text("{")  # of a process that was killed
+    more, finished = run(tmp_path / "a", 3)
+    assert finished == [3]
+    assert [more.replicates[k] for k in (0, 1)] == [first.replicates[k] for k in (0, 1)]
+    # the same as without an interruption, and whatever the number of processes
+    whole, _ = run(tmp_path / "b", 3, processes=2)
+    assert whole.replicates == more.replicates
+    assert len({one.rank for one in whole.replicates.values()}) == 3
+    fewer, finished = run(tmp_path / "a", 1)
+    assert finished == []
+    assert [*fewer.replicates] == [0]
+
+
+def test_another_calibration_is_not_continued(tmp_path):
+    run(tmp_path, 1)
+    with pytest.raises(InputError, match="seed was 0 and is now 1"):
+        run(tmp_path, 2, seed=1)
+    with pytest.raises(InputError, match="participants was 20 and is now 3"):
+        run(tmp_path, 2, scene=FakeCalibration(participants=3))
+    with pytest.raises(InputError, match="fix was"):
+        run(tmp_path, 2, fix={"m": 2.0})
+    (tmp_path / "replicates" / "00000.json").write_text('{"names": ["gamma"]}')
+    with pytest.raises(InputError, match=r"00000\.json: not the file of a replicate"):
+        run(tmp_path, 1)
+    (tmp_path / "manifest.json").write_text("no JSON")
+    with pytest.raises(InputError, match=r"manifest\.json: not the file of a calibration"):
+        run(tmp_path, 1)
+
+
+def test_a_directory_with_something_else_is_refused(tmp_path):
+    (tmp_path / "notes.txt").write_text("mine")
+    with pytest.raises(InputError, match="holds no calibration"):
+        run(tmp_path, 1)
+    assert [path.name for path in tmp_path.iterdir()] == ["notes.txt"]
+    with pytest.raises(InputError, match="expected a whole number from 1 to"):
+        run(tmp_path / "new", 0)
+
+
+def test_what_is_written_says_how_it_went(tmp_path):
+    done, _ = run(tmp_path, 2)
+    done.save(tmp_path)
+    import pandas as pd
+
+    table = pd.read_csv(tmp_path / "ranks.csv", index_col="replicate")
+    assert list(table) == [
+        *("steps", "autocorrelation_time", "converged", "gamma", "mu", LOG_LIKELIHOOD, PARTICIPANT, PARTICIPANTS),
+        *("true_gamma", "true_mu", f"true_{LOG_LIKELIHOOD}", f"true_{PARTICIPANT}", f"true_{PARTICIPANTS}"),
+    ]
+    assert table.index.tolist() == [0, 1]
+    coverage = pd.read_csv(tmp_path / "coverage.csv", index_col=["quantity", "mass"])
+    assert {"expected", "covered", "share", "low", "high", "outside", "uniform_p", "spread_p", "spread"} == {*coverage}
+    assert len(coverage) == 20
+    assert done.unconverged > 0
+    said = f"Not decided: 2 replicates (0 ran longer than 2000 steps, {done.unconverged} did not converge)"
+    assert (tmp_path / "verdict.txt").read_text().startswith(said)
+    assert json.loads((tmp_path / "manifest.json").read_text())["loads"] == ["1.5 mm", "2.5 mm"]
+
+
+def made_up(rank, converged=True, steps=500):
+    return Replicate(("gamma",), (rank,), (1.0,), steps, 5.0, converged)
+
+
+def test_replicates_that_ran_longer_or_did_not_converge_are_counted_and_kept():
+    even = {k: made_up(k) for k in range(100)}
+    fine = Calibrated(even)
+    assert fine.passed
+    said = fine.sentence()
+    assert said.startswith("Calibrated: 100 replicates (0 ran longer than 2000 steps, 0 did not")
+    assert f"A posterior {fine.calibration.least_width.value:.2f} ± 0.01 times too narrow" in said
+    assert f"shifted by {fine.calibration.least_shift.value:.2f} ± 0.01 of its standard deviations" in said
+    late = Calibrated(even | {7: made_up(7, steps=9000), 8: made_up(8, converged=False)})
+    assert not late.passed
+    assert "(1 ran longer than 2000 steps, 1 did not converge)" in late.sentence()
+    assert len(late.ranks()) == 100
+    # the parameter tau and the autocorrelation time are two columns
+    named = Calibrated({0: made_up(3)._replace(names=("tau",))}).ranks()
+    assert named.loc[0, ["tau", "autocorrelation_time"]].tolist() == [3, 5.0]
+    wrong = Calibrated({k: made_up(99) for k in range(100)})
+    assert wrong.sentence().startswith("Not calibrated: 100 replicates")
+    assert "gamma (too " in wrong.sentence()
+
+
+def test_what_is_finished_can_be_judged_and_the_rest_is_named(tmp_path):
+    with pytest.raises(InputError, match="no replicate of a calibration is finished there"):
+        finished(FakeCalibration(), RunOptions(processes=1), 2, tmp_path / "none", BRIEF)
+    done, _ = run(tmp_path / "a", 2)
+    (tmp_path / "a" / "replicates" / "00000.json").unlink()
+    found = finished(FakeCalibration(), RunOptions(processes=1), 3, tmp_path / "a", BRIEF)
+    assert found.replicates == {1: done.replicates[1]}
+    assert found.unfinished == (0, 2)
+    assert "Not decided: 1 of 3 replicates (0 ran longer than 2000 steps, 1 did not converge; unfinished: 0, 2)" in (
+        found.sentence()
+    )
+    with pytest.raises(InputError, match="seed was 0 and is now 1"):
+        finished(FakeCalibration(), RunOptions(processes=1, seed=1), 3, tmp_path / "a", BRIEF)
+    # the slowest are not like the rest: without them nothing is called calibrated
+    assert not replace(Calibrated({k: made_up(k) for k in range(100)}), unfinished=(100,)).passed
+
+
+def test_few_replicates_are_too_few_to_tell():
+    """Six of which half lie outside a 90 % interval raise no alarm, and are not called calibrated."""
+    found = Calibrated({k: made_up(rank) for k, rank in enumerate((1, 2, 40, 55, 60, 98))})
+    assert found.calibration.faults() == []
+    assert next(row for row in found.calibration.coverage() if row["mass"] == 0.9)["share"] == 0.5
+    said = found.sentence()
+    assert said.startswith("Too few replicates to tell: 6 replicates")
+    assert "Calibrated" not in said
+    assert f"To find one 1.5 times too narrow takes about {found.calibration.needed} replicates" in said
+    assert not found.passed
+    alone = Calibrated({0: made_up(3)}).sentence()
+    assert "No fault would have raised an alarm nine times in ten" in alone
+    # few may be enough to see a gross fault
+    assert Calibrated({k: made_up(99) for k in range(12)}).sentence().startswith("Not calibrated: 12 replicates")
+
+
+# figure and command
+
+
+def test_the_figure_shows_the_distribution_function_and_its_band(rng):
+    rank = np.column_stack([rng.integers(DRAWS + 1, size=120), np.zeros(120, int)])
+    figure = rank_ecdf_figure(rank, DRAWS, ["gamma", "mu"])
+    lines = {line.get_gid(): line for axes in figure.axes for line in axes.lines}
+    x, y = lines["ecdf/0"].get_data()
+    np.testing.assert_allclose(y, [(rank[:, 0] < k).mean() - k / 100 for k in range(1, 100)])
+    np.testing.assert_allclose(lines["ecdf/1"].get_ydata(), 1 - x)
+    bands = {area.get_gid() for axes in figure.axes for area in axes.collections}
+    assert bands == {"band/0", "band/1"}
+    assert figure.axes[0].get_title(loc="left") == "gamma"
+    assert figure.axes[1].get_title(loc="left") == "mu: too narrow"
+    for wrong in (rank[:, :1], rank + 5):
+        with pytest.raises(InputError, match="calibration figure"):
+            rank_ecdf_figure(wrong, DRAWS, ["gamma", "mu"])
+
+
+def test_a_curve_leaves_its_band_where_the_verdict_says_so(rng):
+    """Ranks at, and just beyond, what the verdict bears: figure and sentence change sides together."""
+    sides = []
+    for shift in (0.2, 0.45, 0.5, 0.55, 0.9):
+        rank = np.column_stack([ranked(np.random.default_rng(3), 1, 100, shift=shift)[0], rng.integers(100, size=100)])
+        calibration = Calibration(("b", "m"), rank)
+        axes = rank_ecdf_figure(rank, DRAWS, calibration.names).axes[0]
+        (curve,) = (line.get_ydata() for line in axes.lines if line.get_gid() == "ecdf/0")
+        band = simultaneous_band(100, calibration.points, 1 - calibration.threshold)
+        drawn = axes.collections[0].get_datalim(axes.transData)
+        np.testing.assert_allclose([drawn.y0, drawn.y1], [min(band.low - band.points), max(band.high - band.points)])
+        low, high = band.low - band.points - 1e-9, band.high - band.points + 1e-9
+        sides.append(bool(((curve < low) | (curve > high)).any()))
+        assert sides[-1] == (calibration.judge()["b"].uniform_p < calibration.threshold)
+    assert set(sides) == {False, True}
+
+
+def test_the_command_from_end_to_end(tmp_path):
+    held = [f"--fix={name}={value}" for name, value in (CHAIN | {"tau": 0.5, "varsigma": 0.3}).items()]
+    arguments = ["calibrate", "--replicates", "1", "--max-steps", "20", "--processes", "1", *held]
+    done = CliRunner().invoke(main, [*arguments, "--out", str(tmp_path / "out")])
+    assert done.exit_code == 3, done.output
+    assert "Not decided: 1 replicates" in done.output
+    written = {path.name for path in (tmp_path / "out").iterdir()}
+    made = {"manifest.json", "replicates", "ranks.csv", "coverage.csv", "verdict.txt", "ecdf.png"}
+    assert written == {".softness-bayes.json", *made}
+    again = CliRunner().invoke(main, [*arguments, "--seed", "4", "--out", str(tmp_path / "out")])
+    assert again.exit_code == 2
+    assert "seed was 0 and is now 4" in again.output
+
+
+def test_two_processes_do_not_calibrate_in_one_place(tmp_path):
+    run(tmp_path, 1)
+    with Lock(tmp_path / "lock"), pytest.raises(LockedError, match="another run"):
+        run(tmp_path, 2)
+    _, finished = run(tmp_path, 2)
+    assert finished == [2]
+    assert not (tmp_path / "lock").exists()
+
+
+def test_the_kept_calibration_says_what_its_ranks_say():
+    kept = ROOT / "notebooks" / "results" / "calibration"
+    table = pd.read_csv(kept / "ranks.csv", index_col="replicate")
+    names = tuple(name for name in table if f"true_{name}" in table)
+    found = Calibration(names, table[list(names)].to_numpy())
+    assert len(table) >= 200
+    assert table.index.to_list() == list(range(len(table)))
+    assert table["converged"].all()
+    assert found.faults() == []
+    assert found.enough
+    walks = f"{(table['steps'] > LONG).sum()} ran longer than {LONG} steps, 0 did not converge"
+    said = verdict(found, f"{len(table)} replicates ({walks})", decided=True)
+    assert said.startswith(f"Calibrated: {len(table)} replicates")
+    assert (kept / "verdict.txt").read_text(encoding="utf-8") == said + "\n"
+    shares = pd.read_csv(kept / "coverage.csv")["share"].to_numpy()
+    np.testing.assert_allclose(shares, [row["share"] for row in found.coverage()])

@@ -1,0 +1,266 @@
+"""Predictive checks: p-values uniform for data of the model, and a way to fail for every quantity."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from scipy.stats import kstest
+
+from softness_bayes import arviz_bridge
+from softness_bayes.checking.quantities import (
+    QUANTITIES,
+    Additive,
+    Columns,
+    ExponentCheck,
+    Layout,
+    check_exponents,
+    compare,
+    find_turn,
+    joint_limits,
+    loo_pit,
+)
+from softness_bayes.checking.uniformity import uniformity_p_value
+from softness_bayes.likelihood.design import Design
+from softness_bayes.likelihood.magnitude import LogRatings
+from support.made_ratings import (
+    FABRICS,
+    LOAD,
+    LOADS,
+    MODEL,
+    MODULUS,
+    PLAIN,
+    RATE,
+    STEEP,
+    design,
+    layout,
+    ratings,
+    replicates,
+)
+
+BY_NAME = {quantity.name: quantity for quantity in QUANTITIES}
+
+
+def p_values(rng, name, column, sets, assumed_rate=RATE, assumed=PLAIN, **made):
+    quantity, lay = BY_NAME[name], layout()
+    found = []
+    for _ in range(sets):
+        filed = ratings(rng, lay.design, **made)
+        again = replicates(rng, lay, filed, assumed_rate, assumed, quantity.new_participants)
+        found.append(compare(quantity, lay, lay.fit(filed), lay.fit(again))[column].p_value)
+    found = np.array(found)
+    return found[np.isfinite(found)]
+
+
+@pytest.mark.parametrize("name", BY_NAME)
+def test_p_is_uniform_under_the_model(rng, name):
+    found = p_values(rng, name, 0 if BY_NAME[name].columns is Columns.ALL else 1, 120, rate=STEEP, assumed_rate=STEEP)
+    assert found.size > 60
+    if name == "turns over":  # yes or no: right in the mean
+        assert found.mean() == pytest.approx(0.5, abs=0.1)
+    else:
+        assert kstest(found, "uniform").pvalue > 1e-3
+
+
+def heavy(rng, sign):
+    def noise(size):
+        values = rng.standard_normal(size)
+        values[rng.integers(size, size=2)] = sign * 6.0
+        return values
+
+    return noise
+
+
+CONTROLS = {
+    "mean log rating": {"truth": PLAIN._replace(gamma=1.6)},
+    "turns over": {"rate": np.tile(np.geomspace(0.2, 3, FABRICS), LOADS), "assumed_rate": STEEP},
+    "inflection e_fab_kpa": {"rate": np.tile([0.2, 0.7, 1.2, 1.8, 3.0, 1.2], LOADS), "assumed_rate": STEEP},
+    "drop beyond inflection": {"rate": np.tile(np.geomspace(0.2, 3, FABRICS), LOADS), "assumed_rate": STEEP},
+    "participant log mean": {"assumed": PLAIN._replace(tau=0.02)},
+    "spread of participants": {"truth": PLAIN._replace(tau=2.0)},
+    "residual spread": {"truth": PLAIN._replace(varsigma=0.5)},
+    "largest residual / sd": {"noise": +1.0},
+    "smallest residual / sd": {"noise": -1.0},
+}
+
+
+@pytest.mark.parametrize("name", CONTROLS)
+def test_every_quantity_finds_a_model_that_is_wrong_about_it(rng, name):
+    made = dict(CONTROLS[name])
+    if "noise" in made:
+        made["noise"] = heavy(rng, made["noise"])
+    found = p_values(rng, name, 0 if BY_NAME[name].columns is Columns.ALL else 1, 25, **made)
+    assert np.mean(np.minimum(found, 1 - found) < 0.025) > 0.4
+
+
+def test_the_controls_cover_all_quantities():
+    assert {*CONTROLS} == {*BY_NAME}
+
+
+# the fit and the turn by independent means
+
+
+def test_the_additive_fit_is_least_squares(rng):
+    rows = 60
+    who = Design(
+        np.r_[np.arange(12), rng.integers(12, size=rows - 12)], rng.integers(5, size=rows), np.arange(12) % 6, 5
+    )
+    y = rng.normal(3, 1, (2, rows))
+    fit = Layout(who, MODULUS, LOAD).fit(np.exp(y))
+    columns = np.column_stack([np.eye(12)[who.condition], np.eye(5)[who.participant]])
+    for k in range(2):
+        best, *_ = np.linalg.lstsq(columns, y[k], rcond=None)
+        left = y[k] - columns @ best
+        fitted = fit.condition[k][who.condition] + fit.participant[k][who.participant]
+        np.testing.assert_allclose(y[k] - fitted, left, atol=1e-10)
+        assert (fit.smallest[k], fit.largest[k]) == pytest.approx((left.min(), left.max()), abs=1e-10)
+        np.testing.assert_allclose(np.diff(fit.condition[k]), np.diff(best[:12]), atol=1e-10)
+        np.testing.assert_allclose(np.diff(fit.participant[k]), np.diff(best[12:]), atol=1e-10)
+        freedom = rows - np.linalg.matrix_rank(columns)
+        assert fit.sd[k] ** 2 * freedom == pytest.approx(((y[k] - columns @ best) ** 2).sum())
+    assert fit.participant.mean() == pytest.approx(0)
+
+
+def test_participants_and_gaps_do_not_move_the_conditions(rng):
+    """A participant with a large modulus who rated half the table only."""
+    who = design(4)
+    kept = ~((who.participant == 0) & (who.condition % 2 == 0))
+    gaps = dataclasses.replace(who, condition=who.condition[kept], participant=who.participant[kept])
+    level = np.array([4.0, 0.0, 0.1, -0.1])
+    exact = np.linspace(1, 2, 12)[gaps.condition] + level[gaps.participant]
+    fit = Layout(gaps, MODULUS, LOAD).fit(np.exp(exact))
+    np.testing.assert_allclose(np.diff(fit.condition), 1 / 11)
+    np.testing.assert_allclose(fit.participant, level - level.mean(), atol=1e-12)
+
+
+def curve(*means, sd=0.05):
+    """The fit of one data set whose mean ratings are given, under both loads alike."""
+    nothing = np.zeros(0)
+    return Additive(np.tile(np.array(means, float), LOADS), nothing, nothing, nothing, np.array(sd))
+
+
+def test_a_turn_is_the_vertex_of_a_parabola():
+    x = np.log(MODULUS[:FABRICS])
+    place = np.log(5e4)
+    turn = find_turn(layout(), curve(*(3 - 0.2 * (x - place) ** 2)))
+    np.testing.assert_allclose(turn.modulus, 5e4)
+    np.testing.assert_array_equal(turn.interior, [1, 1])
+    heights = -0.2 * (x - place) ** 2
+    np.testing.assert_allclose(turn.drop, heights.max() - heights[-1])
+
+
+def test_a_turn_must_stand_out_of_the_noise():
+    shallow = curve(1.0, 2.0, 3.0, 3.01, 3.0, 2.99)
+    assert find_turn(layout(), shallow).interior.tolist() == [0, 0]
+    assert np.isnan(find_turn(layout(), shallow).modulus).all()
+    assert find_turn(layout(), shallow._replace(sd=np.array(1e-4))).interior.tolist() == [1, 1]
+    rising = find_turn(layout(), curve(1, 2, 3, 4, 5, 6))
+    assert rising.interior.tolist() == [0, 0]
+    assert rising.drop.tolist() == [0, 0]
+
+
+def test_a_falling_scale_turns_at_its_minimum():
+    lay = dataclasses.replace(layout(), sign=-1.0)
+    turn = find_turn(lay, curve(3, 2, 1, 0, 1, 2))
+    assert turn.interior.tolist() == [1, 1]
+    assert turn.drop.tolist() == [2, 2]
+    assert find_turn(layout(), curve(3, 2, 1, 0, 1, 2)).interior.tolist() == [0, 0]
+
+
+def test_two_fabrics_cannot_turn_over():
+    who = Design(np.arange(4), np.zeros(4, int), np.array([0, 1, 0, 1]), 1)
+    lay = Layout(who, np.array([1e4, 1e5, 1e4, 1e5]), np.array([0, 0, 1, 1]))
+    assert np.isnan(np.array(find_turn(lay, lay.fit(np.array([1.0, 2.0, 3.0, 4.0]))))).all()
+
+
+def test_one_rater_of_each_once_has_no_spread_to_judge_by():
+    who = Design(np.arange(6), np.zeros(6, int), np.arange(6), 1)
+    lay = Layout(who, MODULUS[:6], LOAD[:6])
+    fit = lay.fit(np.tile([1.0, 2.0, 4.0, 8.0, 4.0, 2.0], (3, 1)))
+    for quantity in QUANTITIES:
+        values = quantity.of(lay, fit)
+        known = quantity.name in ("mean log rating", "participant log mean")
+        assert np.isfinite(values).all() == known, quantity.name
+        assert np.isfinite(compare(quantity, lay, lay.fit(np.arange(1.0, 7.0)), fit)[0].p_value) == known
+
+
+def test_joint_limits_hold_whole_curves(rng):
+    curves = rng.standard_normal((4000, 1)) * 0.5 + rng.standard_normal((4000, 10))
+    low, high = joint_limits(curves[:2000], 0.9)
+    assert ((curves[2000:] >= low) & (curves[2000:] <= high)).all(axis=1).mean() == pytest.approx(0.9, abs=0.03)
+    # negative control: limits for each column alone hold far fewer
+    alone = np.quantile(curves[:2000], [0.05, 0.95], axis=0)
+    assert ((curves[2000:] >= alone[0]) & (curves[2000:] <= alone[1])).all(axis=1).mean() < 0.7
+
+
+# discrepancies
+
+
+def exponent_check(rng, draws=1, **made):
+    who = design(30)
+    filed = ratings(rng, who, **made)
+    observation = LogRatings(filed, who, MODEL)
+    rate = np.broadcast_to(RATE, (draws, RATE.size))
+    assumed = type(PLAIN)(*(np.full(draws, value) for value in PLAIN))
+    return check_exponents(observation, rate, assumed, observation.draw_effects(rng, rate, assumed))
+
+
+def test_exponents_are_uniform_under_the_model_and_found_when_real(rng):
+    assert kstest([exponent_check(rng).p_value for _ in range(150)], "uniform").pvalue > 1e-3
+    real = exponent_check(rng, draws=300, own=0.3)
+    assert real.p_value < 1e-3
+    assert real.deviation == pytest.approx(0.3 * PLAIN.gamma, rel=0.4)
+    assert "exponents differ" in real.sentence
+    assert "beyond noise" in ExponentCheck(0.5, 0.0).sentence
+
+
+def test_silence_says_nothing_about_exponents(rng):
+    who = design()
+    observation = LogRatings(ratings(rng, who), who, MODEL)
+    silent = np.zeros((3, 12))
+    assumed = type(PLAIN)(*(np.full(3, value) for value in PLAIN))
+    found = check_exponents(observation, silent, assumed, observation.draw_effects(rng, silent, assumed))
+    assert np.isnan(found.p_value)
+    assert "cannot be told" in found.sentence
+
+
+@pytest.mark.parametrize("rating", [20.0, 1e-300, 0.1])
+def test_identical_ratings_have_no_residuals_to_judge(rng, rating):
+    lay = layout()
+    again = replicates(rng, lay, ratings(rng, lay.design))
+    fits = lay.fit(np.full(lay.design.n_rows, rating)), lay.fit(again)
+    found = {name: compare(quantity, lay, *fits)[0] for name, quantity in BY_NAME.items()}
+    assert found["residual spread"].p_value == 1.0
+    for name in ("largest residual / sd", "smallest residual / sd", "turns over", "drop beyond inflection"):
+        assert np.isnan(found[name].observed), name
+        assert np.isnan(found[name].p_value), name
+
+
+def test_loo_pit_is_uniform_under_the_model_only(rng):
+    who, points = design(25), np.arange(1, 50) / 50
+
+    def pit(**made):
+        observation = LogRatings(ratings(rng, who, **made), who, MODEL)
+        draws = type(PLAIN)(*(np.full(100, value) for value in PLAIN))
+        return loo_pit(observation, np.broadcast_to(RATE, (100, 12)), draws)
+
+    # ratings left out in turn balance each other: the test for independent values errs towards silence
+    right = [uniformity_p_value(pit().value, points) for _ in range(30)]
+    assert np.mean(np.array(right) < 0.05) <= 0.05
+    first = [pit().value[0] for _ in range(150)]
+    assert kstest(first, "uniform").pvalue > 1e-3  # each of them is exactly uniform
+    assert uniformity_p_value(pit(truth=PLAIN._replace(varsigma=0.5)).value, points) < 1e-3
+    assert uniformity_p_value(pit(truth=PLAIN._replace(varsigma=0.15)).value, points) < 1e-3
+
+
+def test_loo_weights_leave_the_rating_out(rng):
+    """One unknown, y_i ~ N(theta, 1): weighted draws must follow the posterior of the other ratings."""
+    y = np.array([0.0, 0.5, 2.5])
+    draws = rng.normal(y.mean(), 3**-0.5, 40_000)
+    log_ratio = 0.5 * (y[:, None] - draws) ** 2
+    log_weights, pareto_k = arviz_bridge.psis(log_ratio)
+    np.testing.assert_allclose(np.exp(log_weights).sum(axis=1), 1)
+    others = [np.delete(y, i).mean() for i in range(3)]
+    np.testing.assert_allclose(np.exp(log_weights) @ draws, others, atol=0.05)
+    assert pareto_k.shape == (3,)
+    # negative control: without weights the rating itself pulls
+    assert abs(draws.mean() - others[2]) > 0.5

@@ -1,0 +1,102 @@
+"""Data that hardly say anything, or hardly can be: every verb ends with a statement or an error, never a traceback."""
+
+from __future__ import annotations
+
+import re
+
+import pytest
+
+from support.command_line import HELD, refused, run
+
+HEADER = "participant,fabric,indentation_mm,rating,effective_modulus_kpa\n"
+FABRICS = {"a": 60, "b": 300, "c": 2000}
+CHANNELS = [part for name in ("c_Na", "c_K", "c_L", "c_A") for part in ("--fix", f"{name}={HELD[name]}")]
+
+
+def crossed(people, ratings):
+    """Ratings of the three fabrics by some people, over and over."""
+    cells = [(person, fabric) for person in people for fabric in FABRICS]
+    return HEADER + "".join(
+        f"{person},{fabric},2,{ratings[k % len(ratings)]},{FABRICS[fabric]}\n"
+        for k, (person, fabric) in enumerate(cells)
+    )
+
+
+TABLES = {
+    "one row": HEADER + "P1,a,2,20,100\n",
+    "one participant": crossed(["P1"], ["20", "30", "25"]),
+    "one fabric": HEADER + "P1,a,2,20,100\nP2,a,2,10,100\nP1,a,2,25,100\n",
+    "identical": crossed(["P1", "P2"], ["20"]),
+    "extreme": crossed(["P1", "P2"], ["1e-300", "1e300"]),
+    "silent": HEADER + "P1,a,0.01,20,0.001\nP1,b,0.01,30,0.002\nP2,a,0.01,35,0.001\n",
+    "too large": crossed(["P1"], ["1e400", "3"]),
+    "no modulus": HEADER + "P1,a,2,20,1e-400\n",
+    "header alone": HEADER,
+}
+
+
+@pytest.fixture
+def table(tmp_path):
+    def write(name):
+        path = tmp_path / "ratings.csv"
+        path.write_text(TABLES[name])
+        return path
+
+    return write
+
+
+@pytest.mark.parametrize(
+    ("name", "statement"),
+    [
+        ("one row", "one condition: the response does not vary"),
+        ("one row", "one participant: the spread tau"),
+        ("one participant", "one participant: the spread tau"),
+        ("one fabric", "one condition: the response does not vary"),
+        ("identical", "all ratings are the same"),
+        ("extreme", "from 1e-300 to 1e+300"),
+        ("silent", "E_fab 0.001 to 0.002 kPa"),
+    ],
+)
+def test_check_says_what_the_data_cannot_tell(here, table, name, statement):
+    done = here("check", "--data", table(name))
+    assert done.returncode == 0, done.stderr
+    assert statement in done.stdout
+
+
+@pytest.mark.parametrize(
+    ("verb", "name", "words"),
+    [
+        ("check", "too large", r"row 2, column 'rating': expected a finite number, got '1e400'"),
+        ("check", "no modulus", r"row 2, column 'effective_modulus_kpa': expected a finite number above 0"),
+        ("check", "header alone", r"no row below the header"),
+    ],
+)
+def test_what_cannot_be_is_an_input_error(here, table, verb, name, words):
+    done = here(verb, "--data", table(name))
+    refused(done)
+    assert re.search(words, done.stderr)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["one row", "one participant", "one fabric"])
+def test_a_run_on_them_ends_with_a_verdict(table, tmp_path, name):
+    """Warnings are errors in the process that runs; no number of the report is none."""
+    out = tmp_path / "out"
+    done = run(
+        "sample", "--data", table(name), "--out", out, "--max-steps", 20, "--processes", 1, *CHANNELS, timeout=900
+    )
+    assert done.returncode == 3, done.stderr
+    assert "Traceback" not in done.stderr
+    assert "Warning" not in done.stderr
+    assert not re.search(r"\bnan\b", done.stdout), done.stdout
+    assert (out / "figures" / "rating.png").stat().st_size > 0
+
+
+@pytest.mark.slow
+def test_a_table_under_which_nothing_fires_says_so(table, tmp_path):
+    out = tmp_path / "out"
+    limits = ("--max-steps", 20, "--processes", 1, "--no-figures")
+    done = run("sample", "--data", table("silent"), "--out", out, *limits, *CHANNELS, timeout=900)
+    assert done.returncode == 3, done.stderr
+    assert "the posterior is 100% silent" in done.stdout
+    assert "are the units of moduli and loads right" in done.stdout

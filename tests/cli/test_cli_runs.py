@@ -1,0 +1,266 @@
+"""`status` and `resume`: an interrupted run at the command line, and what is refused there."""
+
+import functools
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from softness_bayes.checkpoints.checkpoint import Checkpoint, Status, read_status
+from softness_bayes.checkpoints.manifest import read_manifest, sealed
+from softness_bayes.cli.resume import _continued
+from softness_bayes.files.lock import Lock
+from softness_bayes.likelihood.magnitude import LogRatings
+from softness_bayes.results.result import Result
+from softness_bayes.runs.run import RunOptions
+from softness_bayes.touch import scene
+from softness_bayes.touch.neuron import fixed_channels
+from support.command_line import FIXED, few_ratings, refused
+from support.full_disk import fill_disk
+from support.paths import ROOT
+
+STEPS = 350
+ASKED = [*FIXED, "--seed", "3", "--no-figures", "--max-steps", STEPS]
+
+
+@pytest.fixture(scope="module", autouse=True)
+def one_curve():
+    """Compute the membrane's one rate curve once."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(fixed_channels, "exact_curve", functools.cache(fixed_channels.exact_curve))
+        yield
+
+
+def begin(directory, *more):
+    """Start a run in a process of its own, which keeps every state, and wait until it has kept some steps."""
+    program = (
+        # a shell that runs the tests in the background has interrupts ignored, by its children too
+        "import signal; signal.signal(signal.SIGINT, signal.default_int_handler); "
+        "from softness_bayes.cli import main; from softness_bayes.checkpoints import checkpoint; "
+        "checkpoint.INTERVAL = 0; "
+        "main(prog_name='softness-bayes')"
+    )
+    arguments = ["sample", "--data", directory / "ratings.csv", "--out", directory / "out", *ASKED, *more]
+    process = subprocess.Popen(
+        [sys.executable, "-W", "error", "-c", program, *map(str, arguments)],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        env=os.environ | {"PYTHONPATH": str(ROOT), "PYTHONUTF8": "1"},
+        start_new_session=True,
+    )
+    while process.poll() is None:
+        if (directory / "out" / "checkpoint" / "manifest.json").exists() and read_status(directory / "out").steps:
+            return process
+        time.sleep(0.02)
+    raise AssertionError(process.communicate())
+
+
+@pytest.fixture(scope="module")
+def killed(tmp_path_factory):
+    """A directory with the data and a run that was killed with its workers still walking."""
+    directory = tmp_path_factory.mktemp("killed")
+    few_ratings(directory)
+    process = begin(directory, "--processes", "2")
+    process.kill()
+    process.communicate()
+    return directory
+
+
+@pytest.fixture
+def copied(killed, tmp_path):
+    """A copy of the killed run and of its data, which it finds from its own place on."""
+    shutil.copytree(killed / "out", tmp_path / "out")
+    shutil.copy(killed / "ratings.csv", tmp_path)
+    return tmp_path / "out"
+
+
+def test_a_killed_run_is_reported_on_continued_and_draws_what_an_uninterrupted_one_draws(killed, copied, here):
+    kept = read_status(copied)
+    assert 0 < kept.steps < STEPS
+    assert not kept.running
+    assert sorted(path.name for path in copied.iterdir()) == ["checkpoint"]
+    said = here("status", copied)
+    assert said.returncode == 0
+    assert "interrupted, no process is running it" in said.stdout
+    assert f"steps: {kept.steps} in" in said.stdout
+    refused(here("sample", "--data", killed / "ratings.csv", "--out", copied), "is not empty", "resume")
+
+    done = here("resume", copied, "--processes", "1")
+    assert done.returncode == 3, done.stderr
+    whole = copied.parent / "whole"
+    assert here("sample", "--data", killed / "ratings.csv", "--out", whole, *ASKED, "--processes", "1").returncode == 3
+    one, other = Result.load(copied), Result.load(whole)
+    for group in other.tree.children:
+        assert one.tree[group].identical(other.tree[group]), group
+    pd.testing.assert_frame_equal(one.table, other.table, check_exact=True)
+    assert one.attributes["discretisation"] == other.attributes["discretisation"] != str(scene.Discretisation())
+    assert one.attributes["verdict"] == other.attributes["verdict"]
+    assert one.attributes["command"].startswith("softness-bayes")
+    assert one.attributes["command"].count("; softness-bayes") == 1
+
+    said = here("status", copied)
+    assert "it has ended, its results are written" in said.stdout
+    assert other.attributes["verdict"] in said.stdout
+    assert "ESS" in said.stdout
+    # as if it had converged at its last step: there is nothing to do unless its results were lost
+    manifest = copied / "checkpoint" / "manifest.json"
+    kept = read_manifest(copied)
+    kept["state"]["verdict"]["looks_passed"] = 2
+    manifest.write_bytes(sealed(kept))
+    before = (copied / "posterior.nc").read_bytes()
+    again = here("resume", copied)
+    assert again.returncode == 0
+    assert "Its results are written; --more-steps continues it." in again.stdout
+    assert (copied / "posterior.nc").read_bytes() == before
+    (copied / "posterior.nc").unlink()
+    again = here("resume", copied)
+    assert again.returncode == 0
+    assert "posterior.nc: no such file; expected the posterior.nc of a run; the results are" in again.stderr
+    assert Result.load(copied).tree["posterior"].identical(one.tree["posterior"])
+
+
+def test_limits_let_a_run_go_on():
+    status = Status(False, False, 350, 0, 5.0, 0, True, True, 350, None)
+    options = RunOptions(max_steps=351)
+    # what has ended at its limit gets as many steps again, what was interrupted does not
+    assert _continued(options, status, None).max_steps == 701
+    assert _continued(options, status._replace(written=False), None).max_steps == 351
+    assert _continued(options, status._replace(steps=200), None).max_steps == 351
+    more = _continued(options, status._replace(steps=200), 50)
+    assert (more.min_steps, more.max_steps) == (250, 351)
+    assert _continued(options, status, 50).max_steps == 400
+
+
+def test_what_changed_is_named(killed, copied, here):
+    manifest = copied / "checkpoint" / "manifest.json"
+    kept = {path: path.read_bytes() for path in copied.rglob("*.*")}
+    other = copied.parent / "other.csv"
+    lines = (killed / "ratings.csv").read_text().splitlines()
+    rating = lines[5].split(",")[3]
+    other.write_text("\n".join([*lines[:5], lines[5].replace(rating, rating + "1"), *lines[6:]]) + "\n")
+    refused(here("resume", copied, "--data", other), "cannot be continued", "begun with ratings ")
+
+    def asked(place, value):
+        manifest.write_bytes(kept[manifest])
+        changed = read_manifest(copied)
+        changed["request"]["options"][place] = value
+        manifest.write_bytes(sealed(changed))
+        return here("resume", copied)
+
+    refused(asked("priors", {"gamma": "lognormal(2,0.3)"}), "prior of gamma lognormal(1,0.3) (now lognormal(2,0.3))")
+    refused(asked("seed", 4), "seed 3 (now 4)")
+    refused(asked("direction", "inverse"), "direction rises-with-firing (now falls-with-firing)")
+    readings = json.loads(kept[manifest])["request"]["options"]["readings"]
+    refused(asked("readings", {**readings, "pressure": "hertz"}), "reading of pressure attenuated (now hertz)")
+    resolution = json.loads(kept[manifest])["request"]["options"]["discretisation"]
+    refused(asked("discretisation", {**resolution, "nodes": 40}), "discretisation Discretisation(", "(now Discretis")
+    fixed = json.loads(kept[manifest])["request"]["options"]["fix"]
+    refused(asked("fix", {**fixed, "b": 81.0}), "value of b 80.0 (now 81.0)")
+    del fixed["tau"]
+    refused(asked("fix", fixed), "parameters gamma, varsigma (now gamma, tau, varsigma)")
+    manifest.write_bytes(kept[manifest])
+    assert kept.items() >= {path: path.read_bytes() for path in copied.rglob("*.*")}.items()
+
+
+def test_another_density_under_the_same_options_is_refused(copied, here, monkeypatch):
+    right = LogRatings.log_likelihood
+    monkeypatch.setattr(LogRatings, "log_likelihood", lambda *arguments: 1.001 * right(*arguments))
+    refused(here("resume", copied), "the log density at one of its walkers was", "was the software changed")
+
+
+def test_moved_data_are_asked_for_and_found(killed, copied, here):
+    manifest = copied / "checkpoint" / "manifest.json"
+    kept = json.loads(json.dumps(read_manifest(copied)).replace("ratings.csv", "gone.csv"))
+    kept["request"]["versions"]["version_emcee"] = "2.0"
+    manifest.write_bytes(sealed(kept))
+    refused(here("resume", copied), "gone.csv", "note: begun with emcee 2.0 (now ")
+    done = here("resume", copied, "--data", killed / "ratings.csv", "--max-time", "0s", "--processes", "1")
+    assert done.returncode == 3, done.stderr
+    assert "continues" in done.stderr
+
+
+def test_a_run_in_use_is_refused_with_5(copied, killed, here):
+    with Lock(copied / "checkpoint" / "lock"):
+        for arguments in (["resume", copied], ["sample", "--data", killed / "ratings.csv", "--out", copied, "--force"]):
+            done = here(*arguments)
+            assert done.returncode == 5, done.stderr
+            assert f"another run is using it (process {os.getpid()})" in done.stderr
+        assert "a process is running it" in here("status", copied).stdout
+    assert read_status(copied).steps
+
+
+def test_a_run_begun_in_python_is_continued_there(copied, here):
+    with Checkpoint.open(copied):
+        pass
+    manifest = copied / "checkpoint" / "manifest.json"
+    manifest.write_bytes(sealed({**read_manifest(copied), "request": None}))
+    refused(here("resume", copied), "begun in Python", "Checkpoint.open(")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["resume", "nowhere"], "nowhere: no run to continue"),
+        (["status", "nowhere"], "nowhere: no run to continue"),
+        (["resume", "nowhere", "--more-steps", "0"], "--more-steps"),
+        (["resume", "nowhere", "--max-time", "soon"], "expected a time such as 90, 90s, 10m or 2h, got 'soon'"),
+        (["sample", "--data", "x", "--max-time", "-3"], "--max-time"),
+    ],
+)
+def test_nonsense_is_refused(here, arguments, message):
+    refused(here(*arguments), message)
+
+
+def test_a_full_disk_says_how_to_go_on(copied, here, monkeypatch):
+    fill_disk(monkeypatch, 4)
+    done = here("resume", copied, "--processes", "1")
+    assert done.returncode == 2
+    assert "No space left on device" in done.stderr
+    assert f"'softness-bayes resume {copied}' continues it" in done.stderr
+    monkeypatch.undo()
+    assert read_status(copied).steps
+    with Checkpoint.open(copied) as checkpoint:
+        assert checkpoint.status is not None
+
+
+def test_too_many_failures_end_a_run_with_4_and_its_state_safe(tmp_path, here, monkeypatch):
+    unbroken = LogRatings.log_likelihood
+
+    def broken(self, rate, parameters):
+        return np.where(np.asarray(parameters.gamma) > 0.9, np.nan, unbroken(self, rate, parameters))
+
+    monkeypatch.setattr(LogRatings, "log_likelihood", broken)
+    out = tmp_path / "out"
+    few_ratings(tmp_path)
+    done = here("sample", "--data", tmp_path / "ratings.csv", "--out", out, *ASKED, "--processes", "1")
+    assert done.returncode == 4, done.stderr
+    assert "the density could not be computed at" in done.stderr
+    assert "(likelihood)" in done.stderr
+    table = pd.read_csv(out / "nonfinite.csv")
+    assert list(table) == ["stage", "gamma", "varsigma"]
+    assert (table["gamma"] > 0.9).all()
+    assert read_status(out).failures >= len(table)
+    assert "in nonfinite.csv" in here("status", out).stdout
+
+
+def test_an_interrupt_keeps_the_run_and_frees_it(tmp_path):
+    few_ratings(tmp_path)
+    process = begin(tmp_path, "--processes", "2")
+    os.killpg(process.pid, signal.SIGINT)  # as a terminal does: to the workers too
+    _, said = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert "the run is kept up to step" in said
+    assert "Traceback" not in said
+    status = read_status(tmp_path / "out")
+    assert not status.running
+    assert status.steps
+    assert not [path for path in Path(tmp_path / "out").iterdir() if path.name != "checkpoint"]

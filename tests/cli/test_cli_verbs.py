@@ -1,0 +1,251 @@
+"""The verbs that compute, by subprocess: what they write, what they refuse, and how they end."""
+
+import io
+import json
+import re
+import shlex
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from softness_bayes.results.result import Result
+from softness_bayes.touch.readings import MENDED
+from support.command_line import FIXED, HELD, QUICK, TOUCH, refused, run
+from support.paths import DATA
+
+# predict
+
+
+def predicted(*arguments):
+    done = run("predict", *TOUCH, *arguments)
+    assert done.returncode == 0, done.stderr
+    return pd.read_csv(io.StringIO(done.stdout))
+
+
+def test_predict_prints_a_table_of_the_medians_and_of_what_is_set():
+    usual, stiffer = predicted("--set", "sigma_0=5"), predicted("--set", "sigma_0=5", "--set", "b=200")
+    truth = pd.read_csv(DATA / "fabrics.csv")
+    assert usual["fabric"].tolist() == stiffer["fabric"].tolist() == truth["fabric"].tolist()
+    assert (usual["indentation_mm"] == 2).all()
+    assert (stiffer["e_skin_kpa"] > usual["e_skin_kpa"]).all()
+    # printed reading of the rigidity: E_ten h^3 / (12 (1 - nu)), l = 1 mm
+    modulus = truth.tensile_modulus_mpa * truth.thickness_mm**3 / (12 * (1 - truth.poisson_ratio)) * 1e3
+    np.testing.assert_allclose(usual["e_fab_kpa"], modulus, rtol=1e-9)
+
+
+def test_predict_takes_readings_and_prior_sets():
+    plate = predicted("--reading", "fabric_modulus=plate")
+    truth = pd.read_csv(DATA / "fabrics.csv")
+    modulus = truth.tensile_modulus_mpa * truth.thickness_mm**3 / (12 * (1 - truth.poisson_ratio**2)) * 1e3
+    np.testing.assert_allclose(plate["e_fab_kpa"], modulus, rtol=1e-9)
+    assert (plate["readings"] == "mended, fabric_modulus=plate").all()
+    soft = predicted("--priors", "in-vivo", "--set", "m=0")
+    np.testing.assert_allclose(soft["e_skin_kpa"], 7.5, rtol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--set", "bee=80"], "no parameter 'bee'"),
+        (["--set", "b=-1"], "b is -1.0, expected a number from 1e-06 to 1e+06 kPa"),
+        (["--set", "b=many"], "expected a finite number, got 'many'"),
+        (["--reading", "pressure=round"], "pressure has no 'round'; expected one of attenuated"),
+        (["--readings", "mine"], "no set 'mine'"),
+        (["--priors", "mine"], "mine"),
+        (["--posterior", "nowhere"], "nowhere"),
+        (["--posterior", "nowhere", "--set", "b=80"], "--posterior brings its own parameters"),
+        (["--posterior", "nowhere", "--readings", "hertz"], "--posterior brings its own parameters and readings"),
+        (["--posterior", "nowhere", "--reading", "pressure=hertz"], "--posterior brings its own"),
+        (["--column", "fabric=name"], "name"),
+        (["--indentation-mm", "-1"], "--indentation-mm"),
+    ],
+)
+def test_predict_refuses(here, tmp_path, arguments, message):
+    done = here("predict", *TOUCH, *arguments, "--out", tmp_path / "table.csv")
+    refused(done, message)
+    assert done.stdout == ""
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_predict_without_load_or_file_is_refused(here):
+    refused(run("predict", "--fabrics", DATA / "fabrics.csv"), "--indentation-mm", "--force-n")
+    refused(here("predict", "--fabrics", "nowhere.csv", "--force-n", "1"), "nowhere.csv")
+
+
+# simulate
+
+
+def test_simulate_makes_the_data_byte_for_byte(tmp_path):
+    text = (DATA / "README.md").read_text(encoding="utf-8").replace("\\\n", " ")
+    (command,) = re.findall(r"^softness-bayes simulate .*$", text, re.MULTILINE)
+    arguments = shlex.split(command)[1:]
+    assert arguments[-2:] == ["--out", "again"]
+    done = run(*arguments[:-1], tmp_path)
+    assert done.returncode == 0, done.stderr
+    names = ["compression.csv", "fabrics.csv", "ratings.csv", "truth.json"]
+    assert sorted(path.name for path in tmp_path.iterdir()) == [".softness-bayes.json", *names]
+    for name in names:
+        assert (tmp_path / name).read_bytes() == (DATA / name).read_bytes(), name
+
+
+def test_simulate_says_what_the_ratings_were_made_from(here, tmp_path):
+    arguments = [*TOUCH, "--participants", "3", "--set", "b=70", "--typical-rating", "50", "--seed", "4"]
+    done = run("simulate", *arguments, "--out", tmp_path)
+    assert done.returncode == 0, done.stderr
+    story = json.loads((tmp_path / "truth.json").read_text(encoding="utf-8"))
+    assert story["truth"]["b"] == 70
+    assert story["truth"]["mu"] == pytest.approx(np.log(50))
+    assert story["seed"] == 4
+    assert story["readings"] == MENDED.names
+    table = predicted("--set", "b=70")
+    assert [*story["total_rate"]] == ["2 mm"]
+    np.testing.assert_allclose(list(story["total_rate"]["2 mm"].values()), table["total_rate_hz"], rtol=1e-6)
+    ratings = pd.read_csv(tmp_path / "ratings.csv")
+    assert len(ratings) == 3 * 12
+    assert ratings["rating"].gt(0).all()
+    before = (tmp_path / "ratings.csv").read_bytes()
+    refused(here("simulate", *arguments, "--out", tmp_path), "--force")
+    other = here("simulate", *arguments, "--out", tmp_path, "--force", "--seed", "5")
+    assert other.returncode == 0, other.stderr
+    assert (tmp_path / "ratings.csv").read_bytes() != before
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [["--participants", "0"], ["--missing", "1"], ["--typical-rating", "0"], ["--set", "mu=3"], ["--seed", "x"]],
+)
+def test_simulate_refuses(here, tmp_path, arguments):
+    refused(here("simulate", *TOUCH, *arguments, "--out", tmp_path / "new"))
+    assert list(tmp_path.iterdir()) == []
+
+
+# sample
+
+
+@pytest.fixture(scope="module")
+def alone(tmp_path_factory):
+    """The shipped ratings without a fabric table, and --max-steps too small to converge."""
+    directory = tmp_path_factory.mktemp("alone")
+    ending = ["--reading", "pressure=hertz", "--prior", "gamma=lognormal(1.1,0.2)", "--seed", "2"]
+    return directory, run("sample", "--data", DATA / "ratings.csv", *FIXED, *QUICK, *ending, cwd=directory)
+
+
+def test_a_run_that_has_not_converged_ends_with_3_and_its_files(alone):
+    directory, done = alone
+    assert done.returncode == 3, done.stderr
+    assert "Traceback" not in done.stderr
+    written = {path.name for path in (directory / "results").iterdir()}
+    tables = {"summary.csv", "directions.csv", "predictive_checks.csv"}
+    assert written == {".softness-bayes.json", "checkpoint", "posterior.nc", *tables}
+    assert "determined by the data" in done.stdout
+    assert "eps is held at 0.1 Hz: all intervals take it as known" in done.stdout
+    assert "leave out '--fix eps=0.1' to sample it too" in done.stdout
+    assert done.stdout.count("turning point (maximum) reproduced?") == 1
+    assert "Not converged after 20 steps" in done.stdout
+    assert "not converged" in done.stderr
+    for word in ("gamma", "varsigma", "mu", "1 mm", "2 mm", "3 mm", "p_interior"):
+        assert word in done.stdout
+
+
+def test_what_was_asked_for_is_in_the_file(alone):
+    directory, _ = alone
+    result = Result.load(directory / "results")
+    assert result.table.index.tolist() == ["gamma", "varsigma", "mu"]
+    assert result.readings.names["pressure"] == "hertz"
+    assert result.attributes["prior_gamma"] == "lognormal(1.1,0.2)"
+    assert result.attributes["seed"] == 2
+    assert result.attributes["command"].startswith("softness-bayes sample --data ")
+    assert "pressure=hertz" in result.attributes["command"]
+    held = result.group("constant_data")
+    assert {name: float(held[name]) for name in HELD} == HELD
+    assert result.attributes["missing_ratings"] == 0  # the file has no row for them
+
+
+def test_the_posterior_of_a_run_predicts(alone):
+    directory, _ = alone
+    done = run("predict", *TOUCH, "--posterior", directory / "results", "--out", directory / "table.csv")
+    assert done.returncode == 0, done.stderr
+    table = pd.read_csv(directory / "table.csv")
+    assert {"total_rate_hz", "total_rate_hz_low", "total_rate_hz_high"} <= {*table}
+    # the whole chain was held: there is no width
+    np.testing.assert_allclose(table["total_rate_hz_low"], table["total_rate_hz_high"], rtol=1e-9)
+    hertz = [part for name, value in HELD.items() for part in ("--set", f"{name}={value}")]
+    plain = predicted(*hertz, "--reading", "pressure=hertz")
+    # the table says the readings of the run, whatever the defaults are
+    assert (table["readings"] == "mended, pressure=hertz").all()
+    np.testing.assert_allclose(table["total_rate_hz"], plain["total_rate_hz"], rtol=1e-9)
+
+
+def test_a_directory_in_use_is_refused_and_survives_bad_input(alone):
+    directory, _ = alone
+    held = {path: path.read_bytes() for path in (directory / "results").rglob("*.*") if path.is_file()}
+    again = ["sample", "--data", DATA / "ratings.csv", *FIXED, *QUICK]
+    refused(run(*again, cwd=directory), "results: is not empty", "--force")
+    # --force with a fault elsewhere leaves the earlier result alone
+    refused(run(*again, "--force", "--prior", "bee=halfnormal(1)", cwd=directory), "bee")
+    assert {path: path.read_bytes() for path in (directory / "results").rglob("*.*") if path.is_file()} == held
+
+
+def test_an_effect_per_fabric_from_end_to_end(tmp_path):
+    """With --fabrics, --force-n in place of a load column, figures, --force, and omega freed."""
+    ratings = pd.read_csv(DATA / "ratings.csv", dtype=str)
+    few = ratings[(ratings["indentation_mm"] == "3") & ratings["participant"].isin(["P01", "P02", "P03"])]
+    few[["participant", "fabric", "rating"]].rename(columns={"rating": "softness"}).to_csv(
+        tmp_path / "few.csv", index=False, sep=";"
+    )
+    (tmp_path / "out").mkdir()
+    done = run(
+        *["sample", "--data", tmp_path / "few.csv", "--fabrics", DATA / "fabrics.csv", *FIXED],
+        *["--column", "rating=softness", "--force-n", "1.2", "--prior", "omega=halfnormal(0.5)"],
+        *[*QUICK[:-1], "--seed", "1", "--out", tmp_path / "out"],
+    )
+    assert done.returncode == 3, done.stderr
+    result = Result.load(tmp_path / "out")
+    assert result.table.index.tolist() == ["gamma", "varsigma", "omega", "mu"]
+    posterior = result.group("posterior")
+    assert posterior["fabric_effect"].dims == ("chain", "draw", "fabric")
+    assert posterior["fabric"].values.tolist() == pd.read_csv(DATA / "fabrics.csv")["fabric"].tolist()
+    assert result.attributes["prior_omega"] == "halfnormal(0.5)"
+    assert [str(load) for load in result.loads] == ["1.2 N"]
+    figures = [path for path in (tmp_path / "out" / "figures").iterdir() if path.stat().st_size > 1000]
+    assert len(figures) >= 4
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--fix", "bee=1"], "no parameter 'bee'"),
+        (["--fix", "b=0"], "b is 0.0"),
+        (["--fix", "b=80", "--prior", "b=lognormal(80,0.5)"], "b is both fixed and given a prior"),
+        (["--prior", "b=cauchy(1)"], "cauchy"),
+        (["--prior", "b=normal(100,10)"], "allows negative values"),
+        (["--prior", "c_K=lognormal(1.16,0.03)"], "c_K"),
+        (["--priors", "mine"], "prior set 'mine'"),
+        (["--reading", "stress=flat"], "no place 'stress'"),
+        (["--max-steps", "0"], "--max-steps"),
+        (["--direction", "up"], "--direction"),
+        (["--fabrics", "nowhere.csv"], "nowhere.csv"),
+        (["--indentation-mm", "2"], "tables without a load column"),
+    ],
+)
+def test_sample_refuses_and_writes_nothing(here, tmp_path, monkeypatch, arguments, message):
+    monkeypatch.chdir(tmp_path)
+    done = here("sample", "--data", DATA / "ratings.csv", *QUICK, *arguments)
+    refused(done, message)
+    assert done.stdout == ""
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_ratings_that_cannot_be_used_are_refused_by_row(here, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    lines = (DATA / "ratings.csv").read_text().splitlines()[:40]
+    broken = {
+        "zero": (lines[7].split(",")[3], "0", "row 8, column 'rating'"),
+        "word": (lines[7].split(",")[3], "soft", "row 8, column 'rating'"),
+    }
+    for name, (old, new, message) in broken.items():
+        path = tmp_path / f"{name}.csv"
+        path.write_text("\n".join([*lines[:7], lines[7].replace(old, new), *lines[8:]]) + "\n")
+        refused(here("sample", "--data", path, *QUICK), path.name, message)
+    assert not (tmp_path / "results").exists()

@@ -1,0 +1,285 @@
+"""Signals at any instant, dead workers, little memory and streams nobody reads: how a command ends."""
+
+import os
+import random
+import re
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from softness_bayes.checkpoints.checkpoint import read_status
+from softness_bayes.errors import ResourceError
+from softness_bayes.sampler import workers as processes
+from softness_bayes.sampler.workers import RENEWALS, Workers
+from support.command_line import FIXED, few_ratings
+from support.paths import DATA, ROOT
+
+PROGRAM = (
+    # a shell that runs the tests in the background has interrupts ignored, by its children too
+    "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)\n"
+    "from softness_bayes.__main__ import heed_signals, run\n"
+    "heed_signals()\n"
+    "print('begun', flush=True)\n"
+    "{before}\n"
+    "run()"
+)
+ENVIRONMENT = os.environ | {"PYTHONPATH": str(ROOT), "PYTHONUTF8": "1"}
+SAMPLE = [*FIXED, "--seed", "3", "--processes", "2", "--max-steps", "300"]
+
+
+def began(directory, *arguments, before=""):
+    """Start a verb in a process group of its own; return it when the command line is about to take over."""
+    process = subprocess.Popen(
+        [sys.executable, "-W", "error", "-c", PROGRAM.format(before=before), *map(str, arguments)],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        cwd=directory,
+        env=ENVIRONMENT,
+        start_new_session=True,
+    )
+    assert process.stdout.readline() == "begun\n"
+    return process
+
+
+def members(group):
+    """Numbers of the living processes of a group."""
+    found = []
+    for path in Path("/proc").glob("[0-9]*/stat"):
+        try:
+            state, _, of = path.read_text().rpartition(")")[2].split()[:3]
+        except OSError:
+            continue
+        if int(of) == group and state != "Z":
+            found.append(int(path.parent.name))
+    return found
+
+
+def stopped(process, number, whole=True):
+    """Send a signal, to the whole group as a terminal does; return what was said, or None if it had ended before."""
+    since = time.monotonic()
+    if process.poll() is None:
+        (os.killpg if whole else os.kill)(process.pid, number)
+    _, said = process.communicate(timeout=120)
+    seconds = time.monotonic() - since
+    assert "Traceback" not in said, said
+    assert "Exception" not in said, said
+    assert "leaked" not in said, said
+    for _ in range(200):
+        if not (left := members(process.pid)):
+            break
+        time.sleep(0.05)
+    assert not left
+    if process.returncode in (0, 3):
+        return None
+    assert process.returncode == 128 + number, (process.returncode, said)
+    assert "interrupted" in said
+    assert seconds < 20  # two on an idle machine; tests share theirs
+    return said
+
+
+def sent(directory, delay, number=signal.SIGINT, whole=True):
+    """Sample into a new directory and send a signal after some seconds."""
+    few_ratings(directory)
+    process = began(directory, "sample", "--data", "ratings.csv", "--out", "out", *SAMPLE)
+    time.sleep(delay)
+    said = stopped(process, number, whole)
+    if said is None:
+        return "finished"
+    if (directory / "out" / "checkpoint" / "manifest.json").exists():
+        assert re.search(r"the run is kept up to step \d+: 'softness-bayes resume out' continues it", said)
+        assert not read_status(directory / "out").running
+        return "kept"
+    assert "resume" not in said
+    assert not (directory / "out").exists()  # nothing was kept, nothing is left
+    return "nothing"
+
+
+@pytest.mark.parametrize("delay", [0.0, 0.02, 0.05, 0.1, 0.3, 1.0, 2.5])
+def test_an_interrupt_ends_a_run_quietly_at_its_start(tmp_path, delay):
+    sent(tmp_path, delay)
+
+
+def test_sigterm_alike(tmp_path):
+    sent(tmp_path, 0.6, signal.SIGTERM, whole=False)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(60))
+def test_an_interrupt_ends_a_run_quietly_at_any_time(tmp_path, seed):
+    """Start-up, walk, what follows it and figures: some 20 s on an idle machine."""
+    rng = random.Random(seed)
+    delay = rng.choice([rng.uniform(0, 3), rng.uniform(0, 25)])
+    sent(tmp_path, delay, rng.choice([signal.SIGINT, signal.SIGINT, signal.SIGTERM]))
+
+
+@pytest.mark.parametrize(
+    "place",
+    [
+        "softness_bayes.results.assembly:draw_replicates",  # all that follows the walk
+        "softness_bayes.plotting.figures:draw_figures",
+        "softness_bayes.runs.plan:with_accuracy",
+    ],
+)
+def test_an_interrupt_ends_a_run_at_a_place(tmp_path, place):
+    """The process interrupts itself where a stage begins; one that swallows the interrupt is ended all the same."""
+    few_ratings(tmp_path)
+    module, name = place.split(":")
+    before = (
+        f"import {module} as module, os, time\n"
+        "def stop(*_, **__):\n"
+        "    try:\n"
+        "        os.killpg(0, signal.SIGINT); time.sleep(60)\n"
+        "    except BaseException:\n"
+        "        time.sleep(60)\n"
+        f"module.{name} = stop"
+    )
+    arguments = ["sample", "--data", "ratings.csv", "--out", "out", *FIXED, "--max-steps", "20", "--processes", "2"]
+    process = began(tmp_path, *arguments, before=before)
+    _, said = process.communicate(timeout=120)
+    assert process.returncode == 130, said
+    assert "Traceback" not in said
+    assert "interrupted" in said
+    assert ("resume out" in said) == ("with_accuracy" not in place), said
+
+
+def test_calibrate_ends_at_once_and_says_how_to_go_on(tmp_path):
+    process = began(tmp_path, "calibrate", *FIXED, "--replicates", "2000", "--processes", "2", "--out", "out")
+    folder = tmp_path / "out" / "replicates"
+    while process.poll() is None and not list(folder.glob("*.json")):
+        time.sleep(0.05)
+    said = stopped(process, signal.SIGINT)
+    assert re.search(r"\d+ of 2000 replicates are kept in out: the same command runs the others", said)
+
+
+# workers
+
+
+def _die_once(resident, path, value):
+    if value == 2 and not Path(path).exists():
+        Path(path).touch()
+        os.kill(os.getpid(), signal.SIGKILL)
+    return value * resident
+
+
+def _die(resident, value):
+    os.kill(os.getpid(), signal.SIGKILL)
+
+
+def _need(resident, size):
+    return np.empty(size).size
+
+
+@pytest.mark.parametrize("call", ["map", "as_finished", "start"])
+def test_a_worker_that_dies_is_replaced_and_its_task_done_again(tmp_path, call):
+    tasks = [(str(tmp_path / "died"), k) for k in range(5)]
+    with Workers(10, 2) as workers:
+        if call == "map":
+            found = workers.map(_die_once, tasks)
+        elif call == "as_finished":
+            found = sorted(workers.as_finished(_die_once, tasks))
+        else:
+            found = [finished() for finished in [workers.start(_die_once, *task) for task in tasks]]
+    assert (tmp_path / "died").exists()
+    assert found == [0, 10, 20, 30, 40]
+
+
+def test_workers_that_die_again_and_again_are_given_up():
+    assert RENEWALS > 0
+    with Workers(10, 2) as workers, pytest.raises(ResourceError, match="want of memory") as error:
+        workers.map(_die, [(1,)])
+    assert error.value.exit_code == 6
+
+
+def test_memory_that_runs_out_in_a_worker_arrives():
+    with Workers(10, 2) as workers, pytest.raises(MemoryError):
+        workers.map(_need, [(1 << 58,)])
+
+
+def test_a_run_that_lost_its_memory_says_how_to_go_on(tmp_path, here, monkeypatch):
+    from softness_bayes.results import assembly
+
+    few_ratings(tmp_path)
+    asked = ["--data", tmp_path / "ratings.csv", *FIXED, "--max-steps", "20", "--processes", "1", "--no-figures"]
+    for error, words in ((MemoryError("no 2 GB"), "memory ran out (no 2 GB)"), (ResourceError("a worker"), "a worker")):
+        monkeypatch.setattr(assembly, "draw_replicates", lambda *_, error=error: (_ for _ in ()).throw(error))
+        done = here("sample", *asked, "--out", tmp_path / words[:6])
+        assert done.returncode == 6
+        assert words in done.stderr
+        assert f"'softness-bayes resume {tmp_path / words[:6]}' continues it" in done.stderr
+
+
+def test_a_long_temporary_directory_is_no_hindrance(tmp_path, monkeypatch):
+    """A server's socket has no room for its name there: processes are spawned instead."""
+    deep = tmp_path / ("d" * 60) / ("e" * 60)
+    deep.mkdir(parents=True)
+    monkeypatch.setattr(tempfile, "tempdir", str(deep))
+    assert not processes._served()
+    monkeypatch.setattr(tempfile, "tempdir", "/tmp")
+    assert processes._served() == (sys.platform == "linux")
+    program = (
+        "from softness_bayes.sampler.workers import Workers\n"
+        "if __name__ == '__main__':\n"
+        "    with Workers(3, 2) as workers:\n"
+        "        print(workers.map(max, [(1,), (5,)]))\n"
+    )
+    script = tmp_path / "script.py"
+    script.write_text(program)
+    done = subprocess.run(
+        [sys.executable, script],
+        env=ENVIRONMENT | {"TMPDIR": str(deep)},
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=False,
+    )
+    assert (done.stdout, done.stderr) == ("[3, 5]\n", "")
+
+
+# streams
+
+VERBS_THAT_PRINT = {
+    "--help": ["--help"],
+    "check": ["check", "--data", DATA / "ratings.csv", "--fabrics", DATA / "fabrics.csv"],
+    "predict": ["predict", "--fabrics", DATA / "fabrics.csv", "--indentation-mm", "2"],
+    "simulate": ["simulate", "--fabrics", DATA / "fabrics.csv", "--indentation-mm", "2", "--out", "simulated"],
+    "nothing": ["status", "nowhere"],
+}
+
+
+def into(directory, stream, *arguments):
+    program = "from softness_bayes.cli import main; main(prog_name='softness-bayes')"
+    command = [sys.executable, "-W", "error", "-c", program, *map(str, arguments)]
+    return subprocess.run(
+        command, stdout=stream, stderr=subprocess.PIPE, text=True, cwd=directory, env=ENVIRONMENT, timeout=120
+    )
+
+
+@pytest.mark.parametrize("verb", VERBS_THAT_PRINT)
+def test_a_closed_output_is_quiet_and_no_failure(tmp_path, verb):
+    reading, writing = os.pipe()
+    os.close(reading)
+    done = into(tmp_path, writing, *VERBS_THAT_PRINT[verb])
+    os.close(writing)
+    if verb == "nothing":  # an error stays one
+        assert done.returncode == 2
+        assert done.stderr.startswith("error: nowhere: no run")
+    else:
+        said = [line for line in done.stderr.splitlines() if not line.startswith("note: ")]
+        assert (done.returncode, said) == (0, [])
+    if verb == "simulate":
+        assert (tmp_path / "simulated" / "ratings.csv").exists()
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="no /dev/full here")
+def test_a_full_output_is_told(tmp_path):
+    with open("/dev/full", "w") as full:
+        done = into(tmp_path, full, *VERBS_THAT_PRINT["predict"])
+    assert done.returncode == 2
+    assert done.stderr == "error: standard output: No space left on device; what was printed is not complete\n"

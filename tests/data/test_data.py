@@ -1,0 +1,612 @@
+from __future__ import annotations
+
+import hashlib
+import math
+from dataclasses import FrozenInstanceError
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from softness_bayes.data import (
+    Experiment,
+    Fabrics,
+    Ratings,
+    loads_of,
+    read_experiment,
+    write_fabrics,
+    write_ratings,
+)
+from softness_bayes.data.columns import BENDING_RIGIDITY, NUMBERS, POISSON_RATIO, THICKNESS
+from softness_bayes.errors import InputError
+from softness_bayes.touch.contact import PLATE_RIGIDITY, PRINTED_RIGIDITY, Force, Indentation
+from support.paths import SHARED
+
+needs_shared = pytest.mark.skipif(not SHARED.is_dir(), reason="the shared data lie beside the project only")
+
+RATINGS = """participant,fabric,indentation_mm,rating
+P2,denim,1.0,5
+P10,voile,2.5,7.25
+P2,voile,1.0,1e1
+"""
+FABRICS = """fabric,tensile_modulus_mpa,thickness_mm,poisson_ratio
+voile,3.2,0.22,0.18
+denim,33.0,0.68,0.15
+felt,1,1,0.2
+"""
+
+
+@pytest.fixture
+def file(tmp_path):
+    def write(content: str | bytes, name: str = "ratings.csv") -> Path:
+        path = tmp_path / name
+        path.write_bytes(content.encode() if isinstance(content, str) else content)
+        return path
+
+    return write
+
+
+def refusal(call, *args, **options) -> str:
+    with pytest.raises(InputError) as caught:
+        call(*args, **options)
+    return str(caught.value)
+
+
+def edited(text: str, row: int, old: str, new: str) -> str:
+    """Change one cell of line `row`, counted from 1."""
+    lines = text.split("\n")
+    assert old in lines[row - 1]
+    lines[row - 1] = lines[row - 1].replace(old, new)
+    return "\n".join(lines)
+
+
+# what is understood
+
+
+def test_ratings_are_indexed_and_in_si(file):
+    ratings = Ratings.read(path := file(RATINGS))
+    assert ratings.participants == ("P2", "P10")
+    assert ratings.fabrics == ("denim", "voile")
+    assert ratings.loads == (Indentation(0.001), Indentation(0.0025))
+    assert ratings.participant.tolist() == [0, 1, 0]
+    assert ratings.fabric.tolist() == [0, 1, 1]
+    assert ratings.load.tolist() == [0, 1, 0]
+    assert ratings.rating.tolist() == [5.0, 7.25, 10.0]
+    assert ratings.rows.tolist() == [2, 3, 4]
+    assert (len(ratings), ratings.n_missing, ratings.notes) == (3, 0, ())
+    assert ratings.digest == hashlib.sha256(path.read_bytes()).hexdigest()
+
+
+def test_fabrics_keep_what_was_measured(file):
+    fabrics = Fabrics.read(file(FABRICS))
+    assert fabrics.names == ("voile", "denim", "felt")
+    assert fabrics.rows == (2, 3, 4)
+    assert fabrics.tensile_modulus.tolist() == [3.2e6, 33e6, 1e6]
+    assert fabrics.thickness.tolist() == [0.22e-3, 0.68e-3, 1e-3]
+    assert fabrics.poisson_ratio.tolist() == [0.18, 0.15, 0.2]
+    assert np.isnan(fabrics.bending_rigidity).all()
+    assert np.isnan(fabrics.effective_modulus).all()
+
+
+def test_conditions_are_the_pairs_that_occur(file):
+    conditions = Ratings.read(file(RATINGS + "P3,voile,2.5,9\n")).conditions
+    assert list(zip(conditions.fabric.tolist(), conditions.load.tolist(), strict=True)) == [
+        (0, 0),
+        (1, 0),
+        (1, 1),
+    ]
+    assert conditions.of_rating.tolist() == [0, 2, 1, 2]
+
+
+SEMICOLONS = RATINGS.replace(",", ";").replace(".", ",")
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        pytest.param(RATINGS.replace("\n", "\r\n"), id="CRLF"),
+        pytest.param(RATINGS.replace("\n", "\r"), id="CR"),
+        pytest.param(RATINGS.rstrip("\n"), id="no last newline"),
+        pytest.param("\ufeff" + RATINGS, id="byte-order mark"),
+        pytest.param(RATINGS.encode("utf-16"), id="UTF-16"),
+        pytest.param(SEMICOLONS, id="semicolons and decimal commas"),
+        pytest.param(RATINGS.replace(",", ";"), id="semicolons and decimal points"),
+        pytest.param(RATINGS.replace(",", "\t"), id="tabs"),
+        pytest.param(SEMICOLONS.replace(";", "\t"), id="tabs and decimal commas"),
+        pytest.param(RATINGS.replace("participant,fabric", '"Participant", FABRIC '), id="titles"),
+        pytest.param(RATINGS.replace(",", " , "), id="spaces"),
+        pytest.param(RATINGS.replace("denim", '"denim"').replace("P2", ' "P2"'), id="quoted cells"),
+        pytest.param(RATINGS.replace("\n", ",,\n"), id="empty columns at the end"),
+        pytest.param("\n".join(f"{i}," * (i >= 0) + line for i, line in enumerate(RATINGS.split("\n"))), id="index"),
+    ],
+)
+def test_dialects_say_the_same(file, content):
+    ratings = Ratings.read(file(content))
+    assert ratings.participants == ("P2", "P10")
+    assert ratings.fabrics == ("denim", "voile")
+    assert ratings.loads == (Indentation(0.001), Indentation(0.0025))
+    assert ratings.rating.tolist() == [5.0, 7.25, 10.0]
+    assert ratings.rows.tolist() == [2, 3, 4]
+
+
+def test_tabs_keep_empty_cells(file):
+    text = "fabric\tindentation_mm\tforce_n\trating\na\t\t2\t1\nb\t1\t\t3\n"
+    assert Ratings.read(file(text)).loads == (Indentation(0.001), Force(2.0))
+
+
+def test_latin_1_is_announced(file):
+    ratings = Ratings.read(file(RATINGS.replace("voile", "soie à jour").encode("latin-1")))
+    assert ratings.fabrics == ("denim", "soie à jour")
+    assert ratings.notes == ("ratings.csv: not UTF-8: read as Latin-1",)
+
+
+def test_blank_lines_and_newlines_in_cells_keep_the_count_of_rows(file):
+    text = '\nfabric,remark,indentation_mm,rating\n\na,"two\nlines",1,2\n , ,,\nb,,1,3\n'
+    path = file(text)
+    assert Ratings.read(path).rows.tolist() == [4, 7]
+    path.write_text(text.replace("3\n", "three\n"))
+    assert "row 7, column 'rating'" in refusal(Ratings.read, path)
+
+
+@pytest.mark.parametrize("missing", ["", "NA", "nan", "N/A", "NULL", " "])
+def test_missing_ratings_are_counted(file, missing):
+    ratings = Ratings.read(file(edited(RATINGS, 3, "7.25", missing)))
+    assert ratings.rating.tolist() == [5.0, 10.0]
+    assert ratings.rows.tolist() == [2, 4]
+    assert ratings.n_missing == 1
+    assert ratings.loads == (Indentation(0.001),)
+    assert ratings.notes == ("ratings.csv: 1 of 3 ratings are missing",)
+
+
+def test_names_may_look_like_missing_numbers(file):
+    ratings = Ratings.read(file(RATINGS.replace("P10", "NA").replace("voile", "nan")))
+    assert "NA" in ratings.participants
+    assert "nan" in ratings.fabrics
+
+
+def test_without_participants_there_is_one(file):
+    text = "fabric,force_n,rating\na,1,2\nb,0.5,3\n"
+    ratings = Ratings.read(file(text))
+    assert len(ratings.participants) == 1
+    assert ratings.participant.tolist() == [0, 0]
+    assert ratings.loads == (Force(0.5), Force(1.0))
+    assert "one participant" in ratings.notes[0]
+
+
+def test_rows_choose_between_indentation_and_force(file):
+    text = "fabric,force_n,indentation_mm,rating\na,2,,2\na,,3,3\na,0.5,NA,4\na,,1,5\n"
+    ratings = Ratings.read(file(text))
+    assert ratings.loads == (Indentation(0.001), Indentation(0.003), Force(0.5), Force(2.0))
+    assert ratings.load.tolist() == [3, 1, 2, 0]
+
+
+@pytest.mark.parametrize(("given", "load"), [("indentation_mm", Indentation(0.0015)), ("force_n", Force(1.5))])
+def test_one_load_for_a_table_without_any(file, given, load):
+    assert Ratings.read(file("fabric,rating\na,1\n"), **{given: 1.5}).loads == (load,)
+
+
+def test_repeats_are_announced(file):
+    text = "fabric,trial,force_n,rating\na,1,1,2\na,2,1,3\na,2,1,3\n"
+    assert "1 ratings repeat a participant, fabric, load and trial" in Ratings.read(file(text)).notes[-1]
+    untold = Ratings.read(file(text.replace("trial", "block")))
+    assert "2 ratings repeat a participant, fabric and load" in untold.notes[-1]
+    assert "unused columns: block" in untold.notes[0]
+
+
+def test_columns_are_renamed(file):
+    text = RATINGS.replace("rating", "Softness").replace("fabric", "cloth")
+    columns = {"rating": "softness", "fabric": "cloth"}
+    path = file(edited(text, 3, "7.25", "x"))
+    assert "row 3, column 'Softness': expected a finite number, got 'x'" in refusal(Ratings.read, path, columns=columns)
+    assert Ratings.read(file(text), columns=columns).rating_column == "Softness"
+
+
+def test_a_renamed_column_wins_over_its_namesake(file):
+    text = "fabric,force_n,rating,softness\na,1,99,2\n"
+    ratings = Ratings.read(file(text), columns={"rating": "softness"})
+    assert ratings.rating.tolist() == [2.0]
+    assert "unused columns: rating" in ratings.notes[0]
+
+
+# the modulus of a fabric
+
+
+def test_rows_may_give_the_modulus_in_different_ways(file):
+    text = """fabric,tensile_modulus_mpa,thickness_mm,bending_rigidity_n_m,effective_modulus_kpa,poisson_ratio
+all,1,1,1e-5,20,0.1
+rigid,1,1,1e-5,,
+thick,12,1,,NA,0.25
+"""
+    fabrics = Fabrics.read(file(text))
+    assert fabrics.basis == ("effective_modulus_kpa", "bending_rigidity_n_m", "tensile_modulus_mpa")
+    np.testing.assert_allclose(fabrics.modulus(PRINTED_RIGIDITY), [20e3, 1e4, 1e6 / 0.75], rtol=1e-14)
+    np.testing.assert_allclose(fabrics.modulus(PLATE_RIGIDITY), [20e3, 1e4, 1e6 / (1 - 0.25**2)], rtol=1e-14)
+    np.testing.assert_allclose(fabrics.modulus(length=2e-3), [20e3, 1e4 / 8, 1e6 / 0.75 / 8], rtol=1e-14)
+    assert fabrics.poisson_ratio.tolist() == [0.1, 0.3, 0.25]
+    assert fabrics.notes == ("ratings.csv: poisson_ratio 0.3 is taken for 1 of 3 fabrics, which have none",)
+
+
+def test_fabrics_from_arrays():
+    fabrics = Fabrics(("a", "b"), bending_rigidity=np.array([1e-5, 2e-5]))
+    assert fabrics.poisson_ratio.tolist() == [0.3, 0.3]
+    np.testing.assert_allclose(fabrics.modulus(), [1e4, 2e4], rtol=1e-14)
+    assert "fabric 'b': bending_rigidity is -1.0" in refusal(
+        Fabrics, ("a", "b"), bending_rigidity=np.array([1.0, -1.0])
+    )
+    assert "fabric 'a': expected effective_modulus_kpa" in refusal(Fabrics, ("a",))
+    assert "same name" in refusal(Fabrics, ("a", "a"), effective_modulus=np.array(1.0))
+
+
+@pytest.mark.parametrize("thickness", [1e-300, 1e300])
+def test_a_modulus_beyond_floating_point_is_refused(thickness):
+    fabrics = Fabrics(("a",), tensile_modulus=np.array([1e6]), thickness=np.array([thickness]))
+    assert "fabric 'a': E_fab is" in refusal(fabrics.modulus)
+
+
+@pytest.mark.parametrize(("nu", "accepted"), [(-1.0, False), (-0.999, True), (0.5, True), (0.501, False)])
+def test_poisson_ratio_is_that_of_a_stable_solid(nu, accepted):
+    assert POISSON_RATIO.holds(nu) is accepted
+
+
+# arrays cannot be changed from outside
+
+
+def test_arrays_are_copies_and_read_only(file):
+    given = np.array([1e4])
+    fabrics = Fabrics(("a",), effective_modulus=given)
+    given[0] = 1.0
+    assert fabrics.effective_modulus.tolist() == [1e4]
+    ratings = Ratings.read(file(RATINGS))
+    for array in (fabrics.effective_modulus, fabrics.thickness, ratings.rating, ratings.fabric, ratings.rows):
+        with pytest.raises(ValueError, match="read-only"):
+            array[0] = 0
+    with pytest.raises(FrozenInstanceError):
+        ratings.rating = given
+    assert "differ in length" in refusal(
+        Ratings, ("p",), ("a",), (Force(1.0),), [0], [0], [0], rating=[1.0, 2.0], rows=[2]
+    )
+
+
+# what is refused, and where
+
+
+RATING_FAULTS = [
+    (2, "5", "five", "column 'rating': expected a finite number, got 'five'"),
+    (2, "5", "inf", "column 'rating': expected a finite number, got 'inf'"),
+    (2, "5", "1e999", "column 'rating': expected a finite number, got '1e999'"),
+    (2, "5", "1_0", "column 'rating': expected a finite number, got '1_0'"),
+    (
+        4,
+        "1e1",
+        '"1,5"',
+        "got '1,5'; --decimal says what commas and points mean",
+    ),
+    (3, "2.5", "0", "column 'indentation_mm': expected a number from 1e-06 to 100, got '0'"),
+    (3, "2.5", "-1", "column 'indentation_mm': expected a number from 1e-06 to 100, got '-1'"),
+    (3, "2.5", "1e-330", "column 'indentation_mm': expected a number from 1e-06 to 100, got '1e-330'"),
+    (3, "2.5", "", "column 'indentation_mm': expected a load, got ''"),
+    (3, "voile", "", "column 'fabric': expected a name, got ''"),
+    (4, "P2", " ", "column 'participant': expected a name, got ''"),
+    (4, "1e1", "1e1,2", "'2' stands beyond the 4 columns of the header"),
+]
+
+
+@pytest.mark.parametrize(("row", "old", "new", "problem"), RATING_FAULTS)
+def test_a_fault_in_ratings_is_named(file, row, old, new, problem):
+    path = file(edited(RATINGS, row, old, new))
+    message = refusal(Ratings.read, path)
+    assert message.startswith(f"{path}: row {row}")
+    assert message.endswith(problem)
+
+
+FABRIC_FAULTS = [
+    (2, "3.2", "0", "column 'tensile_modulus_mpa': expected a finite number above 0, got '0'"),
+    (3, "0.68", "-0.68", "column 'thickness_mm': expected a finite number above 0, got '-0.68'"),
+    (3, "0.68", "thick", "column 'thickness_mm': expected a finite number above 0, got 'thick'"),
+    (3, "33.0", "1e308", "column 'tensile_modulus_mpa': expected a finite number above 0, got '1e308'"),
+    (
+        4,
+        "0.2",
+        "0.6",
+        "column 'poisson_ratio': expected a finite number above -1 and at most 0.5, got '0.6'",
+    ),
+    (4, "felt", "voile", "column 'fabric': 'voile' stands in row 2 already"),
+    (4, "felt", "", "column 'fabric': expected a name, got ''"),
+    (
+        4,
+        "1,1",
+        "1,",
+        "fabric 'felt': expected effective_modulus_kpa, or bending_rigidity_n_m, "
+        "or both tensile_modulus_mpa and thickness_mm",
+    ),
+]
+
+
+@pytest.mark.parametrize(("row", "old", "new", "problem"), FABRIC_FAULTS)
+def test_a_fault_in_fabrics_is_named(file, row, old, new, problem):
+    path = file(edited(FABRICS, row, old, new), "fabrics.csv")
+    message = refusal(Fabrics.read, path)
+    assert message.startswith(f"{path}: row {row}, ")
+    assert message.endswith(problem)
+
+
+@pytest.mark.parametrize(
+    ("content", "problem"),
+    [
+        ("", "the file is empty"),
+        (" \n\n", "the file is empty"),
+        ("\ufeff", "the file is empty"),
+        (",,\n", "no row below the header"),
+        ("participant,fabric,indentation_mm,rating\n", "no row below the header"),
+        (b"\x00\x01\x02", "not a text file"),
+        (b"PK\x03\x04 workbook", "not a text file"),
+        (b"\xff\xfea", "UTF-16"),
+        ("fabric,rating,Rating\na,1,2\n", "row 1: 2 columns are called 'rating'"),
+        ('fabric,force_n,rating\n"a,1,2\nb,1,2\n', "quotation mark"),
+        ("participant,rating\np,1\n", "no column 'fabric'"),
+        ("fabric,force_n,softness\na,1,2\n", "--column rating=..."),
+        ("fabric,force_n,softness\na,1,2\n", "unused columns: softness"),
+        ("fabric,force_n,rating\na,1,\nb,1,NA\n", "column 'rating': there is no rating in any row"),
+        ("fabric|force_n|rating\na|1|2\n", "unused columns: fabric|force_n|rating"),
+    ],
+)
+def test_files_that_are_no_table_are_refused(file, content, problem):
+    path = file(content)
+    message = refusal(Ratings.read, path)
+    assert message.startswith(f"{path}: ")
+    assert problem in message
+
+
+def test_missing_files_and_directories_are_refused(tmp_path):
+    assert "nowhere.csv: No such file" in refusal(Ratings.read, tmp_path / "nowhere.csv")
+    assert refusal(Fabrics.read, tmp_path).startswith(f"{tmp_path}: ")
+
+
+def test_without_a_load_the_options_are_named(file):
+    path = file("fabric,rating\na,1\n")
+    for options in ({}, {"indentation_mm": 1.0, "force_n": 1.0}):
+        message = refusal(Ratings.read, path, **options)
+        assert "--indentation-mm" in message
+        assert "--force-n" in message
+    assert "this one has 'indentation_mm'" in refusal(Ratings.read, file(RATINGS), force_n=1.0)
+    assert "force_n: expected a number from 1e-09 to 1000, got '-1.0'" in refusal(Ratings.read, path, force_n=-1)
+
+
+@pytest.mark.parametrize("cells", ["1,2", ","])
+def test_a_row_fills_one_load_column(file, cells):
+    text = f"fabric,indentation_mm,force_n,rating\na,1,,2\nb,{cells},3\n"
+    message = refusal(Ratings.read, file(text))
+    assert "row 3, column 'force_n': expected one load, an indentation or a force, got '" in message
+
+
+def test_a_point_in_a_file_of_decimal_commas_is_refused(file):
+    """The point may separate thousands: 1.234 would be read a thousand times too small."""
+    text = SEMICOLONS.replace(";5\n", ";1.234\n")
+    assert "row 2, column 'rating': expected a decimal comma, as elsewhere in this file, got '1.234'" in refusal(
+        Ratings.read, file(text)
+    )
+
+
+def test_unknown_fabrics_are_named_with_a_guess(file):
+    fabrics = Fabrics.read(file(FABRICS, "fabrics.csv"))
+    path = file(edited(RATINGS, 3, "voile", "viole"))
+    message = refusal(Ratings.read, path, fabrics)
+    assert message.startswith(f"{path}: row 3, column 'fabric': 'viole' is not a fabric of {fabrics.source}")
+    assert message.endswith("(did you mean 'voile'?)")
+
+
+def test_renames_must_mean_something(file):
+    path = file(RATINGS)
+    assert "did you mean 'rating'?" in refusal(Ratings.read, path, columns={"ratng": "rating"})
+    assert f"there is no column 'softness' in {path}" in refusal(Ratings.read, path, columns={"rating": "softness"})
+
+
+@pytest.mark.parametrize("value", ["0", "-1.5"])
+def test_ratings_without_a_logarithm_are_refused_on_demand(file, value):
+    ratings = Ratings.read(path := file(edited(RATINGS, 3, "7.25", value)))
+    message = refusal(ratings.require_positive)
+    assert message.startswith(f"{path}: row 3, column 'rating': expected a magnitude estimate above 0, got '{value}'")
+    assert "1 of 3 ratings" in message
+    assert "leave the cell" in message
+    assert Ratings.read(file(RATINGS)).require_positive() is None
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_damaged_files_are_read_or_refused_but_never_crash(file, seed):
+    rng = np.random.default_rng(seed)
+    marks = list('",;\n\r\t.-0e #\\\x00\x85é٣')
+    outcomes = set()
+    for _ in range(100):
+        text = list(OWN.replace(",", rng.choice([",", ";", "\t"])))
+        for place in rng.integers(len(text), size=rng.integers(5)):
+            text[place] = rng.choice(marks)
+        path = file("".join(text).encode(rng.choice(["utf-8", "utf-8", "utf-16"])))
+        try:
+            outcomes.add(type(read_experiment(path)))
+        except InputError as error:
+            outcomes.add(str(error).startswith(f"{path}: "))
+    assert outcomes == {Experiment, True}
+
+
+# ratings with their fabrics
+
+
+def test_fabrics_given_by_name(file):
+    path = file(FABRICS, "cloth.csv")
+    ratings, fabrics, notes, _ = read_experiment(file(RATINGS), path)
+    assert ratings.fabrics == fabrics.names == ("voile", "denim")
+    assert fabrics.source == str(path)
+    assert [fabrics.names[i] for i in ratings.fabric] == ["denim", "voile", "voile"]
+    assert fabrics.thickness.tolist() == [0.22e-3, 0.68e-3]
+    assert fabrics.rows == (2, 3)
+    assert notes == ("fabrics without a rating, left out: felt",)
+
+
+def test_fabrics_beside_the_ratings_are_announced(file):
+    path = file(FABRICS, "fabrics.csv")
+    experiment = read_experiment(file(RATINGS))
+    assert experiment.fabrics.source == str(path)
+    assert any(str(path) in note for note in experiment.notes)
+
+
+OWN = """fabric,force_n,rating,tensile_modulus_mpa,thickness_mm
+b,1,1,2,0.5
+a,1,2,3,0.5
+b,1,3,2.0,
+b,2,,2,.5
+"""
+
+
+def test_fabrics_in_the_ratings_win_over_those_beside(file):
+    file(FABRICS, "fabrics.csv")
+    ratings, fabrics, notes, _ = read_experiment(file(OWN))
+    assert fabrics.names == ratings.fabrics == ("a", "b")
+    assert fabrics.tensile_modulus.tolist() == [3e6, 2e6]
+    assert fabrics.thickness.tolist() == [0.5e-3, 0.5e-3]
+    assert fabrics.digest == ratings.digest
+    assert not any("beside" in note for note in notes)
+
+
+def test_fabrics_in_the_ratings_must_agree(file):
+    path = file(edited(OWN, 4, "2.0", "2.1"))
+    assert refusal(read_experiment, path) == (
+        f"{path}: row 4, column 'tensile_modulus_mpa': 'b' has '2.1' here and '2' in row 2"
+    )
+
+
+def test_fabrics_given_by_name_win_over_those_in_the_ratings(file):
+    path = file("fabric,effective_modulus_kpa\na,10\nb,20\n", "cloth.csv")
+    experiment = read_experiment(file(OWN), path)
+    assert experiment.fabrics.modulus().tolist() == [10e3, 20e3]
+    assert any(f"tensile_modulus_mpa not used, the fabrics are those of {path}" in n for n in experiment.notes)
+
+
+def test_without_fabrics_the_ways_to_give_them_are_named(file):
+    message = refusal(read_experiment, file(RATINGS))
+    for way in ("--fabrics", "fabrics.csv", "effective_modulus_kpa"):
+        assert way in message
+
+
+def test_a_rename_may_concern_either_file(file):
+    cloth = file(FABRICS.replace("fabric", "fabric_id"), "cloth.csv")
+    ratings = file(RATINGS.replace("rating", "softness"))
+    columns = {"rating": "softness", "fabric": "fabric_id"}
+    assert len(read_experiment(ratings, cloth, columns=columns).ratings) == 3
+    message = refusal(read_experiment, ratings, cloth, columns=columns | {"trial": "block"})
+    assert "there is no column 'block'" in message
+    assert str(cloth) in message
+
+
+def test_names_are_ordered_as_numbers_are_counted(file):
+    names = ["P10", "P2", "٣", "p", "P2b", "10", "9", "P02"]
+    text = "fabric,force_n,rating\n" + "".join(f"{name},1,1\n" for name in names)
+    assert Ratings.read(file(text)).fabrics == ("9", "10", "P02", "P2", "P2b", "P10", "p", "٣")
+
+
+# loads and units
+
+
+def test_loads_are_distinct_and_ordered():
+    assert loads_of([2, 0.7, 2], [0.5]) == (Indentation(0.0007), Indentation(0.002), Force(0.5))
+    assert "indentation_mm: expected a number from 1e-06 to 100, got 'nan'" in refusal(loads_of, [math.nan])
+
+
+@pytest.mark.parametrize("column", NUMBERS.values(), ids=str)
+def test_units_round_trip_bit_by_bit(column):
+    rng = np.random.default_rng(3)
+    ends = np.clip([column.range.low, column.range.high], 1e-20, 1e20)
+    for value in (
+        10.0 ** rng.uniform(*np.log10(ends), 300) if column is not POISSON_RATIO else rng.uniform(-1, 0.5, 300)
+    ):
+        assert column.parse(column.write(value)) == value
+        assert float(column.write(value)) * column.factor == pytest.approx(value, rel=1e-14)
+
+
+def test_small_numbers_and_units_of_axes():
+    assert BENDING_RIGIDITY.parse("1e-300") == 1e-300
+    assert THICKNESS.parse("0.7") == 0.0007
+    assert THICKNESS.write(0.0007) == "0.7"
+    assert THICKNESS.axis == "thickness (mm)"
+    assert POISSON_RATIO.axis == "Poisson ratio"
+
+
+# writing
+
+
+def simulated() -> tuple[Ratings, Fabrics]:
+    rng = np.random.default_rng(5)
+    fabrics = Fabrics(
+        ("satin", 'tulle, "fine"', "Köper"),
+        tensile_modulus=rng.lognormal(16, 1, 3),
+        thickness=np.array([rng.lognormal(-8, 0.3), np.nan, 1e-4]),
+        effective_modulus=np.array([np.nan, rng.lognormal(10), np.nan]),
+        poisson_ratio=rng.uniform(0, 0.5, 3),
+    )
+    rating = rng.lognormal(2, 1, (4, 3, 3))
+    rating[2, 1, 0] = np.nan
+    loads = loads_of([1, 2.2], [1 / 3])
+    return Ratings.crossed(("P1", "P2", "P3", "P4"), fabrics.names, loads, rating), fabrics
+
+
+def same(first: object, second: object, names: tuple[str, ...]) -> bool:
+    return all(np.array_equal(getattr(first, n), getattr(second, n), equal_nan=True) for n in names)
+
+
+ARRAYS = ("participant", "fabric", "load", "rating")
+PROPERTIES = ("tensile_modulus", "thickness", "poisson_ratio", "bending_rigidity", "effective_modulus")
+
+
+def test_files_read_back_to_the_same_values(tmp_path):
+    ratings, fabrics = simulated()
+    assert (len(ratings), ratings.n_missing) == (35, 1)
+    write_ratings(tmp_path / "ratings.csv", ratings)
+    write_fabrics(tmp_path / "fabrics.csv", fabrics)
+    experiment = read_experiment(tmp_path / "ratings.csv")
+    assert experiment.fabrics.names == experiment.ratings.fabrics == fabrics.names
+    assert experiment.ratings.loads == ratings.loads
+    assert same(experiment.ratings, ratings, (*ARRAYS, "rows"))
+    assert same(experiment.fabrics, fabrics, PROPERTIES)
+
+
+def test_ratings_can_carry_their_fabrics(tmp_path):
+    ratings, fabrics = simulated()
+    write_ratings(tmp_path / "ratings.csv", ratings, fabrics)
+    experiment = read_experiment(tmp_path / "ratings.csv")
+    assert experiment.fabrics.names == ("Köper", "satin", 'tulle, "fine"')
+    assert same(experiment.fabrics.take(fabrics.names), fabrics, PROPERTIES)
+    assert same(experiment.ratings, ratings, ("rating", "participant", "load"))
+
+
+def test_writing_is_deterministic_and_plain(tmp_path):
+    fabrics = Fabrics(("a", "b"), thickness=np.array([5e-4, 7e-4]), tensile_modulus=np.array([1e7, 2.5e6]))
+    write_fabrics(tmp_path / "fabrics.csv", fabrics)
+    assert (tmp_path / "fabrics.csv").read_bytes() == (
+        b"fabric,tensile_modulus_mpa,thickness_mm,poisson_ratio\na,10,0.5,0.3\nb,2.5,0.7,0.3\n"
+    )
+
+
+# tables from elsewhere
+
+
+@needs_shared
+def test_laboratory_ratings():
+    ratings, fabrics, notes, _ = read_experiment(
+        SHARED / "data" / "lab_ratings.csv", SHARED / "data" / "lab_fabrics.csv"
+    )
+    assert len(ratings) == 1053
+    assert ratings.participants[:2] == ("P01", "P02")
+    assert len(ratings.participants) == 30
+    assert len(fabrics) == 12
+    assert ratings.loads == (Indentation(0.001), Indentation(0.002), Indentation(0.003))
+    assert len(ratings.conditions.fabric) == 36
+    assert notes == ()
+    np.testing.assert_allclose(fabrics.modulus()[0], 3.2e6 * 0.22e-3**3 / (12 * 0.82) / 1e-9, rtol=1e-14)
+
+
+@needs_shared
+def test_618_real_fabrics():
+    columns = {"bending_rigidity_n_m": "bending_warp_N_m", "fabric": "fabric_id"}
+    fabrics = Fabrics.read(SHARED / "data" / "fabric_bending_618_drapetester.csv", columns=columns)
+    assert len(fabrics) == 618
+    assert 10e3 < np.median(fabrics.modulus()) < 20e3
+    np.testing.assert_allclose(fabrics.modulus(), fabrics.bending_rigidity / 1e-9, rtol=1e-14)

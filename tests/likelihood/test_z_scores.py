@@ -1,0 +1,417 @@
+"""Standardised ratings against integration by quadrature, dense normal laws and their own simulations."""
+
+import dataclasses
+import functools
+import json
+import os
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from scipy import integrate
+from scipy.stats import halfnorm, kstest, multivariate_normal, norm
+
+from softness_bayes.cli import main
+from softness_bayes.data import Experiment, Fabrics, Ratings
+from softness_bayes.errors import InputError
+from softness_bayes.likelihood.design import Design
+from softness_bayes.likelihood.magnitude import INVERSE, RATING_DIRECTIONS, SOFTNESS, RatingParameters
+from softness_bayes.likelihood.scales import RATING_SCALES, STANDARDISED
+from softness_bayes.likelihood.z_scores import Line, StandardisedModel, StandardisedRatings
+from softness_bayes.model.build import simulate_ratings, usual_values
+from softness_bayes.model.posterior import LEAST_FIRING
+from softness_bayes.plotting import FIGURES, USUAL, observed_ratings
+from softness_bayes.runs import run
+from softness_bayes.runs.run import RunOptions, posterior_of, sample
+from softness_bayes.sampler.sampling import Settings, sample_until
+from softness_bayes.sampler.workers import Workers
+from softness_bayes.touch.contact import Indentation
+from softness_bayes.touch.neuron import fixed_channels
+from softness_bayes.touch.readings import MENDED
+from support.coverage import BRIEF, ENOUGH, REPLICATES, Case, coverage_holds
+from support.paths import DATA
+
+
+def error(varsigma):
+    """Parameters of which the model has varsigma alone: the others are not numbers, so that their use shows."""
+    return RatingParameters(np.nan, np.nan, varsigma, np.nan, np.nan)
+
+
+def lab(rng, rows=20, conditions=6, slope=0.7):
+    """Unbalanced ratings, with mean rates some of which are zero."""
+    design = Design(rng.integers(conditions, size=rows), rng.integers(4, size=rows), np.arange(conditions) % 3, 4)
+    rate = rng.gamma(1, 10, conditions) * (rng.random(conditions) > 0.2)
+    x = rate[design.condition]
+    ratings = slope * (x - x.mean()) / max(x.std(), 1e-9) + 0.5 * rng.standard_normal(rows)
+    return ratings, design, rate
+
+
+def standardised(rate, design):
+    """x of every row, by its definition."""
+    x = rate[design.condition]
+    return (x - x.mean()) / x.std() if x.std() > 0 else np.zeros_like(x)
+
+
+def evidence(y, x, varsigma, sign):
+    """log p(y) with c0 integrated out by a dense normal law and c1 by quadrature."""
+    covariance = 1.0 + varsigma**2 * np.eye(y.size)
+    law = multivariate_normal(np.zeros(y.size), covariance)
+
+    def log_joint(c1):
+        return law.logpdf(y - sign * c1 * x) + halfnorm.logpdf(c1)
+
+    grid = np.linspace(0, 6, 601)
+    best = max(grid, key=log_joint)
+    peak = log_joint(best)
+    edges = [0.0, *sorted({max(best - 0.5, 0.01), max(best, 0.02), best + 0.5}), 12.0]
+    parts = [
+        integrate.quad(lambda c: np.exp(log_joint(c) - peak), a, b, epsabs=0, epsrel=1e-11, limit=200)[0]
+        for a, b in pairwise(edges)
+    ]
+    return peak + np.log(sum(parts))
+
+
+@pytest.mark.parametrize("direction", RATING_DIRECTIONS.values(), ids=RATING_DIRECTIONS)
+@pytest.mark.parametrize(("slope", "varsigma"), [(0.7, 0.5), (-1.0, 0.5), (0.0, 2.0), (1.5, 0.05)])
+def test_likelihood_is_the_integral_over_the_line(direction, slope, varsigma):
+    """Also where the slope has the wrong sign, which leaves the line no more than the tail of its prior."""
+    ratings, design, rate = lab(np.random.default_rng(1), slope=slope)
+    observed = StandardisedRatings(ratings, design, StandardisedModel(direction))
+    expected = evidence(ratings, standardised(rate, design), varsigma, direction.sign)
+    assert observed.log_likelihood(rate, error(varsigma)) == pytest.approx(expected, rel=1e-8)
+
+
+@pytest.mark.parametrize(("rows", "conditions"), [(1, 1), (1, 3), (2, 2), (9, 1)])
+def test_likelihood_of_hardly_any_ratings(rows, conditions):
+    ratings, design, rate = lab(np.random.default_rng(2), rows=rows, conditions=conditions)
+    expected = evidence(ratings, standardised(rate, design), 0.4, 1.0)
+    assert StandardisedRatings(ratings, design).log_likelihood(rate, error(0.4)) == pytest.approx(expected, rel=1e-8)
+
+
+def test_a_response_that_does_not_vary_says_nothing():
+    ratings, design, _ = lab(np.random.default_rng(3))
+    observed = StandardisedRatings(ratings, design)
+    covariance = 1.0 + 0.09 * np.eye(design.n_rows)
+    expected = multivariate_normal(np.zeros(design.n_rows), covariance).logpdf(ratings)
+    # silent everywhere, and the same everywhere but for rounding
+    for rate in (np.zeros(6), 17.3 * (1 + 1e-15 * np.arange(6))):
+        assert observed.log_likelihood(rate, error(0.3)) == pytest.approx(expected, rel=1e-10)
+
+
+@pytest.mark.parametrize("direction", RATING_DIRECTIONS.values(), ids=RATING_DIRECTIONS)
+@pytest.mark.parametrize("slope", [0.8, -0.8])
+def test_leave_one_out_is_a_ratio_of_evidences(direction, slope):
+    ratings, design, rate = lab(np.random.default_rng(4), rows=12, slope=slope)
+    x, everything = standardised(rate, design), np.arange(12)
+    loo = StandardisedRatings(ratings, design, StandardisedModel(direction)).log_likelihood_loo(rate, error(0.4))
+    whole = evidence(ratings, x, 0.4, direction.sign)
+    for i in range(12):
+        rest = everything != i
+        # x stays as all rows standardise it: the rating is left out, not its condition
+        assert loo[i] == pytest.approx(whole - evidence(ratings[rest], x[rest], 0.4, direction.sign), abs=1e-7)
+
+
+def test_ratings_without_some_of_them(rng):
+    ratings, design, rate = lab(rng)
+    observed = StandardisedRatings(ratings, design)
+    gone = design.participant == 1
+    expected = evidence(ratings[~gone], standardised(rate, design)[~gone], 0.4, 1.0)
+    assert observed.without(gone).log_likelihood(rate, error(0.4)) == pytest.approx(expected, rel=1e-8)
+    # standardising over the rows that are left would be another model
+    apart = StandardisedRatings(ratings[~gone], design.without(gone)).log_likelihood(rate, error(0.4))
+    assert abs(apart - expected) > 1e-4
+
+
+def test_a_batch_is_its_points_one_by_one(rng):
+    ratings, design, _ = lab(rng)
+    rates, varsigma = rng.gamma(1, 10, (30, 6)), rng.uniform(0.1, 2, 30)
+    observed = StandardisedRatings(ratings, design, StandardisedModel(INVERSE))
+    batch = observed.log_likelihood(rates, error(varsigma))
+    alone = observed.log_likelihood_loo(rates, error(varsigma))
+    assert batch.shape == (30,)
+    assert alone.shape == (30, 20)
+    for k in range(30):
+        assert batch[k] == pytest.approx(observed.log_likelihood(rates[k], error(varsigma[k])), rel=1e-12)
+        assert_allclose(alone[k], observed.log_likelihood_loo(rates[k], error(varsigma[k])), rtol=1e-10)
+
+
+def test_the_line_given_the_ratings_has_the_moments_of_its_density(rng):
+    ratings, design, rate = lab(rng, slope=0.15)  # near enough to 0 for the truncation to matter
+    n, varsigma = 40_000, 0.8
+    draws = StandardisedRatings(ratings, design).draw_effects(rng, np.tile(rate, (n, 1)), error(np.full(n, varsigma)))
+    c0, c1 = np.meshgrid(np.linspace(-1.5, 1.5, 301), np.linspace(0, 2.5, 501), indexing="ij")
+    x = standardised(rate, design)
+    log_density = norm.logpdf(c0) + norm.logpdf(c1)
+    for y, place in zip(ratings, x, strict=True):
+        log_density = log_density + norm(c0 + c1 * place, varsigma).logpdf(y)
+    weight = np.exp(log_density - log_density.max())
+    weight[:, 0] /= 2  # trapezoid at the edge of the half-line
+    weight /= weight.sum()
+    assert (draws.c1 >= 0).all()
+    for drawn, values in ((draws.c0, c0), (draws.c1, c1)):
+        mean = (weight * values).sum()
+        sd = np.sqrt((weight * (values - mean) ** 2).sum())
+        assert drawn.mean() == pytest.approx(mean, abs=5 * sd / np.sqrt(n) + 1e-3)
+        assert drawn.std() == pytest.approx(sd, rel=0.03)
+    cdf = np.cumsum(weight.sum(axis=0))
+    assert kstest(draws.c1[:3000], lambda v: np.interp(v, c1[0], cdf)).pvalue > 1e-3
+
+
+@pytest.mark.parametrize("direction", RATING_DIRECTIONS.values(), ids=RATING_DIRECTIONS)
+def test_ratings_follow_the_line_up_or_down(rng, direction):
+    _, design, rate = lab(rng, rows=30)
+    model, n = StandardisedModel(direction), 5000
+    drive = model.drive(design, rate, error(0.3))
+    ratings = model.draw_ratings(rng, design, drive, error(np.full(n, 0.3)), Line(np.full(n, 0.2), np.full(n, 0.9)))
+    expected = 0.2 + direction.sign * 0.9 * standardised(rate, design)
+    assert_allclose(ratings.mean(axis=0), expected, atol=5 * 0.3 / np.sqrt(n))
+    assert_allclose(ratings.std(axis=0), 0.3, rtol=0.06)
+    prior = model.draw_effects(rng, error(0.3), (4000,), 3, 3)
+    assert kstest(prior.c0, "norm").pvalue > 1e-3
+    assert kstest(prior.c1, halfnorm.cdf).pvalue > 1e-3
+
+
+def test_drive_elsewhere_is_on_the_scale_of_the_rows(rng):
+    _, design, rate = lab(rng)
+    rates = np.stack([rate, 3 * rate + 1])
+    model = StandardisedModel()
+    at_rows = model.drive(design, rates, error(0.3))
+    assert_allclose(at_rows[0], at_rows[1], atol=1e-12)  # neither gain nor offset of the response is seen
+    assert_allclose(model.drive_at(rates[:, ::-1], design, rates, error(0.3)), at_rows[:, ::-1], atol=1e-12)
+
+
+def test_leave_one_out_integrates_to_one(rng):
+    """As a density of the rating left out; without the ratio of log Phi it does not."""
+    ratings, design, rate = lab(rng, rows=6, slope=-0.3)
+    grid = np.linspace(-8, 8, 1601)
+    density = []
+    for value in grid:
+        moved = StandardisedRatings([value, *ratings[1:]], design)
+        density.append(np.exp(moved.log_likelihood_loo(rate, error(0.5))[0]))
+    assert integrate.trapezoid(density, grid) == pytest.approx(1.0, abs=1e-6)
+
+
+def test_what_cannot_be_z_scores_is_refused():
+    design = Design([0, 0], [0, 0], [0], 1)
+    for ratings, message in (([np.inf, 1.0], "not finite"), ([1.0], "shape")):
+        with pytest.raises(InputError, match=message):
+            StandardisedRatings(ratings, design)
+
+
+# from the data to the posterior
+
+CLOTH = Fabrics(("felt", "lawn", "drill", "gauze", "voile"), effective_modulus=np.array([8e4, 2e4, 4e5, 2e5, 5e4]))
+CHAIN = ("b", "m", "alpha", "beta", "sigma_0", "c_Na", "c_K", "c_L", "c_A")
+CHANNELS = {"c_Na": 1.05, "c_K": 1.16, "c_L": 1.0, "c_A": 1.5}
+WEAVES = Fabrics(tuple("abcdefgh"), effective_modulus=np.geomspace(3e3, 6e5, 8))
+LOADS = (Indentation(1.5e-3), Indentation(2.5e-3))
+
+
+@pytest.fixture(scope="module", autouse=True)
+def one_membrane():
+    """Compute the membrane's one rate curve once."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(fixed_channels, "exact_curve", functools.cache(fixed_channels.exact_curve))
+        yield
+
+
+@pytest.fixture(scope="module")
+def values():
+    return usual_values(MENDED, given={"sigma_0": 7.0, "varsigma": 0.4})
+
+
+def simulated(values, direction=SOFTNESS, **options):
+    rng = np.random.default_rng(5)
+    made = simulate_ratings(rng, CLOTH, LOADS, values, direction=direction, scale=STANDARDISED, **options)
+    return made, Experiment(made.ratings, CLOTH, ())
+
+
+@pytest.mark.parametrize("direction", RATING_DIRECTIONS.values(), ids=RATING_DIRECTIONS)
+def test_the_posterior_of_simulated_z_scores(values, direction):
+    """Truth lies within reach along varsigma and the line, and the other direction is improbable."""
+    made, experiment = simulated(values, direction, participants=20, slope=0.9)
+    assert made.truth["c1"] == 0.9
+    assert not {"gamma", "tau", "omega", "eps", "mu"} & {*made.truth}
+    assert (made.ratings.rating < 0).any()
+    held = {name: values[name] for name in CHAIN}
+    peak = {}
+    for reading in RATING_DIRECTIONS.values():
+        posterior = posterior_of(experiment, RunOptions(fix=held, direction=reading, scale=STANDARDISED))
+        assert posterior.names == ("varsigma",)
+        grid = np.linspace(0.2, 0.8, 121)[:, None]
+        log_likelihood = posterior.log_likelihood(grid)
+        peak[reading] = log_likelihood.max()
+        if reading == direction:
+            best = grid[log_likelihood.argmax(), 0]
+            assert best == pytest.approx(0.4, abs=4 * 0.4 / np.sqrt(2 * 200))
+            rng, many = np.random.default_rng(1), np.full((2000, 1), 0.4)
+            line = posterior.observation.draw_effects(rng, posterior.mean_rate(many), posterior.rating_parameters(many))
+            assert line.c1.mean() == pytest.approx(0.9, abs=4 * 0.4 / np.sqrt(200))
+            assert line.c0.mean() == pytest.approx(0.0, abs=4 * 0.4 / np.sqrt(200))
+    (wrong,) = (value for reading, value in peak.items() if reading != direction)
+    assert peak[direction] > wrong + 50
+
+
+def test_the_model_of_z_scores_has_neither_exponent_nor_participants(values):
+    _, experiment = simulated(values, participants=3)
+    posterior = posterior_of(experiment, RunOptions(scale=STANDARDISED))
+    assert posterior.names == (*CHAIN, "varsigma")
+    assert not {"gamma", "tau", "omega", "eps"} & {*posterior.space.held}
+    with pytest.raises(InputError, match="gamma: the model of these data has no such parameter"):
+        posterior_of(experiment, RunOptions(scale=STANDARDISED, fix={"gamma": 1.0}))
+
+
+def test_the_scale_is_checked_against_the_data(values):
+    _, experiment = simulated(values, participants=3)
+    with pytest.raises(InputError, match="--ratings standardised"):
+        posterior_of(experiment, RunOptions())
+    raw = dataclasses.replace(experiment.ratings, rating=20 + 5 * experiment.ratings.rating, source="my.csv")
+    with pytest.raises(InputError, match=r"my\.csv: column 'rating': expected standardised ratings.*got mean 19\.6"):
+        posterior_of(experiment._replace(ratings=raw), RunOptions(scale=STANDARDISED))
+
+
+def test_names_of_scales_and_what_suits_them(values):
+    assert [*RATING_SCALES] == ["magnitude", "standardised"]
+    for options in ({"mu": 2.0}, {"slope": -1.0}, {"slope": np.nan}):
+        with pytest.raises(InputError, match="simulate: "):
+            simulated(values, participants=2, **options)
+    with pytest.raises(InputError, match="slope is 1"):
+        simulate_ratings(np.random.default_rng(1), CLOTH, LOADS, values, slope=1.0)
+    assert isinstance(simulated(values, participants=2)[0].ratings, Ratings)
+
+
+# from end to end
+
+
+@pytest.mark.parametrize("scale", RATING_SCALES.values(), ids=RATING_SCALES)
+@pytest.mark.parametrize("direction", RATING_DIRECTIONS.values(), ids=RATING_DIRECTIONS)
+def test_a_run_says_what_its_ratings_were_made_from(values, monkeypatch, scale, direction):
+    """Each scale with each direction: parameters, replicates and the curve of a typical rating."""
+    monkeypatch.setattr(run, "Settings", functools.partial(Settings, pilot=(40,), optima=1))
+    given = values | {"sigma_0": 6.0, "alpha": 21.5, "gamma": 0.9, "tau": 0.3}
+    rng = np.random.default_rng(6)
+    ratings = simulate_ratings(rng, CLOTH, LOADS[1:], given, participants=15, direction=direction, scale=scale).ratings
+    held = {name: given[name] for name in (*CHAIN, *(["tau"] if scale.positive else []))}
+    options = RunOptions(fix=held, direction=direction, scale=scale, max_steps=80, processes=1)
+    found = sample(Experiment(ratings, CLOTH, ()), options)
+    truth = (
+        {"gamma": 0.9, "varsigma": 0.4, "eps": 0.1, "mu": np.log(20)}
+        if scale.positive
+        else {"varsigma": 0.4, "c0": 0, "c1": 0.6745}
+    )
+    table = found.summary()
+    assert {*table.index} == {*truth}
+    for name, value in truth.items():
+        assert abs(table.loc[name, "mean"] - value) < 4 * table.loc[name, "sd"], name
+    assert (found.attributes["rating_scale"], found.attributes["direction"]) == (scale.name, direction.name)
+    again = found.group("posterior_predictive")["rating"].values[0]
+    unit = np.log if scale.positive else np.asarray
+    assert np.corrcoef(unit(again).mean(axis=0), unit(ratings.rating))[0, 1] > 0.6
+    assert unit(again).std() == pytest.approx(unit(ratings.rating).std(), rel=0.15)
+    stored = found.group("predictions").isel(chain=0)
+    response, typical = (stored[name].values.reshape(-1) for name in ("total_rate", "typical_rating"))
+    assert np.corrcoef(response, unit(typical))[0, 1] * direction.sign > 0.8
+    assert found.group("log_likelihood_loo")["rating"].shape == (1, 500, len(ratings))
+    figure = FIGURES["rating"](found, USUAL)
+    assert figure.axes[0].get_yscale() == ("log" if scale.positive else "linear")
+    assert figure.axes[0].get_ylabel() == ("softness rating" if scale.positive else "softness rating [sd]")
+
+
+def test_z_scores_are_averaged_as_they_are():
+    """Two fabrics, three participants, one of whom rates the second twice; nobody is shifted."""
+    rating = [-1.0, 0.0, 0.4, 1.0, 2.0, -0.5]
+    found = observed_ratings(rating, [0, 0, 0, 1, 1, 1], [0, 1, 2, 0, 1, 1], [1e4, 1e5], [0, 0], logarithmic=False)
+    second = np.array([1.0, 0.75])  # a participant's repeated ratings count as their mean
+    assert_allclose(found.mean, [-0.2, second.mean()])
+    assert_allclose(found.high - found.mean, [np.std([-1, 0, 0.4], ddof=1), second.std(ddof=1)])
+    assert_allclose(found.mean - found.low, found.high - found.mean)
+
+
+def test_z_scores_from_the_command_line(tmp_path, capsys):
+    """Simulated, checked, refused under the other scale with the option that reads them, and their story told."""
+
+    def call(*arguments):
+        with pytest.raises(SystemExit) as end:
+            main([str(argument) for argument in arguments], prog_name="softness-bayes")
+        return end.value.code or 0, *capsys.readouterr()
+
+    standardised = ("--ratings", "standardised")
+    made = ("simulate", "--fabrics", DATA / "fabrics.csv", "--indentation-mm", "2", "--participants", "3")
+    code, _, err = call(*made, *standardised, "--direction", "inverse", "--slope", "0.8", "--out", tmp_path / "z")
+    assert code == 0, err
+    story = json.loads((tmp_path / "z" / "truth.json").read_text())
+    assert (story["ratings"], story["direction"]) == ("standardised", "falls-with-firing")
+    assert (story["truth"]["c0"], story["truth"]["c1"]) == (0.0, 0.8)
+    ratings = tmp_path / "z" / "ratings.csv"
+    assert call("check", "--data", ratings, *standardised)[0] == 0
+    for verb in ("check", "sample"):
+        code, _, err = call(verb, "--data", ratings)
+        assert code == 2
+        assert "--ratings standardised" in err
+    for verb in ("check", "sample"):
+        code, _, err = call(verb, "--data", DATA / "ratings.csv", *standardised)
+        assert code == 2
+        assert "expected standardised ratings, of mean 0" in err
+    code, _, err = call(*made, *standardised, "--typical-rating", "20", "--out", tmp_path / "y")
+    assert code == 2
+    assert "mu is" in err
+
+
+# recovery, by the coverage of credible intervals
+
+
+def position(posterior, case, seed):
+    """Simulate at a draw of the prior that fires, fit, and return the truth's place among the draws."""
+    rng = np.random.default_rng([20261121, seed])
+    while True:
+        truth = posterior.space.draw_prior(rng, 1)[0]
+        if (posterior.mean_rate(truth) > 0).sum() >= LEAST_FIRING:
+            break
+    design, model = posterior.observation.design, posterior.observation.model
+    parameters, rate = posterior.rating_parameters(truth), posterior.mean_rate(truth)
+    line = model.draw_effects(rng, parameters, (), 1, 1)
+    ratings = model.draw_ratings(rng, design, model.drive(design, rate, parameters), parameters, line)
+    fitted = dataclasses.replace(posterior, observation=case.mistake(StandardisedRatings(ratings, design, model)))
+    sampled = sample_until(fitted, case.settings, seed)
+    theta = fitted.natural(sampled.chains.kept(sampled.verdict.burn_in, 100).coordinates)
+    theta = theta.reshape(-1, theta.shape[-1])
+    drawn = fitted.observation.draw_effects(rng, fitted.mean_rate(theta), fitted.rating_parameters(theta))
+    draws = np.column_stack([theta, drawn.c0, drawn.c1])
+    return (draws < np.append(truth, [line.c0, line.c1])).mean(axis=0)
+
+
+class Upside(StandardisedRatings):
+    """Negative control: the line is taken to run the other way."""
+
+    def log_likelihood(self, *arguments):
+        other = StandardisedModel(INVERSE)
+        return StandardisedRatings(self.ratings, self.design, other).log_likelihood(*arguments)
+
+
+def right(observation):
+    return observation
+
+
+def upside_down(observation):
+    return Upside(observation.ratings, observation.design, observation.model)
+
+
+def coverage_posterior():
+    rng = np.random.default_rng(0)
+    some = simulate_ratings(rng, WEAVES, LOADS, usual_values(MENDED), participants=20, scale=STANDARDISED).ratings
+    return posterior_of(Experiment(some, WEAVES, ()), RunOptions(fix=CHANNELS, scale=STANDARDISED))
+
+
+def test_the_machinery_of_coverage_on_one_replicate():
+    found = position(coverage_posterior(), Case(right, BRIEF), 1)
+    assert found.shape == (8,)
+    assert ((found >= 0) & (found <= 1)).all()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("mistake", "holds"), [(right, True), (upside_down, False)])
+def test_intervals_cover_the_truth_as_often_as_they_say(mistake, holds):
+    with Workers(coverage_posterior(), os.cpu_count() or 1) as workers:
+        positions = workers.map(position, [(Case(mistake, ENOUGH), seed) for seed in range(REPLICATES)])
+    assert coverage_holds(np.array(positions)) == holds

@@ -1,0 +1,136 @@
+"""The posterior density of a fake scene: its parts, its coordinates, where it ends."""
+
+import pickle
+
+import numpy as np
+import pytest
+from scipy import integrate
+
+from softness_bayes.errors import InputError, NumericalError
+from softness_bayes.parameters.declared import PARAMETERS
+from support.fake_scene import FakeScene, fake_posterior
+
+
+@pytest.fixture(scope="module")
+def posterior():
+    return fake_posterior()
+
+
+def test_density_is_prior_times_likelihood_times_jacobian(posterior):
+    z = posterior.draw_start(np.random.default_rng(1), 20)
+    theta = posterior.natural(z)
+    expected = posterior.log_prior(theta) + posterior.log_likelihood(theta) + posterior.space.log_jacobian(z)
+    np.testing.assert_allclose(posterior(z), expected)
+    one_by_one = np.concatenate([posterior(point[None]) for point in z])
+    np.testing.assert_allclose(posterior(z), one_by_one, rtol=1e-12)
+
+
+def test_density_in_sampler_coordinates_is_one_law_with_that_in_natural_units():
+    """One free parameter: the same probability of an interval, integrated on either axis."""
+    fixed = {name: p.prior.median for name, p in PARAMETERS.items() if name not in ("gamma", "omega")}
+    posterior = fake_posterior(fix=fixed)
+    assert posterior.names == ("gamma",)
+    top = float(posterior(np.zeros((1, 1)))[0])
+
+    def in_z(z):
+        return np.exp(posterior(np.array([[z]]))[0] - top)
+
+    def in_gamma(gamma):
+        theta = np.array([[gamma]])
+        return np.exp(posterior.log_prior(theta)[0] + posterior.log_likelihood(theta)[0] - top)
+
+    ratio_z = integrate.quad(in_z, np.log(0.9), np.log(0.95))[0] / integrate.quad(in_z, -4, 3, points=[0])[0]
+    ratio = integrate.quad(in_gamma, 0.9, 0.95)[0] / integrate.quad(in_gamma, 0.02, 20, points=[1])[0]
+    assert ratio_z == pytest.approx(ratio, rel=1e-6)
+    assert 0.01 < ratio < 0.99
+
+
+def test_far_proposals_have_no_density_and_never_reach_the_scene(posterior):
+    scene = FakeScene()
+    asked = []
+
+    class Watched(FakeScene):
+        def total_rate(self, parameters):
+            asked.append(np.max(np.abs(np.log(np.broadcast_arrays(*parameters)))))
+            return scene.total_rate(parameters)
+
+    watched = fake_posterior(scene=Watched())
+    z = watched.draw_start(np.random.default_rng(2), 6)
+    asked.clear()
+    z[1] += 800
+    z[2] -= 800
+    z[3, 0] = 1e5
+    z[4] += 60
+    density = watched(z)
+    assert np.isneginf(density[1:5]).all()
+    assert np.isfinite(density[[0, 5]]).all()
+    assert max(asked) < 40
+    assert np.isneginf(watched(z[1:3])).all()
+
+
+def test_a_likelihood_that_is_no_number_names_the_point():
+    class Broken(FakeScene):
+        def total_rate(self, parameters):
+            rate = super().total_rate(parameters)
+            return np.where(np.asarray(parameters.b)[..., None] > 1e5, np.nan, rate)
+
+    broken = fake_posterior(scene=Broken())
+    theta = np.tile(broken.space.median, (3, 1))
+    assert np.isfinite(broken.log_likelihood(0.9 * theta)).all()
+    theta[1, 0] = 123.5
+    with pytest.raises(NumericalError, match=r"log-likelihood is nan at b=123\.5, m=2\.0"):
+        broken.log_likelihood(theta)
+
+
+def test_starts_fire_in_three_conditions(posterior):
+    rng = np.random.default_rng(3)
+    rate = posterior.mean_rate(posterior.natural(posterior.draw_start(rng, 200)))
+    assert ((rate > 0).sum(axis=-1) >= 3).all()
+    # negative control: plain prior draws do not always
+    plain = posterior.mean_rate(posterior.space.draw_prior(rng, 200))
+    assert ((plain > 0).sum(axis=-1) < 3).any()
+
+
+def test_a_prior_that_is_silent_is_refused():
+    with pytest.raises(InputError, match="prior draws make receptors fire"):
+        fake_posterior(scene=FakeScene(rheobase=1e9)).draw_start(np.random.default_rng(4), 10)
+
+
+def test_where_the_prior_hardly_fires_starts_are_of_a_wider_one():
+    """alpha must exceed its median by a factor of 1.4, 3.4 standard deviations: one prior draw in 3000."""
+    posterior = fake_posterior(scene=FakeScene(rheobase=28.5))
+    rng = np.random.default_rng(8)
+    plain = posterior.mean_rate(posterior.space.draw_prior(rng, 1600))
+    assert ((plain > 0).sum(axis=-1) >= 3).sum() < 10
+    z = posterior.draw_start(rng, 32)
+    assert z.shape == (32, len(posterior.names))
+    assert ((posterior.mean_rate(posterior.natural(z)) > 0).sum(axis=-1) >= 3).all()
+    assert np.isfinite(posterior(z)).all()
+    np.testing.assert_array_equal(*(posterior.draw_start(np.random.default_rng(9), 8) for _ in range(2)), strict=True)
+
+
+def test_where_too_few_conditions_can_fire_those_that_fire_at_all_are_taken():
+    class OneFires(FakeScene):
+        """The stiffest fabric under the firmest load alone is ever heard."""
+
+        def total_rate(self, parameters):
+            rate = super().total_rate(parameters)
+            return np.where(np.arange(rate.shape[-1]) == rate.shape[-1] - 1, rate, 0.0)
+
+    posterior = fake_posterior(scene=OneFires())
+    z = posterior.draw_start(np.random.default_rng(4), 16)
+    fires = (posterior.mean_rate(posterior.natural(z)) > 0).any(axis=-1)
+    assert fires.all()
+
+
+def test_a_posterior_travels_to_a_worker(posterior):
+    z = posterior.draw_start(np.random.default_rng(5), 4)
+    np.testing.assert_array_equal(pickle.loads(pickle.dumps(posterior))(z), posterior(z))
+
+
+def test_held_parameters_of_the_chain_need_no_batch():
+    chain = {"b": 100.0, "m": 2.0, "alpha": 21.0, "beta": 0.6, "sigma_0": 5.0}
+    posterior = fake_posterior(fix=chain)
+    z = posterior.draw_start(np.random.default_rng(6), 5)
+    assert posterior(z).shape == (5,)
+    assert posterior.names == ("gamma", "tau", "varsigma")

@@ -1,0 +1,155 @@
+"""The forward model as a table: its columns, units, limits and gaps."""
+
+import io
+import os
+import subprocess
+import sys
+
+import numpy as np
+import pandas as pd
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+
+from softness_bayes.data import Fabrics
+from softness_bayes.model.prediction import prediction_table
+from softness_bayes.touch.contact import Force, Indentation, solve_contact
+from softness_bayes.touch.parameters import TouchParameters
+from softness_bayes.touch.scene import Scene
+from support.paths import SHARED
+
+QUANTITIES = [
+    "indentation_mm",
+    "force_n",
+    "e_fab_kpa",
+    "e_skin_kpa",
+    "contact_radius_mm",
+    "peak_stress_kpa",
+    "total_rate_hz",
+    "responding",
+    "mean_rate_hz",
+    "mean_interval_ms",
+]
+CLOTH = Fabrics(("gauze", "lawn", "drill"), effective_modulus=np.array([1e3, 8e4, 4e5]))
+LOADS = (Indentation(2e-3), Force(0.8))
+
+
+@pytest.fixture(scope="module")
+def scene(smooth_firing):
+    return Scene(CLOTH.modulus(), CLOTH.poisson_ratio, LOADS, smooth_firing())
+
+
+def batch(paper, rng, size):
+    columns = {name: np.full(size, value) for name, value in paper()._asdict().items()}
+    columns["b"] = 1e5 * rng.lognormal(0, 0.4, size)
+    columns["sigma_0"] = 9e3 * rng.lognormal(0, 0.3, size)
+    return TouchParameters(**columns)
+
+
+def test_one_row_for_each_fabric_and_load(scene, paper):
+    table = prediction_table(CLOTH, scene, paper())
+    assert list(table) == ["fabric", *QUANTITIES, "readings"]
+    assert (table["readings"] == "mended").all()
+    assert table["fabric"].tolist() == ["gauze", "lawn", "drill"] * 2
+    assert_allclose(table["e_fab_kpa"], [1, 80, 400] * 2)
+    assert_allclose(table["indentation_mm"][:3], 2)
+    assert_allclose(table["force_n"][3:], 0.8)
+    for k, load in enumerate(LOADS):
+        rows = table.iloc[3 * k : 3 * k + 3]
+        contact = solve_contact(CLOTH.modulus(), CLOTH.poisson_ratio, load, paper().b, paper().m)
+        assert_allclose(rows["e_skin_kpa"], contact.skin_modulus / 1e3, rtol=1e-9)
+        assert_allclose(rows["contact_radius_mm"], contact.radius * 1e3, rtol=1e-9)
+        assert_allclose(rows["indentation_mm"], contact.indentation * 1e3, rtol=1e-9)
+        assert_allclose(rows["force_n"], contact.force, rtol=1e-9)
+
+
+def test_rates_and_receptors_agree_with_each_other(scene, paper):
+    table = prediction_table(CLOTH, scene, paper(sigma_0=5e3))
+    firing = table[table["responding"] > 0]
+    assert len(firing) >= 2
+    assert_allclose(firing["total_rate_hz"], firing["responding"] * firing["mean_rate_hz"], rtol=1e-9)
+    # a mean interval is never below the interval of the mean rate (Jensen)
+    assert (firing["mean_interval_ms"] >= 1e3 / firing["mean_rate_hz"] * (1 - 1e-9)).all()
+    assert (firing["responding"] <= 249.7).all()
+    assert_allclose(table["total_rate_hz"], scene.total_rate(paper(sigma_0=5e3)), rtol=1e-9)
+
+
+def test_where_nothing_fires_rate_and_interval_are_empty(scene, paper):
+    table = prediction_table(CLOTH, scene, paper())
+    silent = table["responding"] == 0
+    assert 0 < silent.sum() < len(table)
+    assert_array_equal(table["total_rate_hz"] == 0, silent)
+    for name in QUANTITIES:
+        assert_array_equal(table[name].isna(), silent & (name in ("mean_rate_hz", "mean_interval_ms")))
+    lines = table.to_csv(index=False).splitlines()
+    assert lines[1 + int(np.flatnonzero(silent)[0])].endswith(",0.0,0.0,,,mended")
+    assert "nan" not in "".join(lines)
+
+
+def test_draws_give_a_median_between_its_limits(scene, paper, rng):
+    draws = batch(paper, rng, 200)
+    table = prediction_table(CLOTH, scene, draws, prob=0.8)
+    expected = [f"{name}{end}" for name in QUANTITIES for end in ("", "_low", "_high")]
+    assert next(iter(table)) == "fabric"
+    assert sorted(table) == sorted(["fabric", *expected, "readings"])
+    for name in QUANTITIES:  # each has its limits beside it
+        place = list(table).index(name)
+        assert {list(table)[place - 1], list(table)[place + 1]} == {f"{name}_low", f"{name}_high"}
+    rate = np.array([scene.total_rate(TouchParameters(*(column[i] for column in draws))) for i in range(200)])
+    for end, p in (("_low", 0.1), ("", 0.5), ("_high", 0.9)):
+        assert_allclose(table[f"total_rate_hz{end}"], np.quantile(rate, p, axis=0), rtol=1e-9, atol=1e-9)
+    assert (table["e_fab_kpa_low"] == table["e_fab_kpa_high"]).all()
+    assert (table["e_skin_kpa_low"] < table["e_skin_kpa_high"]).all()
+
+
+def test_limits_of_a_mean_rate_leave_silent_draws_out(scene, paper):
+    loud, quiet = paper(sigma_0=4e3), paper(sigma_0=1e6)
+    draws = TouchParameters(*(np.array([a, b, a]) for a, b in zip(loud, quiet, strict=True)))
+    table = prediction_table(CLOTH, scene, draws)
+    alone = prediction_table(CLOTH, scene, loud)
+    for end in ("_low", "", "_high"):
+        assert_allclose(table[f"mean_rate_hz{end}"], alone["mean_rate_hz"], rtol=1e-9)
+    assert (table["total_rate_hz_low"] < table["total_rate_hz_high"])[alone["responding"] > 0].all()
+    nothing = prediction_table(CLOTH, scene, TouchParameters(*(np.array([b, b]) for b in quiet)))
+    assert nothing[["mean_rate_hz_low", "mean_rate_hz", "mean_interval_ms_high"]].isna().all(axis=None)
+    assert (nothing["total_rate_hz"] == 0).all()
+
+
+def test_618_real_fabrics_after_renaming_two_columns():
+    path = SHARED / "data" / "fabric_bending_618_drapetester.csv"
+    if not path.is_file():
+        pytest.skip("the measured fabrics lie beside the project only")
+    done = subprocess.run(
+        [
+            sys.executable,
+            "-W",
+            "error",
+            "-c",
+            "from softness_bayes.cli import main; main()",
+            "predict",
+            "--fabrics",
+            str(path),
+            "--column",
+            "fabric=fabric_id",
+            "--column",
+            "bending_rigidity_n_m=bending_warp_N_m",
+            "--indentation-mm",
+            "3",
+        ],
+        capture_output=True,
+        text=True,
+        env=os.environ | {"PYTHONUTF8": "1"},
+        timeout=120,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    table, source = pd.read_csv(io.StringIO(done.stdout)), pd.read_csv(path)
+    assert list(table) == ["fabric", *QUANTITIES, "readings"]
+    assert (table["readings"] == "mended").all()
+    assert table["fabric"].tolist() == source["fabric_id"].tolist()
+    assert len(table) == 618
+    # E_fab = D / (1 mm)^3
+    assert_allclose(table["e_fab_kpa"], source["bending_warp_N_m"] * 1e9 / 1e3, rtol=1e-9)
+    # stiffer cloth, higher force, throughout
+    ordered = table.sort_values("e_fab_kpa")
+    assert (np.diff(ordered["force_n"]) >= 0).all()
+    assert (ordered["total_rate_hz"] >= 0).all()

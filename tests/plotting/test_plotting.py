@@ -1,0 +1,328 @@
+"""Figures, by the data that their artists carry."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+from matplotlib.text import Text
+from numpy.testing import assert_allclose
+
+from softness_bayes import plotting
+from softness_bayes.checking.inflection import Inflection, find_inflection
+from softness_bayes.errors import InputError
+from softness_bayes.plotting.chains import MOST_STEPS
+from softness_bayes.plotting.inflection import percent
+from softness_bayes.plotting.panels import number_ticks
+from softness_bayes.touch.contact import Load
+from support.figures import FABRICS, FINGER_RADIUS, LOADS, artist, drawn, finished_run, invented_curves, outline
+
+
+@pytest.mark.parametrize("loads", LOADS.values(), ids=LOADS)
+@pytest.mark.parametrize("draws", [1, 60])
+def test_response_shows_the_quantiles_of_every_load(loads: tuple[Load, ...], draws: int) -> None:
+    curves = invented_curves(loads, draws)
+    inflection = find_inflection(curves, 0.0, (FABRICS.min(), FABRICS.max()))
+    figure = drawn(plotting.response_figure(curves, loads, FABRICS, inflection=inflection, finger_radius=FINGER_RADIUS))
+    panels = {artist(figure, f"median/{load}").axes for load in loads}
+    assert len(panels) == len(loads)
+    # each panel and its margin, nothing else
+    assert len(figure.axes) == 2 * len(loads)
+    for index, load in enumerate(loads):
+        rate = curves.total_rate[:, index]
+        median = artist(figure, f"median/{load}")
+        assert_allclose(median.get_xdata(), curves.modulus / 1e3)
+        assert_allclose(median.get_ydata(), np.median(rate, axis=0))
+        for level, limits in ((50, (0.25, 0.75)), (95, (0.025, 0.975))):
+            assert_allclose(outline(artist(figure, f"band{level}/{load}")), np.quantile(rate, limits, axis=0))
+        assert_allclose(artist(figure, f"fabrics/{load}").get_xdata(), FABRICS / 1e3)
+        share = np.mean(inflection.outcome[:, index] == 1)
+        assert artist(figure, f"probability/{load}").get_text().startswith(f"turning point {percent(share)}")
+        # the strip spans the part of the grid with a/R > 0.5
+        beyond = curves.modulus[np.median(curves.radius[:, index], axis=0) > 0.5 * FINGER_RADIUS]
+        strip = artist(figure, f"hertz/{load}").get_paths()[0].vertices[:, 0]
+        assert_allclose([strip.min(), strip.max()], [beyond.min() / 1e3, beyond.max() / 1e3])
+
+
+def test_every_axis_has_its_unit_and_every_panel_its_load() -> None:
+    loads = LOADS["mixture"]
+    curves = invented_curves(loads, 20)
+    for figure, unit in (
+        (plotting.response_figure(curves, loads, FABRICS), "[kPa]"),
+        (plotting.ratio_figure(curves, loads, FABRICS), "[–]"),
+    ):
+        drawn(figure)
+        titles = [axes.get_title(loc="left") for axes in figure.axes]
+        assert titles == ["Indentation 1 mm", "Indentation 3 mm", "Force 0.5 N"]
+        assert all(axes.get_xlabel().endswith(unit) for axes in figure.axes)
+        assert figure.axes[0].get_ylabel() == "total rate [spikes/s]"
+        assert len({axes.get_ylim() for axes in figure.axes}) == 1
+        assert not figure.findobj(lambda each: str(each.get_gid()).startswith("hertz"))
+
+
+def test_ratio_follows_every_draw_on_its_own_axis() -> None:
+    curves = invented_curves(LOADS["one"], 5)
+    # one curve of the ratio for all draws: on that axis their spread must vanish
+    ratio = curves.modulus / curves.skin_modulus
+    same = curves._replace(total_rate=100.0 * np.log1p(ratio))
+    figure = drawn(plotting.ratio_figure(same, LOADS["one"], FABRICS))
+    median = artist(figure, "median/1 N")
+    assert_allclose(median.get_ydata(), 100.0 * np.log1p(median.get_xdata()), rtol=2e-3, atol=0.2)
+    low, high = outline(artist(figure, "band95/1 N"))
+    assert_allclose(low, high, rtol=5e-3, atol=0.2)
+    assert median.get_xdata()[0] == pytest.approx(ratio[:, 0, 0].max())
+    expected = np.median(FABRICS[:, None] / curves.skin_modulus[:, 0, 0], axis=1)
+    assert_allclose(artist(figure, "fabrics/1 N").get_xdata(), expected)
+
+
+@pytest.mark.parametrize("loads", LOADS.values(), ids=LOADS)
+def test_silence_is_drawn_without_an_inflection(loads: tuple[Load, ...]) -> None:
+    curves = invented_curves(loads, 3, loudness=0.0)
+    inflection = find_inflection(curves, 0.0, (FABRICS.min(), FABRICS.max()))
+    response = drawn(plotting.response_figure(curves, loads, FABRICS, inflection=inflection))
+    assert artist(response, f"fabrics/{loads[0]}").axes.get_ylim() == (0.0, 1.0)
+    figure = drawn(plotting.inflection_figure(inflection, loads, FABRICS))
+    for load in loads:
+        assert artist(figure, f"silent/{load}").get_width() == 100
+        assert artist(figure, f"interior/{load}").get_width() == 0
+        assert not artist(figure, f"density/{load}").get_data().values.any()
+        assert artist(response, f"probability/{load}").get_text() == "turning point 0 %\nsilent 100 %"
+    assert not figure.findobj(lambda each: str(each.get_gid()).startswith(("median", "interval")))
+
+
+def test_inflection_has_the_area_of_its_probability() -> None:
+    loads = LOADS["mixture"]
+    rng = np.random.default_rng(3)
+    outcome = rng.choice([0, 1, 2], size=(400, len(loads)), p=[0.3, 0.6, 0.1]).astype(np.int8)
+    outcome[:, 0] = 0
+    place = np.where(outcome == 1, 5e4 * np.exp(0.4 * rng.standard_normal(outcome.shape)), np.nan)
+    inflection = Inflection(outcome, place, place, place, place, outcome == 1)
+    figure = drawn(plotting.inflection_figure(inflection, loads, FABRICS))
+    assert len(figure.axes) == 2 * len(loads)
+    for index, load in enumerate(loads):
+        data = artist(figure, f"density/{load}").get_data()
+        share = np.mean(outcome[:, index] == 1)
+        assert np.sum(data.values * np.diff(np.log10(data.edges))) == pytest.approx(share)
+        widths = [artist(figure, f"{name}/{load}").get_width() for name in ("none", "interior", "silent")]
+        assert_allclose(widths, [100 * np.mean(outcome[:, index] == kind) for kind in (0, 1, 2)])
+    known = place[outcome[:, 1] == 1, 1] / 1e3
+    bar = artist(figure, f"interval/{loads[1]}").get_xdata()
+    assert_allclose(bar, np.quantile(known, [0.025, 0.975]))
+    assert_allclose(artist(figure, f"median/{loads[1]}").get_xdata(), np.median(known))
+
+
+def test_a_failed_draw_leaves_a_gap() -> None:
+    curves = invented_curves(LOADS["one"], 8)
+    rate = curves.total_rate.copy()
+    rate[2, 0, 40] = np.nan
+    figure = drawn(plotting.response_figure(curves._replace(total_rate=rate), LOADS["one"], FABRICS))
+    median = artist(figure, "median/1 N").get_ydata()
+    assert np.flatnonzero(np.isnan(median)).tolist() == [40]
+    everywhere = curves._replace(total_rate=np.full_like(rate, np.nan))
+    drawn(plotting.response_figure(everywhere, LOADS["one"], FABRICS))
+
+
+def test_observed_ratings_do_not_depend_on_the_scale_of_a_participant() -> None:
+    rng = np.random.default_rng(4)
+    participants, conditions = 6, 4
+    truth = np.array([0.0, 0.5, 1.0, 2.0])
+    noise = 0.2 * rng.standard_normal((participants, conditions))
+    scale = rng.standard_normal(participants)
+    who, what = (index.ravel() for index in np.indices((participants, conditions)))
+    summary = [
+        plotting.observed_ratings(
+            np.exp(truth + noise + s[:, None]).ravel(), what, who, FABRICS[[0, 1, 2, 2]], [0, 0, 1, 1]
+        )
+        for s in (np.zeros(participants), scale - scale.mean())
+    ]
+    for plain, scaled in zip(*summary, strict=True):
+        assert_allclose(scaled, plain)
+    assert_allclose(summary[0].mean, np.exp(truth + noise.mean(axis=0)))
+    aligned = noise - noise.mean(axis=1, keepdims=True)
+    spread = aligned.std(axis=0, ddof=1)
+    assert_allclose(np.log(summary[0].high / summary[0].mean), spread)
+    assert_allclose(np.log(summary[0].mean / summary[0].low), spread)
+
+
+def test_observed_ratings_stand_gaps_repeats_and_nobody() -> None:
+    # two participants whose scales differ by 8; the second left out the condition that the first rates high
+    rating = [1.0, 4.0, 8.0, np.nan, 2.0, 8.0]
+    observed = plotting.observed_ratings(rating, [0, 1, 0, 1, 2, 2], [0, 0, 1, 1, 0, 0], FABRICS, [0, 0, 0])
+    assert observed.participants.tolist() == [2, 1, 1]
+    assert_allclose(observed.mean[1:] / observed.mean[0], [4.0, 4.0])
+    assert np.isnan(observed.low[1:]).all()
+    nobody = plotting.observed_ratings([1.0], [0], [0], FABRICS, [0, 0, 0])
+    assert np.isnan(nobody.mean[1:]).all()
+    with pytest.raises(InputError, match="positive"):
+        plotting.observed_ratings([0.0], [0], [0], FABRICS, [0, 0, 0])
+
+
+@pytest.mark.parametrize("logarithmic", [True, False])
+def test_rating_shows_prediction_and_data(logarithmic: bool) -> None:
+    loads = LOADS["mixture"]
+    curves = invented_curves(loads, 30)
+    rating = 1.0 + curves.total_rate / 100.0
+    mean = np.array([1.0, 2.0, np.nan, 3.0])
+    observed = plotting.Observed(
+        FABRICS[[0, 1, 2, 0]],
+        np.array([0, 0, 0, 2]),
+        mean,
+        mean / 2,
+        mean * [2, np.nan, 1, 2],
+        np.ones(4, int),
+    )
+    figure = drawn(plotting.rating_figure(curves.modulus, rating, observed, loads, logarithmic=logarithmic))
+    assert len(figure.axes) == len(loads)
+    assert {axes.get_yscale() for axes in figure.axes} == {"log" if logarithmic else "linear"}
+    assert_allclose(artist(figure, "median/3 mm").get_ydata(), np.median(rating[:, 1], axis=0))
+    points = artist(figure, "ratings/1 mm")
+    assert_allclose(points.get_xydata(), np.column_stack([FABRICS[:2] / 1e3, mean[:2]]))
+    assert_allclose(artist(figure, "spread/1 mm").get_segments()[0][:, 1], [0.5, 2.0])
+    assert len(artist(figure, "ratings/3 mm").get_xdata()) == 0
+    assert figure.axes[0].get_xlabel().endswith("[kPa]")
+
+
+def test_ratings_at_the_ends_of_floating_point_are_drawn() -> None:
+    grid = np.geomspace(1e3, 1e7, 20)
+    draws = np.exp(np.random.default_rng(0).uniform(-700, 700, (50, 1, 20)))
+    people, conditions = [0, 0, 1, 1], [0, 1, 0, 1]
+    observed = plotting.observed_ratings([1e-300, 1e300, 1e300, 1e-300], conditions, people, FABRICS[:2], [0, 0])
+    figure = drawn(plotting.rating_figure(grid, draws, observed, LOADS["mixture"][:1]))
+    assert np.isfinite(figure.axes[0].get_ylim()).all()
+    assert artist(figure, "median/1 mm").get_ydata().size == 20
+
+
+@pytest.mark.parametrize("limits", [(3.0, 8.0), (2.0, 60.0), (0.02, 3e5)])
+def test_a_logarithmic_axis_always_has_numbers(limits: tuple[float, float]) -> None:
+    axes = Figure().subplots()
+    axes.set(xscale="log", xlim=limits)
+    number_ticks(axes.xaxis)
+    texts = [
+        text.get_text()
+        for value, text in zip(axes.get_xticks(), axes.get_xticklabels(), strict=True)
+        if limits[0] <= value <= limits[1]
+    ]
+    assert 3 <= sum(bool(text) for text in texts) <= 9
+
+
+@pytest.mark.parametrize(("dimension", "draws"), [(1, 500), (2, 30), (8, 9000), (12, 600)])
+def test_corner_has_a_panel_for_every_pair(dimension: int, draws: int) -> None:
+    values = np.exp(np.random.default_rng(5).standard_normal((draws, dimension)))
+    labels = [rf"$x_{{{k}}}$ [kPa]" for k in range(dimension)]
+    figure = drawn(plotting.corner_figure(values, labels))
+    assert len(figure.axes) == dimension**2
+    below = [artist(figure, f"corner/{dimension - 1}/{k}").get_xlabel() for k in range(dimension)]
+    assert below == [label.replace(" [", "\n[") for label in labels]
+    assert artist(figure, f"corner/0/{dimension - 1}").has_data() == (dimension == 1)
+
+
+def test_corner_says_what_it_cannot_draw() -> None:
+    values = np.random.default_rng(6).standard_normal((50, 2))
+    bad = values.copy()
+    bad[3, 1] = np.nan
+    for draws, labels, match in (
+        (values, ["a"], "labels"),
+        (values[:2], ["a", "b"], "more draws"),
+        (values * [1, 0], ["a", "b"], "b does not vary"),
+        (bad, ["a", "b"], "not finite"),
+    ):
+        with pytest.raises(InputError, match=match):
+            plotting.corner_figure(draws, labels)
+
+
+def test_prior_and_posterior_are_densities() -> None:
+    rng = np.random.default_rng(7)
+    posterior, prior = rng.standard_normal((4000, 5)), 3.0 * rng.standard_normal((300, 5))
+    figure = drawn(plotting.prior_figure(posterior, prior, [f"x{k} [kPa]" for k in range(5)]))
+    assert [axes.get_xlabel() for axes in figure.axes] == [f"x{k} [kPa]" for k in range(5)]
+    for place in range(5):
+        for name in ("posterior", "prior"):
+            data = artist(figure, f"{name}/{place}").get_data()
+            assert np.sum(data.values * np.diff(data.edges)) == pytest.approx(1.0, abs=0.01)
+    drawn(plotting.prior_figure(posterior[:1], prior, [f"x{k}" for k in range(5)]))
+
+
+def test_traces_and_ranks_tell_a_stray_ensemble() -> None:
+    rng = np.random.default_rng(8)
+    draws = rng.standard_normal((12, 2500, 3))
+    draws[:4, :, 0] += 3.0
+    ensemble = np.repeat([0, 1, 2], 4)
+    labels = ["a [kPa]", "b", "c"]
+    trace = drawn(plotting.trace_figure(draws, ensemble, labels))
+    line = artist(trace, "median/1/2")
+    assert line.get_xdata().size == MOST_STEPS
+    assert_allclose(line.get_ydata(), np.median(draws[8:, line.get_xdata(), 1], axis=0))
+    assert [axes.get_ylabel() for axes in trace.axes] == labels
+    rank = drawn(plotting.rank_figure(draws, ensemble, labels))
+    heights = [artist(rank, f"rank/{place}/0").get_data().values for place in range(3)]
+    assert heights[0].max() > 2.0
+    assert_allclose(heights[1:], 1.0, atol=0.2)
+    with pytest.raises(InputError, match="walkers"):
+        plotting.trace_figure(draws, ensemble[1:], labels)
+
+
+def test_a_finished_run_has_all_its_figures(tmp_path) -> None:
+    result = finished_run()
+    paths = plotting.draw_figures(result, tmp_path / "figures", formats=("png",))
+    absent = {"predictive_checks", "loo_pit", "touch", "membrane", "compression"}
+    assert [path.stem for path in paths] == [name for name in plotting.FIGURES if name not in absent]
+    assert all(path.stat().st_size > 5000 for path in paths)
+    rating = plotting.FIGURES["rating"](result, plotting.USUAL)
+    values = result.group("observed_data")["rating"].values.reshape(4, 3, 2)
+    assert_allclose(artist(rating, "ratings/0.5 N").get_xdata(), FABRICS / 1e3)
+    assert_allclose(artist(rating, "ratings/0.5 N").get_ydata(), np.exp(np.log(values[..., 1]).mean(axis=0)))
+    corner = plotting.FIGURES["corner"](result, plotting.USUAL)
+    assert [artist(corner, f"corner/1/{k}").get_xlabel() for k in (0, 1)] == ["$b$\n[kPa]", r"$\gamma$"]
+
+
+def test_saved_files_are_the_same_bytes_every_time(tmp_path) -> None:
+    loads = LOADS["one"]
+    curves = invented_curves(loads, 4)
+    for name in ("first", "second.v2"):
+        figure = plotting.response_figure(curves, loads, FABRICS)
+        paths = plotting.save(figure, tmp_path / name, ("png", "pdf", "svg"))
+        assert [path.name for path in paths] == [f"{name}.png", f"{name}.pdf", f"{name}.svg"]
+    for suffix in ("png", "pdf", "svg"):
+        assert (tmp_path / f"first.{suffix}").read_bytes() == (tmp_path / f"second.v2.{suffix}").read_bytes()
+    with pytest.raises(InputError, match="'bmp'"):
+        plotting.save(figure, tmp_path / "third", ("bmp",))
+
+
+def test_a_style_can_be_replaced_and_leaves_no_trace() -> None:
+    import matplotlib
+
+    before = dict(matplotlib.rcParams)
+    style = replace(plotting.USUAL, posterior="#ff0000", column=5.0, rc={"font.size": 12})
+    figure = plotting.response_figure(invented_curves(LOADS["one"], 4), LOADS["one"], FABRICS, style=style)
+    assert artist(figure, "median/1 N").get_color() == "#ff0000"
+    assert figure.get_size_inches()[0] == 5.0
+    assert figure.axes[0].xaxis.label.get_size() == 12
+    assert dict(matplotlib.rcParams) == before
+
+
+def test_no_text_is_smaller_than_seven_points() -> None:
+    loads = LOADS["mixture"]
+    curves = invented_curves(loads, 40)
+    inflection = find_inflection(curves, 0.0, (FABRICS.min(), FABRICS.max()))
+    for figure in (
+        plotting.response_figure(curves, loads, FABRICS, inflection=inflection),
+        plotting.inflection_figure(inflection, loads, FABRICS),
+    ):
+        assert min(text.get_size() for text in drawn(figure).findobj(Text) if text.get_text()) >= 7.0
+
+
+def test_loads_must_match_the_curves() -> None:
+    curves = invented_curves(LOADS["mixture"], 2)
+    with pytest.raises(InputError, match="1 loads for 3"):
+        plotting.response_figure(curves, LOADS["one"], FABRICS)
+
+
+def test_importing_is_cheap() -> None:
+    heavy = ("matplotlib", "arviz", "scipy", "pandas")
+    code = f"import softness_bayes.plotting, sys; print([m for m in {heavy} if m in sys.modules])"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"

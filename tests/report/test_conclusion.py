@@ -1,0 +1,132 @@
+"""The three lines that end a run, for results that are good, unfinished, failed, doubtful, or of the skin alone."""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from softness_bayes.cli.sample import _report
+from softness_bayes.report.conclusion import Facts, Skin, Turn, conclude, facts_of
+from support.report_runs import converged, ratings_run, skin_run
+
+TOLD = Turn("1 mm", 0.98, 60.0, 85.0, 120.0, True)
+UNTOLD = Turn("2 mm", 0.5, 300.0, 700.0, 4000.0, None)
+GOOD = Facts(True, 900, turns=(TOLD,), fabrics=(1.0, 500.0))
+
+
+def test_a_converged_run_whose_turning_point_is_reproduced():
+    found = conclude(GOOD, "results")
+    assert found.trust.startswith("Yes: ")
+    assert found.learnt == "at 1 mm the response turns over at E_fab = 85 kPa (90 % interval 60 to 120 kPa)."
+    assert found.following == "read the page that 'softness-bayes report results' writes."
+
+
+def test_a_load_that_cannot_tell_asks_for_the_fabrics_that_would():
+    found = conclude(GOOD._replace(turns=(TOLD, UNTOLD)), "results")
+    assert "at 2 mm the data cannot tell whether the response turns over (probability: 50%)" in found.learnt
+    assert "ratings at 2 mm of fabrics stiffer than 500 kPa would help to decide" in found.following
+    inside = conclude(GOOD._replace(turns=(UNTOLD,), fabrics=(1.0, 5000.0)), "results")
+    assert "more fabrics around 700 kPa" in inside.following
+    below = conclude(GOOD._replace(turns=(UNTOLD,), fabrics=(800.0, 5000.0)), "results")
+    assert "fabrics softer than 800 kPa" in below.following
+
+
+def test_a_probable_turning_point_that_its_own_load_cannot_show_says_so():
+    (line,) = {conclude(GOOD._replace(turns=(TOLD._replace(reproduced=None),))).learnt}
+    assert line.endswith("though the ratings at this load alone cannot show it.")
+
+
+def test_a_response_that_does_not_turn():
+    found = conclude(GOOD._replace(turns=(Turn("1 mm", 0.02, np.nan, np.nan, np.nan, True),)))
+    assert found.learnt == "at 1 mm the response does not turn over (probability of a turn: 2%)."
+
+
+def test_a_run_that_has_not_converged_is_continued_before_anything_is_learnt():
+    found = conclude(GOOD._replace(converged=False, steps=40), "results")
+    assert found.trust.startswith("Not yet: ")
+    assert "after 40 steps" in found.trust
+    assert "85" not in found.learnt
+    assert "'softness-bayes resume results'" in found.following
+
+
+@pytest.mark.parametrize("done", [True, False])
+def test_a_fit_against_its_data_is_never_trusted(done):
+    found = conclude(GOOD._replace(converged=done, other_direction="falls-with-firing"), "results")
+    assert found.trust.startswith("No: ")
+    assert "opposite direction" in found.trust
+    assert "nothing about skin or receptors" in found.learnt
+    assert "--direction falls-with-firing" in found.following
+    assert "units" not in found.following
+
+
+def test_a_flat_fit_is_never_trusted_and_asks_for_units():
+    found = conclude(GOOD._replace(flat=True, silent=True), "results")
+    assert found.trust.startswith("No: ")
+    assert "units of moduli and loads" in found.following
+
+
+def test_a_failed_check_limits_the_trust_and_is_named():
+    checks = GOOD._replace(unreproduced=("LOO-PIT",), turns=(TOLD._replace(reproduced=False),))
+    found = conclude(checks, "results")
+    assert found.trust.startswith("In part: ")
+    assert "the turning point at 1 mm and LOO-PIT" in found.trust
+    assert "the ratings contradict the model's turning point" in found.learnt
+    assert "predictive_checks.csv" in found.following
+
+
+def test_an_inexact_model_and_a_silent_posterior_are_used_with_care():
+    assert conclude(GOOD._replace(exact=False)).trust.startswith("With care: ")
+    assert "--exact-reweight" in conclude(GOOD._replace(exact=False)).following
+    assert "no receptor fires" in conclude(GOOD._replace(silent=True)).trust
+
+
+def test_a_run_on_plate_forces_alone_says_what_is_known_of_the_skin():
+    found = conclude(Facts(True, 500, skin=(Skin("b", 70.0, 90.0, True), Skin("m", 1.0, 4.0, False))), "results")
+    assert "the skin modulus at rest (b) lies between 70 and 90 kPa (90 % interval)" in found.learnt
+    assert "the data say little about the stiffening of the skin (m)" in found.learnt
+    assert "would narrow m" in found.following
+    assert "turn" not in found.learnt
+
+
+def test_every_combination_of_facts_gives_three_sentences_and_trust_only_where_all_is_well():
+    names = ("converged", "flat", "silent", "differ", "exact")
+    for values in itertools.product((True, False), repeat=len(names)):
+        flag = dict(zip(names, values, strict=True))
+        for checks in ((), ("LOO-PIT",)):
+            found = conclude(GOOD._replace(**flag, unreproduced=checks), "results")
+            assert all(line.endswith(".") and line.count("\n") == 0 for line in found.lines)
+            well = flag["converged"] and flag["exact"] and not (flag["flat"] or flag["silent"] or checks)
+            assert found.trust.startswith("Yes") == well
+
+
+@pytest.fixture(scope="module")
+def runs():
+    return {"ratings": ratings_run(), "skin": skin_run()}
+
+
+@pytest.mark.parametrize("name", ["ratings", "skin"])
+def test_what_sample_prints_ends_with_the_three_lines_of_the_results_values(runs, name, capsys, tmp_path):
+    result = runs[name]
+    for one, ended in ((result, False), (converged(result), True)):
+        facts = facts_of(one)
+        assert facts.converged is ended
+        assert bool(facts.skin) is (name == "skin")
+        assert [turn.load for turn in facts.turns] == ([*map(str, one.loads)] if name == "ratings" else [])
+        _report(one, tmp_path, "took 1 s")
+        assert tuple(capsys.readouterr().out.splitlines()[-3:]) == conclude(facts, str(tmp_path)).lines
+
+
+def test_facts_follow_the_values_of_the_result(runs):
+    result = converged(runs["ratings"])
+    table = result.tables["predictive_checks"].copy()
+    table.loc[("posterior", "LOO-PIT"), "p_value"] = 0.0
+    doubtful = facts_of(replace(result, tables={**result.tables, "predictive_checks": table}))
+    assert "LOO-PIT" in doubtful.unreproduced
+    table.loc[("posterior", "LOO-PIT"), "p_value"] = 1.0
+    assert "LOO-PIT" not in facts_of(replace(result, tables={**result.tables, "predictive_checks": table})).unreproduced
+    tree = result.tree.copy()
+    tree.attrs = {**tree.attrs, "direction": "falls-with-firing", "direction_asked": 1}
+    assert facts_of(replace(result, tree=tree)).other_direction == "rises-with-firing"

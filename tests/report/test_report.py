@@ -1,0 +1,466 @@
+"""The report: what the page says beside what the run holds, what it loads, and what it refuses."""
+
+from __future__ import annotations
+
+import json
+import re
+import shlex
+from dataclasses import replace
+from html.parser import HTMLParser
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+import xarray as xr
+from matplotlib.text import Text
+from numpy.testing import assert_allclose
+
+from softness_bayes.checking.reproduction import inflection_reproduced
+from softness_bayes.cli import main, sample
+from softness_bayes.errors import InputError
+from softness_bayes.likelihood.magnitude import INVERSE
+from softness_bayes.parameters.priors import LogNormal
+from softness_bayes.plotting.figures import figures_of
+from softness_bayes.report import anonymous, page, report_page, write_report
+from softness_bayes.report.anonymity import renamed
+from softness_bayes.report.curves import shown
+from softness_bayes.report.findings import Standing, exactness_of, findings
+from softness_bayes.report.repeat import repetition
+from softness_bayes.results.result import Result
+from softness_bayes.runs.run import RunOptions
+from softness_bayes.touch.readings import CLASSICAL
+from support.report_runs import EVIL, OPTIONS, PERSON, TYPED, converged, ratings_run, skin_run, z_score_run
+
+VOID = {"meta", "link", "img", "input", "br"}
+RUNS = {"ratings": ratings_run, "z-scores": z_score_run, "skin": skin_run}
+
+
+class Element:
+    def __init__(self, tag, attributes, parent):
+        self.tag, self.attributes, self.parent, self.children, self.words = tag, attributes, parent, [], []
+
+    def all(self, tag):
+        return [e for child in self.children for e in ([child] if child.tag == tag else []) + child.all(tag)]
+
+    @property
+    def text(self):
+        return " ".join(" ".join(part if isinstance(part, str) else part.text for part in self.words).split())
+
+
+class Tree(HTMLParser):
+    """The elements of a page; a tag that is not closed where it should be is an error."""
+
+    def __init__(self, text):
+        super().__init__()
+        self.here = self.root = Element("", {}, None)
+        self.feed(text)
+        assert self.here is self.root, f"<{self.here.tag}> is not closed"
+
+    def handle_starttag(self, tag, attrs):
+        made = Element(tag, dict(attrs), self.here)
+        self.here.children.append(made)
+        self.here.words.append(made)
+        if tag not in VOID:
+            self.here = made
+
+    def handle_endtag(self, tag):
+        assert tag == self.here.tag, f"</{tag}> inside <{self.here.tag}>"
+        self.here = self.here.parent
+
+    def handle_data(self, data):
+        self.here.words.append(data)
+
+    def by_id(self, name):
+        return next(e for e in self.elements() if e.attributes.get("id") == name)
+
+    def by_class(self, name):
+        return [e for e in self.elements() if name in e.attributes.get("class", "").split()]
+
+    def elements(self, root=None):
+        for child in (root or self.root).children:
+            yield child
+            yield from self.elements(child)
+
+
+@pytest.fixture(scope="module")
+def made():
+    """Return runs by name, each made once."""
+    kept = {}
+
+    def one(name):
+        if name not in kept:
+            kept[name] = RUNS[name]()
+        return kept[name]
+
+    return one
+
+
+@pytest.fixture(scope="module")
+def pages(made):
+    """Return pages by the name of their run; figures are blank, a browser looks at real ones."""
+    kept = {}
+
+    def one(name):
+        if name not in kept:
+            with pytest.MonkeyPatch.context() as patch:
+                patch.setattr(page, "picture", blank)
+                kept[name] = report_page(made(name))
+        return kept[name]
+
+    return one
+
+
+def blank(result, name):
+    return page.Picture(name, "data:image/png;base64,", f"Blank {name}.")
+
+
+@pytest.fixture
+def quick(monkeypatch):
+    """Draw no figure."""
+    monkeypatch.setattr(page, "picture", blank)
+
+
+@pytest.mark.parametrize("name", RUNS)
+def test_a_page_is_one_file_that_is_well_formed_and_can_be_read_aloud(pages, made, name):
+    text = pages(name)
+    tree = Tree(text)
+    elements = [*tree.elements()]
+    # nothing is fetched
+    for element in elements:
+        for key in ("src", "href", "action", "data", "poster", "srcset"):
+            value = element.attributes.get(key)
+            assert value is None or value.startswith("data:"), (element.tag, key, value)
+    css = next(e for e in elements if e.tag == "style").text
+    assert "url(" not in css
+    assert "@import" not in css
+    (policy,) = [e.attributes["content"] for e in elements if e.attributes.get("http-equiv")]
+    assert policy.startswith("default-src 'none'")
+    # headings do not skip a level, and there is one title
+    levels = [int(e.tag[1]) for e in elements if re.fullmatch("h[1-6]", e.tag)]
+    assert levels[0] == 1
+    assert levels.count(1) == 1
+    assert max(np.diff(levels)) <= 1
+    ids = [e.attributes["id"] for e in elements if "id" in e.attributes]
+    assert len(ids) == len({*ids})
+    for element in elements:
+        assert element.attributes.get("aria-labelledby", ids[0]) in ids
+    pictures = [e for e in elements if e.tag == "img"]
+    assert len(pictures) == len(figures_of(made(name)))
+    assert all(len(e.attributes["alt"]) > 5 for e in pictures)
+    assert {e.attributes.get("scope") for e in elements if e.tag == "th"} == {"row", "col"}
+    assert next(e for e in elements if e.tag == "html").attributes["lang"] == "en"
+    assert any(e.attributes.get("name") == "viewport" for e in elements)
+    # every table scrolls by itself
+    assert all("scroll" in e.parent.attributes["class"] for e in elements if e.tag == "table")
+
+
+def test_names_are_words_and_never_markup(pages):
+    text = pages("ratings")
+    tree = Tree(text)
+    scripts = [e for e in tree.elements() if e.tag == "script"]
+    assert not any("alert" in script.text and "felt" in script.text and "{" not in script.text for script in scripts)
+    assert not any("onerror" in e.attributes for e in tree.elements())
+    # the charts' own data hold the name; what could end their element is written otherwise
+    assert EVIL not in text
+    assert PERSON not in text
+    payload = json.loads(tree.by_id("payload").text)
+    assert EVIL in payload["shown"]["e_fab"][0]["fabrics"]["fabric"]
+    cells = {e.text for e in tree.elements() if e.tag == "td"}
+    assert any(EVIL in cell for cell in cells)
+    assert any(PERSON in cell for cell in cells)
+
+
+def test_the_verdict_comes_first_and_unfinished_runs_are_loud(pages, made, quick):
+    tree = Tree(pages("ratings"))
+    assert next(e for e in tree.elements() if e.tag == "h2").text == "Verdict"
+    (alarm,) = tree.by_class("alarm")
+    assert alarm.attributes["role"] == "alert"
+    assert "has not converged" in alarm.text
+    assert made("ratings").attributes["verdict"] in alarm.text
+    assert tree.by_class("card")[0].attributes["class"] == "card bad"
+    assert not tree.by_class("good")
+    finished = Tree(report_page(converged(made("ratings"))))
+    assert not finished.by_class("alarm")
+    assert finished.by_class("card")[0].attributes["class"] == "card good"
+
+
+def test_every_finding_follows_the_numbers(made):
+    result = converged(made("ratings"))
+
+    def standing(changed, question):
+        return next(f for f in findings(changed) if question in f.question)
+
+    found = [*findings(result)]
+    assert [f.standing for f in found[:2]] == [Standing.GOOD, Standing.GOOD]
+    # exactness is computed again from the draws that were compared
+    again = exactness_of(result)
+    assert again.sentence() == result.attributes["exactness"]
+    stats = result.group("sample_stats")
+    tree = result.tree.copy()
+    far = stats["exact_difference"] * 1e5
+    tree["sample_stats"].dataset = stats.assign(exact_difference=far)
+    assert standing(replace(result, tree=tree), "exact enough").standing is Standing.BAD
+    # a turning point is reproduced, or not, or the ratings cannot tell: by p-values, and by what the check would notice
+    checks = result.tables["predictive_checks"].copy()
+    rows = checks.index.get_level_values("quantity") == "turns over"
+    assert checks["power"].notna().sum() == 2
+
+    def card(powers, p_value=0.5):
+        changed = checks.copy()
+        changed.loc[rows & (checks["load"] == "1.5 N"), "power"] = powers[1]
+        changed.loc[rows & (checks["load"] == "2 mm"), ["power", "p_value"]] = powers[0], p_value
+        return changed, standing(
+            replace(result, tables={**result.tables, "predictive_checks": changed}), "turning point"
+        )
+
+    for powers, p_value, answer, kind, first in (
+        ((0.9, 0.95), 0.5, "Under every load", Standing.GOOD, True),
+        ((0.1, 0.95), 0.5, "Under 1.5 N; ratings cannot tell under 2 mm", Standing.GOOD, None),
+        ((0.79, 0.1), 0.5, "Ratings cannot tell", Standing.NEUTRAL, None),
+        ((np.nan, np.nan), 0.5, "Ratings cannot tell", Standing.NEUTRAL, None),
+        ((0.9, 0.95), 1e-4, "Not under 2 mm", Standing.BAD, False),
+        ((0.1, 0.1), 1e-4, "Not under 2 mm; ratings cannot tell under 1.5 N", Standing.BAD, False),
+    ):
+        changed, finding = card(powers, p_value)
+        assert (finding.answer, finding.standing) == (answer, kind)
+        assert inflection_reproduced(changed)[0].reproduced is first
+        assert "turns over with probability" in finding.details[0]
+        assert "(prior: " in finding.details[0]
+    # what was learnt is a matter of widths alone
+    table = result.table.copy()
+    table["contraction"] = np.where(table.index == "b", 0.2, 0.9)
+    told = standing(replace(result, table=table), "inform")
+    assert told.answer == f"{len(table) - 1} of {len(table)}"
+    assert any(detail.startswith("Not informed") and detail.endswith(": b 0.89.") for detail in told.details)
+    # a held eps is said to be taken as known, and only a held one
+    held = "Eps is held at 0.1 Hz: all intervals take it as known"
+    assert sum(detail.startswith(held) for detail in told.details) == 1
+    tree = result.tree.copy()
+    del tree.attrs["held_eps"]
+    assert not any("held at" in detail for detail in standing(replace(result, tree=tree), "inform").details)
+
+
+def test_curves_are_quantiles_of_the_draws_on_both_axes(made):
+    result = made("ratings")
+    curves, found = result.curves(), shown(result)
+    for k in range(2):
+        one = found["e_fab"][k]
+        assert_allclose(one.rate["x"], curves.modulus / 1e3, rtol=1e-4)
+        rate = curves.total_rate[:, k]
+        for name, level in {"median": 50, "low50": 25, "high50": 75, "low95": 2.5, "high95": 97.5}.items():
+            assert_allclose(one.rate[name], np.percentile(rate, level, axis=0), rtol=1e-4)
+        # at the fabrics' median ratio a draw's curve is where its own ratio says
+        other = found["ratio"][k]
+        draw = np.log(curves.modulus / curves.skin_modulus[:, k])
+        at = np.log(other.rate["x"][80])
+        expected = np.median([np.interp(at, x, y) for x, y in zip(draw, rate, strict=True)])
+        assert other.rate["median"][80] == pytest.approx(expected, rel=1e-3, abs=1e-3)
+        assert other.ends == pytest.approx(np.exp([draw[:, 0].max(), draw[:, -1].min()]))
+    # mean ratings: nothing is missing here, so that geometric means are plain ones
+    constant, log_rating = result.group("constant_data"), np.log(result.group("observed_data")["rating"].values)
+    for k in range(2):
+        for f, mean in enumerate(found["ratio"][k].fabrics["mean"]):
+            rows = (constant["load_index"].values == k) & (constant["fabric_index"].values == f)
+            assert mean == pytest.approx(np.exp(log_rating[rows].mean()), rel=1e-4)
+    row = result.inflection().iloc[0]
+    turn = found["e_fab"][0].turn
+    assert turn["left"] + turn["middle"] + turn["right"] == pytest.approx(
+        [row["e_fab_kpa_low"], row["e_fab_kpa"], row["e_fab_kpa_high"]], rel=1e-4
+    )
+
+
+def test_tables_hold_the_run_s_numbers(pages, made):
+    result, tree = made("ratings"), Tree(pages("ratings"))
+    head, *rows = ([cell.text for cell in row.children] for row in tree.by_id("summary").all("tr"))
+    assert [row[0] for row in rows] == result.table.index.tolist()
+    for row in rows:
+        assert float(row[head.index("Mean")]) == pytest.approx(result.table.loc[row[0], "mean"], rel=1e-3)
+        assert float(row[head.index("R-hat")]) == pytest.approx(result.table.loc[row[0], "r_hat"], rel=1e-4)
+    checks = result.tables["predictive_checks"].xs("posterior", level="law")
+    assert len(tree.by_id("checks").all("tr")) == len(checks) + 1
+    facts = {row.children[0].text: row.children[1].text for t in tree.by_class("facts") for row in t.all("tr")}
+    assert facts["Seed"] == "3"
+    assert facts["numpy"] == np.__version__
+    assert facts["m held at"] == "2"
+    assert facts["pressure"] == "attenuated"
+
+
+@pytest.mark.parametrize("name", RUNS)
+def test_lost_tables_are_made_again_from_the_draws(made, pages, name, quick):
+    whole = made(name)
+    again = Tree(report_page(replace(whole, tables={}))).by_id("directions").text
+    assert again == Tree(pages(name)).by_id("directions").text
+
+
+def test_compression_alone_says_what_does_not_apply(pages, made):
+    tree = Tree(pages("skin"))
+    cards = {card.children[0].text: card.children[1].text for card in tree.by_class("card")}
+    assert cards["Does the model reproduce the turning point (maximum), where the ratings can tell?"].startswith(
+        "Does not apply"
+    )
+    assert cards["Does the skin reproduce the plate's forces?"].startswith(("Yes", "No"))
+    assert not tree.by_class("controls")
+    assert "Bokeh" not in pages("skin")
+    assert "RATINGS.csv" not in tree.by_id("repeat").text
+    assert "--ratings" not in tree.by_id("repeat").text
+
+
+# the command
+
+
+def repeated(command, monkeypatch, directory):
+    """Return the data files and options that a printed command amounts to."""
+    caught = []
+    monkeypatch.setattr(
+        sample, "run", lambda checkpoint, files, data, options, figures: caught.append((files, options))
+    )
+    # there are no data to look at
+    monkeypatch.setattr("softness_bayes.cli.options.DataFiles.read", lambda files: None)
+    monkeypatch.setattr(sample, "_evaluated", lambda data, options, accuracy: False)
+    monkeypatch.setattr("softness_bayes.runs.run.with_direction", lambda data, options: options)
+    monkeypatch.setattr("softness_bayes.runs.plan.with_accuracy", lambda model, options, bound: (options, None))
+    monkeypatch.chdir(directory)
+    program, *words = shlex.split(command)
+    assert program == "softness-bayes"
+    main(words, standalone_mode=False)
+    return caught[0]
+
+
+ASKED = {
+    "held": OPTIONS,
+    "else": RunOptions(
+        fix={"b": 1 / 3},
+        priors={"m": LogNormal(2.5, 0.2)},
+        prior_set="in-vivo",
+        readings=CLASSICAL.override({"pressure": "attenuated"}),
+        direction=INVERSE,
+        noise=0.25,
+        exact_reweight=True,
+        max_steps=123,
+        seed=99,
+    ),
+}
+
+
+@pytest.mark.parametrize("asked", ASKED.values(), ids=ASKED)
+def test_the_command_amounts_to_the_options_of_the_run(made, asked, monkeypatch, tmp_path):
+    result = made("ratings")
+    tree = result.tree.copy()
+    typed = f"{TYPED} --column rating=softness --force-n=2; softness-bayes resume results --more-steps 50"
+    tree.attrs = {**tree.attrs, "options": json.dumps(replace(asked, command=typed).record()), "command": typed}
+    found = repetition(replace(result, tree=tree))
+    first, more = found.commands
+    assert more == "softness-bayes resume again/ --more-steps 50"
+    files, options = repeated(first, monkeypatch, tmp_path)
+    assert (files.data, files.columns, files.force_n) == (Path("my ratings.csv"), {"rating": "softness"}, 2.0)
+    same = ("fix", "priors", "prior_set", "readings", "direction", "scale", "noise", "exact_reweight", "seed")
+    for name in (*same, "max_steps"):
+        assert getattr(options, name) == getattr(asked, name), name
+
+
+def test_a_run_of_python_or_of_limited_time_says_so(made):
+    result = made("ratings")
+    tree = result.tree.copy()
+    limited = replace(OPTIONS, command="", max_seconds=5.0, max_steps=10_000)
+    tree.attrs = {**tree.attrs, "options": json.dumps(limited.record()), "command": ""}
+    found = repetition(replace(result, tree=tree))
+    assert "--max-steps 40 " in found.commands[0]
+    assert "--data RATINGS.csv" in found.commands[0]
+    assert any("time limit" in note for note in found.notes)
+    assert any("resolution that was given" in note for note in found.notes)
+
+
+# without names
+
+
+@pytest.mark.parametrize("name", ["ratings", "skin"])
+def test_nobody_is_named_on_an_anonymous_page(made, quick, name):
+    """Everywhere: in words, in data behind the charts, in every text of every figure."""
+    result = made(name)
+    group, axis = ("log_likelihood_participant", "participant") if name == "ratings" else ("posterior", "finger")
+    people = result.group(group)[axis].values.tolist()
+    known = renamed(result, {person: f"Zoë Quine-{k}" for k, person in enumerate(people)})
+    assert ("Quine" in report_page(known)) == (name == "ratings")  # the control; of fingers a page says nothing
+    nameless = anonymous(known)
+    assert nameless.group(group)[axis].values.tolist() == [f"P{k}" for k in range(1, len(people) + 1)]
+    assert "Quine" not in report_page(nameless)
+    assert "Quine" not in str({**nameless.attributes})
+    for figure in figures_of(nameless):
+        words = [text.get_text() for text in nameless.plot(figure).findobj(Text)]
+        assert words
+        assert not [word for word in words if "Quine" in word]
+    # nothing else has changed
+    assert renamed(nameless, dict(zip(nameless.group(group)[axis].values, people, strict=True))).tree.identical(
+        result.tree
+    )
+    pd.testing.assert_frame_equal(nameless.summary(), result.summary())
+
+
+def test_who_rates_and_is_pressed_has_one_name():
+    def group(axis, names):
+        return xr.Dataset({"x": (axis, np.zeros(len(names)))}, {axis: names})
+
+    groups = {"/a": group("participant", ["Ann", "Bo"]), "/b": group("finger", ["Bo", "Cy"])}
+    found = anonymous(Result(xr.DataTree.from_dict(groups), pd.DataFrame())).tree
+    assert (found["a"]["participant"].values.tolist(), found["b"]["finger"].values.tolist()) == (
+        ["P1", "P2"],
+        ["P2", "P3"],
+    )
+
+
+# the file
+
+
+def test_only_reports_are_replaced(made, quick, tmp_path):
+    result, path = made("skin"), tmp_path / "deep" / "page.html"
+    assert write_report(result, path) == path
+    before = path.read_text()
+    write_report(result, path)
+    assert path.read_text() == before  # and nothing of the day or the machine in it
+    path.write_text("mine")
+    with pytest.raises(InputError, match=r"page\.html was changed since it was written"):
+        write_report(result, path)
+    (path.parent / "thesis.html").write_text("mine")
+    with pytest.raises(InputError, match=r"thesis\.html was not written by this command"):
+        write_report(result, path.parent / "thesis.html")
+    assert path.read_text() == (path.parent / "thesis.html").read_text() == "mine"
+    with pytest.raises(InputError, match="is a directory"):
+        write_report(result, tmp_path)
+    assert {p.name for p in path.parent.iterdir()} == {".softness-bayes.json", "page.html", "thesis.html"}
+
+
+def test_the_verb(made, quick, tmp_path, capsys):
+    made("skin").save(tmp_path / "run")
+    main(["report", str(tmp_path / "run")], standalone_mode=False)
+    assert (tmp_path / "run" / "report.html").is_file()
+    said = capsys.readouterr().out
+    assert f"written to {tmp_path / 'run' / 'report.html'}" in said
+    assert made("skin").attributes["verdict"] in said
+    with pytest.raises(SystemExit) as end:
+        main(["report", str(tmp_path / "none")])
+    assert end.value.code == 2
+    assert "no such file" in capsys.readouterr().err
+
+
+# the looks
+
+
+def luminance(colour):
+    channels = np.array([int(colour[k : k + 2], 16) for k in (1, 3, 5)]) / 255
+    linear = np.where(channels <= 0.04045, channels / 12.92, ((channels + 0.055) / 1.055) ** 2.4)
+    return linear @ [0.2126, 0.7152, 0.0722]
+
+
+def test_words_stand_out_from_their_ground(pages):
+    """Contrast of at least 4.5, as WCAG's level AA asks."""
+    tones = dict(re.findall(r"--(\w+): (#[0-9a-f]{6});", pages("ratings")))
+    assert luminance("#000000") == 0
+    for ground in ("paper", "wash"):
+        for word in ("ink", "soft", "good", "doubtful", "bad", "neutral"):
+            light, dark = luminance(tones[ground]), luminance(tones[word])
+            assert (light + 0.05) / (dark + 0.05) >= 4.5, (word, ground)
+    # the alarm, and chosen buttons
+    for ground, word in (("#fdecea", "#6f1a09"), ("#ffffff", tones["neutral"])):
+        assert ground in pages("ratings")
+        assert (luminance(ground) + 0.05) / (luminance(word) + 0.05) >= 4.5

@@ -1,0 +1,72 @@
+"""A model whose parameters are all held: evaluated and said, never sampled."""
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from softness_bayes.cli import main
+from softness_bayes.data import Compression, read_experiment
+from softness_bayes.errors import InputError
+from softness_bayes.runs.evaluation import evaluate
+from softness_bayes.runs.plate import sample_skin, skin_posterior_of
+from softness_bayes.runs.run import RunOptions, posterior_of, sample
+from support.command_line import HELD
+from support.paths import DATA
+
+EVERY = {**HELD, "gamma": 0.9, "varsigma": 0.4, "omega": 0.0, "eps": 0.1}
+SKIN = {"b": 8.0, "m": 4.0, "tau_b": 0.2, "tau_m": 0.3, "varsigma_f": 0.1}
+
+
+def fixed(values):
+    return [part for name, value in values.items() for part in ("--fix", f"{name}={value}")]
+
+
+@pytest.fixture(scope="module")
+def experiment():
+    return read_experiment(DATA / "ratings.csv")
+
+
+def test_the_likelihood_is_that_of_a_model_with_one_free_parameter(experiment):
+    held = evaluate(posterior_of(experiment, RunOptions(fix=EVERY)))
+    free = posterior_of(experiment, RunOptions(fix={k: v for k, v in EVERY.items() if k != "gamma"}))
+    assert free.names == ("gamma",)
+    assert held.log_likelihood == pytest.approx(free.log_likelihood(np.array([[0.9]]))[0], rel=1e-9)
+    assert held.values == EVERY
+    assert len(held.loads) == len(experiment.ratings.loads)
+    # negative control: at another point it is another number
+    assert abs(free.log_likelihood(np.array([[1.2]]))[0] - held.log_likelihood) > 1
+
+
+def test_silence_is_said(experiment):
+    silent = evaluate(posterior_of(experiment, RunOptions(fix={**EVERY, "alpha": 5.0})))
+    assert "no receptor fires" in silent.sentences()[-1]
+
+
+def test_sample_evaluates_says_so_and_writes_nothing(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    done = CliRunner().invoke(main, ["sample", "--data", str(DATA / "ratings.csv"), *fixed(EVERY)])
+    assert done.exit_code == 0, done.output
+    assert "all parameters are held, there is nothing to sample" in done.output
+    assert "log-likelihood of the data there: -" in done.output
+    assert done.output.count("\nunder ") >= 2
+    assert "nothing is written" in done.output
+    assert not list(tmp_path.iterdir())
+
+
+def test_forces_alone_are_evaluated_too(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    path = tmp_path / "forces.csv"
+    path.write_text("participant,indentation_mm,force_n\nA,1,0.3\nA,2,1.5\nB,1,0.25\nB,2,1.2\n")
+    done = CliRunner().invoke(main, ["sample", "--compression", str(path), *fixed(SKIN)])
+    assert done.exit_code == 0, done.output
+    assert "log-likelihood of the data there: " in done.output
+    assert "under" not in done.output
+    forces = Compression.read(path)
+    assert evaluate(skin_posterior_of(forces, RunOptions(fix=SKIN))).inflection is None
+    with pytest.raises(InputError, match="nothing to sample"):
+        sample_skin(forces, RunOptions(fix=SKIN))
+
+
+def test_in_python_there_is_nothing_to_sample(experiment):
+    with pytest.raises(InputError, match="nothing to sample: free one"):
+        sample(experiment, RunOptions(fix=EVERY, processes=1))

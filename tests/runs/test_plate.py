@@ -1,0 +1,352 @@
+"""Compression data from their file to a result: alone, beside ratings, simulated and real."""
+
+import dataclasses
+import functools
+import json
+import re
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+from scipy.stats import kstest, multivariate_normal
+
+from softness_bayes.cli import main
+from softness_bayes.data import Compression, Experiment, Fabrics, read_experiment, write_compression
+from softness_bayes.errors import InputError
+from softness_bayes.model.build import simulate_compression, simulate_ratings, usual_values
+from softness_bayes.parameters.priors import LogNormal
+from softness_bayes.plotting import FIGURES, USUAL, figures_of
+from softness_bayes.results.result import Result
+from softness_bayes.runs import run
+from softness_bayes.runs.plate import WIDE, sample_skin, skin_posterior_of
+from softness_bayes.runs.run import RunOptions, posterior_of, sample
+from softness_bayes.sampler.sampling import Settings
+from softness_bayes.touch.contact import Indentation
+from softness_bayes.touch.neuron import fixed_channels
+from softness_bayes.touch.readings import MENDED
+from support.paths import DATA
+
+GULATI = "fingerpad_force_displacement_gulati.csv"
+SUBJECTS = {"participant": "subject", "indentation_mm": "displacement_mm", "force_n": "force_N"}
+SAMPLED = ("b", "m", "tau_b", "tau_m", "varsigma_f")
+
+
+@pytest.fixture(scope="module", autouse=True)
+def quickly():
+    """Learn little in the pilot walk, and compute the membrane's one rate curve once."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(run, "Settings", functools.partial(Settings, pilot=(60, 60), optima=1))
+        patch.setattr(fixed_channels, "exact_curve", functools.cache(fixed_channels.exact_curve))
+        yield
+
+
+# the file
+
+
+@pytest.fixture
+def table(tmp_path):
+    def write(text):
+        path = tmp_path / "press.csv"
+        path.write_text(text)
+        return path
+
+    return write
+
+
+def test_rows_are_read_and_those_of_no_force_dropped(table):
+    text = "participant,indentation_mm,force_n\nP2,0,0\nP2,1,0.2\nP10,1.5,0.5\nP2,2,0\nP10,2,\n"
+    read = Compression.read(table(text))
+    assert read.participants == ("P2", "P10")
+    assert_array_equal(read.participant, [0, 1])
+    assert_allclose(read.indentation, [1e-3, 1.5e-3])
+    assert_allclose(read.force, [0.2, 0.5])
+    assert_array_equal(read.rows, [3, 4])
+    assert (read.n_zero, len(read)) == (2, 2)
+    assert len(read.digest) == 64
+    assert any("2 rows with a force of 0 dropped" in note for note in read.notes)
+    assert any("1 forces are missing" in note for note in read.notes)
+
+
+def test_only_rows_of_a_flat_plate_count(table):
+    text = "participant,indentor,indentation_mm,force_n\nA,Flat_Plate,1,0.2\nA,point,1,9\n"
+    read = Compression.read(table(text))
+    assert_allclose(read.force, [0.2])
+    assert any("1 of 2 rows are not of a flat plate" in note for note in read.notes)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("participant,indentation_mm,force_n\nA,1,-0.2\n", r"press\.csv: row 2, column 'force_n'.*got '-0\.2'"),
+        ("participant,indentation_mm,force_n\nA,0,0.2\n", r"row 2, column 'indentation_mm'.*got '0'"),
+        ("participant,indentation_mm,force_n\nA,,0.2\n", r"row 2, column 'indentation_mm'.*got ''"),
+        ("participant,indentation_mm,force_n\nA,1,soft\n", r"column 'force_n'.*got 'soft'"),
+        ("participant,indentation_mm,force_n\nA,0,0\n", "no row with a force above 0"),
+        ("participant,indentor,indentation_mm,force_n\nA,point,1,1\n", "no row with a force above 0"),
+        ("participant,force_n\nA,1\n", "no column 'indentation_mm'"),
+        ("indentation_mm,force_n\n1,1\n", "no column 'participant'"),
+    ],
+)
+def test_rows_that_cannot_be_used_are_named(table, text, message):
+    with pytest.raises(InputError, match=message):
+        Compression.read(table(text))
+
+
+def test_a_table_reads_back_to_the_same_values(tmp_path):
+    made = simulate_compression(np.random.default_rng(1), usual_values(MENDED, n_fingers=12), fingers=12).compression
+    write_compression(tmp_path / "again.csv", made)
+    again = Compression.read(tmp_path / "again.csv")
+    for name in ("participant", "indentation", "force", "rows"):
+        assert_array_equal(getattr(again, name), getattr(made, name))
+    assert again.participants == made.participants
+
+
+def test_columns_may_be_renamed_in_either_file(table, tmp_path):
+    path = table("subject,indentation_mm,force_n\nA,1,0.2\n")
+    data = DATA / "ratings.csv"
+    both = read_experiment(data, columns={"participant": "subject"}, compression_path=path)
+    assert both.compression.participants == ("A",)
+    assert len(both.ratings.participants) == 30
+    with pytest.raises(InputError, match="there is no column 'name'"):
+        read_experiment(data, columns={"participant": "name"}, compression_path=path)
+
+
+# simulated fingers
+
+
+def test_simulated_fingers_follow_the_model():
+    values = usual_values(MENDED, "in-vivo", {"tau_b": 0.3, "tau_m": 0.5, "varsigma_f": 0.1}, n_fingers=3000)
+    made = simulate_compression(np.random.default_rng(2), values, fingers=3000)
+    force = np.log(made.compression.force.reshape(3000, 4))
+    u = np.sqrt(8e-3 * np.array([0.5e-3, 1e-3, 1.5e-3, 2e-3])) / 8e-3
+    mean = np.log(4 * 7.5e3 * (8e-3 * u) ** 3 / (3 * 8e-3 * (1 - 0.48**2))) + 3.9 * u
+    covariance = 0.09 + 0.25 * np.outer(u, u) + 0.01 * np.eye(4)
+    whitened = (force - mean) @ np.linalg.inv(np.linalg.cholesky(covariance)).T
+    assert kstest(whitened.ravel(), "norm").pvalue > 1e-3
+    assert made.log_b_effect.std() == pytest.approx(0.3, rel=0.06)
+    with pytest.raises(InputError, match="number of fingers is 0, expected a whole number from 1"):
+        simulate_compression(np.random.default_rng(2), values, fingers=0)
+
+
+# alone
+
+
+@pytest.fixture(scope="module")
+def shipped():
+    return Compression.read(DATA / "compression.csv")
+
+
+@pytest.fixture(scope="module")
+def result(shipped):
+    return sample_skin(shipped, dataclasses.replace(WIDE, max_steps=300, processes=1, seed=1))
+
+
+def test_the_shipped_forces_give_back_what_they_were_made_from(result):
+    truth = json.loads((DATA / "truth.json").read_text())["truth"]
+    table = result.summary()
+    assert table.index.tolist() == list(SAMPLED)
+    for name in SAMPLED:
+        assert abs(table.loc[name, "mean"] - truth[name]) < 3 * table.loc[name, "sd"], name
+    # with a narrow view of the skin: forces do say what it is
+    assert table.loc["b", "sd"] < 0.25 * truth["b"]
+    assert table.loc["m", "sd"] < 0.15 * truth["m"]
+
+
+def test_groups_of_a_run_on_forces_alone(result, shipped):
+    posterior, rows = result.group("posterior"), len(shipped)
+    assert {*posterior.data_vars} == {*SAMPLED, "log_b_effect", "m_effect"}
+    assert posterior["m_effect"].dims == ("chain", "draw", "finger")
+    assert posterior["finger"].values.tolist() == [f"F{k}" for k in range(1, 9)]
+    assert posterior["b"].attrs["units"] == "kPa"
+    for group, size in (("posterior_predictive", 500), ("prior_predictive", 500)):
+        assert result.group(group)["plate_force_n"].shape == (1, size, rows)
+    assert_array_equal(result.group("observed_data")["plate_force_n"], shipped.force)
+    assert {*result.group("log_likelihood").data_vars} == {"compression"}
+    found = result.attributes
+    assert (found["digest_compression"], found["zero_forces"]) == (shipped.digest, 0)
+    assert found["prior_b"] == "lognormal(30,1)"
+    assert "steeper than Hertz's 1.5" in found["force_check"]
+    assert "weak check" in found["force_check"]
+
+
+def test_what_needs_ratings_says_so(result):
+    for ask in (lambda: result.loads, result.curves, result.inflection, result.inflections):
+        with pytest.raises(InputError, match="without ratings"):
+            ask()
+    assert figures_of(result) == ["corner", "prior", "trace", "rank", "compression"]
+    assert result.values(20)["b"].shape == (20,)
+
+
+def test_a_result_without_ratings_reads_back(result, tmp_path):
+    result.save(tmp_path)
+    again = Result.load(tmp_path)
+    assert again.tree.identical(result.tree)
+    assert again.readings == MENDED
+
+
+def test_density_is_prior_times_the_dense_normal_law(result, shipped):
+    posterior = skin_posterior_of(shipped, WIDE)
+    assert posterior.names == SAMPLED
+    stored = result.group("posterior")
+    theta = np.stack([stored[name].values[3, ::50] for name in SAMPLED], axis=-1)
+    radius = np.sqrt(8e-3 * shipped.indentation)
+    u, same = radius / 8e-3, shipped.participant[:, None] == shipped.participant
+    for k, (b, m, tau_b, tau_m, varsigma) in enumerate(theta):
+        mean = np.log(4 * 1e3 * b * np.exp(m * u) * radius**3 / (3 * 8e-3 * (1 - 0.48**2)))
+        covariance = same * (tau_b**2 + tau_m**2 * np.outer(u, u)) + varsigma**2 * np.eye(u.size)
+        expected = multivariate_normal(mean, covariance).logpdf(np.log(shipped.force)) - np.log(shipped.force).sum()
+        assert posterior.log_likelihood(theta[k]) == pytest.approx(expected, rel=1e-9)
+        assert result.group("log_likelihood")["compression"].values[3, ::50][k] == pytest.approx(expected, rel=1e-7)
+
+
+def test_one_finger_has_no_spread_and_a_plate_knows_no_current(shipped):
+    one = shipped.participant == 0
+    arrays = {name: getattr(shipped, name)[one] for name in ("participant", "indentation", "force", "rows")}
+    alone = dataclasses.replace(shipped, participants=("F1",), **arrays)
+    posterior = skin_posterior_of(alone, WIDE)
+    assert posterior.names == ("b", "m", "varsigma_f")
+    assert (posterior.space.held["tau_b"], posterior.space.held["tau_m"]) == (0.0, 0.0)
+    with pytest.raises(InputError, match="tau_b cannot be sampled: there is one finger only"):
+        skin_posterior_of(alone, dataclasses.replace(WIDE, priors={"tau_b": LogNormal(0.1, 1)}))
+    with pytest.raises(InputError, match="gamma: the model of these data has no such parameter"):
+        skin_posterior_of(shipped, dataclasses.replace(WIDE, fix={"gamma": 1.0}))
+
+
+@pytest.mark.parametrize(
+    ("displacement", "b", "m"), [("printed", (5, 10), (3.4, 4.4)), ("displacement", (11, 20), (560, 700))]
+)
+def test_human_fingerpads(shared, displacement, b, m):
+    """Gulati's four subjects, about 0.16 N at 1 mm: model.md 10 has the skin that they suggest."""
+    data = Compression.read(shared / "data" / GULATI, columns=SUBJECTS)
+    assert (len(data), data.n_zero, len(data.participants)) == (16, 4, 4)
+    readings = MENDED.override({"skin_displacement": displacement})
+    found = sample_skin(data, dataclasses.replace(WIDE, readings=readings, max_steps=300, processes=1))
+    table = found.summary()
+    assert b[0] < table.loc["b", "mean"] < b[1]
+    assert m[0] < table.loc["m", "mean"] < m[1]
+    assert 2.1 < found.attributes["force_exponent"] < 2.3
+    assert found.attributes["force_exponent_low"] > 1.5
+    assert found.attributes["force_p_value"] > 0.05
+    typical = found.group("predictions").isel(chain=0)["typical_force_n"].interp(plate_indentation_mm=1.0)
+    assert float(typical.median()) == pytest.approx(0.16, rel=0.2)
+
+
+def test_the_figure_shows_the_typical_finger_and_the_others(result, shipped):
+    figure = FIGURES["compression"](result, USUAL)
+    figure.draw_without_rendering()
+
+    def artist(gid):
+        (found,) = figure.findobj(lambda each: each.get_gid() == gid)
+        return found
+
+    stored = result.group("predictions").isel(chain=0)
+    median = artist("median/plate")
+    assert_allclose(median.get_xdata(), stored["plate_indentation_mm"])
+    assert_allclose(median.get_ydata(), np.median(stored["typical_force_n"], axis=0))
+    own = shipped.participant == 3
+    assert_allclose(artist("finger/3").get_ydata(), shipped.force[own])
+    assert_allclose(artist("finger/3").get_xdata(), shipped.indentation[own] * 1e3)
+
+
+# beside ratings
+
+CLOTH = Fabrics(("felt", "lawn", "drill"), effective_modulus=np.array([8e4, 2e5, 4e5]))
+
+
+@pytest.fixture(scope="module")
+def joint():
+    values = usual_values(MENDED, given={"sigma_0": 7.0, "varsigma": 0.2})
+    rng = np.random.default_rng(3)
+    ratings = simulate_ratings(rng, CLOTH, (Indentation(2e-3),), values, participants=4).ratings
+    fingers = usual_values(MENDED, given={"tau_b": 0.2, "tau_m": 0.2, "varsigma_f": 0.05}, n_fingers=5)
+    return Experiment(ratings, CLOTH, (), simulate_compression(rng, fingers, fingers=5).compression)
+
+
+def test_the_joint_likelihood_is_the_sum_of_both(joint):
+    both, alone = posterior_of(joint, RunOptions()), posterior_of(joint._replace(compression=None), RunOptions())
+    assert both.names == (*alone.names, "tau_b", "tau_m", "varsigma_f")
+    theta = both.space.draw_prior(np.random.default_rng(1), 10)
+    forces = both.compression.log_likelihood(both.skin_parameters(theta))
+    assert_allclose(both.log_likelihood(theta), alone.log_likelihood(theta[:, :-3]) + forces, rtol=1e-12)
+    assert forces.std() > 1
+
+
+def test_a_joint_run_holds_both(joint, tmp_path):
+    held = {"c_Na": 1.05, "c_K": 1.16, "c_L": 1.0, "c_A": 1.5}
+    held |= {"alpha": 21.5, "beta": 0.6, "sigma_0": 5.0, "gamma": 1.0, "tau": 0.5}
+    found = sample(joint, RunOptions(fix=held, max_steps=60, processes=1))
+    assert {"participant_effect", "m_effect", "mu"} <= {*found.group("posterior").data_vars}
+    assert {*found.group("log_likelihood").data_vars} == {"ratings_and_compression"}
+    assert {"rating", "plate_force_n"} <= {*found.group("posterior_predictive").data_vars}
+    assert figures_of(found)[-1] == "compression"
+    assert "response" in figures_of(found)
+    assert "force_check" in found.attributes
+    found.save(tmp_path)
+    assert Result.load(tmp_path).loads == (Indentation(2e-3),)
+
+
+# the command line
+
+
+@pytest.fixture
+def here(capsys):
+    def call(*arguments):
+        with pytest.raises(SystemExit) as end:
+            main([str(argument) for argument in arguments], prog_name="softness-bayes")
+        return end.value.code or 0, *capsys.readouterr()
+
+    return call
+
+
+def test_a_run_from_the_command_line(here, tmp_path):
+    code, out, err = here(
+        *("sample", "--compression", DATA / "compression.csv", "--max-steps", "60", "--processes", "1"),
+        *("--fix", "tau_m=0.3", "--out", tmp_path / "skin"),
+    )
+    assert code == 3, err
+    assert "note: without ratings --priors is wide" in err
+    assert re.search(r"force grows as indentation to the power 1\.\d\d", out)
+    assert "turns over" not in out
+    held = Result.load(tmp_path / "skin").group("constant_data")
+    assert float(held["tau_m"]) == 0.3
+    names = {path.stem for path in (tmp_path / "skin" / "figures").glob("[a-z]*")}
+    assert names == {"corner", "prior", "trace", "rank", "compression"}
+    code, _, err = here(
+        "predict", "--fabrics", DATA / "fabrics.csv", "--force-n", "1", "--posterior", tmp_path / "skin"
+    )
+    assert code == 2
+    assert "without ratings" in err
+
+
+def test_check_says_what_was_understood(here):
+    code, out, _ = here("check", "--compression", DATA / "compression.csv")
+    assert code == 0
+    force = Compression.read(DATA / "compression.csv").force
+    assert f"32, from {force.min():.3g} to {force.max():.3g} N; 0 of 0 dropped" in out
+    assert "8 (F1 … F8), 4 forces each" in out
+    code, out, _ = here("check", "--data", DATA / "ratings.csv", "--compression", DATA / "compression.csv")
+    assert code == 0
+    assert "fingers" in out
+    assert "participants" in out
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ([], "no data: give ratings with --data"),
+        (["--compression", "nowhere.csv"], "nowhere.csv"),
+        (["--compression", DATA / "compression.csv", "--direction", "inverse"], "are for ratings"),
+        (["--compression", DATA / "compression.csv", "--force-n", "1"], "are for ratings"),
+        (
+            ["--compression", DATA / "compression.csv", "--fix", "alpha=20"],
+            "alpha: the model of these data has no such",
+        ),
+        (["--data", DATA / "ratings.csv", "--fix", "tau_b=1"], "tau_b: the model of these data has no such"),
+    ],
+)
+def test_sample_refuses(here, tmp_path, monkeypatch, arguments, message):
+    monkeypatch.chdir(tmp_path)
+    code, out, err = here("sample", *arguments)
+    assert (code, out) == (2, "")
+    assert message in err
+    assert list(tmp_path.iterdir()) == []

@@ -1,0 +1,62 @@
+"""Cloth that hardly makes receptors fire under the default priors: it is sampled, and its silence is said."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from softness_bayes.checking.misfit import fit_of
+from softness_bayes.data import Experiment, Fabrics
+from softness_bayes.model.build import simulate_ratings, usual_values
+from softness_bayes.report.findings import findings
+from softness_bayes.runs.run import RunOptions, posterior_of, sample
+from softness_bayes.sampler.starts import find_optimum
+from softness_bayes.touch.contact import Indentation
+from softness_bayes.touch.readings import MENDED
+from support.report_runs import OPTIONS, quickly
+
+REAL = np.array([1e3, 4e3, 1.2e4, 4e4, 1.1e5])
+"""E_fab [Pa] between the 5 and 95 % quantiles of real cloth."""
+
+CLOTH = {
+    "four fabrics under one load": (np.geomspace(3e3, 6e5, 4), (2e-3,)),
+    "real cloth, pressed firmly": (REAL, (1e-3, 2e-3, 3e-3)),
+    "real cloth, pressed lightly": (REAL, (1e-3,)),
+    "a single fabric": (REAL[2:3], (2e-3,)),
+}
+
+
+def experiment(modulus, depths, seed=0):
+    names = tuple(f"f{k}" for k in range(len(modulus)))
+    fabrics = Fabrics(names, effective_modulus=np.asarray(modulus))
+    loads, rng = tuple(Indentation(depth) for depth in depths), np.random.default_rng(seed)
+    made = simulate_ratings(rng, fabrics, loads, usual_values(MENDED), participants=8)
+    return Experiment(made.ratings, fabrics, ())
+
+
+@pytest.mark.parametrize("name", CLOTH)
+def test_walkers_find_a_place_to_start(name):
+    posterior = posterior_of(experiment(*CLOTH[name]), RunOptions())
+    plain = posterior.mean_rate(posterior.space.draw_prior(np.random.default_rng(0), 500))
+    assert (plain == 0).mean() > 0.5
+    z = posterior.draw_start(np.random.default_rng(1), 32)
+    rate = posterior.mean_rate(posterior.natural(z))
+    assert ((rate > 0).sum(axis=-1) >= min(3, rate.shape[-1])).all()
+    start = posterior(z)
+    assert np.isfinite(start).all()
+    assert find_optimum(posterior, np.random.default_rng(2)).log_density > start.max()
+
+
+@pytest.mark.parametrize(("name", "silent"), [("real cloth, pressed lightly", True), ("stiff cloth", False)])
+def test_a_run_says_how_silent_its_posterior_is(name, silent):
+    modulus, depths = {**CLOTH, "stiff cloth": (np.geomspace(2e5, 8e5, 4), (3e-3,))}[name]
+    with quickly():
+        result = sample(experiment(modulus, depths), replace(OPTIONS, max_steps=20))
+    fit = fit_of(result.tree)
+    share = result.attributes["posterior_silent_conditions"]
+    assert bool(fit.silence) is silent is (share > 0.5)
+    said = [detail for finding in findings(result) for detail in finding.details if "silent (draws and cond" in detail]
+    assert len(said) == silent
+    if silent:
+        assert fit.silence.startswith(f"the posterior is {share:.0%} silent")
+        assert "told by the prior" in fit.silence

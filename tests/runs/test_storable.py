@@ -1,0 +1,147 @@
+"""What a result's file cannot hold is refused before the first step; what it can is found again."""
+
+import json
+import os
+import shlex
+import subprocess
+import sys
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from softness_bayes.arviz_bridge import require_storable
+from softness_bayes.checkpoints.checkpoint import Checkpoint
+from softness_bayes.errors import InputError
+from softness_bayes.files.command_line import storable
+from softness_bayes.model.build import simulate_compression, usual_values
+from softness_bayes.report.repeat import repetition
+from softness_bayes.results.result import Result
+from softness_bayes.runs import plate as skin
+from softness_bayes.runs import run
+from softness_bayes.runs.from_result import options_of
+from softness_bayes.runs.plate import sample_skin
+from softness_bayes.runs.run import RunOptions, posterior_of, requested, sample
+from softness_bayes.sampler.serial import as_json
+from softness_bayes.touch.readings import MENDED
+from support.paths import DATA
+from support.report_runs import OPTIONS, experiment, quickly
+
+LARGE = 2**127 + 1
+FOREIGN = os.fsdecode(b"caf\xe9 it's $x\\1.csv")
+
+
+def test_attributes_and_names_are_tried_on_a_file():
+    require_storable({"seed": 2**63, "sd": 0.5, "command": "naïve ½"}, {"participant": ("P1", "Änne"), "finger": ()})
+    for value in (2**64, None, "a\0b", "\udce9"):
+        with pytest.raises(InputError, match=r"second .*the file of a result cannot hold it; expected UTF-8"):
+            require_storable({"first": 1, "second": value}, {})
+    with pytest.raises(InputError, match=r"participant 'B\\x00o': the file"):
+        require_storable({}, {"fabric": ("felt",), "participant": ("Al", "B\0o")})
+
+
+def test_json_takes_scalars_of_numpy_and_names_what_it_cannot_hold():
+    assert json.loads(as_json({"seed": np.int64(3), "fix": {"b": np.float32(0.5)}}, "x")) == {
+        "seed": 3,
+        "fix": {"b": 0.5},
+    }
+    with pytest.raises(InputError, match="options of the run: 'fix': "):
+        as_json({"seed": 3, "fix": {"b": {1, 2}}}, "options of the run")
+
+
+def test_a_shell_takes_a_command_again_whatever_its_bytes():
+    words = ["--data", FOREIGN, "it's", "--out", "plain", '"', "--x=ü"]
+    command = storable(shlex.join(words))
+    command.encode()
+    told = subprocess.run(["bash", "-c", f"printf '%s\\0' {command}"], capture_output=True, check=True).stdout
+    assert told.split(b"\0")[:-1] == [os.fsencode(word) for word in words]
+    # one without such bytes stays as it is
+    assert storable(plain := shlex.join(["--data", "it's ü.csv", '"'])) == plain
+
+
+def test_a_run_of_a_large_seed_is_stored_and_repeated(tmp_path):
+    command = shlex.join(["softness-bayes", "sample", "--data", FOREIGN])
+    with quickly():
+        sample(experiment(), replace(OPTIONS, seed=LARGE, max_steps=4, command=command)).save(tmp_path)
+    result = Result.load(tmp_path)
+    assert options_of(result).seed == int(result.attributes["seed"]) == LARGE
+    assert result.attributes["command"] == storable(command)
+    (again,) = repetition(result).commands
+    assert f"--seed {LARGE}" in again
+    told = subprocess.run(["bash", "-c", f"printf '%s\\0' {again}"], capture_output=True, check=True).stdout
+    assert os.fsencode(FOREIGN) in told.split(b"\0")
+
+
+def test_a_seed_is_stored_as_a_number_while_it_is_one_of_64_bits():
+    with quickly():
+        density = posterior_of(experiment(), OPTIONS)
+    for seed in (3, np.int64(3), 2**63 - 1):
+        assert requested(density, replace(OPTIONS, seed=seed))["seed"] is seed
+    assert requested(density, replace(OPTIONS, seed=2**63))["seed"] == str(2**63)
+
+
+def test_nothing_is_computed_or_left_of_a_run_that_could_not_be_stored(tmp_path, monkeypatch):
+    def never(*_):
+        raise AssertionError("walked")
+
+    for module in (run, skin):
+        monkeypatch.setattr(module, "walked", never)
+    data = experiment()
+    named = replace(data.ratings, participants=("A\0", *data.ratings.participants[1:]))
+    fabrics = replace(data.ratings, fabrics=("A\0", *data.ratings.fabrics[1:]))
+    plate = simulate_compression(np.random.default_rng(4), usual_values(MENDED, n_fingers=4), fingers=4).compression
+    fingers = replace(plate, participants=("A\0", *plate.participants[1:]))
+    cases = {
+        r"participant 'A\\x00'": (data._replace(ratings=named), OPTIONS),
+        r"fabric 'A\\x00'": (data._replace(ratings=fabrics), OPTIONS),
+        r"finger 'A\\x00'": (data._replace(compression=fingers), OPTIONS),
+        r"command 'a\\x00b'": (data, replace(OPTIONS, command="a\0b")),
+        "options of the run: 'max_steps'": (data, replace(OPTIONS, max_steps=1j)),
+    }
+    for said, (asked, options) in cases.items():
+        with quickly(), pytest.raises(InputError, match=said):
+            sample(asked, options)
+    with pytest.raises(InputError, match=r"finger 'A\\x00'"):
+        sample_skin(fingers, RunOptions())
+    # negative control: what is well walks
+    with quickly(), pytest.raises(AssertionError, match="walked"):
+        sample(data, OPTIONS)
+    kept = Checkpoint.create(tmp_path / "out", request={"files": {1, 2}})
+    with kept, pytest.raises(InputError, match="request: 'files'"):
+        kept.begin({"model": "any"})
+    assert list(tmp_path.iterdir()) == []
+
+
+def command(*arguments, cwd):
+    program = "from softness_bayes.cli import main; main(prog_name='softness-bayes')"
+    return subprocess.run(
+        [sys.executable, "-W", "error", "-c", program, *map(str, arguments)], cwd=cwd, capture_output=True, check=False
+    )
+
+
+def test_names_of_files_need_not_be_utf8(tmp_path):
+    (tmp_path / FOREIGN).write_bytes((DATA / "compression.csv").read_bytes())
+    out = os.fsdecode(b"r\xe9sults")
+    begun = ["--seed", LARGE, "--max-steps", 8, "--processes", 1, "--no-figures"]
+    done = command("sample", "--compression", FOREIGN, "--out", out, *begun, cwd=tmp_path)
+    assert done.returncode == 3, done.stderr
+    assert b"written to r\xe9sults" in done.stdout
+    done = command("report", out, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    page = (tmp_path / out / "report.html").read_text()
+    assert r"caf\xe9" in page
+    assert str(LARGE) in page
+    assert command("status", out, cwd=tmp_path).returncode == 0
+
+
+def test_a_name_with_nul_is_refused_at_the_command_line(tmp_path):
+    header, row, *rows = (DATA / "ratings.csv").read_text().splitlines(keepends=True)
+    wide = "".join([header, row.replace("P01", "P\x0001"), *rows])
+    (tmp_path / "wide.csv").write_bytes(wide.encode("utf-16"))
+    done = command("sample", "--data", "wide.csv", "--out", "out", "--processes", 1, cwd=tmp_path)
+    assert done.returncode == 2, done.stderr
+    assert b"Traceback" not in done.stderr
+    assert (
+        b"wide.csv: not a text file, expected a table saved as CSV: control character '\\x00' in line 2" in done.stderr
+    )
+    assert not (tmp_path / "out").exists()

@@ -1,0 +1,66 @@
+"""A run in a process of its own that may be killed.
+
+``python -m support.killable DIRECTORY STEPS PROCESSES PAUSE``, in the folder of the tests, continues what DIRECTORY
+holds, writes at every state, and prints a line when it starts walking, with the numbers of its workers.
+"""
+
+import multiprocessing
+import sys
+import time
+from pathlib import Path
+
+from softness_bayes.checkpoints import checkpoint as storage
+from softness_bayes.checkpoints.checkpoint import Checkpoint
+from softness_bayes.sampler.diagnostics import Goal
+from softness_bayes.sampler.sampling import Settings, walk
+from support.fake_scene import FakeScene, fake_posterior
+
+SEED = 8
+WHAT = {"model": "the fake scene"}
+
+
+class SlowScene(FakeScene):
+    """The fake scene, as slow as a larger one."""
+
+    def __init__(self, pause):
+        super().__init__()
+        self.pause = pause
+
+    def total_rate(self, parameters):
+        time.sleep(self.pause)
+        return super().total_rate(parameters)
+
+
+def settings(steps, processes=1):
+    return Settings(
+        ensembles=2,
+        walkers=20,
+        pilot=(10, 20),
+        optima=1,
+        round_steps=25,
+        stored=100,
+        max_steps=steps,
+        processes=processes,
+        goal=Goal(lengths=1e9),
+    )
+
+
+def follow(directory, steps, processes=1, pause=0.0):
+    """Walk from wherever the directory's run is; yield every state once it is kept."""
+    posterior, chosen = fake_posterior(SlowScene(pause)), settings(steps, processes)
+    begun = (Path(directory) / "checkpoint" / "manifest.json").exists()
+    with Checkpoint.open(directory) if begun else Checkpoint.create(directory) as checkpoint:
+        for state in walk(posterior, chosen, SEED, checkpoint.begin(WHAT)):
+            checkpoint.keep(state, chosen, posterior)
+            checkpoint.flush()
+            yield state
+
+
+if __name__ == "__main__":
+    storage.INTERVAL = 0.0
+    directory, steps, processes, pause = sys.argv[1:]
+    states = follow(directory, int(steps), int(processes), float(pause))
+    next(states)
+    print("walking", *(worker.pid for worker in multiprocessing.active_children()), flush=True)
+    for _ in states:
+        pass

@@ -1,0 +1,125 @@
+"""Ratings and replicated tables of a small design, made at effects and rates that are known."""
+
+import copy
+
+import numpy as np
+
+from softness_bayes import arviz_bridge
+from softness_bayes.checking.check_table import NEW_PARTICIPANTS
+from softness_bayes.checking.levelled import compare_levelled, levelled
+from softness_bayes.checking.quantities import Layout
+from softness_bayes.checking.reproduction import LEVELLED, SHORTFALL
+from softness_bayes.likelihood.design import Design
+from softness_bayes.likelihood.magnitude import LogRatings, RatingModel, RatingParameters
+from softness_bayes.likelihood.random_effects import Effects
+
+MODEL = RatingModel()
+FABRICS, LOADS = 6, 2
+RATE = np.array([0.0, 0.3, 1.2, 2.0, 2.4, 2.1, 0.0, 1.0, 1.9, 2.5, 2.3, 1.8])
+PLAIN = RatingParameters(0.9, 0.6, 0.3)
+MODULUS = np.tile(np.geomspace(3e3, 6e5, FABRICS), LOADS)
+LOAD = np.repeat(np.arange(LOADS), FABRICS)
+STEEP = np.array([0.0, 0.3, 1.2, 2.4, 1.6, 0.9, 0.0, 1.0, 2.2, 2.5, 1.5, 0.8])
+"""Rates that clearly turn over under both loads."""
+SHALLOW = np.tile([0.0, 0.3, 1.2, 2.4, 2.5, 2.4], 2)
+"""Rates that turn over, but hardly."""
+REPLICATES = 99
+COUNT = 300
+
+
+def design(participants=15):
+    conditions = FABRICS * LOADS
+    return Design(
+        np.tile(np.arange(conditions), participants),
+        np.repeat(np.arange(participants), conditions),
+        np.tile(np.arange(FABRICS), LOADS),
+        participants,
+    )
+
+
+def layout(participants=15):
+    return Layout(design(participants), MODULUS, LOAD)
+
+
+LAY = layout()
+
+
+def ratings(rng, who, rate=RATE, truth=PLAIN, noise=None, own=0.0):
+    """Ratings of new participants; with other noise, or with exponents of their own."""
+    effects = MODEL.draw_effects(rng, truth, (), who.n_participants, who.n_fabrics)
+    drive = MODEL.drive(who, rate, truth)
+    log_rating = effects.mu + drive[who.condition] + effects.participant[who.participant]
+    log_rating += own * rng.standard_normal(who.n_participants)[who.participant] * drive[who.condition]
+    return np.exp(log_rating + truth.varsigma * (rng.standard_normal if noise is None else noise)(who.n_rows))
+
+
+def replicates(rng, lay, filed, rate=RATE, assumed=PLAIN, new=False):
+    """Replicated ratings at one draw of the effects, which the theory makes exchangeable with the data."""
+    who = lay.design
+    effects = LogRatings(filed, who, MODEL).draw_effects(rng, rate, assumed)
+    effects = Effects(*(np.broadcast_to(e, (REPLICATES, *e.shape)) for e in effects))
+    if new:
+        sizes = who.n_participants, who.n_fabrics
+        effects = MODEL.draw_effects(rng, assumed, (REPLICATES,), *sizes, mu=effects.mu)
+    return MODEL.draw_ratings(
+        rng, who, np.broadcast_to(MODEL.drive(who, rate, assumed), (REPLICATES, 12)), assumed, effects
+    )
+
+
+def tables(rng, lay, filed, assumed, count=COUNT):
+    """Replicated tables at one draw of the effects, and the same with a response that levels off at its peak."""
+    who = lay.design
+    effects = LogRatings(filed, who, MODEL).draw_effects(rng, assumed, PLAIN)
+    effects = Effects(*(np.broadcast_to(e, (count, *e.shape)) for e in effects))
+    twin, level = copy.deepcopy(rng), levelled(lay, assumed)
+    return tuple(
+        MODEL.draw_ratings(noise, who, np.broadcast_to(drive, (count, drive.size)), PLAIN, effects)
+        for noise, drive in (
+            (rng, MODEL.drive(who, assumed, PLAIN)),
+            (twin, MODEL.drive_at(level, who, assumed, PLAIN)),
+        )
+    )
+
+
+LEVELLED_NAMES = [f"levelled_{name}" for name in ("turns_over", "e_fab_kpa", "drop", "fall")]
+BY_ROW = ("rating", NEW_PARTICIPANTS, "participant_index", "fabric_index", "load_index", "loo_pit", SHORTFALL)
+
+
+def tree(rng, seen=STEEP, assumed=STEEP, direction="softness"):
+    """The groups of a result whose model assumes some rates, with data made at others."""
+    filed = ratings(rng, LAY.design, seen)
+    same, other = tables(rng, LAY, filed, assumed, REPLICATES)
+    shown, shortfall = compare_levelled(LAY, same, other)
+    new = replicates(rng, LAY, filed, assumed, new=True)
+    who = LAY.design
+    return arviz_bridge.to_tree(
+        {
+            "log_likelihood_participant": {"ratings_of_participant": np.zeros((1, 1, 15))},
+            "posterior_predictive": {"rating": same[None], NEW_PARTICIPANTS: new[None]},
+            LEVELLED: {name: values[None] for name, values in zip(LEVELLED_NAMES, shown, strict=True)},
+            "prior_predictive": {"rating": np.exp(rng.normal(3, 3, (1, 50, who.n_rows)))},
+            "observed_data": {"rating": filed},
+            "constant_data": {
+                "effective_modulus_kpa": MODULUS[:6] * 1e-3,
+                "indentation_mm": np.array([1.0, 2.0]),
+                "participant_index": who.participant,
+                "fabric_index": who.fabric[who.condition],
+                "load_index": LAY.load[who.condition],
+                "loo_pit": rng.random(who.n_rows),
+                SHORTFALL: shortfall[who.condition],
+            },
+        },
+        dims={
+            "ratings_of_participant": ["participant"],
+            "effective_modulus_kpa": ["fabric"],
+            "indentation_mm": ["load"],
+            **{name: ["load"] for name in LEVELLED_NAMES},
+            **{name: ["rating_row"] for name in BY_ROW},
+        },
+        coords={"participant": [f"P{k}" for k in range(15)], "fabric": [*"abcdef"], "load": ["1 mm", "2 mm"]},
+        attrs={
+            "direction": direction,
+            "rating_scale": "magnitude",
+            **{f"{what}_{k}": 0.5 for what in ("condition", "fabric", "exponent") for k in ("p_value", "deviation")},
+        },
+    )
