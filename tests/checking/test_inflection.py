@@ -177,7 +177,7 @@ def test_turning_points_of_many_draws_are_those_of_their_curves(scene, monkeypat
 
 
 def test_the_peaks_that_a_prototype_gave_at_the_median_of_the_prior(paper):
-    """model.md 11: 517 and 264 kPa at 2 and 3 mm, drops 0, 0.7, 9 and 23 % at 1, 1.5, 2 and 3 mm.
+    """Of code written apart: 517 and 264 kPa at 2 and 3 mm, drops 0, 0.7, 9 and 23 % at 1, 1.5, 2 and 3 mm.
 
     A tenth in the place of so flat a maximum is 0.3 % in the response.
     """

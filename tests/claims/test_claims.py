@@ -25,6 +25,7 @@ from softness_bayes.touch.neuron.rate import firing_rate
 from softness_bayes.touch.readings import AS_PRINTED, CLASSICAL, MENDED
 from softness_bayes.touch.reference import reference_response
 from softness_bayes.touch.scene import Scene
+from support.pages import table
 from support.paths import ROOT
 
 BY_NAME = {claim.name: claim for claim in CLAIMS}
@@ -254,13 +255,22 @@ def test_the_number_of_draws_is_a_count():
 
 
 def test_default_readings_at_the_median(medians):
-    """The numbers of the specification's prototype, as far as its digits go (model.md 11)."""
+    """The numbers of a prototype written apart from this project, as far as its digits go."""
     np.testing.assert_allclose(medians.drop[0], [0.0, 0.007, 0.09, 0.23], atol=0.005)
     assert medians.interior[0].tolist() == [False, True, True, True]
     np.testing.assert_allclose(medians.modulus[0, 1:], [2349e3, 517e3, 264e3], rtol=0.1)
     np.testing.assert_allclose(medians.depth_spread[0, [0, 2, 3]], [0.06, 0.13, 0.18], atol=0.006)
     assert (medians.growth < -0.5).all()
     assert ((medians.best_centre > 1e-3) & (medians.best_centre < 5e-3)).all()
+
+
+def test_default_readings_on_the_page_of_the_model(medians):
+    """To the page's last digits (model.md 11)."""
+    peak, drop, depths = ([*row.values()][1:] for row in table("model.md", "11", "indentation [mm]"))
+    assert [cell == "–" for cell in peak] == (~medians.interior[0]).tolist()
+    np.testing.assert_allclose(1e-3 * medians.modulus[0, 1:], [float(cell) for cell in peak[1:]], atol=0.7)
+    np.testing.assert_allclose(100 * medians.drop[0], [float(cell) for cell in drop], atol=0.06)
+    np.testing.assert_allclose(100 * medians.depth_spread[0], [float(cell) for cell in depths], atol=0.6)
 
 
 def test_default_readings_over_the_simulated_lab_fabrics(shared, firing):

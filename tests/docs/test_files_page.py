@@ -1,0 +1,334 @@
+"""The page of commands and files names what runs of every kind leave, all of it and nothing else."""
+
+from __future__ import annotations
+
+import json
+import re
+import sys
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+import numpy as np
+import pandas as pd
+import pytest
+import xarray as xr
+
+from softness_bayes import arviz_bridge, errors
+from softness_bayes.checking.calibration.ranks import DRAWS, Replicate
+from softness_bayes.checkpoints.manifest import FORMAT
+from softness_bayes.cli import VERBS, bench, claims, main
+from softness_bayes.cli.compare import COMPARISON
+from softness_bayes.cli.interrupts import SIGNALS
+from softness_bayes.cli.report import REPORT
+from softness_bayes.data import LABELS, NUMBERS
+from softness_bayes.files.listing import LISTING
+from softness_bayes.model.build import simulate_compression, usual_values
+from softness_bayes.parameters.declared import EVERY_PARAMETER
+from softness_bayes.parameters.priors import HalfNormal
+from softness_bayes.plotting.figures import FIGURES
+from softness_bayes.results.result import CHECKPOINT, FILES, Result
+from softness_bayes.results.result_file import SCHEMA
+from softness_bayes.runs import calibrate
+from softness_bayes.runs.comparison import compare
+from softness_bayes.runs.run import sample
+from softness_bayes.sampler.moves import MOVES
+from softness_bayes.touch.readings import MENDED
+from support.pages import headings, in_the_code, numbers, plain, sections, table, tables
+from support.paths import DATA, ROOT
+from support.report_runs import HELD, OPTIONS, experiment, quickly, z_score_run
+
+PAGE = "files.md"
+STANDS_FOR = {
+    "parameter": "|".join([*EVERY_PARAMETER, "mu", "c0", "c1"]),
+    "number": "[0-9]{7}",
+    "place": "[a-z_]+",
+    "library": "[a-z_]+",
+    "column": "[a-z_]+",
+    "quantity": "[a-z_]+",
+}
+"""What the placeholders of the page stand for."""
+
+
+class Run(NamedTuple):
+    """A finished run, its file as it is on the disk, and whether it is of ratings and of compression data."""
+
+    result: Result
+    tree: xr.DataTree
+    marks: frozenset[str]
+
+
+def pattern(name):
+    return re.compile(re.sub(r"\\{(\w+)\\}", lambda found: f"(?:{STANDS_FOR[found[1]]})", re.escape(name)))
+
+
+def require_same(present, named):
+    """Assert that every name that is there matches one of the page's, and every one of the page's is there."""
+    assert not [name for name in present if not any(pattern(one).fullmatch(name) for one in named)]
+    assert not [one for one in named if not any(pattern(one).fullmatch(name) for name in present)]
+
+
+def run_of(result, directory, marks):
+    result.save(directory)
+    return Run(Result.load(directory), arviz_bridge.read_netcdf(directory / FILES[0]), frozenset(marks))
+
+
+def call(*typed):
+    """Run the command line in this process; its exit code."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(sys, "argv", ["softness-bayes", *map(str, typed)])
+        with pytest.raises(SystemExit) as end:
+            main([*map(str, typed)])
+    return end.value.code
+
+
+@pytest.fixture(scope="module")
+def everything(tmp_path_factory):
+    """A run on ratings and forces, with effects of fabrics."""
+    made = simulate_compression(np.random.default_rng(4), usual_values(MENDED, n_fingers=4), fingers=4)
+    held = HELD | {"tau_b": 0.3, "tau_m": 0.5, "varsigma_f": 0.1}  # few parameters make a quick run
+    options = replace(OPTIONS, fix=held, priors={"omega": HalfNormal(0.5)})
+    with quickly():
+        result = sample(experiment()._replace(compression=made.compression), options)
+    return run_of(result, tmp_path_factory.mktemp("everything"), "rc")
+
+
+@pytest.fixture(scope="module")
+def z_scores(tmp_path_factory):
+    return run_of(z_score_run(), tmp_path_factory.mktemp("z"), "r")
+
+
+@pytest.fixture(scope="module")
+def directory(tmp_path_factory):
+    """What the command line leaves of a run on forces alone."""
+    home = tmp_path_factory.mktemp("forces") / "run"
+    short = ["--max-steps", "20", "--no-figures", "--processes", "1"]
+    assert call("sample", "--compression", DATA / "compression.csv", *short, "--out", home) == 3
+    return home
+
+
+@pytest.fixture(scope="module")
+def runs(everything, z_scores, directory):
+    forces = Run(Result.load(directory), arviz_bridge.read_netcdf(directory / FILES[0]), frozenset("c"))
+    return everything, z_scores, forces
+
+
+def column(rows, title) -> list[str]:
+    return [plain(row[title]) for row in rows]
+
+
+def mark_of(text):
+    """Return the mark of a row, if it has one: what data it needs."""
+    found = re.match(r"\*([rc])\*", text)
+    return {found[1]} if found else set()
+
+
+# commands and exit codes
+
+
+def test_sections_are_numbered_in_order():
+    assert [*headings(PAGE)] == [str(k) for k in range(1, 12)]
+
+
+def test_columns_that_are_read():
+    rows = {plain(row["column"]): row for row in table(PAGE, "1", "column")}
+    assert {*rows} == {*LABELS, *NUMBERS}
+    for name, known in NUMBERS.items():
+        assert rows[name]["unit"] == known.unit
+
+
+def test_commands():
+    assert column(table(PAGE, "2", "command"), "command") == [*VERBS]
+
+
+def test_files_of_commands(tmp_path):
+    rows = {
+        plain(row["command"]): re.findall(r"`([^`]+)`", row["what it writes"]) for row in table(PAGE, "2", "command")
+    }
+    touch = ["--fabrics", DATA / "fabrics.csv", "--indentation-mm", "2"]
+    assert call("simulate", *touch, "--participants", 2, "--fingers", 2, "--out", tmp_path / "made") == 0
+    assert {*rows["simulate"], LISTING} == {path.name for path in (tmp_path / "made").iterdir()}
+    truth = json.loads((tmp_path / "made" / "truth.json").read_text())
+    assert {*truth} == {*column(table(PAGE, "11", "key"), "key")}
+    assert {*rows["claims"]} == {*claims.MADE}
+    assert {*rows["bench"]} == {*bench.MADE}
+    assert rows["compare"] == [COMPARISON]
+    assert rows["report"] == [REPORT]
+    names = ("RANKS", "COVERAGE", "VERDICT", "MANIFEST")
+    kept = {*(getattr(calibrate, name) for name in names), f"{calibrate.FIGURE}.png", f"{calibrate.REPLICATES}/"}
+    assert {*rows["calibrate"]} == kept
+
+
+def test_exit_codes():
+    known = {
+        error.exit_code
+        for error in vars(errors).values()
+        if isinstance(error, type) and error.__module__ == errors.__name__
+    }
+    known.remove(errors.SoftnessError.exit_code)  # that of no error itself
+    known |= {0, *(128 + number for number in SIGNALS)}
+    said = [int(row["code"]) for row in table(PAGE, "3", "code")]
+    assert said == sorted(known)
+    (listed,) = re.findall(r"Exit codes: ([^.]+)\.", " ".join(main.__doc__.split()))
+    assert [int(code) for code in re.findall(r"\b\d+\b", listed)] == said
+
+
+# files of a run
+
+
+def test_files_of_a_run(directory):
+    said = column(table(PAGE, "4", "file"), "file")
+    assert {*said} == {*FILES, f"{CHECKPOINT}/", "figures/", LISTING}
+    assert {f"{path.name}{'/' * path.is_dir()}" for path in directory.iterdir()} <= {*said}
+
+
+def test_figures():
+    assert column(table(PAGE, "4", "figure"), "figure") == [*FIGURES]
+
+
+def test_checkpoint(directory):
+    require_same({path.name for path in (directory / CHECKPOINT).iterdir()}, column(table(PAGE, "8", "file"), "file"))
+    assert f"**format {FORMAT}**" in sections(PAGE)["8"]
+
+
+# posterior.nc
+
+
+def test_groups(runs):
+    rows = {plain(row["group"]): row["what it holds"] for row in table(PAGE, "5", "group", "what it holds")}
+    for run in runs:
+        assert {*run.tree.children} <= {*rows}
+        needed = {group for group, text in rows.items() if mark_of(text) <= run.marks}
+        assert {*run.tree.children} == needed
+    assert f"**schema {SCHEMA}**" in sections(PAGE)["5"]
+
+
+def test_variables_with_their_dimensions(runs):
+    groups = {plain(row["group"]): mark_of(row["what it holds"]) for row in table(PAGE, "5", "group", "what it holds")}
+    rows = table(PAGE, "5", "group", "variable")
+    met = set()
+    for run in runs:
+        for group, child in run.tree.children.items():
+            for name, variable in child.to_dataset().data_vars.items():
+                where = f"{name} of {group}"
+                found = [
+                    k
+                    for k, row in enumerate(rows)
+                    if plain(row["group"]) == group and pattern(plain(row["variable"])).fullmatch(str(name))
+                ]
+                # mu and c0, c1 have rows of their own
+                k = min(found, key=lambda k: "{" in rows[k]["variable"], default=None)
+                assert k is not None, where
+                met.add(k)
+                further = tuple(dim for dim in variable.dims if dim not in arviz_bridge.SAMPLE_DIMS)
+                assert further == tuple(re.findall(r"`(\w+)`", rows[k]["further dimensions"])), where
+                assert mark_of(rows[k]["what it is"]) | groups[group] <= run.marks, where
+    assert [row for k, row in enumerate(rows) if k not in met] == []
+
+
+def test_units_of_variables(everything):
+    """Where the page gives a unit in brackets, the file has it."""
+    for row in table(PAGE, "5", "group", "variable"):
+        stored = everything.tree[plain(row["group"])].to_dataset()
+        unit = re.search(r"\[([^\]]+)\]", row["what it is"])
+        if unit is not None and plain(row["variable"]) in stored:
+            expected = {"spikes/s": "Hz"}.get(unit[1], unit[1])
+            assert stored[plain(row["variable"])].attrs["units"] == expected, row
+
+
+def test_coordinates(runs):
+    (said,) = re.findall(r"^Coordinates: (.+?)\n\n", sections(PAGE)["5"], re.M | re.S)
+    named = {*re.findall(r"`(\w+)`", said), "ensemble", "posterior_chain", "posterior_draw", "chain", "draw"}
+    found = {str(name) for run in runs for child in run.tree.children.values() for name in child.to_dataset().coords}
+    assert found == named
+
+
+def test_attributes(runs):
+    rows = {plain(row["attribute"]): row["what it says"] for row in table(PAGE, "6", "attribute")}
+    require_same({name for run in runs for name in run.tree.attrs}, [*rows])
+    for run in runs:
+        named = [name for name, text in rows.items() if mark_of(text) <= run.marks]
+        assert [name for name in run.tree.attrs if not any(pattern(one).fullmatch(name) for one in named)] == []
+
+
+# tables
+
+
+def rows_after(start):
+    """Return the first column of the table of section 7 that follows a paragraph."""
+    (found,) = [t.rows for t in tables(PAGE) if t.section == "7" and t.lead.startswith(start)]
+    return [plain(row[next(iter(row))]) for row in found]
+
+
+@pytest.mark.parametrize("name", ["summary", "directions", "predictive_checks"])
+def test_tables_of_a_run(name, runs):
+    for run in runs:
+        if name == "predictive_checks" and "r" not in run.marks:
+            assert name not in run.result.tables
+            continue
+        kept = run.result.summary() if name == "summary" else run.result.tables[name]
+        require_same({str(title) for title in kept.reset_index().columns}, rows_after(f"`{name}`"))
+
+
+def test_quantities_of_the_checks(everything):
+    kept = everything.result.tables["predictive_checks"].reset_index()
+    assert {*kept["quantity"]} == {*rows_after("Its quantities")}
+
+
+def test_turning_points(everything):
+    named = column(table(PAGE, "10", "column"), "column")
+    columns = {*everything.result.inflection().reset_index().columns}
+    require_same(columns, named)
+    plainly = {name for name in named if "{" not in name} - {"load"}
+    assert columns == {"load", *plainly, *(f"{name}_mcse" for name in plainly)}
+
+
+def columns_of(start) -> list[str]:
+    (found,) = [t.rows for t in tables(PAGE) if t.section == "11" and t.lead.startswith(start)]
+    return column(found, "column")
+
+
+def test_predictions(everything):
+    named = columns_of("`predict`")
+    with quickly():
+        columns = [*everything.result.predict(draws=8).columns]
+    assert [name for name in columns if not name.endswith(("_low", "_high"))] == named
+    assert {*columns} - {*named} == {f"{name}_{end}" for name in named[1:-1] for end in ("low", "high")}
+
+
+def test_comparison(everything):
+    found = compare({"one": everything.result, "two": everything.result})
+    assert [*found.table.reset_index().columns] == columns_of("`compare`")
+
+
+def test_claims():
+    kept = pd.read_csv(ROOT / "notebooks" / "results" / "claims" / "claims.csv", nrows=1)
+    assert [*kept.columns] == columns_of("`claims.csv`")
+
+
+def test_calibration(rng):
+    made = {
+        k: Replicate(("b", "mu"), (int(rng.integers(DRAWS)), int(rng.integers(DRAWS))), (1.0, 2.0), 10, 2.0, True)
+        for k in range(20)
+    }
+    found: Any = calibrate.Calibrated(made)
+    (said,) = re.findall(r"^`ranks\.csv` of .+", sections(PAGE)["11"], re.M | re.S)
+    ranks, _, coverage = said.partition("`coverage.csv`")
+    names = {*re.findall(r"`([a-z_]+)`", ranks)} - {"calibrate"}
+    assert {*found.ranks().reset_index().columns} == {*names, "b", "mu", "true_b", "true_mu"}
+    assert [*found.coverage().columns] == re.findall(r"`(\w+)`", coverage)
+
+
+# words
+
+
+@pytest.mark.parametrize(
+    ("path", "cell"),
+    [(plain(r["in the code"]), r["value"]) for t in tables(PAGE) for r in t.rows if "in the code" in r],
+)
+def test_constants(path, cell):
+    assert numbers(cell) == [in_the_code(path)]
+
+
+def test_proposals():
+    rows = table(PAGE, "9", "proposal")
+    assert [(plain(row["proposal"]), float(row["share"])) for row in rows] == [(repr(one), p) for one, p in MOVES]
