@@ -1,6 +1,7 @@
-"""The pages of the API, built from the docstrings: ``python -m softness_bayes.tools.api_pages DIR``.
+"""One site of guide and API reference: ``python -m softness_bayes.tools.api_pages DIR``.
 
-Needs pdoc, which the extra ``dev`` installs. Whatever pdoc warns of, a name that does not exist or a docstring that
+The guide is made of the README and the pages in ``docs``, the reference of the docstrings. Run it in a clone. It needs
+pdoc, which the extra ``dev`` installs. Whatever pdoc warns of, a name that does not exist or a docstring that
 does not parse, ends the building.
 """
 
@@ -13,6 +14,9 @@ from importlib import import_module
 from pathlib import Path
 
 import softness_bayes
+from softness_bayes.tools import guide
+
+TEMPLATES = Path(__file__).parent / "templates"
 
 
 def modules() -> list[str]:
@@ -28,7 +32,7 @@ def modules() -> list[str]:
 
 
 def build(directory: Path) -> None:
-    """Write the pages of every module into a directory.
+    """Write the pages of the guide and of every module into a directory.
 
     Parameters
     ----------
@@ -39,6 +43,10 @@ def build(directory: Path) -> None:
     ------
     Warning
         If pdoc warns of anything.
+    FileNotFoundError
+        If a page of the guide links to a file that does not exist.
+    ValueError
+        If a link of the guide leads nowhere.
     """
     import pdoc
 
@@ -48,13 +56,21 @@ def build(directory: Path) -> None:
         warnings.filterwarnings("ignore", "Error parsing type annotation")
         # pdoc looks for what a module has, and these are imported on first use
         vars(softness_bayes).update({name: getattr(softness_bayes, name) for name in softness_bayes.__all__})
-        pdoc.render.configure(docformat="numpy", show_source=False, footer_text=f"{softness_bayes.__version__}")
+        pdoc.render.configure(
+            docformat="numpy",
+            show_source=False,
+            footer_text=softness_bayes.__version__,
+            template_directory=TEMPLATES,
+        )
         pdoc.pdoc(*modules(), output_directory=directory)
+        reference = {path.relative_to(directory).as_posix() for path in directory.rglob("*.html")}
+        guide.build(directory, reference, pdoc.render.env.get_template("guide.html.jinja2").render)
+        guide.lead_to_guide(directory, reference)
 
 
 def main() -> None:
     """Build the pages into the directory that is named."""
-    parser = argparse.ArgumentParser(description="Build the API reference from the docstrings.")
+    parser = argparse.ArgumentParser(description="Build the guide and the API reference.")
     parser.add_argument("directory", type=Path, metavar="DIR", help="directory to write to")
     directory = parser.parse_args().directory
     build(directory)

@@ -1,0 +1,171 @@
+"""Pages of the guide: the Markdown files of a clone as HTML, with links that lead to each other and to the reference.
+
+A link in a Markdown file names another file of the clone, so that it works wherever the files are read. On the site a
+Markdown file is a page, a module is its page in the API reference, and every other file is copied.
+"""
+
+from __future__ import annotations
+
+import posixpath
+import re
+import shutil
+from collections.abc import Callable, Collection, Iterable
+from html import unescape
+from pathlib import Path
+
+import softness_bayes
+from softness_bayes.tools.links import unresolved
+
+NAME = softness_bayes.__name__
+CLONE = Path(softness_bayes.__file__).parents[1]
+DOCS = f"{NAME}/docs"
+FRONT = "README.md"
+REFERENCE = f"{NAME}.html"
+"""The page where the reference begins."""
+
+
+def pages(clone: Path = CLONE) -> dict[str, str]:
+    """Return the file of each page of the guide and the page's place on the site: first the front page, then the rest.
+
+    The order is that of the front page's table of pages.
+    """
+    front = (clone / FRONT).read_text(encoding="utf-8")
+    listed, linked = (re.findall(rf"{begin}\[[^]]+\]\(([^)#]+\.md)\)", front, re.M) for begin in (r"^\| ", ""))
+    found = [FRONT, *listed, *linked, *(f"{DOCS}/{path.name}" for path in sorted((clone / DOCS).glob("*.md")))]
+    return {file: _place(file) for file in dict.fromkeys(found)}
+
+
+def _place(file: str) -> str:
+    """Return where a Markdown file's page is on the site."""
+    return "index.html" if file == FRONT else file.removeprefix(f"{DOCS}/").removesuffix(".md") + ".html"
+
+
+def place_of(file: str, reference: Collection[str]) -> str:
+    """Return where a file of the clone is on the site.
+
+    Parameters
+    ----------
+    file
+        Its path in the clone.
+    reference
+        The pages of the API reference.
+    """
+    if file.endswith(".md"):
+        return _place(file)
+    module = file.removesuffix("/__init__.py").removesuffix(".py") + ".html"
+    return module if file.endswith(".py") and module in reference else file
+
+
+def build(directory: Path, reference: Collection[str], draw: Callable[..., str], clone: Path = CLONE) -> None:
+    """Write all pages of the guide, and copy the files that they link to.
+
+    Parameters
+    ----------
+    directory
+        Where to.
+    reference
+        The pages of the API reference, as paths from there.
+    draw
+        Fills in the template of a page.
+    clone
+        Where the Markdown files are.
+
+    Raises
+    ------
+    FileNotFoundError
+        If a page links to a file that is not in the clone.
+    ValueError
+        If a link leads to no page of the site, or to no place in it.
+    """
+    from pdoc.render_helpers import to_html
+
+    files = pages(clone)
+    texts = {file: to_html((clone / file).read_text(encoding="utf-8")) for file in files}
+    titles = {
+        file: unescape(re.sub("<[^>]+>", "", text[: text.index("</h1>")])).strip() for file, text in texts.items()
+    }
+    own = {titles[file]: place for file, place in files.items() if file.startswith(DOCS)}
+    for file, place in files.items():
+        root = "../" * place.count("/")
+        linked = set[str]()
+        text = _relinked(texts[file], file, place, reference, linked)
+        for other in linked:
+            _copy(clone / other, directory / place_of(other, reference), file)
+        page = draw(
+            title=titles[file],
+            text=_with_reference(text, root, reference, directory),
+            contents=getattr(texts[file], "toc_html", ""),
+            pages=own,
+            reference=REFERENCE,
+            root=root,
+        )
+        target = directory / place
+        target.parent.mkdir(parents=True, exist_ok=True)
+        target.write_text(page, encoding="utf-8")
+    if lost := unresolved(directory / place for place in files.values()):
+        raise ValueError(f"links that lead nowhere: {'; '.join(lost)}")
+
+
+def _relinked(text: str, file: str, place: str, reference: Collection[str], linked: set[str]) -> str:
+    """Return a page with its links as they are on the site, and note the files that are to be copied."""
+
+    def moved(match: re.Match[str]) -> str:
+        attribute, link = match.groups()
+        target, hash_, anchor = link.partition("#")
+        if not target or ":" in target:
+            return match[0]
+        other = posixpath.normpath(posixpath.join(posixpath.dirname(file), target))
+        there = place_of(other, reference)
+        if there == other:
+            linked.add(other)
+        return f'{attribute}="{posixpath.relpath(there, posixpath.dirname(place) or ".")}{hash_}{anchor}"'
+
+    return re.sub(r'\b(href|src)="([^"]+)"', moved, text)
+
+
+def _copy(source: Path, target: Path, page: str) -> None:
+    if not source.is_file():
+        raise FileNotFoundError(f"{page} links to {source}, which does not exist; the pages are built from a clone")
+    target.parent.mkdir(parents=True, exist_ok=True)
+    shutil.copyfile(source, target)
+
+
+def _with_reference(text: str, root: str, reference: Collection[str], directory: Path) -> str:
+    """Return a page on which names in the code lead to their places in the API reference."""
+
+    def led(match: re.Match[str]) -> str:
+        parts = match[1].removeprefix(f"{NAME}.").split(".")
+        for k in range(len(parts), 0, -1):
+            page, anchor = f"{'/'.join((NAME, *parts[:k]))}.html", ".".join(parts[k:])
+            if page in reference:
+                known = not anchor or f'id="{anchor}"' in (directory / page).read_text(encoding="utf-8")
+                return f'<a href="{root}{page}{f"#{anchor}" if anchor else ""}">{match[0]}</a>' if known else match[0]
+        return match[0]
+
+    return re.sub(r"(?<!\">)<code>([a-z_]+(?:\.\w+)+)</code>", led, text)
+
+
+def lead_to_guide(directory: Path, reference: Iterable[str]) -> None:
+    """Make links of the sections of the guide that docstrings cite, as in `model.md 3`.
+
+    Parameters
+    ----------
+    directory
+        Where the site is.
+    reference
+        The pages of the API reference, as paths from there.
+    """
+    sections = {}
+    for path in (directory / place for place in pages().values()):
+        for place in re.findall(r'<h2 id="((\d+)-[^"]*)"', path.read_text(encoding="utf-8")):
+            sections[f"{path.stem}.md", place[1]] = f"{path.name}#{place[0]}"
+    for page in reference:
+        root = "../" * page.count("/")
+
+        def led(match: re.Match[str], root: str = root) -> str:
+            place = sections.get((match[1], match[2]))
+            return match[0] if place is None else f'<a href="{root}{place}">{match[0]}</a>'
+
+        path = directory / page
+        text = path.read_text(encoding="utf-8")
+        path.write_text(re.sub(r"\b([a-z]+\.md) (\d+)", led, text), encoding="utf-8")

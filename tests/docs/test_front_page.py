@@ -1,0 +1,103 @@
+"""The front page and the guide: short enough to read, and what they tell to type does what they say."""
+
+from __future__ import annotations
+
+import inspect
+import re
+import shlex
+import shutil
+from pathlib import Path
+
+import pytest
+
+import softness_bayes
+from softness_bayes.cli import main
+from softness_bayes.tools.doc_tables import DOCS
+from support.command_line import FIXED, QUICK
+from support.paths import DATA, ROOT
+
+README = (ROOT / "README.md").read_text(encoding="utf-8")
+BRIEF = {
+    "sample": [*QUICK, *FIXED],
+    "claims": ["--readings", "mended", "--priors", "default", "--draws", "0"],
+}
+"""What is added to a command to make it brief."""
+
+
+def block(page, mark):
+    """Return the code that follows a mark."""
+    return re.search(rf"<!-- {mark} -->\n```\w+\n(.*?)```", page, re.DOTALL)[1]
+
+
+def brief_run(verb, rest):
+    """Run a command of the page, made brief."""
+    with pytest.raises(SystemExit) as end:
+        main([verb, *rest, *BRIEF.get(verb, [])], prog_name="softness-bayes")
+    return end.value.code or 0
+
+
+@pytest.fixture(scope="module")
+def ended(tmp_path_factory):
+    """A directory with the shipped data in which the commands ran one after another; each line with its exit code."""
+    directory = tmp_path_factory.mktemp("clone")
+    shutil.copytree(DATA, directory / "data")
+    codes = {}
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(directory)
+        for line in block(README, "command-line").splitlines():
+            program, verb, *rest = shlex.split(line, comments=True)
+            assert program == "softness-bayes"
+            codes[verb] = brief_run(verb, rest)
+    return directory, codes
+
+
+@pytest.fixture
+def finished(ended, monkeypatch):
+    """Stand where the commands ran; `sample` checks its arguments and returns their run."""
+    monkeypatch.chdir(ended[0])
+    signature = inspect.signature(softness_bayes.sample)
+
+    def sample(*args, **kwargs):
+        given = signature.bind(*args, **kwargs).arguments
+        assert isinstance(given["experiment"], softness_bayes.Experiment)
+        return softness_bayes.Result.load("results")
+
+    monkeypatch.setattr(softness_bayes, "sample", sample, raising=False)
+
+
+def test_the_front_page_is_one_page():
+    assert len(README.splitlines()) <= 120
+    assert len(block(README, "command-line").splitlines()) == 5
+    assert len([line for line in block(README, "python").splitlines() if line]) <= 7
+
+
+def test_the_gate_finds_both_commands():
+    for mark in ("main-job", "tests"):
+        assert ".venv/bin/" in block(README, mark)
+
+
+def test_every_page_of_the_guide_is_linked():
+    assert set(re.findall(r"\(softness_bayes/docs/([a-z]+\.md)\)", README)) == {path.name for path in DOCS.glob("*.md")}
+
+
+def test_the_commands_run_one_after_another(ended):
+    directory, codes = ended
+    # the brief run has not converged, and says so
+    assert codes == {"check": 0, "sample": 3, "report": 0, "predict": 0, "claims": 0}
+    assert {"posterior.nc", "summary.csv", "report.html"} <= {path.name for path in (directory / "results").iterdir()}
+    assert (directory / "claims" / "claims.csv").exists()
+
+
+def test_the_python_runs(finished, capsys):
+    exec(compile(block(README, "python"), "README.md", "exec"), {"__name__": "__main__"})
+    assert Path("rating.png").stat().st_size > 0
+    assert "p_interior" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("mark", ["forward", "backward"])
+def test_the_python_of_the_guide_runs(finished, mark, capsys, tmp_path):
+    page = (DOCS / "python.md").read_text(encoding="utf-8").replace('save("results")', f"save({str(tmp_path)!r})")
+    exec(compile(block(page, mark), "python.md", "exec"), {"__name__": "__main__"})
+    assert capsys.readouterr().out
+    if mark == "backward":
+        assert softness_bayes.Result.load(tmp_path).summary().index.tolist() == ["gamma", "varsigma", "mu"]
