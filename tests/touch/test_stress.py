@@ -23,6 +23,7 @@ from softness_bayes.touch.stress import (
     stress,
     unit_stress,
 )
+from support.paths import REFERENCE
 
 PRESSURES = list(ALTERNATIVES["pressure"].values())
 KERNELS = list(ALTERNATIVES["stress_kernel"].values())
@@ -78,14 +79,25 @@ def exact_unit_stress(rho, z, a, decay, kernel):
         return float(mpmath.quad(integrand, [mpmath.asin(s / a) for s in inside], method="gauss-legendre"))
 
 
-def test_agrees_with_thirty_digit_reference(shared):
-    rows = json.loads((shared / "reference" / "mechanics.json").read_text())["rows"]
+def test_agrees_with_thirty_digit_reference():
+    rows = json.loads((REFERENCE / "mechanics.json").read_text())["rows"]
     for row in rows:
         finger = Finger(radius=row["R"], poisson_ratio=row["nu_skin"], receptor_depth=row["z"])
         pressure = ALTERNATIVES["pressure"][row["pressure"]]
         kernel = ALTERNATIVES["stress_kernel"][row["kernel"]]
         found = stress(row["rho"], row["E_star"], row["contact_radius"], finger, pressure, kernel)
         assert found == pytest.approx(row["sigma"], rel=1e-12)
+
+
+@pytest.mark.parametrize("pressure", PRESSURES, ids=ids(PRESSURES))
+@pytest.mark.parametrize(("kernel", "part"), FIELDS, ids=ids(FIELDS))
+def test_stress_falls_with_the_distance(kernel, part, pressure, rng):
+    """Under every reading, so that one radius at most parts receptors that fire from others (model.md 5)."""
+    rho = np.linspace(0, 36e-3, 150)[:, None]
+    modulus, a = 10 ** rng.uniform(3, 7, 40), 10 ** rng.uniform(-3.7, -2, 40)
+    finger = Finger(receptor_depth=rng.uniform(0.3e-3, 1.5e-3))
+    found = stress(rho, modulus, a, finger, pressure, kernel, part)
+    assert (np.diff(found, axis=0) <= 1e-12 * found[0]).all()
 
 
 @pytest.mark.parametrize("depth", [1e-6, 1e-4, 0.7e-3, 1e-2])

@@ -5,7 +5,6 @@ from __future__ import annotations
 import csv
 import math
 from collections.abc import Callable
-from pathlib import Path
 
 import mpmath
 import numpy as np
@@ -30,6 +29,7 @@ from softness_bayes.touch.neuron.onset import onset, rheobase
 from softness_bayes.touch.neuron.rate import firing_rate
 from softness_bayes.touch.neuron.rosenbrock import step, travel
 from softness_bayes.touch.neuron.vector_field import Cells
+from support.paths import REFERENCE
 
 CORNER = Channels(0.945, 1.276, 0.9, 1.35)
 
@@ -236,8 +236,8 @@ def test_steady_current_refuses_nonsense() -> None:
 
 
 @every_membrane
-def test_rates_of_other_simulators(membrane: Membrane, shared: Path) -> None:
-    with (shared / "reference" / "firing_rate.csv").open() as file:
+def test_rates_of_other_simulators(membrane: Membrane) -> None:
+    with (REFERENCE / "firing_rate.csv").open() as file:
         rows = [row for row in csv.DictReader(file) if row["membrane"] == membrane.name]
     column = {key: np.array([float(row[key]) for row in rows]) for key in rows[0] if key != "membrane"}
     channels = Channels(*(column[key] for key in ("c_na", "c_k", "c_l", "c_a")))
