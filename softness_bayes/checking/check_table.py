@@ -42,18 +42,18 @@ NEW_PARTICIPANTS = "rating_of_new_participants"
 """Replicated ratings of participants drawn anew, in the group `posterior_predictive`."""
 
 LOO_PIT, PARETO_K = "loo_pit", "loo_pareto_k"
-"""What each rating is given all the others, in the group `constant_data`."""
+"""Variables of the group `constant_data`: each rating's LOO-PIT value, and Pareto k of its importance weights."""
 
 CONDITIONS, FABRICS = "deviations of mean ratings", "fabrics' own deviations"
 EXPONENTS, PIT = "participants' own exponents", "LOO-PIT"
 """Checks of residuals at draws of the posterior, beside the test quantities."""
 
 PIT_POINTS = np.arange(1, 100) / 100
-"""Where the distribution function of LOO-PIT values is looked at."""
+"""Points at which the distribution function of LOO-PIT values is evaluated."""
 
 
 def layout_of(tree: xr.DataTree) -> Layout:
-    """Return who rated what in a result."""
+    """Return participant and condition of every rating in a result."""
     constant = tree["constant_data"].to_dataset()
     fabric, load = constant["fabric_index"].values, constant["load_index"].values
     modulus = constant["effective_modulus_kpa"].values * 1e3
@@ -76,14 +76,14 @@ def check_table(tree: xr.DataTree) -> pd.DataFrame:
     Returns
     -------
     DataFrame
-        Columns: law (prior or posterior, whose replicates), quantity, participants (same: those who
-        rated; new: drawn anew), load, fabric, participant (or all of them), observed,
+        Columns: law (whose replicates: prior or posterior), quantity, participants (same: those who
+        rated; new: drawn from the model), load, fabric, participant (or all of them), observed,
         replicated (median; share for "turns over"), low, high (limits of 90 % of the replicates, joint
-        over the rows of one quantity), p_value: probability of a replicate above what was observed; power, on the
-        rows of "turns over": share of tables of a response that levels off at its peak in which presence, place,
-        drop or fall would lie beyond the replicates' reach, and its Monte-Carlo standard error, power_mcse.
-        Posterior p-values are conservative, since the replicates come from a fit to the data. That of
-        the LOO-PIT takes its values as independent; they balance each other, so it is conservative too.
+        over the rows of one quantity), p_value: probability of a replicate above the observed value; power, on the
+        rows of "turns over": share of tables from a response that levels off at its peak in which presence, place,
+        drop or fall would lie outside the range of the replicates, and its Monte-Carlo standard error, power_mcse.
+        Posterior p-values are conservative, because the replicates come from a fit to the data. The p-value of
+        the LOO-PIT treats its values as independent; their dependence makes it conservative too.
     """
     import pandas as pd
 
@@ -137,7 +137,7 @@ class Replicates(NamedTuple):
     labels: list[tuple[str, str, str]]
     """Load, fabric and participant of every column, `ALL` where it is over all of them."""
     findings: list[Finding]
-    """What `check_table` tells of every column."""
+    """The comparison of every column, as in `check_table`."""
     replicated: Array
     """Shape (replicates, columns); NaN where a replicate does not have it."""
 
@@ -177,7 +177,7 @@ def check_sentences(table: pd.DataFrame) -> list[str]:
 
 
 def doubts(table: pd.DataFrame) -> list[str]:
-    """Return the quantities, beyond the turning point, that the model does not reproduce, with where it fails most.
+    """Return the quantities, beside the turning point, that the model does not reproduce, each with its worst place.
 
     Parameters
     ----------
@@ -192,7 +192,7 @@ def doubts(table: pd.DataFrame) -> list[str]:
         rows = rows[np.isfinite(rows["p_value"])]
         if rows.empty:
             continue
-        # those of one sign only, by construction
+        # these p-values are one-sided by construction
         one_sided = name in (CONDITIONS, FABRICS, EXPONENTS, PIT)
         p_values = rows["p_value"] if one_sided else rows["p_value"].map(_two_sided)
         if p_values.min() < DOUBTFUL / len(rows):
@@ -203,7 +203,7 @@ def doubts(table: pd.DataFrame) -> list[str]:
 
 
 def doubt_sentences(table: pd.DataFrame) -> list[str]:
-    """Say which quantities, beyond the turning point, the model does not reproduce.
+    """Say which quantities, beside the turning point, the model does not reproduce.
 
     Parameters
     ----------
@@ -212,8 +212,8 @@ def doubt_sentences(table: pd.DataFrame) -> list[str]:
     """
     found = doubts(table)
     if not found:
-        return ["predictive checks: nothing else that the model does not reproduce"]
-    return [f"predictive checks: the model does not reproduce: {', '.join(found)} (see predictive_checks.csv)"]
+        return ["predictive checks: the model reproduces all other test quantities"]
+    return [f"predictive checks: the model does not reproduce {', '.join(found)} (see predictive_checks.csv)"]
 
 
 def _posterior_replicates(tree: xr.DataTree) -> dict[bool, Array]:

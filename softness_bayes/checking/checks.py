@@ -1,4 +1,4 @@
-"""Predictive checks: whether the fitted model makes data like those that were seen."""
+"""Predictive check of fabrics: deviations of their mean ratings from the fitted response."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ from softness_bayes.likelihood.scales import ObservedRatings
 Array = NDArray[np.float64]
 
 NEEDED = 0.05
-"""Predictive p-value below which deviations of fabrics are said to be real."""
+"""Predictive p-value below which deviations of fabrics count as real."""
 
 NOTICED = 0.8
-"""Share of tables in which a check notices what it is said to notice."""
+"""Power at which the detectable deviation is stated."""
 
 
 class FabricCheck(NamedTuple):
-    """Whether mean ratings of fabrics deviate from the response by more than noise explains.
+    """Comparison of the fabrics' mean ratings with the response.
 
     A condition is a fabric under a load. The sum of squares between conditions is the sum of two parts: that
     between fabrics, whose deviations are the same under every load, and that within fabrics, whose deviations
@@ -75,7 +75,7 @@ class FabricCheck(NamedTuple):
 
     @property
     def _remedy(self) -> str:
-        """What to do about deviations, by whether they are the same under every load."""
+        """Advice about deviations, which depends on whether they are the same under every load."""
         if self.within_p_value < NEEDED:
             return "they differ between the loads of a fabric, so that the response is in doubt: try other readings"
         alone = (

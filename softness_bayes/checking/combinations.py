@@ -1,4 +1,4 @@
-"""Products of parameters that the data tell, each with how closely, measured as it is printed."""
+"""Products of powers of parameters that the data inform, with the width of their posteriors."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from softness_bayes.sampler.jackknife import jackknife
 
 FloatArray = NDArray[np.float64]
 
-_LEADING = 0.3  # of a direction's largest component: what is smaller is left out of its product
-_SLIGHT = 0.1  # of a product's largest component: what the fit leaves smaller is left out too
+_LEADING = 0.3  # share of a direction's largest component below which a component is left out of its product
+_SLIGHT = 0.1  # share of a product's largest component below which a fitted component is left out too
 _SAME = 0.7  # correlation under the prior beyond which a product repeats an earlier one
 _LIMITS = (0.05, 0.95)
 _PRIOR_DRAWS = 20_000
@@ -29,35 +29,36 @@ class Product(NamedTuple):
     order: tuple[int, ...]
     """The parameters in it, the one with exponent 1 first."""
     factor: float
-    """Its 90 % limits are its middle times and over this."""
+    """The 90 % limits are the middle times and over this factor."""
     error: float
     """Monte-Carlo standard error of the factor."""
     prior_factor: float
     """The same factor under the prior."""
     width: float
-    """Width of its 90 % limits over that under the prior, both of its logarithm."""
+    """Width of the 90 % limits of the logarithm, over that under the prior."""
 
     def written(self, names: Sequence[str]) -> str:
-        """The product as people read it."""
+        """Return the product in words, as in b · m^0.7."""
         return " · ".join(
             names[k] if self.exponents[k] == 1.0 else f"{names[k]}^{self.exponents[k]:g}" for k in self.order
         )
 
     def sentence(self, names: Sequence[str]) -> str:
-        """How closely it is known."""
+        """Say how closely the data determine the product."""
         if self.width > INFORMED:
             return f"not informed: {self.written(names)} (limits {self.width:.0%} as wide as under the prior)"
         word = "determined" if self.width <= DETERMINED else "informed"
         error = f" ± {self.error:.1g}" if np.isfinite(self.error) else ""
-        return f"{word}: {self.written(names)} to a factor of {self.factor:.4g}{error} (prior: {self.prior_factor:.3g})"
+        known = f"within a factor of {self.factor:.4g}{error} (prior: {self.prior_factor:.3g})"
+        return f"{word}: {self.written(names)} {known}"
 
 
 def find_products(priors: Sequence[Prior], theta: FloatArray, directions: Directions) -> list[Product | None]:
-    """Return the product that each direction stands for, none where the prior is hardly narrowed.
+    """Return the product that each direction stands for; None where the posterior is nearly as wide as the prior.
 
-    Small components of a direction are left out. The exponents of the others are fitted anew: those with which the
-    product varies least in the posterior, rounded to two digits. Where that repeats an earlier product the direction's
-    own exponents are kept.
+    Small components of a direction are left out. The exponents of the others are fitted again, so that the product
+    varies least in the posterior, and rounded to two digits. If that repeats an earlier product, the direction keeps
+    its own exponents.
 
     Parameters
     ----------
@@ -92,7 +93,7 @@ def _leading(vector: FloatArray) -> list[int]:
 
 
 def _fitted_without_slight(covariance: FloatArray, order: Sequence[int], prior_sd: FloatArray) -> FloatArray:
-    """Fit, leave out what is slight beside the rest, and fit again, until nothing is."""
+    """Fit, leave out exponents that are small beside the others, and fit again until none is left out."""
     exponents = _fitted(covariance, order)
     scaled = np.abs(exponents * prior_sd)
     kept = [k for k in order if k == order[0] or scaled[k] >= _SLIGHT * scaled.max()]
@@ -100,7 +101,7 @@ def _fitted_without_slight(covariance: FloatArray, order: Sequence[int], prior_s
 
 
 def _fitted(covariance: FloatArray, order: Sequence[int]) -> FloatArray:
-    """Exponents with which the product varies least: minus the regression of the first logarithm on the others."""
+    """Return the exponents of least variance: minus the regression of the first logarithm on the others."""
     first, rest = order[0], list(order[1:])
     power = np.zeros(len(covariance))
     power[first] = 1.0
@@ -110,7 +111,7 @@ def _fitted(covariance: FloatArray, order: Sequence[int]) -> FloatArray:
 
 
 def _rounded(power: FloatArray, order: Sequence[int]) -> FloatArray:
-    """Exponents as they are printed."""
+    """Return the exponents rounded as they are printed."""
     rounded = np.zeros(power.size)
     for k in order:
         rounded[k] = float(f"{power[k] / power[order[0]]:.2g}")

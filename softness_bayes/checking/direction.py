@@ -1,4 +1,4 @@
-"""Which way the ratings of a table run with stiffness, and which reading of their direction that is."""
+"""Direction of a table's ratings with stiffness, and the reading of the readout that agrees with it."""
 
 from __future__ import annotations
 
@@ -16,17 +16,17 @@ from softness_bayes.model.posterior import ForwardModel
 from softness_bayes.touch.parameters import TouchParameters
 
 WAY = {1: "rise", -1: "fall"}
-"""What ratings of a sign do with stiffness."""
+"""The verb for the sign of a correlation of ratings with stiffness."""
 
 DRAWS, FEWEST = 256, 16
-"""Prior draws whose response is looked at, and how many must vary with the fabric to be asked."""
+"""Prior draws whose response is examined, and the smallest number of them that must vary with the fabric."""
 
 SURE = 0.9
-"""Share of these under which firing must rise, or fall, with stiffness for the ratings to tell their direction."""
+"""Share of these draws in which firing must rise, or fall, with stiffness for the ratings to decide the direction."""
 
 
 class Evidence(NamedTuple):
-    """What a table says of the direction of its ratings."""
+    """The evidence of a table about the direction of its ratings."""
 
     trend: Trend
     loads: tuple[str, ...]
@@ -41,34 +41,36 @@ class Evidence(NamedTuple):
 
     @property
     def sentence(self) -> str:
-        """Which way the ratings run over all loads, in one line."""
+        """The direction of the ratings with stiffness over all loads, in one line."""
         mean, sign = self.trend.mean, self.trend.sign
         if not math.isfinite(mean.value):
-            return "these ratings say nothing of stiffness: fabrics or mean ratings do not differ under any load"
+            return (
+                "these ratings contain no information on stiffness: fabrics or mean ratings do not differ at any load"
+            )
         over = f"over {len(self.loads)} loads" if len(self.loads) > 1 else f"at {self.loads[0]}"
         numbers = f"rank correlation with E_fab {_numbers(mean)} {over}; p = {self.trend.p_value:.2g} if "
-        numbers += f"{self.trend.shuffled} were chance"
+        numbers += f"{self.trend.shuffled} were random"
         if not sign:
             return f"these ratings neither rise nor fall clearly with stiffness ({numbers})"
         return f"these ratings {WAY[sign]} with stiffness ({numbers})"
 
     @property
     def model(self) -> str:
-        """What the model expects of firing, in a clause."""
+        """The model's prediction for firing against stiffness, in a clause."""
         rises = self.firing >= 0.5
         share = self.firing if rises else 1.0 - self.firing
         return f"firing {'rises' if rises else 'falls'} with stiffness over these fabrics in {share:.0%} of prior draws"
 
     @property
     def reading(self) -> str:
-        """Which reading the table speaks for."""
+        """The reading that agrees with the table, in words."""
         if self.direction is None:
-            return f"the table does not tell {RISES.name} from {FALLS.name}; {self.model}"
-        return f"reading of the ratings: {self.direction.name}, for {self.model}"
+            return f"the table cannot decide between {RISES.name} and {FALLS.name}; {self.model}"
+        return f"these ratings agree with --direction {self.direction.name}, because {self.model}"
 
     @property
     def lines(self) -> list[str]:
-        """One line for each load, then what all of them amount to."""
+        """One line for each load, then one for all of them and one for the reading."""
         each = zip(self.loads, self.trend.loads, self.trend.fabrics, strict=True)
         found = [
             f"{load}: {_way(one)}, rank correlation of mean rating with E_fab {_numbers(one)}, {count} fabrics"
@@ -79,11 +81,11 @@ class Evidence(NamedTuple):
 
 
 class Choice(NamedTuple):
-    """The direction that a run takes, and what its data say of it."""
+    """The direction that a run takes, and the evidence of its data."""
 
     direction: RatingDirection
     asked: bool
-    """Whether it was asked for; else it was taken from the data, or by default where these cannot tell."""
+    """Whether the user asked for it; otherwise it comes from the data, or is the default if these cannot decide."""
     evidence: Evidence
 
     @property
@@ -93,7 +95,7 @@ class Choice(NamedTuple):
 
     @property
     def sentence(self) -> str:
-        """Which reading was taken, why, and what overrides it."""
+        """The direction taken, the reason, and the option that overrides it."""
         name, found = self.direction.name, self.evidence
         other = next(one for one in (RISES, FALLS) if one is not self.direction).name
         if self.against_data:
@@ -117,9 +119,9 @@ class Choice(NamedTuple):
 def firing_rises(scene: ForwardModel, layout: Layout, parameters: TouchParameters) -> float:
     """Return the share of parameter vectors under which firing rises with stiffness over the fabrics.
 
-    Up to its turning point the response rises with E_fab, and falls beyond it. Vectors count under which the response
-    varies; it rises if the mean rank correlation over the loads is positive. Where fewer than `FEWEST` vary, loads are
-    too light for a turn, and it is 1.
+    The response rises with E_fab up to its turning point and falls beyond it. Only vectors whose response varies
+    count; it rises if the mean rank correlation over the loads is positive. If fewer than `FEWEST` vary, loads are
+    too light for a turn, and the share is 1.
 
     Parameters
     ----------
@@ -135,12 +137,12 @@ def firing_rises(scene: ForwardModel, layout: Layout, parameters: TouchParameter
 
 
 def evidence_in(layout: Layout, ratings: NDArray[np.float64], loads: Sequence[str], firing: float) -> Evidence:
-    """Return what ratings of a layout say; `loads` are the names of all of its loads, `firing` as `firing_rises`."""
+    """Return the evidence of ratings; `loads` names all loads of the layout, `firing` is from `firing_rises`."""
     return Evidence(find_trend(layout, ratings), tuple(loads[k] for k in layout.loads), firing)
 
 
 def choose(asked: RatingDirection | None, evidence: Evidence) -> Choice:
-    """Return the direction that was asked for; else that of the data; where these cannot tell, the paper's."""
+    """Return the direction asked for, or that of the data, or the paper's if these cannot decide."""
     return Choice(asked or evidence.direction or RISES, asked is not None, evidence)
 
 

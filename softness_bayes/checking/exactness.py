@@ -1,4 +1,4 @@
-"""Whether the fast forward model moved the posterior: its log-likelihood against an exact one at posterior draws."""
+"""Effect of the fast forward model on the posterior: its log-likelihood against an exact one at posterior draws."""
 
 from __future__ import annotations
 
@@ -12,21 +12,21 @@ from softness_bayes import arviz_bridge
 Array = NDArray[np.float64]
 
 HARMLESS = 0.05
-"""Standard deviation of the differences below which no weight deviates enough for its tail to matter.
+"""Standard deviation of the differences below which the importance weights are too similar for their tail to matter.
 
-Pareto's k is blind to scale: differences of 1e-6 with heavy tails have k > 0.6."""
+Pareto k does not depend on scale: differences of 1e-6 with heavy tails have k > 0.6."""
 
 LARGEST_K = 0.7
-"""Pareto k beyond which weighted means cannot be trusted."""
+"""Pareto k above which weighted means are unreliable."""
 
 EXACT_RATES = "exact firing rates"
 SAME_RATES = "the same noise-averaged firing rates"
-"""What stands for exact rates where they are averages over noise, whose own error is reported beside."""
+"""Names of the reference rates; the second is for averages over noise, whose own error is reported separately."""
 
 
 @dataclass(frozen=True)
 class Exactness:
-    """Exact minus fast log-likelihood at posterior draws, and what weighting by it would do.
+    """Exact minus fast log-likelihood at posterior draws, and the effect of importance weighting by it.
 
     Parameters
     ----------
@@ -41,7 +41,7 @@ class Exactness:
     names
         The parameters.
     rates
-        What the fast firing rates were compared with, in words.
+        The reference for the fast firing rates, in words.
     """
 
     difference: Array
@@ -63,17 +63,17 @@ class Exactness:
 
     @property
     def efficiency(self) -> float:
-        """Effective number of the weighted draws over their number."""
+        """Effective sample size of the weighted draws over their number."""
         weight = np.exp(self.log_weight)
         return float(weight.sum() ** 2 / (weight**2).sum() / weight.size)
 
     @property
     def exact_enough(self) -> bool:
-        """True if the approximation may be ignored."""
+        """True if the error of the approximation is negligible."""
         return self.sd <= HARMLESS or (self.pareto_k <= LARGEST_K and float(np.abs(self.shift).max(initial=0.0)) <= 0.1)
 
     def sentence(self) -> str:
-        """What was found, in one line."""
+        """Say how large the difference is and what it does to the posterior, in one line."""
         most = ""
         if self.shift.size:
             moved = int(np.abs(self.shift).argmax())
@@ -82,8 +82,8 @@ class Exactness:
         verdict = "Exact enough" if self.exact_enough else "Not exact enough"
         return (
             f"{verdict}: against {self.rates} and a finer quadrature the log-likelihood of "
-            f"{self.difference.size} draws differs by {self.sd:.1g} (sd), {self.largest:.1g} at most; weighted "
-            f"effective size {self.efficiency:.1%}{tail}{most}."
+            f"{self.difference.size} draws differs by {self.sd:.1g} (sd), {self.largest:.1g} at most; importance "
+            f"weights keep {self.efficiency:.1%} of the effective sample size{tail}{most}."
         )
 
 
@@ -99,7 +99,7 @@ def compare(names: tuple[str, ...], theta: Array, fast: Array, exact: Array, rat
     fast, exact
         Log-likelihoods, shape (draws,).
     rates
-        What firing rates the exact one is made with, in words.
+        Firing rates behind the exact log-likelihood, in words.
     """
     difference = exact - fast
     (log_weight,), (k,) = arviz_bridge.psis(difference[None])
@@ -111,7 +111,7 @@ def compare(names: tuple[str, ...], theta: Array, fast: Array, exact: Array, rat
 
 
 def resample(log_weight: Array, size: int) -> NDArray[np.intp]:
-    """Indices of draws in proportion to their weights, by systematic resampling from the middle of each stratum."""
+    """Return indices of draws in proportion to their weights, by systematic resampling from the middle of strata."""
     cumulative = np.cumsum(np.exp(log_weight - log_weight.max()))
     at = (np.arange(size) + 0.5) / size * cumulative[-1]
     return np.searchsorted(cumulative, at).astype(np.intp)

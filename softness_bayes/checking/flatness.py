@@ -1,4 +1,4 @@
-"""Whether a prediction follows the differences between fabrics that ratings show, or runs flat through them."""
+"""Share of the differences between fabrics that a prediction explains: a flat prediction explains none."""
 
 from __future__ import annotations
 
@@ -17,39 +17,40 @@ LEVEL = 1e-3
 """p-value below which fabrics differ beyond doubt."""
 
 FLAT = 0.1
-"""Share of these differences below which a prediction is flat; and of all loads', below which one load's are few."""
+"""Explained share below which a prediction is flat; and share of all loads' differences below which one load's are
+negligible."""
 
 
 class Explained(NamedTuple):
-    """What a prediction explains of the differences between the fabrics under one load, or under all of them."""
+    """Share of the differences between fabrics that a prediction explains, under one load or under all of them."""
 
     share: float
-    """Of their variance beyond noise, median over draws; negative where the prediction runs the other way. NaN where
-    fabrics do not differ."""
+    """Explained share of their variance beyond noise, median over draws; negative if the prediction runs the other way,
+    NaN if fabrics do not differ."""
     low: float
     high: float
     """5 and 95 % limits over draws."""
     spread: float
     """Standard deviation of mean (log) ratings between fabrics, beyond noise."""
     p_value: float
-    """Of mean ratings that differ as much by noise alone; NaN where nothing tells noise from differences."""
+    """p-value of the differences under noise alone; NaN if the size of the noise is not known."""
     visible: float
-    """Standard deviation between fabrics that would have been seen."""
+    """Standard deviation between fabrics that would have been detected."""
     matters: bool
     """Whether these differences are more than a tenth of those under all loads."""
 
     @property
     def flat(self) -> bool:
-        """True if the prediction is flat where fabrics differ."""
+        """True if the prediction is flat although fabrics differ."""
         return bool(self.p_value < LEVEL and self.share < FLAT and self.matters)
 
 
 def explain(layout: Layout, fit: Additive, predicted: FloatArray) -> list[Explained]:
-    """Return what a prediction explains under each load, then under all of them, loads' own means taken away.
+    """Return the explained share under each load, then under all of them; the means of loads are removed.
 
-    With S the sum of squares of the fabrics' means about the mean of their load, S_m that of what the prediction
-    leaves of them, and n what noise alone would make of either, the share is 1 - (S_m - n) / (S - n). Whether fabrics
-    differ is an F-test of S against the residuals of the additive fit.
+    Let S be the sum of squares of the fabrics' means about the mean of their load, S_m that of the differences from the
+    prediction, and n the part of either due to noise. The share is 1 - (S_m - n) / (S - n). An F-test of S against
+    the residuals of the additive fit decides whether fabrics differ.
 
     Parameters
     ----------
@@ -58,7 +59,7 @@ def explain(layout: Layout, fit: Additive, predicted: FloatArray) -> list[Explai
     fit
         The additive fit of the ratings.
     predicted
-        (Log) rating that is predicted of each condition, up to a constant of each draw, shape (draws, conditions).
+        Predicted (log) rating of each condition, up to a constant of each draw, shape (draws, conditions).
     """
     count = layout.design.cells.sum(axis=0)
     parts = [np.flatnonzero(layout.load == k) for k in layout.loads]
@@ -75,7 +76,7 @@ def explain(layout: Layout, fit: Additive, predicted: FloatArray) -> list[Explai
 def _explained(
     seen: float, left: FloatArray, freedom: int, count: float, sd: float, residual: int, everything: float
 ) -> Explained:
-    """Return what is explained of a sum of squares with so many degrees of freedom, the residuals' sd having others."""
+    """Return the explained share of a sum of squares, from its degrees of freedom and those of the residuals' sd."""
     if freedom < 1 or not sd > ROUNDING:
         unknown = math.nan
         return Explained(unknown, unknown, unknown, unknown, unknown, unknown, False)

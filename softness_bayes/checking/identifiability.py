@@ -1,4 +1,4 @@
-"""Tables of what a run has learnt, from the groups of its result alone."""
+"""Identifiability of the parameters of a run: contraction, sensitivity and informed combinations, from its result."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ Array = NDArray[np.float64]
 
 
 def learning_table(tree: xr.DataTree) -> pd.DataFrame:
-    """Return how far each parameter came from its prior, and what its posterior rests on.
+    """Return each parameter's posterior contraction, and its sensitivity to prior and likelihood.
 
     Parameters
     ----------
@@ -41,9 +41,9 @@ def learning_table(tree: xr.DataTree) -> pd.DataFrame:
     -------
     DataFrame
         A row per parameter that has a prior: prior_mean, prior_sd (natural units), contraction,
-        psens_prior, psens_likelihood, and the Monte-Carlo errors psens_prior_mcse, psens_likelihood_mcse. The
-        sensitivities of what was drawn after the run (mu) are
-        missing: it is integrated out of the likelihood whose power they change.
+        psens_prior, psens_likelihood, and their Monte-Carlo standard errors psens_prior_mcse,
+        psens_likelihood_mcse. mu, which is drawn after the run, has no sensitivities: the likelihood whose power
+        they change has mu integrated out.
     """
     import pandas as pd
 
@@ -72,7 +72,7 @@ def learning_table(tree: xr.DataTree) -> pd.DataFrame:
 
 
 def direction_table(tree: xr.DataTree) -> pd.DataFrame:
-    """Return the directions of what was learnt, stiffest first, in logarithms of the sampled parameters.
+    """Return principal directions of the posterior, best informed first, in logarithms of the sampled parameters.
 
     Parameters
     ----------
@@ -83,10 +83,10 @@ def direction_table(tree: xr.DataTree) -> pd.DataFrame:
     -------
     DataFrame
         A row per direction (index ``direction``, from 1): contraction along it; for each parameter the
-        component of the unit vector, in units of the log parameter's prior sd; then the product that it stands
-        for, if the data narrow it (product, factor_90, factor_90_mcse, prior_factor_90: its 90 % limits are the
-        middle times and over the factor; width: that of the limits over that under the prior); and its meaning in
-        words.
+        component of the unit vector, in units of the log parameter's prior sd; then the product of parameters
+        that it stands for, if the data narrow it (product, factor_90, factor_90_mcse, prior_factor_90: its 90 %
+        limits are its middle times and over the factor; width: width of the limits over that under the prior);
+        and its meaning in words.
     """
     import pandas as pd
 
@@ -115,7 +115,7 @@ def direction_table(tree: xr.DataTree) -> pd.DataFrame:
 
 
 def learning_sentences(summary: pd.DataFrame) -> list[str]:
-    """Say which parameters the data determine, inform and do not inform, and which ones other priors would move.
+    """Say which parameters the data determine, partly inform or leave open, and which ones depend on the prior.
 
     Parameters
     ----------
@@ -124,9 +124,9 @@ def learning_sentences(summary: pd.DataFrame) -> list[str]:
     """
     width = _width(summary["contraction"])
     groups = {
-        "determined by the data (posterior sd up to 1/3 of the prior's)": width <= DETERMINED,
-        f"informed (up to {INFORMED:g})": (width > DETERMINED) & (width <= INFORMED),
-        "not informed (wider; what is said of them is what their priors say)": width > INFORMED,
+        "determined by the data (posterior sd at most 1/3 of the prior sd)": width <= DETERMINED,
+        f"partly informed by the data (at most {INFORMED:g} of it)": (width > DETERMINED) & (width <= INFORMED),
+        "weakly identified (more; their posteriors mostly repeat their priors)": width > INFORMED,
     }
     lines = [
         f"{words}: {', '.join(f'{name} {width[name]:.2g}' for name in summary.index[there]) or 'none'}"
@@ -137,15 +137,18 @@ def learning_sentences(summary: pd.DataFrame) -> list[str]:
     moved, unclear = pull > SENSITIVE + error, (pull - SENSITIVE).abs() <= error
     if moved.any():
         named = ", ".join(f"{name} ({pull[name]:.2g})" for name in pull.index[moved])
-        lines.append(f"another prior would move (sensitivity beyond {SENSITIVE} by two errors): {named}")
+        lines.append(
+            f"prior-sensitive (power-scaling sensitivity above {SENSITIVE} by two standard errors): {named}. Another "
+            "prior would change these posteriors: justify their priors, or compare runs under several (--prior)"
+        )
     if unclear.any():
         named = ", ".join(f"{name} ({pull[name]:.3f} ± {error[name] / 2:.1g})" for name in pull.index[unclear])
-        lines.append(f"cannot tell whether another prior would move: {named}")
+        lines.append(f"prior sensitivity unclear (within two standard errors of {SENSITIVE}): {named}")
     return lines
 
 
 def direction_sentences(directions: pd.DataFrame) -> list[str]:
-    """Say which combinations of parameters the data determine, which they inform, and which they leave open.
+    """Say which combinations of parameters the data determine, which they partly inform, and which they leave open.
 
     Parameters
     ----------
@@ -156,8 +159,12 @@ def direction_sentences(directions: pd.DataFrame) -> list[str]:
     names = [*directions.columns[1 : directions.columns.get_loc("product")]]
     lines = []
     for words, there in {
-        "combinations that the data determine (90 % limits up to 1/3 as wide as under the prior)": width <= DETERMINED,
-        f"combinations that they inform (up to {INFORMED:g})": (width > DETERMINED) & (width <= INFORMED),
+        "combinations that the data determine (90 % interval at most 1/3 as wide as under the prior)": (
+            width <= DETERMINED
+        ),
+        f"combinations that the data partly inform (at most {INFORMED:g} as wide)": (
+            (width > DETERMINED) & (width <= INFORMED)
+        ),
     }.items():
         if there.any():
             lines.append(f"{words}:")
@@ -166,10 +173,10 @@ def direction_sentences(directions: pd.DataFrame) -> list[str]:
     if len(open_):
         share = (open_[names] ** 2).sum().sort_values(ascending=False, kind="stable")
         of = ", ".join(share.index[share >= 0.5])
-        one = len(open_) == 1
         lines.append(
-            f"left open: {len(open_)} further combination{'' if one else 's'} of {of}, nearly as wide as under the "
-            "prior. To go further, measure one of these parameters or compare runs under several priors (--prior)"
+            f"weakly identified: {len(open_)} further combination{'s' * (len(open_) > 1)} of {of}, nearly as wide as "
+            "under the prior. Many values of these fit the data equally well. To learn more, measure one of them "
+            "directly; until then report results under several priors (--prior)"
         )
     return lines
 
@@ -181,7 +188,7 @@ def _open(contraction: float) -> str:
 
 
 def _has_errors(summary: pd.DataFrame) -> bool:
-    """Return whether a summary has the errors of its sensitivities: those of earlier versions have none."""
+    """Return whether a summary has errors of its sensitivities; earlier versions did not store them."""
     return "psens_prior_mcse" in summary
 
 

@@ -1,4 +1,4 @@
-"""What makes a fit a failed one whatever else holds: a readout against its data, a flat line through ratings."""
+"""Failed fits: a readout that runs against its data, or a flat line through ratings that differ."""
 
 from __future__ import annotations
 
@@ -20,21 +20,21 @@ TYPICAL = "typical_rating_of_condition"
 """Rating predicted of a typical participant in each condition, by fabric and then load, in the group `predictions`."""
 
 SILENT = 0.99
-"""Share of silent draws from which a result without `TYPICAL` is known to predict one rating for everything."""
+"""Share of silent draws from which a result without `TYPICAL` is taken to predict one rating for all conditions."""
 
 
 MOSTLY_SILENT = 0.5
-"""Share of silent draws and conditions beyond which it is said what their silence means."""
+"""Share of silent draws and conditions above which a result explains what their silence means."""
 
 
 class Fit(NamedTuple):
-    """Whether the model follows the ratings at all."""
+    """The agreement of a model with its ratings, as far as it decides whether the fit has failed."""
 
     choice: Choice
-    """The direction of the run, and what its data say of it."""
+    """The direction of the run, and the evidence of its data for it."""
     loads: tuple[str, ...]
     explained: tuple[Explained, ...]
-    """What the response explains under each load, then under all; empty where a result does not tell."""
+    """Share explained by the response under each load, then under all; empty if a result does not store it."""
     silent: float
     """Share of the posterior's draws that are silent in every condition."""
     silent_conditions: float
@@ -42,11 +42,11 @@ class Fit(NamedTuple):
     fabric_effects: bool
     """Whether fabrics have effects of their own beside the response."""
     scale: str
-    """What standard deviations are of."""
+    """The quantity whose standard deviations are given: log rating or z-score."""
 
     @property
     def flat(self) -> list[str]:
-        """Where the prediction runs flat through ratings that differ, a clause each."""
+        """Loads under which the prediction is flat although ratings differ, a clause each."""
         if not self.explained:
             return []
         each = zip(self.loads, self.explained[:-1], strict=True)
@@ -58,7 +58,7 @@ class Fit(NamedTuple):
 
     @property
     def faults(self) -> list[str]:
-        """Why the fit has failed, a sentence each, the first the most telling; empty if it has not."""
+        """Reasons why the fit has failed, a sentence each, most important first; empty if it has not."""
         found = [self.choice.sentence] if self.choice.against_data else []
         if self.flat:
             silent = f" ({self.silent:.0%} of the posterior is silent in every condition)" if self.silent > 0.5 else ""
@@ -67,25 +67,25 @@ class Fit(NamedTuple):
 
     @property
     def silence(self) -> str:
-        """How silent the posterior is and what that means; empty where it is not for the most part."""
-        if self.silent_conditions <= MOSTLY_SILENT:
+        """The share of silence in the posterior and its meaning; empty for little silence, or a wrong direction."""
+        if self.silent_conditions <= MOSTLY_SILENT or self.choice.against_data:
             return ""
         return (
-            f"the posterior is {self.silent_conditions:.0%} silent (draws and conditions in which no receptor fires): "
-            "there one rating is predicted for all fabrics, and skin and receptors are told by the prior, and by the "
-            "limit that nothing may fire; are the units of moduli and loads right, and the priors those of these "
-            "fingers (--priors in-vivo)?"
+            f"no receptor fires in {self.silent_conditions:.0%} of posterior draws and conditions; there the model "
+            "predicts one rating for all fabrics, and only the prior and the absence of firing constrain skin and "
+            "receptors. Check the units of moduli and loads, and whether the priors suit these fingers "
+            "(--priors in-vivo)"
         )
 
     @property
     def sentence(self) -> str:
-        """What the response explains of the ratings."""
+        """The share of the differences between ratings that the response explains, in words."""
         if not self.explained or not np.isfinite(self.explained[-1].p_value):
-            return "whether the response follows the ratings cannot be told: nothing tells their differences from noise"
+            return "the fit to the ratings cannot be judged: these data do not show how large the noise is"
         whole = self.explained[-1]
-        seen = f"a standard deviation of {whole.visible:.2g} between fabrics would have been seen"
+        seen = f"a standard deviation of {whole.visible:.2g} between fabrics would have been detected"
         if not np.isfinite(whole.share) or not whole.p_value < 0.05:
-            return f"fabrics do not differ in rating beyond noise (p = {whole.p_value:.2g}; {seen})"
+            return f"ratings do not differ between fabrics beyond noise (p = {whole.p_value:.2g}; {seen})"
         return (
             f"the response explains {_share(whole)} of the differences between fabrics under the same load "
             f"(standard deviation {whole.spread:.2g} in the {self.scale}; {seen})"
@@ -137,7 +137,15 @@ def _flat(one: Explained) -> str:
 def _share(one: Explained) -> str:
     if one.high < 0:
         return "none"
-    return f"{max(one.share, 0.0):.0%} (90 % interval {max(one.low, 0.0):.0%} to {one.high:.0%})"
+    low, share, high = (_percent(value) for value in (one.low, one.share, one.high))
+    return share if low == high else f"{share} (90 % interval {low} to {high})"
+
+
+def _percent(share: float) -> str:
+    """Return a share in per cent, without claiming exactly 0 or 100."""
+    if share < 0.005:
+        return "less than 1%"
+    return "more than 99%" if share > 0.995 else f"{share:.0%}"
 
 
 def _values(tree: xr.DataTree, group: str, name: str) -> NDArray[np.float64]:

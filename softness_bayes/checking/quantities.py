@@ -1,4 +1,4 @@
-"""Test quantities of ratings: numbers of a data set that a model should reproduce.
+"""Test quantities of ratings: summaries of a data set that a model should reproduce.
 
 Each is computed in the same way from the ratings that were filed and from replicated ones, without knowing
 any parameter. All start from the additive fit of participants and conditions to log ratings (to z-scores as
@@ -30,7 +30,7 @@ CLEAR = 2.0
 """Standard errors by which a mean rating must exceed those at both ends to count as an interior maximum."""
 
 ROUNDING = 1e-12
-"""Spread of residuals [-] below which there is none: what is left are roundings of log ratings."""
+"""Spread of residuals [-] that counts as zero: rounding errors of log ratings are below it."""
 
 
 class Additive(NamedTuple):
@@ -50,7 +50,7 @@ class Additive(NamedTuple):
 
 @dataclass(frozen=True)
 class Layout:
-    """Who rated what, and where the conditions lie on the axis of the fabrics' modulus.
+    """The design of a data set: participant and condition of each rating, modulus and load of each condition.
 
     Parameters
     ----------
@@ -63,7 +63,7 @@ class Layout:
     sign
         Whether ratings rise (+1) or fall (-1) with the response.
     logarithmic
-        Whether the logarithm of ratings is what is additive; z-scores are themselves.
+        Whether log ratings are additive; otherwise the ratings are z-scores, additive themselves.
     """
 
     design: Design
@@ -121,10 +121,10 @@ class Layout:
 
 
 class Turn(NamedTuple):
-    """Where mean log ratings turn over along the fabrics of each load, every field of shape (..., loads)."""
+    """Turn of mean log ratings along the fabrics of each load, every field of shape (..., loads)."""
 
     interior: FloatArray
-    """1 with an interior maximum, 0 without; NaN with fewer than three moduli or no spread to measure it by."""
+    """1 with an interior maximum, 0 without; NaN with fewer than three moduli or without residual spread."""
     modulus: FloatArray
     """E_fab at the maximum [Pa]; NaN unless it is interior."""
     drop: FloatArray
@@ -166,7 +166,7 @@ def _turn_of_load(layout: Layout, fit: Additive, count: FloatArray, conditions: 
 
 
 class Columns(Enum):
-    """What a quantity has one value for."""
+    """The columns of a quantity, one value each."""
 
     ALL = "all ratings"
     CONDITION = "each condition"
@@ -183,13 +183,13 @@ class Quantity:
     name
         As in tables.
     new_participants
-        Whether replicates are of new participants; else of those who rated.
+        Whether replicates are of new participants instead of those who rated.
     columns
-        What it has a value for.
+        What the quantity has one value for.
     of
         Values of data sets, shape (..., columns).
     centre
-        What stands for all replicates in a table.
+        Summary of the replicates in a table.
     """
 
     name: str
@@ -239,18 +239,18 @@ class Finding(NamedTuple):
     high: float
     """Limits of the replicates; over several columns they hold all of them together."""
     p_value: float
-    """P(replicate > observed) + P(equal) / 2 among those that have it; NaN where the data or all replicates lack it."""
+    """P(replicate > observed) + P(equal) / 2 among replicates with a value; NaN if the data or replicates have none."""
 
 
 def compare(
     quantity: Quantity, layout: Layout, data: Additive, replicates: Additive, probability: float = 0.9
 ) -> list[Finding]:
-    """Set the values of a quantity beside those of replicates, one finding for each of its columns.
+    """Compare the values of a quantity with those of replicates, one finding for each of its columns.
 
     Parameters
     ----------
     quantity, layout
-        What is looked at.
+        The quantity, and the design of the ratings.
     data, replicates
         Fits of the ratings, and of replicated ones of batch shape (replicates,).
     probability
@@ -270,7 +270,7 @@ def compare(
 
 
 def joint_limits(replicated: FloatArray, probability: float) -> tuple[FloatArray, FloatArray]:
-    """Limits that hold that share of the replicates in all columns at once, by equal ranks in every column.
+    """Return limits that contain a share of the replicates in all columns at once, by equal ranks in every column.
 
     Columns with missing values get limits of their own, over the replicates that have a value.
     """
@@ -292,7 +292,7 @@ def joint_limits(replicated: FloatArray, probability: float) -> tuple[FloatArray
 
 
 class ExponentCheck(NamedTuple):
-    """Whether participants' exponents differ by more than noise explains."""
+    """Check for differences between participants' exponents."""
 
     p_value: float
     """Probability that replicated residuals follow the response as strongly within participants; NaN where the
@@ -302,14 +302,14 @@ class ExponentCheck(NamedTuple):
 
     @property
     def sentence(self) -> str:
-        """One line for the user."""
+        """Say whether exponents differ, in one line."""
         if np.isnan(self.p_value):
-            return "participants: whether their exponents differ cannot be told, for none does the response vary"
+            return "participants: exponents cannot be compared, because the response varies for no participant"
         if self.p_value >= 0.05:
-            return f"participants: no exponents of their own beyond noise (p = {self.p_value:.2g})"
+            return f"participants: no evidence that their exponents differ (p = {self.p_value:.2g})"
         return (
             f"participants: their exponents differ by about {self.deviation:.2g} (standard deviation), more than noise "
-            f"explains (p = {self.p_value:.2g}); the model gives all the same one"
+            f"explains (p = {self.p_value:.2g}); the model assumes one exponent for all"
         )
 
 
@@ -322,7 +322,7 @@ def check_exponents(
     the response (z-scores: on the standardised response), S_p the sum of squares of the latter about its
     mean. Given a draw of all parameters and effects, T / varsigma² of replicated residuals follows a
     chi-squared law with one degree of freedom for each participant under whom the response varies; draws
-    where it varies for nobody say nothing.
+    where it varies for nobody are left out.
 
     Parameters
     ----------
@@ -358,20 +358,20 @@ def check_exponents(
 
 
 class LooPit(NamedTuple):
-    """Where each rating lies in its prediction from all the others, arrays of shape (rows,)."""
+    """LOO-PIT: position of each rating in its prediction from all the others, arrays of shape (rows,)."""
 
     value: FloatArray
-    """Probability of a smaller rating; each is uniform under the model, but they balance one another."""
+    """Probability of a smaller rating; each is uniform under the model, but they are not independent."""
     pareto_k: FloatArray
-    """Shape of the weights' tail: above 0.7 the draws of the full posterior cannot stand in."""
+    """Pareto k of the importance weights; above 0.7 they are unreliable."""
 
 
 def loo_pit(observation: ObservedRatings, mean_rate: FloatArray, parameters: RatingParameters) -> LooPit:
-    """Probability integral transform of each rating given all the others.
+    """Return the probability integral transform of each rating given all the others.
 
-    With what participants, fabrics and ratings share integrated out, p(y_i | y_-i, theta) is known in closed
-    form; over theta it is averaged with weights 1 / p(y_i | y_-i, theta), smoothed by a generalised Pareto law, which
-    turn draws given all ratings into draws given the others (Bürkner, Gabry and Vehtari, Computational
+    With the effects of participants and fabrics integrated out, p(y_i | y_-i, theta) is known in closed
+    form. It is averaged over theta with importance weights 1 / p(y_i | y_-i, theta), smoothed by a generalised Pareto
+    law, which turn draws given all ratings into draws given the others (Bürkner, Gabry and Vehtari, Computational
     Statistics 36, 1243, 2021).
 
     Parameters

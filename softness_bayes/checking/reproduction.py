@@ -1,4 +1,4 @@
-"""Whether a model reproduces the turning point of the ratings, load by load, and whether they could tell."""
+"""Check of the turning point: its reproduction by the model, load by load, and the power of the check."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 LEVELLED, SHORTFALL = "levelled_predictive", "levelled_shortfall"
-"""Group of what tables of a response that levels off show, and the variable of `constant_data` with how much more
-it gives than the model."""
+"""Group with the test quantities of tables from a response that levels off, and the variable of `constant_data` with
+the amount by which its mean ratings exceed the model's."""
 
 FALL = "fall beyond inflection / expected"
 """The test quantity of `levelled.fall` under each load."""
@@ -63,26 +63,26 @@ LEVELLED_NAMES = ("turns_over", "e_fab_kpa", "drop", "fall")
 
 
 class Reproduction(NamedTuple):
-    """Whether the model reproduces what the ratings under one load show of a turning point."""
+    """Verdict on the turning point under one load."""
 
     load: str
     reproduced: bool | None
-    """None where the ratings cannot tell."""
+    """None where the ratings cannot decide."""
     seen: str
-    """What the ratings show, how many of the replicates do, and what the check could have noticed."""
+    """The turn in the ratings, its frequency among replicates, and the power of the check, in words."""
 
 
 def inflection_reproduced(table: pd.DataFrame) -> list[Reproduction]:
     """Judge load by load whether the model reproduces the turning point.
 
-    It does not if presence, place, drop or fall lies beyond the replicates' reach (`levelled.departs`). Else it does
-    if a response that levels off at its peak would fail in at least `levelled.NEEDED` of the tables; if not, the
-    ratings cannot tell.
+    The model fails if presence, place, drop or fall lies outside the range of the replicates (`levelled.departs`).
+    Otherwise it passes if a response that levels off at its peak would fail in at least `levelled.NEEDED` of the
+    tables; with less power than that the ratings cannot decide.
 
     Parameters
     ----------
     table
-        From `criticism.check_table`.
+        From `check_table.check_table`.
     """
     checks = table[table.index.get_level_values("law") == "posterior"].droplevel("law")
     found = []
@@ -101,38 +101,38 @@ def inflection_reproduced(table: pd.DataFrame) -> list[Reproduction]:
 
 
 def turning_sentences(table: pd.DataFrame) -> list[str]:
-    """Say what `inflection_reproduced` found, one line for each load after one that says what a yes needs."""
-    words = {True: "yes", False: "no", None: "ratings cannot tell"}
+    """Say what `inflection_reproduced` found: the criterion, then one line for each load."""
+    words = {True: "yes", False: "no", None: "the ratings cannot tell"}
     head = (
-        f"turning point (maximum) reproduced? yes if this check would fail in at least {NEEDED:.0%} of tables where "
-        "the response levels off at its peak instead"
+        "does the model reproduce the turning point (maximum)? A yes needs a check that would reject a response that "
+        f"levels off at its peak in at least {NEEDED:.0%} of simulated tables"
     )
-    return [head, *(f"{load}: {words[answer]}, {seen}" for load, answer, seen in inflection_reproduced(table))]
+    return [head, *(f"{load}: {words[answer]}; {seen}" for load, answer, seen in inflection_reproduced(table))]
 
 
 def _seen(rows: dict[str, pd.Series]) -> str:
-    """Say what the ratings show of a turning point, and what the model's tables do."""
+    """Describe the turn in the ratings, and in the tables that the model simulates."""
     row, place, beyond = rows[TURNS_OVER], rows[PLACE], rows.get(FALL)
     share = row["replicated"]
     if row["observed"]:
-        seen = f"ratings turn over at {place['observed']:.3g} kPa, {share:.0%} of the model's tables do"
-        if np.isfinite(place["low"]):
-            seen += f" (at {place['low']:.3g} to {place['high']:.3g})"
+        where = f", at {place['low']:.3g} to {place['high']:.3g} kPa" if np.isfinite(place["low"]) else ""
+        seen = f"the ratings turn over at {place['observed']:.3g} kPa (so do {share:.0%} of simulated tables{where})"
     else:
-        seen = f"ratings show no clear turn, {share:.0%} of the model's tables do"
+        seen = f"the ratings show no clear turn ({share:.0%} of simulated tables show one)"
     if beyond is not None and np.isfinite(beyond["observed"]):
         seen += (
-            f"; they fall beyond the peak by {beyond['observed']:.2g} of what is expected "
-            f"({beyond['low']:.2g} to {beyond['high']:.2g} in the model's tables)"
+            f"; beyond the peak they fall by {beyond['observed']:.2g} times the predicted fall "
+            f"(simulated tables: {beyond['low']:.2g} to {beyond['high']:.2g})"
         )
     return seen
 
 
 def _noticed(rows: dict[str, pd.Series]) -> str:
-    """Say what the check could have noticed."""
+    """Describe the power of the check."""
     row, beyond = rows[TURNS_OVER], rows.get(FALL)
     if np.isnan(row.get("power", np.nan)):
-        return "what this check would notice is not known"
+        return "the power of this check is not known"
     if beyond is None or np.isnan(beyond["replicated"]):
-        return "the model's response does not fall within the fabrics' range"
-    return f"if it levelled off, {100 * row['power']:.3g} ± {100 * row['power_mcse']:.1g}% of tables would fail"
+        return "the model's response does not fall within the range of the fabrics"
+    power = f"{100 * row['power']:.3g} ± {100 * row['power_mcse']:.1g}%"
+    return f"a response that levels off would fail in {power} of simulated tables"

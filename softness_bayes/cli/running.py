@@ -91,7 +91,8 @@ def reading(*directories: Path) -> Iterator[list[Result]]:
 def in_numbers(verdict: Verdict, seconds: float) -> str:
     """Return what the last look at the chains found, in one line."""
     return (
-        f"{verdict.lengths:.0f} of {verdict.goal.lengths:.0f} autocorrelation times ({verdict.tau.max():.0f} steps), "
+        f"{verdict.lengths:.0f} autocorrelation times of {verdict.tau.max():.0f} steps "
+        f"({verdict.goal.lengths:.0f} needed), "
         f"R-hat {verdict.r_hat.max():.3f}, ESS {verdict.ess:.0f} ({verdict.ess / max(seconds, 1e-9):.3g}/s)"
     )
 

@@ -313,10 +313,11 @@ def _turning(result: Result) -> str:
     columns += ["e_fab_kpa_low", "e_fab_kpa", "e_fab_kpa_high"]
     low, *_, high = (f"{float(f'{end:.3g}'):,.10g}" for end in result.group("predictions")["e_fab_kpa"].values)
     return (
-        "where the response turns over: a turning point is a maximum (the paper's inflection) that exceeds the "
-        f"response at\n{low} and {high} kPa, the ends of its range, by {result.least_drop:.0%} of itself; its "
-        "probability, the prior's, and\nthat of one within the fabrics' own range; E_fab there, median and 90 % limits "
-        f"[kPa]; each ± its Monte-Carlo error\n{with_errors(result.inflection(), columns).to_string()}"
+        "turning point of the response: a maximum (the paper's inflection) that exceeds the response at both ends of\n"
+        f"the range, {low} and {high} kPa, by {result.least_drop:.0%} of itself. Probability of one (p_interior), the "
+        "same under the prior,\nof one among the fabrics' moduli (p_inside), of none and of silence; E_fab there, "
+        f"median and 90 % limits\n[kPa]; each ± its Monte-Carlo standard error\n"
+        f"{with_errors(result.inflection(), columns).to_string()}"
     )
 
 
@@ -329,29 +330,28 @@ def _report_ratings(result: Result, fit: Fit) -> None:
     for sentence in (
         fit.sentence,
         *check_sentences(result.tables["predictive_checks"]),
-        found["exponent_check"],
-        found["fabric_check"],
+        *([] if fit.choice.against_data else [found["exponent_check"], found["fabric_check"]]),
     ):
         click.echo(sentence)
     click.echo(
-        f"silent in every condition: {found['prior_silent_everywhere']:.1%} of the prior, "
-        f"{found['posterior_silent_everywhere']:.1%} of the posterior; silent conditions: "
+        f"no receptor fires in any condition: {found['prior_silent_everywhere']:.1%} of prior draws, "
+        f"{found['posterior_silent_everywhere']:.1%} of posterior draws; in one condition, on average: "
         f"{found['prior_silent_conditions']:.0%} and {found['posterior_silent_conditions']:.0%}"
     )
     if found["contact_beyond_half_radius"]:
         click.echo(
-            f"contact radius beyond R/2, where Hertz's geometry is questionable: "
-            f"{found['contact_beyond_half_radius']:.0%} of draws and conditions; beyond R, where it is "
+            f"contact radius above R/2, where Hertz's geometry is questionable: "
+            f"{found['contact_beyond_half_radius']:.0%} of draws and conditions; above R, where it is "
             f"meaningless: {found['contact_beyond_radius']:.0%}"
         )
     if "held_eps" in found:
         click.echo(str(found["held_eps"]))
     click.echo(
-        f"numerical error of the response: {found['numerical_error']:.1e} of its peak, at most, over draws; "
+        f"numerical error of the response: at most {found['numerical_error']:.1e} of its peak over the draws; "
         f"accuracy: {found['accuracy']}"
     )
     click.echo(
-        f"if every receptor's firing rate had the largest error of its surface, the response would be off by "
-        f"{found['firing_error']:.1e} of its peak; what the errors come to:"
+        f"error of the firing rates: at most {found['firing_error']:.1e} of the peak, if every receptor had the "
+        "largest error of its surface; their effect on the posterior:"
     )
     click.echo(str(found["exactness"]))

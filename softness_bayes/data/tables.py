@@ -91,7 +91,8 @@ class Table:
             try:
                 values[i] = column.parse(number, text)
             except ValueError as error:
-                remedy = "" if self.declared or "," not in text else "; --decimal says what commas and points mean"
+                remedy = "; if commas are decimal marks, add --decimal , and if they group thousands, --decimal ."
+                remedy = "" if self.declared or "," not in text else remedy
                 raise self.error(i, column.name, f"{error}{remedy}") from None
         return values
 

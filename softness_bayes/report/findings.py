@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from softness_bayes.checking.check_table import doubt_sentences
+from softness_bayes.checking.check_table import doubt_sentences, doubts
 from softness_bayes.checking.exactness import Exactness, compare
 from softness_bayes.checking.identifiability import learning_sentences
 from softness_bayes.checking.levelled import DOUBTFUL
@@ -168,10 +168,13 @@ def _likely(row: Any, name: str) -> str:
 
 
 def _criticism(result: Result) -> Finding:
-    doubts = doubt_sentences(result.tables["predictive_checks"])
     found = result.attributes
-    sentences = [*doubts, str(found["exponent_check"]), str(found["fabric_check"])]
-    clean = all("nothing else" in doubt for doubt in doubts)
+    sentences = [
+        *doubt_sentences(result.tables["predictive_checks"]),
+        str(found["exponent_check"]),
+        str(found["fabric_check"]),
+    ]
+    clean = not doubts(result.tables["predictive_checks"])
     return Finding(
         "Does it reproduce everything else that was checked?",
         "Nothing else amiss" if clean else "Not everything",

@@ -163,12 +163,12 @@ class Verdict:
                 f"{self.ess_tail.min():.0f} (tail).{self._starts()}"
             )
         shortfalls = "; ".join(self._shortfalls())
-        return f"Not converged {head}: {shortfalls}; about {self.more_steps} more steps.{self._starts()}"
+        return f"Not converged {head}: {shortfalls}; about {self.more_steps} more steps are needed.{self._starts()}"
 
     @property
     def slowest(self) -> str:
         """The longest autocorrelation time in words."""
-        return f"{self.tau.max():.0f} steps, slowest: {self.names[self.worst]}"
+        return f"{self.tau.max():.0f} steps for the slowest quantity, {self.names[self.worst]}"
 
     def _starts(self) -> str:
         """Say how many modes there are, and what the search for them could have missed."""
@@ -176,7 +176,7 @@ class Verdict:
         if self.shares:
             held = [f"{s.share:.3f} ± {s.error:.3f}" for s in self.shares if s.share > 0]
             left = len(self.shares) - len(held)
-            also = f"; {left} more, to which climbs led, hold{'s' * (left == 1)} none" if left else ""
+            also = f"; {left} more, found by climbs from prior draws, hold{'s' * (left == 1)} none" if left else ""
             if len(held) == 1:
                 return f" One mode holds all draws{also}."
             return f" {len(held)} modes hold {' and '.join(held)} of the draws{also}."
@@ -184,29 +184,29 @@ class Verdict:
             return ""
         found = f"All {climbs} climbs" if not hopeless else f"{climbs - hopeless} of {climbs} climbs"
         others = ", the others to negligible mass" if hopeless else ""
-        missed = f"one that fewer than {self.starts.missed:.0%} of climbs reach may be missed"
-        return f" {found} led to one mode{others}; {missed}."
+        missed = f"a mode that fewer than {self.starts.missed:.0%} of climbs reach may have been missed"
+        return f" {found} from prior draws led to one mode{others}; {missed}."
 
     def _shortfalls(self) -> list[str]:
         goal, found = self.goal, []
         if self.stuck:
             found.append(f"{self.stuck} walker{'s' * (self.stuck > 1)} never moved")
         if not self.lengths >= goal.lengths and not self.stuck:
-            kept = f"{self.lengths:.0f} of {goal.lengths:.0f} autocorrelation times kept"
+            kept = f"{self.lengths:.0f} autocorrelation times kept, {goal.lengths:.0f} needed"
             found.append(f"{kept} ({self.slowest})")
         if not self.r_hat.max() <= goal.r_hat:
             apart = self.names[int(self.r_hat.argmax())]
             found.append(f"ensembles disagree about {apart} (R-hat {self.r_hat.max():.2f})")
         for kind, ess in (("bulk", self.ess_bulk), ("tail", self.ess_tail)):
             if ess.min() < goal.ess:
-                found.append(f"{kind} ESS of {self.names[int(ess.argmin())]} is {ess.min():.0f} of {goal.ess:.0f}")
+                found.append(f"{kind} ESS of {self.names[int(ess.argmin())]} is {ess.min():.0f}, {goal.ess:.0f} needed")
         if not found and not self.tau_change <= goal.tau_change:
             change = "not yet compared" if math.isinf(self.tau_change) else f"changed by {self.tau_change:.0%}"
             found.append(f"the autocorrelation time of {self.names[self.worst]} {change}")
         if self.modes:
             long = f"though each is longer than {goal.lengths:.0f} of its own autocorrelation times"
-            found.append(f"{self.modes}, {long}: more steps may never join them")
-        return found or ["the goal was met at this look only"]
+            found.append(f"{self.modes}, {long}: more steps may never bring them together")
+        return found or [f"all criteria hold at this check, but they must hold at {goal.looks} checks in a row"]
 
     @property
     def modes(self) -> str:

@@ -48,27 +48,29 @@ def test_the_table_has_every_quantity_under_both_laws(rng):
 def test_a_model_that_turns_over_reproduces_ratings_that_do():
     # in 14 of 40 data sets of the model no number deviates by chance; this is the first
     head, *loads, others = check_sentences(check_table(tree(np.random.default_rng(4))))
-    assert "turning point (maximum) reproduced?" in head
-    assert "at least 80% of tables" in head
-    assert [load.split(": yes, ratings turn over at")[0] for load in loads] == ["1 mm", "2 mm"]
-    assert all("% of tables would fail" in load for load in loads)
-    assert "nothing else" in others
+    assert "reproduce the turning point (maximum)?" in head
+    assert "at least 80% of simulated tables" in head
+    assert [load.split(": yes; the ratings turn over at")[0] for load in loads] == ["1 mm", "2 mm"]
+    assert all("% of simulated tables" in load.partition("would fail in ")[2] for load in loads)
+    assert "reproduces all other" in others
 
 
 @pytest.mark.parametrize(("seen", "assumed"), [(STEEP, FLAT), (FLAT, STEEP)])
 def test_a_model_that_is_wrong_about_the_turn_is_told_so(rng, seen, assumed):
     _, *loads, others = check_sentences(check_table(tree(rng, seen, assumed)))
-    assert [": no, ratings" in load for load in loads] == [True, True]
+    assert [": no; the ratings" in load for load in loads] == [True, True]
     assert ("turn over at" if seen is STEEP else "show no clear turn") in loads[0]
     assert "mean log rating" in others
 
 
 def test_without_power_nothing_is_said_to_be_reproduced(rng):
     """A response that cannot turn, one that hardly does, and a result that does not tell the power."""
-    for rates, words in ((FLAT, "does not fall within the fabrics' range"), (SHALLOW, "% of tables would fail")):
+    for rates, words in ((FLAT, "does not fall within the range of the fabrics"), (SHALLOW, "% of simulated tables")):
         table = check_table(tree(rng, rates, rates))
         _, *loads, _ = check_sentences(table)
-        assert all(": ratings cannot tell, ratings show no clear turn" in load and words in load for load in loads)
+        assert all(
+            ": the ratings cannot tell; the ratings show no clear turn" in load and words in load for load in loads
+        )
         assert [one.reproduced for one in inflection_reproduced(table)] == [None, None]
     former = tree(rng)
     del former[LEVELLED]
@@ -102,4 +104,4 @@ def test_two_fabrics_are_not_judged(rng):
     )
     _, *loads, _ = check_sentences(check_table(groups))
     assert len(loads) == 6
-    assert all(load.endswith("ratings cannot tell, too few fabrics or ratings") for load in loads)
+    assert all(load.endswith("the ratings cannot tell; too few fabrics or ratings") for load in loads)

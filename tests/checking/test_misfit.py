@@ -121,7 +121,7 @@ def test_what_earlier_versions_left_is_judged_by_its_silence(rng):
     groups = tree(rng)
     groups["posterior"] = groups["prior_predictive"]
     assert fit_of(groups).faults == []
-    assert "cannot be told" in fit_of(groups).sentence
+    assert "cannot be judged" in fit_of(groups).sentence
     groups.attrs["posterior_silent_everywhere"] = 1.0
     (fault,) = fit_of(groups).faults
     assert "(100% of the posterior is silent in every condition)" in fault

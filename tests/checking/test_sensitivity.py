@@ -318,8 +318,8 @@ def test_tables_of_a_result(rng):
     head, product, rest = direction_sentences(directions)
     assert head.startswith("combinations that the data determine")
     assert product.startswith("  b · m")
-    assert " to a factor of 1.08" in product
-    assert rest.startswith("left open: 2 further combinations of ")
+    assert " within a factor of 1.08" in product
+    assert rest.startswith("weakly identified: 2 further combinations of ")
     assert "-" not in "".join(f"{width:.2g}" for width in np.sqrt(np.maximum(1 - directions["contraction"], 0)))
 
 
@@ -338,19 +338,21 @@ def test_sentences_name_the_parameters():
     assert determined.endswith(": b 0.1")
     assert informed.endswith(": gamma 0.71")
     assert not_informed.endswith(": m 1")  # of a contraction below 0, which is noise
-    assert moved.endswith(": gamma (0.08)")
-    assert not any("cannot tell" in line for line in learning_sentences(table))
+    assert moved.startswith("prior-sensitive")
+    assert ": gamma (0.08). Another prior" in moved
+    assert not any("unclear" in line for line in learning_sentences(table))
     *_, nothing = learning_sentences(table.loc[["b"]])
-    assert nothing.endswith("say): none")
+    assert nothing.endswith("priors): none")
 
 
 @pytest.mark.parametrize(
-    ("pull", "said"), [(0.0507, "cannot tell"), (0.062, "would move"), (0.038, ""), (0.046, "cannot tell")]
+    ("pull", "said"),
+    [(0.0507, "sensitivity unclear"), (0.062, "prior-sensitive"), (0.038, ""), (0.046, "sensitivity unclear")],
 )
 def test_a_sensitivity_within_its_error_of_the_line_is_not_judged(pull, said):
     table = summary(contraction=[0.9] * 3, psens_prior=[pull, 0.0, 0.0], psens_prior_mcse=[0.004] * 3)
     *_, last = learning_sentences(table)
-    assert (said in last and ": b (" in last) if said else last.startswith("not informed")
+    assert (said in last and ": b (" in last) if said else last.startswith("weakly identified")
     # tables of earlier versions have no errors
     *_, last = learning_sentences(table.drop(columns="psens_prior_mcse"))
-    assert ("would move" in last) == (pull > SENSITIVE)
+    assert ("prior-sensitive" in last) == (pull > SENSITIVE)

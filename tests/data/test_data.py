@@ -279,7 +279,7 @@ RATING_FAULTS = [
         4,
         "1e1",
         '"1,5"',
-        "got '1,5'; --decimal says what commas and points mean",
+        "got '1,5'; if commas are decimal marks, add --decimal , and if they group thousands, --decimal .",
     ),
     (3, "2.5", "0", "column 'indentation_mm': expected a number from 1e-06 to 100, got '0'"),
     (3, "2.5", "-1", "column 'indentation_mm': expected a number from 1e-06 to 100, got '-1'"),

@@ -67,7 +67,8 @@ def test_another_column_decides_for_the_whole_table(tmp_path):
 
 def test_between_commas_a_quoted_comma_is_refused_with_the_remedy(tmp_path):
     path = table(tmp_path, ["950", "1,234"], ",")
-    with pytest.raises(InputError, match=r"got '1,234'; --decimal says what commas and points mean$"):
+    remedy = r"got '1,234'; if commas are decimal marks, add --decimal , and if they group thousands, --decimal \.$"
+    with pytest.raises(InputError, match=remedy):
         Ratings.read(path)
     assert Ratings.read(path, decimal=".").rating.tolist() == [950, 1234]
     assert Ratings.read(path, decimal=",").rating.tolist() == [950, 1.234]

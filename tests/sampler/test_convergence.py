@@ -105,7 +105,7 @@ def test_a_short_run_says_what_is_missing_and_how_much():
     values = autoregressive(np.random.default_rng(8), (4, 400, 20, 2), 20.0)
     verdict = judged(values, [300, 400])
     assert not verdict.converged
-    assert "of 50 autocorrelation times kept" in verdict.sentence()
+    assert " autocorrelation times kept, 50 needed" in verdict.sentence()
     # 55 tau and what ensembles differ by are needed: 1100 steps and somewhat more
     assert verdict.steps + verdict.more_steps == pytest.approx(1300, rel=0.35)
     assert f"about {verdict.more_steps} more steps" in verdict.sentence()
