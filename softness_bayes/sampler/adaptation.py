@@ -1,9 +1,9 @@
-"""The shape of a density, learnt from a pilot walk and fixed before the draws that count.
+"""Map of a density's shape, learnt from a pilot walk and fixed before the draws that count.
 
-Ridges of a posterior are curved, and a walk along a curved ridge is slow. A pilot walk shows the curvature; a
+Ridges of a posterior are curved, and a walk along a curved ridge is slow. A pilot walk shows the curvature. A
 triangular map straightens it, so that the density is near a standard normal law in the map's coordinates y. There
-proposals that do not depend on where a walker is are often accepted, which no step along a ridge can match. The map
-decides how fast the walk mixes, never what it converges to.
+independent proposals are often accepted, which mixes faster than any step along a ridge. The map affects the speed of
+mixing, but not the distribution that the walk converges to.
 """
 
 from __future__ import annotations
@@ -19,9 +19,9 @@ from softness_bayes.sampler.starts import Target
 FloatArray = NDArray[np.float64]
 
 _CURVATURE = 0.3  # expected size of a coefficient, in standard deviations
-_REACH = 8.0  # standard deviations beyond which bends go no further
-_REFITS = 4  # fits with ever better estimates of what is left unexplained
-_LEAST_VARIANCE = 1e-30  # of draws that are all the same
+_REACH = 8.0  # standard deviations at which the arguments of curved terms are clipped
+_REFITS = 4  # fits, each with a better estimate of the unexplained variance
+_LEAST_VARIANCE = 1e-30  # used for draws that are all the same
 _EXACT = 1e-8  # least share of a coordinate's variance that counts as unexplained
 
 
@@ -29,9 +29,9 @@ _EXACT = 1e-8  # least share of a coordinate's variance that counts as unexplain
 class TriangularMap:
     """z = centre + axes t, with t_k = scale_k y_k + c_k·(1, t_j, t_i t_j, t_j³) over i <= j < k.
 
-    The axes are principal ones, with unit variance of t, and come in the order in which those before explain
-    those after best. The map is one-to-one on the whole space, and its Jacobian is constant, so that log densities
-    in z and y differ by a constant only.
+    The axes are principal axes, with unit variance of t, ordered so that earlier ones explain later ones best. The
+    map is one-to-one on the whole space and has a constant Jacobian, so that log densities in z and y differ by a
+    constant only.
     """
 
     centre: FloatArray
@@ -42,13 +42,13 @@ class TriangularMap:
 
     @classmethod
     def identity(cls, dimension: int) -> TriangularMap:
-        """The map that leaves every point where it is."""
+        """Return the identity map."""
         bends = tuple(np.zeros(_count(k)) for k in range(dimension))
         return cls(np.zeros(dimension), np.eye(dimension), np.ones(dimension), bends)
 
     @classmethod
     def affine(cls, centre: FloatArray, axes: FloatArray) -> TriangularMap:
-        """The map z = centre + axes y."""
+        """Return the map z = centre + axes y."""
         plain = cls.identity(centre.size)
         return cls(centre, axes, plain.scale, plain.bends)
 
@@ -59,14 +59,14 @@ class TriangularMap:
 
     @classmethod
     def fit(cls, draws: FloatArray, effective: float) -> TriangularMap:
-        """Learn the map from draws.
+        """Return the map learnt from draws.
 
         Parameters
         ----------
         draws
             Points z, shape (draws, dimension).
         effective
-            How many independent draws they are worth: the fewer, the less curvature is believed.
+            Effective sample size of the draws; with fewer draws the fitted curvature is shrunk more.
         """
         centre = draws.mean(axis=0)
         size, vectors = np.linalg.eigh(np.atleast_2d(np.cov(draws, rowvar=False)))
@@ -77,11 +77,11 @@ class TriangularMap:
         t = t[:, order]
         fitted = tuple(bends.fit(order[k], order[:k])[0] for k in range(centre.size))
         spread = (t - _bent(t, fitted)).std(axis=0)
-        # along an axis on which no walker ever moved nothing is known of the width
+        # the width along an axis on which no walker moved is unknown
         return cls(centre, axes[:, order], np.where(spread > 0, spread, 1.0), fitted)
 
     def forward(self, y: FloatArray) -> FloatArray:
-        """Points z at map coordinates ``y``, both of shape (..., dimension)."""
+        """Return points z at map coordinates ``y``, both of shape (..., dimension)."""
         t = (self.scale * y).reshape(-1, y.shape[-1]).T
         near, features = np.empty(t.shape), np.empty((_count(len(t)), t.shape[1]))
         features[0] = 1.0
@@ -92,7 +92,7 @@ class TriangularMap:
         return self.centre + (t.T @ self.axes.T).reshape(y.shape)
 
     def inverse(self, z: FloatArray) -> FloatArray:
-        """Map coordinates y of points ``z``."""
+        """Return map coordinates y of points ``z``."""
         t = np.asarray(np.linalg.solve(self.axes, (z - self.centre)[..., None])[..., 0], float)
         return (t - _bent(t, self.bends)) / self.scale
 
@@ -105,7 +105,7 @@ class Mapped:
     map: TriangularMap
 
     def __call__(self, y: FloatArray) -> FloatArray:
-        """Log density of the target, in its own coordinates, at map coordinates ``y``."""
+        """Return the log density of the target, in its own coordinates, at map coordinates ``y``."""
         return self.target(self.map.forward(y))
 
 
@@ -122,8 +122,8 @@ def learn(walks: FloatArray, log_density: FloatArray, tau: float) -> TriangularM
         Steps of the walk for one independent draw.
     """
     draws, height = walks.reshape(-1, walks.shape[-1]), log_density.ravel()
-    # walkers still on their way from a bad start would stretch the map; a normal law has no such depths
-    # where all are on their way, as about very precise data, the upper half is the best there is
+    # walkers still on their way from a bad start would stretch the map; their density is too low for a normal law
+    # if all are on their way, as with very precise data, the upper half is used
     low = min(height.max() - max(20.0, 4.0 * draws.shape[-1]), float(np.median(height)))
     draws = draws[height >= low]
     return TriangularMap.fit(draws, len(draws) / tau)
@@ -132,9 +132,9 @@ def learn(walks: FloatArray, log_density: FloatArray, tau: float) -> TriangularM
 class _Bends:
     """Regressions of each coordinate on linear, quadratic and cubic terms of others, from one matrix of moments.
 
-    A coefficient is expected to be of size `_CURVATURE`, and what few draws cannot tell is shrunk. How much they tell
-    depends on what is left unexplained, which is estimated along with the coefficients: about a thin bent sheet even
-    few draws know the curvature well, and shrinking it would leave more than the sheet's thickness.
+    Coefficients have a normal prior of size `_CURVATURE`, which shrinks those that few draws cannot determine. Their
+    precision depends on the unexplained variance, which is estimated along with them: on a thin bent sheet even few
+    draws determine the curvature well, and shrinkage would leave more than the sheet's thickness.
     """
 
     def __init__(self, t: FloatArray, effective: float) -> None:
@@ -144,14 +144,14 @@ class _Bends:
         self._dimension = t.shape[-1]
 
     def fit(self, k: int, others: list[int]) -> tuple[FloatArray, float]:
-        """Coefficients of t_k on the features of the others, and the mean square that they explain."""
+        """Return coefficients of t_k on the features of the others, and the mean square that they explain."""
         terms = np.array([0, *(term for i, j in enumerate(others) for term in self._terms(j, others[: i + 1]))])
         moments, moment = self._moments[np.ix_(terms, terms)], self._with_features[terms, k]
         left = 1.0
         for _ in range(_REFITS):
             normal = moments + left / (_CURVATURE**2 * self._effective) * np.diag(terms > 0)
             solved = np.linalg.solve(normal, np.column_stack([moment, moments]))
-            # a copy, for a column in place would be multiplied in another order than what another process is sent
+            # a copy: a column in place would be multiplied in another order, with other rounding than elsewhere
             bend, spent = solved[:, 0].copy(), float(np.trace(solved[:, 1:]))
             unexplained = self._square[k] - 2.0 * bend @ moment + bend @ moments @ bend
             if spent >= self._effective:
@@ -161,12 +161,12 @@ class _Bends:
 
     @staticmethod
     def _terms(j: int, earlier: list[int]) -> list[int]:
-        """Where the features are that t_j adds to those of others, as `_features` orders them; it is among these."""
+        """Return the indices of the features that t_j, one of the earlier coordinates, adds in `_features`."""
         pairs = [_count(max(i, j)) + 1 + min(i, j) for i in earlier]
         return [_count(j), *pairs, _count(j + 1) - 1]
 
     def order(self) -> list[int]:
-        """The coordinates so that each is explained by those before it: the best explained one comes last."""
+        """Return the order in which earlier coordinates explain later ones best; the best explained comes last."""
         left, order = list(range(self._dimension)), []
         while left:
             gains = [self.fit(k, [other for other in left if other != k])[1] for k in left]
@@ -175,9 +175,9 @@ class _Bends:
 
 
 def _features(t: FloatArray) -> FloatArray:
-    """1, and of every t_k itself, its products with those up to it, and its cube, t cut off where hardly a draw was.
+    """Return 1 and, for every t_k, itself, its products with those up to it, and its cube, t clipped at `_REACH`.
 
-    Of shape (..., features) for t of shape (..., dimension); the features of the first k coordinates come first.
+    The shape is (..., features) for t of shape (..., dimension); features of the first k coordinates come first.
     """
     near = np.clip(t, -_REACH, _REACH).reshape(-1, t.shape[-1]).T
     features = np.empty((_count(len(near)), near.shape[1]))
@@ -189,12 +189,12 @@ def _features(t: FloatArray) -> FloatArray:
 
 @cache
 def _count(coordinates: int) -> int:
-    """How many features so many coordinates have."""
+    """Return the number of features of so many coordinates."""
     return 1 + 2 * coordinates + coordinates * (coordinates + 1) // 2
 
 
 def _extend(features: FloatArray, near: FloatArray, k: int) -> None:
-    """Write what coordinate k adds to the features of those before it, both arrays with the points as last axis."""
+    """Write the features that coordinate k adds to those of the earlier ones; points are on the last axis of both."""
     start, stop = _count(k), _count(k + 1)
     features[start] = near[k]
     np.multiply(near[: k + 1], near[k], out=features[start + 1 : stop - 1])
@@ -202,6 +202,6 @@ def _extend(features: FloatArray, near: FloatArray, k: int) -> None:
 
 
 def _bent(t: FloatArray, bends: tuple[FloatArray, ...]) -> FloatArray:
-    """How far each t_k is from where the others leave it, of the shape of ``t``."""
+    """Return the difference of each t_k from its prediction by the others, of the shape of ``t``."""
     features = _features(t)
     return np.stack([features[..., : bend.size] @ bend for bend in bends], axis=-1)

@@ -13,7 +13,7 @@ WINDOW = 5.0
 
 
 def autocorrelation_time(walks: FloatArray) -> FloatArray:
-    """Return tau of each of several quantities, in steps, from the mean of the walkers' autocorrelations.
+    """Return the autocorrelation time of each quantity, in steps, from the mean of the walkers' autocorrelations.
 
     Parameters
     ----------
@@ -29,10 +29,10 @@ def autocorrelation_time(walks: FloatArray) -> FloatArray:
 
 
 def indicator_time(walks: FloatArray, below: FloatArray) -> FloatArray:
-    """Return tau of the indicator that a quantity lies below a threshold, in steps.
+    """Return the autocorrelation time of the indicator that a quantity lies below a threshold, in steps.
 
-    Walkers share the mean and variance of the whole ensemble: one that never crosses the threshold,
-    which has no autocorrelation of its own, lengthens tau as it should.
+    All walkers use the mean and variance of the whole ensemble. A walker that never crosses the threshold has
+    no autocorrelation of its own, and in this way lengthens the time as it should.
 
     Parameters
     ----------
@@ -50,7 +50,7 @@ def indicator_time(walks: FloatArray, below: FloatArray) -> FloatArray:
 
 
 def pooled_time(walks: FloatArray) -> FloatArray:
-    """Return tau of quantities whose walkers share the mean and variance of the whole ensemble, in steps.
+    """Return the autocorrelation time of quantities, in steps, with the mean and variance of the whole ensemble.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""What ensembles of walkers have drawn so far."""
+"""Draws of ensembles of walkers."""
 
 from __future__ import annotations
 
@@ -24,12 +24,12 @@ class Segment(NamedTuple):
 
     @staticmethod
     def join(parts: Iterable[Segment]) -> Segment:
-        """The steps of several segments of one ensemble, in order."""
+        """Return the steps of several segments of one ensemble, in order."""
         coordinates, log_density, accepted = zip(*parts, strict=True)
         return Segment(np.concatenate(coordinates), np.concatenate(log_density), np.sum(accepted, axis=0))
 
     def every(self, stride: int) -> Segment:
-        """Every ``stride``-th stored step, from the last of the first ``stride``."""
+        """Return every ``stride``-th stored step, starting with the last of the first ``stride``."""
         return Segment(self.coordinates[stride - 1 :: stride], self.log_density[stride - 1 :: stride], self.accepted)
 
 
@@ -59,13 +59,13 @@ class Chains:
 
     @classmethod
     def of(cls, segments: Iterable[Segment], steps: int, stride: int) -> Chains:
-        """The chains of which each ensemble has drawn one segment."""
+        """Return the chains of which each ensemble has drawn one segment."""
         coordinates, log_density, accepted = zip(*segments, strict=True)
         share = np.array(accepted) / max(steps, 1)
         return cls(np.stack(coordinates), np.stack(log_density), share, steps, stride)
 
     def kept(self, burn_in: int, draws_per_walker: int | None = None) -> Chains:
-        """The chains without the first ``burn_in`` steps, thinned evenly.
+        """Return the chains without the first ``burn_in`` steps, thinned evenly.
 
         Parameters
         ----------
@@ -93,6 +93,6 @@ class Chains:
 
     @property
     def ensemble(self) -> NDArray[np.intp]:
-        """Which ensemble each chain of `by_walker` belongs to, shape (chains,)."""
+        """Ensemble of each chain of `by_walker`, shape (chains,)."""
         ensembles, _, walkers = self.log_density.shape
         return np.repeat(np.arange(ensembles), walkers)

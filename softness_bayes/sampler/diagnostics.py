@@ -1,4 +1,4 @@
-"""Whether ensembles of walkers have converged, in numbers and in one sentence."""
+"""Convergence of ensembles of walkers, in numbers and in one sentence."""
 
 from __future__ import annotations
 
@@ -16,18 +16,18 @@ from softness_bayes.sampler.starts import NO_STARTS, Starts
 FloatArray = NDArray[np.float64]
 
 LOG_POSTERIOR = "log posterior"
-"""Name of the log density where it is judged beside the parameters."""
+"""Name of the log density, which is judged together with the parameters."""
 
 _TAILS = (0.05, 0.95)
-_APART = 1.1  # R-hat beyond which long ensembles are not merely short of draws
-_FEWER = 20.0  # times fewer effective draws than the walkers' own times promise
-_ESS_STRIDE = 3  # draws closer than tau over this carry nothing that the bulk ESS would miss
-_R_HAT_DRAWS = 4000  # of each ensemble: R-hat needs no more
+_APART = 1.1  # R-hat of long ensembles above which they sit in separate modes
+_FEWER = 20.0  # ratio of the expected to the actual effective sample size above which walkers sit in separate modes
+_ESS_STRIDE = 3  # the bulk ESS uses draws this fraction of an autocorrelation time apart
+_R_HAT_DRAWS = 4000  # draws of each ensemble that R-hat uses
 
 
 @dataclass(frozen=True)
 class Goal:
-    """When a run counts as converged.
+    """Criteria of convergence.
 
     Parameters
     ----------
@@ -65,7 +65,7 @@ class Share(NamedTuple):
 
 @dataclass(frozen=True)
 class Verdict:
-    """What one look at the chains found.
+    """Result of one convergence check.
 
     Parameters
     ----------
@@ -88,13 +88,13 @@ class Verdict:
     stuck
         Walkers that never moved after the burn-in.
     looks_passed
-        Successive looks, this one included, at which the goal was met.
+        Successive checks, this one included, at which the criteria were met.
     goal
-        What was asked.
+        The criteria.
     shares
         Share of each mode, if there are several.
     starts
-        What the search for places to start found.
+        Result of the search for starting points.
     """
 
     names: tuple[str, ...]
@@ -116,7 +116,7 @@ class Verdict:
 
     @property
     def converged(self) -> bool:
-        """True if the goal was met at enough successive looks."""
+        """True if the criteria were met at enough successive checks."""
         return self.looks_passed >= self.goal.looks
 
     @property
@@ -126,12 +126,12 @@ class Verdict:
 
     @property
     def lengths(self) -> float:
-        """Kept steps in the longest autocorrelation time."""
+        """Kept steps over the longest autocorrelation time."""
         return self.kept / float(self.tau.max())
 
     @property
     def ess(self) -> float:
-        """Smallest effective sample size; while that is not computed, what the longest time leaves of the draws."""
+        """Smallest effective sample size; before it is computed, an estimate from the longest autocorrelation time."""
         known = float(np.min([*self.ess_bulk, *self.ess_tail]))
         return known if math.isfinite(known) else self.tau.shape[0] * self.walkers * self.lengths
 
@@ -146,14 +146,14 @@ class Verdict:
         needs = [
             1.02 * (goal.lengths + goal.burn_in) * tau - self.steps,
             self.kept * (goal.ess / float(np.nanmin([*self.ess_bulk, *self.ess_tail, math.inf])) - 1.0),
-            # between ensembles that share a target, R-hat² - 1 falls as one over the length
+            # R-hat² - 1 falls like one over the length if ensembles share a target
             self.kept * ((float(self.r_hat.max()) ** 2 - 1.0) / (goal.r_hat**2 - 1.0) - 1.0),
             0.1 * self.steps,
         ]
         return math.ceil(min(max(needs), 20.0 * self.steps))
 
     def sentence(self) -> str:
-        """The verdict in one line, with what is missing and about how many steps would supply it."""
+        """Return the verdict in one line, with the unmet criteria and an estimate of the missing steps."""
         ensembles = self.tau.shape[0]
         head = f"after {self.steps} steps of {ensembles} x {self.walkers} walkers"
         if self.converged:
@@ -171,7 +171,7 @@ class Verdict:
         return f"{self.tau.max():.0f} steps for the slowest quantity, {self.names[self.worst]}"
 
     def _starts(self) -> str:
-        """Say how many modes there are, and what the search for them could have missed."""
+        """Say how many modes there are, and how well the search for them covers the prior."""
         climbs, hopeless, _ = self.starts
         if self.shares:
             held = [f"{s.share:.3f} ± {s.error:.3f}" for s in self.shares if s.share > 0]
@@ -210,10 +210,10 @@ class Verdict:
 
     @property
     def modes(self) -> str:
-        """Who sits in separate modes, if anybody seems to; empty otherwise.
+        """Ensembles or walkers that seem to sit in separate modes, in words; empty if none do.
 
-        Ensembles that disagree by far, or walkers that make far fewer effective draws together than each of
-        them does alone, although all of them are long in their own autocorrelation times.
+        The signs are ensembles that disagree strongly, or walkers whose joint effective sample size is far below
+        the sum of their own, although all are long in their own autocorrelation times.
         """
         if not self.lengths >= self.goal.lengths:
             return ""
@@ -235,12 +235,12 @@ def look(
     inside: NDArray[np.bool_] | None = None,
     starts: Starts = NO_STARTS,
 ) -> Verdict:
-    """Judge the chains as they are now.
+    """Check the chains for convergence.
 
     Parameters
     ----------
     names
-        Quantities to judge.
+        Names of the quantities.
     values
         Their stored values from the first step on, shape (ensembles, stored, walkers, quantities).
     stride
@@ -248,14 +248,14 @@ def look(
     acceptance
         Share of accepted proposals, for the record.
     before
-        Verdict of the look before this one.
+        Verdict of the previous check.
     goal
-        When the run counts as converged.
+        Criteria of convergence.
     inside
-        Where the density has several modes: whether a draw is in each, shape (ensembles, stored, walkers, modes).
-        Their shares are judged as the other quantities are.
+        If the density has several modes, whether each draw is in each mode, shape (ensembles, stored, walkers,
+        modes). Their shares are judged like the other quantities.
     starts
-        What the search for places to start found, for the record.
+        Result of the search for starting points, for the record.
     """
     _, stored, walkers, _ = values.shape
     walks = np.moveaxis(values, -1, 1)
@@ -278,7 +278,7 @@ def look(
         change = float(abs(mean / before.tau[:, worst].mean() - 1.0))
     missing = np.full(len(names), math.nan)
     ess = (missing, missing)
-    # effective sizes take longest, and are asked for where all else holds
+    # effective sample sizes take longest, and are computed only if all other criteria hold
     fits = kept >= goal.lengths * tau.max() and r_hat.max() <= goal.r_hat and change <= goal.tau_change
     if fits:
         count = values[..., 0].size * kept / stored / tau[0, walks.shape[1] :]  # of the modes' indicators
@@ -308,8 +308,8 @@ def look(
 def _shares(inside: NDArray[np.bool_]) -> tuple[tuple[Share, ...], FloatArray, FloatArray]:
     """Return each mode's share, the autocorrelation time of being in it, and R-hat between ensembles.
 
-    All walkers of all ensembles share one mean: modes between which nobody moves make the time as long as the walk.
-    A mode in which there is no draw, or every draw, has nothing to be judged by, and counts as well mixed.
+    All walkers of all ensembles share one mean. If no walker moves between modes, the time is as long as the walk.
+    A mode with no draws, or with all of them, cannot be judged and counts as well mixed.
     """
     walks = np.moveaxis(inside, -1, 1).astype(float)
     modes = walks.shape[1]
@@ -320,7 +320,7 @@ def _shares(inside: NDArray[np.bool_]) -> tuple[tuple[Share, ...], FloatArray, F
     times[mixed] = indicator_time(together[mixed], np.full(int(mixed.sum()), 0.5))
     half = walks.shape[2] // 2
     halves = np.concatenate([walks[:, :, :half].mean(axis=(2, 3)), walks[:, :, half:].mean(axis=(2, 3))])
-    # split R-hat; ranks and folds tell no more of what is either 0 or 1
+    # split R-hat; ranks and folding add nothing for a quantity that is 0 or 1
     within = (halves * (1.0 - halves)).mean(axis=0)
     with np.errstate(divide="ignore"):  # ensembles that never change modes
         apart[mixed] = np.sqrt(1.0 + halves.var(axis=0, ddof=1)[mixed] / within[mixed])
@@ -329,7 +329,7 @@ def _shares(inside: NDArray[np.bool_]) -> tuple[tuple[Share, ...], FloatArray, F
 
 
 def r_hat_between(walks: FloatArray) -> FloatArray:
-    """R-hat between ensembles, each one chain with its walkers interleaved in time order.
+    """Return R-hat between ensembles, each taken as one chain with its walkers interleaved in time order.
 
     Parameters
     ----------
@@ -349,7 +349,7 @@ def r_hat_between(walks: FloatArray) -> FloatArray:
 
 
 def ess_tail(walks: FloatArray) -> FloatArray:
-    """Effective number of draws in the tails, from tau of the indicators of the 5 % and 95 % quantiles.
+    """Return the effective sample size in the tails, from the indicators of the 5 % and 95 % quantiles.
 
     Parameters
     ----------
@@ -368,7 +368,7 @@ def ess_tail(walks: FloatArray) -> FloatArray:
 
 
 def _bulk(walks: FloatArray, tau: FloatArray) -> FloatArray:
-    """Bulk ESS by ArviZ with one chain per walker, of every so many draws: much the same, much faster."""
+    """Return ArviZ's bulk ESS with one chain per walker, from thinned draws: nearly the same and much faster."""
     sizes = []
     for k in range(walks.shape[1]):
         every = max(1, int(tau[:, k].min() / _ESS_STRIDE))

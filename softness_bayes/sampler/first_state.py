@@ -1,4 +1,4 @@
-"""The first state of a run: walkers of all ensembles about points optimised in the workers."""
+"""First state of a run: walkers of all ensembles about points that the workers have optimised."""
 
 from __future__ import annotations
 
@@ -31,9 +31,9 @@ def place_walkers(
     Parameters
     ----------
     workers
-        Their resident is the target.
+        Processes that hold the target as their resident.
     seed
-        Decides everything; each ensemble and each climb gets a child of it.
+        Source of all random numbers; each ensemble and each climb gets a child of it.
     ensembles, walkers, optima
         Ensembles, walkers of each, and optimised points about which these start.
     first_look
@@ -44,7 +44,7 @@ def place_walkers(
     NumericalError
         If the density is zero at every start.
     """
-    # children by key, not by spawn(): the same seed gives the same draws however often it was spawned before
+    # children by key, not by spawn(), whose result depends on how often it was called before
     seeds = [
         [np.random.SeedSequence(seed.entropy, spawn_key=(*seed.spawn_key, e, k)) for k in range(optima + 2)]
         for e in range(ensembles)
@@ -73,7 +73,7 @@ def place_walkers(
 
 
 def watched(workers: Workers, tasks: list[tuple[Any, ...]]) -> tuple[list[Any], Nonfinite]:
-    """Results of tasks (work, argument, ...), and where the resident density could not be computed in them."""
+    """Return the results of tasks (work, argument, ...), and the points at which the density could not be computed."""
     done = workers.map(_watch, tasks)
     return [value for value, _ in done], sum((found for _, found in done), Nonfinite())
 

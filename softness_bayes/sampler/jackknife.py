@@ -10,21 +10,21 @@ from numpy.typing import NDArray
 FloatArray = NDArray[np.float64]
 
 GROUPS = 20
-"""Groups of consecutive draws; with so many the error itself is uncertain by a sixth."""
+"""Number of groups of consecutive draws; it makes the error itself uncertain by a sixth."""
 
 
 def jackknife(statistic: Callable[[NDArray[np.bool_]], float | FloatArray], draws: int) -> FloatArray:
-    """Monte-Carlo standard error of a statistic, from leaving out one group of draws after the other.
+    """Return the Monte-Carlo standard error of a statistic, leaving out one group of draws at a time.
 
-    Groups are consecutive draws, so that chains, or long parts of a chain, stay together with the correlations within
-    them; NaN with fewer draws than two for each group.
+    Groups are consecutive draws, so that they keep the correlations within chains. The error is NaN with fewer than two
+    draws for each group.
 
     Parameters
     ----------
     statistic
-        Value, or values, from the draws that are marked.
+        Function of a mask of draws that returns the value, or values, of the marked ones.
     draws
-        How many there are, chain after chain.
+        Number of draws, in order of the chains.
     """
     if draws < 2 * GROUPS:
         return np.asarray(np.full(np.shape(statistic(np.ones(draws, dtype=bool))), np.nan))

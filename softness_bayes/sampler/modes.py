@@ -1,8 +1,7 @@
-"""Separate modes of a density: which draw is of which, and a map of each.
+"""Separate modes of a density: the mode of each draw, and a map of each mode.
 
-A mode starts as the normal law that matches an optimum. From a pilot walk it gets a map of its own, which may be
-bent, so that draws change sides where the maps tell better than the normal laws did. Modes that turn out to overlap
-are one.
+A mode starts as the normal law that matches an optimum. From a pilot walk it gets its own map, which may be curved;
+draws are then assigned again, by the maps. Modes that overlap are merged.
 """
 
 from __future__ import annotations
@@ -19,10 +18,10 @@ from softness_bayes.sampler.moves import Student
 FloatArray = NDArray[np.float64]
 Labels = NDArray[np.intp]
 
-_ROUNDS = 10  # of labelling draws and mapping the modes anew
-_FEWEST = 4  # different draws of a mode, for each dimension, below which it keeps the map that it has
-_NEAR = 3.0  # a draw is at home in two modes if their log densities differ by less
-_SHARED = 0.1  # share of such draws beyond which two modes overlap
+_ROUNDS = 10  # of assigning draws to modes and fitting the maps again
+_FEWEST = 4  # distinct draws of a mode, for each dimension, below which its map is not fitted again
+_NEAR = 3.0  # a draw belongs to two modes if their log densities differ by less
+_SHARED = 0.1  # share of such draws above which two modes overlap
 
 _LAW = Student()
 
@@ -64,7 +63,7 @@ def learn_modes(
 def _mapped(
     modes: list[TriangularMap], draws: FloatArray, height: FloatArray, tau: float
 ) -> tuple[list[TriangularMap], Labels]:
-    """Map modes and label draws in turns until few draws change sides."""
+    """Fit maps and assign draws in turns until few draws change their mode."""
     label = labels(modes, draws)
     for _ in range(_ROUNDS):
         own = [label == k for k in range(len(modes))]
@@ -80,7 +79,7 @@ def _mapped(
 
 
 def _overlapping(modes: Sequence[TriangularMap], label: Labels, draws: FloatArray) -> tuple[int, int] | None:
-    """Return two modes of which the draws of one are often at home in the other, if there are any."""
+    """Return two modes of which many draws of one also belong to the other, or None."""
     density = _log_densities(modes, draws)
     for k, other in permutations(range(len(modes)), 2):
         mine = label == k

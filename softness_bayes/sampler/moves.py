@@ -1,7 +1,7 @@
-"""How walkers propose: values that say it, and make emcee's move when a walk begins.
+"""Proposals of walkers, as values that make emcee's moves when a walk begins.
 
-emcee is imported when a walk begins and not before: it brings SciPy's statistics, a third of a second of every start,
-and only the processes in which walkers walk need it.
+emcee is imported only when a walk begins. It imports SciPy's statistics, which takes a third of a second, and only
+the processes in which walkers walk need it.
 """
 
 from __future__ import annotations
@@ -22,27 +22,27 @@ FloatArray = NDArray[np.float64]
 
 
 class Mode(NamedTuple):
-    """A mode of the density as walkers see it that move in the coordinates of a map."""
+    """A mode of the density, for walkers that move in the coordinates of a map."""
 
     walkers: TriangularMap
-    """The map whose coordinates y the walkers have."""
+    """The map that defines the walkers' coordinates y."""
     own: TriangularMap
     """The mode's own map, in whose coordinates u the mode is near a standard normal law."""
 
     def forward(self, u: FloatArray) -> FloatArray:
-        """Where a point of the mode is for walkers."""
+        """Return the walkers' coordinates y of points in the mode's coordinates."""
         return self.walkers.inverse(self.own.forward(u))
 
     def inverse(self, y: FloatArray) -> FloatArray:
-        """The mode's coordinates of walkers at ``y``."""
+        """Return the mode's coordinates of walkers at ``y``."""
         return self.own.inverse(self.walkers.forward(y))
 
 
 class Proposal(Protocol):
-    """A way to propose, whose ``repr`` says all that decides the draws."""
+    """A kind of proposal, whose ``repr`` contains everything that affects the draws."""
 
     def made(self) -> Move:
-        """The move of emcee that proposes so; a new one each time, for emcee keeps notes in it."""
+        """Return emcee's move for this proposal; a new one each time, because emcee stores state in it."""
 
 
 Moves = tuple[tuple[Proposal, float], ...]
@@ -75,9 +75,9 @@ class DifferentialEvolution:
 
 @dataclass(frozen=True)
 class Student:
-    """Proposals from Student's law about the origin, wherever the walkers are.
+    """Proposals from Student's law about the origin, independent of the walkers' places.
 
-    Its tails are heavier than a normal law's, so that a walker in a tail that the map misses is not stuck.
+    Its tails are heavier than those of a normal law, so that a walker in a tail that the map misses is not stuck.
     """
 
     freedom: float = 5.0
@@ -89,14 +89,14 @@ class Student:
         return MHMove(self)
 
     def __call__(self, coordinates: FloatArray, random: np.random.RandomState) -> tuple[FloatArray, FloatArray]:
-        """Propose a point for every walker; also the log ratio of the proposal's densities, old over new."""
+        """Propose a point for every walker; return also the log ratio of the proposal's densities, old over new."""
         shape = coordinates.shape
         spread = np.sqrt(random.chisquare(self.freedom, shape[0]) / self.freedom)
         proposed = random.standard_normal(shape) / spread[:, None]
         return proposed, self.log_density(coordinates) - self.log_density(proposed)
 
     def log_density(self, y: FloatArray) -> FloatArray:
-        """Log density of Student's law up to a constant, shape (...), at ``y`` of shape (..., dimension)."""
+        """Return the log density of Student's law up to a constant, shape (...), at ``y`` of shape (..., dimension)."""
         return -0.5 * (self.freedom + y.shape[-1]) * np.log1p((y**2).sum(axis=-1) / self.freedom)
 
 
@@ -104,8 +104,8 @@ class Student:
 class StudentModes:
     """Proposals from a mixture of Student's laws, one about each mode and all of the same weight.
 
-    They carry walkers from one mode to any other, however far apart and however different in width, and each mode
-    gets the walkers that its mass deserves.
+    They carry walkers from one mode to any other, at any distance and of any width, so that each mode gets walkers
+    in proportion to its mass.
     """
 
     law: Student
@@ -118,7 +118,7 @@ class StudentModes:
         return MHMove(self)
 
     def __call__(self, coordinates: FloatArray, random: np.random.RandomState) -> tuple[FloatArray, FloatArray]:
-        """Propose a point for every walker; also the log ratio of the proposal's densities, old over new."""
+        """Propose a point for every walker; return also the log ratio of the proposal's densities, old over new."""
         chosen = random.randint(len(self.modes), size=len(coordinates))
         u, _ = self.law(coordinates, random)
         proposed = np.empty_like(coordinates)
@@ -132,7 +132,7 @@ class StudentModes:
 
 
 def leaping(moves: Moves, modes: Sequence[Mode]) -> Moves:
-    """The moves on a density with several modes: those that propose about the origin do so about each mode."""
+    """Return the moves on a density with several modes: proposals about the origin become proposals about each mode."""
     return tuple(
         (StudentModes(proposal, tuple(modes)) if modes and isinstance(proposal, Student) else proposal, share)
         for proposal, share in moves
@@ -140,15 +140,15 @@ def leaping(moves: Moves, modes: Sequence[Mode]) -> Moves:
 
 
 FIRST_MOVES: Moves = ((DifferentialEvolution(), 0.9), (DifferentialEvolution(1.0), 0.1))
-"""Before anything is known of the density's shape."""
+"""Moves before the density's shape is known."""
 
 STRETCH: Moves = ((Stretch(), 1.0),)
-"""What the benchmark compares with."""
+"""Moves for comparison in the benchmark."""
 
 MOVES: Moves = (
     (Student(), 0.6),
     (DifferentialEvolution(), 0.27),
-    (DifferentialEvolution(0.12), 0.1),  # frees a walker in a tail that the map misses, where longer steps find nothing
+    (DifferentialEvolution(0.12), 0.1),  # short steps for a walker in a tail that the map misses
     (DifferentialEvolution(1.0), 0.03),  # carries a walker from one mode to another
 )
 """In the coordinates of the learnt map.

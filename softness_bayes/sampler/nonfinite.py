@@ -1,4 +1,4 @@
-"""Points at which a density could not be computed: counted, kept, and treated as of density zero."""
+"""Points at which a density could not be computed: counted, recorded, and given density zero."""
 
 from __future__ import annotations
 
@@ -16,17 +16,17 @@ FloatArray = NDArray[np.float64]
 Value = TypeVar("Value")
 
 KEPT = 1000
-"""Points that a record keeps; beyond it they are only counted."""
+"""Largest number of points that a record keeps; further ones are only counted."""
 
-_LEAST = 10_000  # evaluations below which a share is judged as if there were so many: ten failures are always allowed
+_LEAST = 10_000  # smallest denominator of the share of failures, so that a few failures are always allowed
 
 
 @runtime_checkable
 class Explaining(Protocol):
-    """A target that can say which of its stages fails."""
+    """A target that can name the stage that fails."""
 
     def failing_stage(self, z: FloatArray) -> str:
-        """Name of the first stage that gives no finite number at one point ``z``, shape (dimension,)."""
+        """Return the name of the first stage without a finite result at one point ``z``, shape (dimension,)."""
 
 
 class Failure(NamedTuple):
@@ -35,19 +35,19 @@ class Failure(NamedTuple):
     point: tuple[float, ...]
     """Sampler coordinates."""
     stage: str
-    """What failed."""
+    """The stage that failed."""
 
 
 @dataclass(frozen=True)
 class Nonfinite:
-    """How often a density was asked for, and where it could not be computed.
+    """Number of evaluations of a density, and the points at which it could not be computed.
 
     Parameters
     ----------
     evaluations
-        Points at which it was asked for.
+        Points at which it was evaluated.
     count
-        Points at which it was no number, or infinitely large.
+        Points at which it was NaN or plus infinity.
     failures
         The first `KEPT` of them.
     """
@@ -62,11 +62,11 @@ class Nonfinite:
 
     @property
     def share(self) -> float:
-        """Share of the evaluations that failed; few evaluations count as ten thousand."""
+        """Share of the evaluations that failed; fewer than ten thousand evaluations count as ten thousand."""
         return self.count / max(self.evaluations, _LEAST)
 
     def sentence(self, names: Sequence[str], natural: Callable[[FloatArray], FloatArray]) -> str:
-        """How many failed, and the first of them in natural units; empty if none did."""
+        """Say how many failed, with the first of them in natural units; empty if none did."""
         if not self.failures:
             return ""
         first = natural(np.array(self.failures[0].point))
@@ -81,7 +81,7 @@ class Watched:
     """A target whose failures are recorded in `found` and have density zero, so that they are never accepted.
 
     A target fails where it returns NaN or plus infinity, or raises an arithmetic error; minus infinity is
-    a density of zero. It is called as the target is, and hands everything else on to it.
+    a density of zero. It is called like the target, and passes everything else on to it.
     """
 
     def __init__(self, target: Target) -> None:
@@ -93,15 +93,15 @@ class Watched:
         return self._target.names
 
     def natural(self, z: FloatArray) -> FloatArray:
-        """Parameters [natural units] at coordinates ``z``."""
+        """Return parameters [natural units] at coordinates ``z``."""
         return self._target.natural(z)
 
     def draw_start(self, rng: np.random.Generator, size: int) -> FloatArray:
-        """Dispersed points from which optima may be sought."""
+        """Draw dispersed points at which a search for optima may start."""
         return self._target.draw_start(rng, size)
 
     def __call__(self, z: FloatArray) -> FloatArray:
-        """Log density at ``z`` (points, dimension), shape (points,): minus infinity where it fails."""
+        """Return the log density at ``z`` (points, dimension), shape (points,): minus infinity where it fails."""
         raised: dict[int, str] = {}
         try:
             value = np.array(self._target(z), float)
@@ -117,7 +117,7 @@ class Watched:
         return value
 
     def _one_by_one(self, z: FloatArray) -> tuple[FloatArray, dict[int, str]]:
-        """Values at points of which some raise, and what those say."""
+        """Return values at points of which some raise, and the messages of those."""
         value, raised = np.full(len(z), np.nan), dict[int, str]()
         for i in range(len(z)):
             try:
@@ -131,12 +131,12 @@ class Watched:
 
 
 def watching(work: Callable[..., Value], target: Target, *task: Any) -> tuple[Value, Nonfinite]:
-    """Return ``work(target, *task)`` and what the target failed at meanwhile.
+    """Return ``work(target, *task)`` and the failures of the target during it.
 
     Raises
     ------
     NumericalError
-        If the work does, with the failures so far in the message.
+        If the work raises it; the message adds the failures so far.
     """
     watched = Watched(target)
     try:

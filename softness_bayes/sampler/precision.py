@@ -13,17 +13,17 @@ FloatArray = NDArray[np.float64]
 
 
 class Estimate(NamedTuple):
-    """A number from draws."""
+    """An estimate from draws."""
 
     value: float
     error: float
-    """Its Monte-Carlo standard error; NaN where there is no number."""
+    """Its Monte-Carlo standard error; NaN if there is no estimate."""
 
 
 def share(holds: NDArray[np.bool_]) -> Estimate:
     """Return the share of draws for which something holds.
 
-    Half a draw is added to either side for the error alone, so that a share of 0 or 1 has one too.
+    For the error, half a draw is added to either side, so that a share of 0 or 1 has an error too.
 
     Parameters
     ----------
@@ -39,31 +39,31 @@ def quantile(walks: FloatArray, probability: float) -> Estimate:
     """Return a quantile of those draws that have a value.
 
     Its error is half the distance between the quantiles one standard error of the probability below and above
-    (Vehtari et al., Bayesian Analysis 16, 667, 2021); that which stems from who has a value is part of it.
+    (Vehtari et al., Bayesian Analysis 16, 667, 2021). It includes the error of which draws have a value.
 
     Parameters
     ----------
     walks
         Shape (ensembles, steps, walkers), NaN where a draw has no value.
     probability
-        Of a smaller value.
+        Probability of a smaller value.
     """
     has = np.isfinite(walks)
     known = walks[has]
     if known.size == 0:
         return Estimate(np.nan, np.nan)
     value = float(np.quantile(known, probability))
-    # how each draw pulls at the probability; the mean is 0
+    # influence of each draw on the probability, of mean 0
     pull = np.where(has, np.where(has, walks, np.inf) <= value, probability) - probability
     error = float(np.sqrt((pull**2).mean() / effective_size(pull)) / has.mean())
-    # never less than the spread of a binomial share of so many draws, where all are on one side
+    # at least the binomial spread of a share, if all draws are on one side
     error = max(error, 0.5 / known.size)
     low, high = np.quantile(known, np.clip([probability - error, probability + error], 0.0, 1.0))
     return Estimate(value, float(0.5 * (high - low)))
 
 
 def effective_size(walks: FloatArray) -> float:
-    """Return the effective number of draws, as many as there are where nothing varies.
+    """Return the effective sample size; the number of draws if nothing varies.
 
     Parameters
     ----------

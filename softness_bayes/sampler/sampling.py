@@ -1,13 +1,13 @@
 """Independent ensembles of walkers, run until they have converged.
 
-A run has three parts. Walkers start about optimised points (`starts`). In a pilot walk of a fixed number of
-steps, the density's shape is learnt (`adaptation`); its draws are dropped. A walk that looks find slow all the same
-becomes one more stage of the pilot, a few times at most. From then on nothing is adapted: what follows is a Markov
-chain with the density as its law.
+A run has three parts. Walkers start about optimised points (`starts`). A pilot walk of a fixed number of steps learns
+the density's shape (`adaptation`); its draws are dropped. If a check finds the walk slow, it becomes one more stage of
+the pilot, a few times at most. After that nothing is adapted, and the walk is a Markov chain with the density as its
+stationary distribution.
 
-The chain depends on target, settings and seed alone. A run is a sequence of states (`walk`), each of which can be
-continued to the same chain, whatever the machine's speed and however often the run was interrupted: looks are made
-at steps that only the chain decides, and a look made because a limit is reached leaves no trace in what follows.
+The chain depends only on target, settings and seed. A run is a sequence of states (`walk`), each of which continues to
+the same chain, whatever the speed of the machine and however often the run is interrupted: only the chain decides at
+which steps it is checked, and a check at a limit does not change the chain.
 """
 
 from __future__ import annotations
@@ -37,28 +37,28 @@ from softness_bayes.sampler.workers import Workers, available_processors
 FloatArray = NDArray[np.float64]
 
 PATIENCE = 2.0
-"""Time [s] after which an ensemble reports, so that little is lost if the run is killed."""
+"""Time [s] between reports of an ensemble, which limits the loss if the run is killed."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Settings(Schedule):
-    """How to sample: a `Schedule`, and who walks how.
+    """Settings of the sampler: a `Schedule`, the ensembles and their moves.
 
     Parameters
     ----------
     ensembles
         Independent ensembles, at least two.
     walkers
-        Walkers of each; chosen by dimension if left out.
+        Walkers of each; by default from the dimension.
     processes
-        Worker processes; one for each ensemble or processor, whichever are fewer, if left out. The draws do
-        not depend on it.
+        Worker processes; by default one for each ensemble or processor, whichever are fewer. The draws do not
+        depend on it.
     optima
         Optimised points about which the walkers of an ensemble start.
     first_moves, moves
         Proposals with their probabilities in the first stage of the pilot, and from then on.
     failures
-        Share of the evaluated points at which the density may fail to be a number; beyond it the run stops.
+        Largest share of evaluated points at which the density may be NaN; above it the run stops.
     """
 
     ensembles: int = 4
@@ -79,11 +79,11 @@ class Settings(Schedule):
         STEPS.require("sampling: max_steps", self.max_steps)
 
     def workers(self, target: Target) -> Workers:
-        """Processes that share the ensembles, each of which holds the target."""
+        """Return the processes that share the ensembles, each of which holds the target."""
         return Workers(target, self.processes or min(self.ensembles, available_processors()))
 
     def walkers_for(self, dimension: int) -> int:
-        """Walkers of each ensemble.
+        """Return the number of walkers of each ensemble.
 
         Raises
         ------
@@ -98,7 +98,7 @@ class Settings(Schedule):
         return self.walkers
 
     def description(self, dimension: int) -> dict[str, str]:
-        """What decides the draws, by name; limits and processes are not among it."""
+        """Return the settings that affect the draws, by name; limits and processes do not."""
         named = ("ensembles", "round_steps", "stored", "optima", "pilot", "relearning", "slow", "growing", "goal")
         plain = {name: getattr(self, name) for name in named}
         moves = {
@@ -109,7 +109,7 @@ class Settings(Schedule):
 
 
 class Progress(NamedTuple):
-    """Where a run is."""
+    """Progress of a run."""
 
     steps: int
     """Steps walked."""
@@ -118,18 +118,18 @@ class Progress(NamedTuple):
     seconds: float
     """Time since the start, earlier sessions included."""
     verdict: Verdict | None
-    """The last look; none before the first."""
+    """The last convergence check; None before the first."""
     failures: int = 0
     """Points at which the density could not be computed."""
 
 
 class Sampled(NamedTuple):
-    """What a run leaves behind."""
+    """Result of a run."""
 
     chains: Chains
     """All stored steps, those before the burn-in of the verdict included."""
     verdict: Verdict
-    """The last look."""
+    """The last convergence check."""
 
 
 def advance(
@@ -141,14 +141,14 @@ def advance(
     stride: int = 1,
     modes: Sequence[TriangularMap] = (),
 ) -> tuple[EnsembleState, Segment]:
-    """Let one ensemble walk; two calls give bit by bit what one call over all the steps gives.
+    """Walk one ensemble; two calls give bit by bit the same as one call over all steps.
 
     Parameters
     ----------
     target
         Density to sample.
     state
-        Where the ensemble is.
+        State of the ensemble.
     steps
         Steps to walk, a multiple of ``stride``.
     moves
@@ -167,7 +167,7 @@ def advance(
     leaps = leaping(moves, [Mode(map, own) for own in modes])
     made = [(proposal.made(), share) for proposal, share in leaps]
     sampler = emcee.EnsembleSampler(walkers, dimension, mapped, moves=made, vectorize=True)
-    # emcee takes any state without complaint and keeps NumPy's global one if it does not understand it
+    # emcee accepts any state, and silently uses NumPy's global one if it does not understand it
     sampler.random_state = state.random
     if not _same_random(sampler.random_state, state.random):
         raise NumericalError("the state of the random generator was not accepted")
@@ -194,19 +194,19 @@ def walk(
     settings
         How to sample.
     seed
-        Decides the draws, together with target and settings but whatever the number of processes.
+        Seed of the draws, which do not depend on the number of processes.
     begin
-        State of a run with the same target, settings and seed, which is continued; limits may differ.
+        State of a run with the same target, settings and seed, to be continued; limits may differ.
     workers
-        Processes that hold the target, as `Settings.workers` makes them; if left out, some for this walk alone.
+        Processes that hold the target, as `Settings.workers` makes them; by default new ones.
 
     Raises
     ------
     NumericalError
-        If the density is zero wherever walkers start; or, after the state that says so, if it could not be
-        computed at more than the settings' share of points.
+        If the density is zero at all starts, or could not be computed at more than the settings' share of points
+        (raised after the state that records it).
     InputError
-        If the settings do not suit the target.
+        If the settings do not fit the target.
     """
     begun = time.monotonic()
     root = seed if isinstance(seed, np.random.SeedSequence) else np.random.SeedSequence(seed)
@@ -259,20 +259,20 @@ def sample_until(
 
 
 def sampled_of(state: RunState) -> Sampled:
-    """What a run that has ended leaves behind."""
+    """Return the result of a run that has ended."""
     if not state.ended or state.verdict is None:
         raise ValueError("the run has not ended")
     return Sampled(state.chains, state.verdict)
 
 
 def progress_of(state: RunState, settings: Settings) -> Progress:
-    """Where a run is, in short."""
+    """Return the progress of a run."""
     steps = 0 if settings.in_pilot(state) else state.steps
     return Progress(steps, settings.missing(state), state.seconds, state.verdict, state.nonfinite.count)
 
 
 def _advance(workers: Workers, settings: Settings, state: RunState, steps: int) -> RunState:
-    """Let all ensembles walk."""
+    """Walk all ensembles."""
     first = state.phase == 0 and bool(settings.pilot)
     moves = settings.first_moves if first else settings.moves
     tasks = [(advance, one, steps, moves, state.map, state.stride, state.modes) for one in state.ensembles]

@@ -1,8 +1,7 @@
-"""When a run looks at its chains, thins what it stores, changes from pilot to walk, and ends.
+"""Schedule of a run: convergence checks, thinning, the change from pilot to walk, and the end.
 
-All of it is decided by the steps walked and by what was drawn, never by the clock or by interruptions: a state that
-was settled once settles in the same way again. Only where a limit ends a run is up to the limit, and the look made
-there leaves no trace in what follows.
+The schedule depends on the steps walked and on the draws, and never on the clock or on interruptions. Only a limit
+may end a run elsewhere, and the check made there does not change the chain.
 """
 
 from __future__ import annotations
@@ -23,27 +22,27 @@ from softness_bayes.sampler.state import RunState
 
 @dataclass(frozen=True, kw_only=True)
 class Schedule:
-    """How long to walk, and what to do on the way.
+    """Length of a walk, and its schedule.
 
     Parameters
     ----------
     pilot
-        Steps of each stage of the pilot walk; after each the map is learnt anew from its second half.
+        Steps of each stage of the pilot walk; after each the map is learnt again from its second half.
     relearning
-        How often a walk that a look finds slow becomes one more stage of the pilot.
+        Number of times that a slow walk may become one more stage of the pilot.
     slow, growing
-        Kept steps, in autocorrelation times, below which a look finds a walk slow; and change of that time since the
-        look before that means as much: walkers are still finding their way into tails that the map has not seen.
+        Kept steps, in autocorrelation times, below which a walk counts as slow; and the change of that time since the
+        previous check above which it does too, because walkers are still entering tails that the map has not seen.
     round_steps
-        Looks are made at multiples of so many steps.
+        Checks are made at multiples of this number of steps.
     stored
-        Largest number of stored steps of an ensemble; beyond it every second one is dropped, again and again.
+        Largest number of stored steps of an ensemble; above it every second one is dropped, repeatedly.
     goal
-        When the run counts as converged.
+        Criteria of convergence.
     min_steps
-        Steps to walk even if the run has converged before.
+        Smallest number of steps, even if the run has converged before.
     max_steps, max_seconds
-        Where to stop without having converged; steps count from the last map on, the time is that of this session.
+        Limits at which a run stops without having converged; steps count from the last map on, time is of this session.
     """
 
     pilot: tuple[int, ...] = (100, 200)
@@ -66,13 +65,13 @@ class Schedule:
 
     @property
     def first_look(self) -> int:
-        """Steps before the first look."""
+        """Steps before the first convergence check."""
         return 3 * self.round_steps
 
     def relearned(self, state: RunState) -> RunState:
-        """The state to walk on from: with a new map, all draws dropped, if the last look found the walk slow.
+        """Return the state to continue from: with a new map and no draws if the last check found the walk slow.
 
-        Whether it did is up to the draws, not to limits: a run that has ended here does it when it is continued.
+        The decision depends on the draws, not on limits: a run that ended here makes it when it is continued.
         """
         again, found = state.phase - len(self.pilot), state.before
         if not 0 <= again < self.relearning or found is None or found.steps != state.steps:
@@ -87,16 +86,16 @@ class Schedule:
         return state.phase < len(self.pilot)
 
     def settle(self, target: Target, state: RunState, late: bool) -> RunState:
-        """Do what is due where a run is: learn a map, thin what is stored, look at the chains, end.
+        """Do the steps that are due: learn a map, thin the stored steps, check the chains, end.
 
         Parameters
         ----------
         target
-            What is sampled.
+            The density to sample.
         state
-            Where the run is.
+        State of the run.
         late
-            Whether its time is over.
+        Whether its time limit is reached.
         """
         while self.in_pilot(state) and state.steps == self.pilot[state.phase]:
             state = _learn(state)
@@ -109,7 +108,7 @@ class Schedule:
             state = replace(state, parts=halved, stride=2 * state.stride)
         if state.steps >= state.due and self._on_grid(state):
             verdict = _look(target, state, self.goal)
-            # a tenth more at least: a look at a long run takes longer than a round
+            # at least a tenth more: a check of a long run takes longer than a round
             wait = max(verdict.more_steps, self.round_steps, -(-state.steps // 10))
             joined = tuple((Segment.join(part),) for part in state.parts)
             due = state.steps + min(wait, state.steps)
@@ -120,7 +119,7 @@ class Schedule:
         return replace(state, ended=last is not None and last.converged and state.steps >= self.min_steps)
 
     def next_steps(self, state: RunState, affordable: float) -> int:
-        """Steps to walk before the next state: to the grid, to a limit or what is affordable, in whole strides."""
+        """Return the steps before the next state: to the grid, a limit or the affordable number, in whole strides."""
         if self.in_pilot(state):
             most = self.pilot[state.phase] - state.steps
         else:
@@ -129,7 +128,7 @@ class Schedule:
         return max(int(min(most, affordable)) // state.stride * state.stride, state.stride)
 
     def missing(self, state: RunState) -> int:
-        """Estimate of the steps that a run still has to walk after its pilot."""
+        """Return an estimate of the remaining steps of a run after its pilot."""
         if state.ended:
             return 0
         steps = 0 if self.in_pilot(state) else state.steps
@@ -137,7 +136,7 @@ class Schedule:
         return max(min(max(goal, self.min_steps), self.max_steps) - steps, 0)
 
     def _grid(self, state: RunState) -> int:
-        """Steps between the places where looks may be made: a round, in whole strides."""
+        """Return the steps between possible checks: a round, in whole strides."""
         return -(-self.round_steps // state.stride) * state.stride
 
     def _on_grid(self, state: RunState) -> bool:

@@ -1,4 +1,4 @@
-"""States of a run as arrays and plain values that a file can hold, and back, bit by bit."""
+"""Conversion of a run's states to arrays and plain values for a file, and back, bit by bit."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def as_json(values: Any, what: str, indent: int | None = None) -> str:
     values
         Mappings, sequences, text and numbers.
     what
-        What they are, for the message.
+        Name of the values, for the message.
     indent
         As `json.dumps` takes it.
 
@@ -59,10 +59,10 @@ def packed(arrays: Arrays) -> bytes:
 
 
 def changed(path: Path) -> InputError:
-    """Return the error that names a file of a checkpoint whose checksum does not fit."""
+    """Return the error for a file of a checkpoint whose checksum does not fit."""
     return InputError(
         f"{path}: damaged, or changed since it was written: its checksum does not fit; restore it from a copy, or "
-        "start the run anew in another directory"
+        "start the run again in another directory"
     )
 
 
@@ -72,7 +72,7 @@ def unpacked(path: Path, digest: str) -> dict[str, NDArray[Any]]:
     Raises
     ------
     InputError
-        If there is none, or it is not the one.
+        If the file is missing or has another digest.
     """
     try:
         with open(path, "rb") as opened:
@@ -119,7 +119,7 @@ def state_values(state: RunState) -> dict[str, Any]:
 
 
 def state_of(values: Mapping[str, Any], arrays: Arrays, segments: Sequence[Arrays]) -> RunState:
-    """Return the state of which these are the values, the arrays, and the pieces of the chains in order."""
+    """Return the state from its values, its arrays, and the pieces of its chains in order."""
     position, has_spare, spare = arrays["random_numbers"]
     ensembles = tuple(
         EnsembleState(

@@ -1,7 +1,7 @@
-"""Where walkers start: spread about several optimised points, each reached from a prior draw of its own.
+"""Starting points of walkers: spread about several optimised points, each reached from its own prior draw.
 
-A local optimum matters by its mass, not by its height: that of the normal law which matches it in height and
-curvature (Laplace). A narrow mode can stand far above a wide one of the same mass.
+A local optimum is weighted by its mass: that of the normal law that matches it in height and curvature (Laplace).
+Its height alone is no measure, because a narrow mode can be far higher than a wide one of the same mass.
 """
 
 from __future__ import annotations
@@ -18,21 +18,21 @@ from softness_bayes.errors import NumericalError
 FloatArray = NDArray[np.float64]
 
 CANDIDATES = 32
-"""Prior draws among which a climb starts."""
+"""Number of prior draws from which the start of a climb is chosen."""
 
 NEGLIGIBLE_MASS = 1e-3
-"""Share of the heaviest optimum's mass below which another one need not be started from."""
+"""Share of the heaviest optimum's mass below which no walker starts at another optimum."""
 
 _STEP = 1e-3  # of the gradient, in sampler coordinates: a thousandth of a parameter's value
 _CURVATURE_STEP = 2e-2
 _ITERATIONS = 40
-_TOLERANCE = 1e-5  # relative: hundredths in a log density of thousands, and walkers start wider than that
+_TOLERANCE = 1e-5  # relative: hundredths in a log density of thousands, less than the spread of walkers
 _WIDEN = 2.0  # walkers start this much wider than the curvature says
-_LEAST_CURVATURE = 0.25  # no direction is taken to be wider than a prior's factor of e²
-_DEPTH = 20.0  # a walker this far below its optimum, and ten for each parameter, is lost
-_LAPLACE_ERROR = 7.0  # of a log mass: on the shipped data, climbs that end along one ridge differ by up to five
-_UNSEEN = 0.05  # probability of missing a mode, at which the search is said to see it
-_BARRIER = 5.0  # optima on either side of a dip this deep, in log density, are modes of their own
+_LEAST_CURVATURE = 0.25  # smallest curvature, that of a factor of e²
+_DEPTH = 20.0  # depth below its optimum, plus ten for each parameter, at which a walker is moved towards it
+_LAPLACE_ERROR = 7.0  # error of a log mass: on the shipped data, climbs that end along one ridge differ by up to five
+_UNSEEN = 0.05  # probability of missing a mode at which `Starts.missed` is stated
+_BARRIER = 5.0  # depth of a dip in log density that separates two modes
 _ON_THE_WAY = np.linspace(0.0, 1.0, 9)[1:-1, None]
 
 
@@ -50,11 +50,11 @@ class Target(Protocol):
         """Log density, shape (points,), at ``z`` of shape (points, dimension)."""
 
     def draw_start(self, rng: np.random.Generator, size: int) -> FloatArray:
-        """Dispersed points of finite density from which optima may be sought, shape (size, dimension)."""
+        """Draw dispersed points of finite density at which searches for optima may start, shape (size, dimension)."""
 
 
 class Optimum(NamedTuple):
-    """A local maximum of a density and how far it reaches."""
+    """A local maximum of a density and its width."""
 
     point: FloatArray
     log_density: float
@@ -63,7 +63,7 @@ class Optimum(NamedTuple):
 
     @property
     def log_volume(self) -> float:
-        """Logarithm of how much room the matching normal law takes, up to a constant: log |det root|."""
+        """Logarithm of the volume of the matching normal law, up to a constant: log |det root|."""
         return float(np.linalg.slogdet(self.root)[1])
 
     @property
@@ -73,37 +73,37 @@ class Optimum(NamedTuple):
 
 
 class Starts(NamedTuple):
-    """What the search for places to start found."""
+    """Result of the search for starting points."""
 
     climbs: int = 0
     """Optimised points."""
     hopeless: int = 0
-    """Those whose mass is negligible."""
+    """Optimised points of negligible mass."""
     modes: int = 0
-    """Separate modes among the others."""
+    """Separate modes among the optimised points of larger mass."""
 
     @property
     def missed(self) -> float:
-        """Share p of climbs that end in a mode which all of these miss with a probability of 5 %: (1 - p)^climbs."""
+        """Share p of climbs that lead to a mode which all miss with a probability of 5 %: (1 - p)^climbs = 0.05."""
         return 1.0 if not self.climbs else float(1.0 - _UNSEEN ** (1.0 / self.climbs))
 
 
 NO_STARTS = Starts()
-"""Nothing was searched."""
+"""Starting points without a search."""
 
 
 def find_optimum(target: Target, rng: np.random.Generator, best: bool = True) -> Optimum:
-    """Climb from one of `CANDIDATES` starting draws.
+    """Return the optimum that a climb from one of `CANDIDATES` starting draws reaches.
 
     Parameters
     ----------
     target
-        What to climb on.
+        The density.
     rng
         Source of the starting draws.
     best
-        Whether to climb from the most probable draw, or from the first one of positive density. The best of many
-        draws is hardly ever near a narrow mode.
+        Whether to climb from the most probable draw or from the first one of positive density. The best of many
+        draws is rarely near a narrow mode.
 
     Raises
     ------
@@ -117,13 +117,13 @@ def find_optimum(target: Target, rng: np.random.Generator, best: bool = True) ->
     offsets = _STEP * np.vstack([np.zeros(len(target.names)), np.eye(len(target.names)), -np.eye(len(target.names))])
 
     def downhill(z: FloatArray) -> tuple[float, FloatArray]:
-        values = np.maximum(target(z + offsets), -1e12)  # a line search must come back from where density ends
+        values = np.maximum(target(z + offsets), -1e12)  # finite, so that a line search returns from zero density
         forward, backward = np.split(values[1:], 2)
         return -values[0], (backward - forward) / (2.0 * _STEP)
 
     order = np.where(np.isfinite(density), density, -np.inf) if best else np.isfinite(density)
     start = candidates[order.argmax()]
-    # no farther than the candidates reach, and half as much again: a line search knows no prior
+    # within one and a half times the range of the candidates, because a line search does not know the prior
     low, high = candidates.min(axis=0), candidates.max(axis=0)
     bounds = list(zip(low - 0.5 * (high - low), high + 0.5 * (high - low), strict=True))
     options = {"maxiter": _ITERATIONS, "ftol": _TOLERANCE}
@@ -134,9 +134,9 @@ def find_optimum(target: Target, rng: np.random.Generator, best: bool = True) ->
 def scatter(
     target: Target, rng: np.random.Generator, optima: Sequence[Optimum], walkers: int
 ) -> tuple[FloatArray, FloatArray]:
-    """Spread walkers about optima in equal numbers, twice as wide as the curvature says.
+    """Spread walkers about optima in equal numbers, at twice the width given by the curvature.
 
-    A walker that lands where the density is hopeless is drawn towards its optimum.
+    A walker of very low density is moved towards its optimum.
 
     Returns
     -------
@@ -159,10 +159,10 @@ def scatter(
 
 
 def worth_starting_from(optima: Iterable[Sequence[Optimum]]) -> list[list[Optimum]]:
-    """Leave out local optima of negligible mass; an ensemble left with none takes everyone's.
+    """Leave out local optima of negligible mass; an ensemble left with none takes those of all ensembles.
 
-    An optimum stays if its mass could be `NEGLIGIBLE_MASS` of the heaviest one's although the normal law that
-    matches it errs by as much again.
+    An optimum stays if its mass could be `NEGLIGIBLE_MASS` of the heaviest one's within the error of the Laplace
+    approximation.
     """
     groups = [list(group) for group in optima]
     least = max(o.log_mass for group in groups for o in group) + np.log(NEGLIGIBLE_MASS) - _LAPLACE_ERROR
@@ -174,8 +174,8 @@ def worth_starting_from(optima: Iterable[Sequence[Optimum]]) -> list[list[Optimu
 def separate(target: Target, optima: Iterable[Optimum]) -> list[Optimum]:
     """Return the heaviest optimum of each mode, heaviest first.
 
-    Two optima are taken for one mode if the density along the line between them dips by less than `_BARRIER` below
-    both, and they take the same room up to that factor: a narrow peak on a wide hill is a mode of its own.
+    Two optima belong to one mode if the log density along the line between them dips by less than `_BARRIER` below
+    both, and their volumes agree within that factor: a narrow peak on a wide hill is a mode of its own.
     """
     modes: list[Optimum] = []
     left = sorted(optima, key=lambda o: -o.log_mass)

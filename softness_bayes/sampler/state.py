@@ -1,4 +1,4 @@
-"""Where a run is: all that is needed to continue it bit by bit, as values."""
+"""State of a run: all that is needed to continue it bit by bit, as values."""
 
 from __future__ import annotations
 
@@ -35,30 +35,30 @@ class RunState:
     Parameters
     ----------
     phase
-        Stages of the pilot walk that are behind, walks that turned out slow among them; in the walk that counts at
-        least as many as the schedule has.
+        Completed stages of the pilot walk, including walks that were too slow; in the walk that counts at least as many
+        as the schedule has.
     steps
         Steps walked in this phase.
     stride
         Steps of the walk for one stored.
     due
-        Step of the next look.
+        Step of the next convergence check.
     ensembles
-        Where the ensembles are.
+        States of the ensembles.
     map
         Coordinates in which the moves are made.
     parts
         Segments that each ensemble has drawn in this phase.
     before
-        The last look that was due, with which the next is compared.
+        The last scheduled check, with which the next is compared.
     verdict
-        The last look of all: also one made because a limit was reached.
+        The last check of all, which may have been made because a limit was reached.
     modes
         Maps of the separate modes, if there are several, the one with most draws first.
     starts
-        What the search for places to start found.
+        Result of the search for starting points.
     nonfinite
-        Where the density could not be computed.
+    Points at which the density could not be computed.
     seconds
         Time spent so far, earlier sessions included.
     ended
@@ -82,5 +82,5 @@ class RunState:
 
     @property
     def chains(self) -> Chains:
-        """What the ensembles have drawn in this phase; there must be a step."""
+        """Draws of the ensembles in this phase, which must have a step."""
         return Chains.of((Segment.join(part) for part in self.parts), self.steps, self.stride)

@@ -1,4 +1,4 @@
-"""Tasks on one resident object, in this process or in several; the results do not depend on which."""
+"""Tasks on one resident object, in this process or in several, with the same results."""
 
 from __future__ import annotations
 
@@ -23,14 +23,14 @@ from softness_bayes.errors import ResourceError
 Result = TypeVar("Result")
 
 _LONGEST = 60
-"""Bytes in the name of the temporary directory up to which a server's socket can have a name in it, of 107 at most."""
+"""Largest length of the temporary directory's name [bytes] that leaves room for a socket's name, 107 in all."""
 
 RENEWALS = 1
-"""How often processes that died are replaced before one task more is finished; then the computation is given up."""
+"""Number of times that dead processes are replaced without progress before the computation is given up."""
 
 
 def _served() -> bool:
-    """Return whether workers are forks of a server that has imported what they need, and nothing else."""
+    """Return whether workers are forks of a server that has imported only what they need."""
     return sys.platform == "linux" and len(os.fsencode(tempfile.gettempdir())) <= _LONGEST
 
 
@@ -39,7 +39,7 @@ def _context() -> BaseContext:
 
 
 def prepare(module: str) -> None:
-    """Begin to import a module that workers need, and emcee, in another process, beside whatever comes next."""
+    """Begin to import a module that workers need, and emcee, in another process, in the background."""
     if _served():
         _context().set_forkserver_preload([module, "emcee"])
         with _shielded():
@@ -48,7 +48,7 @@ def prepare(module: str) -> None:
 
 @contextmanager
 def _shielded() -> Iterator[None]:
-    """Start processes that no interrupt from the keyboard reaches: whoever waits for them decides what it means."""
+    """Start processes that ignore keyboard interrupts; the process that waits for them handles these."""
     resource_tracker.ensure_running()  # otherwise started in between, and lets signals through again
     before = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
     try:
@@ -58,7 +58,7 @@ def _shielded() -> Iterator[None]:
 
 
 def available_processors() -> int:
-    """Processors that this process may use."""
+    """Return the number of processors that this process may use."""
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1
@@ -67,14 +67,14 @@ def available_processors() -> int:
 class Workers:
     """Processes that each hold one object and work on it; a context manager.
 
-    New processes are not forks of this one, for a fork of a process with threads may hang: they are spawned, or
-    forked from a server that does nothing else. A script that samples with more than one process therefore needs
+    New processes are not forks of this one, because a fork of a process with threads may hang. They are spawned, or
+    forked from a server process without threads. A script that samples with more than one process therefore needs
     the guard ``if __name__ == "__main__":``.
 
     Parameters
     ----------
     resident
-        What the tasks work on; sent to each process once.
+        The object that tasks work on; sent to each process once.
     processes
         Number of processes; with one, the tasks run in this one.
     """
@@ -97,7 +97,7 @@ class Workers:
         if kind is None or issubclass(kind, Exception):
             self._pool.shutdown(wait=True, cancel_futures=True)
             return
-        # an interrupt: nobody waits for what is being computed
+        # an interrupt: the results are not needed any more
         running = [*(getattr(self._pool, "_processes", None) or {}).values()]
         self._pool.shutdown(wait=False, cancel_futures=True)
         for process in running:
@@ -107,7 +107,7 @@ class Workers:
         return ProcessPoolExecutor(self._processes, _context(), _settle, (self._resident,))
 
     def _submit(self, work: Callable[..., Result], task: tuple[Any, ...]) -> Future[Result]:
-        """Hand a task to a process; where one has died meanwhile, to new ones."""
+        """Submit a task; if a process has died meanwhile, to new ones."""
         assert self._pool is not None
         with _shielded():
             try:
@@ -117,7 +117,7 @@ class Workers:
                 return self._pool.submit(_in_worker, work, task)
 
     def _renew(self) -> None:
-        """Replace all processes, since one has died and took the pool with it.
+        """Replace all processes after one of them has died, which breaks the pool.
 
         Raises
         ------
@@ -131,7 +131,7 @@ class Workers:
         self._pool = self._new_pool()
 
     def _finished(self, work: Callable[..., Result], tasks: Sequence[tuple[Any, ...]]) -> Iterator[tuple[int, Result]]:
-        """Yield number and result of every task as it is there; tasks whose process died are done again, the same."""
+        """Yield number and result of every task as it finishes; tasks whose process died are repeated."""
         left = dict(enumerate(tasks))
         while left:
             futures = {self._submit(work, task): k for k, task in left.items()}
@@ -158,12 +158,14 @@ class Workers:
         return [found[k] for k in range(len(tasks))]
 
     def start(self, work: Callable[..., Result], *task: Any) -> Callable[[], Result]:
-        """Start ``work(resident, *task)`` and return what waits for its result; in this process it runs when asked.
+        """Start ``work(resident, *task)`` and return a function that waits for its result.
+
+        Without other processes the work runs when that function is called.
 
         Raises
         ------
         ResourceError
-            When asked, as `map`.
+            From that function, as in `map`.
         """
         if self._pool is None:
             return lambda: _on_one_thread(work, self._resident, task)
@@ -178,7 +180,7 @@ class Workers:
         return finished
 
     def as_finished(self, work: Callable[..., Result], tasks: Sequence[tuple[Any, ...]]) -> Iterator[Result]:
-        """Yield ``work(resident, *task)`` of every task as soon as it is there, in any order; otherwise as `map`."""
+        """Yield ``work(resident, *task)`` of every task as soon as it finishes, in any order; otherwise as `map`."""
         if self._pool is None:
             yield from (_on_one_thread(work, self._resident, task) for task in tasks)
             return
@@ -187,9 +189,8 @@ class Workers:
 
 
 _DIED = (
-    "a worker process died, and those that replaced it: killed from outside, or for want of memory, of which fewer "
-    "processes take less. In a script, the call must stand under 'if __name__ == \"__main__\":'; with processes=1 no "
-    "worker is needed"
+    "a worker process died repeatedly: it was killed, or memory ran out. Use fewer processes, which need less memory. "
+    "In a script, the call must stand under 'if __name__ == \"__main__\":'; with processes=1 no worker is needed"
 )
 
 
@@ -199,13 +200,13 @@ _resident: Any = None
 def _settle(resident: Any) -> None:
     global _resident
     _resident = resident
-    # whoever waits for the results decides what an interrupt from the keyboard means
+    # the process that waits for the results handles keyboard interrupts
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_end_with_parent, daemon=True).start()
 
 
 def _end_with_parent() -> None:
-    """End this process when its parent is gone, killed perhaps: nobody would ever send it another task."""
+    """End this process when its parent has ended, since no further task can arrive."""
     parent = parent_process()
     if parent is not None:
         parent.join()
@@ -217,6 +218,6 @@ def _in_worker(work: Callable[..., Result], task: tuple[Any, ...]) -> Result:
 
 
 def _on_one_thread(work: Callable[..., Result], resident: Any, task: tuple[Any, ...]) -> Result:
-    """Run a task with one BLAS thread: more would compete, and their number could change the last bits."""
+    """Run a task with one BLAS thread: more would compete, and could change the last bits of results."""
     with threadpool_limits(1):
         return work(resident, *task)

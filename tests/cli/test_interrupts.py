@@ -192,7 +192,7 @@ def test_a_worker_that_dies_is_replaced_and_its_task_done_again(tmp_path, call):
 
 def test_workers_that_die_again_and_again_are_given_up():
     assert RENEWALS > 0
-    with Workers(10, 2) as workers, pytest.raises(ResourceError, match="want of memory") as error:
+    with Workers(10, 2) as workers, pytest.raises(ResourceError, match="memory ran out") as error:
         workers.map(_die, [(1,)])
     assert error.value.exit_code == 6
 
