@@ -1,8 +1,8 @@
-"""The only place that knows ArviZ: its 0.23 and 1.x lines behind one face, and files both of them read.
+"""Interface to ArviZ, the same for its 0.23 and 1.x lines, and files that both lines read.
 
-A result is an `xarray.DataTree` whose children are the groups. It is written and read by xarray alone, so
-that a file does not depend on the line that is installed; `for_arviz` turns it into what that line works on.
-ArviZ and xarray are imported inside the functions: they take seconds, and most commands never need them.
+A result is an `xarray.DataTree` whose children are the groups. xarray alone writes and reads it, so that a
+file does not depend on the installed line; `for_arviz` converts it to the type that this line works on.
+ArviZ and xarray are imported inside the functions, because they take seconds and most commands do not need them.
 """
 
 from __future__ import annotations
@@ -50,33 +50,33 @@ SAMPLE_DIMS = ("chain", "draw")
 """Leading dimensions of every group but those of `_WITHOUT_DRAWS`."""
 
 ENSEMBLE = "ensemble"
-"""Coordinate that says which ensemble a chain, a walker, belongs to."""
+"""Coordinate with the ensemble of each chain (walker)."""
 
 _WITHOUT_DRAWS = ("observed_data", "constant_data", "illustrations")
 
 
 def r_hat(chains: ArrayLike) -> float:
-    """Rank-normalised, split and folded R-hat of an array (chains, draws)."""
+    """Return the rank-normalised, split and folded R-hat of an array (chains, draws)."""
     return float(_arviz().rhat(_chains(chains)))
 
 
 def ess_bulk(chains: ArrayLike) -> float:
-    """Bulk effective sample size of an array (chains, draws)."""
+    """Return the bulk effective sample size of an array (chains, draws)."""
     return float(_arviz().ess(_chains(chains)))
 
 
 def mcse_mean(chains: ArrayLike) -> float:
-    """Monte-Carlo standard error of the mean of an array (chains, draws)."""
+    """Return the Monte-Carlo standard error of the mean of an array (chains, draws)."""
     return float(_arviz().mcse(_chains(chains), method="mean"))
 
 
 def mcse_sd(chains: ArrayLike) -> float:
-    """Monte-Carlo standard error of the standard deviation of an array (chains, draws)."""
+    """Return the Monte-Carlo standard error of the standard deviation of an array (chains, draws)."""
     return float(_arviz().mcse(_chains(chains), method="sd"))
 
 
 def hdi(draws: ArrayLike, probability: float) -> tuple[float, float]:
-    """Shortest interval (low, high) that holds a probability of the draws, an array of any shape."""
+    """Return the shortest interval (low, high) that contains a share of the draws, an array of any shape."""
     flat = np.ravel(np.asarray(draws, float))
     name = "prob" if _next_line() else "hdi_prob"
     low, high = np.asarray(_arviz().hdi(flat, **{name: probability}))
@@ -84,7 +84,7 @@ def hdi(draws: ArrayLike, probability: float) -> tuple[float, float]:
 
 
 def psis(log_ratios: ArrayLike) -> tuple[FloatArray, FloatArray]:
-    """Pareto-smoothed importance weights of draws.
+    """Return Pareto-smoothed importance weights of draws.
 
     Parameters
     ----------
@@ -94,7 +94,7 @@ def psis(log_ratios: ArrayLike) -> tuple[FloatArray, FloatArray]:
     Returns
     -------
     log_weights, pareto_k : ndarray, shapes (cases, draws) and (cases,)
-        Weights add up to 1 in each case. Where the largest are equal, there is no tail to smooth and k is -inf.
+        Weights add up to 1 in each case. If the largest are equal there is no tail to smooth, and k is -inf.
     """
     log_weights = np.array(log_ratios, float)
     pareto_k = np.full(len(log_weights), -np.inf)
@@ -120,7 +120,7 @@ def to_tree(
     groups
         Arrays by group and name. In groups with draws the first two axes are chain and draw.
     dims
-        Names of a variable's further axes; those of an array that is not listed must have none.
+        Names of a variable's further axes; an array that is not listed must have none.
     coords
         Coordinates by name, each along the dimension of its name; `ENSEMBLE` runs along the chains of
         the groups that have as many.
@@ -153,7 +153,7 @@ def to_tree(
 
 
 def require_storable(attributes: Mapping[str, Any], labels: Mapping[str, Sequence[str]]) -> None:
-    """Refuse what a result's file cannot hold, by trying each on a file in memory.
+    """Raise an error for attributes or labels that a result's file cannot store, by trying each in memory.
 
     Parameters
     ----------
@@ -165,7 +165,7 @@ def require_storable(attributes: Mapping[str, Any], labels: Mapping[str, Sequenc
     Raises
     ------
     InputError
-        Naming the first that the file refuses.
+        Naming the first that cannot be stored.
     """
     for name, value in {**attributes, **labels}.items():
         if not _is_storable(value):
@@ -178,7 +178,7 @@ def require_storable(attributes: Mapping[str, Any], labels: Mapping[str, Sequenc
 def netcdf(tree: xarray.DataTree) -> bytes:
     """Return a result as the content of a NetCDF file that both lines of ArviZ read.
 
-    It is made in memory: HDF5 itself cannot be relied on to say when a disk is full.
+    It is made in memory, because HDF5 does not reliably report a full disk.
     """
     return bytes(tree.to_netcdf(None, engine="h5netcdf"))
 
@@ -189,18 +189,18 @@ def write_netcdf(tree: xarray.DataTree, path: str | os.PathLike[str]) -> None:
 
 
 def read_netcdf(path: str | os.PathLike[str]) -> xarray.DataTree:
-    """Read a result into memory, so that the file is free again."""
+    """Return a result, read into memory and with its file closed."""
     import h5py
     import xarray
 
     with h5py.File(path, "r") as file:
-        dict(file.attrs)  # where these are damaged h5netcdf fails halfway, and again when its half is deleted
+        dict(file.attrs)  # with damaged attributes h5netcdf fails halfway, and again when the object is deleted
     with xarray.open_datatree(path, engine="h5netcdf") as tree:
         return tree.load()
 
 
 def for_arviz(tree: xarray.DataTree) -> Any:
-    """Turn a result into what the installed line works on: InferenceData (0.23) or the tree itself (1.x)."""
+    """Return a result in the type of the installed line: InferenceData (0.23) or the tree itself (1.x)."""
     if _next_line():
         return tree
     groups = {name: child.to_dataset() for name, child in tree.children.items()}
@@ -234,8 +234,8 @@ def _arviz() -> Any:
 
 
 def prepare() -> None:
-    """Begin to import ArviZ beside whatever comes next, which takes a second or two."""
-    threading.Thread(target=_arviz).start()  # no daemon: a process must not end in the middle of an import
+    """Begin to import ArviZ in the background, which takes a second or two."""
+    threading.Thread(target=_arviz).start()  # not a daemon, so that the process does not end during an import
 
 
 def _next_line() -> bool:

@@ -1,30 +1,30 @@
-"""What can go wrong, each with the exit code that the command line gives it."""
+"""Errors of the toolkit, each with its exit code on the command line."""
 
 from __future__ import annotations
 
 LONGEST_QUOTED = 80
-"""Characters of a value that a message quotes."""
+"""Largest number of characters of a value in a message."""
 
 
 def quoted(text: str) -> str:
-    """Return a value as a message quotes it: on one line, its control characters as escapes, no longer than a line."""
+    """Return a value quoted for a message: on one line, with control characters as escapes, and shortened."""
     return repr(text if len(text) <= LONGEST_QUOTED else f"{text[:LONGEST_QUOTED]}…")
 
 
 class SoftnessError(Exception):
-    """Base of every error that the toolkit raises on purpose."""
+    """Base of all errors that the toolkit raises on purpose."""
 
     exit_code = 1
 
 
 class InputError(SoftnessError, ValueError):
-    """A file, option or argument is not what was expected; the message says which, where and what was."""
+    """A file, option or argument is invalid; the message names it, its place and the expected value."""
 
     exit_code = 2
 
 
 class NotConvergedError(SoftnessError):
-    """A run ended before it had converged; what it has is written, and the message says how far it is."""
+    """A run ended before it converged; its draws are written, and the message says how far it is."""
 
     exit_code = 3
 
@@ -42,6 +42,6 @@ class LockedError(SoftnessError):
 
 
 class ResourceError(SoftnessError, RuntimeError):
-    """The machine gave out: memory, or a worker process that was killed; the same computation may well work again."""
+    """Memory ran out or a worker process was killed; the same computation may work when repeated."""
 
     exit_code = 6

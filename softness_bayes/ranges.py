@@ -1,4 +1,4 @@
-"""Ranges that values may lie in: checked and said in one way; and the ranges of counts."""
+"""Ranges of values and of counts, with one check and one wording."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ class Range:
     Parameters
     ----------
     low, high
-        The ends; an infinite end is no end, and is not included.
+        The ends; an infinite end stands for no limit, and is not included.
     unit
         Unit of the ends and of the values.
     above
@@ -40,7 +40,7 @@ class Range:
         return replace(self, low=self.low * factor, high=self.high * factor, unit=unit)
 
     def require(self, name: str, value: float) -> None:
-        """Refuse a value outside the range.
+        """Raise an error for a value outside the range.
 
         Raises
         ------
@@ -72,7 +72,7 @@ class Count:
     high: int
 
     def require(self, name: str, value: int) -> None:
-        """Refuse a number outside the range.
+        """Raise an error for a number outside the range.
 
         Raises
         ------
@@ -95,7 +95,7 @@ SIMULATED_RATINGS = Count(1, 10_000_000)
 REPLICATES = Count(1, 1_000_000)
 """Simulated sets of ratings of a calibration."""
 PRIOR_DRAWS = Count(0, 100_000)
-"""Prior draws that the probabilities of claims are made of."""
+"""Prior draws behind the probabilities of claims."""
 STEPS = Count(1, 1_000_000_000)
 """Steps of each ensemble."""
 PROCESSES = Count(1, 256)

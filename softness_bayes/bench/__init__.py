@@ -1,5 +1,5 @@
-"""What the forward model costs and how wrong it is, measured on the machine at hand, beside other ways to compute it.
+"""Time and error of the forward model on this machine, compared with other ways to compute it.
 
-``softness-bayes bench`` runs all of it. Every number is of one core, of the scene and the prior draws of
-`bench.subject`; the quickest of some repeated calls counts, the rest was other work of the machine.
+``softness-bayes bench`` runs all of it. Every number is for one core, with the scene and the prior draws of
+`bench.subject`. The time is that of the fastest of several calls, which other work on the machine disturbs least.
 """

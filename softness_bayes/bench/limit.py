@@ -1,4 +1,4 @@
-"""How far the forward model is from the machine: the operations that it cannot do without, done bare."""
+"""The machine's limit: time of the forward model's necessary operations alone."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ TOGETHER = 16
 """Vectors whose bare operations are done in one call: enough for array speed, few enough for the cache."""
 
 SKIN_STEPS, SKIN_EXPONENTIALS = 3, 3
-"""Of the search for the skin's modulus, for each condition: e^w, and softplus with its exponential and logarithm."""
+"""Operations of the search for the skin's modulus, for each condition: e^w, and softplus with exp and log."""
 
 
 class Limit(NamedTuple):
-    """Operations of one parameter vector, and how long they take."""
+    """Operations of one parameter vector, and their times."""
 
     exponentials: int
     roots: int
@@ -33,11 +33,11 @@ class Limit(NamedTuple):
     megabytes: float
     """Read and written if every operation is one pass over memory, as NumPy makes it."""
     seconds: float
-    """That the scene takes for a vector."""
+    """Time of the scene for a vector."""
     bare_seconds: float
-    """That these operations alone take in NumPy, in place, in blocks that fit the cache."""
+    """Time of these operations alone in NumPy, in place, in blocks that fit the cache."""
     flop_seconds: float
-    """That the multiply-adds alone would take at the rate of a matrix product."""
+    """Time of the multiply-adds alone at the rate of a matrix product."""
 
     @property
     def over_bare(self) -> float:
@@ -46,7 +46,7 @@ class Limit(NamedTuple):
 
 
 def limit(of: Subject, effort: Effort) -> Limit:
-    """Count and time.
+    """Count and time the operations.
 
     The polynomials of a node are those of the stress field's inverse (three passes of a Clenshaw recurrence each
     order), of the rate's slope and of the receptor count (two of Horner's).
@@ -83,7 +83,7 @@ def limit(of: Subject, effort: Effort) -> Limit:
 
 
 def _bare(at_nodes: Array, at_conditions: Array, passes: int) -> None:
-    """Do the operations of a batch, one block that fits the cache after another."""
+    """Do the operations of a batch, block by block, each of which fits the cache."""
     y, skin = np.empty_like(at_nodes[0]), np.empty_like(at_conditions[0])
     for x, e in zip(at_nodes, at_conditions, strict=True):
         for _ in range(SKIN_STEPS * SKIN_EXPONENTIALS):

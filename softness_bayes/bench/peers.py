@@ -1,9 +1,9 @@
-"""Other ways to the same total rates: every receptor that fires is simulated, one by one or side by side.
+"""Other ways to compute the total rates, by simulating every receptor that fires, one by one or together.
 
 Their work is one parameter vector at the priors' medians (sigma_0 = 7 kPa): the receptors that fire in all 36
-conditions. What a peer takes for one receptor is measured on some of them, whose currents spread from just above the
-rheobase to alpha, and multiplied by their number; its error is that of the sum of these receptors' rates. Transduction
-and the search for the receptors cost it nothing.
+conditions. The time for one receptor is measured on some of them, with currents from just above the rheobase to alpha,
+and multiplied by their number. The error is that of the sum of these receptors' rates. Transduction and the search for
+the receptors are not counted.
 """
 
 from __future__ import annotations
@@ -34,10 +34,10 @@ PEER = "peer"
 
 
 class Work(NamedTuple):
-    """What peers are asked for."""
+    """The work of a peer."""
 
     receptors: float
-    """That fire, over all conditions."""
+    """Number of receptors that fire, over all conditions."""
     alpha: float
     """Largest current [µA/cm²]."""
     rheobase: float
@@ -53,7 +53,7 @@ class Peer(NamedTuple):
     name: str
     setting: str
     rates: Callable[[Array, float], Array]
-    """From currents [µA/cm²] and duration [ms] to rates [Hz]."""
+    """Function from currents [µA/cm²] and duration [ms] to rates [Hz]."""
     vectorised: bool
 
 
@@ -69,7 +69,7 @@ def work_of(of: Subject) -> Work:
 def measure_peer(peer: Peer, work: Work, effort: Effort) -> Point:
     """Time a peer on some receptors and compare their summed rate with exact ones."""
     current = work.currents(effort.lanes if peer.vectorised else effort.loop)
-    peer.rates(current[:1], 1.0)  # what is compiled on the first call is not counted
+    peer.rates(current[:1], 1.0)  # compilation on the first call is not counted
     begun = time.perf_counter()
     found = peer.rates(current, effort.duration)
     spent = (time.perf_counter() - begun) / current.size
@@ -80,7 +80,7 @@ def measure_peer(peer: Peer, work: Work, effort: Effort) -> Point:
 
 
 class Ratio(NamedTuple):
-    """A peer's time over that of the quickest likelihood at no more error."""
+    """A peer's time over that of the fastest likelihood with at most the same error."""
 
     ratio: float
     setting: str
@@ -88,7 +88,7 @@ class Ratio(NamedTuple):
 
 
 def faster(peer: Point, ours: list[Point]) -> Ratio | None:
-    """Return how many times longer a peer takes; None where no likelihood errs so little."""
+    """Return how many times longer a peer takes; None if no likelihood is as accurate."""
     good = [p for p in ours if p.stage == LIKELIHOOD and "held" in p.setting and p.max_peak <= peer.max_peak]
     if not good:
         return None
@@ -97,7 +97,7 @@ def faster(peer: Point, ours: list[Point]) -> Ratio | None:
 
 
 def solve_each(method: str, tolerance: float) -> Callable[[Array, float], Array]:
-    """Return what integrates one receptor after another with SciPy."""
+    """Return a function that integrates one receptor after another with SciPy."""
 
     def rates(current: Array, duration: float) -> Array:
         return np.array([_solved(float(i), duration, method, tolerance) for i in current])
@@ -128,7 +128,7 @@ def _solved(current: float, duration: float, method: str, tolerance: float) -> f
 
 
 def step_all(step: float) -> Callable[[Array, float], Array]:
-    """Return what integrates all receptors side by side with exponential Euler steps [ms] in NumPy."""
+    """Return a function that integrates all receptors together with exponential Euler steps [ms] in NumPy."""
 
     def rates(current: Array, duration: float) -> Array:
         membrane, channels = CONNOR_STEVENS, PAPER_CHANNELS
@@ -164,7 +164,7 @@ PEERS = (
     Peer("NumPy exponential Euler, side by side", "0.05 ms", step_all(0.05), True),
     Peer("NumPy exponential Euler, side by side", "0.02 ms", step_all(0.02), True),
 )
-"""The peers that need nothing else."""
+"""The peers without further dependencies."""
 
 
 def _one(channels: Channels) -> Channels:

@@ -29,7 +29,7 @@ DIAL = 1e-3
 """The dial's usual setting."""
 
 EXACT = Errors(np.array(0.0), np.array(0.0))
-"""Error of held rate curves here, where references share them: what is measured is all else."""
+"""Error of held rate curves, which the references share, so that only other errors are measured."""
 
 
 class Point(NamedTuple):
@@ -42,12 +42,12 @@ class Point(NamedTuple):
     max_peak: float
     """Largest error relative to the vector's peak response, over draws and conditions."""
     median_peak: float
-    """Median over the draws that fire of each one's largest."""
+    """Median, over the draws that fire, of their largest errors."""
     max_log: float
     """Likewise of log(N/N_ref + eps)."""
     median_log: float
     dial: float = np.nan
-    """The accuracy for which the dial chooses this."""
+    """The accuracy for which the dial chooses this setting."""
 
 
 def work_precision(effort: Effort) -> Iterator[Point]:
@@ -73,7 +73,7 @@ def _errors(scene: Scene, better: Scene, of: Subject) -> Errors:
 
 
 def _profile_seconds(scene: Scene, of: Subject, repeats: int) -> float:
-    """Return the time that the stress fields alone take for a vector: from E_star to the inverted field."""
+    """Return the time of the stress fields alone for a vector, from E_star to the inverted field."""
     contact = scene.contact(first(of.draws.parameters, BATCH))
     return quickest(lambda: scene.stress_profile(contact), repeats) / BATCH
 
@@ -87,7 +87,7 @@ def _fields(of: Subject, effort: Effort) -> Iterator[Point]:
 
 
 def _population(of: Subject, effort: Effort) -> Iterator[Point]:
-    """Time the integral as what a response takes beside its stress fields and contact."""
+    """Time the integral: the time of a response without its stress fields and contact."""
     best = scene_in(of.posterior)
     some = first(of.draws.parameters, BATCH)
     usual = replace(best.discretisation, field_tolerance=max(TOLERANCES[4], effort.finest))
@@ -101,7 +101,7 @@ def _population(of: Subject, effort: Effort) -> Iterator[Point]:
 
 
 def _exactly(of: Subject) -> tuple[Scene, Subject]:
-    """Return the scene with exact rate curves, and the subject with the channels that they are kept for."""
+    """Return the scene with exact rate curves, and the subject with the channels of these curves."""
     scene, sample = scene_in(of.posterior), FiringSample.load(CONNOR_STEVENS)
     assert sample is not None, "curves are kept for the membrane of the usual readings"
     values = sample.put_into(of.draws.parameters)
@@ -140,7 +140,7 @@ def _whole(held: Subject, free: Subject, effort: Effort) -> Iterator[Point]:
 
 
 def dialled(accuracy: float, effort: Effort, held: bool) -> Subject:
-    """Return the model as the dial's setting resolves it, with channels held or free."""
+    """Return the model at the resolution of a dial's setting, with channels held or free."""
     of = subject(Discretisation(*REFERENCE, field_tolerance=max(1e-2 * accuracy, effort.finest)), held, effort.draws)
     best = scene_in(of.posterior)
     rates = EXACT if held else of.draws.firing(best)

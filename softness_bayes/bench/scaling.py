@@ -1,4 +1,4 @@
-"""How the cost grows with conditions and batch, and what the sampler draws in a second."""
+"""Growth of the cost with conditions and batch, and the sampler's effective draws per second."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ def _size(what: str, scene: Scene, batch: int, of: Subject, effort: Effort) -> S
 
 
 class Drawing(NamedTuple):
-    """What the sampler does in one process."""
+    """Speed of the sampler in one process."""
 
     steps: int
     tau: float

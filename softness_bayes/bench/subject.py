@@ -33,12 +33,12 @@ BATCH = 64
 
 
 class Effort(NamedTuple):
-    """How much is measured."""
+    """Amount of work of a benchmark."""
 
     draws: int
-    """Prior draws of errors."""
+    """Prior draws at which errors are measured."""
     repeats: int
-    """Calls of which the quickest counts."""
+    """Number of calls, of which the fastest counts."""
     finest: float
     """Tolerance of the stress fields that errors are measured against."""
     most_fabrics: int
@@ -65,7 +65,7 @@ class Subject(NamedTuple):
     posterior: Posterior
     draws: Draws
     theta: Array
-    """Points that the likelihood is asked at, shape (BATCH, parameters)."""
+    """Points at which the likelihood is evaluated, shape (BATCH, parameters)."""
 
 
 def subject(discretisation: Discretisation, held: bool, size: int) -> Subject:
@@ -79,12 +79,12 @@ def subject(discretisation: Discretisation, held: bool, size: int) -> Subject:
 
 
 def first(parameters: TouchParameters, size: int) -> TouchParameters:
-    """Return the first parameter vectors, again and again if there are too few."""
+    """Return the first parameter vectors, repeated if there are too few."""
     return TouchParameters(*(np.resize(value, (size,)) for value in parameters))
 
 
 def quickest(call: Callable[[], Any], repeats: int) -> float:
-    """Return the least time of some calls [s]."""
+    """Return the shortest time of some calls [s]."""
     taken = []
     for _ in range(repeats):
         begun = time.perf_counter()
@@ -94,7 +94,7 @@ def quickest(call: Callable[[], Any], repeats: int) -> float:
 
 
 def machine() -> dict[str, str]:
-    """Return what the numbers are of: processor, cores, how busy they were, versions."""
+    """Return a description of the machine: processor, cores, load, versions."""
     info = Path("/proc/cpuinfo")
     names = [line.split(":", 1)[1].strip() for line in _lines(info) if line.startswith("model name")]
     load = f"{os.getloadavg()[0]:.1f}" if hasattr(os, "getloadavg") else "unknown"

@@ -1,4 +1,4 @@
-"""What was measured, in a few lines of Markdown."""
+"""Summary of the measurements in a few lines of Markdown."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ def summary(
     drawing: Drawing | None,
     machine: str,
 ) -> str:
-    """Return tables of likelihood and peers, then what else was measured.
+    """Return tables of likelihood and peers, then the other measurements.
 
     Parameters
     ----------
@@ -31,7 +31,7 @@ def summary(
     bare, drawing
         The machine's limit, and the sampler if it ran.
     machine
-        What the numbers are of.
+        Description of the machine.
     """
     rows = [
         "| likelihood | µs per vector | error / peak response | error of log(N/N_ref + eps) |",

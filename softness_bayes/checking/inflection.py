@@ -1,4 +1,4 @@
-"""The response against the fabric's modulus, draw by draw, and where it turns over (model.md 11)."""
+"""Response against the fabric's modulus, draw by draw, and its turning point (model.md 11)."""
 
 from __future__ import annotations
 
@@ -16,21 +16,21 @@ Array = NDArray[np.float64]
 LEAST_DROP = 0.05
 """A maximum counts as a turning point if it exceeds both ends of the range by this share of itself.
 
-The one threshold of curves, of checks and of the paper's claims, whose criteria it is from (model.md 11): a
-response that falls by less changes the mean rating of a fabric by less than its standard error in any usual table.
+Curves, checks and the paper's claims share this threshold, which comes from the claims' criteria (model.md 11). A
+response with a smaller fall changes the mean rating of a fabric by less than its standard error in usual tables.
 """
 
 RANGE_FACTOR = 10.0
 """The range of a turning point: from a tenth of the smallest fabric to ten times the largest."""
 
 TURNING_POINTS = 41
-"""Points of the grid on which turning points of thousands of draws are sought, to 0.1 % in their place."""
+"""Grid points for the turning points of thousands of draws, which gives their place to 0.1 %."""
 
 _PIECE = 500  # draws whose curves are held at once
 
 
 class Outcome(IntEnum):
-    """What the response of one draw under one load does over the range of fabrics."""
+    """Shape of the response of one draw under one load over the range of fabrics."""
 
     NONE = 0
     """No interior maximum."""
@@ -56,12 +56,12 @@ class Curves(NamedTuple):
 
 
 class Inflection(NamedTuple):
-    """Where the response turns over (its maximum; the paper's inflection), every field of shape (draws, loads)."""
+    """Turning points of the response (its maximum; the paper's inflection), every field of shape (draws, loads)."""
 
     outcome: NDArray[np.int8]
     """An `Outcome` for each draw and load."""
     modulus: Array
-    """E_fab at the maximum [Pa]; NaN unless the outcome is interior. So are the next three."""
+    """E_fab at the maximum [Pa]; like the next three fields, NaN unless the outcome is interior."""
     ratio: Array
     """E_fab / E_skin there [-]."""
     force: Array
@@ -102,7 +102,7 @@ def response_curves(grid: Scene, parameters: TouchParameters) -> Curves:
 def find_inflection(
     curves: Curves, error: float, data_range: tuple[float, float], least_drop: float = LEAST_DROP
 ) -> Inflection:
-    """Locate the maximum of every curve and say what it is.
+    """Locate the maximum of every curve and classify it.
 
     The largest point of the grid is refined by the quartic through it and its four neighbours in
     ln E_fab. It counts as interior only if it exceeds the response at both ends by `least_drop` of
@@ -142,18 +142,18 @@ def find_inflection(
 
 
 def turning_points(scene: Scene, parameters: TouchParameters, error: float, points: int = TURNING_POINTS) -> Inflection:
-    """Return where the response of many draws turns over, without keeping their curves.
+    """Return the turning points of many draws, without keeping their curves.
 
     Parameters
     ----------
     scene
-        That of the data; the range of its fabrics decides the grid, as in `curve_scene`.
+        Scene of the data; the range of its fabrics defines the grid, as in `curve_scene`.
     parameters
         A batch of draws, shape (draws,).
     error
         As `find_inflection` takes it.
     points
-        Of the grid.
+        Number of grid points.
     """
     grid, fabrics = curve_scene(scene, points), (float(scene.modulus.min()), float(scene.modulus.max()))
     draws = np.shape(parameters.b)[0]

@@ -1,8 +1,8 @@
-"""What ratings could tell of a turning point: the check's power against a response that levels off at its peak.
+"""Power of the check of the turning point against a response that levels off at its peak.
 
-The alternative is made from the run itself: each replicated table again, of the same draw, effects and noise, its
-response held at its largest value for all stiffer fabrics. The check that is passed by the data is applied to these
-tables; the share that fails it is its power.
+The alternative comes from the run itself: each replicated table is made again with the same draw, effects and noise,
+and with its response held at its largest value for all stiffer fabrics. The check of the data is applied to these
+tables; the share that fails it is the power.
 """
 
 from __future__ import annotations
@@ -19,21 +19,21 @@ from softness_bayes.checking.quantities import Additive, Layout, find_turn
 FloatArray = NDArray[np.float64]
 
 DOUBTFUL = 0.05
-"""Two-sided p-value below which a model is said not to reproduce what was seen."""
+"""Two-sided p-value below which a model does not reproduce a test quantity."""
 
 NEEDED = 0.8
-"""Power from which on a check that is passed says that the model reproduces the turning point."""
+"""Power from which a passed check means that the model reproduces the turning point."""
 
 
 GROUPS = 20
-"""Of the tables, each left out once by the jackknife."""
+"""Groups of tables, each left out once by the jackknife."""
 
 LEAST_SHORTFALL = 1e-6
-"""Spread of what the model's mean (log) ratings fall short by, below which they do not fall."""
+"""Spread of the model's fall in mean (log) ratings below which they do not fall."""
 
 
 class Power(NamedTuple):
-    """The share of tables under one load in which a check would notice the alternative."""
+    """Power of a check: the share of tables under one load in which it rejects the alternative."""
 
     value: float
     error: float
@@ -59,19 +59,21 @@ def levelled(layout: Layout, response: FloatArray) -> FloatArray:
 
 
 def fall(layout: Layout, condition: FloatArray, expected: FloatArray, shortfall: FloatArray) -> FloatArray:
-    """Return how far mean ratings fall beyond the peak, as a multiple of what the model expects.
+    """Return the fall of mean ratings beyond the peak, as a multiple of the fall that the model predicts.
 
-    The slope of the mean ratings, less those that are expected of a response that levels off, on the shortfall of
-    the model's behind these: 1 is expected under the model, 0 under the response that levels off.
+    It is the slope of a regression. The dependent variable is the mean rating minus its expectation under a response
+    that levels off; the regressor is the model's expectation minus the same. The slope is expected to be 1 under the
+    model, and 0 under the response that levels off.
 
     Parameters
     ----------
     layout
-        Where the conditions lie, and how many ratings each has.
+        Moduli, loads and numbers of ratings of the conditions.
     condition
         Mean (log) rating of each condition, shape (..., conditions).
     expected, shortfall
-        Those that the model expects, and how much more a response that levels off gives; shape (conditions,).
+        Mean ratings that the model expects, and the excess over them of a response that levels off; shape
+        (conditions,).
 
     Returns
     -------
@@ -92,23 +94,23 @@ def fall(layout: Layout, condition: FloatArray, expected: FloatArray, shortfall:
 
 
 class Tables(NamedTuple):
-    """What tables of ratings show of a turning point, every field of shape (tables, loads)."""
+    """Test quantities of the turning point in tables of ratings, every field of shape (tables, loads)."""
 
     interior: FloatArray
     modulus: FloatArray
     drop: FloatArray
-    """These three as in `predictive.Turn`."""
+    """These three as in `quantities.Turn`."""
     fall: FloatArray
     """As in `fall`."""
 
     @classmethod
     def of(cls, layout: Layout, fit: Additive, expected: FloatArray, shortfall: FloatArray) -> Tables:
-        """Return what the fits of some tables show."""
+        """Return the test quantities of the fits of some tables."""
         return cls(*find_turn(layout, fit), fall(layout, fit.condition, expected, shortfall))
 
 
 def compare_levelled(layout: Layout, model: FloatArray, other: FloatArray) -> tuple[Tables, FloatArray]:
-    """Return what tables of the levelled response show, and how much more it gives than the model in each condition.
+    """Return test quantities of tables of the levelled response, and its excess over the model in each condition.
 
     Parameters
     ----------
@@ -124,15 +126,15 @@ def compare_levelled(layout: Layout, model: FloatArray, other: FloatArray) -> tu
 
 
 def departs(p_values: FloatArray, fall_p_value: FloatArray) -> NDArray[np.bool_]:
-    """Return whether what tables show lies beyond the replicates' reach.
+    """Return whether test quantities lie outside the range of the replicates.
 
-    Half of `DOUBTFUL` is for a fall that is too small, the mark of a response that levels off; presence, place and
-    drop share the other half, or all of it where the model's response does not fall.
+    Half of `DOUBTFUL` is for a fall that is too small, as of a response that levels off. Presence, place and drop
+    share the other half, or all of it if the model's response does not fall.
 
     Parameters
     ----------
     p_values
-        Of presence, place and drop, each the probability of a larger value; shape (..., 3), NaN where not known.
+        Probabilities of larger values of presence, place and drop; shape (..., 3), NaN if not known.
     fall_p_value
         From `fall_p_value`, shape (...).
     """
@@ -146,8 +148,8 @@ def departs(p_values: FloatArray, fall_p_value: FloatArray) -> NDArray[np.bool_]
 def fall_p_value(values: FloatArray, replicates: FloatArray) -> FloatArray:
     """Return the probability that a replicate's fall is larger, from their mean and standard deviation.
 
-    The fall is linear in the means of many ratings, hence normal; the tail of some hundred replicates is not to be
-    counted.
+    The fall is linear in the means of many ratings, hence normal. Counting would be too coarse in the tail of some
+    hundred replicates.
     """
     spread = replicates.std(ddof=1)
     if not spread > 0:
@@ -158,7 +160,7 @@ def fall_p_value(values: FloatArray, replicates: FloatArray) -> FloatArray:
 def power(alternative: Tables, replicates: Tables) -> list[Power]:
     """Return the power of the check of each load, NaN where the ratings are too few to judge.
 
-    Its error is that of a jackknife over groups of tables, and no less than that of a share of so many.
+    Its error is that of a jackknife over groups of tables, and at least that of a binomial share.
 
     Parameters
     ----------
@@ -181,14 +183,14 @@ def power(alternative: Tables, replicates: Tables) -> list[Power]:
 
 
 def _share_that_fails(alternative: Tables, replicates: Tables) -> float:
-    """Return the share of alternative tables, under one load, that depart from the replicates."""
+    """Return the share of alternative tables, under one load, that lie outside the range of the replicates."""
     shown = zip(alternative[:3], replicates[:3], strict=True)
     p_values = np.stack([_above(values, others) for values, others in shown], axis=-1)
     return float(departs(p_values, fall_p_value(alternative.fall, replicates.fall)).mean())
 
 
 def _above(values: FloatArray, replicates: FloatArray) -> FloatArray:
-    """Return P(replicate > value) + P(equal) / 2 among replicates that have one; NaN where value or all lack it."""
+    """Return P(replicate > value) + P(equal) / 2 among replicates with a value; NaN if the value or all are missing."""
     known = np.sort(replicates[np.isfinite(replicates)])
     if known.size == 0:
         return np.full(values.shape, np.nan)

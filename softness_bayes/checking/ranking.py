@@ -1,4 +1,4 @@
-"""How models rank by what they predict: errors of summed differences over clusters, and weights of a mixture."""
+"""Ranking of models by prediction: errors of summed differences over clusters, and weights of a mixture."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ _ITERATIONS, _TOLERANCE = 20_000, 1e-10
 
 
 def clustered_error(values: FloatArray, cluster: NDArray[np.intp]) -> float:
-    """Return the standard error of a sum of values that go together within clusters.
+    """Return the standard error of a sum of values that are correlated within clusters.
 
     With G clusters and S_g the sum of the deviations from the mean in cluster g it is sqrt(G / (G - 1) sum_g S_g²), the
-    sandwich with its correction for few clusters (Cameron and Miller, Journal of Human Resources 50, 317, 2015). With
-    every value a cluster of its own it is that of independent values.
+    sandwich estimate corrected for few clusters (Cameron and Miller, Journal of Human Resources 50, 317, 2015).
+    If every value is its own cluster, it is the error for independent values.
 
     Parameters
     ----------
@@ -36,7 +36,7 @@ def clustered_error(values: FloatArray, cluster: NDArray[np.intp]) -> float:
 
 
 def stacking_weights(log_density: FloatArray) -> FloatArray:
-    """Return the weights of the mixture of models that predicts best what was left out.
+    """Return the weights of the mixture of models that best predicts the left-out data.
 
     They maximise sum_i log sum_k w_k exp(l_ik) (Yao, Vehtari, Simpson and Gelman, Bayesian Analysis 13, 917, 2018),
     which is concave; each step of the EM algorithm for mixtures climbs it.

@@ -1,9 +1,9 @@
-"""What the data taught: contraction, power-scaling, and the directions that were learnt well or not at all.
+"""Information in the data: posterior contraction, power-scaling sensitivity, and well or weakly informed directions.
 
-Power-scaling: the posterior is reweighted as if prior or likelihood had been raised to a power near one;
-how fast each parameter's distribution moves tells which of the two it rests on (Kallioinen, Paananen,
-Bürkner and Vehtari, Statistics and Computing 34, 57, 2024). With powers this close to one the weights
-differ by per cents, so that they need no smoothing.
+Power-scaling reweights the posterior as if prior or likelihood were raised to a power near one. The rate of
+change of a parameter's distribution shows its sensitivity to either (Kallioinen, Paananen, Bürkner and
+Vehtari, Statistics and Computing 34, 57, 2024). With powers this close to one the weights differ by a few
+per cent, so that they need no smoothing.
 """
 
 from __future__ import annotations
@@ -21,22 +21,22 @@ from softness_bayes.sampler.jackknife import jackknife
 FloatArray = NDArray[np.float64]
 
 SENSITIVE = 0.05
-"""Power-scaling sensitivity above which a posterior is said to depend on prior or likelihood."""
+"""Power-scaling sensitivity above which a posterior counts as sensitive to prior or likelihood."""
 
 DETERMINED, INFORMED = 1 / 3, 0.8
-"""Posterior widths, as shares of the prior's, up to which the data determine a quantity, or inform it.
+"""Posterior widths, as shares of the prior's, up to which the data determine a quantity, or partly inform it.
 
 In a normal model the data then carry at least 8 times, or 0.56 times, as much information as the prior.
 """
 
 POWERS = (0.99, 1.01)
-"""Powers that prior and likelihood are raised to."""
+"""Powers of prior and likelihood."""
 
 _REACH, _NODES = 8.0, 641  # standard normal deviates over which moments are summed
 
 
 class Directions(NamedTuple):
-    """Independent directions of what was learnt, stiffest first, in logarithms of the parameters."""
+    """Principal directions of the posterior, best informed first, in logarithms of the parameters."""
 
     contraction: FloatArray
     """1 - posterior variance / prior variance along each direction, shape (directions,)."""
@@ -47,17 +47,17 @@ class Directions(NamedTuple):
 
 
 def prior_moments(prior: Prior, of: Callable[[FloatArray], FloatArray] = np.asarray) -> tuple[float, float]:
-    """Mean and standard deviation of a function of a quantity under its prior.
+    """Return mean and standard deviation of a function of a quantity under its prior.
 
-    The trapezium rule over the standard normal deviate of the quantile: exponentially accurate for smooth
-    laws.
+    The integral is a trapezium rule over the standard normal deviate of the quantile, exponentially accurate for
+    smooth laws.
 
     Parameters
     ----------
     prior
         The law of the quantity x.
     of
-        The function; x itself if left out.
+        The function; by default x itself.
     """
     deviate = np.linspace(-_REACH, _REACH, _NODES)
     weight = np.exp(-0.5 * deviate**2)
@@ -68,14 +68,14 @@ def prior_moments(prior: Prior, of: Callable[[FloatArray], FloatArray] = np.asar
 
 
 def contraction(prior_sd: ArrayLike, sd: ArrayLike) -> FloatArray:
-    """1 - (sd / prior_sd)²: 0 where nothing was learnt, 1 where all was; below 0 where the posterior is wider."""
+    """Return 1 - (sd / prior_sd)²: 0 if nothing was learnt, near 1 if much was, below 0 if the posterior is wider."""
     return 1.0 - (np.asarray(sd, float) / np.asarray(prior_sd, float)) ** 2
 
 
 def power_scaling(draws: ArrayLike, log_component: ArrayLike) -> float:
-    """Sensitivity of a quantity's posterior to the power of one component, per doubling of the power.
+    """Return the sensitivity of a quantity's posterior to the power of one component, per doubling of the power.
 
-    The mean over a slightly larger and a slightly smaller power of `distance` / |log2 power|.
+    It is the mean of `distance` / |log2 power| over a slightly larger and a slightly smaller power.
 
     Parameters
     ----------
@@ -90,12 +90,12 @@ def power_scaling(draws: ArrayLike, log_component: ArrayLike) -> float:
 
 
 def power_scaling_with_error(draws: ArrayLike, log_component: ArrayLike) -> tuple[float, float]:
-    """Sensitivity as `power_scaling` finds it, and its Monte-Carlo standard error.
+    """Return the sensitivity of `power_scaling`, and its Monte-Carlo standard error.
 
     Parameters
     ----------
     draws, log_component
-        As there, chain after chain; the error is from leaving out groups of chains (`jackknife`).
+        As there, in order of the chains; the error comes from leaving out groups of draws (`jackknife`).
     """
     draws, log_component = np.asarray(draws, float), np.asarray(log_component, float)
     order = np.argsort(draws)
@@ -103,13 +103,13 @@ def power_scaling_with_error(draws: ArrayLike, log_component: ArrayLike) -> tupl
 
     def without(kept: NDArray[np.bool_]) -> float:
         left = kept[order]
-        return _rate(x[left], component[left], POWERS[1:])  # one power errs as both do
+        return _rate(x[left], component[left], POWERS[1:])  # one power has the same error as both
 
     return _rate(x, component), float(jackknife(without, draws.size))
 
 
 def _rate(x: FloatArray, log_component: FloatArray, powers: Sequence[float] = POWERS) -> float:
-    """Sensitivity from draws in rising order."""
+    """Return the sensitivity from draws in rising order."""
     centred = log_component - log_component.mean()
     rates = []
     for power in powers:
@@ -121,7 +121,7 @@ def _rate(x: FloatArray, log_component: FloatArray, powers: Sequence[float] = PO
 
 
 def distance(draws: FloatArray, weights: FloatArray) -> float:
-    """Cumulative Jensen-Shannon distance between draws and the same draws weighted, from 0 to 1.
+    """Return the cumulative Jensen-Shannon distance between draws and the same draws weighted, from 0 to 1.
 
     sqrt((D(P, M) + D(Q, M)) / ∫ (P + Q)), P and Q the distribution functions without and with weights,
     M their mean, D(F, M) = ∫ F log2(F / M) dx + ∫ (M - F) dx / ln 2. It depends on the sign of x.
@@ -136,7 +136,7 @@ def distance(draws: FloatArray, weights: FloatArray) -> float:
 
 
 def _distance(x: FloatArray, weights: FloatArray) -> float:
-    """The distance of draws in rising order."""
+    """Return the distance from draws in rising order."""
     width = np.diff(x)
     plain = np.arange(1, x.size) / x.size
     weighted = np.cumsum(weights)[:-1]
@@ -150,10 +150,10 @@ def _distance(x: FloatArray, weights: FloatArray) -> float:
 
 
 def find_directions(priors: Sequence[Prior], theta: FloatArray) -> Directions:
-    """Principal directions of the posterior in logarithms, each scaled by its prior's standard deviation.
+    """Return principal directions of the posterior in logarithms, scaled by the priors' standard deviations.
 
-    Under the prior every direction has variance 1; along the stiff ones the posterior's is much smaller,
-    along the sloppy ones nearly the same.
+    Under the prior every direction has variance 1. The posterior variance is much smaller along stiff directions,
+    and nearly the same along sloppy ones.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Whether ratings rise or fall with the fabrics' modulus: rank correlations under each load, and their errors."""
+"""Trend of ratings with the fabrics' modulus: rank correlations under each load, and their errors."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ FloatArray = NDArray[np.float64]
 IndexArray = NDArray[np.intp]
 
 LEVEL = 0.05
-"""Two-sided p-value at which ratings are said to rise or fall."""
+"""Two-sided p-value below which ratings count as rising or falling."""
 
 LIMITS = (0.05, 0.95)
 """Quantiles that an interval lies between."""
 
 FEWEST_FABRICS = 5
-"""Fabrics from which whole fabrics are shuffled: orders of fewer are not many enough to reach `LEVEL`."""
+"""Smallest number of fabrics for a permutation of whole fabrics; fewer have too few orders to reach `LEVEL`."""
 
 RESAMPLES, SHUFFLES = 500, 1999
-"""Weights of the participants, and orders of the fabrics where there are too many to try all."""
+"""Number of random weights of the participants, and of random orders of the fabrics if there are too many for all."""
 
 _ALL_ORDERS = 720  # of six fabrics
 _SEED = 0  # the same for every table: the answer depends on the data alone
@@ -37,14 +37,14 @@ class Correlation(NamedTuple):
     """Spearman's rank correlation of mean ratings with E_fab, and its interval over participants."""
 
     value: float
-    """NaN where moduli or means are all the same."""
+    """NaN if moduli or means are all the same."""
     low: float
     high: float
     """5 and 95 % limits; NaN with one participant."""
 
 
 class Trend(NamedTuple):
-    """Which way the ratings of a table run with stiffness."""
+    """The trend of a table's ratings with stiffness."""
 
     loads: tuple[Correlation, ...]
     """Under each load, over its fabrics."""
@@ -53,9 +53,9 @@ class Trend(NamedTuple):
     mean: Correlation
     """Mean over the loads that have one, weighted by their fabrics less one."""
     p_value: float
-    """Two-sided: of a mean as large if the order of the fabrics were chance."""
+    """Two-sided p-value of the mean correlation for a random order of the fabrics."""
     shuffled: str
-    """What is shuffled for it: whole fabrics, or where they are few each participant's ratings."""
+    """What the p-value permutes: whole fabrics or, if there are few, each participant's ratings."""
 
     @property
     def sign(self) -> int:
@@ -64,13 +64,13 @@ class Trend(NamedTuple):
 
 
 def find_trend(layout: Layout, ratings: FloatArray) -> Trend:
-    """Correlate each fabric's mean (log) rating with its modulus under each load.
+    """Return the rank correlation of the fabrics' mean (log) ratings with their moduli under each load.
 
-    Means are those of the additive fit of participants and conditions. Intervals are of participants weighted at
-    random (the Bayesian bootstrap: Rubin, Annals of Statistics 9, 130, 1981), which leaves no condition without
-    ratings. The p-value is that of the mean correlation among those of fabrics in random order, or of all orders;
-    with fewer than `FEWEST_FABRICS` it is that of each participant's ratings in random order under each load, by the
-    normal law of Spearman's correlation in blocks (Page's test, with gaps and ties).
+    Means are those of the additive fit of participants and conditions. Intervals come from randomly weighted
+    participants (the Bayesian bootstrap: Rubin, Annals of Statistics 9, 130, 1981), which leaves no condition without
+    ratings. The p-value compares the mean correlation with those of random orders of the fabrics, or of all orders.
+    With fewer than `FEWEST_FABRICS` fabrics it permutes each participant's ratings under each load instead, with the
+    normal approximation of Spearman's correlation in blocks (Page's test, with gaps and ties).
 
     Parameters
     ----------
@@ -103,14 +103,14 @@ def condition_means(layout: Layout, y: FloatArray, weights: FloatArray) -> Float
     layout
         Who rated what.
     y
-        What is additive, shape (rows,).
+        Ratings on the additive scale, shape (rows,).
     weights
         Positive, shape (k, participants).
 
     Returns
     -------
     ndarray, shape (k, conditions)
-        Of mean 0 over the conditions.
+        Condition means, with mean 0 over the conditions.
     """
     design = layout.design
     cells, count = design.cells, np.maximum(design.cells.sum(axis=1), 1.0)
@@ -122,7 +122,7 @@ def condition_means(layout: Layout, y: FloatArray, weights: FloatArray) -> Float
     for first in range(0, len(weights), step):
         w = weights[first : first + step]
         laplacian = (w @ cells)[..., None] * np.eye(size) - cells.T @ ((w / count)[..., None] * cells)
-        # means are known but for a constant, taken away; where the table falls apart, for one in each part
+        # means are known up to a constant, which is removed; in a disconnected table, up to one for each part
         ridge = 1.0 / size + 1e-9 * np.trace(laplacian, axis1=1, axis2=2)[:, None, None] * np.eye(size)
         found[first : first + step] = np.linalg.solve(laplacian + ridge, (w @ within)[..., None])[..., 0]
     return found - found.mean(axis=-1, keepdims=True)
@@ -138,7 +138,7 @@ def _by_load(layout: Layout) -> list[IndexArray]:
 
 
 def _shares(layout: Layout) -> FloatArray:
-    """Return the weight of each load: its fabrics less one."""
+    """Return the weight of each load: its number of fabrics minus one."""
     return np.array([some.size - 1.0 for some in _by_load(layout)])
 
 
@@ -148,9 +148,9 @@ def _correlations(layout: Layout, values: FloatArray) -> FloatArray:
 
 
 def _p_of_fabrics(layout: Layout, mean: FloatArray) -> float:
-    """Two-sided p-value of the mean correlation under orders of the fabrics, the same order under every load.
+    """Return the two-sided p-value of the mean correlation under orders of the fabrics, the same under every load.
 
-    Moduli are ranked over all fabrics here, not over those of each load.
+    Moduli are ranked over all fabrics, not over those of each load.
     """
     rated, first, place = np.unique(layout.design.fabric, return_index=True, return_inverse=True)
     rank = _ranks(layout.modulus[first])
@@ -161,12 +161,12 @@ def _p_of_fabrics(layout: Layout, mean: FloatArray) -> float:
         orders = np.concatenate([np.arange(rated.size)[None], shuffled])
     found = np.stack([_correlation(rank[orders[:, place[some]]], _ranks(mean[some])) for some in _by_load(layout)])
     statistic = np.abs(_mean(found, _shares(layout)))
-    # the first order is the one seen, which counts among them
+    # the first order is the observed one, which counts among them
     return float(np.mean(~(statistic < statistic[0] - _ROUNDING)))
 
 
 def _p_of_participants(layout: Layout, y: FloatArray) -> float:
-    """Two-sided p-value of the ranks' products within participants and loads, each shuffled by itself."""
+    """Return the two-sided p-value of the ranks' products within participants and loads, each permuted separately."""
     design = layout.design
     block = design.participant * (int(layout.load.max()) + 1) + layout.load[design.condition]
     x, total, variance = layout.modulus[design.condition], 0.0, 0.0
@@ -192,7 +192,7 @@ def _correlation(rows: FloatArray, x: FloatArray) -> FloatArray:
 
 
 def _ranks(values: FloatArray) -> FloatArray:
-    """Return ranks from 1 along the last axis, ties sharing their mean; what differs by rounding alone is tied."""
+    """Return ranks from 1 along the last axis; ties, also up to rounding errors, share their mean."""
     order = np.argsort(values, axis=-1)
     ordered = np.take_along_axis(values, order, -1)
     apart = np.diff(ordered, axis=-1) > _ROUNDING * np.maximum(np.ptp(values, axis=-1, keepdims=True), 1e-6)
@@ -214,7 +214,7 @@ def _mean(found: FloatArray, weight: FloatArray) -> FloatArray:
 
 
 def _with_limits(found: FloatArray) -> Correlation:
-    """Return the first value with the limits of those that follow it."""
+    """Return the first value with the limits of the following ones."""
     known = found[1:][np.isfinite(found[1:])]
     low, high = np.quantile(known, LIMITS).tolist() if known.size else (math.nan, math.nan)
     return Correlation(float(found[0]), low, high)

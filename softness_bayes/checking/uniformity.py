@@ -1,4 +1,4 @@
-"""Whether values are uniform: exact simultaneous limits of an empirical distribution function.
+"""Test of uniformity: exact simultaneous limits of an empirical distribution function.
 
 Limits of the counts at several points are chosen with one local level such that independent uniform values
 stay within all of them with a stated probability (Säilynoja, Bürkner and Vehtari, Statistics and Computing
@@ -22,7 +22,7 @@ class Band(NamedTuple):
     """Simultaneous limits of an empirical distribution function."""
 
     points: FloatArray
-    """Where it is looked at, shape (points,)."""
+    """Points at which it is evaluated, shape (points,)."""
     low: FloatArray
     """Smallest share of values up to each point that is within the limits."""
     high: FloatArray
@@ -30,7 +30,7 @@ class Band(NamedTuple):
 
 
 def simultaneous_band(size: int, points: ArrayLike, probability: float = 0.95) -> Band:
-    """Limits within which the distribution function of uniform values stays everywhere.
+    """Return limits that contain the distribution function of uniform values everywhere, with some probability.
 
     Parameters
     ----------
@@ -39,11 +39,11 @@ def simultaneous_band(size: int, points: ArrayLike, probability: float = 0.95) -
     points
         Rising points inside (0, 1) at which values are counted, shape (points,).
     probability
-        Least probability of staying within all limits.
+        Smallest probability of staying within all limits.
     """
     points = np.asarray(points, float)
     below, above = _tails(size, points)
-    least, most = 0.0, 1.0 - probability  # of the local level: one point alone would allow the latter
+    least, most = 0.0, 1.0 - probability  # bounds of the local level; the upper one is right for a single point
     for _ in range(_HALVINGS):
         level = 0.5 * (least + most)
         if _stays(size, points, *_limits(below, above, level)) >= probability:
@@ -55,7 +55,7 @@ def simultaneous_band(size: int, points: ArrayLike, probability: float = 0.95) -
 
 
 def uniformity_p_value(values: ArrayLike, points: ArrayLike) -> float:
-    """Probability that independent uniform values come as close to some local limit as these do.
+    """Return the probability that independent uniform values are at least as extreme at some point as these.
 
     Parameters
     ----------
@@ -70,12 +70,12 @@ def uniformity_p_value(values: ArrayLike, points: ArrayLike) -> float:
     below, above = _tails(values.size, points)
     place = np.arange(points.size)
     level = float(np.minimum(1.0, 2.0 * np.minimum(below[place, counts], above[place, counts])).min())
-    # counts strictly less extreme everywhere; rounding must not exclude what is equal
+    # counts strictly less extreme everywhere, with a tolerance so that rounding does not exclude equal ones
     return min(1.0, 1.0 - _stays(values.size, points, *_limits(below, above, level * (1.0 + 1e-9))))
 
 
 def _tails(size: int, points: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """P(C <= c) and P(C >= c) of the count at each point, shapes (points, size + 1)."""
+    """Return P(C <= c) and P(C >= c) of the count at each point, shapes (points, size + 1)."""
     counts = np.arange(size + 1)
     below = bdtr(counts, size, points[:, None])
     above = bdtr(size - counts, size, 1.0 - points[:, None])
@@ -83,7 +83,7 @@ def _tails(size: int, points: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 def _limits(below: FloatArray, above: FloatArray, level: float) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Smallest and largest count at each point whose two-sided local probability exceeds a level."""
+    """Return the smallest and largest count at each point whose two-sided local probability exceeds a level."""
     inside = 2.0 * np.minimum(below, above) > level
     empty = ~inside.any(axis=1)
     low, high = inside.argmax(axis=1), inside.shape[1] - 1 - inside[:, ::-1].argmax(axis=1)
@@ -91,7 +91,7 @@ def _limits(below: FloatArray, above: FloatArray, level: float) -> tuple[NDArray
 
 
 def _stays(size: int, points: FloatArray, low: NDArray[np.intp], high: NDArray[np.intp]) -> float:
-    """Probability that the counts at all points lie within low to high."""
+    """Return the probability that the counts at all points lie within low to high."""
     if (low > high).any():
         return 0.0
     factorial = gammaln(np.arange(size + 1) + 1.0)

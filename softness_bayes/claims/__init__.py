@@ -1,4 +1,4 @@
-"""Which of the paper's claims hold, under which readings of its equations, and with what probability."""
+"""Verdicts on the paper's claims under each reading of its equations, with their probabilities."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ PRIORS = ("default", "in-vivo")
 """The usual prior sets: of the paper's forces, and of real fingerpads."""
 
 DRAWS = 200
-"""Usual number of prior draws: probabilities are good to three or four per cent."""
+"""Usual number of prior draws, which gives probabilities to three or four per cent."""
 
 
 class Finding(NamedTuple):
@@ -60,7 +60,7 @@ class Finding(NamedTuple):
     verdict: Verdict
     """At the priors' medians."""
     numbers: str
-    """What is behind it, load by load."""
+    """The numbers behind it, load by load."""
     shares: Mapping[Verdict, float]
     """Probability of each verdict over draws of the prior; empty without draws."""
 
@@ -109,7 +109,7 @@ def evaluate_claims(
     readings
         Sets of readings by name.
     prior_sets
-        Names of `inference.parameters.PRIOR_SETS`.
+        Names of `parameters.declared.PRIOR_SETS`.
     touches
         Loads by what is held: claims compare loads of one kind.
     fabrics
@@ -132,7 +132,7 @@ def evaluate_claims(
     ------
     InputError
         If a prior set or parameter does not exist, a channel multiplier is freed, a rated fabric is not in the set,
-        or there is nothing to judge.
+        or there is nothing to evaluate.
     """
     if not (readings and prior_sets and touches):
         raise InputError("claims: expected at least one set of readings, prior set and load")

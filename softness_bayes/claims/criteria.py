@@ -1,4 +1,4 @@
-"""The paper's claims and what decides each of them (model.md 11), as values in one table."""
+"""The paper's claims and their criteria (model.md 11), as values in one table."""
 
 from __future__ import annotations
 
@@ -20,18 +20,18 @@ LEVEL = 0.01
 TOUCHING_FORCE = 1.0
 """Mean force of a finger that judges a material [N]."""
 APART = 1.1
-"""Ratio from which on two places of the maximum are different."""
+"""Ratio above which two places of the maximum count as different."""
 HARDLY = 0.1
-"""Change, as a share of the maximum, that counts as hardly any."""
+"""Change, as a share of the maximum, that counts as negligible."""
 
 
 class Verdict(StrEnum):
-    """What the model says of a claim."""
+    """Verdict of the model on a claim."""
 
     HOLDS = "holds"
     FAILS = "fails"
     SILENT = "silent"
-    """No receptor fires under any load: the model says nothing."""
+    """No receptor fires under any load, so that the claim cannot be tested."""
     UNTESTED = "not testable"
     """The claim is about ratings, and none were given."""
 
@@ -44,15 +44,15 @@ class Claim:
     statement: str
     criterion: str
     speaks: Callable[[Numbers], Booleans]
-    """Which draws and loads have anything to say, shape (draws, loads)."""
+    """The draws and loads with a response to judge, shape (draws, loads)."""
     holds: Callable[[Numbers, Booleans], Booleans]
-    """Whether the claim holds for each draw, given which loads speak, shape (draws,)."""
+    """Whether the claim holds for each draw, from the loads that can be judged, shape (draws,)."""
     tell: Callable[[Numbers], str]
     """The numbers behind the verdict on one draw, load by load."""
     of_ratings: bool = False
 
     def verdicts(self, numbers: Numbers, rated: bool = False) -> list[Verdict]:
-        """Return the verdict on each draw; `rated` tells whether there are ratings."""
+        """Return the verdict on each draw; `rated` is true if there are ratings."""
         if self.of_ratings and not rated:
             return [Verdict.UNTESTED] * len(numbers.largest)
         speaks = self.speaks(numbers)
@@ -69,7 +69,7 @@ def _known(name: str) -> Callable[[Numbers], Booleans]:
 
 
 def _clear(numbers: Numbers) -> Booleans:
-    # the soft end is silent, or nearly so: a maximum that falls so far afterwards exceeds both ends by as much
+    # the soft end is nearly silent, so that a maximum with such a fall exceeds both ends by as much
     return np.asarray(numbers.interior & (numbers.drop >= LEAST_DROP))
 
 
@@ -86,14 +86,14 @@ def _place_depends_on_load(numbers: Numbers, speaks: Booleans) -> Booleans:
     clear = _clear(numbers)
     different = clear.sum(axis=-1) > 1
     for place in (numbers.modulus, numbers.ratio):
-        # places that are none sort last and leave gaps that are no numbers
+        # missing places (NaN) sort last, and the gaps beside them are NaN
         gaps = np.diff(np.sort(np.where(clear, np.log(place), np.nan), axis=-1), axis=-1)
         different &= ((gaps > np.log(APART)) | np.isnan(gaps)).all(axis=-1)
     return np.asarray(different)
 
 
 def _every(test: Callable[[Numbers], Booleans]) -> Callable[[Numbers, Booleans], Booleans]:
-    """Return the judgement that a test is passed under every load that speaks."""
+    """Return the criterion that a test is passed under every load that can be judged."""
     return lambda numbers, speaks: np.asarray((test(numbers) | ~speaks).all(axis=-1))
 
 
@@ -102,7 +102,7 @@ def _grows(numbers: Numbers) -> Booleans:
 
 
 def _listing(values: Array, style: str, unit: str = "", marks: Booleans | None = None) -> str:
-    """Return the values of the loads, – where there is none, † where they are marked."""
+    """Return the values of the loads in words: – without a value, † behind a marked one."""
     marked = np.zeros(values.shape, bool) if marks is None else marks
     texts = [
         (f"{value:{style}}" if style else f"{_significant(value)}") + "†" * bool(mark) if np.isfinite(value) else "–"
@@ -112,13 +112,13 @@ def _listing(values: Array, style: str, unit: str = "", marks: Booleans | None =
 
 
 def _significant(value: float) -> str:
-    """Return two significant digits, all of those before the point."""
+    """Return a number to two significant digits, or to all digits before the point."""
     digits = 2 if abs(value) < 100 else len(f"{abs(value):.0f}")
     return np.format_float_positional(value, digits, fractional=False, trim="-")
 
 
 def _wide(numbers: Numbers) -> Booleans:
-    # a contact at exactly half the radius is not beyond it
+    # a contact radius of exactly half the finger's does not exceed it
     return np.asarray(numbers.interior[0] & (numbers.radius[0] > 0.5 * (1 + 1e-9)))
 
 

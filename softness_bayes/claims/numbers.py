@@ -1,4 +1,4 @@
-"""The paper's numerical experiments under one set of readings: the numbers that decide its claims (model.md 11)."""
+"""Numbers that decide the paper's claims, from its numerical experiments under one set of readings (model.md 11)."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ Array = NDArray[np.float64]
 GRID = np.geomspace(1e2, 1e9, 200)
 """Fabric moduli [Pa] along which the response is followed."""
 DECADE = int(np.searchsorted(GRID, 0.1 * GRID[-1] * (1 + 1e-9))) - 1
-"""Where the last decade of the grid begins."""
+"""Start of the grid's last decade."""
 
 DEPTHS = (0.5e-3, 0.7e-3, 0.9e-3)
 """Receptor depths [m] between which the response may hardly change; the middle one is the finger's own."""
@@ -32,11 +32,11 @@ CENTRES = np.linspace(0.0, 30e-3, 31)
 """Distances of the contact's axis from the fingertip's end [m], distal to proximal."""
 
 ERROR = 1e-4
-"""Numerical error of a response relative to its largest that no scene here exceeds."""
+"""Upper bound of the numerical error of a response here, relative to its largest value."""
 
 
 class Numbers(NamedTuple):
-    """What the claims are judged by, each of shape (draws, loads); NaN where no receptor fires."""
+    """Numbers that decide the claims, each of shape (draws, loads); NaN where no receptor fires."""
 
     largest: Array
     """Largest total rate along the grid [spikes/s]; 0 where no receptor fires."""
@@ -120,7 +120,7 @@ class Bench:
 
     @cached_property
     def _everything(self) -> Scene:
-        """Grid and fabric set together, touched where the pad reaches farthest: its fields serve every centre."""
+        """Grid and fabric set, at the contact centre farthest from the pad's end, whose fields serve every centre."""
         finger = Finger()
         finger = Finger(contact_centre=(0.0, finger.contact_centre[1]))
         moduli = np.concatenate([GRID, self.modulus])
@@ -147,7 +147,7 @@ class Bench:
         ]
 
     def _along_grid(self, curves: Curves) -> dict[str, NDArray[Any]]:
-        """Return what there is to say of the response along the grid."""
+        """Return the numbers of the response along the grid."""
         rate, top = curves.total_rate, curves.total_rate.argmax(axis=-1)[..., None]
         largest = rate.max(axis=-1)
         fires = largest > 0
@@ -174,7 +174,7 @@ class Bench:
         }
 
     def _over_fabrics(self, values: TouchParameters) -> dict[str, NDArray[Any]]:
-        """Return what there is to say of the fabric set, and of its touch at a moving centre."""
+        """Return the numbers of the fabric set, and of its touch at a moving centre."""
         rates = np.stack([scene.total_rate(values) for scene in self._centred], axis=-1)
         rates = rates.reshape(-1, len(self.loads), len(self.fabrics), len(self._centred))
         moving, rate = rates[..., :-1].mean(axis=2), rates[..., -1]
@@ -216,7 +216,7 @@ def pearson(x: Array, y: Array) -> Array:
 
 
 def mean_standardised(ratings: Ratings, loads: tuple[Load, ...], fabrics: tuple[str, ...]) -> Array:
-    """Return the mean over participants of their ratings, each participant's standardised over all that was rated.
+    """Return the mean over participants of their ratings, standardised within each participant.
 
     Returns
     -------

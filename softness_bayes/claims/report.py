@@ -35,7 +35,7 @@ COLUMNS = {
 def findings_table(trials: Sequence[Trial]) -> pd.DataFrame:
     """Return one row per readings, priors, kind of load and claim.
 
-    Columns: readings, priors, control, claim, verdict (at the priors' medians), numbers (what is behind it, load by
+    Columns: readings, priors, control, claim, verdict (at the priors' medians), numbers (behind the verdict, load by
     load), p_holds, p_fails, p_silent (over draws of the prior; empty without draws), statement, criterion.
     """
     import pandas as pd
@@ -61,8 +61,8 @@ def findings_table(trials: Sequence[Trial]) -> pd.DataFrame:
 def loads_table(trials: Sequence[Trial]) -> pd.DataFrame:
     """Return the numbers at the priors' medians, one row per readings, priors, kind of load and load.
 
-    Empty where no receptor fires; the columns of the maximum are those of the grid's end where that is the largest,
-    which `interior` tells.
+    Cells are empty where no receptor fires. Where `interior` is false, the columns of the maximum are those of the
+    grid's end.
     """
     import pandas as pd
 
@@ -119,7 +119,7 @@ def _cell(finding: Finding, strong: str = "") -> str:
 
 
 def _explanation(trials: Sequence[Trial]) -> str:
-    """Say what the numbers are, and under which loads."""
+    """Explain the numbers, and name the loads."""
     loads = {trial.control: ", ".join(map(str, trial.loads)) for trial in trials}
     held = "; ".join(f"{control} {texts}" for control, texts in loads.items())
     drawn = next((len(trial.draws.largest) for trial in trials if trial.draws is not None), 0)

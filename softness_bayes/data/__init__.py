@@ -1,4 +1,4 @@
-"""Ratings and fabrics from CSV files, checked and in SI units; and back."""
+"""Ratings and fabrics: read from CSV files, checked, converted to SI units, and written again."""
 
 from __future__ import annotations
 
@@ -50,21 +50,21 @@ __all__ = [
 ]
 
 SIMULATE = "simulate"
-"""The verb that tables written here are listed under."""
+"""The command under which tables written here are listed."""
 
 FABRICS_BESIDE = "fabrics.csv"
-"""The fabric table that is looked for beside the ratings."""
+"""Name of a fabric table beside the ratings that is used by default."""
 
 
 class Experiment(NamedTuple):
-    """Ratings, and the fabrics that they are of, in the order of `ratings.fabrics`."""
+    """Ratings and their fabrics, in the order of `ratings.fabrics`."""
 
     ratings: Ratings
     fabrics: Fabrics
     notes: tuple[str, ...]
-    """What was assumed, left out or found on the way."""
+    """Assumptions, omissions and findings of reading."""
     compression: Compression | None = None
-    """Forces of a rigid plate on fingerpads, not necessarily of the same people."""
+    """Forces of a rigid plate on fingerpads, possibly of other people."""
 
 
 def read_experiment(
@@ -79,8 +79,8 @@ def read_experiment(
 ) -> Experiment:
     """Read ratings and their fabrics.
 
-    The fabrics come from `fabrics_path`, else from columns of the ratings table itself, else from a
-    `fabrics.csv` beside it. Only those rated are kept, in the order of their table (of their names, where
+    The fabrics come from `fabrics_path`, or from columns of the ratings table itself, or from a
+    `fabrics.csv` beside it. Only rated fabrics are kept, in the order of their table (of their names, if
     that is the table of ratings).
 
     Parameters
@@ -90,11 +90,11 @@ def read_experiment(
     columns
         Name of a column here -> name in either file, where they differ.
     indentation_mm, force_n
-        The load of every row [mm] or [N], where the table of ratings has no column for it.
+        The load of every row [mm] or [N], if the table of ratings has no column for it.
     compression_path
         CSV file of compression data, whose columns are those of `Compression.read`.
     decimal
-        What stands before the decimals in all files, "," or "."; left out, each file tells by itself or is refused.
+        Decimal mark of all files, "," or ".". By default it is found in each file; an ambiguous file raises an error.
 
     Raises
     ------
@@ -117,7 +117,7 @@ def read_experiment(
         notes.append(f"the fabrics are those of {beside}, found beside the ratings")
     else:
         raise InputError(
-            f"{table.path}: nothing is known of the fabrics: name their table with --fabrics, put a "
+            f"{table.path}: the fabrics have no properties: name their table with --fabrics, put a "
             f"{FABRICS_BESIDE} beside the ratings, or give these a column of "
             f"{', '.join(column.name for column in MODULUS_SOURCES)} (the last with {THICKNESS.name})"
         )
@@ -140,12 +140,12 @@ def read_experiment(
 
 
 def fabrics_csv(fabrics: Fabrics) -> str:
-    """Return a fabric table that reads back to the same values, every bit of them."""
+    """Return a fabric table that reads back to exactly the same values."""
     return _csv({"fabric": fabrics.names, **fabrics.cells()})
 
 
 def ratings_csv(ratings: Ratings, fabrics: Fabrics | None = None) -> str:
-    """Return a table of ratings that reads back to the same values, with the columns of `fabrics` if given."""
+    """Return a table of ratings that reads back to exactly the same values, with the columns of `fabrics` if given."""
     touches = [ratings.loads[i] for i in ratings.load]
     names = [ratings.fabrics[i] for i in ratings.fabric]
     columns: dict[str, Sequence[str]] = {
@@ -165,7 +165,7 @@ def ratings_csv(ratings: Ratings, fabrics: Fabrics | None = None) -> str:
 
 
 def compression_csv(compression: Compression) -> str:
-    """Return a table of compression data that reads back to the same values."""
+    """Return a table of compression data that reads back to exactly the same values."""
     columns = {
         "participant": [compression.participants[i] for i in compression.participant],
         INDENTATION.name: [INDENTATION.write(value) for value in compression.indentation],
@@ -180,12 +180,12 @@ def write_fabrics(path: str | Path, fabrics: Fabrics) -> None:
 
 
 def write_ratings(path: str | Path, ratings: Ratings, fabrics: Fabrics | None = None) -> None:
-    """Write `ratings_csv` to a file, which appears whole or not at all and replaces only what was written here.
+    """Write `ratings_csv` to a file, which appears whole or not at all and replaces only files written here.
 
     Raises
     ------
     InputError
-        If another file stands there, or one that was changed since it was written.
+        If another file is in the way, or one that was changed since it was written.
     """
     _write(path, ratings_csv(ratings, fabrics))
 

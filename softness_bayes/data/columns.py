@@ -1,4 +1,4 @@
-"""The columns that files may have: names, units, bounds; the only conversion between their units and SI."""
+"""Columns of files: names, units, bounds, and the conversion between their units and SI."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _NUMBER = re.compile(r"([+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+))(?:[eE]([+-]?[0-9]{1,9
 
 @dataclass(frozen=True)
 class Column:
-    """A column of numbers: its name in files, its words in print, its unit, and what it may hold.
+    """A column of numbers: its name in files, its label, its unit and its range.
 
     Parameters
     ----------
@@ -26,10 +26,10 @@ class Column:
     label, unit
         Words for axes and tables.
     power
-        The unit is 10^power SI units. Reading and writing shift the decimal point of the digits and
-        never multiply, so that a value written and read again keeps every bit.
+        The unit is 10^power SI units. Reading and writing shift the decimal point of the digits instead of
+        multiplying, so that a value written and read again keeps every bit.
     range
-        Values that it may hold [SI].
+        Allowed values [SI].
     """
 
     name: str
@@ -50,20 +50,20 @@ class Column:
 
     @property
     def expected(self) -> str:
-        """What the column may hold, in words."""
+        """The allowed values, in words."""
         return str(self.range.within(10.0**-self.power))
 
     def holds(self, value: float) -> bool:
-        """Return whether `value` [SI] may stand in the column."""
+        """Return whether `value` [SI] is allowed in the column."""
         return self.range.holds(value)
 
     def parse(self, text: str, filed: str | None = None) -> float:
-        """Return the value [SI] of a number with a decimal point; messages quote it as it was `filed`.
+        """Return the value [SI] of a number with a decimal point; messages quote the text in the file, `filed`.
 
         Raises
         ------
         ValueError
-            If the text is no number or out of bounds; the message says what was expected.
+            If the text is not a number or out of range; the message says what was expected.
         """
         match = _NUMBER.fullmatch(text)
         value = float(f"{match[1]}e{int(match[2] or 0) + self.power}") if match else math.nan
@@ -107,4 +107,4 @@ NUMBERS: Mapping[str, Column] = {
 }
 """The columns of numbers, by name."""
 MODULUS_SOURCES = (EFFECTIVE_MODULUS, BENDING_RIGIDITY, TENSILE_MODULUS)
-"""What a fabric's modulus may come from; the first that it has wins (tensile modulus needs thickness)."""
+"""Sources of a fabric's modulus; the first available one is used (a tensile modulus needs a thickness)."""

@@ -14,21 +14,21 @@ from softness_bayes.data.tables import FloatArray, IntArray, Table, check_rename
 from softness_bayes.errors import InputError
 
 FLAT_PLATE = ("flat_plate", "flat plate", "plate", "flat")
-"""What a column `indentor` calls a rigid flat plate, in any case; without the column every row is one."""
+"""Names of a rigid flat plate in a column `indentor`, in any case; without the column every row is of a plate."""
 
-# in this file 0 stands for a finger that is not touched yet
+# in this file 0 means that the plate does not yet touch the finger
 _INDENTATION = Column(INDENTATION.name, INDENTATION.label, INDENTATION.unit, power=INDENTATION.power)
 _FORCE = Column(FORCE.name, FORCE.label, FORCE.unit)
 
 
 @dataclass(frozen=True, eq=False)
 class Compression:
-    """Forces at held indentations of some fingerpads by a rigid flat plate; rows without a force left out.
+    """Forces of a rigid flat plate on some fingerpads at held indentations; rows without a force are left out.
 
     Parameters
     ----------
     participants
-        Whose fingers they are.
+        Names of the participants.
     participant
         Index (n,) of each row's finger.
     indentation, force
@@ -36,9 +36,9 @@ class Compression:
     rows
         Line (n,) of each row in its file.
     n_zero
-        Rows that were dropped for a force of 0, which has no logarithm.
+        Rows dropped because a force of 0 has no logarithm.
     source, digest, notes
-        File, SHA-256 of its bytes, and what its reader should be told.
+        File, SHA-256 of its bytes, and notes for the user.
     """
 
     participants: tuple[str, ...]
@@ -70,8 +70,8 @@ class Compression:
     ) -> Compression:
         """Read a table of forces, one row each.
 
-        Columns: `participant`, `indentation_mm`, `force_n`; where there is a column `indentor`, rows of
-        another than a flat plate are left out, with a note. So are rows without a force, or with one of 0.
+        Columns: `participant`, `indentation_mm`, `force_n`. If there is a column `indentor`, rows that are not of
+        a flat plate are left out, with a note, as are rows without a force or with a force of 0.
 
         Parameters
         ----------

@@ -1,4 +1,4 @@
-"""Decimal marks: which one the numbers of a table are written with, and numbers without it."""
+"""Decimal marks: recognition of the mark of a table, and its conversion to a point."""
 
 from __future__ import annotations
 
@@ -7,11 +7,11 @@ from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
 MARKS = (",", ".")
-"""What may stand before the decimals."""
+"""The possible decimal marks."""
 
 
 class Cell(NamedTuple):
-    """A number as it stands in a file, and where."""
+    """A number as written in a file, and its place."""
 
     text: str
     column: str
@@ -24,26 +24,26 @@ class Cell(NamedTuple):
 
 
 class Reading(NamedTuple):
-    """What the numbers of a table say of their decimal mark."""
+    """Evidence of a table's numbers about its decimal mark."""
 
     mark: str
     note: str = ""
-    """What was assumed of a number that could have been another."""
+    """Assumption about an ambiguous number."""
     unclear: Cell | None = None
-    """A number that may have decimals or grouped thousands, where no other number decides."""
+    """A number that may have decimals or grouped thousands, if no other number decides."""
 
 
 def decimal_mark(columns: Iterable[Sequence[Cell]]) -> Reading:
     """Find the decimal mark of a table whose cells are not separated by commas.
 
-    Three digits behind a comma may be decimals or thousands, as in 1,234. Any number of the table that can
-    have decimals only, as 0,82, decides for all. So does a column in which every number has a point and
-    three digits, as programs write them; one that mixes these with whole numbers does not.
+    Three digits behind a comma may be decimals or thousands, as in 1,234. A number that can only have
+    decimals, such as 0,82, decides for the whole table. So does a column in which every number has a point and
+    three digits, as programs write them; a column that mixes these with whole numbers does not decide.
 
     Parameters
     ----------
     columns
-        The columns of numbers, without the cells that are none.
+        The columns of numbers, without their missing cells.
     """
     columns = [list(cells) for cells in columns]
     every = [cell for cells in columns for cell in cells]
@@ -57,8 +57,8 @@ def decimal_mark(columns: Iterable[Sequence[Cell]]) -> Reading:
         assumed = unclear.text.replace(",", ".")
         return Reading(
             ",",
-            f"{unclear.place}: {unclear.text} is read as {assumed}, for {deciding.text} in {deciding.place} has a "
-            "decimal comma; --decimal . says otherwise",
+            f"{unclear.place}: {unclear.text} is read as {assumed}, because {deciding.text} in {deciding.place} has a "
+            "decimal comma; --decimal . reads it otherwise",
         )
     points = [cell for cell in every if "." in cell.text]
     if all(_grouped(".").fullmatch(cell.text) for cell in points):
@@ -70,12 +70,12 @@ def decimal_mark(columns: Iterable[Sequence[Cell]]) -> Reading:
 
 
 def plain(text: str, mark: str, declared: bool) -> str:
-    """Return a number with a decimal point and no grouped thousands, which may stand where the mark was declared.
+    """Return a number with a decimal point and no grouped thousands, which are allowed only if the mark is declared.
 
     Raises
     ------
     ValueError
-        If it is not written with this mark; the message says what was expected.
+        If the number is not written with this mark; the message says what was expected.
     """
     other = MARKS[mark == ","]
     if other in text and mark != other:

@@ -1,4 +1,4 @@
-"""What was measured of fabrics, and the modulus that follows from it."""
+"""Measured properties of fabrics, and the modulus that follows from them."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def _unmeasured() -> FloatArray:
 
 @dataclass(frozen=True, eq=False)
 class Fabrics:
-    """What was measured of some fabrics: arrays (n,) over the fabrics, NaN where a property was not measured.
+    """Measured properties of some fabrics: arrays (n,) over the fabrics, NaN for a property that was not measured.
 
     Parameters
     ----------
@@ -52,16 +52,16 @@ class Fabrics:
     poisson_ratio
         nu_fab [-] in (-1, 0.5]; NaN becomes 0.3.
     bending_rigidity
-        D [N m]; wins over E_ten and h.
+        D [N m]; takes precedence over E_ten and h.
     effective_modulus
-        E_fab [Pa]; wins over all others.
+        E_fab [Pa]; takes precedence over all others.
     source, rows, digest, notes
-        File, line of each fabric in it, SHA-256 of its bytes, and what its reader should be told.
+        File, line of each fabric in it, SHA-256 of its bytes, and notes for the user.
 
     Raises
     ------
     InputError
-        If names repeat, a value is out of bounds, or a fabric has nothing to make a modulus from.
+        If names repeat, a value is out of range, or a fabric lacks the properties for a modulus.
     """
 
     names: tuple[str, ...]
@@ -99,7 +99,7 @@ class Fabrics:
 
     @property
     def basis(self) -> tuple[str, ...]:
-        """The column that each fabric's modulus comes from, empty where there is none."""
+        """The column that each fabric's modulus comes from, empty if there is none."""
         measured = (
             ~np.isnan(self.effective_modulus),
             ~np.isnan(self.bending_rigidity),
@@ -113,7 +113,7 @@ class Fabrics:
         Parameters
         ----------
         reading
-            How D [N m] follows from E_ten, h and nu_fab where it was not measured.
+            Formula for D [N m] from E_ten, h and nu_fab, if it was not measured.
         length
             l [m].
 
@@ -140,7 +140,7 @@ class Fabrics:
         return replace(self, names=names, rows=rows, **properties)
 
     def cells(self) -> dict[str, list[str]]:
-        """Return the columns that hold anything, as text for a file."""
+        """Return the columns that are not empty, as text for a file."""
         columns = {
             column.name: [column.write(value) for value in getattr(self, name)] for name, column in PROPERTIES.items()
         }
@@ -177,7 +177,7 @@ class Fabrics:
 
     @classmethod
     def from_table(cls, table: Table, repeated: bool = False) -> Fabrics:
-        """Return the fabrics of a table; in one of ratings (`repeated`) the rows of a fabric must agree."""
+        """Return the fabrics of a table; in a table of ratings (`repeated`) the rows of a fabric must agree."""
         labels = table.labels("fabric")
         rows: dict[str, list[int]] = {name: [] for name in (natural(labels) if repeated else labels)}
         for i, name in enumerate(labels):
@@ -207,7 +207,7 @@ class Fabrics:
 
 
 def _agreed(table: Table, column: Column, filed: FloatArray, own: list[int]) -> float:
-    """Return the one value that the rows of a fabric give a property, NaN if none does."""
+    """Return a fabric's value of a property, the same in all its rows; NaN if no row has one."""
     given = [i for i in own if not np.isnan(filed[i])]
     for i in given:
         if filed[i] != filed[given[0]]:

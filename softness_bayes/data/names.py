@@ -1,4 +1,4 @@
-"""Names of people and fabrics: their order, guesses at a misspelt one, and those that look alike."""
+"""Names of people and fabrics: their order, corrections of misspelt ones, and names that look alike."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ _LONGEST_GUESSED = 100
 
 
 def natural(names: Iterable[str]) -> list[str]:
-    """Return distinct names with the numbers in them in numerical order: P2 before P10."""
+    """Return distinct names, sorted with numbers in numerical order: P2 before P10."""
 
     def key(name: str) -> tuple[str, str]:
         return re.sub("[0-9]+", lambda digits: digits[0].zfill(20), name), name
@@ -26,7 +26,7 @@ def listing(names: Sequence[str], most: int = 8) -> str:
 
 
 def guess(name: str, known: Iterable[str]) -> str:
-    """Return ' (did you mean ...?)' where one of the known names is near, or looks the same."""
+    """Return ' (did you mean ...?)' if a known name is similar or looks the same, otherwise an empty text."""
     known = list(known)
     if alike := [other for other in known if _look(other) == _look(name)]:
         return f" (which has {_shown(alike[0])} for {_shown(name)}: they differ in {_DIFFERENCE} only)"
@@ -37,12 +37,12 @@ def guess(name: str, known: Iterable[str]) -> str:
 
 
 def alike_notes(kind: str, names: Iterable[str]) -> list[str]:
-    """Say which names differ so little that they may be meant to be the same; they are kept as written.
+    """Return notes on names that differ so little that they may be the same; names are kept as written.
 
     Parameters
     ----------
     kind
-        What the names are of, as in 'participant'.
+        Column of the names, as in 'participant'.
     names
         All of them.
     """
@@ -59,11 +59,11 @@ _DIFFERENCE = "case, Unicode form or invisible characters"
 
 
 def _look(name: str) -> str:
-    """Return what two names have in common that a reader cannot tell apart, or hardly."""
+    """Return a key that is the same for names which a reader can hardly tell apart."""
     folded = unicodedata.normalize("NFKC", unicodedata.normalize("NFKC", name).casefold())
     return " ".join("".join(c for c in folded if c.isspace() or unicodedata.category(c) not in ("Cf", "Cc")).split())
 
 
 def _shown(name: str) -> str:
-    """Return a name in quotes, with escapes for all that is not ASCII: they show what it differs in."""
+    """Return a name in quotes, with escapes for non-ASCII characters, which make differences visible."""
     return ascii(name if len(name) <= _LONGEST_GUESSED else f"{name[:_LONGEST_GUESSED]}…")

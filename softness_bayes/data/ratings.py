@@ -26,14 +26,14 @@ from softness_bayes.errors import InputError, quoted
 from softness_bayes.touch.contact import Force, Indentation, Load
 
 STANDARDISED_MEAN, STANDARDISED_SD = 1.0, 3.0
-"""Largest mean, up or down, and standard deviation of ratings that are taken for z-scores."""
+"""Largest absolute mean, and largest standard deviation, of ratings that can be z-scores."""
 
 SOLE_PARTICIPANT = "participant"
-"""Name of the participant of a table that has no column of participants."""
+"""Name of the participant in a table without a column of participants."""
 
 
 class LoadColumn(NamedTuple):
-    """A way to hold a touch: its column, its type, and how its value [SI] is read from it."""
+    """A kind of load: its column, its type, and the function that returns its value [SI]."""
 
     column: Column
     kind: type[Indentation] | type[Force]
@@ -47,7 +47,7 @@ LOAD_COLUMNS = (
 
 
 def loads_of(indentation_mm: Iterable[float] = (), force_n: Iterable[float] = ()) -> tuple[Load, ...]:
-    """Return the distinct loads of some indentations [mm] and forces [N]: indentations first, each rising.
+    """Return the distinct loads of some indentations [mm] and forces [N]: indentations first, each in rising order.
 
     Raises
     ------
@@ -64,12 +64,12 @@ def loads_of(indentation_mm: Iterable[float] = (), force_n: Iterable[float] = ()
 
 
 def _rank(load: Load) -> tuple[int, float]:
-    """Return the key that orders loads: indentations first, each rising."""
+    """Return the sort key of a load: indentations first, each in rising order."""
     return next((k, entry.value(load)) for k, entry in enumerate(LOAD_COLUMNS) if isinstance(load, entry.kind))
 
 
 class Conditions(NamedTuple):
-    """The distinct pairs of fabric and load that were rated, by fabric, then load."""
+    """The distinct pairs of fabric and load that were rated, sorted by fabric and load."""
 
     fabric: IntArray
     """Index (n_c,) of each condition's fabric."""
@@ -86,7 +86,7 @@ class Ratings:
     Parameters
     ----------
     participants, fabrics, loads
-        What the indices point to; loads are distinct, indentations first, each rising.
+        Names and loads that the indices refer to; loads are distinct, indentations first, each in rising order.
     participant, fabric, load
         Indices (n,) of each rating.
     rating
@@ -96,7 +96,7 @@ class Ratings:
     n_missing
         Rows without a rating.
     source, rating_column, digest, notes
-        File, name of the ratings' column in it, SHA-256 of its bytes, and what its reader should be told.
+        File, name of the ratings' column in it, SHA-256 of its bytes, and notes for the user.
     """
 
     participants: tuple[str, ...]
@@ -113,7 +113,7 @@ class Ratings:
     digest: str = ""
     notes: tuple[str, ...] = ()
     not_positive: str = ""
-    """The first rating that is zero or negative, as it stands in the file."""
+    """The first rating that is zero or negative, as written in the file."""
 
     def __post_init__(self) -> None:
         arrays = {"participant": int, "fabric": int, "load": int, "rating": float, "rows": int}
@@ -127,17 +127,17 @@ class Ratings:
 
     @property
     def conditions(self) -> Conditions:
-        """The fabrics and loads that were rated, and which of them each rating is of."""
+        """The rated pairs of fabric and load, and the pair of each rating."""
         pairs, of_rating = np.unique(self.fabric * len(self.loads) + self.load, return_inverse=True)
         return Conditions(*np.divmod(pairs, len(self.loads)), of_rating)
 
     def require_positive(self) -> None:
-        """Refuse ratings that have no logarithm: magnitude estimates are above 0 (model.md 9).
+        """Raise an error for ratings without a logarithm: magnitude estimates are above 0 (model.md 9).
 
         Raises
         ------
         InputError
-            Naming the first rating that is zero or negative, and what can be done.
+            Naming the first rating that is zero or negative, and a remedy.
         """
         wrong = np.flatnonzero(self.rating <= 0)
         if wrong.size:
@@ -151,12 +151,12 @@ class Ratings:
             )
 
     def require_standardised(self) -> None:
-        """Refuse ratings that cannot be z-scores: `STANDARDISED_MEAN` and `STANDARDISED_SD` (model.md 9).
+        """Raise an error for ratings that cannot be z-scores: `STANDARDISED_MEAN` and `STANDARDISED_SD` (model.md 9).
 
         Raises
         ------
         InputError
-            Naming mean and standard deviation of the ratings, and what can be done.
+            Naming mean and standard deviation of the ratings, and a remedy.
         """
         mean, sd = float(self.rating.mean()), float(self.rating.std())
         if abs(mean) > STANDARDISED_MEAN or sd > STANDARDISED_SD:
@@ -170,12 +170,12 @@ class Ratings:
     def crossed(
         cls, participants: Sequence[str], fabrics: Sequence[str], loads: Sequence[Load], rating: ArrayLike
     ) -> Ratings:
-        """Return the ratings that everyone gave everything.
+        """Return the ratings of a complete design, in which every participant rated every fabric under every load.
 
         Parameters
         ----------
         participants, fabrics, loads
-            Who rated, what, and how it was touched.
+            Participants, fabrics and loads of the axes of `rating`.
         rating
             Ratings (n_participants, n_fabrics, n_loads), NaN where missing.
         """
@@ -206,19 +206,19 @@ class Ratings:
     ) -> Ratings:
         """Read a long table of ratings.
 
-        Columns: `participant` (without it all rows are one participant's), `fabric`, `rating` (empty where
-        missing), `indentation_mm` or `force_n` (each row fills exactly one), `trial` if there is one.
+        Columns: `participant` (if missing, all rows are of one participant), `fabric`, `rating` (empty if
+        missing), `indentation_mm` or `force_n` (exactly one in each row), and optionally `trial`.
 
         Parameters
         ----------
         path
             CSV file.
         fabrics
-            The fabrics that may occur; by default all that the table names.
+            The known fabrics; by default all in the table.
         columns
             Name above -> name in the file, where they differ.
         indentation_mm, force_n
-            The load of every row [mm] or [N], where the table has no column for it.
+            The load of every row [mm] or [N], if the table has no column for it.
         decimal
             What stands before the decimals, "," or "."; left out, the file tells or is refused.
 
@@ -288,7 +288,7 @@ def _index(values: Sequence[object], distinct: Sequence[object]) -> IntArray:
 
 
 def _fabrics_in(table: Table, fabrics: Fabrics | None) -> Sequence[str]:
-    """Return each row's fabric, all of them known."""
+    """Return each row's fabric; an unknown one is an error."""
     labels = table.labels("fabric")
     if fabrics is not None:
         known = set(fabrics.names)
@@ -300,7 +300,7 @@ def _fabrics_in(table: Table, fabrics: Fabrics | None) -> Sequence[str]:
 
 
 def _loads_in(table: Table, indentation_mm: float | None, force_n: float | None) -> list[Load]:
-    """Return each row's load, from its columns or the same for all."""
+    """Return each row's load, from its columns or one for all rows."""
     filed = {entry: table.numbers(entry.column) for entry in LOAD_COLUMNS if entry.column.name in table}
     given = loads_of(*([] if value is None else [value] for value in (indentation_mm, force_n)))
     if not filed:
@@ -328,7 +328,7 @@ def _loads_in(table: Table, indentation_mm: float | None, force_n: float | None)
 
 
 def _repeats(table: Table, *keys: Sequence[object]) -> list[str]:
-    """Say how many ratings repeat a participant, fabric and load (and trial, where trials are told apart)."""
+    """Return a note on ratings that repeat a participant, fabric and load (and trial, if there is such a column)."""
     trials = "trial" in table
     cells = set(zip(*keys, *([table.cells["trial"]] if trials else []), strict=True))
     repeated = len(table) - len(cells)

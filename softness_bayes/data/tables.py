@@ -1,4 +1,4 @@
-"""CSV files as named columns of text: encodings, separators, decimal marks; errors that name the place."""
+"""CSV files as named columns of text: encodings, separators, decimal marks, and errors that name the place."""
 
 from __future__ import annotations
 
@@ -24,27 +24,27 @@ FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.intp]
 
 MISSING = frozenset({"", "na", "n/a", "nan", "null", "none"})
-"""What stands for a missing number, in any case. A name is missing only if empty: NA may be initials."""
+"""Texts for a missing number, in any case. Only an empty name is missing: NA may be initials."""
 
 _CONTROL = re.compile("[\x00-\x08\x0e-\x1f]")
-_END = "\x1f"  # stands in no table: what follows the last row
+_END = "\x1f"  # end mark behind the last row, a character that occurs in no table
 
 
 @dataclass(frozen=True)
 class Table:
-    """The columns of a file that the project knows, as stripped text under their own names."""
+    """The known columns of a file, as stripped text under their standard names."""
 
     path: Path
     digest: str
     """SHA-256 of the file's bytes."""
     cells: Mapping[str, Sequence[str]]
     titles: Mapping[str, str]
-    """Name of a column here -> its name in the file's header."""
+    """Standard name of a column -> its name in the file's header."""
     rows: IntArray
-    """Line of each row in the file; the header stands in line 1."""
+    """Line of each row in the file; the header is line 1."""
     decimal: str
     declared: bool
-    """Whether the decimal mark was asked for: thousands may be grouped then."""
+    """Whether the user declared the decimal mark, which allows grouped thousands."""
     notes: tuple[str, ...]
 
     def __len__(self) -> int:
@@ -63,7 +63,7 @@ class Table:
         return replace(self, cells=cells, rows=self.rows[index])
 
     def require(self, name: str) -> None:
-        """Refuse a table without the column `name`."""
+        """Raise an error for a table without the column `name`."""
         if name not in self:
             raise InputError(
                 f"{self.path}: no column {name!r}, and no --column {name}=... says which it is; "
@@ -71,7 +71,7 @@ class Table:
             )
 
     def labels(self, name: str) -> Sequence[str]:
-        """Return a column of names, none of them empty."""
+        """Return a column of names; an empty one is an error."""
         self.require(name)
         for i, text in enumerate(self.cells[name]):
             if not text:
@@ -79,7 +79,7 @@ class Table:
         return self.cells[name]
 
     def numbers(self, column: Column) -> FloatArray:
-        """Return a column of numbers [SI], NaN where the cell or the whole column is missing."""
+        """Return a column of numbers [SI], NaN for a missing cell or column."""
         values = np.full(len(self), np.nan)
         for i, text in enumerate(self.cells.get(column.name, ())):
             if text.casefold() in MISSING:
@@ -169,7 +169,7 @@ def read_table(path: str | Path, renames: Mapping[str, str], decimal: str | None
 
 
 def check_renames(renames: Mapping[str, str], *tables: Table) -> None:
-    """Refuse to rename what means nothing here, or what none of the tables has."""
+    """Raise an error for renames of unknown columns, or to names that no table has."""
     for name, actual in renames.items():
         if name not in (*LABELS, *NUMBERS):
             known = (*LABELS, *NUMBERS)
@@ -190,7 +190,7 @@ def read_only(values: ArrayLike, kind: type) -> NDArray:
 
 
 def _decode(path: Path, content: bytes) -> tuple[str, list[str]]:
-    """Return the text of a file, each newline one character, and what was noticed."""
+    """Return the text of a file, each newline one character, and notes."""
     notes: list[str] = []
     wide = content[:2] in (b"\xff\xfe", b"\xfe\xff")
     try:
@@ -211,26 +211,26 @@ def _decode(path: Path, content: bytes) -> tuple[str, list[str]]:
 
 
 def _separator(text: str) -> str:
-    """Return what separates the cells of the header."""
+    """Return the separator of the header's cells."""
     header = re.sub(r'"[^"]*"', "", text.lstrip().partition("\n")[0])
     return max(",;\t", key=header.count)
 
 
 def _unclear(path: Path, cell: Cell) -> str:
-    """Say that a number can be read in two ways, and what decides."""
+    """Return the message for a number that can be read in two ways."""
     other = cell.text.replace(",", "").replace(".", "")
     return (
         f"{path}: {cell.place}: {cell.text!r} may be {cell.text.replace(',', '.')} or {other}, and no number of this "
-        "table tells which; say what stands before the decimals with --decimal . or --decimal ,"
+        "table decides between them; name the decimal mark with --decimal . or --decimal ,"
     )
 
 
 def _records(
     path: Path, text: str, separator: str
 ) -> tuple[list[str], list[list[str]], list[int], Counter[tuple[int, str]]]:
-    """Return the header, the rows that are not blank, where each starts, and how often a cell had spaces at its ends.
+    """Return the header, the non-blank rows, their lines, and the number of cells with spaces at their ends.
 
-    The last by column and by what the cell holds without them.
+    That number is by column and by the cell's text without the spaces.
     """
     records: list[list[str]] = []
     rows: list[int] = []
@@ -261,7 +261,7 @@ def _rows(path: Path, text: str, separator: str) -> Iterator[tuple[list[str], in
     Raises
     ------
     InputError
-        If a quotation mark is never closed, or a cell longer than any table has.
+        If a quotation mark is never closed, or a cell is too long.
     """
     reader = csv.reader(io.StringIO(f"{text}\n{_END}"), delimiter=separator, skipinitialspace=True)
     line, record = 1, [_END]

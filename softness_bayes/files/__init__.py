@@ -1,1 +1,1 @@
-"""Files that are written: whole or not at all, never over anybody else's, and safe to open in a spreadsheet."""
+"""Files that are written whole or not at all, never replace other files, and are safe to open in a spreadsheet."""

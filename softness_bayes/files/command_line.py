@@ -1,4 +1,4 @@
-"""Command lines as text that any file can hold and anybody may read."""
+"""Command lines as text that can be stored and shared."""
 
 from __future__ import annotations
 
@@ -17,20 +17,20 @@ def storable(command: str) -> str:
     Parameters
     ----------
     command
-        As `shlex.join` writes it; Python keeps such bytes as surrogates, which no UTF-8 file can hold.
+        As `shlex.join` writes it; Python keeps such bytes as surrogates, which a UTF-8 file cannot store.
     """
     return _QUOTED.sub(lambda found: found[0] if _is_text(found[0]) else _escaped(found[0][1:-1]), command)
 
 
 def portable(word: str, here: Path) -> str:
-    """Return a word of a command line without an absolute path, which would tell of the machine and its owner.
+    """Return a word of a command line without an absolute path, which would reveal the machine and its owner.
 
     Parameters
     ----------
     word
         A word, or an option and a value tied by ``=``.
     here
-        Directory that a path starts from if it lies below; of any other only the last name is kept.
+        Directory to which paths below it become relative; of other paths only the last name is kept.
     """
     flag, tied, value = word.partition("=") if word.startswith("--") else ("", "", word)
     if not os.path.isabs(value):
@@ -40,7 +40,7 @@ def portable(word: str, here: Path) -> str:
 
 
 def endings(paths: Sequence[Path]) -> list[str]:
-    """Return names of paths: relative ones as they are, of absolute ones as many last parts as tell them apart."""
+    """Return short distinct names of paths: relative ones unchanged, of absolute ones the fewest last parts."""
     for size in range(1, max(len(path.parts) for path in paths) + 1):
         names = [str(Path(*path.parts[-size:]) if path.is_absolute() else path) for path in paths]
         if len({*names}) == len({*paths}):

@@ -1,4 +1,4 @@
-"""The list of what the toolkit wrote in a directory: by it a file of ours is told from anybody else's."""
+"""List of the files that the toolkit wrote in a directory, which distinguishes them from other files."""
 
 from __future__ import annotations
 
@@ -13,24 +13,24 @@ from softness_bayes.errors import InputError
 from softness_bayes.files.whole import write_whole
 
 LISTING = ".softness-bayes.json"
-"""Name of the list in the directory that it is of."""
+"""Name of the list in its directory."""
 
 FORMAT = 1
-"""Version of its layout; another one is refused."""
+"""Version of its layout; other versions raise an error."""
 
 
 class Entry(NamedTuple):
     """A file that was written."""
 
     by: str
-    """Verb that wrote it."""
+    """Command that wrote it."""
     digests: tuple[str, ...]
-    """SHA-256 of what it holds; of what it held too, while it is being replaced."""
+    """SHA-256 of its content; while it is being replaced, of the old content too."""
 
 
 @dataclass(frozen=True)
 class Listing:
-    """What the toolkit wrote in a directory.
+    """Files that the toolkit wrote in a directory.
 
     Parameters
     ----------
@@ -45,12 +45,12 @@ class Listing:
 
     @classmethod
     def read(cls, directory: Path) -> Listing:
-        """Return the list of a directory, an empty one where there is none.
+        """Return the list of a directory, or an empty one.
 
         Raises
         ------
         InputError
-            If a file of that name is no such list.
+            If the file is not such a list.
         """
         path = directory / LISTING
         if path.is_symlink():
@@ -79,14 +79,14 @@ class Listing:
         write_whole(directory / LISTING, (json.dumps(values, indent=1) + "\n").encode())
 
     def objection(self, path: Path, by: Collection[str]) -> str | None:
-        """Return why a path may not be replaced or removed; none for a file of the verbs `by`, as they left it.
+        """Return why a path may not be replaced or removed; None for an unchanged file of the commands `by`.
 
         Parameters
         ----------
         path
-            What stands in the directory.
+            A path in the directory.
         by
-            Verbs whose files are meant.
+        Commands whose files may be replaced.
         """
         if path.is_symlink():
             return "is a symbolic link"
@@ -103,5 +103,5 @@ class Listing:
 
 
 def digest(content: bytes) -> str:
-    """The SHA-256 of some content, in hexadecimal."""
+    """Return the SHA-256 of some content, in hexadecimal."""
     return hashlib.sha256(content).hexdigest()

@@ -1,6 +1,6 @@
-"""What a verb writes to a directory: refused where something else stands, replaced where it is its own.
+"""Output files of a command: its own earlier files may be replaced, other files never.
 
-`require_outputs` asks before anything is computed, `write_outputs` writes. Both go by the directory's `Listing`.
+`require_outputs` checks before anything is computed, `write_outputs` writes. Both use the directory's `Listing`.
 """
 
 from __future__ import annotations
@@ -22,25 +22,25 @@ from softness_bayes.files.whole import discard, is_part, put, staged, sweep
 def require_outputs(
     directory: Path, names: Iterable[str], by: str, replace: bool = True, inputs: Iterable[Path] = ()
 ) -> None:
-    """Refuse a directory that some files cannot be written to; nothing is changed there.
+    """Raise an error if some files cannot be written to a directory; nothing is changed there.
 
     Parameters
     ----------
     directory
-        Where to write; it need not be there yet.
+        Directory to write to, which need not exist yet.
     names
         The files.
     by
-        The verb that writes them.
+        The command that writes them.
     replace
-        Whether files that it wrote there earlier may be replaced.
+        Whether files that the command wrote there earlier may be replaced.
     inputs
         Files that are read, which are never replaced.
 
     Raises
     ------
     InputError
-        If the directory cannot be made or written to, or something stands in the way.
+        If the directory cannot be made or written to, or another file is in the way.
     """
     require_directory(directory)
     present = [directory / name for name in names if os.path.lexists(directory / name)]
@@ -51,7 +51,7 @@ def require_outputs(
 
 
 def write_outputs(directory: Path, contents: Mapping[str, bytes | str], by: str) -> list[Path]:
-    """Write files to a directory, which is made if there is none, and list them there.
+    """Write files to a directory, which is made if needed, and list them there.
 
     No file changes before all of them are on the disk.
 
@@ -60,9 +60,9 @@ def write_outputs(directory: Path, contents: Mapping[str, bytes | str], by: str)
     directory
         Where to write.
     contents
-        What to write, by the files' names; text is written in UTF-8.
+        Contents by the files' names; text is written in UTF-8.
     by
-        The verb that writes them; what it wrote there earlier is replaced.
+    The command that writes them; its earlier files are replaced.
 
     Returns
     -------
@@ -72,9 +72,9 @@ def write_outputs(directory: Path, contents: Mapping[str, bytes | str], by: str)
     Raises
     ------
     InputError
-        If something else stands in the way.
+        If another file is in the way.
     OSError
-        If there is no room or no permission; every file is as it was, or whole and new.
+    If there is no room or no permission; every file is then unchanged, or whole and new.
     """
     data = {directory / name: text.encode() if isinstance(text, str) else text for name, text in contents.items()}
     made = _make(directory)
@@ -97,7 +97,7 @@ def _write(directory: Path, data: Mapping[Path, bytes], listing: Listing, by: st
     try:
         for path, content in data.items():
             parts[path] = staged(path, content)
-        # whatever happens from here on, the list knows old and new files
+        # from here on the list contains old and new digests, so that an interruption leaves known files
         either = {
             name: Entry(by, (*listing.files[name].digests, *entry.digests)) if name in listing.files else entry
             for name, entry in new.items()
@@ -112,27 +112,27 @@ def _write(directory: Path, data: Mapping[Path, bytes], listing: Listing, by: st
 
 
 class Survey(NamedTuple):
-    """What a directory holds."""
+    """Contents of a directory."""
 
     ours: tuple[Path, ...]
-    """Files that some verbs wrote, as they left them, then the directories that they made."""
+    """Unchanged files of some commands, then the directories that they made."""
     others: Mapping[Path, str]
-    """Everything else, and why it counts as that."""
+    """All other files, each with the reason why it is not ours."""
 
 
 def survey(directory: Path, by: Collection[str], inputs: Iterable[Path] = (), but: Collection[str] = ()) -> Survey:
-    """Tell what some verbs wrote in a directory, and in directories they made there, from everything else.
+    """Return the files of some commands in a directory and in directories made there, and all other files.
 
     Parameters
     ----------
     directory
         Where to look.
     by
-        The verbs.
+        The commands.
     inputs
-        Files that are read, which always count as others.
+    Files that are read, which always count as other files.
     but
-        Names in the directory that are left out.
+    Names in the directory that are left out.
     """
     if not directory.is_dir():
         return Survey((), {})
@@ -154,13 +154,13 @@ def survey(directory: Path, by: Collection[str], inputs: Iterable[Path] = (), bu
             others |= objections
             ours += [] if objections else [path]
     if os.path.lexists(directory / LISTING):
-        Listing.read(directory)  # to refuse what is no list
+        Listing.read(directory)  # raises an error if the file is not a list
         ours += [] if others else [directory / LISTING]
     return Survey(tuple(ours), others)
 
 
 def remove(found: Survey) -> None:
-    """Remove what is ours of a directory; what somebody has put there since stays."""
+    """Remove our files of a directory; files that were added since stay."""
     for path in found.ours:
         with suppress(FileNotFoundError):
             if path.is_dir() and not path.is_symlink():
@@ -171,13 +171,13 @@ def remove(found: Survey) -> None:
 
 
 def told(others: Mapping[Path, str], most: int = 5) -> str:
-    """Return what stands in the way in words, the first few of many."""
+    """Return the files in the way in words, the first few of many."""
     shown = [f"{path} {why}" for path, why in list(others.items())[:most]]
     return "; ".join(shown) + (f"; and {len(others) - most} more" if len(others) > most else "")
 
 
 def require_directory(directory: Path) -> None:
-    """Refuse a directory that cannot be made or written to, by trying.
+    """Raise an error for a directory that cannot be made or written to, by trying.
 
     Raises
     ------
@@ -233,7 +233,7 @@ def _make(directory: Path) -> list[Path]:
 
 
 def _unmake(made: Iterable[Path]) -> None:
-    """Remove directories that were made in vain, unless somebody has put something there."""
+    """Remove new directories that are still empty."""
     for place in reversed(list(made)):
         with suppress(OSError):
             place.rmdir()

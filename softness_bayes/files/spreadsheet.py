@@ -1,7 +1,7 @@
 """Cells of CSV files that a spreadsheet shows and does not run.
 
-A text that begins with one of ``= + - @``, a tab or a carriage return is a formula to a spreadsheet. It is written
-behind an apostrophe, which `unescaped` takes away again; numbers stay as they are.
+A spreadsheet takes a text that begins with one of ``= + - @``, a tab or a carriage return for a formula. It is
+written behind an apostrophe, which `unescaped` removes; numbers stay unchanged.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ _RUN, _ESCAPED = re.compile(f"'*{_FORMULA}"), re.compile(f"'+{_FORMULA}")
 
 
 def escaped(text: str) -> str:
-    """Return a text as a cell that no spreadsheet runs; `unescaped` is the inverse."""
+    """Return a text as a cell that no spreadsheet runs as a formula; `unescaped` is the inverse."""
     return f"'{text}" if _RUN.match(text) and not _NUMBER.fullmatch(text) else text
 
 
@@ -28,7 +28,7 @@ def unescaped(text: str) -> str:
 
 
 def csv_of(table: pd.DataFrame, index: bool = True) -> str:
-    """Return a table as CSV, its texts escaped; `table_of` reads it again.
+    """Return a table as CSV with escaped texts; `table_of` reads it again.
 
     Parameters
     ----------
@@ -46,7 +46,7 @@ def table_of(source: Any, index: str | list[str] | None = None) -> pd.DataFrame:
     Parameters
     ----------
     source
-        What pandas reads from: a path or an open file.
+        Path or open file.
     index
         Columns of the index.
     """

@@ -15,14 +15,14 @@ _PART = re.compile(r"\.softness-bayes-[0-9a-f]{32}\.part")
 
 
 def write_whole(path: Path, content: bytes) -> None:
-    """Write a file: under another name first, then to the disk itself, then under its own name.
+    """Write a file so that it appears whole: to another name, synced to the disk, then renamed.
 
     Raises
     ------
     InputError
         If the path is a symbolic link.
     OSError
-        If there is no room or no permission; an earlier file of that name is still there, or the new one, whole.
+        If there is no room or no permission; the earlier file is then unchanged, or the new one is whole.
     """
     if path.is_symlink():
         raise InputError(f"{path}: is a symbolic link, which nothing is written through; move it away")
@@ -30,12 +30,12 @@ def write_whole(path: Path, content: bytes) -> None:
 
 
 def staged(path: Path, content: bytes) -> Path:
-    """Write content to the disk beside a path, under a new name that nobody can foresee, and return that name.
+    """Write content to the disk beside a path, under a new random name, and return that name.
 
     Raises
     ------
     OSError
-        If it cannot be written; nothing is left of it.
+        If it cannot be written; no part of it is left.
     """
     part = path.with_name(f".softness-bayes-{secrets.token_hex(16)}.part")
     try:
@@ -56,7 +56,7 @@ def staged(path: Path, content: bytes) -> Path:
 
 
 def put(parts: Mapping[Path, Path]) -> None:
-    """Give staged files their own names, replacing what stands there.
+    """Rename staged files to their own names, replacing earlier files.
 
     Parameters
     ----------
@@ -66,7 +66,7 @@ def put(parts: Mapping[Path, Path]) -> None:
     Raises
     ------
     OSError
-        If that fails; what has not got its name by then is removed.
+        If that fails; files that are not yet renamed are removed.
     """
     waiting = dict(parts)
     try:
@@ -82,14 +82,14 @@ def put(parts: Mapping[Path, Path]) -> None:
 
 
 def discard(parts: Iterable[Path]) -> None:
-    """Remove staged files that are not wanted."""
+    """Remove staged files."""
     for part in parts:
         with suppress(OSError):
             part.unlink()
 
 
 def sweep(directory: Path) -> None:
-    """Remove what killed processes left staged; the caller makes sure that nobody is writing there."""
+    """Remove staged files of killed processes; the caller makes sure that no process is writing there."""
     for path in directory.iterdir():
         if is_part(path):
             with suppress(OSError):
@@ -97,12 +97,12 @@ def sweep(directory: Path) -> None:
 
 
 def is_part(path: Path) -> bool:
-    """Return whether a file was staged here, by its name."""
+    """Return whether a file has the name of a staged file."""
     return _PART.fullmatch(path.name) is not None and path.is_file() and not path.is_symlink()
 
 
 def _sync_directory(directory: Path) -> None:
-    """Put the names in a directory on the disk; without it a file may be whole and yet nameless."""
+    """Sync the names in a directory to the disk; otherwise a whole file could lack its name after a crash."""
     handle = os.open(directory, os.O_RDONLY)
     try:
         os.fsync(handle)

@@ -1,4 +1,4 @@
-"""The choice of the sampled parameters: those that are held, those that have other priors, those that are absent."""
+"""Choice of the sampled parameters: those held at a value, those with other priors, those that are absent."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def parameter_space(
     n_fingers: int | None = None,
     membrane: Membrane = CONNOR_STEVENS,
 ) -> ParameterSpace:
-    """Decide which parameters are sampled, under which priors, and where the others are held.
+    """Return the space of the sampled parameters with their priors, and the values of the held ones.
 
     Parameters
     ----------
@@ -50,21 +50,21 @@ def parameter_space(
     skin_displacement
         Reading of the skin's displacement, which decides unit and prior of m.
     n_participants
-        With one, tau cannot be told from mu and is held at 0.
+        With one participant, tau is not identifiable beside mu and is held at 0.
     absent
         Parameters that the model at hand does not have: neither sampled nor held.
     n_fingers
-        Fingers of the compression data; without any there are no `FINGER_PARAMETERS`. With one, the
-        spreads between fingers cannot be told from b and m and are held at 0.
+        Fingers of the compression data; without any there are no `FINGER_PARAMETERS`. With one finger, the
+        spreads between fingers are not identifiable beside b and m and are held at 0.
     membrane
-        Reading of the membrane, whose firing-rate surface limits alpha and the channel multipliers. One that it does
-        not have is held.
+        Reading of the membrane, whose firing-rate surface limits alpha and the channel multipliers. The multiplier of
+        a channel that it does not have is held.
 
     Raises
     ------
     InputError
         If a name is unknown or absent, a parameter is both held and sampled, or a value or a prior's support
-        leaves the values that a parameter can take.
+        is outside the parameter's range.
     """
     fix, priors = dict(fix or {}), dict(priors or {})
     freed = set(free) | set(priors)
@@ -124,7 +124,7 @@ def _not_identifiable(
 
 
 def require_values(values: Mapping[str, float]) -> None:
-    """Refuse values [natural units] that no model could be held at, whatever its data.
+    """Raise an error for values [natural units] outside the ranges of their parameters.
 
     Raises
     ------
@@ -136,7 +136,7 @@ def require_values(values: Mapping[str, float]) -> None:
 
 
 def require_priors(priors: Mapping[str, Prior]) -> None:
-    """Refuse priors of parameters that do not exist, or that these could not take.
+    """Raise an error for priors of unknown parameters, or with a support outside the parameter's range.
 
     Raises
     ------
@@ -160,7 +160,7 @@ def _require_value(parameter: Parameter, value: float) -> None:
 def _within_surface(
     sampled: tuple[Parameter, ...], held: Mapping[str, float], firing: FiringSurface
 ) -> tuple[Parameter, ...]:
-    """The parameters as they are where channel multipliers are sampled: alpha ends with the firing-rate surface.
+    """Return the parameters with alpha limited to the firing-rate surface, for sampled channel multipliers.
 
     Raises
     ------

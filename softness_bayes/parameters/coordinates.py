@@ -1,4 +1,4 @@
-"""Coordinates in which walkers move: the whole line for every parameter, whatever its support."""
+"""Coordinates in which walkers move: each maps the support of a parameter to the whole line."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ class Coordinate(Protocol):
     """A smooth rising map from the line z to the open support of a parameter x, element by element."""
 
     def natural(self, z: FloatArray) -> FloatArray:
-        """Parameter value x at ``z``."""
+        """Return the parameter value x at ``z``."""
 
     def coordinate(self, x: FloatArray) -> FloatArray:
-        """The inverse: z at ``x``."""
+        """Return z at ``x``, the inverse of `natural`."""
 
     def log_slope(self, z: FloatArray) -> FloatArray:
-        """Log of dx/dz at ``z``, so that log p(z) = log p(x) + log_slope(z)."""
+        """Return the log of dx/dz at ``z``, so that log p(z) = log p(x) + log_slope(z)."""
 
 
 @dataclass(frozen=True)
@@ -49,7 +49,7 @@ class Line:
 
 @dataclass(frozen=True)
 class Scaled:
-    """x = unit z, for a quantity of either sign and of a known size."""
+    """x = unit z, for a quantity of either sign with a known scale."""
 
     unit: Numbers
 
@@ -73,7 +73,7 @@ class HalfLine:
     low: Numbers = 0.0
 
     def natural(self, z: FloatArray) -> FloatArray:
-        """Return x = low + exp z; infinite where exp overflows, which every prior gives no weight."""
+        """Return x = low + exp z; infinite where exp overflows, where every prior has density zero."""
         with np.errstate(over="ignore"):
             return self.low + np.exp(z)
 
@@ -110,9 +110,9 @@ class Interval:
 class Bent:
     """x = centre + width sinh z: linear near a centre, logarithmic far from it on either side.
 
-    Suits a quantity whose effect grows like a power of its distance from the centre, as that of the
-    largest receptor current grows above the rheobase: the ridges that it makes with exponents become
-    straight. It reaches every number, also those that a prior excludes.
+    It suits a quantity whose effect grows like a power of its distance from the centre, such as the largest
+    receptor current above the rheobase: its ridges with exponents become straight. It reaches every number,
+    including those that a prior excludes.
     """
 
     centre: Numbers
@@ -133,9 +133,9 @@ class Bent:
 
 
 def coordinate_for(support: tuple[float, float]) -> Coordinate:
-    """The coordinate that suits a support (low, high).
+    """Return the coordinate for a support (low, high).
 
-    A support bounded only from above is turned into `Line`: no prior of the toolkit has one.
+    A support bounded only from above gets a `Line`; no prior of the toolkit has one.
     """
     low, high = support
     if math.isinf(low):
@@ -159,15 +159,15 @@ class Coordinates:
         self._alike = [(np.array(places), _stacked(every, places)) for places in kinds.values()]
 
     def natural(self, z: FloatArray) -> FloatArray:
-        """Parameter values at ``z``, both of shape (..., places)."""
+        """Return parameter values at ``z``, both of shape (..., places)."""
         return self._each(z, lambda one, values: one.natural(values))
 
     def coordinate(self, x: FloatArray) -> FloatArray:
-        """Coordinates of values ``x``."""
+        """Return coordinates of values ``x``."""
         return self._each(x, lambda one, values: one.coordinate(values))
 
     def log_slope(self, z: FloatArray) -> FloatArray:
-        """Log of |dx/dz| of each place."""
+        """Return the log of |dx/dz| of each place."""
         return self._each(z, lambda one, values: one.log_slope(values))
 
     def _each(self, values: FloatArray, of: Callable[[Coordinate, FloatArray], FloatArray]) -> FloatArray:
@@ -178,6 +178,6 @@ class Coordinates:
 
 
 def _stacked(every: Sequence[Coordinate], places: Sequence[int]) -> Coordinate:
-    """One coordinate whose numbers are arrays, one element for each of some of a kind."""
+    """Return one coordinate of array-valued constants that stands for several of one kind."""
     kind: Any = type(every[places[0]])
     return kind(*(np.array([getattr(every[k], f.name) for k in places]) for f in fields(kind)))

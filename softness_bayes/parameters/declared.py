@@ -15,7 +15,7 @@ _POSITIVE = Range(1e-6, 1e6)
 _MULTIPLIER = Range(0.1, 10.0)
 _FROM_ZERO = Range(1e-6, 1e6, zero=True)
 _SPREAD = Range(1e-6, 100.0, zero=True)
-# less than this is no noise but a surface, and a walk on it never ends
+# with less noise the posterior is nearly a surface, on which a walk does not converge
 _NOISE = Range(1e-4, 100.0)
 
 
@@ -26,13 +26,13 @@ class Parameter:
     Parameters
     ----------
     name, symbol, unit, meaning
-        Name in files and options, LaTeX symbol, natural unit, and what it is.
+        Name in files and options, LaTeX symbol, natural unit, and meaning in words.
     si
         SI units (or the neuron's own) in one natural unit.
     prior
         Default prior, in natural units.
     range
-        Values that it may be held at, in natural units; at its upper end every prior ends.
+        Values at which it may be held, in natural units; every prior is cut at the upper end.
     """
 
     name: str
@@ -45,7 +45,7 @@ class Parameter:
 
     @property
     def largest(self) -> float:
-        """Value beyond which the model does not answer, and every prior ends."""
+        """Largest value that the model accepts, at which every prior is cut."""
         return self.range.high
 
     def up_to(self, largest: float) -> Parameter:
@@ -110,7 +110,7 @@ FINGER_PARAMETERS: Mapping[str, Parameter] = MappingProxyType(
         )
     }
 )
-"""What compression data add to the parameters: how fingers and single forces depart from b and m."""
+"""Parameters of compression data: spreads of fingers and of single forces about b and m."""
 
 EVERY_PARAMETER: Mapping[str, Parameter] = MappingProxyType({**PARAMETERS, **FINGER_PARAMETERS})
 """All parameters that a run may sample, by name."""
@@ -125,11 +125,11 @@ PRIOR_SETS: Mapping[str, Mapping[SkinDisplacement, Mapping[str, Prior]]] = Mappi
             STRAIN: {"b": LogNormal(7.5, 0.25), "m": LogNormal(3.9, 0.1)},
             DISPLACEMENT: {"b": LogNormal(15.8, 0.2), "m": LogNormal(630, 0.1), "tau_m": HalfNormal(354)},
         },
-        # for compression data alone: the others hold what such data are there to tell
+        # for compression data alone: the other sets already assume what such data measure
         "wide": {
             STRAIN: {"b": LogNormal(30, 1), "m": LogNormal(3, 0.5)},
             DISPLACEMENT: {"b": LogNormal(30, 1), "m": LogNormal(1060, 0.5), "tau_m": HalfNormal(354)},
         },
     }
 )
-"""Named prior sets: what differs from the parameters' own priors under each reading of the skin."""
+"""Named prior sets: differences from the parameters' own priors, for each reading of the skin."""

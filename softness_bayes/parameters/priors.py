@@ -1,4 +1,4 @@
-"""Prior laws: frozen values with a normalised density, and the reading of their written form."""
+"""Prior laws: frozen values with a normalised density and a written form."""
 
 from __future__ import annotations
 
@@ -23,15 +23,15 @@ FloatArray = NDArray[np.float64]
 _LOG_ROOT_TWO_PI = 0.5 * math.log(2.0 * math.pi)
 
 NUMBERS = Range(-1e100, 1e100)
-"""Numbers that a law may be written with: none of them overflows where it is used."""
+"""Range of the constants of a law, within which no computation overflows."""
 LEAST_WIDTH = 1e-6
-"""Least width of a law relative to where it lies: rounding hides what is narrower."""
+"""Smallest width of a law relative to its location; narrower laws are lost in rounding."""
 SD_LOGS = Range(LEAST_WIDTH, 5.0)
 """Standard deviations of the logarithm of a log-normal law; 5 is a factor of 150 up or down."""
 
 
 class Prior(Protocol):
-    """A law of one real quantity; a new one is a frozen dataclass with these members, entered in `LAWS`."""
+    """A prior of one real quantity; a new one is a frozen dataclass with these members, listed in `LAWS`."""
 
     @property
     def median(self) -> float:
@@ -42,27 +42,27 @@ class Prior(Protocol):
         """Smallest and largest value with positive density."""
 
     def log_density(self, x: ArrayLike) -> FloatArray:
-        """Log of the normalised density at ``x``, same shape; -inf outside the support."""
+        """Return the log of the normalised density at ``x``, same shape; -inf outside the support."""
 
     def cumulative(self, x: ArrayLike) -> FloatArray:
-        """Probability of a value up to ``x``, same shape."""
+        """Return the probability of a value up to ``x``, same shape."""
 
     def quantile(self, p: ArrayLike) -> FloatArray:
-        """Value up to which the probability is ``p``, same shape: the inverse of `cumulative`."""
+        """Return the value up to which the probability is ``p``, same shape: the inverse of `cumulative`."""
 
     def draw(self, rng: np.random.Generator, size: int | tuple[int, ...]) -> FloatArray:
-        """Independent draws of shape ``size``."""
+        """Return independent draws of shape ``size``."""
 
 
 class Law(ABC):
-    """What all laws share: draws by inversion, and a written form that `parse_prior` reads."""
+    """Base of all laws, with draws by inversion and the written form that `parse_prior` reads."""
 
     @abstractmethod
     def quantile(self, p: ArrayLike) -> FloatArray:
-        """Value up to which the probability is ``p``."""
+        """Return the value up to which the probability is ``p``."""
 
     def draw(self, rng: np.random.Generator, size: int | tuple[int, ...]) -> FloatArray:
-        """Independent draws of shape ``size``."""
+        """Return independent draws of shape ``size``."""
         return self.quantile(rng.uniform(np.finfo(float).tiny, 1.0, size))
 
     def __str__(self) -> str:
@@ -98,15 +98,15 @@ class Normal(Law):
         return self.mean
 
     def log_density(self, x: ArrayLike) -> FloatArray:
-        """Log density at ``x``."""
+        """Return the log density at ``x``."""
         return _standard_normal((np.asarray(x, float) - self.mean) / self.sd) - math.log(self.sd)
 
     def cumulative(self, x: ArrayLike) -> FloatArray:
-        """Probability up to ``x``."""
+        """Return the probability up to ``x``."""
         return np.asarray(ndtr((np.asarray(x, float) - self.mean) / self.sd))
 
     def quantile(self, p: ArrayLike) -> FloatArray:
-        """Value at probability ``p``."""
+        """Return the value at probability ``p``."""
         return self.mean + self.sd * np.asarray(ndtri(np.asarray(p, float)))
 
 
@@ -137,17 +137,17 @@ class HalfNormal(Law):
         return float(self.quantile(0.5))
 
     def log_density(self, x: ArrayLike) -> FloatArray:
-        """Log density at ``x``."""
+        """Return the log density at ``x``."""
         x = np.asarray(x, float)
         inside = _standard_normal(x / self.scale) + math.log(2.0 / self.scale)
         return np.where(x >= 0, inside, -np.inf)
 
     def cumulative(self, x: ArrayLike) -> FloatArray:
-        """Probability up to ``x``."""
+        """Return the probability up to ``x``."""
         return 2.0 * np.asarray(ndtr(np.maximum(np.asarray(x, float), 0.0) / self.scale)) - 1.0
 
     def quantile(self, p: ArrayLike) -> FloatArray:
-        """Value at probability ``p``."""
+        """Return the value at probability ``p``."""
         return self.scale * np.asarray(ndtri(0.5 + 0.5 * np.asarray(p, float)))
 
 
@@ -181,16 +181,16 @@ class Uniform(Law):
         return 0.5 * (self.low + self.high)
 
     def log_density(self, x: ArrayLike) -> FloatArray:
-        """Log density at ``x``."""
+        """Return the log density at ``x``."""
         x = np.asarray(x, float)
         return np.where((x >= self.low) & (x <= self.high), -math.log(self.high - self.low), -np.inf)
 
     def cumulative(self, x: ArrayLike) -> FloatArray:
-        """Probability up to ``x``."""
+        """Return the probability up to ``x``."""
         return np.clip((np.asarray(x, float) - self.low) / (self.high - self.low), 0.0, 1.0)
 
     def quantile(self, p: ArrayLike) -> FloatArray:
-        """Value at probability ``p``."""
+        """Return the value at probability ``p``."""
         return self.low + (self.high - self.low) * np.asarray(p, float)
 
 
@@ -235,7 +235,7 @@ class LogNormal(Law):
         return self.median * (1.0 - self.bound), self.median * (1.0 + self.bound)
 
     def log_density(self, x: ArrayLike) -> FloatArray:
-        """Log density at ``x``."""
+        """Return the log density at ``x``."""
         x = np.asarray(x, float)
         low, high = self.support
         inside = (x > 0) & (x >= low) & (x <= high) & (x < math.inf)
@@ -243,22 +243,22 @@ class LogNormal(Law):
 
     @property
     def constants(self) -> tuple[float, float, float]:
-        """Log of the median, the standard deviation of log x, and the log of what normalises the density."""
+        """Log of the median, standard deviation of log x, and log of the normalising constant."""
         below, above = self._mass_limits
         return math.log(self.median), self.sd_log, math.log(self.sd_log * (above - below))
 
     def cumulative(self, x: ArrayLike) -> FloatArray:
-        """Probability up to ``x``."""
+        """Return the probability up to ``x``."""
         below, above = self._mass_limits
         inside = np.clip(np.asarray(x, float), *self.support)
         with np.errstate(divide="ignore"):
             return (np.asarray(ndtr(self._standardised(np.log(inside)))) - below) / (above - below)
 
     def quantile(self, p: ArrayLike) -> FloatArray:
-        """Value at probability ``p``."""
+        """Return the value at probability ``p``."""
         below, above = self._mass_limits
         deviate = np.asarray(ndtri(below + (above - below) * np.asarray(p, float)))
-        # rounding in ndtri must not carry a draw past the truncation
+        # rounding in ndtri could carry a draw past the truncation
         return np.clip(self.median * np.exp(self.sd_log * deviate), *self.support)
 
     @cached_property
@@ -279,7 +279,7 @@ class Laws:
     priors
         One law for each place.
     largest
-        Where each place's values end, whatever its law says.
+        Largest value of each place, at which its law is cut.
     """
 
     def __init__(self, priors: Sequence[Prior], largest: Sequence[float]) -> None:
@@ -292,7 +292,7 @@ class Laws:
         self._others = [(k, prior) for k, prior in enumerate(priors) if not isinstance(prior, LogNormal)]
 
     def log_density(self, x: FloatArray) -> FloatArray:
-        """Log density of every place at ``x`` of shape (..., places); -inf outside the open interval of a support."""
+        """Return log densities at ``x``, both of shape (..., places); -inf outside the open interval of a support."""
         inside = (x > self._low) & (x < self._high)
         density = np.empty(x.shape)
         density[..., self._alike] = _log_normal(x[..., self._alike], inside[..., self._alike], *self._constants)
@@ -304,11 +304,11 @@ class Laws:
 LAWS: Mapping[str, type] = MappingProxyType(
     {"lognormal": LogNormal, "halfnormal": HalfNormal, "normal": Normal, "uniform": Uniform}
 )
-"""Every law by the name it is written with."""
+"""Every law by its written name."""
 
 
 def parse_prior(text: str) -> Prior:
-    """Read a prior from its written form, such as ``lognormal(100,0.5)``: the inverse of ``str``.
+    """Return a prior from its written form, such as ``lognormal(100,0.5)``; the inverse of ``str``.
 
     A third number of ``lognormal`` truncates it at that fraction on both sides of its median.
 
@@ -331,7 +331,7 @@ def parse_prior(text: str) -> Prior:
 
 
 def in_short(prior: Prior) -> str:
-    """Return a prior as people read it: its numbers to four digits, where ``str`` gives them whole."""
+    """Return a prior with its numbers to four digits; ``str`` gives all digits."""
     numbers = (getattr(prior, field.name) for field in fields(prior))  # type: ignore[arg-type]
     return f"{_name_of(type(prior))}({','.join(f'{a:.4g}' for a in numbers if a is not None)})"
 
@@ -356,7 +356,7 @@ def _log_normal(
     sd_log: float | FloatArray,
     normalisation: float | FloatArray,
 ) -> FloatArray:
-    """Log density of log-normal laws, one for all ``x`` or one for each along the last axis; -inf if not ``inside``."""
+    """Return log densities of log-normal laws, one for all ``x`` or one for each place; -inf if not ``inside``."""
     log_x = np.log(np.where(inside, x, 1.0))
     return np.where(inside, _standard_normal((log_x - log_median) / sd_log) - log_x - normalisation, -np.inf)
 

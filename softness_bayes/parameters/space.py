@@ -1,4 +1,4 @@
-"""The space of the sampled parameters: their prior, and the coordinates that walkers move in (model.md 10)."""
+"""Space of the sampled parameters: their prior, and the walkers' coordinates (model.md 10)."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ FloatArray = NDArray[np.float64]
 _REDRAWS = 1000
 
 LEAST_ODDS = 0.01
-"""Least alpha / rheobase - 1 in the coordinate of sigma_0, which would have no end otherwise."""
+"""Smallest alpha / rheobase - 1 in the coordinate of sigma_0, which would diverge otherwise."""
 
 
 @dataclass(frozen=True)
@@ -38,13 +38,13 @@ class ParameterSpace:
     sampled: tuple[Parameter, ...]
     held: Mapping[str, float]
     firing: FiringSurface | None = field(default=None, repr=False, compare=False)
-    """Where channel multipliers are sampled, the surface that answers for them. Every prior ends at the border of
-    its corner, where firing begins at a jump: less than 1e-4 of the default one lies beyond."""
+    """The firing-rate surface, if channel multipliers are sampled. Every prior is cut at the border of its corner,
+    where firing begins at a jump: less than 1e-4 of the default prior lies beyond."""
     bent: Mapping[str, Coordinate] = field(default_factory=dict)
-    """Coordinates of sampled parameters that differ from what their priors' supports suggest."""
+    """Coordinates of sampled parameters that do not follow from their priors' supports."""
     rheobase: float | None = None
-    """Rheobase at the centre of the channels' box, or of the held channels [µA/cm²]. Where it is known sigma_0 walks
-    as the stress at which receptors begin to fire, of which the data tell most."""
+    """Rheobase at the centre of the channels' box, or of the held channels [µA/cm²]. If it is known, the coordinate of
+    sigma_0 is the stress at which receptors begin to fire, which the data determine best."""
     _coordinates: Coordinates = field(init=False, repr=False, compare=False)
     _laws: Laws = field(init=False, repr=False, compare=False)
 
@@ -70,21 +70,21 @@ class ParameterSpace:
         return len(self.sampled)
 
     def require_sampled(self) -> None:
-        """Refuse a space without a sampled parameter.
+        """Raise an error for a space without a sampled parameter.
 
         Raises
         ------
         InputError
-            Saying what evaluates the model instead.
+        The message says how to evaluate the model instead.
         """
         if not self.sampled:
             raise InputError(
-                "all parameters are held, there is nothing to sample: free one; 'softness-bayes sample' with all of "
+                "all parameters are held, so there is nothing to sample: free one; 'softness-bayes sample' with all of "
                 "them fixed, or softness_bayes.runs.evaluation.evaluate in Python, evaluates the model at that point"
             )
 
     def natural(self, z: FloatArray) -> FloatArray:
-        """Points theta [natural units] at sampler coordinates ``z``, both of shape (..., dimension)."""
+        """Return points theta [natural units] at sampler coordinates ``z``, both of shape (..., dimension)."""
         theta = self._coordinates.natural(z)
         shift = self.rheobase_shift(theta)
         if self._walks_along("alpha", self.firing):
@@ -94,7 +94,7 @@ class ParameterSpace:
         return theta
 
     def coordinates(self, theta: FloatArray) -> FloatArray:
-        """Sampler coordinates z at points ``theta``, the inverse of `natural`."""
+        """Return sampler coordinates z at points ``theta``, the inverse of `natural`."""
         theta = np.array(theta, dtype=float)
         shift = self.rheobase_shift(theta)
         if self._walks_along("sigma_0", self.rheobase):
@@ -108,33 +108,33 @@ class ParameterSpace:
         return other is not None and name in self.bent and name in self._place
 
     def _beyond_threshold(self, theta: FloatArray, shift: FloatArray) -> FloatArray:
-        """How far sigma_0 lies above the stress at which receptors begin to fire [kPa], nearly: ln(odds) / beta.
+        """Return sigma_0 minus the stress at which receptors begin to fire [kPa], approximately ln(odds) / beta.
 
-        The odds of the current at the rheobase are kept above `LEAST_ODDS`: it is a coordinate only.
+        The odds of the current at the rheobase are kept above `LEAST_ODDS`, which affects the coordinate only.
         """
         if self.rheobase is None:
             return np.zeros(theta.shape[:-1])
         odds = self.value("alpha", theta) / (self.rheobase + shift) - 1.0
-        # where others have overflowed there is no prior, and must be no NaN
+        # points at which other coordinates overflow have no prior density; they must not give NaN
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
             beyond = np.log(np.maximum(odds, 0.0) + LEAST_ODDS) / self.value("beta", theta)
         return np.where(np.isnan(beyond), 0.0, beyond)
 
     def rheobase_shift(self, theta: FloatArray) -> FloatArray:
-        """How far the channel multipliers at points theta move the rheobase [µA/cm²], shape (...)."""
+        """Return the change of the rheobase due to the channel multipliers at points theta [µA/cm²], shape (...)."""
         if self.firing is None:
             return np.zeros(theta.shape[:-1])
         return self.firing.rheobase_shift(Channels(*(self.value(name, theta) for name in Channels._fields)))
 
     def log_jacobian(self, z: FloatArray) -> FloatArray:
-        """Log of the volume of theta per volume of z at ``z``, shape (...)."""
+        """Return the log of the volume of theta per volume of z at ``z``, shape (...)."""
         return self._coordinates.log_slope(z).sum(axis=-1)
 
     def log_prior(self, theta: FloatArray) -> FloatArray:
-        """Log prior density of each parameter [1/natural unit], shape (..., dimension).
+        """Return the log prior density of each parameter [1/natural unit], shape (..., dimension).
 
-        It is -inf outside the open interval of a support: the sampler's coordinates never reach the
-        ends except by rounding; and of the channel multipliers where firing begins at a jump.
+        It is -inf outside the open interval of a support, whose ends the sampler's coordinates reach only by rounding,
+        and for channel multipliers with which firing begins at a jump.
         """
         density = self._laws.log_density(theta)
         if self.firing is not None:
@@ -145,18 +145,18 @@ class ParameterSpace:
         return density
 
     def _answered(self, theta: FloatArray) -> NDArray[np.bool_]:
-        """Return whether the firing-rate surface answers at points theta, shape (...)."""
+        """Return whether the firing-rate surface covers points theta, shape (...)."""
         if self.firing is None:
             return np.ones(theta.shape[:-1], dtype=bool)
         return self.firing.answers(Channels(*(self.value(name, theta) for name in Channels._fields)))
 
     def draw_prior(self, rng: np.random.Generator, size: int) -> FloatArray:
-        """Independent draws from the prior, shape (size, dimension).
+        """Return independent draws from the prior, shape (size, dimension).
 
         Raises
         ------
         InputError
-            If all but nothing of a prior lies where the model answers.
+            If almost all of a prior lies outside the range of the model.
         """
         theta = np.empty((size, self.dimension))
         for k, p in enumerate(self.sampled):
@@ -173,20 +173,20 @@ class ParameterSpace:
 
     @property
     def median(self) -> FloatArray:
-        """The point of the priors' medians, shape (dimension,)."""
+        """Return the point of the priors' medians, shape (dimension,)."""
         return np.array([p.prior.median for p in self.sampled])
 
     def values(self, theta: FloatArray) -> dict[str, FloatArray | float]:
-        """Every parameter of the model by name in natural units: sampled ones of shape (...), held ones a float."""
+        """Return all parameters by name in natural units: sampled ones of shape (...), held ones as floats."""
         known = self.held.keys() | self._place.keys()
         return {name: self.value(name, theta) for name in EVERY_PARAMETER if name in known}
 
     def value(self, name: str, theta: FloatArray) -> FloatArray | float:
-        """One parameter of the model in natural units: a sampled one of shape (...), a held one a float."""
+        """Return one parameter in natural units: a sampled one of shape (...), a held one as a float."""
         return self.held[name] if name in self.held else theta[..., self._place[name]]
 
     def touch(self, theta: FloatArray) -> TouchParameters:
-        """The parameters of the forward model in SI at points ``theta``."""
+        """Return the parameters of the forward model in SI at points ``theta``."""
         return TouchParameters(*(self.value(n, theta) * PARAMETERS[n].si for n in TouchParameters._fields))
 
     @cached_property

@@ -1,4 +1,4 @@
-"""Calibration: how the ranks of true values depart from uniformity."""
+"""Calibration: departures of the ranks of true values from uniformity."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ if TYPE_CHECKING:
 def rank_ecdf_figure(ranks: ArrayLike, draws: int, labels: Sequence[str], *, style: Style = USUAL) -> Figure:
     """Draw the distribution function of each quantity's ranks minus the uniform one, with the verdict's limits.
 
-    A curve leaves its band exactly where the verdict calls its ranks not uniform. What else it finds, intervals of
-    a wrong width, is in the panel's title.
+    A curve leaves its band exactly where the verdict calls its ranks not uniform. The panel's title names a
+    fault, such as intervals of a wrong width.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""The ensembles of a run: their course, and how their ranks agree."""
+"""The ensembles of a run: traces, and agreement of their ranks."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ def trace_figure(draws: ArrayLike, ensemble: ArrayLike, labels: Sequence[str], *
 def rank_figure(
     draws: ArrayLike, ensemble: ArrayLike, labels: Sequence[str], *, bins: int = 20, style: Style = USUAL
 ) -> Figure:
-    """Draw how the ranks of each ensemble's draws among all draws are spread: evenly, if they agree.
+    """Draw the distribution of the ranks of each ensemble's draws among all draws; it is flat if they agree.
 
     Parameters, artists (``rank/k/ensemble``, step patches around 1) and errors as in `trace_figure`.
     """
@@ -87,7 +87,7 @@ def rank_figure(
                 steps.set_gid(f"rank/{place}/{name}")
             axes.set_title(label)
             axes.set(xlim=(0, 1), xticks=(0, 0.5, 1))
-        grid.panels[0].set_ylim(0.0, None)  # the axis that all share, once all is on it
+        grid.panels[0].set_ylim(0.0, None)  # the shared axis, after everything is drawn
         for axes in grid.leftmost:
             axes.set_ylabel("density [–]")
         for axes in grid.lowest:

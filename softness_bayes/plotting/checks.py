@@ -1,4 +1,4 @@
-"""Predictive checks: what replicated ratings have, beside what the ratings have."""
+"""Predictive checks: test quantities of replicated ratings beside those of the ratings."""
 
 from __future__ import annotations
 
@@ -25,12 +25,12 @@ class Means(NamedTuple):
     """Mean log ratings of the fabrics under one load, every field of shape (fabrics,)."""
 
     load: str
-    """What the load is called."""
+    """Name of the load."""
     modulus: Array
     """E_fab [Pa]."""
     observed: Array
     low: Array
-    """Lower limit of the replicates', joint over all conditions."""
+    """Lower limit of the replicates, joint over all conditions."""
     high: Array
 
 
@@ -43,7 +43,7 @@ class Replicated(NamedTuple):
     replicates: Array
     """Shape (replicates,), NaN where a replicate does not have it."""
     p_value: float
-    """Probability of a replicate above what was observed."""
+    """Probability of a replicate above the observed value."""
 
 
 def checks_figure(
@@ -51,8 +51,8 @@ def checks_figure(
 ) -> Figure:
     """Draw observed mean log ratings within the replicates' limits, and test quantities among their replicates.
 
-    A bar holds 90 % of the replicates, over all conditions at once. The histograms are of the replicates that have
-    the quantity; a turning point's place stands on a logarithmic axis.
+    A bar contains 90 % of the replicates, over all conditions at once. Histograms show the replicates that have the
+    quantity. The place of a turning point has a logarithmic axis.
 
     Parameters
     ----------
@@ -132,17 +132,17 @@ def _draw_quantity(axes: Axes, quantity: Replicated, style: Style, gid: str) -> 
 def loo_pit_figure(values: ArrayLike, points: ArrayLike, probability: float = 0.95, *, style: Style = USUAL) -> Figure:
     """Draw the distribution function of LOO-PIT values minus the uniform one, with simultaneous limits.
 
-    The limits are those of independent values. Ratings predicted from all the others balance one another, so that
-    the limits are approximate, on the wide side.
+    The limits are those of independent values. LOO-PIT values are not independent, so that the limits are approximate
+    and somewhat too wide.
 
     Parameters
     ----------
     values
-        Where each rating lies in its prediction from the others, between 0 and 1, shape (ratings,).
+        LOO-PIT values, between 0 and 1, shape (ratings,).
     points
-        Where the distribution function is looked at, rising inside (0, 1), shape (points,).
+        Points at which the distribution function is evaluated, rising inside (0, 1), shape (points,).
     probability
-        With which independent uniform values stay inside the limits everywhere.
+        Probability that independent uniform values stay inside the limits everywhere.
     style
         How it looks.
 

@@ -43,7 +43,7 @@ TOLD: Mapping[str, str] = MappingProxyType(
         "smallest residual / sd": "smallest residual / sd [–]",
     }
 )
-"""Test quantities as their axes say them, `scale` being the unit of what is additive."""
+"""Axis labels of the test quantities; `scale` is the unit of the additive scale."""
 
 
 def _response(result: Result, style: Style) -> Figure:
@@ -183,15 +183,15 @@ def _membrane(result: Result, style: Style) -> Figure:
 
 @dataclass(frozen=True)
 class Source:
-    """Something stored in a result that a figure needs."""
+    """A variable of a result that a figure needs."""
 
     place: str
     """Group and variable, as in ``predictions/total_rate``."""
     absent: str
-    """What to say where it is not there."""
+    """The message if it is missing."""
 
     def is_in(self, result: Result) -> bool:
-        """Return whether a result has it."""
+        """Return whether a result has the variable."""
         group, name = self.place.split("/")
         return group in result.tree.children and name in result.tree[group].data_vars
 
@@ -200,7 +200,7 @@ CURVES = Source("predictions/total_rate", "the run had no ratings, so it has no 
 REPLICATES = Source("posterior_predictive/rating_of_new_participants", "it holds no replicated ratings")
 PIT = Source("constant_data/loo_pit", "it holds no ratings predicted from all the others")
 _OLDER = (
-    "the run is of a version that did not store it; 'softness-bayes resume DIR --more-steps 1' writes the results anew"
+    "the run is of a version that did not store it; 'softness-bayes resume DIR --more-steps 1' writes the results again"
 )
 TOUCH = Source("illustrations/touch_stress_kpa", _OLDER)
 FIRING = Source("predictions/firing_rate_hz", _OLDER)
@@ -216,9 +216,9 @@ class Drawing:
     draw
         Makes the figure from what the result stores.
     shows
-        What is seen on it, in a line.
+        The content of the figure, in a line.
     needs
-        What must be stored.
+        Variables that it needs.
     """
 
     draw: Callable[[Result, Style], Figure]
@@ -226,11 +226,11 @@ class Drawing:
     needs: tuple[Source, ...] = ()
 
     def lacks(self, result: Result) -> str:
-        """Say why a result cannot fill this figure; empty if it can."""
+        """Return why a result lacks the data of this figure; empty if it has them."""
         return next((source.absent for source in self.needs if not source.is_in(result)), "")
 
     def __call__(self, result: Result, style: Style = USUAL) -> Figure:
-        """Draw it.
+        """Draw the figure.
 
         Raises
         ------
@@ -266,17 +266,17 @@ FIGURES: Mapping[str, Drawing] = MappingProxyType(
 
 
 def figures_of(result: Result) -> list[str]:
-    """Return the names of the figures that a result can fill: those of ratings, of compression data, or both."""
+    """Return the names of the figures for which a result has data: of ratings, of compression data, or of both."""
     return [name for name, drawing in FIGURES.items() if not drawing.lacks(result)]
 
 
 def require_figures(names: Iterable[str]) -> None:
-    """Refuse names that are not those of figures.
+    """Raise an error for unknown names of figures.
 
     Raises
     ------
     InputError
-        Naming the first, and the figures that there are.
+        Naming the first unknown name, and the known figures.
     """
     for name in names:
         if name not in FIGURES:
@@ -296,11 +296,11 @@ def draw_figures(
     Parameters
     ----------
     result
-        A finished run; all that is drawn is stored in it.
+        A finished run, which contains all that is drawn.
     directory
         Where to write.
     names
-        Which of `FIGURES`; by default those of `figures_of`.
+        Names out of `FIGURES`; by default those of `figures_of`.
     formats
         File formats, as `save` takes them.
     style
@@ -316,8 +316,7 @@ def draw_figures(
     Raises
     ------
     InputError
-        If a name or a format is unknown, the result does not hold what a figure asked for shows, or another file
-        stands where one is written.
+        If a name or a format is unknown, the result lacks the data of a figure, or another file is in the way.
     """
     directory = Path(directory)
     chosen = figures_of(result) if names is None else names

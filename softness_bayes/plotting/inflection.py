@@ -1,4 +1,4 @@
-"""Where the response turns over: the posterior of the turning point (maximum) under each load."""
+"""Posterior of the turning point (maximum of the response) under each load."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from softness_bayes.checking.inflection import Inflection
 
 FEWEST_BINS, MOST_BINS = 60, 240
-"""Bins over the whole range: a bin is never wider than a tenth of a decade, about, nor too thin to see."""
+"""Smallest and largest number of bins over the whole range: narrow enough to resolve, wide enough to see."""
 
 MARGIN = 0.2
 """Height of the turning point's margin above a response panel, as a share of the panel's."""
@@ -32,16 +32,16 @@ def inflection_figure(
     *,
     style: Style = USUAL,
 ) -> Figure:
-    """Draw the posterior of E_fab at the turning point (maximum), one row per load, with what else may happen.
+    """Draw the posterior of E_fab at the turning point (maximum), one row per load, with the outcomes' probabilities.
 
-    On the left the density per decade over the draws with an interior maximum. Its area is their
-    share, so that rows compare; dot and bar give median and central 95 % of these draws; the range
-    of the fabrics is shaded. On the right the probabilities of the three outcomes.
+    The left panels show the density per decade over the draws with an interior maximum. Its area is their share, so
+    that rows can be compared. Dot and bar give median and central 95 % of these draws; the range of the fabrics is
+    shaded. The right panels show the probabilities of the three outcomes.
 
     Parameters
     ----------
     inflection
-        As `inference.curves.find_inflection` gives it.
+        As `checking.inflection.find_inflection` returns it.
     loads
         The load of each row.
     fabric_modulus
@@ -89,12 +89,12 @@ def inflection_figure(
 
 
 def bin_edges(x: Array, places: Array) -> Array:
-    """Return edges of bins over the range of x, equal in the logarithm, fit for the narrowest posterior.
+    """Return edges of bins over the range of x, equal in the logarithm and suited to the narrowest posterior.
 
     Parameters
     ----------
     x
-        Anything that spans the range, in the unit of `places`.
+        Values that span the range, in the unit of `places`.
     places
         Draws of the turning point, shape (draws, loads), NaN where there is none.
     """
@@ -109,7 +109,7 @@ def bin_edges(x: Array, places: Array) -> Array:
 
 
 def density(places: Array, edges: Array) -> Array:
-    """Return draws per decade and draw, so that the area is the share of draws that are not NaN."""
+    """Return the density per decade; its area is the share of draws that are not NaN."""
     counts, _ = np.histogram(places[np.isfinite(places)], edges)
     return counts / (places.size * np.diff(np.log10(edges)))
 
@@ -171,7 +171,7 @@ def _draw_outcomes(axes: Axes, inflection: Inflection, index: int, style: Style,
 
 
 def percent(share: float) -> str:
-    """Return a share as a percentage that says 0 or 100 only where it is exactly that."""
+    """Return a share as a percentage that is 0 or 100 only if the share is exactly 0 or 1."""
     if 0 < share < 0.01:
         return "<1 %"
     return ">99 %" if 0.99 < share < 1 else f"{100 * share:.0f} %"

@@ -1,4 +1,4 @@
-"""The membrane: how fast it fires at a current, and example spike trains (model.md 7)."""
+"""The membrane: firing rate against current, and example spike trains (model.md 7)."""
 
 from __future__ import annotations
 

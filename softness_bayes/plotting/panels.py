@@ -1,4 +1,4 @@
-"""What the figures share: panels, credible bands, the fabrics' marks, axes with units."""
+"""Common parts of figures: panels, credible bands, the fabrics' marks, axes with units."""
 
 from __future__ import annotations
 
@@ -26,10 +26,10 @@ TINTS = (0.5, 0.22)
 """Strength of colour of each of them."""
 
 WIDE = 6.0
-"""Least width of a figure whose words, a legend's too, have room on one line [in]."""
+"""Smallest width of a figure whose text and legend fit on one line [in]."""
 
 NARROWEST = 1.6
-"""Least width of a panel with numbers and labels of its own [in]."""
+"""Smallest width of a panel with its own numbers and labels [in]."""
 
 MODULUS_LABEL = r"fabric modulus $E_\mathrm{fab}$ [kPa]"
 RATIO_LABEL = r"$E_\mathrm{fab}\,/\,E_\mathrm{skin}$ [–]"
@@ -53,14 +53,14 @@ class Grid(NamedTuple):
     figure: Figure
     panels: list[Axes]
     heads: list[Axes]
-    """What stands on top of each panel and takes its title: its margin, or the panel itself."""
+    """The uppermost axes of each panel, which takes the title: its margin, or the panel itself."""
 
 
 def grid_of_panels(count: int, xlabel: str, ylabel: str, style: Style, margin: float = 0.0) -> Grid:
     """Return a figure of `count` panels with common axes, at most four beside each other, fewer on a narrow page.
 
-    Rows balance their panels; a single panel takes one column of a page. A `margin`, as a share of
-    a panel's height, is an axes of its own above each.
+    Rows have similar numbers of panels; a single panel takes one column of a page. A `margin`, as a share of
+    a panel's height, adds separate axes above each panel.
     """
     from matplotlib.figure import Figure
 
@@ -88,7 +88,7 @@ def grid_of_panels(count: int, xlabel: str, ylabel: str, style: Style, margin: f
 
 
 class FreePanels(NamedTuple):
-    """A figure of panels that have units of their own."""
+    """A figure of panels with separate axes."""
 
     figure: Figure
     panels: list[Axes]
@@ -115,7 +115,7 @@ def free_panels(
     sharey: bool = False,
     narrow: bool = False,
 ) -> FreePanels:
-    """Return a figure of `count` panels over a page, or a column (`narrow`), as many beside each other as fit."""
+    """Return a figure of `count` panels over a page, or over a column (`narrow`), with full rows."""
     from matplotlib.figure import Figure
 
     columns = fitting(columns, style)
@@ -129,7 +129,7 @@ def free_panels(
 
 
 def fitting(columns: int, style: Style) -> int:
-    """Return how many of so many panels a page has room for beside each other."""
+    """Return the number of panels, at most `columns`, that fit beside each other on a page."""
     return max(1, min(columns, int(style.page / NARROWEST)))
 
 
@@ -146,7 +146,7 @@ def check_draws(draws: ArrayLike, labels: Sequence[str]) -> Array:
 def draw_bands(axes: Axes, x: Array, draws: Array, colour: str, style: Style, gid: str) -> None:
     """Draw the median and the central credible bands of curves, shape (draws, points), along x.
 
-    A point where a draw is NaN leaves a gap: a failed prediction is not drawn over.
+    A point where a draw is NaN leaves a gap, so that a failed prediction stays visible.
     """
     axes.plot(x, np.median(draws, axis=0), color=colour, label="median", gid=f"median/{gid}")
     for level, strength, order in zip(LEVELS, TINTS, (1.5, 1.0), strict=True):
@@ -172,7 +172,7 @@ def draw_rug(axes: Axes, x: Array, style: Style, gid: str) -> None:
 
 
 def number_ticks(axis: Axis) -> None:
-    """Write the ticks of a logarithmic axis, its limits set, as plain numbers where those are short."""
+    """Write the ticks of a logarithmic axis with set limits as plain numbers if these are short."""
     from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
     low, high = axis.get_view_interval()
@@ -195,7 +195,7 @@ def short(value: float) -> str:
 
 
 def legend_below(figure: Figure, axes: Sequence[Axes]) -> None:
-    """Collect the panels' labelled artists, each label once, into a legend below them."""
+    """Draw a legend of the panels' labelled artists, each label once, below them."""
     handles: dict[str, Any] = {}
     for panel in axes:
         for handle, label in zip(*panel.get_legend_handles_labels(), strict=True):

@@ -16,12 +16,12 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 MOST_DRAWS = 5000
-"""Draws that a corner plot takes; more of them cost time and change nothing that is seen."""
+"""Largest number of draws in a corner plot; more take time without a visible difference."""
 
 _SHOWN = (0.025, 0.975)
 
 FEWEST_DRAWS_FOR_CONTOURS = 400
-"""With fewer draws the corner plot shows them as points."""
+"""Number of draws below which the corner plot shows points."""
 
 
 def corner_figure(draws: ArrayLike, labels: Sequence[str], *, style: Style = USUAL) -> Figure:
@@ -115,9 +115,9 @@ def _tidy(figure: Figure, dimension: int, width: float) -> None:
 
 
 def _ranges(values: Array, beyond: float) -> list[tuple[float, float]]:
-    """Return limits around the central 99.8 % of each column: a stray draw must not shrink a panel.
+    """Return limits around the central 99.8 % of each column, so that a stray draw does not shrink a panel.
 
-    They reach `beyond` these draws by that share of their range.
+    They extend by the share `beyond` of that range.
     """
     low, high = np.quantile(values, [0.001, 0.999], axis=0)
     low, high = np.where(high > low, low, values.min(0)), np.where(high > low, high, values.max(0))
@@ -157,7 +157,7 @@ def prior_figure(posterior: ArrayLike, prior: ArrayLike, labels: Sequence[str], 
             for name, values, look in kinds:
                 height, edges = _histogram(values)
                 axes.stairs(height, edges, label=name, **look).set_gid(f"{name}/{place}")
-            # a wide prior must not shrink the posterior to a line: beyond its central 95 % it may be cut
+            # a wide prior may be cut outside its central 95 %, so that it does not shrink the posterior to a line
             (low, high), (least, most) = _ranges(after[:, [place]], 0.05)[0], np.quantile(before[:, place], _SHOWN)
             if most > least:
                 axes.set_xlim(min(low, least), max(high, most))

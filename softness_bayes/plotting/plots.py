@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 class Plots:
-    """What a result can be drawn as: one method for each entry of `FIGURES`, which returns the figure.
+    """Figures of a result: one method for each entry of `FIGURES`, which returns the figure.
 
     Parameters
     ----------
@@ -51,7 +51,7 @@ class Plots:
 
 
 def _png(figure: Figure, style: Style) -> bytes:
-    """Return a figure as a notebook shows it."""
+    """Return a figure as PNG for a notebook."""
     picture = BytesIO()
     with style.applied():
         figure.savefig(picture, format="png", dpi=figure.dpi)

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
 
 DRAWN = (1e-200, 1e200)
-"""Magnitude estimates that a logarithmic axis can hold with its margins and ticks."""
+"""Range of magnitude estimates on a logarithmic axis with its margins and ticks."""
 
 
 class Observed(NamedTuple):
@@ -41,17 +41,17 @@ class Observed(NamedTuple):
     load: NDArray[np.intp]
     """Index of the load."""
     mean: Array
-    """Mean over the participants, geometric unless of z-scores; NaN where nobody rated."""
+    """Mean over the participants, geometric unless of z-scores; NaN without ratings."""
     low: Array
-    """Mean divided by one geometric standard deviation between participants (of z-scores, less one standard
+    """Mean divided by one geometric standard deviation between participants (for z-scores, mean minus one standard
     deviation); NaN for fewer than two."""
     high: Array
-    """Mean times (plus) that; NaN for fewer than two participants."""
+    """Mean times that (for z-scores, plus); NaN for fewer than two participants."""
     participants: NDArray[np.intp]
     """Number of participants who rated the condition."""
 
     def within(self, least: float, most: float) -> Observed:
-        """Return the same with ratings held between two limits."""
+        """Return the same with ratings clipped to two limits."""
         mean, low, high = (np.clip(value, least, most) for value in (self.mean, self.low, self.high))
         return self._replace(mean=mean, low=low, high=high)
 
@@ -65,13 +65,12 @@ def observed_ratings(
     *,
     logarithmic: bool = True,
 ) -> Observed:
-    """Summarise ratings by condition, each participant's own modulus removed.
+    """Summarise ratings by condition, with each participant's rating scale removed.
 
     log y = c_condition + s_participant + e is solved by least squares with the s summing to zero, so
-    that neither the scale on which a participant answers nor a missing rating shifts a condition.
-    exp(c) is then the geometric mean, and the spread is that of exp(log y - s): what participants
-    disagree about once their scales agree. A participant's repeated ratings count as their geometric
-    mean.
+    that neither a participant's rating scale nor a missing rating shifts a condition. exp(c) is then
+    the geometric mean, and the spread is that of exp(log y - s): the disagreement between participants
+    after their scales are removed. A participant's repeated ratings count as their geometric mean.
 
     Parameters
     ----------
@@ -82,13 +81,13 @@ def observed_ratings(
     modulus, load
         E_fab [Pa] and index of the load of each condition, shape (conditions,).
     logarithmic
-        Whether all this is done with logarithms, or for z-scores with the ratings themselves: the means
-        are then arithmetic, and participants keep what sets them apart, having been standardised.
+        Whether to take logarithms. For z-scores, which are already standardised, the ratings themselves are
+        used: means are then arithmetic, and differences between participants are kept.
 
     Raises
     ------
     InputError
-        If a rating has no logarithm where one is taken.
+        If logarithms are taken and a rating has none.
     """
     from scipy.sparse import csr_array
     from scipy.sparse.linalg import lsqr
@@ -138,8 +137,8 @@ def rating_figure(
     """Draw predicted and observed ratings against E_fab or E_fab / E_skin, one panel per load.
 
     The bands are credible intervals of the rating that a typical participant (s = 0) gives on
-    average: the noise of single ratings and the participants' scales are not in them. The points
-    are as `observed_ratings` has them. Magnitude estimates outside `DRAWN` stand at its ends.
+    average, without the noise of single ratings and the participants' scales. The points are those of
+    `observed_ratings`. Magnitude estimates outside `DRAWN` are drawn at its ends.
 
     Parameters
     ----------
@@ -152,10 +151,10 @@ def rating_figure(
     loads
         The load of each panel.
     logarithmic
-        Whether the axis of ratings is: for magnitude estimates, not for z-scores.
+        Whether the axis of ratings is logarithmic, as for magnitude estimates.
     skin_modulus
-        E_skin [Pa] of every draw along the grid, shape (draws, loads, points). If given, curves and data stand
-        over E_fab / E_skin: each draw's curve by its own ratio, the data at the medians of theirs.
+        E_skin [Pa] of every draw along the grid, shape (draws, loads, points). If given, the axis is
+        E_fab / E_skin: each draw's curve is drawn against its own ratio, the data at the medians of theirs.
     style
         How it looks.
 

@@ -13,7 +13,7 @@ from softness_bayes.plotting.panels import Array
 
 @dataclass(frozen=True)
 class RatioAxis:
-    """A grid of E_fab / E_skin that all draws of one load reach, and how their curves get there.
+    """A grid of E_fab / E_skin that all draws of one load cover, and the interpolation of their curves to it.
 
     Parameters
     ----------
@@ -34,12 +34,12 @@ class RatioAxis:
 
     @property
     def grid(self) -> Array:
-        """E_fab / E_skin, even in its logarithm, from and to where every draw has a value, shape (points,)."""
+        """E_fab / E_skin, even in its logarithm, over the range in which every draw has a value, shape (points,)."""
         low, high = self.log_ratio[:, 0].max(), self.log_ratio[:, -1].min()
         return np.exp(np.linspace(low, high, self.log_modulus.size))
 
     def carry(self, curves: Array) -> Array:
-        """Return curves (draws, points) over E_fab as curves over the grid, each by its own draw's ratio."""
+        """Return curves (draws, points) over E_fab as curves over the grid, each by its draw's ratio."""
         at = np.log(self.grid)
         return np.stack([np.interp(at, x, y) for x, y in zip(self.log_ratio, curves, strict=True)])
 

@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from softness_bayes.checking.inflection import Curves, Inflection
 
 HERTZ_LIMIT = 0.5
-"""Contact radius over fingertip radius beyond which Hertz's contact is in question (model.md 11)."""
+"""Contact radius over fingertip radius above which Hertz's contact is questionable (model.md 11)."""
 
 
 def response_figure(
@@ -50,14 +50,14 @@ def response_figure(
     Parameters
     ----------
     curves
-        Draws of the response, as `inference.curves.response_curves` gives them.
+        Draws of the response, as `checking.inflection.response_curves` returns them.
     loads
         The load of each panel.
     fabric_modulus
         E_fab of the fabrics of the data [Pa], marked along the foot of each panel.
     inflection
-        If given, its posterior stands along the top of each panel, with the probability that there
-        is one.
+        If given, its posterior is drawn along the top of each panel, with the probability of a turning
+        point.
     finger_radius
         Radius R of the fingertip [m]. If given, a hatched strip along the top marks where the contact
         of the draws' median exceeds a/R = 0.5.
@@ -97,7 +97,7 @@ def ratio_figure(curves: Curves, loads: Sequence[Load], fabric_modulus: ArrayLik
     """Draw the total rate against E_fab / E_skin, else as `response_figure`.
 
     E_skin differs from draw to draw. Every draw's curve is interpolated in the logarithm of its own
-    ratio to a common grid, which spans what all draws reach. The fabrics of the data stand at the
+    ratio to a common grid, which spans the range of all draws. The fabrics of the data are drawn at the
     medians of their ratios.
     """
     check_loads(loads, curves.total_rate.shape[1])
@@ -124,7 +124,7 @@ def _mark_hertz(axes: Axes, x: Array, radius: Array, finger_radius: float, gid: 
 
 
 def _top(rate: Array) -> float:
-    """Return the upper end of the axis of rates: 1 spike/s where everything is silent."""
+    """Return the upper end of the axis of rates; 1 spike/s if nothing fires."""
     upper = np.quantile(rate, 0.975, axis=0)
     return 1.12 * float(upper[np.isfinite(upper)].max(initial=0.0)) or 1.0
 

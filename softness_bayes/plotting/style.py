@@ -1,4 +1,4 @@
-"""How figures look, and how they are written: one frozen value that a user can replace."""
+"""Style of figures and their file formats: one frozen value that a user can replace."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ METADATA: Mapping[str, Mapping[str, str | None]] = MappingProxyType(
         "svg": {"Date": None, "Creator": None},
     }
 )
-"""What each format would record of the day and the program: left out, equal figures are equal files."""
+"""Metadata of each format, without date and program, so that equal figures are equal files."""
 
 RC: Mapping[str, Any] = MappingProxyType(
     {
@@ -104,11 +104,11 @@ class Style:
 
     @classmethod
     def read(cls, path: str | Path) -> Self:
-        """Return the usual style with what a matplotlib style file sets.
+        """Return the usual style with the settings of a matplotlib style file.
 
-        Fonts, lines and all else are the file's where it says something. Its ``axes.prop_cycle`` gives the colours of
-        what was inferred, measured and found of the inflection, in that order, and those of the ensembles; the width
-        of its ``figure.figsize`` is that of a page, and of a column if it is narrower.
+        The file's settings replace the usual ones. Its ``axes.prop_cycle`` gives the colours of posterior, data and
+        inflection, in that order, and those of the ensembles. The width of its ``figure.figsize`` is that of a page,
+        and of a column if it is narrower.
 
         Parameters
         ----------
@@ -118,7 +118,7 @@ class Style:
         Raises
         ------
         InputError
-            If there is no such file, or it sets what matplotlib does not know.
+            If there is no such file, or it has a setting that matplotlib does not know.
         """
         from matplotlib import rc_params_from_file
 
@@ -144,14 +144,14 @@ class Style:
 
     @contextmanager
     def applied(self) -> Iterator[None]:
-        """Let matplotlib draw in this style inside a ``with`` block."""
+        """Apply this style to matplotlib inside a ``with`` block."""
         from matplotlib import style
 
         with style.context(["default", dict(self.rc)]):
             yield
 
     def tint(self, colour: str, strength: float) -> tuple[float, float, float]:
-        """Return a colour thinned with white, opaque so that every format shows it alike."""
+        """Return a colour mixed with white; it is opaque, so that every format shows it in the same way."""
         from matplotlib.colors import to_rgb
 
         red, green, blue = (1.0 - strength * (1.0 - channel) for channel in to_rgb(colour))
@@ -160,7 +160,7 @@ class Style:
 
 @contextmanager
 def _complaints(logger: str) -> Iterator[list[str]]:
-    """Collect what a logger warns of, instead of showing it."""
+    """Collect a logger's warnings instead of showing them."""
     heard: list[str] = []
     handler = logging.Handler(logging.WARNING)
     handler.emit = lambda record: heard.append(record.getMessage())  # type: ignore[method-assign]
@@ -179,12 +179,12 @@ USUAL = Style()
 
 
 def require_formats(formats: Sequence[str]) -> None:
-    """Refuse formats that figures are not written in.
+    """Raise an error for unknown formats of figures.
 
     Raises
     ------
     InputError
-        Naming the first, and the formats that there are.
+        Naming the first unknown format, and the known ones.
     """
     unknown = [name for name in formats if name not in METADATA]
     if unknown:
@@ -222,7 +222,7 @@ def save(figure: Figure, path: str | Path, formats: Sequence[str] = ("png", "pdf
 def files_of(
     figure: Figure, stem: str, formats: Sequence[str] = ("png", "pdf"), style: Style = USUAL
 ) -> dict[str, bytes]:
-    """Return what `save` writes: the content of each file by its name, which is the stem and a suffix."""
+    """Return the contents of the files that `save` writes, by their names: the stem and a suffix."""
     require_formats(formats)
     contents = {}
     with style.applied(), _laid_out(figure):
@@ -235,7 +235,7 @@ def files_of(
 
 @contextmanager
 def _laid_out(figure: Figure) -> Iterator[None]:
-    """Lay a figure out once for all that is done inside, instead of once for each format."""
+    """Lay out a figure once inside the block, instead of once for each format."""
     engine = figure.get_layout_engine()
     if engine is None:
         yield

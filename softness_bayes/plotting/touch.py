@@ -1,4 +1,4 @@
-"""The touch itself: pressure and stress under the pad, and its receptors by their rate (model.md 4-8)."""
+"""A touch: pressure and stress under the pad, and its receptors by their rate (model.md 4-8)."""
 
 from __future__ import annotations
 
@@ -38,9 +38,9 @@ class Touches(NamedTuple):
     radius: Array
     """Middle contact radius [m], shape (loads, fabrics)."""
     loads: Sequence[str]
-    """What the loads are called."""
+    """Names of the loads."""
     fabrics: Sequence[str]
-    """What the fabrics are called."""
+    """Names of the fabrics."""
     modulus: Array
     """Their E_fab [Pa]."""
     receptors: Array
@@ -48,15 +48,15 @@ class Touches(NamedTuple):
     pad: Array
     """Length and width of the pad [m]."""
     centre: Array
-    """Where the contact's axis meets it [m]."""
+    """Point of the pad on the contact's axis [m]."""
 
 
 def touch_figure(touches: Touches, *, style: Style = USUAL) -> Figure:
     """Draw pressure and stress against the distance from the axis, and below them the pad's receptors.
 
-    Each column is a load, of which a narrow page has room for the least and the greatest. Lines are medians over the
-    draws, bands their central 95 %. The receptors, drawn at random from their density, have the colour of the median
-    rate at their distance; open ones are silent; the circle is the edge of the contact.
+    Each column is a load; a narrow page shows the smallest and the largest. Lines are medians over the draws, bands
+    their central 95 %. Receptors are drawn at random from their density, in the colour of the median rate at their
+    distance; open ones are silent. The circle is the edge of the contact.
 
     Returns
     -------
@@ -78,7 +78,7 @@ def touch_figure(touches: Touches, *, style: Style = USUAL) -> Figure:
     touches = _under(touches, np.unique(np.linspace(0, shape[0] - 1, columns).round().astype(int)))
     with style.applied():
         width = style.column if columns == 1 else style.page
-        # the pad's panels fix the height: they have its proportions
+        # the pad's panels have its proportions, which fixes the height
         tall = (width - 0.9) / columns * touches.pad[1] / touches.pad[0]
         words = 0.0 if width >= WIDE else 0.5  # of the legend
         figure = Figure(figsize=(width, 2.0 + words + rows * (tall + 0.12) + 0.8), layout="constrained")

@@ -77,7 +77,7 @@ _GATES = {"m": "m", "h": "h", "n": "n", "A": "a", "B": "b"}
 
 
 class Peer(NamedTuple):
-    """One way to get the rates of a batch."""
+    """One way to compute the rates of a batch."""
 
     simulator: str
     setting: str
@@ -90,7 +90,7 @@ class Peer(NamedTuple):
 
 
 class Simulated(NamedTuple):
-    """What Brian2 finds."""
+    """Result of Brian2."""
 
     rate: FloatArray
     """Rates [Hz], shape (n,); NaN with fewer than two spikes after the settling."""

@@ -54,7 +54,7 @@ WAYS: Mapping[str, Way] = {
 
 
 class Measured(NamedTuple):
-    """How well a way to walk does."""
+    """Efficiency of a way to walk."""
 
     tau: float
     """Longest autocorrelation time [steps] of any quantity in any ensemble."""

@@ -1,4 +1,4 @@
-"""Makes the sample of exact rate curves: ``python -m softness_bayes.tools.firing_sample_build`` (half a minute)."""
+"""Builder of the sample of exact rate curves: ``python -m softness_bayes.tools.firing_sample_build``."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ SIZE, NODES, SPREAD = 200, 30, 0.03
 
 
 def draw(surface: FiringSurface, rng: np.random.Generator, size: int = SIZE) -> Channels:
-    """Return channel vectors that the surface answers for, shape (size,)."""
+    """Return channel vectors that the surface covers, shape (size,)."""
     centre = np.asarray(surface.design.channels)
     found = np.empty((0, 4))
     while len(found) < size:

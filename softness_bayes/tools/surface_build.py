@@ -1,4 +1,4 @@
-"""Builds and measures the firing-rate surfaces: ``python -m softness_bayes.tools.surface_build``.
+"""Builder of the firing-rate surfaces, which also measures them: ``python -m softness_bayes.tools.surface_build``.
 
 It takes some twenty minutes for each membrane on one processor and writes the same tables on every run with the same
 versions on the same machine; elsewhere they agree to 1e-7, because exp differs in its last bits between processors.
@@ -117,14 +117,14 @@ def build(design: Design, say: Say, spread: Spread = map) -> FiringSurface:
 
 
 def _begin_at_fold(design: Design, channels: Channels) -> Onset:
-    """Onset of membranes that are known to fire just above their fold: no simulation."""
+    """Return the onset of membranes that are known to fire just above their fold, without simulation."""
     found = fold(channels, design.membrane)
     zero = np.zeros_like(found.current)
     return Onset(found.current, zero, found.prefactor, zero.astype(bool))
 
 
 def _begin_at_births(design: Design, channels: Channels, spread: Spread) -> Onset:
-    """Onset of membranes that are known to begin where their orbits do: most of them near where some others do."""
+    """Return the onset of membranes that begin to fire at a fold of orbits, searched near the onsets of others."""
     some, others = (Channels(*(c[part] for c in channels)) for part in (slice(_SCOUTS), slice(_SCOUTS, None)))
     scouted = onset(some, design.membrane)
     terms = TotalDegree(len(design.axes), _SCOUT_DEGREE)

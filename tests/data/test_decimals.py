@@ -32,7 +32,7 @@ def test_a_number_of_two_meanings_is_refused_with_what_decides(tmp_path, separat
         Ratings.read(path)
     message = str(caught.value)
     assert message.startswith(f"{path}: row 3, column 'rating': '{number}' may be ")
-    assert message.endswith("say what stands before the decimals with --decimal . or --decimal ,")
+    assert message.endswith("name the decimal mark with --decimal . or --decimal ,")
     mark, other = (",", ".") if "," in number else (".", ",")
     assert Ratings.read(path, decimal=mark).rating.tolist() == [950, 1.234, 800]
     assert Ratings.read(path, decimal=other).rating.tolist() == [950, 1234, 800]
@@ -62,7 +62,7 @@ def test_other_numbers_decide_and_what_was_assumed_is_said(tmp_path, ratings, fo
 def test_another_column_decides_for_the_whole_table(tmp_path):
     read = Ratings.read(table(tmp_path, ["950", "1,234"], load="0,5"))
     assert read.rating.tolist() == [950, 1.234]
-    assert "for 0,5 in row 2, column 'indentation_mm' has a decimal comma" in read.notes[0]
+    assert "because 0,5 in row 2, column 'indentation_mm' has a decimal comma" in read.notes[0]
 
 
 def test_between_commas_a_quoted_comma_is_refused_with_the_remedy(tmp_path):

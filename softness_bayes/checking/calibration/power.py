@@ -1,8 +1,8 @@
-"""What a calibration could have seen: tables of ranks simulated under a stated fault, judged by its own rule.
+"""Power of a calibration: tables of ranks simulated under a stated fault, judged by the calibration's rule.
 
 A posterior too narrow by a factor w, or shifted by s of its standard deviations, puts the truth at the normal score
-w z + s among its draws, z ~ N(0, 1). The law of the rank follows by quadrature; tables are drawn from it by inversion
-of the same uniform numbers for every w and s, so that the alarm's frequency rises smoothly and its root can be found.
+w z + s among its draws, z ~ N(0, 1). The distribution of the rank follows by quadrature. Tables are drawn from it by
+inversion of the same uniform numbers for every w and s, so that the alarm's frequency is smooth in both.
 """
 
 from __future__ import annotations
@@ -21,10 +21,10 @@ from softness_bayes.checking.uniformity import simultaneous_band
 FloatArray = NDArray[np.float64]
 
 POWER = 0.9
-"""Probability of the alarm that a fault is stated for."""
+"""Probability of the alarm at which the detectable fault is stated."""
 
 LARGEST_WIDTH, LARGEST_SHIFT = 10.0, 10.0
-"""Faults beyond which none is looked for."""
+"""Largest faults in the search."""
 
 TABLES = 2000
 """Simulated tables."""
@@ -33,15 +33,15 @@ _SEED, _NODES, _HALVINGS = 20, 2001, 12
 
 
 class Least(NamedTuple):
-    """The least fault that raises the alarm with probability `POWER`; infinite if none does."""
+    """The smallest fault that raises the alarm with probability `POWER`; infinite if none does."""
 
     value: float
     error: float
-    """Its standard error, of the number of simulated tables."""
+    """Its standard error, due to the number of simulated tables."""
 
 
 class Alarm:
-    """The rule by which a table of ranks is judged, for many tables of one quantity at once.
+    """The alarm rule of a calibration, for many tables of ranks of one quantity at once.
 
     Parameters
     ----------
@@ -73,13 +73,13 @@ class Alarm:
 
 
 def squared_scores(size: int, draws: int) -> tuple[FloatArray, float]:
-    """Squared normal score of every rank, and degrees of freedom of the chi-squared law like their sum's."""
+    """Return the squared normal score of every rank, and the degrees of freedom of the matching chi-squared law."""
     squares = ndtri((np.arange(draws + 1) + 0.5) / (draws + 1)) ** 2
     return squares, float(2.0 * size * squares.mean() ** 2 / squares.var())
 
 
 def rank_law(draws: int, width: float = 1.0, shift: float = 0.0) -> FloatArray:
-    """Probability of each rank from 0 to `draws` where the posterior is too narrow by a factor, or shifted.
+    """Return the probability of each rank from 0 to `draws` if the posterior is too narrow by a factor, or shifted.
 
     Parameters
     ----------
@@ -88,7 +88,7 @@ def rank_law(draws: int, width: float = 1.0, shift: float = 0.0) -> FloatArray:
     width
         Right over stated standard deviation.
     shift
-        Of the posterior, in its standard deviations.
+    Shift of the posterior, in its standard deviations.
     """
     z = np.linspace(-8.0, 8.0, _NODES)
     weight = np.exp(-0.5 * z**2)
@@ -106,7 +106,7 @@ def alarm_of(size: int, draws: int, threshold: float) -> Alarm:
 
 
 def power(size: int, draws: int, threshold: float, width: float = 1.0, shift: float = 0.0) -> float:
-    """Share of simulated tables of one quantity, of a given fault, that raise the alarm."""
+    """Return the share of simulated tables of one quantity with a given fault that raise the alarm."""
     cumulated = rank_law(draws, width, shift).cumsum()
     uniform = np.random.default_rng(_SEED).random((TABLES, size))
     rank = np.searchsorted(cumulated[:-1], uniform, side="right")
@@ -115,19 +115,19 @@ def power(size: int, draws: int, threshold: float, width: float = 1.0, shift: fl
 
 @lru_cache(maxsize=64)
 def least_width(size: int, draws: int, threshold: float) -> Least:
-    """How many times too narrow a posterior must be for the alarm of `power` `POWER`."""
+    """Return the factor by which a posterior must be too narrow for an alarm with probability `POWER`."""
     return _least(lambda width: power(size, draws, threshold, width=width), 1.0, LARGEST_WIDTH)
 
 
 @lru_cache(maxsize=64)
 def least_shift(size: int, draws: int, threshold: float) -> Least:
-    """How far a posterior must be shifted for it, in its standard deviations."""
+    """Return the shift of a posterior, in its standard deviations, for an alarm with probability `POWER`."""
     return _least(lambda shift: power(size, draws, threshold, shift=shift), 0.0, LARGEST_SHIFT)
 
 
 @lru_cache(maxsize=64)
 def replicates_needed(draws: int, threshold: float, width: float) -> int:
-    """The number of replicates, in tens, that finds posteriors too narrow by a factor with probability `POWER`."""
+    """Return the number of replicates, in tens, that detects posteriors too narrow by a factor as `POWER` asks."""
     least, most = 0, 1
     while power(10 * most, draws, threshold, width=width) < POWER:
         least, most = most, 2 * most

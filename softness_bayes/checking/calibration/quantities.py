@@ -1,9 +1,9 @@
-"""What a calibration ranks: numbers that follow from parameters, participants and ratings alone.
+"""Ranked quantities of a calibration: functions of parameters, participants and ratings.
 
-Any such number has uniform ranks if all is right. Where the response has no turning point its place is put at zero,
-below all others, and equal numbers are ranked at random: so no replicate is left out for the truth's having none, and
-the ranks stay uniform. Whether there is one is ranked as 0 or 1; a rank among ones and zeros, broken at random, holds
-the probability of a turn against how often there is one. Participants are alike beforehand: one stands for all.
+Any such quantity has uniform ranks if the inference is right. Without a turning point its place is set to zero, below
+all others, and ties are broken at random, so that no replicate is left out and ranks stay uniform. The presence of a
+turning point is ranked as 0 or 1 with random ties, which compares its probability with its frequency. Participants are
+exchangeable, so that one represents all.
 """
 
 from __future__ import annotations
@@ -26,22 +26,22 @@ PARTICIPANT, PARTICIPANTS = "participant_effect", "participant_spread"
 
 
 def turns(load: object) -> str:
-    """Name of whether the response turns over under a load, 0 or 1."""
+    """Return the name of the presence, 0 or 1, of a turning point under a load."""
     return f"turns[{load}]"
 
 
 def turning_point(load: object) -> str:
-    """Name of the place of its maximum, E_fab [kPa], 0 where there is none."""
+    """Return the name of the place of the turning point, E_fab [kPa], 0 without one."""
     return f"turning_point_kpa[{load}]"
 
 
 def quantities(posterior: Posterior, theta: FloatArray, effects: Effects) -> dict[str, FloatArray]:
-    """Return all that is ranked at some points, by name.
+    """Return the ranked quantities at some points, by name.
 
     Parameters
     ----------
     posterior
-        The model, with the ratings that the points are of.
+        The model, with the ratings of the points.
     theta
         Points in natural units, shape (points, dimension).
     effects

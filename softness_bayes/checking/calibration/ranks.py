@@ -1,9 +1,9 @@
 """Simulation-based calibration: parameters drawn from the prior, ratings simulated, fitted, and ranked.
 
-If prior, likelihood and sampler belong together, the rank of a true value among independent posterior draws
+If prior, likelihood and sampler are consistent, the rank of a true value among independent posterior draws
 is uniform, for every quantity of parameters and data (Talts, Betancourt, Simpson, Vehtari and Gelman,
-arXiv:1804.06788). The log-likelihood is one of them: it finds errors that leave each parameter's law as its
-prior (Modrák et al., Bayesian Analysis 20, 461, 2025).
+arXiv:1804.06788). The log-likelihood is included, because it detects a posterior that ignores the data and
+equals the prior (Modrák et al., Bayesian Analysis 20, 461, 2025).
 """
 
 from __future__ import annotations
@@ -30,29 +30,29 @@ FloatArray = NDArray[np.float64]
 IndexArray = NDArray[np.intp]
 
 DRAWS = 99
-"""Posterior draws among which a true value is ranked: one hundred equally probable ranks."""
+"""Posterior draws for the rank of a true value: one hundred equally probable ranks."""
 
 MASSES = (0.5, 0.8, 0.9, 0.95)
 """Central intervals whose coverage is counted."""
 
 FALSE_ALARM = 0.01
-"""Probability that a right model is called not calibrated, shared between all tests."""
+"""Probability of a false alarm for a right model, shared between all tests."""
 
 LARGEST_WIDTH = 1.5
-"""How many times too narrow a posterior may be that would be found only just: beyond it there are too few replicates.
+"""Factor by which a posterior may be too narrow that enough replicates must detect.
 
-A 90 % interval of such a posterior holds the truth in 73 % of cases."""
+A 90 % interval of such a posterior contains the truth in 73 % of cases."""
 
 
 class Replicate(NamedTuple):
-    """What one fit of simulated ratings said of the values that they were made from."""
+    """Result of one fit of simulated ratings, compared with the true values."""
 
     names: tuple[str, ...]
-    """Ranked quantities, those of `ranked.quantities`."""
+    """Ranked quantities, those of `calibration.quantities`."""
     rank: tuple[int, ...]
     """Number of the `DRAWS` posterior draws below the true value."""
     truth: tuple[float, ...]
-    """True values, in natural units; of a turning point that the truth does not have, 0."""
+    """True values, in natural units; 0 for a missing turning point."""
     steps: int
     """Steps that each ensemble walked."""
     tau: float
@@ -62,7 +62,7 @@ class Replicate(NamedTuple):
 
 
 def right(observation: LogRatings) -> Observation:
-    """Fit with the likelihood that the ratings were made with."""
+    """Return the likelihood with which the ratings were made."""
     return observation
 
 
@@ -75,8 +75,8 @@ def replicate(
 ) -> Replicate:
     """Draw from the prior, simulate ratings, sample their posterior and rank the truth.
 
-    No prior draw is left out, those silent everywhere included. Space, compiled scene and design are those
-    of `posterior`; its ratings are not looked at.
+    No prior draw is left out, including those without any firing. Space, compiled scene and design are those
+    of `posterior`; its ratings are ignored.
 
     Parameters
     ----------
@@ -85,9 +85,9 @@ def replicate(
     settings
         How to sample.
     seed, index
-        Decide the draw of the prior, the ratings and the walk.
+        Seeds of the prior draw, the ratings and the walk.
     assume
-        Turns the right observation into the one that is fitted with.
+        Function from the right observation to the one of the fit.
     """
     if not isinstance(posterior.observation, LogRatings):
         raise TypeError("calibration simulates magnitude estimates: expected log ratings")
@@ -119,10 +119,10 @@ def _simulate(
 
 
 def independent(sampled: Sampled, count: int, rng: np.random.Generator) -> FloatArray:
-    """Draws that are independent of each other, in sampler coordinates, shape (count, dimension).
+    """Return nearly independent draws, in sampler coordinates, shape (count, dimension).
 
-    Taken at random from all walkers at times that are the longest autocorrelation time apart; a run that
-    has not so many gives some of them repeatedly.
+    They are taken at random from all walkers at times the longest autocorrelation time apart. A run with too few
+    of these gives some repeatedly.
     """
     chains, verdict = sampled
     kept = chains.kept(verdict.burn_in)
@@ -134,7 +134,7 @@ def independent(sampled: Sampled, count: int, rng: np.random.Generator) -> Float
 
 
 def ranks(truth: FloatArray, draws: FloatArray, rng: np.random.Generator) -> IndexArray:
-    """Number of draws below each true value; ties are broken at random.
+    """Return the number of draws below each true value; ties are broken at random.
 
     Parameters
     ----------
@@ -150,7 +150,7 @@ def ranks(truth: FloatArray, draws: FloatArray, rng: np.random.Generator) -> Ind
 
 
 class Judged(NamedTuple):
-    """What the ranks of one quantity say."""
+    """Tests of the ranks of one quantity."""
 
     uniform_p: float
     """P-value of uniform ranks, by the simultaneous limits of their distribution function; exact."""
@@ -171,7 +171,7 @@ class Calibration:
     rank
         Ranks from 0 to `draws`, shape (replicates, quantities).
     draws
-        Posterior draws that each was ranked among.
+        Posterior draws for each rank.
     """
 
     names: tuple[str, ...]
@@ -185,7 +185,7 @@ class Calibration:
 
     @property
     def points(self) -> FloatArray:
-        """Where the distribution function of (rank + 1) / (draws + 1) is looked at."""
+        """Points at which the distribution function of (rank + 1) / (draws + 1) is evaluated."""
         return np.arange(1, self.draws + 1) / (self.draws + 1)
 
     @property
@@ -206,17 +206,17 @@ class Calibration:
 
     @property
     def least_width(self) -> Least:
-        """How many times too narrow a posterior is that these replicates find nine times in ten."""
+        """Smallest factor of a too narrow posterior that these replicates detect nine times in ten."""
         return least_width(len(self.rank), self.draws, self.threshold)
 
     @property
     def least_shift(self) -> Least:
-        """How far a posterior is shifted, in its standard deviations, that they find as often."""
+        """Smallest shift of a posterior, in its standard deviations, that they detect as often."""
         return least_shift(len(self.rank), self.draws, self.threshold)
 
     @property
     def enough(self) -> bool:
-        """True if they find posteriors `LARGEST_WIDTH` times too narrow as often: else uniform ranks say little."""
+        """True if they detect posteriors `LARGEST_WIDTH` times too narrow as often; else uniform ranks mean little."""
         return self.least_width.value <= LARGEST_WIDTH
 
     @property
@@ -230,11 +230,11 @@ class Calibration:
         return FALSE_ALARM / (2 * len(self.names))
 
     def faults(self) -> list[str]:
-        """Say of every quantity that fails a test what is wrong with its posterior."""
+        """Return the quantities that fail a test, with their faults."""
         return [f"{name} ({fault})" for name, fault in self.fault_of().items()]
 
     def fault_of(self) -> dict[str, str]:
-        """What is wrong with the posterior of every quantity that fails a test, by name."""
+        """Return the fault of every quantity that fails a test, by name."""
         found = {}
         for (name, judged), position in zip(self.judge().items(), self.positions.T, strict=True):
             if judged.spread_p < self.threshold:
@@ -246,7 +246,7 @@ class Calibration:
         return found
 
     def coverage(self) -> list[dict[str, float | str | int]]:
-        """Count how often central intervals hold the truth.
+        """Count how often central intervals contain the truth.
 
         Returns
         -------

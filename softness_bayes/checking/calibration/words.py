@@ -1,4 +1,4 @@
-"""What the ranks of a calibration say, in words: its alarms, or what having none is worth."""
+"""Verdict of a calibration in words: its alarms or, without any, its power."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ def verdict(calibration: Calibration, size: str, decided: bool) -> str:
     calibration
         The ranks.
     size
-        How many replicates there are, and how they went.
+        Number of replicates and their outcome, in words.
     decided
-        Whether all of them may be taken as they are.
+        Whether all replicates are finished and converged.
     """
     faults = calibration.faults()
     if faults:
@@ -35,7 +35,7 @@ def verdict(calibration: Calibration, size: str, decided: bool) -> str:
 
 
 def coverage_sentence(calibration: Calibration) -> str:
-    """Say how many of the shares that intervals cover leave their own limits, and how many do by chance."""
+    """Say how many coverages lie outside their limits, and how many do by chance."""
     rows = calibration.coverage()
     named = ("low", "share", "high", "outside")
     low, share, high, chance = np.array([[float(row[name]) for name in named] for row in rows]).T
@@ -45,7 +45,7 @@ def coverage_sentence(calibration: Calibration) -> str:
 
 
 def _seen(calibration: Calibration) -> str:
-    """Say what so many replicates find, by simulation of the verdict itself."""
+    """Say which faults so many replicates detect, by simulation of the verdict itself."""
     width, shift = calibration.least_width, calibration.least_shift
     said = "No fault would have raised an alarm nine times in ten."
     if math.isfinite(width.value + shift.value):
