@@ -56,7 +56,7 @@ def test_other_numbers_decide_and_what_was_assumed_is_said(tmp_path, ratings, fo
     said = [note for note in read.notes if "is read as" in note]
     assert len(said) == notes
     if said:
-        assert said[0].startswith("ratings.csv: row 2, column 'rating': 1,234 is read as 1.234, for ")
+        assert said[0].startswith("ratings.csv: row 2, column 'rating': 1,234 is read as 1.234, because ")
 
 
 def test_another_column_decides_for_the_whole_table(tmp_path):
