@@ -113,7 +113,7 @@ class Bench:
         """Return the numbers of a batch of parameter vectors, shape (draws,)."""
         values = TouchParameters(*np.broadcast_arrays(*map(np.atleast_1d, parameters)))
         if not (values.alpha > self.firing.curves(values).rheobase).any():
-            return _silence((values.alpha.size, len(self.loads)))
+            return _silent_numbers((values.alpha.size, len(self.loads)))
         curves = response_curves(self._grid, values)
         found = {**self._along_grid(curves), **self._over_fabrics(values)}
         return Numbers(**found, depth_spread=self._depth_spread(curves, values))
@@ -247,7 +247,7 @@ def mean_standardised(ratings: Ratings, loads: tuple[Load, ...], fabrics: tuple[
     return mean.reshape(len(loads), len(fabrics))
 
 
-def _silence(shape: tuple[int, int]) -> Numbers:
+def _silent_numbers(shape: tuple[int, int]) -> Numbers:
     """Return the numbers of a membrane that never fires."""
     nothing = Numbers(*(np.full(shape, np.nan) for _ in Numbers._fields))
     return nothing._replace(largest=np.zeros(shape), interior=np.zeros(shape, bool))

@@ -43,6 +43,7 @@ def command(quick: bool, out: Path, force: bool) -> None:
     from softness_bayes.files.outputs import require_outputs
 
     require_outputs(out, MADE, BENCH, force)
+    click.echo(f"measures for minutes, then writes {', '.join(MADE)} to {out.resolve()}", err=True)
     with threadpool_limits(1):
         _measure(quick, out)
     click.echo(f"written to {out}")

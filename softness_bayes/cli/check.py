@@ -62,7 +62,7 @@ def _show_compression(compression: Compression) -> None:
 
     lines = {
         "forces": f"{len(compression)}, from {compression.force.min():.3g} to {compression.force.max():.3g} N; "
-        f"{compression.n_zero} of 0 dropped",
+        f"{compression.n_zero} rows with a force of 0 left out",
         "fingers": f"{_span(compression.participants)}, {_extent(np.bincount(compression.participant))} forces each",
         "indentations": f"{compression.indentation.min() * 1e3:.3g} to {compression.indentation.max() * 1e3:.3g} mm",
     }
@@ -89,14 +89,14 @@ def _summary(experiment: Experiment, modulus: NDArray[np.float64]) -> list[str]:
         "loads": ", ".join(f"{load} ({count} ratings)" for load, count in loads),
         "conditions": f"{len(conditions.fabric)} of {pairs} pairs of fabric and load; "
         f"{rated} of {len(ratings.participants) * pairs} with each participant",
-        "tau": "participants' own moduli can be told apart: their spread tau can be estimated"
+        "tau": "several participants: the spread of their rating scales (tau) can be estimated"
         if several
-        else "one participant: the spread tau of participants' own moduli cannot be estimated",
+        else "one participant: the spread of rating scales between participants (tau) cannot be estimated",
     }
     if len(conditions.fabric) == 1:
-        lines["gamma"] = "one condition: the response does not vary, and says nothing of skin, receptors or gamma"
+        lines["gamma"] = "one condition: the response does not vary, so skin, receptors and gamma are not identifiable"
     if len(ratings) > 1 and ratings.rating.min() == ratings.rating.max():
-        lines["varsigma"] = "all ratings are the same: nothing says how they vary"
+        lines["varsigma"] = "all ratings are the same: their spread (varsigma) is not identifiable"
     return [f"{name:14}{text}" for name, text in lines.items()]
 
 

@@ -93,16 +93,16 @@ def command(
     else:
         write_outputs(out.parent, {out.name: text}, PREDICT)
         click.echo(f"{out}: {len(table)} rows", err=True)
-    if note := _geometry_note(scene, parameters):
+    if note := _geometry_note(scene, parameters, "of the rows" if posterior is None else "of rows and draws"):
         click.echo(f"note: {note}", err=True)
 
 
-def _geometry_note(scene: Scene, parameters: TouchParameters) -> str:
-    """Say how often the contact leaves the range of Hertz's geometry (model.md 3)."""
+def _geometry_note(scene: Scene, parameters: TouchParameters, of: str) -> str:
+    """Say in which share, and of what, the contact leaves the range of Hertz's geometry (model.md 3)."""
     beyond = scene.beyond_hertz(parameters)
     if not beyond.questionable:
         return ""
     return (
         f"the contact radius exceeds R/2, where Hertz's geometry is questionable, in {beyond.questionable:.1%} "
-        f"of the rows' draws, and R, where it is meaningless, in {beyond.meaningless:.1%}"
+        f"{of}, and R, where it is meaningless, in {beyond.meaningless:.1%}"
     )

@@ -222,12 +222,13 @@ def run(
 
 
 def _kept(checkpoint: Checkpoint) -> str:
-    """Say how far a run is kept and what continues it; nothing before its first state."""
+    """Say how far a run is kept and how to continue it."""
     status = checkpoint.status
     if status is None:
-        return ""
+        return "nothing was kept, because sampling had not begun: start the run again"
     again = f"'softness-bayes resume {checkpoint.directory}' continues it"
-    return f"the run is kept up to step {status.steps}: {again}"
+    until = "in its pilot walk" if status.piloting else f"up to step {status.steps}"
+    return f"the run is kept {until}: {again}"
 
 
 class _Bar:

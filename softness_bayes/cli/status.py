@@ -30,7 +30,7 @@ def command(directory: Path) -> None:
     if status.failures:
         click.echo(f"density not computable: at {status.failures} points, in nonfinite.csv")
     if status.verdict is None:
-        click.echo("not looked at yet")
+        click.echo("convergence has not been checked yet")
         return
     click.echo(f"at step {status.verdict.steps}: {in_numbers(status.verdict, status.seconds)}")
     click.echo(status.verdict.sentence())

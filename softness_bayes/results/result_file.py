@@ -81,7 +81,7 @@ def read(path: Path, index: Mapping[str, str | list[str]], verify: bool = True) 
 
 
 def _require_unchanged(path: Path, found: Changes) -> None:
-    said = [f"{what} {_listed(parts)}" for what, parts in zip(("no", "another"), found, strict=True) if parts]
+    said = [f"{what} {_listed(parts)}" for what, parts in zip(("no", "changed or added"), found, strict=True) if parts]
     if said:
         raise InputError(
             f"{path}: damaged, or changed since it was written: {', '.join(said)}; restore the file from a copy, or, "

@@ -88,12 +88,12 @@ def _climb(target: Target, seed: np.random.SeedSequence, best: bool) -> Optimum:
 
 def _place(
     target: Target,
-    placing: np.random.SeedSequence,
+    seed: np.random.SeedSequence,
     walking: np.random.SeedSequence,
     optima: list[Optimum],
     walkers: int,
 ) -> EnsembleState:
-    points, density = scatter(target, np.random.default_rng(placing), optima, walkers)
+    points, density = scatter(target, np.random.default_rng(seed), optima, walkers)
     if not np.isfinite(density).any():
         raise NumericalError("every walker starts where the probability is zero")
     random = np.random.RandomState(np.random.MT19937(walking)).get_state()

@@ -93,7 +93,9 @@ def sent(directory, delay, number=signal.SIGINT, whole=True):
     if said is None:
         return "finished"
     if (directory / "out" / "checkpoint" / "manifest.json").exists():
-        assert re.search(r"the run is kept up to step \d+: 'softness-bayes resume out' continues it", said)
+        assert re.search(
+            r"the run is kept (up to step \d+|in its pilot walk): 'softness-bayes resume out' continues it", said
+        )
         assert not read_status(directory / "out").running
         return "kept"
     assert "resume" not in said

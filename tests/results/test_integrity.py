@@ -127,15 +127,18 @@ def rewritten(directory, change):
     [
         (
             lambda tree: tree["posterior"]["b"].values.__setitem__((0, 0), 7.0),
-            "another variable 'b' of group 'posterior'",
+            "changed or added variable 'b' of group 'posterior'",
         ),
-        (lambda tree: tree["posterior"]["b"].attrs.update(units="Pa"), "another variable 'b' of group 'posterior'"),
-        (lambda tree: tree.attrs.update(sd=0.25), "another attribute 'sd'"),
+        (
+            lambda tree: tree["posterior"]["b"].attrs.update(units="Pa"),
+            "changed or added variable 'b' of group 'posterior'",
+        ),
+        (lambda tree: tree.attrs.update(sd=0.25), "changed or added attribute 'sd'"),
         (lambda tree: tree.attrs.update(schema_version=np.int64(0)), "schema .*0.*, expected a number from 1"),
         (lambda tree: tree.attrs.pop("command"), "no attribute 'command'"),
-        (lambda tree: tree.attrs.pop(CHECKSUMS), f"another attribute '{CHECKSUMS}'"),
-        (lambda tree: tree["posterior"].attrs.update(mine=1), "another group 'posterior'"),
-        (lambda tree: tree.attrs.update(mine=1), "another attribute 'mine'"),
+        (lambda tree: tree.attrs.pop(CHECKSUMS), f"changed or added attribute '{CHECKSUMS}'"),
+        (lambda tree: tree["posterior"].attrs.update(mine=1), "changed or added group 'posterior'"),
+        (lambda tree: tree.attrs.update(mine=1), "changed or added attribute 'mine'"),
     ],
 )
 def test_a_change_is_named_and_can_be_accepted(small, tmp_path, change, named):
@@ -169,7 +172,7 @@ def test_a_file_saved_by_arviz_is_told_from_one_it_changed(small, tmp_path):
         if holds:
             assert_same(Result.load(path), small_result())
         else:
-            with pytest.raises(InputError, match="another variable 'b' of group 'posterior'"):
+            with pytest.raises(InputError, match="changed or added variable 'b' of group 'posterior'"):
                 Result.load(path)
 
 

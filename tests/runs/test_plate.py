@@ -322,7 +322,7 @@ def test_check_says_what_was_understood(here):
     code, out, _ = here("check", "--compression", DATA / "compression.csv")
     assert code == 0
     force = Compression.read(DATA / "compression.csv").force
-    assert f"32, from {force.min():.3g} to {force.max():.3g} N; 0 of 0 dropped" in out
+    assert f"32, from {force.min():.3g} to {force.max():.3g} N; 0 rows with a force of 0 left out" in out
     assert "8 (F1 … F8), 4 forces each" in out
     code, out, _ = here("check", "--data", DATA / "ratings.csv", "--compression", DATA / "compression.csv")
     assert code == 0
