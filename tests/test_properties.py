@@ -15,7 +15,8 @@ from scipy import integrate
 
 from softness_bayes.data import Fabrics, Ratings, write_fabrics, write_ratings
 from softness_bayes.likelihood.design import Design
-from softness_bayes.likelihood.magnitude import INVERSE, SOFTNESS, LogRatings, RatingModel, RatingParameters
+from softness_bayes.likelihood.directions import INVERSE, SOFTNESS
+from softness_bayes.likelihood.magnitude import LogRatings, RatingModel, RatingParameters
 from softness_bayes.parameters.priors import HalfNormal, LogNormal, Normal, Uniform
 from softness_bayes.touch.contact import FORCES, INDENTATIONS, Force, Indentation
 from softness_bayes.touch.parameters import TouchParameters

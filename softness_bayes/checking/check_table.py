@@ -23,8 +23,8 @@ from softness_bayes.checking.quantities import (
 from softness_bayes.checking.reproduction import FALL, alternative, turning_sentences
 from softness_bayes.checking.uniformity import uniformity_p_value
 from softness_bayes.likelihood.design import Design
-from softness_bayes.likelihood.magnitude import direction_named
-from softness_bayes.likelihood.scales import RATING_SCALES
+from softness_bayes.likelihood.directions import direction_named
+from softness_bayes.likelihood.scales import scale_named
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -62,7 +62,7 @@ def layout_of(tree: xr.DataTree) -> Layout:
     people = _values(tree, "log_likelihood_participant", "participant").size
     design = Design(condition, constant["participant_index"].values, fabrics, people)
     sign = direction_named(str(tree.attrs["direction"])).sign
-    return Layout(design, modulus[fabrics], loads, sign, RATING_SCALES[str(tree.attrs["rating_scale"])].positive)
+    return Layout(design, modulus[fabrics], loads, sign, scale_named(str(tree.attrs["rating_scale"])))
 
 
 def check_table(tree: xr.DataTree) -> pd.DataFrame:

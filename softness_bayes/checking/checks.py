@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtrc, chdtri
 
-from softness_bayes.likelihood.magnitude import RatingParameters
+from softness_bayes.likelihood.contract import Effects, Likelihood, Parameters
 from softness_bayes.likelihood.pieces import part_of, pieces
-from softness_bayes.likelihood.scales import ObservedRatings
+from softness_bayes.likelihood.scales import MAGNITUDE
 
 Array = NDArray[np.float64]
+
+FABRIC_SPREAD = "omega"
+"""The parameter of models in which fabrics have effects of their own."""
 
 NEEDED = 0.05
 """Predictive p-value below which deviations of fabrics count as real."""
@@ -48,12 +51,14 @@ class FabricCheck(NamedTuple):
     """Its mean residual, in the (log) rating."""
     worst_errors: float = 0.0
     """That in standard errors."""
-    logarithmic: bool = True
-    """Whether the model is one of log ratings; that of z-scores has no effect per fabric to offer."""
+    unit: str = MAGNITUDE.unit
+    """Unit of deviations, in words."""
+    remedy: bool = True
+    """Whether the model has an effect per fabric to offer; that of z-scores has none."""
 
     def sentence(self, conditions: Sequence[str]) -> str:
         """One line for the user; `conditions` names each condition."""
-        unit = "log rating" if self.logarithmic else "z-score"
+        unit = self.unit
         if min(self.p_value, self.condition_p_value) >= NEEDED:
             return (
                 f"fabrics: no mean rating deviates from the response by more than noise explains (p = "
@@ -81,13 +86,11 @@ class FabricCheck(NamedTuple):
         alone = (
             "" if np.isfinite(self.within_p_value) else " (with one load per fabric the response may be wrong instead)"
         )
-        remedy = ": add --prior omega='halfnormal(0.5)'" if self.logarithmic else ", and z-scores have none"
+        remedy = ": add --prior omega='halfnormal(0.5)'" if self.remedy else f", and {self.unit}s have none"
         return f"without an effect per fabric the intervals are too narrow{remedy}{alone}"
 
 
-def check_fabrics(
-    observation: ObservedRatings, mean_rate: Array, parameters: RatingParameters, effects: Any
-) -> FabricCheck:
+def check_fabrics(observation: Likelihood, mean_rate: Array, parameters: Parameters, effects: Effects) -> FabricCheck:
     """Compare the residuals' spread between fabrics, and between conditions, with what the model replicates.
 
     The discrepancy is T = sum_c n_c (mean residual of condition c)², given a draw of all parameters and
@@ -105,7 +108,7 @@ def check_fabrics(
     parameters, effects
         Draws of the rating model's parameters, shape (draws,), and of the effects given them.
     """
-    design = observation.design
+    design, model = observation.design, observation.model
     count = np.bincount(design.condition, minlength=design.n_conditions).astype(float)
     rated = np.flatnonzero(count > 0)
     count = count[rated]
@@ -113,7 +116,7 @@ def check_fabrics(
     mean = np.empty((len(mean_rate), rated.size))
     for k in pieces(len(mean_rate), design.n_rows):
         mean[k] = observation.residual(mean_rate[k], part_of(parameters, k), part_of(effects, k)) @ member
-    spread = np.broadcast_to(np.asarray(parameters.varsigma, float), mean.shape[:1])
+    spread = np.broadcast_to(model.error_sd(parameters), mean.shape[:1])
     fabrics, fabric = np.unique(design.fabric[rated], return_inverse=True)
     member = (fabric[:, None] == np.arange(fabrics.size)) * count[:, None]
     size = member.sum(axis=0)
@@ -133,7 +136,8 @@ def check_fabrics(
         int(rated[worst]),
         float(mean[:, worst].mean()),
         float(errors[worst]),
-        observation.model.logarithmic,
+        model.scale.unit,
+        FABRIC_SPREAD in model.needs,
     )
 
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from softness_bayes.checking.quantities import Layout
 from softness_bayes.checking.trend import Correlation, Trend, find_trend, mean_correlation
-from softness_bayes.likelihood.magnitude import FALLS, RISES, RatingDirection
+from softness_bayes.likelihood.directions import FALLS, RISES, RatingDirection
 from softness_bayes.model.posterior import ForwardModel
 from softness_bayes.touch.parameters import TouchParameters
 

@@ -11,7 +11,7 @@ from softness_bayes.checking.check_table import layout_of
 from softness_bayes.checking.direction import Choice, evidence_in
 from softness_bayes.checking.flatness import Explained, explain
 from softness_bayes.checking.quantities import Layout
-from softness_bayes.likelihood.magnitude import direction_named
+from softness_bayes.likelihood.directions import direction_named
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -108,13 +108,17 @@ def fit_of(tree: xr.DataTree) -> Fit:
     silent = float(found.get("posterior_silent_everywhere", 0.0))
     predicted = _predicted(tree, silent, layout)
     explained: tuple[Explained, ...] = ()
-    scale = "log rating" if layout.logarithmic else "z-score"
     if predicted is not None:
-        known = np.log(predicted) if layout.logarithmic else predicted
-        explained = tuple(explain(layout, layout.fit(ratings), known))
+        explained = tuple(explain(layout, layout.fit(ratings), layout.scale.additive(predicted)))
     silent_conditions = float(found.get("posterior_silent_conditions", silent))
     return Fit(
-        choice, evidence.loads, explained, silent, silent_conditions, "omega" in tree["posterior"].to_dataset(), scale
+        choice,
+        evidence.loads,
+        explained,
+        silent,
+        silent_conditions,
+        "omega" in tree["posterior"].to_dataset(),
+        layout.scale.unit,
     )
 
 

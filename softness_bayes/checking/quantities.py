@@ -10,18 +10,18 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from enum import Enum
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import chdtrc
 
 from softness_bayes import arviz_bridge
+from softness_bayes.likelihood.contract import Effects, Likelihood, Parameters
 from softness_bayes.likelihood.design import Design
 from softness_bayes.likelihood.left_out import summing
-from softness_bayes.likelihood.magnitude import RatingParameters
 from softness_bayes.likelihood.pieces import part_of, pieces
-from softness_bayes.likelihood.scales import ObservedRatings
+from softness_bayes.likelihood.scales import MAGNITUDE, Scale
 
 FloatArray = NDArray[np.float64]
 IndexArray = NDArray[np.intp]
@@ -62,15 +62,15 @@ class Layout:
         Index of each condition's load, shape (conditions,).
     sign
         Whether ratings rise (+1) or fall (-1) with the response.
-    logarithmic
-        Whether log ratings are additive; otherwise the ratings are z-scores, additive themselves.
+    scale
+        Scale of the ratings, with the numbers in which they are additive.
     """
 
     design: Design
     modulus: FloatArray
     load: IndexArray
     sign: float = 1.0
-    logarithmic: bool = True
+    scale: Scale = MAGNITUDE
 
     @property
     def loads(self) -> IndexArray:
@@ -107,7 +107,7 @@ class Layout:
         freedom = self.residual_freedom
         fits = []
         for k in pieces(len(filed), design.n_rows):
-            y = np.log(filed[k]) if self.logarithmic else filed[k]
+            y = self.scale.additive(filed[k])
             mean = (of_person @ y.T).T / np.maximum(count, 1.0)
             within = y - mean[:, design.participant]
             condition = (of_condition @ within.T).T @ inverse
@@ -314,7 +314,7 @@ class ExponentCheck(NamedTuple):
 
 
 def check_exponents(
-    observation: ObservedRatings, mean_rate: FloatArray, parameters: RatingParameters, effects: Any
+    observation: Likelihood, mean_rate: FloatArray, parameters: Parameters, effects: Effects
 ) -> ExponentCheck:
     """Compare how residuals follow the response within participants with what the model replicates.
 
@@ -334,10 +334,7 @@ def check_exponents(
         Draws of the rating model's parameters, shape (draws,), and of the effects given them.
     """
     design, model = observation.design, observation.model
-    if model.logarithmic:
-        x = np.log(mean_rate + np.asarray(parameters.eps, float)[..., None])
-    else:
-        x = model.drive(design, mean_rate, parameters)
+    x = observation.predictor(mean_rate, parameters)
     count = np.maximum(design.cells.sum(axis=1), 1.0)
     centre = x @ (design.cells / count[:, None]).T
     squares = x**2 @ design.cells.T - count * centre**2
@@ -348,7 +345,7 @@ def check_exponents(
         products[k] = (member @ along.T).T - centre[k] * (member @ residual.T).T
     varies = squares > 1e-9 * np.maximum(x**2 @ design.cells.T, 1e-300)
     followed = np.where(varies, products**2 / np.where(varies, squares, 1.0), 0.0).sum(axis=1)
-    variance = np.broadcast_to(np.asarray(parameters.varsigma, float) ** 2, followed.shape)
+    variance = np.broadcast_to(model.error_sd(parameters) ** 2, followed.shape)
     freedom, telling = varies.sum(axis=1), varies.any(axis=1)
     if not telling.any():
         return ExponentCheck(np.nan, 0.0)
@@ -366,7 +363,7 @@ class LooPit(NamedTuple):
     """Pareto k of the importance weights; above 0.7 they are unreliable."""
 
 
-def loo_pit(observation: ObservedRatings, mean_rate: FloatArray, parameters: RatingParameters) -> LooPit:
+def loo_pit(observation: Likelihood, mean_rate: FloatArray, parameters: Parameters) -> LooPit:
     """Return the probability integral transform of each rating given all the others.
 
     With the effects of participants and fabrics integrated out, p(y_i | y_-i, theta) is known in closed

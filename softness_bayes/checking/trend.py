@@ -80,7 +80,7 @@ def find_trend(layout: Layout, ratings: FloatArray) -> Trend:
         Shape (rows,).
     """
     design = layout.design
-    y = np.log(ratings) if layout.logarithmic else np.asarray(ratings, float)
+    y = layout.scale.additive(ratings)
     weights = np.ones((1, design.n_participants))
     if (design.cells.sum(axis=1) > 0).sum() > 1:
         random = np.random.default_rng(_SEED).exponential(size=(RESAMPLES, design.n_participants))

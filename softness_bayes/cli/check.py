@@ -49,7 +49,7 @@ def command(files: DataFiles, scale: str, choice: ReadingChoice) -> None:
     for note in experiment.notes:
         click.echo(f"note: {note}")
     ratings = experiment.ratings
-    (ratings.require_positive if RATING_SCALES[scale].positive else ratings.require_standardised)()
+    RATING_SCALES[scale].require(ratings)
     click.echo("\nDo ratings rise or fall with stiffness?")
     asked = RunOptions(readings=choice.resolve(), scale=RATING_SCALES[scale])
     for line in choose_direction(experiment, asked).evidence.lines:

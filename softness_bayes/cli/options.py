@@ -12,6 +12,8 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import click
 
 from softness_bayes.errors import InputError
+from softness_bayes.likelihood.directions import RATING_DIRECTIONS, RISES, direction_named
+from softness_bayes.likelihood.scales import MAGNITUDE, RATING_SCALES
 from softness_bayes.ranges import ACCURACIES, Count, Range
 
 if TYPE_CHECKING:
@@ -399,9 +401,6 @@ accuracy = click.option(
 )
 """Gives a verb `accuracy`."""
 
-FORMER_DIRECTIONS = {"softness": "rises-with-firing", "inverse": "falls-with-firing"}
-"""What earlier versions called the directions; accepted still."""
-
 AUTO = "auto"
 
 
@@ -409,16 +408,17 @@ class _Direction(click.Choice[str]):
     """The directions of ratings, by their names or former names."""
 
     def __init__(self, *also: str) -> None:
-        super().__init__([*also, *FORMER_DIRECTIONS.values()])
+        super().__init__([*also, *RATING_DIRECTIONS])
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        return super().convert(FORMER_DIRECTIONS.get(value, value), param, ctx)
+        former = {one.former: one.name for one in RATING_DIRECTIONS.values()}
+        return super().convert(former.get(value, value), param, ctx)
 
 
 direction = click.option(
     "--direction",
     type=_Direction(),
-    default="rises-with-firing",
+    default=RISES.name,
     show_default=True,
     help="Whether ratings rise or fall with the response.",
 )
@@ -429,8 +429,8 @@ _DIRECTION_OF_DATA = click.option(
     type=_Direction(AUTO),
     default=AUTO,
     show_default=True,
-    help="Whether ratings rise or fall with the response; auto takes what the data show, or rises-with-firing where "
-    "they do not tell.",
+    help="Whether ratings rise or fall with the response; auto takes what the data show, or "
+    f"{RISES.name} where they do not tell.",
 )
 
 
@@ -448,7 +448,6 @@ class ModelChoice:
 
     def options(self, **others: Any) -> RunOptions:
         """Return the options of a run with this model and `others`; its resolution is not chosen yet."""
-        from softness_bayes.likelihood.magnitude import direction_named
         from softness_bayes.runs.run import RunOptions
 
         return RunOptions(
@@ -488,10 +487,10 @@ def model_choice(verb: Verb) -> Verb:
 rating_scale = click.option(
     "--ratings",
     "scale",
-    type=click.Choice(["magnitude", "standardised"]),
-    default="magnitude",
+    type=click.Choice([*RATING_SCALES]),
+    default=MAGNITUDE.name,
     show_default=True,
-    help="Whether ratings are magnitude estimates, above 0, or z-scores.",
+    help=f"Whether ratings are {', or '.join(scale.meaning for scale in RATING_SCALES.values())}.",
 )
 """Gives a verb `scale`, the name of a reading of the rating scale."""
 

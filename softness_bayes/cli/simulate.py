@@ -94,7 +94,7 @@ def command(
 
     from softness_bayes.data import SIMULATE, compression_csv, fabrics_csv, ratings_csv
     from softness_bayes.files.outputs import require_outputs, write_outputs
-    from softness_bayes.likelihood.magnitude import direction_named
+    from softness_bayes.likelihood.directions import direction_named
     from softness_bayes.likelihood.scales import RATING_SCALES
     from softness_bayes.model.build import (
         scene_of,

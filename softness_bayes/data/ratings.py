@@ -25,9 +25,6 @@ from softness_bayes.data.tables import (
 from softness_bayes.errors import InputError, quoted
 from softness_bayes.touch.contact import Force, Indentation, Load
 
-STANDARDISED_MEAN, STANDARDISED_SD = 1.0, 3.0
-"""Largest absolute mean, and largest standard deviation, of ratings that can be z-scores."""
-
 SOLE_PARTICIPANT = "participant"
 """Name of the participant in a table without a column of participants."""
 
@@ -130,41 +127,6 @@ class Ratings:
         """The rated pairs of fabric and load, and the pair of each rating."""
         pairs, of_rating = np.unique(self.fabric * len(self.loads) + self.load, return_inverse=True)
         return Conditions(*np.divmod(pairs, len(self.loads)), of_rating)
-
-    def require_positive(self) -> None:
-        """Raise an error for ratings without a logarithm: magnitude estimates are above 0 (model.md 9).
-
-        Raises
-        ------
-        InputError
-            Naming the first rating that is zero or negative, and a remedy.
-        """
-        wrong = np.flatnonzero(self.rating <= 0)
-        if wrong.size:
-            i = wrong[0]
-            found = quoted(self.not_positive or f"{self.rating[i]:.15g}")
-            raise InputError(
-                f"{self.source}: row {self.rows[i]}, column {self.rating_column!r}: expected a magnitude "
-                f"estimate above 0, got {found} ({wrong.size} of {len(self)} ratings are zero "
-                "or negative and have no logarithm); leave the cell of a missing rating empty; if these are "
-                "z-scores, say so with --ratings standardised"
-            )
-
-    def require_standardised(self) -> None:
-        """Raise an error for ratings that cannot be z-scores: `STANDARDISED_MEAN` and `STANDARDISED_SD` (model.md 9).
-
-        Raises
-        ------
-        InputError
-            Naming mean and standard deviation of the ratings, and a remedy.
-        """
-        mean, sd = float(self.rating.mean()), float(self.rating.std())
-        if abs(mean) > STANDARDISED_MEAN or sd > STANDARDISED_SD:
-            raise InputError(
-                f"{self.source}: column {self.rating_column!r}: expected standardised ratings, of mean 0 and "
-                f"standard deviation 1, got mean {mean:.3g} and standard deviation {sd:.3g}; standardise them, "
-                "or leave out --ratings standardised if they are magnitude estimates"
-            )
 
     @classmethod
     def crossed(

@@ -5,14 +5,13 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from softness_bayes.likelihood.magnitude import RatingParameters
-from softness_bayes.likelihood.scales import ObservedRatings
+from softness_bayes.likelihood.contract import Likelihood, Parameters
 
 Array = NDArray[np.float64]
 
 
 def block_log_likelihood(
-    observation: ObservedRatings, mean_rate: Array, parameters: RatingParameters, block: NDArray[np.intp]
+    observation: Likelihood, mean_rate: Array, parameters: Parameters, block: NDArray[np.intp]
 ) -> Array:
     """Log density of the ratings of each block given all others, log p(y_g | y_-g, theta) = log p(y) - log p(y_-g).
 

@@ -3,12 +3,22 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from collections.abc import Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import ClassVar, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.special import ndtr
 
 from softness_bayes.errors import InputError
+from softness_bayes.likelihood.contract import Likelihood
+from softness_bayes.likelihood.design import Design
+from softness_bayes.likelihood.error_laws import NORMAL, ErrorLaw
+from softness_bayes.likelihood.pieces import in_pieces
+from softness_bayes.likelihood.scales import PLATE_FORCE, Scale
+from softness_bayes.parameters.priors import Prior
 from softness_bayes.touch.contact import STRAIN, Finger, SkinDisplacement
 from softness_bayes.touch.plate import plate_line
 
@@ -16,12 +26,7 @@ Array = NDArray[np.float64]
 
 _LEAST_VARIANCE = 1e-100
 _LOG_TWO_PI = math.log(2.0 * math.pi)
-
-FEW_POINTS = 10
-"""Forces of a finger below which a check of how they grow is called weak."""
-
-HERTZ_EXPONENT = 1.5
-"""Power of the indentation that force follows on skin that does not stiffen."""
+_WIDTH = 8  # numbers for each force and draw of what is left out
 
 
 class SkinParameters(NamedTuple):
@@ -48,12 +53,52 @@ class FingerEffects(NamedTuple):
     """In m."""
 
 
-class CompressionForces:
-    """Forces of a rigid plate, ln F = ln b_j + m_j u + c + e, fingers and noise integrated out.
+FORCES = "forces"
+"""Name of the forces among the terms of a posterior."""
 
-    ln b_j ~ N(ln b, tau_b²), m_j ~ N(m, tau_m²), e ~ N(0, varsigma_f²); u and c are those of `plate_line`.
+
+@dataclass(frozen=True)
+class PlateModel:
+    """ln F = ln b_j + m_j u + c + e, with ln b_j ~ N(ln b, tau_b²), m_j ~ N(m, tau_m²) and e ~ N(0, varsigma_f²).
+
+    j is the finger; u and c are those of `plate_line`.
+
+    Parameters
+    ----------
+    shape, displacement
+        The fingertip, and the reading of its displacement.
+    """
+
+    scale: ClassVar[Scale] = PLATE_FORCE
+    error: ClassVar[ErrorLaw] = NORMAL
+    needs: ClassVar[tuple[str, ...]] = SkinParameters._fields
+    levels: ClassVar[Mapping[str, Prior]] = MappingProxyType({})
+    shape: Finger = Finger()
+    displacement: SkinDisplacement = STRAIN
+
+    def take(self, values: Mapping[str, ArrayLike]) -> SkinParameters:
+        """Return the skin and its spreads from values by name [SI]."""
+        return SkinParameters(*(values[name] for name in SkinParameters._fields))
+
+    def error_sd(self, parameters: SkinParameters) -> Array:
+        """Return the standard deviation of a force's log about its finger's, shape (...)."""
+        return np.asarray(parameters.varsigma_f, float)
+
+    def typical(self, effects: FingerEffects, drive: Array) -> Array:
+        """Return the typical finger's force [N], shape (..., k)."""
+        return self.scale.natural(drive)
+
+    def named_effects(self, effects: FingerEffects) -> Mapping[str, tuple[Array, tuple[str, ...]]]:
+        """Return the fingers' departures by their names in files, each with its axes beyond the batch's."""
+        return {"log_b_effect": (effects.log_b, ("finger",)), "m_effect": (effects.m, ("finger",))}
+
+
+class CompressionForces(Likelihood):
+    """Forces of a rigid plate under a `PlateModel`, fingers and noise integrated out.
+
     The forces of a finger are turned so that two of them carry all that they say of its skin and the rest
-    is noise: a 2 x 2 normal law for each finger, in closed form.
+    is noise: a 2 x 2 normal law for each finger, in closed form. Fingers are the participants of the design, and
+    each force is a condition of its own.
 
     Parameters
     ----------
@@ -64,13 +109,15 @@ class CompressionForces:
     n_fingers
         Their number.
     shape, displacement
-        The fingertip, and the reading of its displacement.
+        As `PlateModel` takes them.
 
     Raises
     ------
     InputError
         If there is no row, or an indentation or a force is not a positive number.
     """
+
+    name: ClassVar[str] = FORCES
 
     def __init__(
         self,
@@ -81,19 +128,22 @@ class CompressionForces:
         shape: Finger = Finger(),
         displacement: SkinDisplacement = STRAIN,
     ) -> None:
-        self.indentation, self.force = np.array(indentation, float), np.array(force, float)
+        self.indentation, self.values = np.array(indentation, float), np.array(force, float)
         self.finger, self.n_fingers = np.array(finger, np.intp), n_fingers
-        if not self.force.size:
+        rows = self.values.size
+        if not rows:
             raise InputError("compression: no force at all, there is nothing to learn from")
-        for what, values in (("an indentation", self.indentation), ("a force", self.force)):
+        for what, values in (("an indentation", self.indentation), ("a force", self.values)):
             if not (np.isfinite(values) & (values > 0)).all():
                 raise InputError(f"compression: {what} is not a positive number")
-        self.displacement = displacement
+        self.model = PlateModel(shape, displacement)
+        self.design = Design(np.arange(rows), self.finger, np.zeros(rows, np.intp), n_fingers)
         self._line = plate_line(self.indentation, shape, displacement)
-        known = np.log(self.force) - self._line.offset
+        self._log = self.model.scale.additive(self.values)
+        known = self._log - self._line.offset
         self._turn = np.zeros((n_fingers, 2, 2))
         self._turned = np.zeros((n_fingers, 2))
-        self._noise = 0.0
+        self._noise = np.zeros(n_fingers)
         for j in range(n_fingers):
             own = self.finger == j
             # two rows of zeros: fingers with fewer than two forces need no case of their own
@@ -101,29 +151,95 @@ class CompressionForces:
             basis, self._turn[j] = np.linalg.qr(columns)
             padded = np.append(known[own], [0.0, 0.0])
             self._turned[j] = basis.T @ padded
-            self._noise += float(((padded - basis @ self._turned[j]) ** 2).sum())
+            self._noise[j] = float(((padded - basis @ self._turned[j]) ** 2).sum())
 
     @property
     def n_rows(self) -> int:
         """Number of forces."""
-        return self.force.size
+        return self.values.size
 
-    def log_likelihood(self, parameters: SkinParameters) -> Array:
-        """Log density of all forces [1/N each] at parameters of batch shape (...), shape (...)."""
-        law = self._law(parameters)
-        noise = (self.n_rows - 2 * self.n_fingers) * (_LOG_TWO_PI + np.log(law.variance)) + self._noise / law.variance
+    def with_values(self, values: ArrayLike) -> Self:
+        """Return the likelihood of other forces at the same indentations of the same fingers."""
+        shape, displacement = self.model.shape, self.model.displacement
+        return type(self)(self.indentation, values, self.finger, self.n_fingers, shape, displacement)
+
+    def without(self, rows: NDArray[np.bool_]) -> Self:
+        """Return the likelihood of the other forces of the same fingers."""
+        kept = self.indentation[~rows], self.values[~rows], self.finger[~rows]
+        return type(self)(*kept, self.n_fingers, self.model.shape, self.model.displacement)
+
+    def log_likelihood(self, mean_rate: Array, parameters: SkinParameters) -> Array:
+        """Return the log density of all forces [1/N each] at parameters of batch shape (...), shape (...)."""
+        law = self._law(mean_rate, parameters)
+        spare, squares = self.n_rows - 2 * self.n_fingers, sum(self._noise.tolist())
+        noise = spare * (_LOG_TWO_PI + np.log(law.variance)) + squares / law.variance
         determinant = np.log(law.second * law.first_given).sum(axis=-1) + 2 * self.n_fingers * _LOG_TWO_PI
         quadratic = (law.residual[..., 1] ** 2 / law.second + law.apart**2 / law.first_given).sum(axis=-1)
-        return np.asarray(-0.5 * (noise + determinant + quadratic) - np.log(self.force).sum())
+        return np.asarray(-0.5 * (noise + determinant + quadratic) - self._log.sum())
 
-    def draw_effects(self, rng: np.random.Generator, parameters: SkinParameters) -> FingerEffects:
-        """Exact draws of how the fingers depart, given their forces, one for each point of the batch.
+    def log_likelihood_participants(self, mean_rate: Array, parameters: SkinParameters) -> Array:
+        """Return the log density of each finger's forces, (..., fingers): the others say nothing more of them."""
+        law, rows = self._law(mean_rate, parameters), self.design.cells.sum(axis=1)
+        variance = law.variance[..., None]
+        noise = (rows - 2) * (_LOG_TWO_PI + np.log(variance)) + self._noise / variance
+        determinant = np.log(law.second * law.first_given) + 2 * _LOG_TWO_PI
+        quadratic = law.residual[..., 1] ** 2 / law.second + law.apart**2 / law.first_given
+        return -0.5 * (noise + determinant + quadratic) - np.bincount(self.finger, self._log, self.n_fingers)
+
+    def log_likelihood_loo(self, mean_rate: Array, parameters: SkinParameters) -> Array:
+        """Return the log density of each force given all the others, shape (..., rows)."""
+
+        def density(rate: Array, some: SkinParameters) -> Array:
+            mean, sd = self._without_one(rate, some)
+            return -0.5 * (((self._log - mean) / sd) ** 2 + _LOG_TWO_PI) - np.log(sd) - self._log
+
+        return in_pieces(density, _WIDTH * self.n_rows, mean_rate, parameters)
+
+    def below_loo(self, mean_rate: Array, parameters: SkinParameters) -> Array:
+        """Return the probability of a smaller force than each one, given all the others, shape (..., rows)."""
+
+        def below(rate: Array, some: SkinParameters) -> Array:
+            mean, sd = self._without_one(rate, some)
+            return np.asarray(ndtr((self._log - mean) / sd))
+
+        return in_pieces(below, _WIDTH * self.n_rows, mean_rate, parameters)
+
+    def drive(self, mean_rate: Array, parameters: SkinParameters) -> Array:
+        """Return the log force [ln N] of every row on the typical finger, shape (..., rows)."""
+        b, m = (np.asarray(v, float)[..., None] for v in (parameters.b, parameters.m))
+        return np.asarray(np.log(b) + m * self._line.slope + self._line.offset + np.zeros((*mean_rate.shape[:-1], 1)))
+
+    def predictor(self, mean_rate: Array, parameters: SkinParameters) -> Array:
+        """Return u of every row, which ln F follows with slope m, shape (rows,)."""
+        return self._line.slope
+
+    def new_effects(
+        self,
+        rng: np.random.Generator,
+        parameters: SkinParameters,
+        shape: tuple[int, ...],
+        levels: Mapping[str, ArrayLike] | None = None,
+    ) -> FingerEffects:
+        """Return departures of as many new fingers, of batch ``shape``; no effect is shared by all fingers."""
+        spreads = (parameters.tau_b, parameters.tau_m)
+        return FingerEffects(
+            *(np.asarray(v, float)[..., None] * rng.standard_normal((*shape, self.n_fingers)) for v in spreads)
+        )
+
+    def with_new_participants(
+        self, rng: np.random.Generator, parameters: SkinParameters, effects: FingerEffects
+    ) -> FingerEffects:
+        """Return the departures of as many other fingers."""
+        return self.new_effects(rng, parameters, effects.log_b.shape[:-1])
+
+    def draw_effects(self, rng: np.random.Generator, mean_rate: Array, parameters: SkinParameters) -> FingerEffects:
+        """Return exact draws of how the fingers depart, given their forces, one for each point of the batch.
 
         A draw without the forces is corrected by what it would have been taken for (Matheron's rule).
         """
-        law = self._law(parameters)
+        law = self._law(mean_rate, parameters)
         shape = law.residual.shape[:-1]
-        blank = self.new_fingers(rng, parameters, shape[:-1])
+        blank = self.new_effects(rng, parameters, shape[:-1])
         tau_b, tau_m = (np.asarray(v, float)[..., None] for v in (parameters.tau_b, parameters.tau_m))
         turn = self._turn
         noise = np.sqrt(law.variance)[..., None, None] * rng.standard_normal((*shape, 2))
@@ -135,26 +251,18 @@ class CompressionForces:
         pulled = np.einsum("jab,...ja->...jb", turn, solved)
         return FingerEffects(blank.log_b + tau_b**2 * pulled[..., 0], blank.m + tau_m**2 * pulled[..., 1])
 
-    def new_fingers(
-        self, rng: np.random.Generator, parameters: SkinParameters, shape: tuple[int, ...]
-    ) -> FingerEffects:
-        """Departures of as many new fingers, of batch ``shape``."""
-        spreads = (parameters.tau_b, parameters.tau_m)
-        return FingerEffects(
-            *(np.asarray(v, float)[..., None] * rng.standard_normal((*shape, self.n_fingers)) for v in spreads)
-        )
+    def replicate(
+        self, rng: np.random.Generator, drive: Array, parameters: SkinParameters, effects: FingerEffects
+    ) -> Array:
+        """Return a force [N] for every row, shape (..., rows)."""
+        expected = drive + self._own(effects)
+        noise = self.model.error.draw(rng, expected.shape, parameters)
+        return self.model.scale.natural(expected + self.model.error_sd(parameters)[..., None] * noise)
 
-    def expected(self, parameters: SkinParameters, effects: FingerEffects) -> Array:
-        """Log force [ln N] of every row without noise, shape (..., rows)."""
-        b, m = (np.asarray(v, float)[..., None] for v in (parameters.b, parameters.m))
-        level, stiffening = np.log(b) + effects.log_b, m + effects.m
-        return level[..., self.finger] + stiffening[..., self.finger] * self._line.slope + self._line.offset
-
-    def draw_forces(self, rng: np.random.Generator, parameters: SkinParameters, effects: FingerEffects) -> Array:
-        """A force [N] for every row, shape (..., rows)."""
-        expected = self.expected(parameters, effects)
-        noise = np.asarray(parameters.varsigma_f, float)[..., None] * rng.standard_normal(expected.shape)
-        return np.exp(expected + noise)
+    def residual(self, mean_rate: Array, parameters: SkinParameters, effects: FingerEffects) -> Array:
+        """Return the log of each force less its finger's, shape (..., rows)."""
+        errors = self._log - self.drive(mean_rate, parameters) - self._own(effects)
+        return self.model.error.normal_scores(errors, parameters)
 
     def exponent(self, force: ArrayLike) -> Array:
         """Power of the indentation that forces (..., rows) follow, within fingers, by least squares; shape (...).
@@ -168,9 +276,31 @@ class CompressionForces:
         total = float(x @ x)
         return np.asarray((y @ x) / total if total > 1e-12 else np.full(y.shape[:-1], np.nan))
 
-    def _law(self, parameters: SkinParameters) -> _Law:
+    def _own(self, effects: FingerEffects) -> Array:
+        """Return what its finger adds to each log force, shape (..., rows)."""
+        return effects.log_b[..., self.finger] + effects.m[..., self.finger] * self._line.slope
+
+    def _without_one(self, mean_rate: Array, parameters: SkinParameters) -> tuple[Array, Array]:
+        """Return mean and standard deviation of each log force given all the others, shape (..., rows).
+
+        The normal equations of a finger's departures are sums over its other forces, so that nothing cancels.
+        """
+        z = np.column_stack([np.ones(self.n_rows), self._line.slope])
+        others = (self.finger[:, None] == self.finger) & ~np.eye(self.n_rows, dtype=bool)
+        scale = np.stack(np.broadcast_arrays(*(np.asarray(v, float) for v in parameters[2:4])), axis=-1)[..., None, :]
+        variance = np.maximum(self.model.error_sd(parameters) ** 2, _LEAST_VARIANCE)[..., None]
+        typical = self.drive(mean_rate, parameters)
+        left = np.einsum("ij,...j,ja->...ia", others, self._log - typical, z) / variance[..., None]
+        information = np.einsum("ij,ja,jb->iab", others, z, z) / variance[..., None, None]
+        own = scale * z  # each row's reach, in standard deviations of the departures
+        precision = np.eye(2) + scale[..., None] * information * scale[..., None, :]
+        solved = np.linalg.solve(precision, np.stack([scale * left, np.broadcast_to(own, left.shape)], axis=-1))
+        mean, reach = np.moveaxis((own[..., None] * solved).sum(axis=-2), -1, 0)
+        return typical + mean, np.sqrt(variance + reach)
+
+    def _law(self, mean_rate: Array, parameters: SkinParameters) -> _Law:
         b, m, tau_b, tau_m, varsigma = (np.asarray(v, float) for v in parameters)
-        shape = np.broadcast_shapes(*(v.shape for v in (b, m, tau_b, tau_m, varsigma)))
+        shape = np.broadcast_shapes(mean_rate.shape[:-1], *(v.shape for v in (b, m, tau_b, tau_m, varsigma)))
         variance = np.broadcast_to(np.maximum(varsigma**2, _LEAST_VARIANCE), shape)
         skin = np.stack([np.broadcast_to(np.log(b), shape), np.broadcast_to(m, shape)], axis=-1)
         residual = self._turned - np.einsum("jab,...b->...ja", self._turn, skin)
@@ -193,37 +323,3 @@ class _Law(NamedTuple):
     first_given: Array  # variance of the first given the second
     gain: Array  # of the first on the second
     apart: Array  # residual of the first given the second
-
-
-class ExponentCheck(NamedTuple):
-    """Whether the fitted skin makes forces that grow with indentation as those that were seen."""
-
-    observed: float
-    """Power of the indentation in the data."""
-    low: float
-    high: float
-    """Limits of 90 % of the replicates."""
-    p_value: float
-    """Two-sided predictive p-value."""
-    points: float
-    """Forces of a finger, on average."""
-
-    @property
-    def sentence(self) -> str:
-        """One line for the user."""
-        if not math.isfinite(self.observed):
-            return "compression: no finger was pressed to two indentations, so how force grows cannot be checked"
-        steeper = "steeper than" if self.observed > HERTZ_EXPONENT else "no steeper than"
-        weak = f"; with {self.points:.2g} forces of a finger a weak check" if self.points < FEW_POINTS else ""
-        return (
-            f"compression: force grows as indentation to the power {self.observed:.2f} ({steeper} Hertz's "
-            f"{HERTZ_EXPONENT}); replicated: {self.low:.2f} to {self.high:.2f} (90 %), p = {self.p_value:.2g}{weak}"
-        )
-
-
-def check_exponent(forces: CompressionForces, replicated: Array) -> ExponentCheck:
-    """Compare how force grows with indentation with what the model replicates, forces (draws, rows) [N]."""
-    observed, again = float(forces.exponent(forces.force)), forces.exponent(replicated)
-    low, high = np.quantile(again, [0.05, 0.95])
-    tail = min(float((again >= observed).mean()), float((again <= observed).mean()))
-    return ExponentCheck(observed, float(low), float(high), min(1.0, 2.0 * tail), forces.n_rows / forces.n_fingers)

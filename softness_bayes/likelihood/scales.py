@@ -1,34 +1,210 @@
-"""The readings of the scale that ratings are filed on (model.md 9)."""
+"""The scales of observed numbers: magnitude estimates, z-scores, forces of a plate (model.md 9).
+
+A scale says what was observed; an `error_laws.ErrorLaw` says how single observations scatter. `models` holds the
+observation model of each pair. This module is light, for the command line: NumPy comes with the first number.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
+from typing import TYPE_CHECKING, Any, Literal, Protocol
 
-from softness_bayes.likelihood.magnitude import LogRatings, RatingDirection, RatingModel, RatingParameters
-from softness_bayes.likelihood.z_scores import StandardisedModel, StandardisedRatings
+from softness_bayes.errors import InputError, quoted
 
-ObservationModel = RatingModel | StandardisedModel
-"""What a scale makes of a direction."""
-ObservedRatings = LogRatings | StandardisedRatings
-"""Ratings under one of these models."""
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+LARGEST_LOG_RATING = 700.0
+"""Largest log rating, up or down, that is drawn or predicted: floating point ends at 709.78."""
+
+STANDARDISED_MEAN, STANDARDISED_SD = 1.0, 3.0
+"""Largest mean, up or down, and largest standard deviation of ratings that are taken for z-scores."""
+
+
+class Filed(Protocol):
+    """A table of ratings, as far as a scale must know it to refuse it."""
+
+    @property
+    def rating(self) -> NDArray[np.float64]:
+        """Ratings as filed, shape (rows,)."""
+
+    @property
+    def rows(self) -> NDArray[np.intp]:
+        """Line of each rating in its file, shape (rows,)."""
+
+    @property
+    def source(self) -> str:
+        """The file."""
+
+    @property
+    def rating_column(self) -> str:
+        """Name of the ratings' column in it."""
+
+    @property
+    def not_positive(self) -> str:
+        """The first rating that is zero or negative, as it stands in the file."""
 
 
 @dataclass(frozen=True)
-class RatingScale:
-    """A reading of the scale of ratings, and with it their observation model."""
+class Scale:
+    """What the observed numbers are.
+
+    Effects of fabrics and participants add up in `additive` numbers of the observations, log ratings for instance.
+
+    Parameters
+    ----------
+    name
+        Name in files and options.
+    meaning
+        What one observation is, for tables and help.
+    suitable
+        What observations must be, in a word.
+    unit, short
+        Unit of an additive number, in sentences and in small figures.
+    label
+        Label of an axis of observations.
+    mean
+        Name of the mean of observations whose additive numbers are averaged.
+    axis
+        Scale of such an axis: log or linear.
+    drawn
+        Smallest and largest observation that such an axis can hold with its margins and ticks.
+    own_units
+        True if participants answer in units of their own, which tables and figures take away.
+    additive, natural
+        Additive numbers of observations, and the inverse; arrays of any shape.
+    require
+        Raises `InputError`, naming file, row, column and value, for a table that is not on this scale.
+    """
 
     name: str
-    model: Callable[[RatingDirection], ObservationModel]
-    """Makes the observation model of a direction."""
-    parameters: tuple[str, ...]
-    """Those of the rating's parameters that the model has."""
-    positive: bool
-    """Whether ratings have logarithms."""
+    meaning: str
+    suitable: str
+    unit: str
+    short: str
+    label: str
+    mean: str
+    axis: Literal["log", "linear"]
+    drawn: tuple[float, float]
+    own_units: bool
+    additive: Callable[[Any], NDArray[np.float64]]
+    natural: Callable[[Any], NDArray[np.float64]]
+    require: Callable[[Filed], None]
 
 
-MAGNITUDE = RatingScale("magnitude", RatingModel, RatingParameters._fields, True)
-STANDARDISED = RatingScale("standardised", StandardisedModel, ("varsigma",), False)
-RATING_SCALES: Mapping[str, RatingScale] = MappingProxyType({scale.name: scale for scale in (MAGNITUDE, STANDARDISED)})
+def _log(values: Any) -> NDArray[np.float64]:
+    import numpy as np
+
+    return np.asarray(np.log(values))
+
+
+def _exp(values: Any) -> NDArray[np.float64]:
+    """Return exp of log ratings, held at `LARGEST_LOG_RATING`: no rating of the model is 0 or infinite."""
+    import numpy as np
+
+    return np.exp(np.clip(values, -LARGEST_LOG_RATING, LARGEST_LOG_RATING))
+
+
+def _same(values: Any) -> NDArray[np.float64]:
+    import numpy as np
+
+    return np.asarray(values, float)
+
+
+def _require_positive(table: Filed) -> None:
+    """Refuse ratings without a logarithm: magnitude estimates are above 0 (model.md 9)."""
+    import numpy as np
+
+    wrong = np.flatnonzero(table.rating <= 0)
+    if wrong.size:
+        i = wrong[0]
+        found = quoted(table.not_positive or f"{table.rating[i]:.15g}")
+        raise InputError(
+            f"{table.source}: row {table.rows[i]}, column {table.rating_column!r}: expected a magnitude "
+            f"estimate above 0, got {found} ({wrong.size} of {table.rating.size} ratings are zero "
+            "or negative and have no logarithm); leave the cell of a missing rating empty; if these are "
+            f"z-scores, say so with --ratings {STANDARDISED.name}"
+        )
+
+
+def _require_standardised(table: Filed) -> None:
+    """Refuse ratings that cannot be z-scores: `STANDARDISED_MEAN` and `STANDARDISED_SD` (model.md 9)."""
+    mean, sd = float(table.rating.mean()), float(table.rating.std())
+    if abs(mean) > STANDARDISED_MEAN or sd > STANDARDISED_SD:
+        raise InputError(
+            f"{table.source}: column {table.rating_column!r}: expected standardised ratings, of mean 0 and "
+            f"standard deviation 1, got mean {mean:.3g} and standard deviation {sd:.3g}; standardise them, "
+            f"or leave out --ratings {STANDARDISED.name} if they are magnitude estimates"
+        )
+
+
+def _accept(table: Filed) -> None:
+    """Accept every table: forces are checked row by row as they are read."""
+
+
+MAGNITUDE = Scale(
+    name="magnitude",
+    meaning="magnitude estimates, above 0",
+    suitable="positive",
+    unit="log rating",
+    short="log",
+    label="softness rating",
+    mean="geometric mean",
+    axis="log",
+    drawn=(1e-200, 1e200),
+    own_units=True,
+    additive=_log,
+    natural=_exp,
+    require=_require_positive,
+)
+STANDARDISED = Scale(
+    name="standardised",
+    meaning="z-scores",
+    suitable="finite",
+    unit="z-score",
+    short="sd",
+    label="softness rating [sd]",
+    mean="mean",
+    axis="linear",
+    drawn=(float("-inf"), float("inf")),
+    own_units=False,
+    additive=_same,
+    natural=_same,
+    require=_require_standardised,
+)
+RATING_SCALES: Mapping[str, Scale] = MappingProxyType({scale.name: scale for scale in (MAGNITUDE, STANDARDISED)})
 """The readings of the rating scale, by name; the first is the default."""
+
+
+def scale_named(name: str) -> Scale:
+    """Return a scale of ratings by its name.
+
+    Raises
+    ------
+    InputError
+        If there is none of that name.
+    """
+    if name not in RATING_SCALES:
+        raise InputError(f"ratings: scale {name!r} is not known, expected {' or '.join(RATING_SCALES)}")
+    return RATING_SCALES[name]
+
+
+PLATE_FORCE = Scale(
+    name="plate-force",
+    meaning="forces of a rigid plate, above 0 [N]",
+    suitable="positive",
+    unit="log force",
+    short="log",
+    label="force [N]",
+    mean="geometric mean",
+    axis="log",
+    drawn=(1e-200, 1e200),
+    own_units=False,
+    additive=_log,
+    natural=_exp,
+    require=_accept,
+)
+"""What a rigid plate's force on a fingerpad is; not a scale of ratings."""

@@ -13,9 +13,12 @@ from scipy.special import log_ndtr, ndtr, owens_t
 
 from softness_bayes.errors import InputError
 from softness_bayes.likelihood.design import Design
+from softness_bayes.likelihood.directions import RISES, RatingDirection
+from softness_bayes.likelihood.error_laws import NORMAL, ErrorLaw
 from softness_bayes.likelihood.left_out import given_the_others, minimum, summing
-from softness_bayes.likelihood.magnitude import RISES, RatingDirection, RatingParameters
 from softness_bayes.likelihood.pieces import in_pieces
+from softness_bayes.likelihood.ratings import RatingParameters, RatingsLikelihood
+from softness_bayes.likelihood.scales import STANDARDISED, Scale
 from softness_bayes.parameters.priors import HalfNormal, Normal, Prior
 
 FloatArray = NDArray[np.float64]
@@ -48,8 +51,18 @@ class StandardisedModel:
         The sign of c1.
     """
 
-    logarithmic: ClassVar[bool] = False
+    scale: ClassVar[Scale] = STANDARDISED
+    error: ClassVar[ErrorLaw] = NORMAL
+    needs: ClassVar[tuple[str, ...]] = ("varsigma",)
     direction: RatingDirection = RISES
+
+    def take(self, values: Mapping[str, ArrayLike]) -> RatingParameters:
+        """Return varsigma from values by name; the other parameters of ratings are NaN."""
+        return RatingParameters.among(values)
+
+    def error_sd(self, parameters: RatingParameters) -> FloatArray:
+        """Return the standard deviation of a rating about the line, shape (...)."""
+        return np.asarray(parameters.varsigma, float)
 
     def drive(self, design: Design, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
         """± x of each condition of a design, shape (..., conditions), from mean rates [Hz] of that shape."""
@@ -71,9 +84,14 @@ class StandardisedModel:
         shape: tuple[int, ...],
         n_participants: int,
         n_fabrics: int,
+        levels: Mapping[str, ArrayLike] | None = None,
     ) -> Line:
-        """Draws of the line from its prior, of batch ``shape``."""
-        return Line(rng.standard_normal(shape), np.abs(rng.standard_normal(shape)))
+        """Draws of the line from its prior, of batch ``shape``; c0 and c1 as given in `levels`, if so."""
+        c0, c1 = ((levels or {}).get(name) for name in Line._fields)
+        return Line(
+            rng.standard_normal(shape) if c0 is None else np.broadcast_to(np.asarray(c0, float), shape),
+            np.abs(rng.standard_normal(shape)) if c1 is None else np.broadcast_to(np.asarray(c1, float), shape),
+        )
 
     def with_new_participants(self, rng: np.random.Generator, parameters: RatingParameters, effects: Line) -> Line:
         """The same line: nothing of a participant's own is left in z-scores."""
@@ -89,8 +107,8 @@ class StandardisedModel:
     ) -> FloatArray:
         """One rating for every row of a design, shape (..., rows), given the line and `drive`."""
         expected = self.typical(effects, drive)[..., design.condition]
-        noise = rng.standard_normal(expected.shape)
-        return expected + np.asarray(parameters.varsigma, float)[..., None] * noise
+        noise = self.error.draw(rng, expected.shape, parameters)
+        return expected + self.error_sd(parameters)[..., None] * noise
 
     def typical(self, effects: Line, drive: FloatArray) -> FloatArray:
         """Expected rating where the response drives it by ``drive``, shape (..., k)."""
@@ -110,7 +128,7 @@ class StandardisedModel:
         return StandardisedRatings(ratings, design, self)
 
 
-class StandardisedRatings:
+class StandardisedRatings(RatingsLikelihood):
     """z-scores under a `StandardisedModel`, with the line integrated out.
 
     Were c1 normal instead of half-normal, (c0, c1) would be normal given the ratings, with a mean of c1 of
@@ -140,18 +158,14 @@ class StandardisedRatings:
         model: StandardisedModel = StandardisedModel(),
         over: Design | None = None,
     ) -> None:
-        self.ratings = np.array(ratings, dtype=float)
-        self.ratings.flags.writeable = False
-        if self.ratings.shape != (design.n_rows,):
-            raise InputError(f"ratings: shape {self.ratings.shape}, expected one for each of {design.n_rows} rows")
-        if not np.isfinite(self.ratings).all():
-            raise InputError(f"ratings: {(~np.isfinite(self.ratings)).sum()} are not finite numbers")
-        self.design, self.model, self._over = design, model, over or design
+        super().__init__(ratings, design, model, over)
+        if not np.isfinite(self.values).all():
+            raise InputError(f"ratings: {(~np.isfinite(self.values)).sum()} are not finite numbers")
         self._count = design.cells.sum(axis=0)
-        self._mean = float(self.ratings.mean())
-        total = np.bincount(design.condition, self.ratings - self._mean, design.n_conditions)
+        self._mean = float(self.values.mean())
+        total = np.bincount(design.condition, self.values - self._mean, design.n_conditions)
         self._condition = total / np.maximum(self._count, 1.0)
-        self._within = float(((self.ratings - self._mean - self._condition[design.condition]) ** 2).sum())
+        self._within = float(((self.values - self._mean - self._condition[design.condition]) ** 2).sum())
 
     def log_likelihood(self, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
         """Log density of all ratings together.
@@ -220,7 +234,7 @@ class StandardisedRatings:
         hessian = sums.reshape(*one.shape, 2, 2) / variance[..., None, None]
 
         def at(line: FloatArray) -> tuple[FloatArray, FloatArray]:
-            left = self.ratings - (line[:, :1] + line[:, 1:] * fit.drive)[:, row]
+            left = self.values - (line[:, :1] + line[:, 1:] * fit.drive)[:, row]
             slopes = [(summed @ part.T).T for part in (left, left * fit.drive[:, row])]
             misfit = 0.5 * (summed @ (left**2).T).T / variance
             return misfit, -np.stack(slopes, axis=-1) / variance[..., None]
@@ -243,12 +257,16 @@ class StandardisedRatings:
         row = self.design.condition
         reach = ((fit.drive - along) / precision)[..., row]
         left = variance - (variance / (n + variance) + reach**2 * precision)
-        residual = (self.ratings - (intercept + slope * fit.drive)[..., row]) * (variance / left)
+        residual = (self.values - (intercept + slope * fit.drive)[..., row]) * (variance / left)
         sd = np.sqrt(variance**2 / left)
         without = slope - reach * residual / variance
         spread = np.sqrt(1.0 / precision + reach**2 / left)
         correlation = reach * variance / left / (sd * spread)
         return _Alone(residual / sd, sd, without / spread, correlation, fit.deviate)
+
+    def predictor(self, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
+        """Return ± x, shape (..., conditions): a slope is in z-scores per standard deviation of the response."""
+        return self.drive(mean_rate, parameters)
 
     def draw_effects(self, rng: np.random.Generator, mean_rate: FloatArray, parameters: RatingParameters) -> Line:
         """Exact draws of the line given the ratings, one for each point of the batch: c1, then c0."""
@@ -264,17 +282,13 @@ class StandardisedRatings:
 
     def residual(self, mean_rate: FloatArray, parameters: RatingParameters, effects: Line) -> FloatArray:
         """What noise must explain of each rating, shape (..., rows)."""
-        drive = self.model.drive(self._over, mean_rate, parameters)
-        return self.ratings - self.model.typical(effects, drive)[..., self.design.condition]
-
-    def without(self, rows: NDArray[np.bool_]) -> StandardisedRatings:
-        """The other ratings alone, x still standardised over all rows: p(y) = p(others) p(rows | others)."""
-        design = self.design.without(rows)
-        return StandardisedRatings(self.ratings[~rows], design, self.model, self._over)
+        drive = self.drive(mean_rate, parameters)
+        errors = self.values - self.model.typical(effects, drive)[..., self.design.condition]
+        return self.model.error.normal_scores(errors, parameters)
 
     def _fit(self, mean_rate: FloatArray, parameters: RatingParameters) -> _Fit:
         """What the ratings say of a line whose c1 may have either sign."""
-        drive = self.model.drive(self._over, mean_rate, parameters)
+        drive = self.drive(mean_rate, parameters)
         shape = np.broadcast_shapes(drive.shape[:-1], np.shape(parameters.varsigma))
         drive = np.broadcast_to(drive, (*shape, drive.shape[-1]))
         variance = np.broadcast_to(np.maximum(np.asarray(parameters.varsigma, float) ** 2, _LEAST_VARIANCE), shape)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import replace
 from functools import lru_cache
@@ -13,14 +12,15 @@ from numpy.typing import ArrayLike, NDArray
 
 from softness_bayes.data import Compression, Experiment, Fabrics, Ratings
 from softness_bayes.errors import InputError
-from softness_bayes.likelihood.magnitude import LARGEST_LOG_RATING, RISES, RatingDirection, RatingParameters
+from softness_bayes.likelihood.contract import NO_RESPONSE
+from softness_bayes.likelihood.design import Design
+from softness_bayes.likelihood.directions import RISES, RatingDirection
+from softness_bayes.likelihood.models import rating_model
 from softness_bayes.likelihood.plate import CompressionForces, SkinParameters
-from softness_bayes.likelihood.random_effects import Design
-from softness_bayes.likelihood.scales import MAGNITUDE, RatingScale
-from softness_bayes.likelihood.z_scores import Line, StandardisedModel
+from softness_bayes.likelihood.ratings import RatingParameters
+from softness_bayes.likelihood.scales import LARGEST_LOG_RATING, MAGNITUDE, Scale
 from softness_bayes.parameters.choice import parameter_space
 from softness_bayes.parameters.declared import EVERY_PARAMETER, PARAMETERS
-from softness_bayes.parameters.priors import HalfNormal
 from softness_bayes.ranges import FINGERS, PARTICIPANTS, SIMULATED_RATINGS, SLOPES
 from softness_bayes.touch.contact import Load
 from softness_bayes.touch.neuron.fixed_channels import Firing, FixedChannels
@@ -178,7 +178,7 @@ def simulate_ratings(
     missing: float = 0.0,
     mu: float | None = None,
     direction: RatingDirection = RISES,
-    scale: RatingScale = MAGNITUDE,
+    scale: Scale = MAGNITUDE,
     slope: float | None = None,
     discretisation: Discretisation = Discretisation(),
 ) -> Simulation:
@@ -221,9 +221,12 @@ def simulate_ratings(
         raise InputError(f"simulate: share {missing} of gaps, expected one in [0, 1)")
     if mu is not None and not abs(mu) <= LARGEST_LOG_RATING:
         raise InputError(f"simulate: mu is {mu}, expected a number up to {LARGEST_LOG_RATING:g} up or down")
-    wrong = ("slope", slope) if scale.positive else ("mu", mu)
-    if wrong[1] is not None:
-        raise InputError(f"simulate: {wrong[0]} is {wrong[1]}, expected none for {scale.name} ratings")
+    model = rating_model(scale, direction)
+    levels: dict[str, ArrayLike] = {name: prior.median for name, prior in model.levels.items()}
+    for option, name, value in (("mu", "mu", mu), ("slope", "c1", slope)):
+        if value is not None and name not in levels:
+            raise InputError(f"simulate: {option} is {value}, expected none for {scale.name} ratings")
+        levels |= {} if value is None else {name: value}
     if slope is not None:
         SLOPES.require("simulate: slope", slope)
     scene = scene_of(fabrics, loads, values, readings, discretisation=discretisation)
@@ -235,19 +238,12 @@ def simulate_ratings(
         scene.fabric,
         participants,
     )
-    model = scale.model(direction)
-    parameters = RatingParameters(**{name: values[name] for name in RatingParameters._fields})
+    parameters = RatingParameters.among(values)
     drive = model.drive(design, rate / scene.n_receptors, parameters)
-    effect = np.zeros(participants)
-    if isinstance(model, StandardisedModel):
-        line = Line(np.array(0.0), np.array(HalfNormal(1.0).median if slope is None else slope))
-        filed = model.draw_ratings(rng, design, drive, parameters, line)
-        truth = {"c0": float(line.c0), "c1": float(line.c1)}
-    else:
-        centre = math.log(model.centre) if mu is None else mu
-        effects = model.draw_effects(rng, parameters, (), participants, design.n_fabrics, centre)
-        filed = model.draw_ratings(rng, design, drive, parameters, effects)
-        truth, effect = {"mu": float(effects.mu)}, effects.participant
+    effects = model.draw_effects(rng, parameters, (), participants, design.n_fabrics, levels)
+    filed = model.draw_ratings(rng, design, drive, parameters, effects)
+    drawn = model.named_effects(effects)
+    effect, _ = drawn.get("participant_effect", (np.zeros(participants), ()))
     # as few digits as a person gives; also what makes files equal where exp differs in its last bits
     filed = np.array([float(f"{rating:.4g}") for rating in filed])
     filed[rng.random(filed.size) < missing] = np.nan
@@ -256,8 +252,9 @@ def simulate_ratings(
     width = len(str(participants))
     names = [f"P{i:0{width}d}" for i in range(1, participants + 1)]
     ratings = Ratings.crossed(names, fabrics.names, loads, table)
-    absent = set(RatingParameters._fields) - set(scale.parameters)
-    truth = {name: value for name, value in values.items() if name not in absent} | truth
+    absent = set(RatingParameters._fields) - set(model.needs)
+    truth = {name: value for name, value in values.items() if name not in absent}
+    truth |= {name: float(value) for name, (value, axes) in drawn.items() if not axes}
     return Simulation(ratings, truth, effect, rate.reshape(len(loads), len(fabrics)).T)
 
 
@@ -306,9 +303,10 @@ def simulate_compression(
     skin = SkinParameters(*(np.float64(values[n]) * EVERY_PARAMETER[n].si for n in SkinParameters._fields))
     finger, depth = np.repeat(np.arange(fingers), len(depths)), np.tile(depths, fingers)
     plate = CompressionForces(depth, np.ones(depth.size), finger, fingers, displacement=readings.skin_displacement)
-    effects = plate.new_fingers(rng, skin, ())
+    effects = plate.new_effects(rng, skin, ())
+    made = plate.replicate(rng, plate.drive(NO_RESPONSE, skin), skin, effects)
     # as few digits as an instrument gives; also what makes files equal where exp differs in its last bits
-    force = np.array([float(f"{value:.4g}") for value in plate.draw_forces(rng, skin, effects)])
+    force = np.array([float(f"{value:.4g}") for value in made])
     names = tuple(f"F{i:0{len(str(fingers))}d}" for i in range(1, fingers + 1))
     compression = Compression(names, finger, depth, force, np.arange(2, 2 + force.size))
     return SimulatedForces(compression, effects.log_b, effects.m)

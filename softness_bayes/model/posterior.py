@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
-from dataclasses import dataclass
-from typing import Protocol
+from dataclasses import dataclass, replace
+from typing import Protocol, Self, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
 from softness_bayes.errors import InputError, NumericalError
-from softness_bayes.likelihood.magnitude import RatingParameters
-from softness_bayes.likelihood.plate import CompressionForces, SkinParameters
+from softness_bayes.likelihood.contract import Likelihood, Parameters
+from softness_bayes.likelihood.plate import FORCES, CompressionForces, SkinParameters
+from softness_bayes.likelihood.ratings import RATINGS, RatingParameters, RatingsLikelihood
 from softness_bayes.parameters.declared import EVERY_PARAMETER
 from softness_bayes.parameters.space import ParameterSpace
 from softness_bayes.touch.parameters import TouchParameters
@@ -38,21 +38,24 @@ class ForwardModel(Protocol):
         """Total rate [spikes/s] of every condition, shape (..., conditions)."""
 
 
-class Observation(Protocol):
-    """What the posterior asks of the ratings."""
-
-    def log_likelihood(self, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
-        """Log density of all ratings, shape (...), from the pad's mean rate [Hz] in every condition."""
-
-
 @dataclass(frozen=True)
-class Density(ABC):
-    """log p(theta | data) = log p(theta) + log p(data | theta), up to a constant.
+class Density:
+    """log p(theta | data) = log p(theta) + the sum of log p(data of a term | theta), up to a constant.
 
-    Called with sampler coordinates z it returns the density in z, Jacobian included.
+    Called with sampler coordinates z it returns the density in z, Jacobian included. Without a scene there is no
+    response: its terms are those that use none, as the forces of a plate.
+
+    Parameters
+    ----------
+    space
+        The parameters.
+    terms
+        The likelihood of each kind of data, independent of one another once the parameters are known. Raters and
+        fingers are not matched: the typical finger's b and m are those of the typical rater.
     """
 
     space: ParameterSpace
+    terms: tuple[Likelihood, ...]
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -67,9 +70,27 @@ class Density(ABC):
         """Log prior density at points theta (..., dimension), shape (...)."""
         return self.space.log_prior(theta).sum(axis=-1)
 
-    @abstractmethod
+    def term(self, name: str) -> Likelihood | None:
+        """The likelihood of one kind of data by its name; None if there are no such data."""
+        return next((term for term in self.terms if term.name == name), None)
+
+    def with_term(self, term: Likelihood) -> Self:
+        """The posterior given other data in place of those of the same name."""
+        return replace(self, terms=tuple(term if old.name == term.name else old for old in self.terms))
+
+    def mean_rate(self, theta: FloatArray) -> FloatArray:
+        """The pad's mean rate N/N_ref [Hz] at points theta, shape (..., conditions); without a scene, of none."""
+        return np.empty((*theta.shape[:-1], 0))
+
+    def parameters_of(self, term: Likelihood, theta: FloatArray) -> Parameters:
+        """What a term's model needs at points theta, in SI: held parameters are numbers, sampled ones (...)."""
+        values = self.space.values(theta)
+        return term.model.take({name: values[name] * EVERY_PARAMETER[name].si for name in term.model.needs})
+
     def data_density(self, theta: FloatArray) -> FloatArray:
         """Log density of the data at points theta, as the model computes it."""
+        rate = self.mean_rate(theta)
+        return sum((term.log_likelihood(rate, self.parameters_of(term, theta)) for term in self.terms), np.zeros(()))
 
     def log_likelihood(self, theta: FloatArray) -> FloatArray:
         """Log density of the data at points theta (..., dimension), shape (...).
@@ -128,8 +149,13 @@ class Density(ABC):
         """Prior draws, in sampler coordinates."""
         return self.space.coordinates(self.space.draw_prior(rng, size))
 
+    @property
+    def compression(self) -> CompressionForces | None:
+        """The forces of a plate, if there are any."""
+        return cast("CompressionForces | None", self.term(FORCES))
+
     def skin_parameters(self, theta: FloatArray) -> SkinParameters:
-        """The skin and how fingers depart from it, in SI, at points theta."""
+        """The skin and how fingers depart from it, in SI, at points theta, each of shape (...)."""
         values, shape = self.space.values(theta), theta.shape[:-1]
         return SkinParameters(
             *(np.broadcast_to(values[name] * EVERY_PARAMETER[name].si, shape) for name in SkinParameters._fields)
@@ -137,26 +163,10 @@ class Density(ABC):
 
 
 @dataclass(frozen=True)
-class SkinPosterior(Density):
-    """The posterior of the skin alone, from compression data without ratings."""
-
-    compression: CompressionForces
-
-    def data_density(self, theta: FloatArray) -> FloatArray:
-        """Log density of the forces at points theta."""
-        return self.compression.log_likelihood(self.skin_parameters(theta))
-
-
-@dataclass(frozen=True)
 class Posterior(Density):
-    """The posterior given ratings and, if there are any, compression data.
-
-    Raters and fingers are not matched: the typical finger's b and m are those of the typical rater.
-    """
+    """The posterior given ratings, and whatever other data there are."""
 
     scene: ForwardModel
-    observation: Observation
-    compression: CompressionForces | None = None
 
     def mean_rate(self, theta: FloatArray) -> FloatArray:
         """The pad's mean rate N/N_ref [Hz] at points theta, shape (..., conditions)."""
@@ -168,17 +178,14 @@ class Posterior(Density):
         """Whether the forward model gives numbers at one point theta, shape (dimension,)."""
         return bool(np.isfinite(self.mean_rate(theta)).all())
 
+    @property
+    def observation(self) -> RatingsLikelihood:
+        """The likelihood of the ratings."""
+        return cast(RatingsLikelihood, self.term(RATINGS))
+
     def rating_parameters(self, theta: FloatArray) -> RatingParameters:
         """The parameters of the rating model at points theta; NaN are those that it does not have."""
-        values = self.space.values(theta)
-        return RatingParameters(*(values.get(name, np.nan) for name in RatingParameters._fields))
-
-    def data_density(self, theta: FloatArray) -> FloatArray:
-        """Log density of ratings and forces at points theta."""
-        value = self.observation.log_likelihood(self.mean_rate(theta), self.rating_parameters(theta))
-        if self.compression is not None:
-            value = value + self.compression.log_likelihood(self.skin_parameters(theta))
-        return value
+        return cast(RatingParameters, self.parameters_of(self.observation, theta))
 
     def draw_start(self, rng: np.random.Generator, size: int) -> FloatArray:
         """Prior draws that fire in at least `LEAST_FIRING` conditions, in sampler coordinates.

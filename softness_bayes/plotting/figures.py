@@ -70,7 +70,7 @@ def _rating(result: Result, style: Style, against_ratio: bool = False) -> Figure
         stored["typical_rating"].values,
         _observed(result),
         result.loads,
-        logarithmic=_logarithmic(result),
+        scale=result.scale,
         skin_modulus=stored["e_skin_kpa"].values * 1e3 if against_ratio else None,
         style=style,
     )
@@ -122,7 +122,7 @@ def _checks(result: Result, style: Style) -> Figure:
     from softness_bayes.checking.quantities import Columns
 
     modulus = dict(zip(result.group("constant_data")["fabric"].values, _fabric_modulus(result), strict=True))
-    means, shown, scale = [], [], "log" if _logarithmic(result) else "sd"
+    means, shown, scale = [], [], result.scale.short
     for found in posterior_quantities(result.tree):
         if found.quantity.columns is Columns.CONDITION:
             for load in dict.fromkeys(load for load, _, _ in found.labels):
@@ -347,14 +347,8 @@ def _observed(result: Result) -> Observed:
         participant,
         np.tile(modulus, count),
         np.repeat(np.arange(count), modulus.size),
-        logarithmic=_logarithmic(result),
+        scale=result.scale,
     )
-
-
-def _logarithmic(result: Result) -> bool:
-    from softness_bayes.likelihood.scales import RATING_SCALES
-
-    return RATING_SCALES[str(result.attributes.get("rating_scale", "magnitude"))].positive
 
 
 def _sampled(result: Result) -> list[str]:

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from softness_bayes.errors import InputError
+from softness_bayes.likelihood.scales import MAGNITUDE, Scale
 from softness_bayes.plotting.panels import (
     MODULUS_LABEL,
     RATIO_LABEL,
@@ -27,10 +28,6 @@ from softness_bayes.touch.contact import Load
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-
-
-DRAWN = (1e-200, 1e200)
-"""Range of magnitude estimates on a logarithmic axis with its margins and ticks."""
 
 
 class Observed(NamedTuple):
@@ -63,7 +60,7 @@ def observed_ratings(
     modulus: ArrayLike,
     load: ArrayLike,
     *,
-    logarithmic: bool = True,
+    scale: Scale = MAGNITUDE,
 ) -> Observed:
     """Summarise ratings by condition, with each participant's rating scale removed.
 
@@ -80,14 +77,14 @@ def observed_ratings(
         Indices of each rating's condition and participant, shape (ratings,).
     modulus, load
         E_fab [Pa] and index of the load of each condition, shape (conditions,).
-    logarithmic
-        Whether to take logarithms. For z-scores, which are already standardised, the ratings themselves are
-        used: means are then arithmetic, and differences between participants are kept.
+    scale
+        Scale of the ratings. z-scores, which are already standardised, are averaged as they are: means are then
+        arithmetic, and differences between participants are kept.
 
     Raises
     ------
     InputError
-        If logarithms are taken and a rating has none.
+        If a rating is not on the scale.
     """
     from scipy.sparse import csr_array
     from scipy.sparse.linalg import lsqr
@@ -95,19 +92,21 @@ def observed_ratings(
     rating, condition = np.asarray(rating, float), np.asarray(condition, np.intp)
     modulus, load = np.asarray(modulus, float), np.asarray(load, np.intp)
     known = ~np.isnan(rating)
-    if logarithmic and not (rating[known] > 0).all():
-        raise InputError("observed ratings: expected positive ratings; a geometric mean needs them")
+    with np.errstate(divide="ignore", invalid="ignore"):
+        additive = scale.additive(rating)
+    if not np.isfinite(additive[known]).all():
+        raise InputError(f"observed ratings: expected {scale.suitable} ratings; a {scale.mean} needs them")
     _, participant = np.unique(np.asarray(participant), return_inverse=True)
     shape = (modulus.size, int(participant.max(initial=-1)) + 1)
     total, trials = np.zeros(shape), np.zeros(shape)
-    np.add.at(total, (condition[known], participant[known]), np.log(rating[known]) if logarithmic else rating[known])
+    np.add.at(total, (condition[known], participant[known]), additive[known])
     np.add.at(trials, (condition[known], participant[known]), 1.0)
     rows, columns = np.nonzero(trials)
     value = total[rows, columns] / trials[rows, columns]
     each = np.arange(rows.size)
     places = np.concatenate([each, each]), np.concatenate([rows, shape[0] + columns])
     design = csr_array((np.ones(2 * rows.size), places), shape=(rows.size, sum(shape)))
-    effect = lsqr(design, value, atol=1e-15, btol=1e-15, conlim=0.0)[0][shape[0] :] * logarithmic
+    effect = lsqr(design, value, atol=1e-15, btol=1e-15, conlim=0.0)[0][shape[0] :] * scale.own_units
     present = np.unique(columns)
     aligned = value - (effect - effect[present].mean() if present.size else effect)[columns]
     count = np.bincount(rows, minlength=shape[0])
@@ -115,12 +114,7 @@ def observed_ratings(
         mean = np.bincount(rows, aligned, shape[0]) / count
         variance = np.bincount(rows, (aligned - mean[rows]) ** 2, shape[0]) / (count - 1)
     spread = np.sqrt(np.where(count > 1, variance, np.nan))
-    limits = np.stack([mean, mean - spread, mean + spread])
-    if logarithmic:
-        from softness_bayes.likelihood.magnitude import LARGEST_LOG_RATING
-
-        limits = np.exp(np.clip(limits, -LARGEST_LOG_RATING, LARGEST_LOG_RATING))
-    middle, low, high = limits
+    middle, low, high = scale.natural(np.stack([mean, mean - spread, mean + spread]))
     return Observed(modulus, load, middle, low, high, count)
 
 
@@ -130,7 +124,7 @@ def rating_figure(
     observed: Observed,
     loads: Sequence[Load],
     *,
-    logarithmic: bool = True,
+    scale: Scale = MAGNITUDE,
     skin_modulus: ArrayLike | None = None,
     style: Style = USUAL,
 ) -> Figure:
@@ -138,7 +132,7 @@ def rating_figure(
 
     The bands are credible intervals of the rating that a typical participant (s = 0) gives on
     average, without the noise of single ratings and the participants' scales. The points are those of
-    `observed_ratings`. Magnitude estimates outside `DRAWN` are drawn at its ends.
+    `observed_ratings`. Ratings outside `Scale.drawn` are drawn at its ends.
 
     Parameters
     ----------
@@ -150,8 +144,8 @@ def rating_figure(
         The data.
     loads
         The load of each panel.
-    logarithmic
-        Whether the axis of ratings is logarithmic, as for magnitude estimates.
+    scale
+        Scale of the ratings.
     skin_modulus
         E_skin [Pa] of every draw along the grid, shape (draws, loads, points). If given, the axis is
         E_fab / E_skin: each draw's curve is drawn against its own ratio, the data at the medians of theirs.
@@ -171,13 +165,11 @@ def rating_figure(
     """
     modulus, draws = np.asarray(modulus, float), np.asarray(rating, float)
     check_loads(loads, draws.shape[1])
-    if logarithmic:
-        draws, observed = np.clip(draws, *DRAWN), observed.within(*DRAWN)
-    ylabel = "softness rating" if logarithmic else "softness rating [sd]"
+    draws, observed = np.clip(draws, *scale.drawn), observed.within(*scale.drawn)
     xlabel = MODULUS_LABEL if skin_modulus is None else RATIO_LABEL
     ends = []
     with style.applied():
-        figure, panels, _ = grid_of_panels(len(loads), xlabel, ylabel, style)
+        figure, panels, _ = grid_of_panels(len(loads), xlabel, scale.label, style)
         for index, (axes, load) in enumerate(zip(panels, loads, strict=True)):
             here = (observed.load == index) & np.isfinite(observed.mean)
             if skin_modulus is None:
@@ -186,22 +178,22 @@ def rating_figure(
                 axis = RatioAxis.of(modulus, np.asarray(skin_modulus)[:, index])
                 x, curves, places = axis.grid, axis.carry(draws[:, index]), axis.place(observed.modulus[here])
             draw_bands(axes, x, curves, style.posterior, style, str(load))
-            _draw_observed(axes, places, observed, here, logarithmic, style, str(load))
-            axes.set(xscale="log", yscale="log" if logarithmic else "linear", title=title(load))
+            _draw_observed(axes, places, observed, here, scale, style, str(load))
+            axes.set(xscale="log", yscale=scale.axis, title=title(load))
             ends += [x.min(), x.max()]
         for axes in panels:
             axes.set_xlim(min(ends), max(ends))
             number_ticks(axes.xaxis)
-            if logarithmic:
+            if scale.axis == "log":
                 number_ticks(axes.yaxis)
         legend_below(figure, panels)
     return figure
 
 
 def _draw_observed(
-    axes: Axes, x: Array, observed: Observed, here: NDArray[np.bool_], logarithmic: bool, style: Style, gid: str
+    axes: Axes, x: Array, observed: Observed, here: NDArray[np.bool_], scale: Scale, style: Style, gid: str
 ) -> None:
     spread = axes.vlines(x, observed.low[here], observed.high[here], color=style.tint(style.data, 0.6), linewidth=0.8)
     spread.set(label="± 1 sd between participants", gid=f"spread/{gid}", zorder=2)
     points = axes.plot(x, observed.mean[here], "o", color=style.data, markersize=3, gid=f"ratings/{gid}")[0]
-    points.set(label="geometric mean" if logarithmic else "mean", zorder=3)
+    points.set(label=scale.mean, zorder=3)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 from bokeh.embed import components
@@ -11,6 +11,7 @@ from bokeh.models.annotations import Title
 from bokeh.plotting import figure
 from bokeh.resources import Resources
 
+from softness_bayes.likelihood.scales import Scale
 from softness_bayes.plotting.panels import TINTS
 from softness_bayes.plotting.style import USUAL
 from softness_bayes.report.curves import AXES, Shown
@@ -36,7 +37,7 @@ class Charts(NamedTuple):
     """The element that each chart is drawn into, by the chart's name."""
 
 
-def charts(first: Shown, every: list[Shown], logarithmic: bool) -> Charts:
+def charts(first: Shown, every: list[Shown], scale: Scale) -> Charts:
     """Return the charts of response and rating as they look at first.
 
     Parameters
@@ -45,15 +46,15 @@ def charts(first: Shown, every: list[Shown], logarithmic: bool) -> Charts:
         What is shown before anything is switched.
     every
         What may be shown; the axes of values hold all of it, so that loads can be compared.
-    logarithmic
-        Whether the axis of ratings is.
+    scale
+        Scale of the ratings.
     """
-    rate = _chart("rate", first, "Total rate [spikes/s]", (0.0, 1.06 * _reach(every, "rate")[1]), False)
+    rate = _chart("rate", first, "Total rate [spikes/s]", (0.0, 1.06 * _reach(every, "rate")[1]), "linear")
     low, high = _reach(every, "rating")
-    margin = 0.06 * (np.log(high / low) if logarithmic else high - low)
-    ends = (low * np.exp(-margin), high * np.exp(margin)) if logarithmic else (low - margin, high + margin)
-    label = "Softness rating" if logarithmic else "Softness rating [sd]"
-    rating = _chart("rating", first, label, ends, logarithmic)
+    low, high = scale.additive([low, high])
+    margin = 0.06 * (high - low)
+    low, high = scale.natural([low - margin, high + margin]).tolist()
+    rating = _chart("rating", first, scale.label.capitalize(), (low, high), scale.axis)
     _fabrics(rate, first, foot=True)
     _fabrics(rating, first, foot=False)
     for chart in (rate, rating):
@@ -71,14 +72,14 @@ def _reach(every: list[Shown], what: str) -> tuple[float, float]:
     return low, high if high > low else low + 1.0
 
 
-def _chart(name: str, first: Shown, label: str, ends: tuple[float, float], logarithmic: bool) -> figure:
+def _chart(name: str, first: Shown, label: str, ends: tuple[float, float], axis: Literal["log", "linear"]) -> figure:
     """Return a chart of one quantity; its models are named after it, as in ``rate/band``."""
     chart = figure(
         name=name,
         height=HEIGHT,
         sizing_mode="stretch_width",
         x_axis_type="log",
-        y_axis_type="log" if logarithmic else "linear",
+        y_axis_type=axis,
         x_range=Range1d(start=first.ends[0], end=first.ends[1]),
         y_range=Range1d(start=ends[0], end=ends[1]),
         x_axis_label=AXES[0].label,
@@ -104,7 +105,7 @@ def _chart(name: str, first: Shown, label: str, ends: tuple[float, float], logar
     rows = [("at", "@x{0.[000]}"), ("median", "@median{0.[00]}")]
     rows += [(f"{level} %", f"@low{level}{{0.[00]}} to @high{level}{{0.[00]}}") for level in ("50", "95")]
     chart.add_tools(HoverTool(renderers=[line], mode="vline", tooltips=rows, name=f"{name}/hover"))
-    if logarithmic:
+    if axis == "log":
         chart.yaxis.ticker = FixedTicker(ticks=[n * 10.0**k for k in range(-6, 9) for n in (1, 2, 5)])
         chart.yaxis.formatter = BasicTickFormatter(use_scientific=False)
     return chart

@@ -11,7 +11,7 @@ from softness_bayes.checking.levelled import DOUBTFUL
 from softness_bayes.checking.misfit import MOSTLY_SILENT, fit_of
 from softness_bayes.checking.reproduction import inflection_reproduced
 from softness_bayes.checking.sensitivity import INFORMED
-from softness_bayes.likelihood.magnitude import FALLS, RISES
+from softness_bayes.likelihood.directions import FALLS, RISES
 from softness_bayes.parameters.declared import PARAMETERS
 from softness_bayes.report.findings import exactness_of
 from softness_bayes.results.result import Result

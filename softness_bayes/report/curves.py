@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from softness_bayes.checking.turning_points import PERCENTS
-from softness_bayes.likelihood.scales import RATING_SCALES
 from softness_bayes.plotting.panels import title
 from softness_bayes.plotting.rating import observed_ratings
 from softness_bayes.report.words import share
@@ -115,15 +114,10 @@ def _observed(result: Result, load: int) -> dict[str, list[Any]]:
         constant["participant_index"].values,
         np.tile(modulus, count),
         np.repeat(np.arange(count), modulus.size),
-        logarithmic=logarithmic(result),
+        scale=result.scale,
     )
     here = every.load == load
     return {name: _plain(getattr(every, name)[here]) for name in ("mean", "low", "high")}
-
-
-def logarithmic(result: Result) -> bool:
-    """Return whether ratings are positive, hence laid out on a logarithmic axis."""
-    return RATING_SCALES[str(result.attributes.get("rating_scale", "magnitude"))].positive
 
 
 def _turn(row: Any, name: str) -> dict[str, list[float]]:

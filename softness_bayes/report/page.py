@@ -24,7 +24,7 @@ from softness_bayes.plotting.style import METADATA, USUAL
 from softness_bayes.report import tables
 from softness_bayes.report.charts import TURN_TINT, charts
 from softness_bayes.report.conclusion import conclude, facts_of
-from softness_bayes.report.curves import AXES, Shown, logarithmic, shown
+from softness_bayes.report.curves import AXES, Shown, shown
 from softness_bayes.report.findings import Standing, findings
 from softness_bayes.report.repeat import repetition
 from softness_bayes.results.result import Result
@@ -187,7 +187,7 @@ def _switched(result: Result) -> dict[str, Any]:
     """Return the interactive charts, what their switches offer, and the data behind them."""
     every = shown(result)
     flat = [one for loads in every.values() for one in loads]
-    drawn = charts(every[AXES[0].name][0], flat, logarithmic(result))
+    drawn = charts(every[AXES[0].name][0], flat, result.scale)
     return {
         "charts": drawn,
         "style": USUAL,

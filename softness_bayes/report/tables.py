@@ -11,7 +11,7 @@ import pandas as pd
 from softness_bayes.checking.check_table import ALL
 from softness_bayes.checking.quantities import DROP, PLACE
 from softness_bayes.checking.reproduction import FALL
-from softness_bayes.likelihood.magnitude import direction_named
+from softness_bayes.likelihood.directions import direction_named
 from softness_bayes.parameters.declared import EVERY_PARAMETER
 from softness_bayes.parameters.priors import in_short, parse_prior
 from softness_bayes.report.repeat import recorded_options

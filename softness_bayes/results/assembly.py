@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 
 from softness_bayes.checking.checks import check_fabrics
 from softness_bayes.checking.exactness import Exactness
+from softness_bayes.checking.force_exponent import check_exponent
 from softness_bayes.checking.inflection import LEAST_DROP, curve_scene
 from softness_bayes.checking.quantities import check_exponents, loo_pit
 from softness_bayes.data import Experiment
-from softness_bayes.likelihood.plate import check_exponent
 from softness_bayes.model.posterior import Posterior
 from softness_bayes.parameters.declared import PARAMETERS
 from softness_bayes.parameters.space import ParameterSpace
@@ -85,7 +85,7 @@ def assembled(
     Raises
     ------
     TypeError
-        If the posterior is not that of a compiled scene and ratings.
+        If the posterior is not that of a compiled scene.
     """
     kept = chains.kept(burn_in, DRAWS_PER_WALKER)
     theta = kept.by_walker(posterior.natural(kept.coordinates))

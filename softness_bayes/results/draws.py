@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 
 from softness_bayes.checking.exactness import resample
 from softness_bayes.data import Experiment
-from softness_bayes.likelihood.magnitude import RatingParameters
-from softness_bayes.likelihood.scales import ObservedRatings
+from softness_bayes.likelihood.ratings import RatingParameters, RatingsLikelihood, RatingsModel
 from softness_bayes.model.posterior import Posterior
 from softness_bayes.results.groups import evenly
 from softness_bayes.sampler.chains import Chains
@@ -76,7 +75,7 @@ class RatedDraws:
     experiment: Experiment
     posterior: Posterior
     scene: Scene
-    ratings: ObservedRatings
+    ratings: RatingsLikelihood
     kept: Chains
     theta: Array
     mean_rate: Array
@@ -85,7 +84,7 @@ class RatedDraws:
     log_weight: Array | None = None
 
     @property
-    def model(self) -> Any:
+    def model(self) -> RatingsModel:
         """The rating model."""
         return self.ratings.model
 
@@ -120,11 +119,11 @@ def draws_of(
     Raises
     ------
     TypeError
-        If the posterior is not that of a compiled scene and ratings.
+        If the posterior is not that of a compiled scene.
     """
     scene, ratings = posterior.scene, posterior.observation
-    if not isinstance(scene, Scene) or not isinstance(ratings, ObservedRatings):
-        raise TypeError("a result is assembled from a compiled scene and ratings")
+    if not isinstance(scene, Scene):
+        raise TypeError("a result is assembled from a compiled scene")
     mean_rate = posterior.mean_rate(theta)
     effects = ratings.draw_effects(rng, mean_rate, posterior.rating_parameters(theta))
     prior = posterior.space.draw_prior(rng, PRIOR_DRAWS)

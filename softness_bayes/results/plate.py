@@ -8,9 +8,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from softness_bayes.checking.force_exponent import ExponentCheck
 from softness_bayes.data.columns import FORCE, INDENTATION
 from softness_bayes.data.compression import Compression
-from softness_bayes.likelihood.plate import CompressionForces, ExponentCheck, FingerEffects, SkinParameters
+from softness_bayes.likelihood.contract import NO_RESPONSE
+from softness_bayes.likelihood.plate import CompressionForces, FingerEffects, SkinParameters
 from softness_bayes.results.groups import Groups, Variable
 from softness_bayes.touch.plate import plate_force
 from softness_bayes.touch.readings import Readings
@@ -66,10 +68,14 @@ def draw_plate(
     replicates, prior
         Draws of the posterior and of the prior (draws, dimension) that forces are made at.
     """
-    fingers = forces.draw_effects(rng, skin(theta))
-    again = forces.draw_forces(rng, skin(replicates), forces.draw_effects(rng, skin(replicates)))
-    new = forces.new_fingers(rng, skin(prior), prior.shape[:1])
-    return PlateReplicates(fingers, again, forces.draw_forces(rng, skin(prior), new))
+
+    def forces_at(points: SkinParameters, effects: FingerEffects) -> Array:
+        return forces.replicate(rng, forces.drive(NO_RESPONSE, points), points, effects)
+
+    fingers = forces.draw_effects(rng, NO_RESPONSE, skin(theta))
+    again = forces_at(skin(replicates), forces.draw_effects(rng, NO_RESPONSE, skin(replicates)))
+    made = forces_at(skin(prior), forces.new_effects(rng, skin(prior), prior.shape[:1]))
+    return PlateReplicates(fingers, again, made)
 
 
 def plate_groups(
@@ -91,7 +97,7 @@ def plate_groups(
         depth,
         np.asarray(typical.b)[:, None],
         np.asarray(typical.m)[:, None],
-        displacement=forces.displacement,
+        displacement=forces.model.displacement,
     )
     row = ("force_row",)
     return {

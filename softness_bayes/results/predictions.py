@@ -36,13 +36,13 @@ def prediction_group(draws: RatedDraws, grid: Scene, error: float) -> dict[str, 
     error
         Numerical error of the response relative to its peak.
     """
-    few, scene, model, design = draws.some(CURVES), draws.scene, draws.model, draws.ratings.design
+    few, scene, model, ratings = draws.some(CURVES), draws.scene, draws.model, draws.ratings
     curves = response_curves(grid, draws.touch(few.theta))
     fabrics = float(scene.modulus.min()), float(scene.modulus.max())
     turn = find_inflection(curves, error, fabrics)
     shape = curves.total_rate.shape
     everywhere = curves.total_rate.reshape(shape[0], -1) / scene.n_receptors
-    drive = model.drive_at(everywhere, design, few.mean_rate, few.parameters)
+    drive = ratings.drive_at(everywhere, few.mean_rate, few.parameters)
     lines = {
         "total_rate": (curves.total_rate, "Hz"),
         "typical_rating": (model.typical(few.effects, drive).reshape(shape), ""),
@@ -51,7 +51,7 @@ def prediction_group(draws: RatedDraws, grid: Scene, error: float) -> dict[str, 
         "contact_force_n": (curves.force, "N"),
     }
     along = ("load", "e_fab_kpa")
-    rated = model.typical(few.effects, model.drive(design, few.mean_rate, few.parameters))
+    rated = model.typical(few.effects, ratings.drive(few.mean_rate, few.parameters))
     return {
         TYPICAL: Variable(rated[None], ("condition",)),
         **{n: Variable(v[None].astype(np.float32), along, unit) for n, (v, unit) in lines.items()},

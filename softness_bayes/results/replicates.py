@@ -15,8 +15,8 @@ from softness_bayes.checking.check_table import NEW_PARTICIPANTS
 from softness_bayes.checking.levelled import compare_levelled, levelled
 from softness_bayes.checking.quantities import Layout
 from softness_bayes.checking.reproduction import LEVELLED, LEVELLED_NAMES, SHORTFALL
-from softness_bayes.likelihood.magnitude import RatingParameters
 from softness_bayes.likelihood.pieces import part_of, pieces
+from softness_bayes.likelihood.ratings import RatingParameters
 from softness_bayes.results.draws import CURVES, REPLICATES, RatedDraws, Some
 from softness_bayes.results.groups import Groups, Variable, named
 from softness_bayes.results.pictures import Trains, example_trains
@@ -58,11 +58,11 @@ def draw_replicates(rng: np.random.Generator, draws: RatedDraws) -> Replicates:
     draws
         The draws of the run.
     """
-    few, model, design = draws.some(REPLICATES), draws.model, draws.ratings.design
-    drive = model.drive(design, few.mean_rate, few.parameters)
+    few, ratings = draws.some(REPLICATES), draws.ratings
+    drive = ratings.drive(few.mean_rate, few.parameters)
     twin = copy.deepcopy(rng)
     again = _rated(rng, draws, drive, few.parameters, few.effects)
-    strangers = model.with_new_participants(rng, few.parameters, few.effects)
+    strangers = ratings.with_new_participants(rng, few.parameters, few.effects)
     anew = _rated(rng, draws, drive, few.parameters, strangers)
     level = _levelled_rated(twin, draws, few)
     prior = _prior_rated(rng, draws)
@@ -110,32 +110,31 @@ def _levelled_groups(draws: RatedDraws, drawn: Replicates) -> Groups:
 
 def _layout(draws: RatedDraws) -> Layout:
     model, load = draws.model, draws.experiment.ratings.conditions.load
-    return Layout(draws.ratings.design, draws.scene.modulus, load, model.direction.sign, model.logarithmic)
+    return Layout(draws.ratings.design, draws.scene.modulus, load, model.direction.sign, model.scale)
 
 
 def _rated(
     rng: np.random.Generator, draws: RatedDraws, drive: Array, parameters: RatingParameters, effects: Any
 ) -> Array:
     """Return a rating for every row at every draw, drawn a few draws at a time."""
-    design = draws.ratings.design
-    made = np.empty((len(drive), design.n_rows))
+    made = np.empty((len(drive), draws.ratings.design.n_rows))
     for k in pieces(*made.shape):
         some = part_of(parameters, k), part_of(effects, k)
-        made[k] = draws.model.draw_ratings(rng, design, drive[k], *some)
+        made[k] = draws.ratings.replicate(rng, drive[k], *some)
     return made
 
 
 def _levelled_rated(rng: np.random.Generator, draws: RatedDraws, few: Some) -> Array:
     level = levelled(_layout(draws), few.mean_rate)
-    drive = draws.model.drive_at(level, draws.ratings.design, few.mean_rate, few.parameters)
+    drive = draws.ratings.drive_at(level, few.mean_rate, few.parameters)
     return _rated(rng, draws, drive, few.parameters, few.effects)
 
 
 def _prior_rated(rng: np.random.Generator, draws: RatedDraws) -> Array:
-    design, model, theta = draws.ratings.design, draws.model, draws.prior[:REPLICATES]
+    ratings, theta = draws.ratings, draws.prior[:REPLICATES]
     rate, parameters = draws.posterior.mean_rate(theta), draws.posterior.rating_parameters(theta)
-    effects = model.draw_effects(rng, parameters, theta.shape[:1], design.n_participants, design.n_fabrics)
-    return _rated(rng, draws, model.drive(design, rate, parameters), parameters, effects)
+    effects = ratings.new_effects(rng, parameters, theta.shape[:1])
+    return _rated(rng, draws, ratings.drive(rate, parameters), parameters, effects)
 
 
 def _plate(rng: np.random.Generator, draws: RatedDraws, few: Some) -> PlateReplicates | None:

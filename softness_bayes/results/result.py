@@ -17,6 +17,7 @@ from softness_bayes.checking.turning_points import turning_table
 from softness_bayes.errors import InputError
 from softness_bayes.files.outputs import write_outputs
 from softness_bayes.files.spreadsheet import csv_of
+from softness_bayes.likelihood.scales import MAGNITUDE, Scale, scale_named
 from softness_bayes.parameters.declared import PARAMETERS
 from softness_bayes.results.result_file import SUMMARY_TABLE, read, sealed
 from softness_bayes.touch.contact import Force, Indentation, Load
@@ -118,6 +119,11 @@ class Result:
     def readings(self) -> Readings:
         """The readings that the run was made with."""
         return Readings().override({place: str(self.attributes[f"reading_{place}"]) for place in ALTERNATIVES})
+
+    @property
+    def scale(self) -> Scale:
+        """The scale of the ratings."""
+        return scale_named(str(self.attributes.get("rating_scale", MAGNITUDE.name)))
 
     @property
     def loads(self) -> tuple[Load, ...]:

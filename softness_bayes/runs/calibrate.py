@@ -19,7 +19,7 @@ from softness_bayes.files.lock import Lock
 from softness_bayes.files.outputs import require_outputs, write_outputs
 from softness_bayes.files.spreadsheet import csv_of
 from softness_bayes.files.whole import sweep, write_whole
-from softness_bayes.likelihood.magnitude import RISES, direction_named
+from softness_bayes.likelihood.directions import RISES, direction_named
 from softness_bayes.model.posterior import Posterior
 from softness_bayes.runs.run import RunOptions, posterior_of
 from softness_bayes.sampler.sampling import Settings

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from types import MappingProxyType
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -15,7 +15,6 @@ from softness_bayes import arviz_bridge
 from softness_bayes.checking.ranking import clustered_error, stacking_weights
 from softness_bayes.errors import InputError
 from softness_bayes.likelihood.group_conditionals import block_log_likelihood
-from softness_bayes.likelihood.scales import ObservedRatings
 from softness_bayes.model.posterior import Posterior
 from softness_bayes.results.result import Result
 from softness_bayes.runs.from_result import differences, experiment_of, options_of
@@ -104,7 +103,6 @@ def _by_condition(result: Result, settings: Settings, progress: Callable[[str], 
     if len(conditions.fabric) < 2:
         raise InputError("compare: there is one condition only; nothing is left to predict it from")
     observation = posterior.observation
-    assert isinstance(observation, ObservedRatings)
     values = result.values(_WEIGHTED)
     theta = np.stack([values[name] for name in posterior.names], axis=-1)
     at = posterior.mean_rate(theta), posterior.rating_parameters(theta)
@@ -126,8 +124,7 @@ def _anew(
 ) -> tuple[float, bool]:
     """Return the log density of some ratings given all others, sampled without them, and whether that converged."""
     observation = posterior.observation
-    assert isinstance(observation, ObservedRatings)
-    rest = replace(posterior, observation=observation.without(rows))
+    rest = posterior.with_term(observation.without(rows))
     sampled = sample_until(rest, settings, np.random.SeedSequence(seed[0], spawn_key=seed[1:]))
     kept = sampled.chains.kept(sampled.verdict.burn_in, _DRAWS)
     theta = posterior.natural(kept.coordinates).reshape(-1, posterior.space.dimension)
@@ -298,8 +295,7 @@ def _require_comparable(results: Mapping[str, Result]) -> None:
     for label, result in results.items():
         if not result.has_ratings:
             raise InputError(f"{label}: a run without ratings, which compare ranks by")
-        scales = {str(results[name].attributes.get("rating_scale", "magnitude")) for name in (first, label)}
-        if len(scales) > 1:
+        if result.scale != results[first].scale:
             raise InputError(
                 f"{label}: fits to z-scores are not ranked against fits to ratings: {first} and {label} take "
                 "their ratings for different things"

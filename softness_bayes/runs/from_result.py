@@ -7,8 +7,7 @@ import json
 import numpy as np
 
 from softness_bayes.data import Compression, Experiment, Ratings
-from softness_bayes.likelihood.magnitude import direction_named
-from softness_bayes.likelihood.scales import RATING_SCALES
+from softness_bayes.likelihood.directions import direction_named
 from softness_bayes.parameters.declared import EVERY_PARAMETER
 from softness_bayes.parameters.priors import parse_prior
 from softness_bayes.results.result import Result
@@ -68,7 +67,7 @@ def options_of(result: Result) -> RunOptions:
         readings=result.readings,
         direction=direction_named(str(found["direction"])),
         direction_decided=not found.get("direction_asked", 1),
-        scale=RATING_SCALES[str(found.get("rating_scale", "magnitude"))],
+        scale=result.scale,
         discretisation=Discretisation(**asked["discretisation"]),
         accuracy=asked.get("accuracy"),
         noise=float(found.get("noise", 0.0)),

@@ -8,11 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from softness_bayes import arviz_bridge
+from softness_bayes.checking.force_exponent import check_exponent
 from softness_bayes.checking.identifiability import direction_table, learning_table
 from softness_bayes.checkpoints.checkpoint import Checkpoint
 from softness_bayes.data.compression import Compression
-from softness_bayes.likelihood.plate import check_exponent
-from softness_bayes.model.posterior import SkinPosterior
+from softness_bayes.model.posterior import Density
 from softness_bayes.parameters.choice import parameter_space
 from softness_bayes.parameters.declared import PARAMETERS
 from softness_bayes.results.constants import held_parameters
@@ -34,7 +34,7 @@ WIDE = RunOptions(prior_set="wide")
 """Options of a run on compression data alone: priors that say little of the skin beforehand."""
 
 
-def skin_posterior_of(compression: Compression, options: RunOptions) -> SkinPosterior:
+def skin_posterior_of(compression: Compression, options: RunOptions) -> Density:
     """Return the posterior density of the skin given compression data alone.
 
     Raises
@@ -51,7 +51,7 @@ def skin_posterior_of(compression: Compression, options: RunOptions) -> SkinPost
         absent=PARAMETERS.keys() - set(SKIN),
         n_fingers=len(compression.participants),
     )
-    return SkinPosterior(space, forces_of(compression, options.readings))
+    return Density(space, (forces_of(compression, options.readings),))
 
 
 def sample_skin(
@@ -91,6 +91,7 @@ def sample_skin(
     theta = kept.by_walker(posterior.natural(kept.coordinates))
     prior = posterior.space.draw_prior(rng, PRIOR_DRAWS)
     forces, skin = posterior.compression, posterior.skin_parameters
+    assert forces is not None
     drawn = draw_plate(rng, forces, skin, theta, theta[evenly(theta.shape, REPLICATES)], prior[:REPLICATES])
     groups = plate_groups(compression, forces, skin(theta[evenly(theta.shape, CURVES)]), drawn)
     check = check_exponent(forces, drawn.again)

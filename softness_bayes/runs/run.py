@@ -20,8 +20,10 @@ from softness_bayes.checkpoints.identity import identity, require_density
 from softness_bayes.data import Compression, Experiment
 from softness_bayes.errors import InputError
 from softness_bayes.files.command_line import storable
-from softness_bayes.likelihood.magnitude import RatingDirection, RatingParameters, direction_named
-from softness_bayes.likelihood.scales import MAGNITUDE, RATING_SCALES, RatingScale
+from softness_bayes.likelihood.directions import RatingDirection, direction_named
+from softness_bayes.likelihood.models import rating_model
+from softness_bayes.likelihood.ratings import RatingParameters
+from softness_bayes.likelihood.scales import MAGNITUDE, RATING_SCALES, Scale
 from softness_bayes.model.build import design_of, scene_of
 from softness_bayes.model.posterior import Density, Posterior
 from softness_bayes.parameters.choice import parameter_space
@@ -89,7 +91,7 @@ class RunOptions:
     readings: Readings = MENDED
     direction: RatingDirection | None = None
     direction_decided: bool = False
-    scale: RatingScale = MAGNITUDE
+    scale: Scale = MAGNITUDE
     discretisation: Discretisation = Discretisation()
     accuracy: float | None = None
     noise: float = 0.0
@@ -175,7 +177,7 @@ def choose_direction(experiment: Experiment, options: RunOptions) -> Choice:
     # noise rounds the foot of the rate curve, which changes no order, and takes minutes
     coarse = replace(COARSE, rate_nodes=options.discretisation.rate_nodes)
     scene = _scene(experiment, replace(options, noise=0.0, discretisation=coarse), space)
-    layout = Layout(design_of(experiment), scene.modulus, conditions.load, logarithmic=options.scale.positive)
+    layout = Layout(design_of(experiment), scene.modulus, conditions.load, scale=options.scale)
     draws = space.touch(space.draw_prior(np.random.default_rng(0), direction.DRAWS))
     firing = direction.firing_rises(scene, layout, draws)
     found = direction.evidence_in(layout, ratings.rating, [str(load) for load in ratings.loads], firing)
@@ -201,7 +203,7 @@ def space_of(experiment: Experiment, options: RunOptions) -> ParameterSpace:
         prior_set=options.prior_set,
         skin_displacement=options.readings.skin_displacement,
         n_participants=len(experiment.ratings.participants),
-        absent=set(RatingParameters._fields) - set(options.scale.parameters),
+        absent=set(RatingParameters._fields) - set(rating_model(options.scale).needs),
         n_fingers=None if experiment.compression is None else len(experiment.compression.participants),
         membrane=options.readings.membrane,
     )
@@ -224,8 +226,7 @@ def _scene(experiment: Experiment, options: RunOptions, space: ParameterSpace) -
 
 def _require_suitable(experiment: Experiment, options: RunOptions) -> None:
     """Refuse ratings that do not suit the scale."""
-    ratings = experiment.ratings
-    (ratings.require_positive if options.scale.positive else ratings.require_standardised)()
+    options.scale.require(experiment.ratings)
 
 
 def posterior_of(experiment: Experiment, options: RunOptions) -> Posterior:
@@ -248,9 +249,11 @@ def posterior_of(experiment: Experiment, options: RunOptions) -> Posterior:
     if np.isfinite(rheobase):
         unit = PARAMETERS["sigma_0"].prior.median
         space = replace(space, bent={"alpha": Bent(rheobase, ALPHA_WIDTH), "sigma_0": Scaled(unit)}, rheobase=rheobase)
-    observation = options.scale.model(options.direction).observe(experiment.ratings.rating, design_of(experiment))
-    plate = None if experiment.compression is None else forces_of(experiment.compression, options.readings)
-    return Posterior(space, scene, observation, plate)
+    observation = rating_model(options.scale, options.direction).observe(
+        experiment.ratings.rating, design_of(experiment)
+    )
+    plates = () if experiment.compression is None else (forces_of(experiment.compression, options.readings),)
+    return Posterior(space, (observation, *plates), scene)
 
 
 def walked(

@@ -68,7 +68,7 @@ def test_p_is_not_uniform_under_another_model(rng, truth, assumed):
 def test_real_deviations_are_found_and_measured(rng):
     layout, shifts = design(30), 0.2 * np.array([1, -1, 1, -1, 1, -1])
     quiet = simulate(rng, PLAIN, layout)
-    loud = LogRatings(quiet.ratings * np.exp(shifts[layout.fabric[layout.condition]]), layout, MODEL)
+    loud = LogRatings(quiet.values * np.exp(shifts[layout.fabric[layout.condition]]), layout, MODEL)
     assert check(rng, quiet, PLAIN, 400).p_value > NEEDED
     assert check(rng, quiet, PLAIN, 400).deviation < 0.06
     found = check(rng, loud, PLAIN, 400)
@@ -124,7 +124,7 @@ NAMES = [f"{fabric} under {load} mm" for load in (1, 2) for fabric in "abcdef"]
 
 def shifted(rng, layout, shift):
     """Ratings of the plain model, those of each condition moved by its shift in the log."""
-    return LogRatings(simulate(rng, PLAIN, layout).ratings * np.exp(shift[layout.condition]), layout, MODEL)
+    return LogRatings(simulate(rng, PLAIN, layout).values * np.exp(shift[layout.condition]), layout, MODEL)
 
 
 def test_deviations_that_cancel_over_loads_are_found_and_named(rng):
@@ -195,7 +195,7 @@ def test_the_sentence_says_what_to_do():
     assert "--prior omega='halfnormal(0.5)'" in needed.sentence(NAMES)
     assert "one load per fabric" not in needed.sentence(NAMES)
     assert "one load per fabric" in FabricCheck(0.001, 0.21).sentence(NAMES)
-    assert "z-scores have none" in FabricCheck(0.001, 0.21, logarithmic=False).sentence(NAMES)
+    assert "z-scores have none" in FabricCheck(0.001, 0.21, unit="z-score", remedy=False).sentence(NAMES)
     fine = FabricCheck(0.4, 0.0, 0.93, 0.0, 0.9, 0.07).sentence(NAMES)
     assert "--prior" not in fine
     assert "p = 0.93, 12 means; deviations of about 0.07 (sd)" in fine

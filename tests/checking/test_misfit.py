@@ -12,7 +12,7 @@ from softness_bayes.checking.flatness import explain
 from softness_bayes.checking.misfit import TYPICAL, fit_of
 from softness_bayes.checking.quantities import Layout
 from softness_bayes.cli.sample import _report
-from softness_bayes.likelihood.magnitude import FALLS, RISES
+from softness_bayes.likelihood.directions import FALLS, RISES
 from softness_bayes.report import page
 from softness_bayes.report.findings import Standing, findings
 from softness_bayes.runs.from_result import options_of

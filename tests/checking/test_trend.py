@@ -11,7 +11,7 @@ from softness_bayes.checking.quantities import Layout
 from softness_bayes.checking.trend import LEVEL, find_trend, mean_correlation
 from softness_bayes.data import Experiment, Fabrics, Ratings
 from softness_bayes.likelihood.design import Design
-from softness_bayes.likelihood.magnitude import FALLS, RISES
+from softness_bayes.likelihood.directions import FALLS, RISES
 from softness_bayes.likelihood.scales import STANDARDISED
 from softness_bayes.runs.run import RunOptions, choose_direction, with_direction
 from softness_bayes.touch.contact import Indentation

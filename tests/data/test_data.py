@@ -19,6 +19,7 @@ from softness_bayes.data import (
 )
 from softness_bayes.data.columns import BENDING_RIGIDITY, NUMBERS, POISSON_RATIO, THICKNESS
 from softness_bayes.errors import InputError
+from softness_bayes.likelihood.scales import MAGNITUDE
 from softness_bayes.touch.contact import PLATE_RIGIDITY, PRINTED_RIGIDITY, Force, Indentation
 from support.paths import SHARED
 
@@ -404,11 +405,11 @@ def test_renames_must_mean_something(file):
 @pytest.mark.parametrize("value", ["0", "-1.5"])
 def test_ratings_without_a_logarithm_are_refused_on_demand(file, value):
     ratings = Ratings.read(path := file(edited(RATINGS, 3, "7.25", value)))
-    message = refusal(ratings.require_positive)
+    message = refusal(MAGNITUDE.require, ratings)
     assert message.startswith(f"{path}: row 3, column 'rating': expected a magnitude estimate above 0, got '{value}'")
     assert "1 of 3 ratings" in message
     assert "leave the cell" in message
-    assert Ratings.read(file(RATINGS)).require_positive() is None
+    assert MAGNITUDE.require(Ratings.read(file(RATINGS))) is None
 
 
 @pytest.mark.parametrize("seed", range(4))

@@ -12,6 +12,7 @@ from softness_bayes.cli import main
 from softness_bayes.cli.terminal import visible
 from softness_bayes.data import Fabrics, Ratings, read_experiment
 from softness_bayes.errors import InputError
+from softness_bayes.likelihood.scales import MAGNITUDE
 
 HEADER = ["participant", "fabric", "indentation_mm", "rating"]
 
@@ -89,7 +90,7 @@ def test_errors_quote_the_cell_as_it_stands(tmp_path):
         Ratings.read(path)
     read = Ratings.read(table(tmp_path, ["5,5", "-0,820"]))
     with pytest.raises(InputError, match="above 0, got '-0,820'"):
-        read.require_positive()
+        MAGNITUDE.require(read)
     with pytest.raises(InputError, match="expected a number from 1e-06 to 100, got '0,00000001'"):
         Ratings.read(table(tmp_path, ["5,5"], load="0,00000001"))
 

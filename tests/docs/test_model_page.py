@@ -10,7 +10,9 @@ from numpy.testing import assert_allclose
 
 from softness_bayes.claims import CLAIMS
 from softness_bayes.data import Fabrics
-from softness_bayes.likelihood.magnitude import RATING_DIRECTIONS, RatingModel
+from softness_bayes.likelihood.directions import RATING_DIRECTIONS
+from softness_bayes.likelihood.magnitude import RatingModel
+from softness_bayes.likelihood.models import rating_model
 from softness_bayes.likelihood.scales import RATING_SCALES
 from softness_bayes.parameters.declared import EVERY_PARAMETER, HELD, PRIOR_SETS
 from softness_bayes.parameters.priors import LAWS, parse_prior
@@ -83,7 +85,7 @@ def test_scales_and_directions():
     rows = {plain(row["reading"]): row for row in table(PAGE, "9", "reading", "ratings")}
     assert [*rows] == [*RATING_SCALES]
     for name, row in rows.items():
-        assert tuple(re.findall(r"`(\w+)`", row["parameters"])) == RATING_SCALES[name].parameters
+        assert tuple(re.findall(r"`(\w+)`", row["parameters"])) == rating_model(RATING_SCALES[name]).needs
     rows = {plain(row["reading"]): row for row in table(PAGE, "9", "reading", "sign")}
     assert [*rows] == [*RATING_DIRECTIONS]
     for name, row in rows.items():

@@ -7,14 +7,8 @@ from scipy.stats import kstest, multivariate_normal, norm
 
 from softness_bayes.errors import InputError
 from softness_bayes.likelihood.design import Design
-from softness_bayes.likelihood.magnitude import (
-    INVERSE,
-    RATING_DIRECTIONS,
-    SOFTNESS,
-    LogRatings,
-    RatingModel,
-    RatingParameters,
-)
+from softness_bayes.likelihood.directions import INVERSE, RATING_DIRECTIONS, SOFTNESS
+from softness_bayes.likelihood.magnitude import LogRatings, RatingModel, RatingParameters
 
 DEFAULT = RatingModel()
 
@@ -239,7 +233,7 @@ def test_new_participants_and_ratings_follow_the_model():
     scale = np.sqrt(np.diag(covariance))
     np.testing.assert_allclose((np.log(ratings).mean(0) - mean) / scale, 0, atol=0.03)
     np.testing.assert_allclose((np.cov(np.log(ratings).T) - covariance) / np.outer(scale, scale), 0, atol=0.04)
-    fixed = model.draw_effects(rng, point, (5,), 2, 2, mu=1.5)
+    fixed = model.draw_effects(rng, point, (5,), 2, 2, {"mu": 1.5})
     np.testing.assert_array_equal(fixed.mu, np.full(5, 1.5))
 
 
@@ -247,7 +241,7 @@ def test_new_participants_and_ratings_follow_the_model():
 def test_ratings_beyond_floating_point_are_held_at_its_ends(mu):
     rng = np.random.default_rng(6)
     parameters, design = RatingParameters(1.0, 0.5, 100.0), Design(np.arange(4), np.zeros(4, int), np.arange(4), 1)
-    effects = DEFAULT.draw_effects(rng, parameters, (500,), 1, 4, mu=mu)
+    effects = DEFAULT.draw_effects(rng, parameters, (500,), 1, 4, {"mu": mu})
     drawn = DEFAULT.draw_ratings(rng, design, np.zeros((500, 4)), parameters, effects)
     for rating in (drawn, DEFAULT.typical(effects, np.zeros((500, 4)))):
         assert np.isfinite(rating).all()
@@ -263,7 +257,7 @@ def test_leave_one_out_is_calibrated_on_ratings_of_the_model():
     point, model = RatingParameters(1.2, 0.7, 0.3), RatingModel()
     effects = model.draw_effects(rng, point, (), design.n_participants, design.n_fabrics)
     observed = LogRatings(model.draw_ratings(rng, design, model.drive(design, rate, point), point, effects), design)
-    y = np.log(observed.ratings)
+    y = np.log(observed.values)
     for varsigma, calibrated in ((0.3, True), (0.6, False)):
         law = observed.leave_one_out(rate, point._replace(varsigma=varsigma))
         assert (kstest(norm.cdf((y - law.mean) / law.sd), "uniform").pvalue > 1e-3) == calibrated

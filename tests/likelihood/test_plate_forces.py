@@ -5,8 +5,10 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.stats import kstest, multivariate_normal
 
+from softness_bayes.checking.force_exponent import check_exponent
 from softness_bayes.errors import InputError
-from softness_bayes.likelihood.plate import CompressionForces, SkinParameters, check_exponent
+from softness_bayes.likelihood.contract import NO_RESPONSE
+from softness_bayes.likelihood.plate import CompressionForces, SkinParameters
 from softness_bayes.touch.contact import DISPLACEMENT, STRAIN, Finger, Indentation, solve_contact
 from softness_bayes.touch.plate import plate_force, plate_line
 
@@ -30,6 +32,11 @@ def forces(rng, fingers=5, rows=17, displacement=STRAIN):
     m = {STRAIN: 3.8, DISPLACEMENT: 630.0}[displacement]
     force = plate_force(depth, 8e3, m, displacement=displacement) * np.exp(0.3 * rng.standard_normal(rows))
     return CompressionForces(depth, force, finger, fingers, displacement=displacement)
+
+
+def made_of(observed, rng, point, effects):
+    """Forces of fingers with these departures."""
+    return observed.replicate(rng, observed.drive(NO_RESPONSE, point), point, effects)
 
 
 def dense(observed, p, displacement=STRAIN):
@@ -68,35 +75,37 @@ def test_the_force_of_the_paper():
 def test_likelihood_is_the_dense_normal_law(rng, size, point):
     observed = forces(rng, *size)
     mean, covariance = dense(observed, point)
-    expected = multivariate_normal(mean, covariance).logpdf(np.log(observed.force)) - np.log(observed.force).sum()
-    assert observed.log_likelihood(point) == pytest.approx(expected, rel=1e-7, abs=1e-7)
+    expected = multivariate_normal(mean, covariance).logpdf(np.log(observed.values)) - np.log(observed.values).sum()
+    assert observed.log_likelihood(NO_RESPONSE, point) == pytest.approx(expected, rel=1e-7, abs=1e-7)
 
 
 def test_likelihood_under_the_other_reading_of_the_displacement(rng):
     observed, point = forces(rng, displacement=DISPLACEMENT), SkinParameters(16e3, 630.0, 0.3, 100.0, 0.1)
-    expected = multivariate_normal(*dense(observed, point, DISPLACEMENT)).logpdf(np.log(observed.force))
-    assert observed.log_likelihood(point) == pytest.approx(expected - np.log(observed.force).sum(), rel=1e-9)
+    expected = multivariate_normal(*dense(observed, point, DISPLACEMENT)).logpdf(np.log(observed.values))
+    assert observed.log_likelihood(NO_RESPONSE, point) == pytest.approx(
+        expected - np.log(observed.values).sum(), rel=1e-9
+    )
 
 
 def test_a_batch_is_its_points_one_by_one(rng):
     observed = forces(rng)
     batch = SkinParameters(*(np.array([point[k] for point in POINTS.values()]) for k in range(5)))
-    expected = [observed.log_likelihood(point) for point in POINTS.values()]
-    assert_allclose(observed.log_likelihood(batch), expected, rtol=1e-12)
+    expected = [observed.log_likelihood(NO_RESPONSE, point) for point in POINTS.values()]
+    assert_allclose(observed.log_likelihood(NO_RESPONSE, batch), expected, rtol=1e-12)
     # parameters that are held need no batch
-    assert observed.log_likelihood(batch._replace(m=3.8, tau_m=0.4)).shape == (len(POINTS),)
+    assert observed.log_likelihood(NO_RESPONSE, batch._replace(m=3.8, tau_m=0.4)).shape == (len(POINTS),)
 
 
 @pytest.mark.parametrize("point", [POINTS["usual"], POINTS["alike in m"], POINTS["far apart"]])
 def test_fingers_given_their_forces_have_the_dense_moments(rng, point):
     n, observed = 30_000, forces(rng, fingers=3, rows=9)
-    draws = observed.draw_effects(rng, SkinParameters(*(np.full(n, value) for value in point)))
+    draws = observed.draw_effects(rng, NO_RESPONSE, SkinParameters(*(np.full(n, value) for value in point)))
     mean, covariance = dense(observed, point)
     own = np.eye(3)[observed.finger]
     loadings = np.hstack([own, own * np.sqrt(observed.indentation / 8e-3)[:, None]])
     prior = np.repeat([point.tau_b**2, point.tau_m**2], 3)
     gain = (prior[:, None] * loadings.T) @ np.linalg.inv(covariance)
-    expected = gain @ (np.log(observed.force) - mean)
+    expected = gain @ (np.log(observed.values) - mean)
     spread = np.diag(prior) - gain @ loadings * prior
     drawn, scale = np.hstack([draws.log_b, draws.m]), np.sqrt(np.diag(spread)) + 1e-12
     assert_allclose((drawn.mean(axis=0) - expected) / scale, 0, atol=0.035)
@@ -106,7 +115,7 @@ def test_fingers_given_their_forces_have_the_dense_moments(rng, point):
 def test_forces_of_new_fingers_follow_the_model(rng):
     n, observed = 20_000, forces(rng, fingers=2, rows=6)
     point = SkinParameters(*(np.full(n, value) for value in TYPICAL))
-    made = np.log(observed.draw_forces(rng, point, observed.new_fingers(rng, point, (n,))))
+    made = np.log(made_of(observed, rng, point, observed.new_effects(rng, point, (n,))))
     mean, covariance = dense(observed, TYPICAL)
     scale = np.sqrt(np.diag(covariance))
     assert_allclose((made.mean(axis=0) - mean) / scale, 0, atol=0.04)
@@ -116,7 +125,7 @@ def test_forces_of_new_fingers_follow_the_model(rng):
 def balanced(rng, point, fingers=6, depths=DEPTHS):
     depth, finger = np.tile(depths, fingers), np.repeat(np.arange(fingers), len(depths))
     blank = CompressionForces(depth, np.ones(depth.size), finger, fingers)
-    made = blank.draw_forces(rng, point, blank.new_fingers(rng, point, ()))
+    made = made_of(blank, rng, point, blank.new_effects(rng, point, ()))
     return CompressionForces(depth, made, finger, fingers)
 
 
@@ -124,13 +133,13 @@ def test_the_exponent_is_that_of_a_power_law():
     depth, finger = np.tile(DEPTHS, 3), np.repeat([0, 1, 2], 4)
     observed = CompressionForces(depth, 7.0 * depth**2.2, finger, 3)
     # a scale of its own for each finger changes nothing
-    assert observed.exponent(observed.force * np.exp(finger)) == pytest.approx(2.2)
+    assert observed.exponent(observed.values * np.exp(finger)) == pytest.approx(2.2)
     assert observed.exponent(np.stack([depth**1.5, depth**3])) == pytest.approx([1.5, 3.0])
     # of skin that does not stiffen it is Hertz's; of skin that does, more by m a / (2 R)
     assert observed.exponent(plate_force(depth, 8e3, 0.0)) == pytest.approx(1.5)
     assert 2.1 < observed.exponent(plate_force(depth, 8e3, 3.8)) < 2.3
     single = CompressionForces([1e-3, 1e-3], [0.1, 0.2], [0, 1], 2)
-    assert np.isnan(single.exponent(single.force))
+    assert np.isnan(single.exponent(single.values))
     assert "cannot be checked" in check_exponent(single, np.ones((3, 2))).sentence
 
 
@@ -140,7 +149,7 @@ def test_the_check_accepts_its_model_and_refuses_another(rng):
     point = SkinParameters(*(np.full(n, value) for value in TYPICAL))
 
     def check(observed):
-        return check_exponent(observed, observed.draw_forces(rng, point, observed.draw_effects(rng, point)))
+        return check_exponent(observed, made_of(observed, rng, point, observed.draw_effects(rng, NO_RESPONSE, point)))
 
     found = [check(balanced(rng, TYPICAL)) for _ in range(20)]
     assert sum(one.p_value < 0.05 for one in found) <= 4
@@ -159,9 +168,9 @@ def test_effects_and_forces_are_calibrated(rng):
     place = []
     for _ in range(150):
         blank = balanced(rng, TYPICAL, fingers=2)
-        truth = blank.new_fingers(rng, TYPICAL, ())
-        made = CompressionForces(blank.indentation, blank.draw_forces(rng, TYPICAL, truth), blank.finger, 2)
-        drawn = made.draw_effects(rng, SkinParameters(*(np.full(100, value) for value in TYPICAL)))
+        truth = blank.new_effects(rng, TYPICAL, ())
+        made = CompressionForces(blank.indentation, made_of(blank, rng, TYPICAL, truth), blank.finger, 2)
+        drawn = made.draw_effects(rng, NO_RESPONSE, SkinParameters(*(np.full(100, value) for value in TYPICAL)))
         place += [(drawn.log_b < truth.log_b).mean(axis=0)[0], (drawn.m < truth.m).mean(axis=0)[1]]
     assert kstest(np.array(place) + 0.005 * rng.uniform(-1, 1, len(place)), "uniform").pvalue > 1e-3
 

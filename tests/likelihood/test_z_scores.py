@@ -16,8 +16,10 @@ from softness_bayes.cli import main
 from softness_bayes.data import Experiment, Fabrics, Ratings
 from softness_bayes.errors import InputError
 from softness_bayes.likelihood.design import Design
-from softness_bayes.likelihood.magnitude import INVERSE, RATING_DIRECTIONS, SOFTNESS, RatingParameters
-from softness_bayes.likelihood.scales import RATING_SCALES, STANDARDISED
+from softness_bayes.likelihood.directions import INVERSE, RATING_DIRECTIONS, SOFTNESS
+from softness_bayes.likelihood.magnitude import RatingParameters
+from softness_bayes.likelihood.models import rating_model
+from softness_bayes.likelihood.scales import MAGNITUDE, RATING_SCALES, STANDARDISED
 from softness_bayes.likelihood.z_scores import Line, StandardisedModel, StandardisedRatings
 from softness_bayes.model.build import simulate_ratings, usual_values
 from softness_bayes.model.posterior import LEAST_FIRING
@@ -292,12 +294,12 @@ def test_a_run_says_what_its_ratings_were_made_from(values, monkeypatch, scale, 
     given = values | {"sigma_0": 6.0, "alpha": 21.5, "gamma": 0.9, "tau": 0.3}
     rng = np.random.default_rng(6)
     ratings = simulate_ratings(rng, CLOTH, LOADS[1:], given, participants=15, direction=direction, scale=scale).ratings
-    held = {name: given[name] for name in (*CHAIN, *(["tau"] if scale.positive else []))}
+    held = {name: given[name] for name in (*CHAIN, *(["tau"] if "tau" in rating_model(scale).needs else []))}
     options = RunOptions(fix=held, direction=direction, scale=scale, max_steps=80, processes=1)
     found = sample(Experiment(ratings, CLOTH, ()), options)
     truth = (
         {"gamma": 0.9, "varsigma": 0.4, "eps": 0.1, "mu": np.log(20)}
-        if scale.positive
+        if scale is MAGNITUDE
         else {"varsigma": 0.4, "c0": 0, "c1": 0.6745}
     )
     table = found.summary()
@@ -306,7 +308,7 @@ def test_a_run_says_what_its_ratings_were_made_from(values, monkeypatch, scale, 
         assert abs(table.loc[name, "mean"] - value) < 4 * table.loc[name, "sd"], name
     assert (found.attributes["rating_scale"], found.attributes["direction"]) == (scale.name, direction.name)
     again = found.group("posterior_predictive")["rating"].values[0]
-    unit = np.log if scale.positive else np.asarray
+    unit = scale.additive
     assert np.corrcoef(unit(again).mean(axis=0), unit(ratings.rating))[0, 1] > 0.6
     assert unit(again).std() == pytest.approx(unit(ratings.rating).std(), rel=0.15)
     stored = found.group("predictions").isel(chain=0)
@@ -314,14 +316,14 @@ def test_a_run_says_what_its_ratings_were_made_from(values, monkeypatch, scale, 
     assert np.corrcoef(response, unit(typical))[0, 1] * direction.sign > 0.8
     assert found.group("log_likelihood_loo")["rating"].shape == (1, 500, len(ratings))
     figure = FIGURES["rating"](found, USUAL)
-    assert figure.axes[0].get_yscale() == ("log" if scale.positive else "linear")
-    assert figure.axes[0].get_ylabel() == ("softness rating" if scale.positive else "softness rating [sd]")
+    assert figure.axes[0].get_yscale() == ("log" if scale is MAGNITUDE else "linear")
+    assert figure.axes[0].get_ylabel() == ("softness rating" if scale is MAGNITUDE else "softness rating [sd]")
 
 
 def test_z_scores_are_averaged_as_they_are():
     """Two fabrics, three participants, one of whom rates the second twice; nobody is shifted."""
     rating = [-1.0, 0.0, 0.4, 1.0, 2.0, -0.5]
-    found = observed_ratings(rating, [0, 0, 0, 1, 1, 1], [0, 1, 2, 0, 1, 1], [1e4, 1e5], [0, 0], logarithmic=False)
+    found = observed_ratings(rating, [0, 0, 0, 1, 1, 1], [0, 1, 2, 0, 1, 1], [1e4, 1e5], [0, 0], scale=STANDARDISED)
     second = np.array([1.0, 0.75])  # a participant's repeated ratings count as their mean
     assert_allclose(found.mean, [-0.2, second.mean()])
     assert_allclose(found.high - found.mean, [np.std([-1, 0, 0.4], ddof=1), second.std(ddof=1)])
@@ -372,7 +374,7 @@ def position(posterior, case, seed):
     parameters, rate = posterior.rating_parameters(truth), posterior.mean_rate(truth)
     line = model.draw_effects(rng, parameters, (), 1, 1)
     ratings = model.draw_ratings(rng, design, model.drive(design, rate, parameters), parameters, line)
-    fitted = dataclasses.replace(posterior, observation=case.mistake(StandardisedRatings(ratings, design, model)))
+    fitted = posterior.with_term(case.mistake(StandardisedRatings(ratings, design, model)))
     sampled = sample_until(fitted, case.settings, seed)
     theta = fitted.natural(sampled.chains.kept(sampled.verdict.burn_in, 100).coordinates)
     theta = theta.reshape(-1, theta.shape[-1])
@@ -386,7 +388,7 @@ class Upside(StandardisedRatings):
 
     def log_likelihood(self, *arguments):
         other = StandardisedModel(INVERSE)
-        return StandardisedRatings(self.ratings, self.design, other).log_likelihood(*arguments)
+        return StandardisedRatings(self.values, self.design, other).log_likelihood(*arguments)
 
 
 def right(observation):
@@ -394,7 +396,7 @@ def right(observation):
 
 
 def upside_down(observation):
-    return Upside(observation.ratings, observation.design, observation.model)
+    return Upside(observation.values, observation.design, observation.model)
 
 
 def coverage_posterior():

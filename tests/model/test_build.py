@@ -8,7 +8,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from softness_bayes.data import Fabrics
 from softness_bayes.errors import InputError
-from softness_bayes.likelihood.magnitude import INVERSE
+from softness_bayes.likelihood.directions import INVERSE
 from softness_bayes.model import build as study
 from softness_bayes.model.build import scene_of, simulate_ratings, touch_parameters, usual_values
 from softness_bayes.parameters.declared import PARAMETERS

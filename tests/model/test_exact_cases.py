@@ -4,7 +4,6 @@ The whole way is taken each time, from priors, coordinates and likelihood throug
 """
 
 import functools
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -12,7 +11,8 @@ from scipy import integrate
 from scipy.stats import kstest, norm
 
 from softness_bayes.likelihood.design import Design
-from softness_bayes.likelihood.magnitude import INVERSE, LogRatings, RatingModel
+from softness_bayes.likelihood.directions import INVERSE
+from softness_bayes.likelihood.magnitude import LogRatings, RatingModel
 from softness_bayes.model.posterior import Posterior
 from softness_bayes.parameters.choice import parameter_space
 from softness_bayes.parameters.declared import PARAMETERS
@@ -58,7 +58,7 @@ def test_one_free_parameter_equals_quadrature():
     moved = marginal(grid + draws.std() / 6, np.exp(density - density.max()))
     assert kstest(draws, moved).pvalue < 1e-3
     y = posterior.observation
-    other = replace(posterior, observation=LogRatings(y.ratings, y.design, RatingModel(INVERSE)))
+    other = posterior.with_term(LogRatings(y.values, y.design, RatingModel(INVERSE)))
     density = log_density(other, grid[:, None])
     assert kstest(draws, marginal(grid, np.exp(density - density.max()))).pvalue < 1e-3
 
@@ -107,7 +107,7 @@ def conjugate():
     log_rating = 2.7 + columns @ [0.3, -0.2] + 0.4 * rng.standard_normal(people)[design.participant]
     log_rating = log_rating + 0.3 * rng.standard_normal(rows.size)
     fix = held("b", "m") | {"gamma": gamma, "tau": tau, "varsigma": varsigma}
-    posterior = Posterior(parameter_space(fix=fix), LogLinear(), LogRatings(np.exp(log_rating), design))
+    posterior = Posterior(parameter_space(fix=fix), (LogRatings(np.exp(log_rating), design),), LogLinear())
     same = design.participant[:, None] == design.participant
     weight = np.linalg.inv(9.0 + tau**2 * same + varsigma**2 * np.eye(rows.size))
     precision = np.diag([0.5**-2, 0.3**-2]) + columns.T @ weight @ columns

@@ -15,6 +15,7 @@ from numpy.testing import assert_allclose
 from softness_bayes import plotting
 from softness_bayes.checking.inflection import Inflection, find_inflection
 from softness_bayes.errors import InputError
+from softness_bayes.likelihood.scales import MAGNITUDE, RATING_SCALES, Scale
 from softness_bayes.plotting.chains import MOST_STEPS
 from softness_bayes.plotting.inflection import percent
 from softness_bayes.plotting.panels import number_ticks
@@ -161,8 +162,8 @@ def test_observed_ratings_stand_gaps_repeats_and_nobody() -> None:
         plotting.observed_ratings([0.0], [0], [0], FABRICS, [0, 0, 0])
 
 
-@pytest.mark.parametrize("logarithmic", [True, False])
-def test_rating_shows_prediction_and_data(logarithmic: bool) -> None:
+@pytest.mark.parametrize("scale", RATING_SCALES.values(), ids=RATING_SCALES)
+def test_rating_shows_prediction_and_data(scale: Scale) -> None:
     loads = LOADS["mixture"]
     curves = invented_curves(loads, 30)
     rating = 1.0 + curves.total_rate / 100.0
@@ -175,9 +176,9 @@ def test_rating_shows_prediction_and_data(logarithmic: bool) -> None:
         mean * [2, np.nan, 1, 2],
         np.ones(4, int),
     )
-    figure = drawn(plotting.rating_figure(curves.modulus, rating, observed, loads, logarithmic=logarithmic))
+    figure = drawn(plotting.rating_figure(curves.modulus, rating, observed, loads, scale=scale))
     assert len(figure.axes) == len(loads)
-    assert {axes.get_yscale() for axes in figure.axes} == {"log" if logarithmic else "linear"}
+    assert {axes.get_yscale() for axes in figure.axes} == {"log" if scale is MAGNITUDE else "linear"}
     assert_allclose(artist(figure, "median/3 mm").get_ydata(), np.median(rating[:, 1], axis=0))
     points = artist(figure, "ratings/1 mm")
     assert_allclose(points.get_xydata(), np.column_stack([FABRICS[:2] / 1e3, mean[:2]]))

@@ -19,7 +19,7 @@ from numpy.testing import assert_allclose
 from softness_bayes.checking.reproduction import inflection_reproduced
 from softness_bayes.cli import main, sample
 from softness_bayes.errors import InputError
-from softness_bayes.likelihood.magnitude import INVERSE
+from softness_bayes.likelihood.directions import INVERSE
 from softness_bayes.parameters.priors import LogNormal
 from softness_bayes.plotting.figures import figures_of
 from softness_bayes.report import anonymous, page, report_page, write_report

@@ -13,6 +13,7 @@ from scipy.stats import kstest, multivariate_normal
 from softness_bayes.cli import main
 from softness_bayes.data import Compression, Experiment, Fabrics, read_experiment, write_compression
 from softness_bayes.errors import InputError
+from softness_bayes.likelihood.contract import NO_RESPONSE
 from softness_bayes.model.build import simulate_compression, simulate_ratings, usual_values
 from softness_bayes.parameters.priors import LogNormal
 from softness_bayes.plotting import FIGURES, USUAL, figures_of
@@ -266,7 +267,7 @@ def test_the_joint_likelihood_is_the_sum_of_both(joint):
     both, alone = posterior_of(joint, RunOptions()), posterior_of(joint._replace(compression=None), RunOptions())
     assert both.names == (*alone.names, "tau_b", "tau_m", "varsigma_f")
     theta = both.space.draw_prior(np.random.default_rng(1), 10)
-    forces = both.compression.log_likelihood(both.skin_parameters(theta))
+    forces = both.compression.log_likelihood(NO_RESPONSE, both.skin_parameters(theta))
     assert_allclose(both.log_likelihood(theta), alone.log_likelihood(theta[:, :-3]) + forces, rtol=1e-12)
     assert forces.std() > 1
 

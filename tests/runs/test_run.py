@@ -18,7 +18,7 @@ from softness_bayes.checkpoints.vacancy import require_vacant
 from softness_bayes.data import Experiment, Fabrics
 from softness_bayes.errors import InputError
 from softness_bayes.files.outputs import write_outputs
-from softness_bayes.likelihood.magnitude import INVERSE
+from softness_bayes.likelihood.directions import INVERSE
 from softness_bayes.model.build import simulate_ratings, usual_values
 from softness_bayes.parameters.priors import HalfNormal, LogNormal
 from softness_bayes.results.result import Result

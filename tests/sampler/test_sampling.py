@@ -142,7 +142,7 @@ def test_a_run_without_likelihood_returns_the_prior():
         def log_likelihood(self, mean_rate, parameters):
             return np.zeros(np.shape(parameters.gamma))
 
-    prior = replace(fake_posterior(), observation=Nothing())
+    prior = replace(fake_posterior(), terms=())
     chains, verdict = sample_until(prior, Settings(processes=1), 4)
     assert verdict.converged
     theta = prior.natural(chains.kept(verdict.burn_in).coordinates)[:, :: int(np.ceil(verdict.tau.max()))]

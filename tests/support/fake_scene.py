@@ -40,8 +40,8 @@ def fake_posterior(scene=None, fix=None, **choices):
     design = Design(rows % conditions, rows // conditions, np.tile(np.arange(FABRICS), LOADS), PARTICIPANTS)
     space = parameter_space()
     rate = source.total_rate(space.touch(space.median)) / source.n_receptors
-    effects = model.draw_effects(rng, TRUTH, (), PARTICIPANTS, FABRICS, mu=np.log(20))
+    effects = model.draw_effects(rng, TRUTH, (), PARTICIPANTS, FABRICS, {"mu": np.log(20)})
     ratings = model.draw_ratings(rng, design, model.drive(design, rate, TRUTH), TRUTH, effects)
     fix = {**PAPER_CHANNELS._asdict(), "eps": 0.1, **(fix or {})}
     fix = {name: value for name, value in fix.items() if name not in choices.get("priors", {})}
-    return Posterior(parameter_space(fix=fix, **choices), scene or source, LogRatings(ratings, design))
+    return Posterior(parameter_space(fix=fix, **choices), (LogRatings(ratings, design),), scene or source)

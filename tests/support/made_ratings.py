@@ -60,7 +60,7 @@ def replicates(rng, lay, filed, rate=RATE, assumed=PLAIN, new=False):
     effects = Effects(*(np.broadcast_to(e, (REPLICATES, *e.shape)) for e in effects))
     if new:
         sizes = who.n_participants, who.n_fabrics
-        effects = MODEL.draw_effects(rng, assumed, (REPLICATES,), *sizes, mu=effects.mu)
+        effects = MODEL.draw_effects(rng, assumed, (REPLICATES,), *sizes, {"mu": effects.mu})
     return MODEL.draw_ratings(
         rng, who, np.broadcast_to(MODEL.drive(who, rate, assumed), (REPLICATES, 12)), assumed, effects
     )

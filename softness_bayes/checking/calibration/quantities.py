@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from softness_bayes.checking.inflection import Outcome, curve_scene, find_inflection, response_curves
-from softness_bayes.likelihood.random_effects import Effects
+from softness_bayes.likelihood.contract import Effects
 from softness_bayes.model.posterior import Posterior
 from softness_bayes.touch.scene import Scene
 
@@ -45,16 +45,19 @@ def quantities(posterior: Posterior, theta: FloatArray, effects: Effects) -> dic
     theta
         Points in natural units, shape (points, dimension).
     effects
-        mu and participants of each point.
+        Effects of each point, as the likelihood of the ratings draws them.
 
     Returns
     -------
     dict of ndarray, each of shape (points,)
     """
     found = {name: theta[:, k] for k, name in enumerate(posterior.names)}
-    found |= {"mu": effects.mu, LOG_LIKELIHOOD: posterior.log_likelihood(theta)}
-    if posterior.space.held.get("tau") != 0.0:
-        found |= {PARTICIPANT: effects.participant[:, 0], PARTICIPANTS: effects.participant.std(axis=-1)}
+    drawn = posterior.observation.model.named_effects(effects)
+    found |= {name: values for name, (values, axes) in drawn.items() if not axes}
+    found |= {LOG_LIKELIHOOD: posterior.log_likelihood(theta)}
+    if PARTICIPANT in drawn and posterior.space.held.get("tau") != 0.0:
+        participants, _ = drawn[PARTICIPANT]
+        found |= {PARTICIPANT: participants[:, 0], PARTICIPANTS: participants.std(axis=-1)}
     if isinstance(posterior.scene, Scene):
         found |= _turning_points(posterior, posterior.scene, theta)
     return found

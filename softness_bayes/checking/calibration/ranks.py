@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -21,9 +21,8 @@ from scipy.stats import binom
 from softness_bayes.checking.calibration.power import Least, least_shift, least_width, replicates_needed, squared_scores
 from softness_bayes.checking.calibration.quantities import quantities
 from softness_bayes.checking.uniformity import uniformity_p_value
-from softness_bayes.likelihood.magnitude import LogRatings
-from softness_bayes.likelihood.random_effects import Effects
-from softness_bayes.model.posterior import Observation, Posterior
+from softness_bayes.likelihood.contract import Effects, Likelihood
+from softness_bayes.model.posterior import Posterior
 from softness_bayes.sampler.sampling import Sampled, Settings, sample_until
 
 FloatArray = NDArray[np.float64]
@@ -61,7 +60,7 @@ class Replicate(NamedTuple):
     """Whether the run met its goal."""
 
 
-def right(observation: LogRatings) -> Observation:
+def right(observation: Likelihood) -> Likelihood:
     """Return the likelihood with which the ratings were made."""
     return observation
 
@@ -71,7 +70,7 @@ def replicate(
     settings: Settings,
     seed: int,
     index: int,
-    assume: Callable[[LogRatings], Observation] = right,
+    assume: Callable[[Likelihood], Likelihood] = right,
 ) -> Replicate:
     """Draw from the prior, simulate ratings, sample their posterior and rank the truth.
 
@@ -81,7 +80,7 @@ def replicate(
     Parameters
     ----------
     posterior
-        The model, with an observation of type `LogRatings`.
+        The model.
     settings
         How to sample.
     seed, index
@@ -89,13 +88,11 @@ def replicate(
     assume
         Function from the right observation to the one of the fit.
     """
-    if not isinstance(posterior.observation, LogRatings):
-        raise TypeError("calibration simulates magnitude estimates: expected log ratings")
     made, walk = (np.random.SeedSequence(seed, spawn_key=(index, part)) for part in (0, 1))
     rng = np.random.default_rng(made)
     theta = posterior.space.draw_prior(rng, 1)[0]
     observation, true_effects = _simulate(posterior.observation, posterior, theta, rng)
-    fitted = replace(posterior, observation=assume(observation))
+    fitted = posterior.with_term(assume(observation))
     sampled = sample_until(fitted, settings, walk)
     draws = fitted.natural(independent(sampled, DRAWS, rng))
     effects = observation.draw_effects(rng, fitted.mean_rate(draws), fitted.rating_parameters(draws))
@@ -108,14 +105,13 @@ def replicate(
 
 
 def _simulate(
-    observation: LogRatings, posterior: Posterior, theta: FloatArray, rng: np.random.Generator
-) -> tuple[LogRatings, Effects]:
+    observation: Likelihood, posterior: Posterior, theta: FloatArray, rng: np.random.Generator
+) -> tuple[Likelihood, Effects]:
     """Return ratings made at a point of the prior, and their effects as a batch of one."""
-    design, model = observation.design, observation.model
     parameters, rate = posterior.rating_parameters(theta), posterior.mean_rate(theta)
-    effects = model.draw_effects(rng, parameters, (), design.n_participants, design.n_fabrics)
-    ratings = model.draw_ratings(rng, design, model.drive(design, rate, parameters), parameters, effects)
-    return LogRatings(ratings, design, model), Effects(*(each[None] for each in effects))
+    effects = observation.new_effects(rng, parameters, ())
+    ratings = observation.replicate(rng, observation.drive(rate, parameters), parameters, effects)
+    return observation.with_values(ratings), type(effects)(*(each[None] for each in effects))
 
 
 def independent(sampled: Sampled, count: int, rng: np.random.Generator) -> FloatArray:

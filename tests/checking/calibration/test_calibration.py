@@ -35,7 +35,8 @@ from softness_bayes.cli import main
 from softness_bayes.data import Fabrics
 from softness_bayes.errors import InputError, LockedError
 from softness_bayes.files.lock import Lock
-from softness_bayes.likelihood.magnitude import INVERSE, LogRatings, RatingModel
+from softness_bayes.likelihood.directions import INVERSE
+from softness_bayes.likelihood.magnitude import LogRatings, RatingModel
 from softness_bayes.parameters.declared import PARAMETERS
 from softness_bayes.plotting.calibration import rank_ecdf_figure
 from softness_bayes.runs.calibrate import LONG, Calibrated, CalibrationScene, calibrate, finished
@@ -253,15 +254,15 @@ class Narrowed(Powered):
 
 
 def wrong_variance(observation):
-    return Powered(observation.ratings, observation.design, observation.model)
+    return Powered(observation.values, observation.design, observation.model)
 
 
 def narrowed(observation):
-    return Narrowed(observation.ratings, observation.design, observation.model)
+    return Narrowed(observation.values, observation.design, observation.model)
 
 
 def wrong_sign(observation):
-    return LogRatings(observation.ratings, observation.design, RatingModel(INVERSE))
+    return LogRatings(observation.values, observation.design, RatingModel(INVERSE))
 
 
 def fits(assume, count, processes=1):

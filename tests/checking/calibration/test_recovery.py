@@ -14,7 +14,8 @@ import pytest
 from numpy.typing import NDArray
 
 from softness_bayes.data import Experiment, Fabrics
-from softness_bayes.likelihood.magnitude import INVERSE, LogRatings, RatingModel
+from softness_bayes.likelihood.directions import INVERSE
+from softness_bayes.likelihood.magnitude import LogRatings, RatingModel
 from softness_bayes.model.build import simulate_ratings, usual_values
 from softness_bayes.model.posterior import LEAST_FIRING, Posterior
 from softness_bayes.runs.run import RunOptions, posterior_of
@@ -40,12 +41,12 @@ class Overweighted(LogRatings):
 
 
 def overweighted(right: LogRatings) -> LogRatings:
-    return Overweighted(right.ratings, right.design, right.model)
+    return Overweighted(right.values, right.design, right.model)
 
 
 def wrong_sign(right: LogRatings) -> LogRatings:
     """Negative control: ratings that fall with the response."""
-    return LogRatings(right.ratings, right.design, RatingModel(INVERSE))
+    return LogRatings(right.values, right.design, RatingModel(INVERSE))
 
 
 def unchanged(right: LogRatings) -> LogRatings:
@@ -78,7 +79,7 @@ def replicate(posterior: Posterior, case: Case, seed: int) -> Replicate:
     assert isinstance(posterior.observation, LogRatings)
     # the design is that of all replicates: everyone rated everything
     observation = case.mistake(LogRatings(made.ratings.rating, posterior.observation.design))
-    fitted = Posterior(space, posterior.scene, observation)
+    fitted = Posterior(space, (observation,), posterior.scene)
     sampled = sample_until(fitted, case.settings, seed)
     kept = sampled.chains.kept(sampled.verdict.burn_in, 100)
     theta = fitted.natural(kept.coordinates).reshape(-1, space.dimension)

@@ -1,0 +1,53 @@
+"""A check of plate forces: how they grow with indentation, against what the fitted skin replicates."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from softness_bayes.likelihood.plate import CompressionForces
+
+Array = NDArray[np.float64]
+
+FEW_POINTS = 10
+"""Forces of a finger below which a check of how they grow is called weak."""
+
+HERTZ_EXPONENT = 1.5
+"""Power of the indentation that force follows on skin that does not stiffen."""
+
+
+class ExponentCheck(NamedTuple):
+    """Whether the fitted skin makes forces that grow with indentation as those that were seen."""
+
+    observed: float
+    """Power of the indentation in the data."""
+    low: float
+    high: float
+    """Limits of 90 % of the replicates."""
+    p_value: float
+    """Two-sided predictive p-value."""
+    points: float
+    """Forces of a finger, on average."""
+
+    @property
+    def sentence(self) -> str:
+        """One line for the user."""
+        if not math.isfinite(self.observed):
+            return "compression: no finger was pressed to two indentations, so how force grows cannot be checked"
+        steeper = "steeper than" if self.observed > HERTZ_EXPONENT else "no steeper than"
+        weak = f"; with {self.points:.2g} forces of a finger a weak check" if self.points < FEW_POINTS else ""
+        return (
+            f"compression: force grows as indentation to the power {self.observed:.2f} ({steeper} Hertz's "
+            f"{HERTZ_EXPONENT}); replicated: {self.low:.2f} to {self.high:.2f} (90 %), p = {self.p_value:.2g}{weak}"
+        )
+
+
+def check_exponent(forces: CompressionForces, replicated: Array) -> ExponentCheck:
+    """Compare how force grows with indentation with what the model replicates, forces (draws, rows) [N]."""
+    observed, again = float(forces.exponent(forces.values)), forces.exponent(replicated)
+    low, high = np.quantile(again, [0.05, 0.95])
+    tail = min(float((again >= observed).mean()), float((again <= observed).mean()))
+    return ExponentCheck(observed, float(low), float(high), min(1.0, 2.0 * tail), forces.n_rows / forces.n_fingers)

@@ -1,0 +1,156 @@
+"""The contract of a likelihood: what the posterior, checks, results and figures ask of any kind of data.
+
+Magnitude estimates, z-scores and forces of a plate meet it, and `tests/likelihood/test_contract.py` puts every entry
+of `models.LIKELIHOODS` through the same tests. An observation model has two parts: a `Model`, a value that knows no
+data (its scale, its error law, its priors), and a `Likelihood`, the model of one table. Batch shapes (...) are those
+of the parameters: one point, or any array of draws; a member treats each point by itself.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from typing import Any, ClassVar, Protocol, Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from softness_bayes.likelihood.design import Design
+from softness_bayes.likelihood.error_laws import ErrorLaw
+from softness_bayes.likelihood.scales import Scale
+from softness_bayes.parameters.priors import Prior
+
+FloatArray = NDArray[np.float64]
+Parameters = Any
+"""A NamedTuple of numbers and arrays (...): the parameters that a model needs, in SI units."""
+Effects = Any
+"""A NamedTuple of arrays: those shared by all observations (...), and those of participants or fabrics (..., k)."""
+
+NO_RESPONSE: FloatArray = np.empty(0)
+"""The mean rate of no condition: what a model without receptors takes, (0,) or (..., 0) with a batch shape."""
+
+
+class Model(Protocol):
+    """An observation model without data: a frozen value."""
+
+    @property
+    def scale(self) -> Scale:
+        """What is observed: its units and labels, and `Scale.require`, which refuses unsuitable tables."""
+
+    @property
+    def error(self) -> ErrorLaw:
+        """How single observations scatter about what is expected of them."""
+
+    @property
+    def needs(self) -> tuple[str, ...]:
+        """Names of the parameters that it has, beside those behind the response."""
+
+    @property
+    def levels(self) -> Mapping[str, Prior]:
+        """Priors of the effects that all observations share, by name; these are drawn after a run."""
+
+    def take(self, values: Mapping[str, ArrayLike]) -> Parameters:
+        """Return its parameters from values by name [SI], each a number or an array (...); other names are ignored."""
+
+    def error_sd(self, parameters: Parameters) -> FloatArray:
+        """Return the standard deviation of an error's `ErrorLaw.normal_scores`, shape (...), in `Scale.unit`."""
+
+    def typical(self, effects: Effects, drive: FloatArray) -> FloatArray:
+        """Return the median observation of a typical participant [as filed], shape (..., k), where `drive` is."""
+
+    def named_effects(self, effects: Effects) -> Mapping[str, tuple[FloatArray, tuple[str, ...]]]:
+        """Return effects by their names in files, each with its axes beyond the batch's; shared effects have none."""
+
+
+class Likelihood(ABC):
+    """The observations of one table under a model, all effects of participants and fabrics integrated out.
+
+    Densities are those of observations as filed: a density [1/unit] each, or a probability where they are discrete.
+    """
+
+    name: ClassVar[str]
+    """Name of the data, by which a posterior finds the term."""
+    model: Any
+    """Its `Model`; of ratings, a `ratings.RatingsModel`."""
+    design: Design
+    """Who gave each observation, and of which condition."""
+    values: FloatArray
+    """Observations as filed, shape (rows,)."""
+
+    @abstractmethod
+    def with_values(self, values: ArrayLike) -> Self:
+        """Return the likelihood of other observations of the same rows."""
+
+    @abstractmethod
+    def without(self, rows: NDArray[np.bool_]) -> Self:
+        """Return the likelihood of the other rows: p(y) = p(others) p(rows | others). Conditions stay as they are."""
+
+    @abstractmethod
+    def log_likelihood(self, mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
+        """Return the log density of all observations together, shape (...).
+
+        Parameters
+        ----------
+        mean_rate
+            N/N_ref of each condition [Hz], shape (..., conditions); models without receptors use its batch
+            shape alone, as that of `NO_RESPONSE`. Here and elsewhere it is broadcast with the parameters'.
+        parameters
+            From `Model.take`, of batch shape (...).
+        """
+
+    @abstractmethod
+    def log_likelihood_loo(self, mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
+        """Return the log density of each observation given all the others, shape (..., rows)."""
+
+    @abstractmethod
+    def below_loo(self, mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
+        """Return the probability of a smaller observation than each one, given all the others, shape (..., rows).
+
+        Half the probability of an equal one is added where observations are discrete.
+        """
+
+    @abstractmethod
+    def log_likelihood_participants(self, mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
+        """Return the log density of each participant's observations given everybody else's, (draws, participants)."""
+
+    @abstractmethod
+    def drive(self, mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
+        """Return the additive number of each condition but for effects, shape (..., conditions), in `Scale.unit`."""
+
+    @abstractmethod
+    def predictor(self, mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
+        """Return what additive numbers follow as a straight line, shape (..., conditions), but for a constant.
+
+        Checks look along it for slopes of participants' own; a slope is in `Scale.unit` per unit of it.
+        """
+
+    @abstractmethod
+    def new_effects(
+        self,
+        rng: np.random.Generator,
+        parameters: Parameters,
+        shape: tuple[int, ...],
+        levels: Mapping[str, ArrayLike] | None = None,
+    ) -> Effects:
+        """Return draws of all effects from their prior, of batch `shape`; shared ones as given in `levels`, if so."""
+
+    @abstractmethod
+    def with_new_participants(self, rng: np.random.Generator, parameters: Parameters, effects: Effects) -> Effects:
+        """Return these effects with as many participants drawn anew."""
+
+    @abstractmethod
+    def draw_effects(self, rng: np.random.Generator, mean_rate: FloatArray, parameters: Parameters) -> Effects:
+        """Return exact draws of all effects given the observations, one for each point of the batch."""
+
+    @abstractmethod
+    def replicate(
+        self, rng: np.random.Generator, drive: FloatArray, parameters: Parameters, effects: Effects
+    ) -> FloatArray:
+        """Return a simulated observation for every row [as filed], shape (..., rows), where `drive` is."""
+
+    @abstractmethod
+    def residual(self, mean_rate: FloatArray, parameters: Parameters, effects: Effects) -> FloatArray:
+        """Return the error of each observation, shape (..., rows), in `Scale.unit` and as `ErrorLaw.normal_scores`.
+
+        Under the model they are independent and normal with standard deviation `Model.error_sd`.
+        """

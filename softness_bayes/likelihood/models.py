@@ -1,0 +1,38 @@
+"""The observation models of ratings, by scale and error law, and every likelihood that meets the contract."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from types import MappingProxyType
+
+from softness_bayes.errors import InputError
+from softness_bayes.likelihood.contract import Likelihood
+from softness_bayes.likelihood.directions import RISES, RatingDirection
+from softness_bayes.likelihood.error_laws import NORMAL, ErrorLaw
+from softness_bayes.likelihood.magnitude import LogRatings, RatingModel
+from softness_bayes.likelihood.plate import CompressionForces
+from softness_bayes.likelihood.ratings import RatingsModel
+from softness_bayes.likelihood.scales import MAGNITUDE, STANDARDISED, Scale
+from softness_bayes.likelihood.z_scores import StandardisedModel, StandardisedRatings
+
+RATING_MODELS: Mapping[tuple[Scale, ErrorLaw], Callable[[RatingDirection], RatingsModel]] = MappingProxyType(
+    {(MAGNITUDE, NORMAL): RatingModel, (STANDARDISED, NORMAL): StandardisedModel}
+)
+"""Makes the observation model of a direction, by the scale of the ratings and the law of their errors."""
+
+LIKELIHOODS: tuple[type[Likelihood], ...] = (LogRatings, StandardisedRatings, CompressionForces)
+"""Every likelihood; each goes through the tests of the contract."""
+
+
+def rating_model(scale: Scale, direction: RatingDirection = RISES, error: ErrorLaw = NORMAL) -> RatingsModel:
+    """Return the observation model of ratings.
+
+    Raises
+    ------
+    InputError
+        If there is none for that scale and that error law.
+    """
+    if (scale, error) not in RATING_MODELS:
+        known = ", ".join(f"{one.name} with {law.name} errors" for one, law in RATING_MODELS)
+        raise InputError(f"ratings: no model of {scale.name} with {error.name} errors; expected one of {known}")
+    return RATING_MODELS[scale, error](direction)

@@ -1,0 +1,154 @@
+"""What all likelihoods of ratings share: their parameters, their table, and what they ask of their model."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, ClassVar, NamedTuple, Protocol, Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from softness_bayes.errors import InputError
+from softness_bayes.likelihood.contract import Effects, Likelihood, Model
+from softness_bayes.likelihood.design import Design
+from softness_bayes.likelihood.directions import RatingDirection
+
+FloatArray = NDArray[np.float64]
+
+RATINGS = "ratings"
+"""Name of the ratings among the terms of a posterior."""
+
+
+class RatingParameters(NamedTuple):
+    """The parameters of all rating models, each a number or an array (...); NaN are those that a model has not."""
+
+    gamma: ArrayLike
+    """Exponent of the rating [-]."""
+    tau: ArrayLike
+    """Standard deviation of participants' log moduli [-]."""
+    varsigma: ArrayLike
+    """Standard deviation of a rating's log about its participant's [-]."""
+    omega: ArrayLike = 0.0
+    """Standard deviation of fabrics' own deviations in the log [-]."""
+    eps: ArrayLike = 0.1
+    """Rate added to a silent fabric's [Hz]."""
+
+    @classmethod
+    def among(cls, values: Mapping[str, ArrayLike]) -> RatingParameters:
+        """Return those among some values by name; NaN are those that are not there."""
+        return cls(*(values.get(name, np.nan) for name in cls._fields))
+
+
+class RatingsModel(Model, Protocol):
+    """A model of ratings, which may be of any design."""
+
+    @property
+    def direction(self) -> RatingDirection:
+        """Whether ratings rise or fall with the response."""
+
+    def drive_at(
+        self, elsewhere: FloatArray, design: Design, mean_rate: FloatArray, parameters: RatingParameters
+    ) -> FloatArray:
+        """Return `Likelihood.drive` at other mean rates [Hz], shape (..., k), centred as the design's rows are."""
+
+    def drive(self, design: Design, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
+        """Return `Likelihood.drive` of a design's conditions, shape (..., conditions)."""
+
+    def draw_effects(
+        self,
+        rng: np.random.Generator,
+        parameters: RatingParameters,
+        shape: tuple[int, ...],
+        n_participants: int,
+        n_fabrics: int,
+        levels: Mapping[str, ArrayLike] | None = None,
+    ) -> Effects:
+        """Return effects of so many new participants and fabrics, as `Likelihood.new_effects` does."""
+
+    def with_new_participants(
+        self, rng: np.random.Generator, parameters: RatingParameters, effects: Effects
+    ) -> Effects:
+        """Return these effects with as many participants drawn anew."""
+
+    def draw_ratings(
+        self,
+        rng: np.random.Generator,
+        design: Design,
+        drive: FloatArray,
+        parameters: RatingParameters,
+        effects: Effects,
+    ) -> FloatArray:
+        """Return a rating for every row of a design, shape (..., rows)."""
+
+    def observe(self, ratings: ArrayLike, design: Design) -> RatingsLikelihood:
+        """Return the likelihood of these ratings."""
+
+
+class RatingsLikelihood(Likelihood):
+    """Ratings under a model; what a model with them needs beyond that is its densities.
+
+    Parameters
+    ----------
+    ratings
+        y of every row of the design, shape (rows,).
+    design
+        Who rated what.
+    model
+        The rating model.
+    over
+        Design over whose rows the response is centred, if not over those of `design`.
+
+    Raises
+    ------
+    InputError
+        If there is not one rating for each row.
+    """
+
+    name: ClassVar[str] = RATINGS
+
+    def __init__(self, ratings: ArrayLike, design: Design, model: Any, over: Design | None = None) -> None:
+        self.values = np.array(ratings, dtype=float)
+        self.values.flags.writeable = False
+        if self.values.shape != (design.n_rows,):
+            raise InputError(f"ratings: shape {self.values.shape}, expected one for each of {design.n_rows} rows")
+        self.design, self.model, self._over = design, model, over or design
+
+    def with_values(self, values: ArrayLike) -> Self:
+        """Return the likelihood of other ratings of the same rows."""
+        return type(self)(values, self.design, self.model, self._over)
+
+    def without(self, rows: NDArray[np.bool_]) -> Self:
+        """Return the other ratings alone, x still centred over all rows: p(y) = p(others) p(rows | others)."""
+        return type(self)(self.values[~rows], self.design.without(rows), self.model, self._over)
+
+    def drive(self, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
+        """Return what the response adds in each condition, shape (..., conditions), in `Scale.unit`."""
+        return self.drive_at(mean_rate, mean_rate, parameters)
+
+    def drive_at(self, elsewhere: FloatArray, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
+        """Return `drive` at other mean rates [Hz], shape (..., k)."""
+        return np.asarray(self.model.drive_at(elsewhere, self._over, mean_rate, parameters))
+
+    def new_effects(
+        self,
+        rng: np.random.Generator,
+        parameters: RatingParameters,
+        shape: tuple[int, ...],
+        levels: Mapping[str, ArrayLike] | None = None,
+    ) -> Effects:
+        """Return effects of new participants and fabrics, of batch ``shape``."""
+        return self.model.draw_effects(
+            rng, parameters, shape, self.design.n_participants, self.design.n_fabrics, levels
+        )
+
+    def with_new_participants(
+        self, rng: np.random.Generator, parameters: RatingParameters, effects: Effects
+    ) -> Effects:
+        """Return these effects with as many participants drawn anew."""
+        return self.model.with_new_participants(rng, parameters, effects)
+
+    def replicate(
+        self, rng: np.random.Generator, drive: FloatArray, parameters: RatingParameters, effects: Effects
+    ) -> FloatArray:
+        """Return one rating for every row, shape (..., rows)."""
+        return np.asarray(self.model.draw_ratings(rng, self.design, drive, parameters, effects))
