@@ -43,6 +43,7 @@ PROGRAMS = {
     "tools.benchmark_moves",
     "tools.doc_tables",
     "tools.firing_sample_build",
+    "tools.rooms",
     "tools.surface_build",
 }
 """Run with ``python -m``, beside the command line: they may print, and nothing imports them."""

@@ -1,0 +1,145 @@
+"""Drawing of the rooms and of the direction of imports: ``python -m softness_bayes.tools.rooms``.
+
+A room is a folder of the package or a module at its top. The drawing has one row for each floor: a room stands one
+floor above the highest room that it imports. Lines that others imply are left out.
+"""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Mapping, Sequence
+from itertools import pairwise
+from pathlib import Path
+
+import softness_bayes
+
+PACKAGE = Path(softness_bayes.__file__).parent
+FILE = PACKAGE / "docs" / "architecture.svg"
+START = "__main__"
+"""The module that starts the program, which is no room."""
+BOX, GAP, ROW = 146, 16, 56
+"""Width of a box, space beside it, and distance of floors [px]."""
+Imports = Mapping[str, frozenset[str]]
+
+
+def _modules() -> dict[str, Path]:
+    """Return the files of all modules below the package itself, by dotted name."""
+    found = {}
+    for path in sorted(PACKAGE.rglob("*.py")):
+        parts = [part for part in path.relative_to(PACKAGE).with_suffix("").parts if part != "__init__"]
+        if parts and parts != [START]:
+            found[".".join(parts)] = path
+    return found
+
+
+def imports() -> Imports:
+    """Return the rooms that each room imports."""
+    modules = _modules()
+    own = f"{softness_bayes.__name__}."
+
+    def room(name: str) -> str:
+        return name if modules[name].name == "__init__.py" else name.rpartition(".")[0] or name
+
+    found: dict[str, set[str]] = {room(name): set() for name in modules}
+    for name, path in modules.items():
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.ImportFrom) and node.module:
+                for alias in node.names:
+                    full = f"{node.module}.{alias.name}".removeprefix(own)
+                    target = full if full in modules else node.module.removeprefix(own)
+                    if target in modules and room(target) != room(name):
+                        found[room(name)].add(room(target))
+    return {name: frozenset(others) for name, others in found.items()}
+
+
+def floors(imported: Imports) -> list[list[str]]:
+    """Return the rooms floor by floor, the highest first."""
+    heights: dict[str, int] = {}
+
+    def height(name: str) -> int:
+        if name not in heights:
+            heights[name] = 1 + max(map(height, imported[name]), default=-1)
+        return heights[name]
+
+    top = max(map(height, imported))
+    return [[name for name in sorted(imported) if heights[name] == floor] for floor in range(top, -1, -1)]
+
+
+def needed(imported: Imports) -> dict[str, list[str]]:
+    """Return the imports that no longer way through other rooms implies."""
+    below: dict[str, frozenset[str]] = {}
+
+    def all_below(name: str) -> frozenset[str]:
+        if name not in below:
+            below[name] = imported[name].union(*map(all_below, imported[name]))
+        return below[name]
+
+    return {
+        name: sorted(other for other in others if not any(other in all_below(way) for way in others - {other}))
+        for name, others in imported.items()
+    }
+
+
+def _places(rows: Sequence[Sequence[str]], lines: Sequence[Sequence[str]]) -> dict[str, float]:
+    """Return the middle of everything in a row [px], each row ordered by the mean place of what leads to it."""
+    widest = max(map(len, rows))
+    places: dict[str, float] = {}
+    above: dict[str, list[str]] = {}
+    for line in lines:
+        for upper, lower in pairwise(line):
+            above.setdefault(lower, []).append(upper)
+    for row in rows:
+        begin = (widest - len(row)) / 2
+
+        def wanted(name: str) -> float:
+            leading = above.get(name, [])
+            return sum(places[upper] for upper in leading) / len(leading) if leading else 0.0
+
+        for k, name in enumerate(sorted(row, key=wanted)):
+            places[name] = (begin + k + 0.5) * (BOX + GAP)
+    return places
+
+
+def drawing(imported: Imports) -> str:
+    """Return the drawing as SVG."""
+    rows = [list(row) for row in floors(imported)]
+    floor = {name: k for k, row in enumerate(rows) for name in row}
+    lines = []
+    for upper, others in needed(imported).items():
+        for lower in others:  # a line that passes a floor has a place there, between the boxes
+            bends = [f"{upper}>{lower}>{k}" for k in range(floor[upper] + 1, floor[lower])]
+            for k, bend in enumerate(bends, floor[upper] + 1):
+                rows[k].append(bend)
+            lines.append([upper, *bends, lower])
+    places, width = _places(rows, lines), max(map(len, rows)) * (BOX + GAP)
+    heights = {name: 30 + ROW * k for k, row in enumerate(rows) for name in row}
+    height = ROW * len(rows) + 4
+    parts = [
+        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width} {height}" width="{width}" height="{height}" '
+        'font-family="sans-serif" font-size="13" text-anchor="middle">',
+        f'<rect width="{width}" height="{height}" fill="#ffffff"/>',
+    ]
+    for line in lines:
+        points = [(places[line[0]], heights[line[0]] + 15)]
+        for bend in line[1:-1]:
+            points += [(places[bend], heights[bend] - 15), (places[bend], heights[bend] + 15)]
+        points.append((places[line[-1]], heights[line[-1]] - 15))
+        drawn = " ".join(f"{x:.0f},{y:.0f}" for x, y in points)
+        parts.append(f'<polyline points="{drawn}" fill="none" stroke="#7a8793"/>')
+    for name in imported:
+        x, y = places[name], heights[name]
+        parts.append(
+            f'<rect x="{x - BOX / 2:.0f}" y="{y - 15:.0f}" width="{BOX}" height="30" rx="5" fill="#e8eef4" '
+            f'stroke="#4a6078"/><text x="{x:.0f}" y="{y + 5:.0f}">{name}</text>'
+        )
+    return "\n".join([*parts, "</svg>"]) + "\n"
+
+
+def main() -> None:
+    """Write the drawing into the guide."""
+    FILE.write_text(drawing(imports()), encoding="utf-8")
+    print(f"{FILE}: written")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,100 @@
+"""The page of the rooms is true: its list, its drawing, and every name on the way of a parameter vector."""
+
+from __future__ import annotations
+
+import re
+import textwrap
+from dataclasses import replace
+
+import pytest
+
+from softness_bayes.model.build import touch_parameters, usual_values
+from softness_bayes.tools.rooms import FILE, PACKAGE, drawing, floors, imports, needed
+from softness_bayes.touch import stress
+from softness_bayes.touch.contact import Indentation
+from softness_bayes.touch.neuron.fixed_channels import FixedChannels
+from softness_bayes.touch.readings import MENDED
+from softness_bayes.touch.scene import Scene
+from support.modules import MODULES
+from support.pages import in_the_code, text_of
+
+ROOMS = re.findall(r"^\| \[([a-z_.]+)\]\(\.\./([a-z_/.]+)\)", text_of("architecture.md"), re.M)
+IMPORTS = imports()
+MEDIAN = touch_parameters(usual_values(MENDED))
+
+
+def test_the_page_lists_every_room():
+    assert sorted(name for name, _ in ROOMS) == sorted(IMPORTS)
+    for name, file in ROOMS:
+        path = name.replace(".", "/")
+        assert file in (f"{path}.py", f"{path}/__init__.py")
+        assert (PACKAGE / file).is_file()
+
+
+def test_every_module_is_in_a_room():
+    for name in MODULES.keys() - {"__main__"}:
+        assert name in IMPORTS or name.rpartition(".")[0] in IMPORTS
+
+
+def test_the_list_goes_from_the_bottom_up():
+    """As the test of the layers: a room imports rooms that stand before it."""
+    order = [name for name, _ in ROOMS]
+    for name, others in IMPORTS.items():
+        assert all(order.index(other) < order.index(name) for other in others), name
+
+
+def test_the_drawing_is_of_these_imports():
+    assert FILE.read_text(encoding="utf-8") == drawing(IMPORTS), "run python -m softness_bayes.tools.rooms"
+
+
+def test_a_drawing_of_four_rooms():
+    """By hand: the import that another way implies has no line, and a room stands above all that it imports."""
+    four = {"a": {"b", "c", "d"}, "b": {"d"}, "c": {"d"}, "d": set()}
+    four = {name: frozenset(others) for name, others in four.items()}
+    assert floors(four) == [["a"], ["b", "c"], ["d"]]
+    assert needed(four) == {"a": ["b", "c"], "b": ["d"], "c": ["d"], "d": []}
+    assert drawing(four).count("<polyline") == 4
+    assert drawing(four).count("<text") == 4
+
+
+def test_a_changed_import_is_noticed():
+    """Negative control."""
+    assert drawing({**IMPORTS, "errors": frozenset(), "ranges": frozenset()}) != drawing(IMPORTS)
+
+
+@pytest.mark.parametrize("page", ["architecture.md", "extending.md"])
+def test_every_name_on_the_page_is_in_the_code(page):
+    first = "|".join({name.partition(".")[0] for name in IMPORTS})
+    names = re.findall(rf"`((?:{first})(?:\.\w+)+)`", text_of(page))
+    assert len(names) > 10
+    for name in names:
+        in_the_code(name)
+
+
+def test_a_name_that_is_not_in_the_code_is_noticed():
+    """Negative control."""
+    for name in ("touch.stress.NOTHING", "touch.nothing.ATTENUATED"):
+        with pytest.raises(ImportError):
+            in_the_code(name)
+
+
+@pytest.mark.parametrize("page", ["architecture.md", "extending.md"])
+def test_every_file_on_the_page_exists(page):
+    for shown, file in re.findall(r"\[([^]]+)\]\(([^)]+)\)", text_of(page)):
+        path = (PACKAGE / "docs" / file).resolve()
+        assert path.is_file(), file
+        if "/" in shown:  # the text says which file it is
+            known = shown.replace("\\", "")
+            assert path.as_posix().endswith(f"/{known}"), file
+
+
+def test_the_pressure_reading_of_the_page_works():
+    """The example's values, put beside those of the module, make a scene that responds between its neighbours."""
+    code = re.search(r"<!-- mild -->\n *```python\n(.*?)```", text_of("extending.md"), re.DOTALL)[1]
+    names = dict(vars(stress))
+    exec(textwrap.dedent(code), names)
+    rates = [
+        Scene([2e6], 0.3, [Indentation(2e-3)], FixedChannels(), readings=replace(MENDED, pressure=p)).total_rate(MEDIAN)
+        for p in (stress.ATTENUATED, names["MILD"], stress.HERTZ)
+    ]
+    assert rates[0] < rates[1] < rates[2]
