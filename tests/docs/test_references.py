@@ -70,12 +70,23 @@ def test_sections_within_a_page(name):
 
 
 def test_the_package_brings_its_pages():
-    """What an installed package reads is what stands in the repository; pages of the package link to no other place."""
+    """What is read from the package, as an installed one reads it, is what stands in the repository."""
     pages = {path.name for path in DOCS.glob("*.md")}
     assert pages >= {*NUMBERED}
     assert {entry.name for entry in (files("softness_bayes") / "docs").iterdir() if entry.name.endswith(".md")} == pages
     for name in pages:
         assert text_of(name) == (DOCS / name).read_text(encoding="utf-8")
+
+
+def test_reference_values_are_in_the_repository():
+    """What tests take from beside the project is data alone, for want of which they may skip."""
+    folders = {
+        folder
+        for path in SOURCES
+        if path.suffix == ".py"
+        for folder in re.findall(r'\bshared / "(\w+)"', path.read_text(encoding="utf-8"), re.IGNORECASE)
+    }
+    assert folders == {"data"}
 
 
 def test_references_are_found():
