@@ -1,8 +1,8 @@
-"""The checkpoint of a run: pieces of its chains, its last state, and a manifest that says which of them count.
+"""Checkpoint of a run: pieces of its chains, its last state, and a manifest that names the valid files.
 
-A piece is written once and never touched; the manifest is replaced last, whole. Whatever kills the process, at
-whatever instant, the manifest on the disk names files that are complete, and a reader needs nothing but it. It has
-the checksums of these files and of itself: what was damaged, exchanged or put in another order is refused.
+A piece is written once and never changed; the manifest is replaced last, whole. Whenever the process is killed, the
+manifest on the disk names complete files, and a reader needs only the manifest. It contains the checksums of these
+files and of itself, so that damaged, exchanged or reordered files raise an error.
 """
 
 from __future__ import annotations
@@ -38,16 +38,16 @@ INTERVAL = 2.0
 """Time [s] between two writes."""
 
 MOST_PIECES = 64
-"""Pieces of the chains before they are written anew as one."""
+"""Number of pieces of the chains at which they are merged into one."""
 
 
 class Status(NamedTuple):
-    """What a reader can say of a run without disturbing it."""
+    """Status of a run, read without disturbing it."""
 
     running: bool
     """Whether a process holds the directory."""
     piloting: bool
-    """Whether the walk that counts has not begun."""
+    """Whether the run is still in its pilot walk."""
     steps: int
     """Steps of that walk."""
     missing: int
@@ -59,15 +59,15 @@ class Status(NamedTuple):
     ended: bool
     """Whether the run has converged or reached a limit."""
     written: bool
-    """Whether the results that stand beside the checkpoint are those of these steps."""
+    """Whether the results beside the checkpoint are those of these steps."""
     max_steps: int
-    """Steps that it cannot exceed, in whole strides."""
+    """Largest number of steps, in whole strides."""
     verdict: Verdict | None
     """The last look."""
 
 
 def read_status(directory: str | Path) -> Status:
-    """Return how a run is getting on; the process that runs it notices nothing.
+    """Return the status of a run, without any effect on the process that runs it.
 
     Raises
     ------
@@ -84,17 +84,17 @@ def read_status(directory: str | Path) -> Status:
 class Checkpoint:
     """The checkpoint of one run in its results' directory; a context manager that holds the directory's lock.
 
-    Use `create` for a new run and `open` for one to continue. As long as nothing was kept, leaving it takes away
-    what it made.
+    Use `create` for a new run and `open` for one to continue. If nothing was kept, leaving the context removes
+    the files that it made.
 
     Parameters
     ----------
     directory
         Directory of the results.
     request
-        What the run was asked for, for whoever continues it: anything that JSON holds.
+        The request of the run, for its continuation: any JSON values.
     manifest
-        That of the run to continue; none for a new one.
+    Manifest of the run to continue; None for a new one.
     replace
         Whether a new run may replace an earlier one.
     inputs
@@ -132,7 +132,7 @@ class Checkpoint:
         replace
             Whether it may hold an earlier run, the files of which are then removed and no others.
         request
-            What the run is asked for, for whoever continues it.
+            The request of the run, for its continuation.
         inputs
             Files that the run reads, which are never removed.
 
@@ -173,10 +173,10 @@ class Checkpoint:
             lock = stack.enter_context(Lock(self._home / LOCK))
             stack.callback(self._vanish_unused, lock)
             if self._manifest is None:
-                # another run may have come and gone meanwhile
+                # another run may have begun and ended meanwhile
                 require_vacant(self.directory, self._replace, self._inputs)
             else:
-                self._manifest = read_manifest(self.directory)  # the last word of whoever held the lock before
+                self._manifest = read_manifest(self.directory)  # as the last holder of the lock left it
                 require_outputs(self.directory, FILES, RUN)
                 self._serial, self._pieces = self._manifest["serial"], list(self._manifest["pieces"])
                 self._digests = dict(self._manifest["digests"])
@@ -195,13 +195,13 @@ class Checkpoint:
         Parameters
         ----------
         description
-            What decides the draws, by name.
+            Settings that affect the draws, by name.
 
         Raises
         ------
-        InputError
-            If that is not what the run was begun with, naming the differences; if a file is damaged; or if JSON
-            cannot hold the request of a new run.
+            InputError
+            If the settings differ from those at the start of the run, naming the differences; if a file is damaged; or
+            if JSON cannot store the request of a new run.
         """
         if self._manifest is None:
             self._description = dict(description)
@@ -211,7 +211,7 @@ class Checkpoint:
         if said := _differences(self._description, description):
             raise InputError(
                 f"{self.directory}: cannot be continued, because the run was begun with {said}; "
-                "give it what it was begun with, or start anew in another directory"
+                "continue it with the same options and data, or start a new run in another directory"
             )
         pieces = [self._unpacked(name) for name in self._pieces]
         state = state_of(self._manifest["state"], self._unpacked(self._manifest["arrays"]), pieces)
@@ -225,14 +225,14 @@ class Checkpoint:
         Parameters
         ----------
         state
-            Where the run is.
+            State of the run.
         schedule, target
-            How long it goes on, and what it samples.
+        Its schedule, and the density that it samples.
 
         Raises
         ------
         OSError
-            If it cannot be written; what was kept before still is.
+            If it cannot be written; the earlier state is still kept.
         """
         self._pending = lambda: self._write(state, schedule, target)
         now = time.monotonic()
@@ -240,7 +240,7 @@ class Checkpoint:
             self.flush()
 
     def flush(self) -> None:
-        """Write the state that was only remembered, if there is one.
+        """Write the state in memory, if it is not written yet.
 
         Raises
         ------
@@ -259,12 +259,12 @@ class Checkpoint:
 
     @property
     def description(self) -> Mapping[str, str]:
-        """What decides the draws of the run that is kept, by name; empty before the first state."""
+        """Settings that affect the draws of the kept run, by name; empty before the first state."""
         return {} if self._manifest is None else self._manifest["description"]
 
     @property
     def status(self) -> Status | None:
-        """What is kept; none before the first state."""
+        """Status of the kept run; None before the first state."""
         return None if self._manifest is None else _status(self._manifest, True)
 
     def _write(self, state: RunState, schedule: Schedule, target: Target) -> None:
@@ -322,9 +322,9 @@ class Checkpoint:
         self._manifest = manifest
 
     def _tidy(self) -> None:
-        """Remove what the manifest does not name: leftovers of a write that did not end, and what was replaced.
+        """Remove files that the manifest does not name: leftovers of interrupted writes, and replaced files.
 
-        The manifest on the disk decides: it may be newer than what this process knows, if an error struck in between.
+        The manifest on the disk decides, because it may be newer than the one in memory after an error.
         """
         named: set[str] = set()
         if (self._home / MANIFEST).exists():
@@ -367,12 +367,12 @@ def _differences(then: Mapping[str, str], now: Mapping[str, str]) -> str:
 
 
 def _today(value: str | None) -> str | None:
-    """Return what a value is called now."""
+    """Return the present name of a value."""
     return next((d.name for d in RATING_DIRECTIONS.values() if d.former == value), value)
 
 
 def _failure_table(state: RunState, target: Target) -> str:
-    """Return the points at which the density could not be computed, in natural units, with what failed."""
+    """Return the points at which the density could not be computed, in natural units, with the stage that failed."""
     buffer = io.StringIO()
     writer = csv.writer(buffer, lineterminator="\n")
     writer.writerow(["stage", *target.names])

@@ -1,4 +1,4 @@
-"""Whether a run that is to be continued is still the same: what decides its draws, by name and by value."""
+"""Identity of a run, which a continuation must share: everything that affects its draws, by name and value."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ _RELATIVE, _ABSOLUTE = 1e-9, 1e-6  # of a log density: other versions of the lib
 def identity(
     data: Experiment | Compression, density: Density, settings: Settings, choices: Mapping[str, str]
 ) -> dict[str, str]:
-    """What decides the draws of a run, by name; two runs have the same draws if they agree in all of it.
+    """Return all settings that affect the draws of a run, by name; runs that agree in them have the same draws.
 
     Parameters
     ----------
     data, density, settings
         Data, what is sampled, and how.
     choices
-        What else was chosen, the seed for one.
+        Further choices, such as the seed.
     """
     space = density.space
     return {
@@ -43,7 +43,7 @@ def identity(
 
 
 def _digests(data: Experiment | Compression) -> dict[str, str]:
-    """Digests of the tables of some data, by what they hold."""
+    """Return digests of the tables of some data, by their content."""
     if isinstance(data, Compression):
         return {"compression data": _digest(data.participant, data.indentation, data.force)}
     ratings, fabrics = data.ratings, data.fabrics
@@ -57,7 +57,7 @@ def _digests(data: Experiment | Compression) -> dict[str, str]:
 
 
 def require_density(density: Density, state: RunState) -> None:
-    """Refuse to continue where the density is not what it was, because of other software perhaps.
+    """Raise an error if the density has changed since the run began, perhaps with other software.
 
     Raises
     ------
@@ -76,7 +76,7 @@ def require_density(density: Density, state: RunState) -> None:
 
 
 def _digest(*arrays: NDArray[Any]) -> str:
-    """The first half of the SHA-256 of some arrays' values, enough to tell them apart."""
+    """Return the first half of the SHA-256 of some arrays' values, enough to distinguish them."""
     digest = hashlib.sha256()
     for array in arrays:
         digest.update(repr((array.dtype.str, array.shape)).encode() + np.ascontiguousarray(array).tobytes())

@@ -1,4 +1,4 @@
-"""The manifest of a checkpoint: which files count, in which order, and the checksums of these and of itself."""
+"""Manifest of a checkpoint: the valid files in order, with their checksums and its own."""
 
 from __future__ import annotations
 
@@ -56,5 +56,5 @@ def read_manifest(directory: Path) -> dict[str, Any]:
 
 
 def _digest(content: Mapping[str, Any]) -> str:
-    """SHA-256 of the values, whatever the white space between them."""
+    """Return the SHA-256 of the values, which does not depend on white space between them."""
     return hashlib.sha256(as_json(content, MANIFEST).encode()).hexdigest()

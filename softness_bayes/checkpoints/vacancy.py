@@ -1,4 +1,4 @@
-"""Whether a run may write to a directory, and what of an earlier run goes when it does."""
+"""Check that a run may write to a directory, and removal of an earlier run."""
 
 from __future__ import annotations
 
@@ -14,28 +14,28 @@ from softness_bayes.files.whole import is_part
 from softness_bayes.results.result import CHECKPOINT, LOCK, MANIFEST, RUN
 
 OF_A_RUN = (RUN, "plot", "report")
-"""Verbs whose files go with a run when another replaces it."""
+"""Commands whose files are removed together with a run that another one replaces."""
 
 _KEPT = re.compile(r"(?:piece|state)-([0-9]{7,})\.npz")
 
 
 def require_vacant(directory: Path, replace: bool, inputs: Iterable[Path] = ()) -> None:
-    """Refuse a directory that a run may not write to; nothing is touched.
+    """Raise an error for a directory to which a run may not write; nothing is changed.
 
     Parameters
     ----------
     directory
         Where the run is to be written.
     replace
-        Whether an earlier run there may go: the files that it wrote, as it left them, and nothing else.
+        Whether an earlier run there may be removed: only unchanged files that it wrote.
     inputs
-        Files that the run reads, which never go.
+    Files that the run reads, which are never removed.
 
     Raises
     ------
     InputError
-        If it is a file or lies below one; or holds something, and `replace` is not asked for or it is not all of
-        an earlier run.
+        If it is a file or lies below one; or if it is not empty and `replace` is false, or not all files are of an
+        earlier run.
     """
     for place in (directory, *directory.parents):
         if place.exists() and not place.is_dir():
@@ -47,7 +47,7 @@ def require_vacant(directory: Path, replace: bool, inputs: Iterable[Path] = ()) 
             f"{directory}: --force replaces an earlier run and nothing else, and this is in the way: {told(others)}; "
             "move it away, or choose another --out"
         )
-    # a checkpoint without a manifest is what a run leaves that was killed before it had anything to keep
+    # a run that was killed before its first state leaves a checkpoint without a manifest
     begun = (directory / CHECKPOINT / MANIFEST).exists()
     if not replace and (begun or others or beside.ours):
         instead = "'softness-bayes resume' to continue its run" if begun else "--force to replace an earlier run"
@@ -56,18 +56,18 @@ def require_vacant(directory: Path, replace: bool, inputs: Iterable[Path] = ()) 
 
 
 def remove_run(directory: Path, inputs: Iterable[Path] = ()) -> None:
-    """Remove what an earlier run left but the lock: its manifest first, so that no half of it can be continued."""
+    """Remove an earlier run except for the lock; its manifest first, so that no incomplete run can be continued."""
     remove(_kept(directory / CHECKPOINT))
     remove(survey(directory, OF_A_RUN, inputs, but=(CHECKPOINT,)))
 
 
 def is_kept(path: Path) -> bool:
-    """Whether a file is a piece or a state of a checkpoint, by its name, or was staged to be one."""
+    """Return whether a file has the name of a piece or a state of a checkpoint, staged or not."""
     return is_part(path) or (_KEPT.fullmatch(path.name) is not None and path.is_file() and not path.is_symlink())
 
 
 def _kept(home: Path) -> Survey:
-    """Tell the files of a checkpoint, its manifest first, from everything else in its directory."""
+    """Return the files of a checkpoint, its manifest first, and all other files in its directory."""
     if home.is_symlink() or not home.is_dir():
         return Survey((), {home: "is not the directory of a checkpoint"} if os.path.lexists(home) else {})
     last = _last_number(home / MANIFEST)
@@ -87,7 +87,7 @@ def _kept(home: Path) -> Survey:
 
 
 def _last_number(manifest: Path) -> int | None:
-    """Return how many states a manifest knows of; none if it is not that of a run."""
+    """Return the number of states in a manifest; None if it is not the manifest of a run."""
     try:
         return int(json.loads(manifest.read_bytes())["serial"])
     except (OSError, ValueError, KeyError, TypeError):

@@ -1,8 +1,8 @@
-"""How a command ends when it is asked to: Ctrl-C and SIGTERM, at any instant, without a traceback or an orphan.
+"""End of a command by Ctrl-C or SIGTERM, at any instant, without a traceback or orphaned processes.
 
-The first signal raises `Interrupted` in the main thread, so that files are closed and what was remembered is written.
-That may be slow, swallowed by a library, or wait for a long computation: a thread ends the process `GRACE` seconds
-later whatever happens. What is on the disk is whole at any instant, so nothing hangs on these seconds.
+The first signal raises `Interrupted` in the main thread, so that files are closed and states in memory are written.
+A library may catch the exception, or a computation may delay it; a thread therefore ends the process `GRACE` seconds
+later in any case. Files on the disk are whole at any instant, so that nothing depends on these seconds.
 """
 
 from __future__ import annotations
@@ -19,28 +19,28 @@ from types import FrameType
 from typing import Any, NoReturn
 
 GRACE = 1.0
-"""Time [s] that a command has to end by itself."""
+"""Time [s] in which a command may end by itself."""
 
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
-"""What ends a command; its exit code is 128 and the signal's number, as shells count: 130 and 143."""
+"""Signals that end a command; its exit code is 128 plus the signal's number, as in shells: 130 and 143."""
 
 _kept: list[Callable[[], str]] = []
 
 
 class Interrupted(BaseException):
-    """The command was asked to end; nobody but `guarded` catches it."""
+    """A signal asked the command to end; only `guarded` catches this."""
 
 
 @contextmanager
 def keeping(hint: Callable[[], str]) -> Iterator[None]:
-    """Name what is kept and how to go on, should the command end in here; ``hint`` may return no text at all."""
+    """Print a hint on kept files and how to continue if the command is interrupted inside; ``hint`` may return ''."""
     _kept.append(hint)
     yield
     _kept.remove(hint)
 
 
 def tell_kept() -> None:
-    """Write to the error stream what is kept, and how to go on."""
+    """Write the hints on kept files and how to continue to the error stream."""
     for hint in reversed(_kept):
         if said := hint():
             _tell(said)
@@ -48,12 +48,12 @@ def tell_kept() -> None:
 
 @contextmanager
 def guarded(last: bool) -> Iterator[None]:
-    """End the process with a short message if a signal comes in here; outside of the main thread do nothing.
+    """End the process with a short message if a signal arrives inside; do nothing outside of the main thread.
 
     Parameters
     ----------
     last
-        Whether nothing follows but the end of the process, during which signals are then ignored.
+        Whether only the end of the process follows, during which signals are then ignored.
     """
     _kept.clear()
     if threading.current_thread() is not threading.main_thread():
@@ -66,7 +66,7 @@ def guarded(last: bool) -> Iterator[None]:
         if asked:
             _end(number)  # asked for twice: at once
         asked.append(number)
-        # what the interrupt hits in a callback or another thread is of no interest
+        # errors that the interrupt causes in a callback or another thread are not shown
         sys.unraisablehook = threading.excepthook = _quiet
         raise Interrupted
 
@@ -95,7 +95,7 @@ def guarded(last: bool) -> Iterator[None]:
 
 
 def _watch(reading: int, done: threading.Event) -> None:
-    """End the process some time after a signal; the pipe's other end is closed where none came."""
+    """End the process some time after a signal; without a signal, the pipe's other end is closed."""
     while numbers := os.read(reading, 64):
         asked = [number for number in numbers if number in SIGNALS]
         if asked and not done.wait(GRACE):
@@ -107,7 +107,7 @@ _ending = threading.Lock()
 
 
 def _end(number: int) -> NoReturn:
-    """Say so and end, workers first: they may be in the middle of anything."""
+    """Print that the command was interrupted, and end the workers and then this process."""
     if not _ending.acquire(blocking=False):  # somebody is at it already
         time.sleep(GRACE)
         os._exit(128 + number)
@@ -143,7 +143,7 @@ def _clean() -> None:
 
 
 def _tell(said: str) -> None:
-    """Write a line as directly as possible: the stream's own lock may be held by whom the signal interrupted."""
+    """Write a line directly, because the interrupted code may hold the stream's lock."""
     with suppress(OSError, AttributeError, ValueError):
         os.write(sys.stderr.fileno(), f"{said}\n".encode(errors="surrogateescape"))
         return

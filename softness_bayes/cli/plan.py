@@ -54,7 +54,7 @@ def command(files: DataFiles, model: ModelChoice, scale: str) -> None:
     click.echo("\nleft out:")
     for reason in left_out(posterior):
         click.echo(f"- {reason}")
-    click.echo("\nwhat there is to choose from, the other stage as chosen:")
+    click.echo("\nalternatives, with the other stage as chosen:")
     for setting in settings:
         click.echo(_choice(setting))
 

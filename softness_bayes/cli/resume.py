@@ -88,13 +88,13 @@ def command(
 
 
 def _is_whole(directory: Path) -> bool:
-    """Whether the results of a run can be read; if not, say why they are written anew."""
+    """Return whether the results of a run can be read; if not, print why they are written again."""
     from softness_bayes.results.result import Result
 
     try:
         Result.load(directory)
     except InputError as error:
-        click.echo(f"note: {error}; the results are written anew", err=True)
+        click.echo(f"note: {error}; the results are written again", err=True)
         return False
     return True
 

@@ -1,4 +1,4 @@
-"""What the verbs about runs share: options, and how a run is written down for whoever continues it."""
+"""Common parts of the commands about runs: options, and the record of a run for its continuation."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ no_figures = click.option("--no-figures", is_flag=True, help="Leave out the figu
 
 
 def command_line() -> str:
-    """Return what was typed, as a shell would take it again, without absolute paths."""
+    """Return the command line, quoted for a shell, without absolute paths."""
     return shlex.join(["softness-bayes", *(portable(word, Path.cwd()) for word in sys.argv[1:])])
 
 
@@ -75,8 +75,8 @@ def reading(*directories: Path) -> Iterator[list[Result]]:
     for result in results:
         if not result.verified:
             click.echo(
-                f"note: {result.source}: of an earlier version, without checksums: that it is as it was written cannot "
-                "be verified",
+                f"note: {result.source}: written by an earlier version without checksums, so changes since then cannot "
+                "be detected",
                 err=True,
             )
     try:
@@ -89,7 +89,7 @@ def reading(*directories: Path) -> Iterator[list[Result]]:
 
 
 def in_numbers(verdict: Verdict, seconds: float) -> str:
-    """Return what the last look at the chains found, in one line."""
+    """Return the numbers of the last convergence check, in one line."""
     return (
         f"{verdict.lengths:.0f} autocorrelation times of {verdict.tau.max():.0f} steps "
         f"({verdict.goal.lengths:.0f} needed), "

@@ -12,7 +12,7 @@ from typing import Any
 
 
 class Tolerant:
-    """A text stream that says nothing more once it cannot be written to; everything else is the stream's own."""
+    """A text stream that discards text after its first write error, and otherwise acts like the stream."""
 
     def __init__(self, stream: Any) -> None:
         self._stream = stream
@@ -22,7 +22,7 @@ class Tolerant:
         return getattr(self._stream, name)
 
     def write(self, text: str) -> int:
-        """Write, or do as if."""
+        """Write, or discard."""
         try:
             return int(self._stream.write(text))
         except OSError as error:
@@ -30,7 +30,7 @@ class Tolerant:
             return len(text)
 
     def flush(self) -> None:
-        """Flush, or do as if."""
+        """Flush, or do nothing."""
         try:
             self._stream.flush()
         except OSError as error:
@@ -46,7 +46,7 @@ class Tolerant:
 
     @property
     def lost(self) -> str:
-        """What went wrong, if somebody was still to read it: the end of a pipe may be closed on purpose."""
+        """The write error in words; empty for a closed pipe, which may be on purpose."""
         if self.failure is None or self.failure.errno == errno.EPIPE:
             return ""
         return self.failure.strerror or str(self.failure)

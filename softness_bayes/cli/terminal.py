@@ -1,4 +1,4 @@
-"""What reaches the terminal: control and invisible characters, which a file may have put into a name, as escapes."""
+"""Output to the terminal, with control and invisible characters (as in names from files) as escapes."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ _UNSEEN = re.compile("[\x00-\x08\x0b\x0c\x0e-\x1f\x7f-\x9f\u061c\u200b-\u200f\u2
 
 
 def visible(text: str) -> str:
-    """Return a text with an escape for each character that a terminal would obey or not show."""
+    """Return a text with an escape for each character that controls a terminal or is invisible."""
     return _UNSEEN.sub(lambda found: found[0].encode("unicode_escape").decode(), text)
 
 
 class _Visible:
-    """A stream that writes `visible` text to another one and is that one in all else."""
+    """A stream that writes `visible` text to another one, and otherwise acts like that one."""
 
     def __init__(self, stream: TextIO) -> None:
         self._stream = stream
@@ -34,7 +34,7 @@ class _Visible:
 
 @contextmanager
 def visible_streams() -> Iterator[None]:
-    """Make all that is printed visible, whoever prints it."""
+    """Make all printed text visible, from any part of the program."""
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="surrogateescape")  # names of files need not be UTF-8

@@ -27,7 +27,7 @@ INK, LINES = "#1f2933", "#d9dee3"
 
 
 class Charts(NamedTuple):
-    """What the page embeds."""
+    """Elements that the page embeds."""
 
     library: str
     """The element that holds the charts' library, JavaScript in whole."""

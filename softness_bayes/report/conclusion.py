@@ -70,7 +70,7 @@ class Facts(NamedTuple):
 
     @property
     def failed(self) -> bool:
-        """Whether the model does not follow the ratings at all."""
+        """True if the model does not follow the ratings at all."""
         return self.other_direction is not None or self.flat
 
     @property

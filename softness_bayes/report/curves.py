@@ -1,4 +1,4 @@
-"""What the interactive charts show: bands of response and rating under each load, on either axis."""
+"""Contents of the interactive charts: bands of response and rating under each load, on either axis."""
 
 from __future__ import annotations
 

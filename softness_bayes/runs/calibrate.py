@@ -1,4 +1,4 @@
-"""Calibration of a whole scene: replicates side by side, one file each, and what they amount to."""
+"""Calibration of a whole scene: replicates in parallel, one file each, and their verdict."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ USUAL_LOADS: tuple[Load, ...] = (Indentation(1.5e-3), Indentation(2.5e-3))
 
 @dataclass(frozen=True)
 class CalibrationScene:
-    """Who rates what in every replicate: all participants every fabric under every load, once.
+    """The design of every replicate: all participants rate every fabric under every load, once.
 
     Parameters
     ----------
@@ -105,12 +105,12 @@ class Calibrated:
 
     @property
     def passed(self) -> bool:
-        """Whether all are finished and converged, no test raised the alarm, and there are enough to find a fault."""
+        """True if all are finished and converged, no test raised an alarm, and there are enough to detect a fault."""
         return self.decided and not self.calibration.faults() and self.calibration.enough
 
     @property
     def decided(self) -> bool:
-        """Whether all are finished and converged: what takes longest is not like the rest."""
+        """True if all are finished and converged; the slowest replicates are not like the others."""
         return not self.unconverged and not self.unfinished
 
     def ranks(self) -> pd.DataFrame:
@@ -139,7 +139,7 @@ class Calibrated:
         return pd.DataFrame(calibration.coverage()).join(judged, on="quantity").set_index(["quantity", "mass"])
 
     def sentence(self) -> str:
-        """Return the verdict in one line: alarms, or what no alarm is worth."""
+        """Return the verdict in one line: the alarms or, without any, the power."""
         size = len(self.replicates)
         asked = f"{size} of {size + len(self.unfinished)}" if self.unfinished else f"{size}"
         left = f"; unfinished: {', '.join(map(str, self.unfinished))}" if self.unfinished else ""

@@ -1,4 +1,4 @@
-"""Which of several fitted models predicts ratings best that it has not seen."""
+"""Comparison of fitted models by their predictions of left-out ratings."""
 
 from __future__ import annotations
 
@@ -28,20 +28,20 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 CLUSTERS = ("fabric", "condition", "participant")
-"""What single ratings or conditions have in common, within which their differences go together."""
+"""Common properties of single ratings or conditions, within which their differences are correlated."""
 
 SMALL_DIFFERENCE = 4.0
-"""Difference in expected log predictive density below which data do not tell models apart."""
+"""Difference in expected log predictive density below which data do not distinguish models."""
 
 REFIT = Settings(ensembles=2, max_steps=20_000, goal=Goal(lengths=20.0, tau_change=0.1, r_hat=1.02, ess=200.0, looks=1))
-"""How a model is sampled anew without a fabric: for one expectation over the draws, not for tables of them."""
+"""Settings of a refit without a fabric, which needs draws for one expectation only."""
 
 _WEIGHTED = 1000  # draws of the posterior that are weighted to leave out a condition
 _DRAWS = 100  # of each walker, of a refit
 
 
 class LeftOut(NamedTuple):
-    """How well a model predicts each unit from the others, arrays of shape (units,)."""
+    """Predictions of each unit from the others by one model, arrays of shape (units,)."""
 
     log_density: Array
     """log p(y_unit | other ratings), the parameters integrated out; a density of ratings as filed."""
@@ -55,14 +55,14 @@ class LeftOut(NamedTuple):
 
 @dataclass(frozen=True)
 class Leave:
-    """A kind of unit to leave out, and how well a result predicts each such unit."""
+    """A kind of unit to leave out, and the function that predicts each such unit."""
 
     name: str
     predict: Callable[[Result, Settings, Callable[[str], None]], LeftOut]
 
 
 def leave_by_weights(log_density: Array) -> LeftOut:
-    """Weight draws of the posterior by 1 / p(unit | others, theta): they become draws without the unit.
+    """Weight draws of the posterior by 1 / p(unit | others, theta), which makes them draws without the unit.
 
     Parameters
     ----------
@@ -82,7 +82,7 @@ def _stored(group: str, name: str) -> Callable[[Result, Settings, Callable[[str]
 
 
 def _refit(result: Result, settings: Settings, progress: Callable[[str], None]) -> LeftOut:
-    """Sample the model anew without each fabric: too much of the posterior hangs on one for weights to do."""
+    """Refit the model without each fabric, because one fabric changes the posterior too much for weights."""
     experiment = experiment_of(result)
     posterior, fabric = posterior_of(experiment, options_of(result)), experiment.ratings.fabric
     found, unfinished = [], 0
@@ -97,7 +97,7 @@ def _refit(result: Result, settings: Settings, progress: Callable[[str], None]) 
 
 
 def _by_condition(result: Result, settings: Settings, progress: Callable[[str], None]) -> LeftOut:
-    """Leave out each fabric under each load: by weights on its density given all others, anew where these fail."""
+    """Leave out each fabric under each load by weights, or by refits where these fail."""
     experiment = experiment_of(result)
     posterior, conditions = posterior_of(experiment, options_of(result)), experiment.ratings.conditions
     if len(conditions.fabric) < 2:
@@ -149,12 +149,12 @@ LEAVE: Mapping[str, Leave] = MappingProxyType(
         )
     }
 )
-"""What can be left out, by name."""
+"""The kinds of units to leave out, by name."""
 
 
 @dataclass(frozen=True, eq=False)
 class Comparison:
-    """Fitted models in the order of how well they predict.
+    """Fitted models, ranked by their predictions.
 
     Parameters
     ----------
@@ -168,7 +168,7 @@ class Comparison:
         unfinished, how many refits did not converge; converged, whether the run itself had; model, what
         sets it apart. Both errors take the units as independent and what is within them as not.
     leave
-        What was left out.
+        The kind of unit that was left out.
     interior
         Probability of an interior maximum under each load, averaged over the models with their weights.
     """
@@ -179,7 +179,7 @@ class Comparison:
 
     @property
     def sentence(self) -> str:
-        """Whether the data tell the best two apart."""
+        """Say whether the data distinguish the best two models."""
         best, second = self.table.iloc[0], self.table.iloc[1]
         gap = -float(second["elpd_diff"])
         errors = {"": float(second["se_diff"])}
@@ -193,7 +193,7 @@ class Comparison:
 
     @property
     def warnings(self) -> list[str]:
-        """What makes numbers of the table doubtful, a line each."""
+        """Return the reasons why numbers of the table are unreliable, a line each."""
         found = []
         for label, row in self.table.iterrows():
             if row["pareto_k_high"]:
@@ -215,7 +215,7 @@ def compare(
     settings: Settings = REFIT,
     progress: Callable[[str], None] = lambda _: None,
 ) -> Comparison:
-    """Rank models that were fitted to the same ratings by how they predict what is left out of these.
+    """Rank models that were fitted to the same ratings by their predictions of left-out ratings.
 
     Ratings and participants are left out by Pareto-smoothed importance weights on the closed-form densities
     given all others that each result stores, fabrics by sampling the model anew without each.

@@ -1,4 +1,4 @@
-"""A model all of whose parameters are held: there is nothing to sample, and what it says is said at one point."""
+"""Evaluation of a model at one point, for models whose parameters are all held."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from softness_bayes.touch.scene import Scene
 
 
 class Evaluation(NamedTuple):
-    """What a model says at the values that its parameters are held at."""
+    """The model at the values of its held parameters."""
 
     values: Mapping[str, float]
     """Every parameter in natural units."""
@@ -25,9 +25,9 @@ class Evaluation(NamedTuple):
     """Where the response turns over, fields of shape (1, loads); None without ratings."""
 
     def sentences(self) -> tuple[str, ...]:
-        """Say it, a line each."""
+        """Return the evaluation in words, a line each."""
         held = ", ".join(f"{name} {value:g}" for name, value in self.values.items())
-        said = [f"all parameters are held, there is nothing to sample: {held}"]
+        said = [f"all parameters are held, so there is nothing to sample: {held}"]
         said.append(f"log-likelihood of the data there: {self.log_likelihood:.10g}")
         if self.inflection is not None:
             said += [f"under {load}: {self._turn(self.inflection, k)}" for k, load in enumerate(self.loads)]
@@ -46,7 +46,7 @@ class Evaluation(NamedTuple):
 
 
 def evaluate(density: Density, error: float = 0.0) -> Evaluation:
-    """Evaluate a model at the values that all its parameters are held at.
+    """Evaluate a model at the values of its held parameters.
 
     Parameters
     ----------

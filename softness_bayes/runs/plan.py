@@ -1,4 +1,4 @@
-"""What a model's evaluation will be: resolution chosen for an accuracy, its errors and cost, and what is left out."""
+"""Plan of a model's evaluation: resolution for an accuracy, its errors and cost, and computations that are saved."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ EXACT_DRAWS = 16
 """Those of them whose exact rate curves are made where none are kept, which takes a second or two."""
 
 BATCH, REPEATS = 64, 12
-"""Parameter vectors in a call that is timed, and how often: the quickest counts, the rest was other work."""
+"""Parameter vectors in a timed call, and number of calls, of which the fastest counts."""
 
 
 class Draws(NamedTuple):
@@ -79,7 +79,7 @@ def prior_draws(space: ParameterSpace, size: int = DRAWS, seed: int = 0) -> Draw
 
 
 def given_draws(values: Mapping[str, ArrayLike], parameters: TouchParameters) -> Draws:
-    """Return the parameter vectors of a verb that evaluates these alone."""
+    """Return the parameter vectors of a command that evaluates only these."""
     shape = np.broadcast_shapes(*(np.shape(v) for v in parameters), (1,))
     eps = float(np.median(np.asarray(values["eps"], float))) if "eps" in values else None
     whole = TouchParameters(*(np.broadcast_to(v, shape) for v in parameters))
@@ -89,7 +89,7 @@ def given_draws(values: Mapping[str, ArrayLike], parameters: TouchParameters) ->
 def with_accuracy(
     posterior: Callable[[RunOptions], Posterior], options: RunOptions, accuracy: float
 ) -> tuple[RunOptions, Choice]:
-    """Return the options with the cheapest discretisation that keeps to an accuracy, and how it was chosen.
+    """Return the options with the cheapest discretisation of a given accuracy, and the record of the choice.
 
     Parameters
     ----------
@@ -181,7 +181,7 @@ class Setting(NamedTuple):
 
 
 def ladder(choice: Choice, draws: Draws) -> tuple[Setting, ...]:
-    """Measure errors and cost of every setting that there is to choose from."""
+    """Measure errors and cost of every possible setting."""
     scene, chosen = choice.reference, choice.discretisation
     few = thinned(scene)
     exact = few.total_rate(draws.parameters)
@@ -211,7 +211,7 @@ def seconds(scene: Scene, parameters: TouchParameters, batch: int = BATCH, repea
 
 
 def left_out(posterior: Posterior) -> tuple[str, ...]:
-    """Say what a model's evaluation does without, and why."""
+    """Return the computations that a model's evaluation saves, with the reasons."""
     scene, held = scene_in(posterior), posterior.space.held
     n, loads = scene.n_conditions, np.unique(scene.load).size
     said = [

@@ -295,7 +295,7 @@ def test_a_lock_is_held_once_and_asking_leaves_no_trace(tmp_path):
 @pytest.mark.usefixtures("eager")
 def test_a_run_that_was_begun_with_something_else_is_refused_by_name(tmp_path, states):
     keep(tmp_path, states[:4])
-    with pytest.raises(InputError, match=r"begun with model the fake scene \(now another\); give it"):
+    with pytest.raises(InputError, match=r"begun with model the fake scene \(now another\); continue it"):
         load(tmp_path, {"model": "another"})
     with pytest.raises(InputError, match=r"begun with seed not given \(now 3\)"):
         load(tmp_path, {**WHAT, "seed": "3"})

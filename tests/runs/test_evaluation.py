@@ -46,7 +46,7 @@ def test_sample_evaluates_says_so_and_writes_nothing(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     done = CliRunner().invoke(main, ["sample", "--data", str(DATA / "ratings.csv"), *fixed(EVERY)])
     assert done.exit_code == 0, done.output
-    assert "all parameters are held, there is nothing to sample" in done.output
+    assert "all parameters are held, so there is nothing to sample" in done.output
     assert "log-likelihood of the data there: -" in done.output
     assert done.output.count("\nunder ") >= 2
     assert "nothing is written" in done.output
