@@ -94,7 +94,7 @@ class Checkpoint:
     request
         The request of the run, for its continuation: any JSON values.
     manifest
-    Manifest of the run to continue; None for a new one.
+        Manifest of the run to continue; None for a new one.
     replace
         Whether a new run may replace an earlier one.
     inputs
@@ -199,9 +199,9 @@ class Checkpoint:
 
         Raises
         ------
-            InputError
-            If the settings differ from those at the start of the run, naming the differences; if a file is damaged; or
-            if JSON cannot store the request of a new run.
+        InputError
+            If the settings differ from those at the start of the run, naming the differences; if a file is damaged;
+            or if JSON cannot store the request of a new run.
         """
         if self._manifest is None:
             self._description = dict(description)
@@ -227,7 +227,7 @@ class Checkpoint:
         state
             State of the run.
         schedule, target
-        Its schedule, and the density that it samples.
+            Its schedule, and the density that it samples.
 
         Raises
         ------

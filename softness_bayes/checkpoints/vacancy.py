@@ -29,7 +29,7 @@ def require_vacant(directory: Path, replace: bool, inputs: Iterable[Path] = ()) 
     replace
         Whether an earlier run there may be removed: only unchanged files that it wrote.
     inputs
-    Files that the run reads, which are never removed.
+        Files that the run reads, which are never removed.
 
     Raises
     ------

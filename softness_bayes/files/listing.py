@@ -86,7 +86,7 @@ class Listing:
         path
             A path in the directory.
         by
-        Commands whose files may be replaced.
+            Commands whose files may be replaced.
         """
         if path.is_symlink():
             return "is a symbolic link"

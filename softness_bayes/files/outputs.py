@@ -62,7 +62,7 @@ def write_outputs(directory: Path, contents: Mapping[str, bytes | str], by: str)
     contents
         Contents by the files' names; text is written in UTF-8.
     by
-    The command that writes them; its earlier files are replaced.
+        The command that writes them; its earlier files are replaced.
 
     Returns
     -------
@@ -74,7 +74,7 @@ def write_outputs(directory: Path, contents: Mapping[str, bytes | str], by: str)
     InputError
         If another file is in the way.
     OSError
-    If there is no room or no permission; every file is then unchanged, or whole and new.
+        If there is no room or no permission; every file is then unchanged, or whole and new.
     """
     data = {directory / name: text.encode() if isinstance(text, str) else text for name, text in contents.items()}
     made = _make(directory)
@@ -130,9 +130,9 @@ def survey(directory: Path, by: Collection[str], inputs: Iterable[Path] = (), bu
     by
         The commands.
     inputs
-    Files that are read, which always count as other files.
+        Files that are read, which always count as other files.
     but
-    Names in the directory that are left out.
+        Names in the directory that are left out.
     """
     if not directory.is_dir():
         return Survey((), {})

@@ -75,7 +75,7 @@ class ParameterSpace:
         Raises
         ------
         InputError
-        The message says how to evaluate the model instead.
+            The message says how to evaluate the model instead.
         """
         if not self.sampled:
             raise InputError(

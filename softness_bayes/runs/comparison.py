@@ -46,9 +46,9 @@ class LeftOut(NamedTuple):
     log_density: Array
     """log p(y_unit | other ratings), the parameters integrated out; a density of ratings as filed."""
     pareto_k: Array
-    """Shape of the tail of the importance weights; NaN where the model was sampled anew instead."""
+    """Pareto k of the importance weights; NaN where the model was refitted instead."""
     draws: int
-    """Draws behind each importance-weighted mean; 0 where the model was sampled anew."""
+    """Draws behind each importance-weighted mean; 0 where the model was refitted."""
     unfinished: int = 0
     """Refits that ended without having converged."""
 

@@ -93,9 +93,9 @@ class Schedule:
         target
             The density to sample.
         state
-        State of the run.
+            State of the run.
         late
-        Whether its time limit is reached.
+            Whether its time limit is reached.
         """
         while self.in_pilot(state) and state.steps == self.pilot[state.phase]:
             state = _learn(state)

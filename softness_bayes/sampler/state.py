@@ -58,7 +58,7 @@ class RunState:
     starts
         Result of the search for starting points.
     nonfinite
-    Points at which the density could not be computed.
+        Points at which the density could not be computed.
     seconds
         Time spent so far, earlier sessions included.
     ended

@@ -88,7 +88,7 @@ def rank_law(draws: int, width: float = 1.0, shift: float = 0.0) -> FloatArray:
     width
         Right over stated standard deviation.
     shift
-    Shift of the posterior, in its standard deviations.
+        Shift of the posterior, in its standard deviations.
     """
     z = np.linspace(-8.0, 8.0, _NODES)
     weight = np.exp(-0.5 * z**2)
