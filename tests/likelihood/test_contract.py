@@ -1,0 +1,444 @@
+"""The contract of likelihoods: every entry of the table goes through the same tests, and broken ones fail them.
+
+A new likelihood is tested as soon as it is in `LIKELIHOODS`; it needs a `Case` here: a small table of it, points of
+its parameters, and its law written out.
+"""
+
+import ast
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from scipy.integrate import quad
+from scipy.special import logsumexp
+from scipy.stats import kstest, multivariate_normal, norm
+
+import softness_bayes
+from softness_bayes.errors import InputError
+from softness_bayes.likelihood.contract import NO_RESPONSE, Likelihood
+from softness_bayes.likelihood.design import Design
+from softness_bayes.likelihood.directions import FALLS, RISES
+from softness_bayes.likelihood.error_laws import NORMAL, ErrorLaw
+from softness_bayes.likelihood.group_conditionals import block_log_likelihood
+from softness_bayes.likelihood.magnitude import LogRatings, RatingModel
+from softness_bayes.likelihood.models import LIKELIHOODS, RATING_MODELS, rating_model
+from softness_bayes.likelihood.plate import CompressionForces, SkinParameters
+from softness_bayes.likelihood.ratings import RatingParameters
+from softness_bayes.likelihood.scales import MAGNITUDE, RATING_SCALES, scale_named
+from softness_bayes.likelihood.z_scores import StandardisedModel, StandardisedRatings
+from softness_bayes.touch.plate import plate_line
+
+ROWS = 7
+CONDITIONS = 5
+DESIGN = Design([0, 1, 2, 3, 4, 1, 3], [0, 0, 0, 1, 1, 2, 2], [0, 1, 2, 0, 1], 3)
+RATES = np.array([[0.0, 3.0, 8.0, 20.0, 31.0], [5.0, 4.0, 2.0, 9.0, 1.0], [0.5, 0.0, 0.0, 12.0, 40.0]])
+
+
+@dataclass(frozen=True)
+class Case:
+    """One likelihood in small: its table, three points, and log p(y) at the k-th of them in another way."""
+
+    observed: Any
+    rate: Any
+    points: Any
+    oracle: Any
+
+    def at(self, k):
+        """The k-th point by itself."""
+        return self.rate[k], type(self.points)(*(np.asarray(value)[k] for value in self.points))
+
+
+def dense_ratings(y, rate, p):
+    """Log ratings as one dense normal vector."""
+    x = np.log(rate + p.eps)[DESIGN.condition]
+    fabric, person = DESIGN.fabric[DESIGN.condition], DESIGN.participant
+    covariance = 9.0 + p.tau**2 * (person[:, None] == person) + p.omega**2 * (fabric[:, None] == fabric)
+    law = multivariate_normal(np.log(20.0) - p.gamma * (x - x.mean()), covariance + p.varsigma**2 * np.eye(ROWS))
+    return law.logpdf(np.log(y)) - np.log(y).sum()
+
+
+def dense_line(y, rate, p):
+    """z-scores as dense normal vectors, integrated over a slope that is not negative."""
+    x = rate[DESIGN.condition]
+    x = (x - x.mean()) / x.std()
+    law = multivariate_normal(np.zeros(ROWS), 1.0 + p.varsigma**2 * np.eye(ROWS))
+    slopes, step = np.linspace(0.0, 9.0, 4001, retstep=True)
+    simpson = np.where(np.arange(slopes.size) % 2, 4.0, 2.0) * step / 3.0
+    simpson[[0, -1]] /= 2.0
+    return logsumexp(law.logpdf(y - np.outer(slopes, x)) + norm.logpdf(slopes) + np.log(2.0), b=simpson)
+
+
+DEPTH, FINGER = np.array([0.5, 1.0, 1.5, 2.0, 0.7, 1.2, 1.9]) * 1e-3, np.array([0, 0, 0, 1, 1, 2, 2])
+
+
+def dense_forces(y, rate, p):
+    """Log forces as one dense normal vector."""
+    line, same = plate_line(DEPTH), FINGER[:, None] == FINGER
+    mean = np.log(p.b) + p.m * line.slope + line.offset
+    covariance = same * (p.tau_b**2 + p.tau_m**2 * np.outer(line.slope, line.slope)) + p.varsigma_f**2 * np.eye(ROWS)
+    return multivariate_normal(mean, covariance).logpdf(np.log(y)) - np.log(y).sum()
+
+
+NOISE = np.array([0.3, -1.1, 0.6, 1.4, -0.2, 0.9, -0.7])
+RATED = RatingParameters(
+    np.array([1.0, 0.7, 1.4]),
+    np.array([0.8, 0.3, 0.5]),
+    np.array([0.3, 0.5, 0.2]),
+    np.array([0.4, 0.1, 0.2]),
+    [0.1] * 3,
+)
+SCORED = RatingParameters(*[np.full(3, np.nan)] * 2, np.array([0.5, 0.9, 0.4]), *[np.full(3, np.nan)] * 2)
+PRESSED = SkinParameters(
+    np.array([8e3, 6e3, 1e4]),
+    np.array([3.8, 3.0, 4.0]),
+    np.array([0.3, 0.5, 0.2]),
+    np.array([0.4, 0.9, 0.3]),
+    [0.2] * 3,
+)
+CASES = {
+    LogRatings: Case(LogRatings(20.0 * np.exp(NOISE), DESIGN, RatingModel(FALLS)), RATES, RATED, dense_ratings),
+    StandardisedRatings: Case(StandardisedRatings(NOISE, DESIGN, StandardisedModel(RISES)), RATES, SCORED, dense_line),
+    CompressionForces: Case(
+        CompressionForces(DEPTH, 0.3 * np.exp(0.4 * NOISE), FINGER, 3), np.empty((3, 0)), PRESSED, dense_forces
+    ),
+}
+
+
+def batched_is_single(case):
+    """Every member treats each point by itself."""
+    y = case.observed
+    for member in ("log_likelihood", "log_likelihood_loo", "below_loo", "log_likelihood_participants", "drive"):
+        found = getattr(y, member)(case.rate, case.points)
+        for k in range(3):
+            rate, point = case.at(slice(k, k + 1))
+            assert_allclose(found[k], getattr(y, member)(rate, point)[0], rtol=1e-10, err_msg=member)
+
+
+def whole_is_the_oracle(case):
+    """The joint density is that of the law written out."""
+    found = case.observed.log_likelihood(case.rate, case.points)
+    expected = [case.oracle(case.observed.values, *case.at(k)) for k in range(3)]
+    assert_allclose(found, expected, rtol=1e-8)
+
+
+def conditionals_chain(case):
+    """log p(y) is the sum of each row's density given those before it, and blocks chain in the same way."""
+    y, total = case.observed, 0.0
+    for row in range(1, ROWS):
+        rest = y.without(np.arange(ROWS) > row)
+        total = total + rest.log_likelihood_loo(case.rate, case.points)[:, row]
+    first = y.without(np.arange(ROWS) > 0).log_likelihood(case.rate, case.points)
+    assert_allclose(first + total, y.log_likelihood(case.rate, case.points), rtol=1e-9)
+
+
+def left_out_is_without(case):
+    """What is said of rows and participants given the others is what the likelihood without them lacks."""
+    y = case.observed
+    for member, block in (
+        ("log_likelihood_loo", np.arange(ROWS)),
+        ("log_likelihood_participants", y.design.participant),
+    ):
+        found = getattr(y, member)(case.rate, case.points)
+        assert_allclose(found, block_log_likelihood(y, case.rate, case.points, block), rtol=1e-8, err_msg=member)
+    only = np.arange(ROWS) == 2
+    assert_allclose(y.without(only).values, y.values[~only], rtol=0)
+
+
+def one_left_out_integrates_to_one(case):
+    """The law of a rating given the others has mass 1, and the mass below the rating that is stated."""
+    y = case.observed
+    rate, point = case.at(slice(0, 1))
+    scale, row = y.model.scale, 3
+    start = float(scale.additive(y.values[row]))
+
+    def density(additive):
+        values = y.values.copy()
+        values[row] = scale.natural(additive)
+        slope = (scale.natural(additive + 1e-5) - scale.natural(additive - 1e-5)) / 2e-5
+        return float(np.exp(y.with_values(values).log_likelihood_loo(rate, point)[0, row]) * slope)
+
+    parts = [quad(density, *ends, epsabs=1e-9, limit=200)[0] for ends in ((start - 12.0, start), (start, start + 12.0))]
+    assert_allclose(sum(parts), 1.0, atol=1e-6)
+    assert_allclose(parts[0], y.below_loo(rate, point)[0, row], atol=1e-6)
+
+
+def order_does_not_matter(case):
+    """Rows in another order, and participants under other numbers, have the same densities."""
+    y, order, people = case.observed, np.array([4, 2, 6, 0, 5, 1, 3]), np.array([2, 0, 1])
+    other = shuffled(y, order, people)
+    assert_allclose(other.log_likelihood(case.rate, case.points), y.log_likelihood(case.rate, case.points), rtol=1e-10)
+    found = other.log_likelihood_loo(case.rate, case.points)
+    assert_allclose(found, y.log_likelihood_loo(case.rate, case.points)[:, order], rtol=1e-9)
+    found = other.log_likelihood_participants(case.rate, case.points)[:, people]
+    assert_allclose(found, y.log_likelihood_participants(case.rate, case.points), rtol=1e-9, atol=1e-9)
+
+
+def shuffled(y, order, people):
+    """The same observations in another order, of renamed participants."""
+    if hasattr(y, "indentation"):
+        return type(y)(y.indentation[order], y.values[order], people[y.finger[order]], y.n_fingers)
+    design = Design(y.design.condition[order], people[y.design.participant[order]], y.design.fabric, 3)
+    return type(y)(y.values[order], design, y.model)
+
+
+DRAWS = 2400
+
+
+def many(case):
+    """One point many times over."""
+    rate, point = case.at(0)
+    return np.tile(rate, (DRAWS, 1)), type(point)(*(np.full(DRAWS, value) for value in point))
+
+
+def replicates_fit_the_density(case):
+    """Tables replicated at one point have its density p: that at another point, q, has a mean ratio q / p of 1."""
+    y, rng = case.observed, np.random.default_rng(5)
+    rate, points = many(case)
+    effects = y.new_effects(rng, points, (DRAWS,))
+    made = y.replicate(rng, y.drive(rate, points), points, effects)
+    first, point = case.at(slice(0, 1))
+    name = next(n for n in ("varsigma", "varsigma_f") if n in y.model.needs)
+    other = point._replace(**{name: 0.9 * getattr(point, name)})
+    tables = [y.with_values(values) for values in made[:800]]
+    ratio = [(table.log_likelihood(first, other) - table.log_likelihood(first, point))[0] for table in tables]
+    weight = np.exp(ratio)
+    assert abs(weight.mean() - 1.0) < 5.0 * weight.std() / np.sqrt(weight.size)
+    assert weight.std() > 0.1  # the other point is told apart
+
+
+def replicates_have_uniform_places(case):
+    """Each row of a replicated table lies uniformly in its law given the other rows."""
+    y, rng = case.observed, np.random.default_rng(6)
+    rate, points = many(case)
+    made = y.replicate(rng, y.drive(rate, points), points, y.new_effects(rng, points, (DRAWS,)))[:400]
+    first, point = case.at(slice(0, 1))
+    places = np.array([y.with_values(values).below_loo(first, point)[0] for values in made])
+    for row in range(ROWS):
+        assert kstest(places[:, row], "uniform").pvalue > 1e-4, row
+
+
+def residuals_are_errors(case):
+    """Residuals of tables made with given effects are normal with the stated spread."""
+    y, rng = case.observed, np.random.default_rng(7)
+    rate, points = many(case)
+    effects = y.new_effects(rng, points, (DRAWS,))
+    made = y.replicate(rng, y.drive(rate, points), points, effects)
+    first, point = case.at(slice(0, 1))
+    residual = np.empty((800, ROWS))
+    for k in range(len(residual)):
+        own = type(effects)(*(np.asarray(effect)[k : k + 1] for effect in effects))
+        residual[k] = y.with_values(made[k]).residual(first, point, own)[0]
+    spread = float(y.model.error_sd(point)[0])
+    assert kstest(residual.ravel() / spread, "norm").pvalue > 1e-4
+
+
+def effects_are_drawn_given_the_data(case):
+    """Effects of the prior, a table made of them, effects drawn given it: both have the same law (Geweke)."""
+    y, rng = case.observed, np.random.default_rng(8)
+    rate, points = many(case)
+    before = y.new_effects(rng, points, (DRAWS,))
+    made = y.replicate(rng, y.drive(rate, points), points, before)
+    first, point = case.at(slice(0, 1))
+    after = [y.with_values(values).draw_effects(rng, first, point) for values in made[:500]]
+    for k, name in enumerate(type(before)._fields):
+        known = np.asarray(before[k]).reshape(DRAWS, -1)
+        drawn = np.array([np.asarray(effects[k]).reshape(-1) for effects in after])
+        for column in range(known.shape[1]):
+            assert kstest(drawn[:, column], known[500:, column]).pvalue > 1e-4, name
+
+
+CHECKS = (
+    batched_is_single,
+    whole_is_the_oracle,
+    conditionals_chain,
+    left_out_is_without,
+    one_left_out_integrates_to_one,
+    order_does_not_matter,
+    replicates_fit_the_density,
+    replicates_have_uniform_places,
+    residuals_are_errors,
+    effects_are_drawn_given_the_data,
+)
+
+
+def named(values):
+    return {"ids": [value.__name__ for value in values]}
+
+
+@pytest.mark.parametrize("check", CHECKS, **named(CHECKS))
+@pytest.mark.parametrize("kind", LIKELIHOODS, **named(LIKELIHOODS))
+def test_likelihood_meets_the_contract(kind, check):
+    assert kind in CASES, f"{kind.__name__} needs a case in this file"
+    check(CASES[kind])
+
+
+@pytest.mark.parametrize("kind", LIKELIHOODS, **named(LIKELIHOODS))
+def test_members_and_shapes(kind):
+    case = CASES[kind]
+    y, model, rng = case.observed, case.observed.model, np.random.default_rng(1)
+    assert issubclass(kind, Likelihood)
+    assert kind.name
+    taken = model.take({**dict.fromkeys(model.needs, 0.5), "unknown": 1.0})
+    assert [float(getattr(taken, name)) for name in model.needs] == [0.5] * len(model.needs)
+    effects = y.draw_effects(rng, case.rate, case.points)
+    assert y.residual(case.rate, case.points, effects).shape == (3, ROWS)
+    assert model.error_sd(case.points).shape == (3,)
+    drive = y.drive(case.rate, case.points)
+    assert drive.shape == (3, y.design.n_conditions)
+    assert np.broadcast_shapes(y.predictor(case.rate, case.points).shape, drive.shape) == drive.shape
+    assert model.typical(effects, drive).shape == drive.shape
+    shared = {name for name, (values, axes) in model.named_effects(effects).items() if not axes}
+    assert shared == set(model.levels)
+    given = y.new_effects(rng, case.points, (3,), dict.fromkeys(shared, 0.25))
+    assert all((model.named_effects(given)[name][0] == 0.25).all() for name in shared)
+    values = model.scale.natural(model.scale.additive(y.values))
+    assert_allclose(values, y.values, rtol=1e-12)
+
+
+class Shared(LogRatings):
+    """Points of a batch are not kept apart."""
+
+    def log_likelihood(self, mean_rate, parameters):
+        return super().log_likelihood(np.broadcast_to(mean_rate.mean(axis=0), mean_rate.shape), parameters)
+
+
+class Tempered(LogRatings):
+    """A likelihood that weighs its data too much."""
+
+    def log_likelihood(self, mean_rate, parameters):
+        return 1.001 * super().log_likelihood(mean_rate, parameters)
+
+
+class Recentred(LogRatings):
+    """Ratings that are left out take the centre of the response with them."""
+
+    def without(self, rows):
+        return type(self)(self.values[~rows], self.design.without(rows), self.model)
+
+
+class Unnormalised(LogRatings):
+    """A law of each rating given the others of another mass than 1."""
+
+    def log_likelihood_loo(self, mean_rate, parameters):
+        return super().log_likelihood_loo(mean_rate, parameters) + 1e-4
+
+
+class Ordered(LogRatings):
+    """The first row counts for more."""
+
+    def log_likelihood(self, mean_rate, parameters):
+        return super().log_likelihood(mean_rate, parameters) + 1e-3 * np.log(self.values[0])
+
+
+class Noisy(LogRatings):
+    """Replicates with more noise than the density has."""
+
+    def replicate(self, rng, drive, parameters, effects):
+        return super().replicate(rng, drive, parameters._replace(varsigma=2.0 * parameters.varsigma), effects)
+
+
+class Stretched(LogRatings):
+    """Residuals that are not errors of the stated spread."""
+
+    def residual(self, mean_rate, parameters, effects):
+        return 1.2 * super().residual(mean_rate, parameters, effects)
+
+
+class Displaced(LogRatings):
+    """Effects that are not drawn from their posterior."""
+
+    def draw_effects(self, rng, mean_rate, parameters):
+        effects = super().draw_effects(rng, mean_rate, parameters)
+        return effects._replace(participant=effects.participant + 0.5)
+
+
+BROKEN = {
+    batched_is_single: Shared,
+    whole_is_the_oracle: Tempered,
+    conditionals_chain: Recentred,
+    left_out_is_without: Recentred,
+    one_left_out_integrates_to_one: Unnormalised,
+    order_does_not_matter: Ordered,
+    replicates_fit_the_density: Noisy,
+    replicates_have_uniform_places: Noisy,
+    residuals_are_errors: Stretched,
+    effects_are_drawn_given_the_data: Displaced,
+}
+
+
+@pytest.mark.parametrize("check", CHECKS, **named(CHECKS))
+def test_a_broken_likelihood_fails(check):
+    """Negative controls: every check finds a fault that it is there for."""
+    right = CASES[LogRatings]
+    broken = BROKEN[check](right.observed.values, DESIGN, right.observed.model)
+    with pytest.raises(AssertionError):
+        check(Case(broken, right.rate, right.points, right.oracle))
+
+
+def test_models_are_pairs_of_a_scale_and_an_error_law():
+    assert {scale.name for scale, _ in RATING_MODELS} == {*RATING_SCALES}
+    for scale, error in RATING_MODELS:
+        for direction in (RISES, FALLS):
+            model = rating_model(scale, direction, error)
+            assert (model.scale, model.error, model.direction) == (scale, error, direction)
+            assert type(model.observe(np.ones(ROWS), DESIGN)) in LIKELIHOODS
+    cauchy = ErrorLaw("cauchy", lambda rng, shape, parameters: rng.standard_cauchy(shape), NORMAL.normal_scores)
+    with pytest.raises(InputError, match="no model of magnitude with cauchy errors; expected one of magnitude with n"):
+        rating_model(MAGNITUDE, RISES, cauchy)
+    with pytest.raises(InputError, match="'likert' is not known, expected magnitude or standardised"):
+        scale_named("likert")
+
+
+def test_terms_without_a_response_need_no_rate():
+    """Forces alone: one point, and batches by the shape of the empty response or of the parameters."""
+    case = CASES[CompressionForces]
+    _, point = case.at(0)
+    single = case.observed.log_likelihood(NO_RESPONSE, point)
+    assert single.shape == ()
+    effects = case.observed.draw_effects(np.random.default_rng(1), np.empty((4, 0)), point)
+    assert effects.log_b.shape == (4, 3)
+    assert_allclose(case.observed.log_likelihood(NO_RESPONSE, case.points)[0], single, rtol=1e-12)
+
+
+PACKAGE = Path(softness_bayes.__file__).parent
+ROOMS = ("checking", "checkpoints", "claims", "results", "runs", "report", "plotting", "cli", "bench")
+"""Rooms that must not know which likelihood they are given."""
+
+
+def trees(*rooms):
+    return {path: ast.parse(path.read_text()) for room in rooms for path in sorted((PACKAGE / room).rglob("*.py"))}
+
+
+def classes_of_likelihoods():
+    found = (node for tree in trees("likelihood").values() for node in ast.walk(tree))
+    return {node.name for node in found if isinstance(node, ast.ClassDef)}
+
+
+def asks_for_a_class(node, names):
+    """Whether a call is isinstance, issubclass or type of one of some classes."""
+    if not (isinstance(node, ast.Call) and isinstance(node.func, ast.Name)):
+        return False
+    if node.func.id not in ("isinstance", "issubclass"):
+        return False
+    return bool(names & {part.id for part in ast.walk(node.args[1]) if isinstance(part, ast.Name)})
+
+
+def test_no_room_asks_which_likelihood_it_is_given():
+    names = classes_of_likelihoods()
+    assert {"LogRatings", "CompressionForces", "RatingsLikelihood"} <= names
+    for path, tree in trees(*ROOMS, "model").items():
+        for node in ast.walk(tree):
+            assert not asks_for_a_class(node, names), f"{path}: line {getattr(node, 'lineno', 0)}"
+    example = ast.parse("isinstance(y, (LogRatings, int))").body[0].value
+    assert asks_for_a_class(example, names)
+
+
+def test_no_name_of_a_scale_is_written_outside_its_table():
+    """The command line's choices, and all else that goes by a scale, come from the tables."""
+    names = {*RATING_SCALES, RISES.name, FALLS.name}
+    for path, tree in trees(*ROOMS, "model").items():
+        for node in ast.walk(tree):
+            assert not (isinstance(node, ast.Constant) and node.value in names), f"{path}: line {node.lineno}"
