@@ -76,7 +76,8 @@ def guarded(last: bool) -> Iterator[None]:
         for number in before:
             signal.signal(number, stop)
         reading, writing = os.pipe()
-        os.set_blocking(writing, False)
+        if hasattr(os, "set_blocking"):  # Windows has it from Python 3.12 on
+            os.set_blocking(writing, False)
         woken = signal.set_wakeup_fd(writing, warn_on_full_buffer=False)
         threading.Thread(target=_watch, args=(reading, done), daemon=True).start()
         try:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import fcntl
+import errno
 import os
 import re
 import time
@@ -11,11 +11,16 @@ from pathlib import Path
 from types import TracebackType
 from typing import Self
 
+from filelock import lock_descriptor
+
 from softness_bayes.errors import InputError, LockedError
 
 _LOCKED = re.compile(rb"(?:[0-9]+\n)?")
-_PLAIN = os.O_NOFOLLOW | os.O_NONBLOCK  # neither through a symbolic link, nor waiting for a pipe's other end
+# neither through a symbolic link, nor waiting for a pipe's other end, nor changing the ends of lines; as far as a
+# system has these
+_PLAIN = sum(getattr(os, name, 0) for name in ("O_NOFOLLOW", "O_NONBLOCK", "O_BINARY"))
 _TRIES, _WAIT = 10, 0.05  # somebody who only asks whether it is held holds it for an instant
+_ASKED, _INSTANT = 3, 2e-3  # as does another who asks at the same time
 
 
 class Lock:
@@ -34,19 +39,21 @@ class Lock:
         for _ in range(_TRIES):
             handle = os.open(self._path, os.O_RDWR | os.O_CREAT | _PLAIN, 0o666)
             try:
-                fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except OSError as error:
+                held = lock_descriptor(handle, blocking=False)
+            except OSError:
                 os.close(handle)
-                if not isinstance(error, BlockingIOError):
-                    raise
+                raise
+            if not held:
+                os.close(handle)
                 time.sleep(_WAIT)
                 continue
             if _is_at(handle, self._path):
-                if not _LOCKED.fullmatch(os.pread(handle, 32, 0)):
+                if not _LOCKED.fullmatch(os.read(handle, 32)):
                     os.close(handle)
                     raise InputError(f"{self._path}: is no lock of a run; move it away, or choose another --out")
                 os.ftruncate(handle, 0)
-                os.pwrite(handle, f"{os.getpid()}\n".encode(), 0)
+                os.lseek(handle, 0, os.SEEK_SET)
+                os.write(handle, f"{os.getpid()}\n".encode())
                 self._handle = handle
                 return self
             os.close(handle)  # its last holder removed the file meanwhile
@@ -75,18 +82,34 @@ def require_free(path: Path) -> None:
 
 
 def is_held(path: Path) -> bool:
-    """Return whether a process holds a lock; nothing is written or waited for."""
+    """Return whether a process holds a lock; nothing is written, and no more than milliseconds are waited.
+
+    Where that cannot be asked, as on a network's disk without permission to write, no process counts as holding it.
+    """
     try:
-        handle = os.open(path, os.O_RDONLY | _PLAIN)
+        handle = _opened(path)
     except FileNotFoundError:
         return False
     try:
-        fcntl.flock(handle, fcntl.LOCK_SH | fcntl.LOCK_NB)
-    except BlockingIOError:
-        return True
+        for _ in range(_ASKED):
+            if lock_descriptor(handle, blocking=False):
+                return False
+            time.sleep(_INSTANT)
+    except OSError:
+        return False
     finally:
         os.close(handle)
-    return False
+    return True
+
+
+def _opened(path: Path) -> int:
+    """Open a file as a lock needs it; as it may be read at least."""
+    try:
+        return os.open(path, os.O_RDWR | _PLAIN)
+    except OSError as error:
+        if error.errno not in (errno.EACCES, errno.EPERM, errno.EROFS):
+            raise
+        return os.open(path, os.O_RDONLY | _PLAIN)
 
 
 def _is_at(handle: int, path: Path) -> bool:

@@ -5,7 +5,6 @@
 
 from __future__ import annotations
 
-import fcntl
 import os
 import tempfile
 from collections.abc import Collection, Iterable, Iterator, Mapping
@@ -13,6 +12,8 @@ from contextlib import contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
+
+from filelock import lock_descriptor
 
 from softness_bayes.errors import InputError
 from softness_bayes.files.listing import LISTING, Entry, Listing, digest
@@ -242,11 +243,13 @@ def _unmake(made: Iterable[Path]) -> None:
 @contextmanager
 def _held(directory: Path) -> Iterator[bool]:
     """Keep other processes from writing outputs to a directory; whether that is so, for not every disk can lock."""
+    if os.name == "nt":  # where no directory can be opened
+        yield False
+        return
     handle = os.open(directory, os.O_RDONLY)
     try:
-        alone = True
         try:
-            fcntl.flock(handle, fcntl.LOCK_EX)
+            alone = lock_descriptor(handle)
         except OSError:
             alone = False
         yield alone

@@ -39,18 +39,15 @@ def staged(path: Path, content: bytes) -> Path:
     """
     part = path.with_name(f".softness-bayes-{secrets.token_hex(16)}.part")
     try:
-        handle = os.open(part, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW | os.O_CLOEXEC, 0o666)
-        try:
-            with open(handle, "wb") as file:
-                file.write(content)
-                file.flush()
-                os.fsync(file.fileno())
-        except BaseException:
-            with suppress(OSError):
-                part.unlink()
-            raise
-    except OSError as error:
-        error.filename = str(path)
+        with open(part, "xb") as file:  # a new file: nothing is written through a link
+            file.write(content)
+            file.flush()
+            os.fsync(file.fileno())
+    except BaseException as error:
+        with suppress(OSError):
+            part.unlink()
+        if isinstance(error, OSError):
+            error.filename = str(path)
         raise
     return part
 
@@ -103,6 +100,8 @@ def is_part(path: Path) -> bool:
 
 def _sync_directory(directory: Path) -> None:
     """Sync the names in a directory to the disk; otherwise a whole file could lack its name after a crash."""
+    if os.name == "nt":  # where no directory can be opened
+        return
     handle = os.open(directory, os.O_RDONLY)
     try:
         os.fsync(handle)

@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
-from multiprocessing import forkserver, get_context, parent_process, resource_tracker
+from multiprocessing import get_context, parent_process, resource_tracker
 from multiprocessing.context import BaseContext
 from types import TracebackType
 from typing import Any, Self, TypeVar
@@ -41,6 +41,8 @@ def _context() -> BaseContext:
 def prepare(module: str) -> None:
     """Begin to import a module that workers need, and emcee, in another process, in the background."""
     if _served():
+        from multiprocessing import forkserver  # not on every system
+
         _context().set_forkserver_preload([module, "emcee"])
         with _shielded():
             forkserver.ensure_running()
@@ -49,6 +51,9 @@ def prepare(module: str) -> None:
 @contextmanager
 def _shielded() -> Iterator[None]:
     """Start processes that ignore keyboard interrupts; the process that waits for them handles these."""
+    if not hasattr(signal, "pthread_sigmask"):  # Windows
+        yield
+        return
     resource_tracker.ensure_running()  # otherwise started in between, and lets signals through again
     before = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
     try:
