@@ -20,7 +20,7 @@ HERTZ_EXPONENT = 1.5
 
 
 class ExponentCheck(NamedTuple):
-    """Whether the fitted skin makes forces that grow with indentation as those that were seen."""
+    """Check of the growth of forces with indentation under the fitted skin."""
 
     observed: float
     """Power of the indentation in the data."""

@@ -1,1 +1,1 @@
-"""Observation models: how probable ratings, z-scores and plate forces are given the response."""
+"""Observation models: the probability of ratings, z-scores and plate forces given the response."""

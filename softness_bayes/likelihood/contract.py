@@ -1,9 +1,9 @@
-"""The contract of a likelihood: what the posterior, checks, results and figures ask of any kind of data.
+"""Contract of a likelihood: the members that the posterior, checks, results and figures use, for any kind of data.
 
 Magnitude estimates, z-scores and forces of a plate meet it, and `tests/likelihood/test_contract.py` puts every entry
 of `models.LIKELIHOODS` through the same tests. An observation model has two parts: a `Model`, a value that knows no
 data (its scale, its error law, its priors), and a `Likelihood`, the model of one table. Batch shapes (...) are those
-of the parameters: one point, or any array of draws; a member treats each point by itself.
+of the parameters: one point, or any array of draws; members treat each point independently.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ Effects = Any
 """A NamedTuple of arrays: those shared by all observations (...), and those of participants or fabrics (..., k)."""
 
 NO_RESPONSE: FloatArray = np.empty(0)
-"""The mean rate of no condition: what a model without receptors takes, (0,) or (..., 0) with a batch shape."""
+"""The mean rate without conditions, for models without receptors: shape (0,), or (..., 0) with a batch shape."""
 
 
 class Model(Protocol):
@@ -35,22 +35,22 @@ class Model(Protocol):
 
     @property
     def scale(self) -> Scale:
-        """What is observed: its units and labels, and `Scale.require`, which refuses unsuitable tables."""
+        """Scale of the observations, with units, labels, and `Scale.require`, which rejects unsuitable tables."""
 
     @property
     def error(self) -> ErrorLaw:
-        """How single observations scatter about what is expected of them."""
+        """Law of the errors of single observations about their expectation."""
 
     @property
     def needs(self) -> tuple[str, ...]:
-        """Names of the parameters that it has, beside those behind the response."""
+        """Names of the model's parameters, without those behind the response."""
 
     @property
     def levels(self) -> Mapping[str, Prior]:
         """Priors of the effects that all observations share, by name; these are drawn after a run."""
 
     def take(self, values: Mapping[str, ArrayLike]) -> Parameters:
-        """Return its parameters from values by name [SI], each a number or an array (...); other names are ignored."""
+        """Return the model's parameters from values by name [SI], numbers or arrays (...); other names are ignored."""
 
     def error_sd(self, parameters: Parameters) -> FloatArray:
         """Return the standard deviation of an error's `ErrorLaw.normal_scores`, shape (...), in `Scale.unit`."""
@@ -73,7 +73,7 @@ class Likelihood(ABC):
     model: Any
     """Its `Model`; of ratings, a `ratings.RatingsModel`."""
     design: Design
-    """Who gave each observation, and of which condition."""
+    """Participant and condition of each observation."""
     values: FloatArray
     """Observations as filed, shape (rows,)."""
 
@@ -83,7 +83,7 @@ class Likelihood(ABC):
 
     @abstractmethod
     def without(self, rows: NDArray[np.bool_]) -> Self:
-        """Return the likelihood of the other rows: p(y) = p(others) p(rows | others). Conditions stay as they are."""
+        """Return the likelihood of the other rows: p(y) = p(others) p(rows | others). Conditions are unchanged."""
 
     @abstractmethod
     def log_likelihood(self, mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
@@ -106,22 +106,22 @@ class Likelihood(ABC):
     def below_loo(self, mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
         """Return the probability of a smaller observation than each one, given all the others, shape (..., rows).
 
-        Half the probability of an equal one is added where observations are discrete.
+        For discrete observations, half the probability of an equal one is added.
         """
 
     @abstractmethod
     def log_likelihood_participants(self, mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
-        """Return the log density of each participant's observations given everybody else's, (draws, participants)."""
+        """Return the log density of each participant's observations given all others', (draws, participants)."""
 
     @abstractmethod
     def drive(self, mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
-        """Return the additive number of each condition but for effects, shape (..., conditions), in `Scale.unit`."""
+        """Return the additive number of each condition without effects, shape (..., conditions), in `Scale.unit`."""
 
     @abstractmethod
     def predictor(self, mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
-        """Return what additive numbers follow as a straight line, shape (..., conditions), but for a constant.
+        """Return the regressor of the additive numbers, up to a constant, shape (..., conditions).
 
-        Checks look along it for slopes of participants' own; a slope is in `Scale.unit` per unit of it.
+        Checks estimate participants' slopes on it; a slope is in `Scale.unit` per unit of the regressor.
         """
 
     @abstractmethod
@@ -136,7 +136,7 @@ class Likelihood(ABC):
 
     @abstractmethod
     def with_new_participants(self, rng: np.random.Generator, parameters: Parameters, effects: Effects) -> Effects:
-        """Return these effects with as many participants drawn anew."""
+        """Return these effects with the same number of new participants."""
 
     @abstractmethod
     def draw_effects(self, rng: np.random.Generator, mean_rate: FloatArray, parameters: Parameters) -> Effects:

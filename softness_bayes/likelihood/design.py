@@ -1,4 +1,4 @@
-"""Who rated what."""
+"""Design of a data set: condition and participant of every observation."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ IndexArray = NDArray[np.intp]
 
 @dataclass(frozen=True)
 class Design:
-    """Who rated what: the condition and participant of every row, and the fabric of every condition.
+    """Condition and participant of every row, and fabric of every condition.
 
     Parameters
     ----------
@@ -45,7 +45,7 @@ class Design:
             index.flags.writeable = False
             object.__setattr__(self, name, index)
         if self.condition.size == 0:
-            raise InputError("no rating at all: there is nothing to learn from")
+            raise InputError("there are no ratings, so there is nothing to learn from")
         _require_range("condition", self.condition, self.n_conditions)
         _require_range("participant", self.participant, self.n_participants)
         cells = np.zeros((self.n_participants, self.n_conditions))
@@ -74,7 +74,7 @@ class Design:
         return self.cells.sum(axis=0) / self.n_rows
 
     def without(self, rows: NDArray[np.bool_]) -> Design:
-        """The design of the other rows, with the same conditions and participants."""
+        """Return the design of the other rows, with the same conditions and participants."""
         return Design(self.condition[~rows], self.participant[~rows], self.fabric, self.n_participants)
 
 

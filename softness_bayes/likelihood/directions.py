@@ -1,4 +1,4 @@
-"""The readings of a rating's direction: it rises or falls with the response. Light, for the command line."""
+"""Readings of the ratings' direction: rising or falling with the response. Light to import, for the command line."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from softness_bayes.errors import InputError
 
 @dataclass(frozen=True)
 class RatingDirection:
-    """A reading of what is rated: ratings rise (+1) or fall (-1) with the response."""
+    """A reading of the direction of ratings: they rise (+1) or fall (-1) with the response."""
 
     name: str
     sign: float
@@ -22,12 +22,12 @@ class RatingDirection:
 RISES = RatingDirection("rises-with-firing", +1.0, "softness")
 """The paper's: softness is proportional to the response."""
 FALLS = RatingDirection("falls-with-firing", -1.0, "inverse")
-"""What most people's softness does: receptors fire more on stiffer fabrics."""
+"""Ratings of softness as most people give them: receptors fire more on stiffer fabrics."""
 SOFTNESS, INVERSE = RISES, FALLS  # their former names
 RATING_DIRECTIONS: Mapping[str, RatingDirection] = MappingProxyType(
     {direction.name: direction for direction in (RISES, FALLS)}
 )
-"""The readings of the rating's direction, by name; the first is taken where the data do not tell."""
+"""The readings of the ratings' direction, by name; the first is the default if the data cannot decide."""
 
 
 def direction_named(name: str) -> RatingDirection:

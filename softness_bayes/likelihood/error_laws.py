@@ -1,4 +1,4 @@
-"""How single observations scatter about what the model expects of them."""
+"""Error laws of single observations about their expectation."""
 
 from __future__ import annotations
 

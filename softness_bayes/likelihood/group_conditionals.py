@@ -1,4 +1,4 @@
-"""What all the ratings of a group say given those of the others, in closed form for each draw."""
+"""Density of all ratings of a group given those of the others, in closed form for each draw."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ Array = NDArray[np.float64]
 def block_log_likelihood(
     observation: Likelihood, mean_rate: Array, parameters: Parameters, block: NDArray[np.intp]
 ) -> Array:
-    """Log density of the ratings of each block given all others, log p(y_g | y_-g, theta) = log p(y) - log p(y_-g).
+    """Return the log density of each block given all others, log p(y_g | y_-g, theta) = log p(y) - log p(y_-g).
 
-    The response stays centred, or standardised, over all rows: what is left out is ratings, not touches.
+    The response stays centred, or standardised, over all rows: only ratings are left out, not conditions.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""What one block of ratings says given all the others, where blocks are independent once a few effects are known.
+"""Density of one block of ratings given all others, for blocks that are independent given a few effects.
 
 Let u be those effects in standard deviations of their prior, and q_g(u) the negative log density of block g, a
 quadratic function with Hessian A_g. At u*, the minimum of |u|²/2 + sum q_g, with M = I + sum A_g and g_g the gradient
@@ -25,16 +25,16 @@ from softness_bayes.likelihood.random_effects import Spreads
 Array = NDArray[np.float64]
 
 _LOG_TWO_PI = float(np.log(2.0 * np.pi))
-_REFINED = 3  # Newton's steps: the first is exact but for rounding, which the others take away
+_REFINED = 3  # Newton's steps: the first is exact up to rounding, which the others remove
 
 
 class Given(NamedTuple):
-    """A block given all the others, each of shape (draws, blocks) and more."""
+    """The law of a block given all others, each field of shape (draws, blocks, ...)."""
 
     log_density: Array
     """log p(y_g | y_-g), shape (draws, blocks)."""
     moved: Array
-    """Mean of u without the block less u*, shape (draws, blocks, effects)."""
+    """Mean of u without the block, minus u*, shape (draws, blocks, effects)."""
     precision: Array
     """Inverse covariance of u without the block, shape (draws, blocks, effects, effects)."""
 
@@ -63,9 +63,9 @@ def given_the_others(misfit: Array, gradient: Array, hessian: Array) -> Given:
 def participant_log_density(
     design: Design, values: Array, mean: float, sd: float, offset: Array, spreads: Spreads
 ) -> Array:
-    """Log density of all rows of each participant given those of all the others.
+    """Return the log density of all rows of each participant given those of all others.
 
-    The law is that of `random_effects.RandomEffects`; the effects that participants share are mu and the fabrics'.
+    The law is that of `random_effects.RandomEffects`; participants share mu and the fabrics' effects.
 
     Parameters
     ----------
@@ -93,7 +93,7 @@ def participant_log_density(
 
 
 class _Shared:
-    """Participants, independent once mu, and fabrics if these have effects, are known."""
+    """Participants, which are independent given mu and any effects of fabrics."""
 
     def __init__(self, design: Design, values: Array, sd: float, fabrics: bool) -> None:
         self._design, self._values, self._sd = design, values, sd
@@ -139,7 +139,7 @@ class _Shared:
 
 
 def minimum(at: Callable[[Array], tuple[Array, Array]], hessian: Array) -> tuple[Array, Array, Array]:
-    """Return u*, shape (draws, effects), and what ``at`` gives there: misfit and gradient of every block."""
+    """Return u*, shape (draws, effects), with the misfit and gradient of every block there."""
     precision = np.eye(hessian.shape[-1]) + hessian.sum(axis=1)
     u = np.zeros((len(hessian), hessian.shape[-1]))
     for _ in range(_REFINED):
@@ -149,7 +149,7 @@ def minimum(at: Callable[[Array], tuple[Array, Array]], hessian: Array) -> tuple
 
 
 def summing(index: ArrayLike, size: int) -> csr_array:
-    """Return the sparse matrix (size, rows) that sums rows of each index; one of ``size`` or more belongs nowhere."""
+    """Return the sparse matrix (size, rows) that sums rows by index; indices of ``size`` or more are ignored."""
     index = np.asarray(index)
     row = np.flatnonzero(index < size)
     return csr_array((np.ones(row.size), (index[row], row)), shape=(size, index.size))

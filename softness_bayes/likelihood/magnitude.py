@@ -1,4 +1,4 @@
-"""From the response to ratings: magnitude estimates as a log-linear model with free moduli (model.md 9)."""
+"""Magnitude estimates: a log-linear model of the response with participants' own rating scales (model.md 9)."""
 
 from __future__ import annotations
 
@@ -63,12 +63,12 @@ class RatingModel:
         return np.asarray(parameters.varsigma, float)
 
     def drive(self, design: Design, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
-        """What the response adds to the log rating in each condition of a design.
+        """Return the response's contribution to the log rating in each condition of a design.
 
         Parameters
         ----------
         design
-            Who rated what: the rows over which x is centred.
+            The rows over which x is centred.
         mean_rate
             N/N_ref [Hz] of each condition, shape (..., conditions).
         parameters
@@ -146,7 +146,7 @@ class RatingModel:
         return {"mu": self.level}
 
     def observe(self, ratings: ArrayLike, design: Design) -> LogRatings:
-        """These ratings under this model."""
+        """Return the likelihood of these ratings under this model."""
         return LogRatings(ratings, design, self)
 
 
@@ -246,7 +246,7 @@ class LogRatings(RatingsLikelihood):
         return self._effects.draw_effects(rng, drive, _spreads(parameters))
 
     def residual(self, mean_rate: FloatArray, parameters: RatingParameters, effects: Effects) -> FloatArray:
-        """What noise must explain of the log of each rating, shape (..., rows)."""
+        """Return the residual of each log rating given the effects, shape (..., rows)."""
         drive, design = self.drive(mean_rate, parameters), self.design
         expected = effects.mu[..., None] + (drive + effects.fabric[..., design.fabric])[..., design.condition]
         errors = self._log - expected - effects.participant[..., design.participant]

@@ -1,4 +1,4 @@
-"""Many draws a few at a time, so that memory does not grow with draws times ratings."""
+"""Computations over many draws in pieces, so that memory does not grow with draws times ratings."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 ROOM = 1_000_000
-"""Numbers that one array of a piece may hold; a dozen such arrays are in use at once."""
+"""Largest number of elements of an array of a piece; a dozen such arrays are in use at once."""
 
 
 def pieces(draws: int, width: int) -> list[slice]:
@@ -21,7 +21,7 @@ def pieces(draws: int, width: int) -> list[slice]:
 
 
 def part_of(values: Any, piece: Any) -> Any:
-    """Return a NamedTuple of numbers and of arrays (draws, ...) for some of the draws alone; numbers stay."""
+    """Return a NamedTuple with its arrays (draws, ...) restricted to some draws; numbers stay."""
     return type(values)(*(value if np.ndim(value) == 0 else np.asarray(value)[piece] for value in values))
 
 
@@ -31,7 +31,7 @@ def in_pieces(work: Callable[[Array, Any], Array], width: int, mean_rate: Array,
     Parameters
     ----------
     work
-        What treats every draw by itself.
+        Function that treats every draw independently.
     width
         Numbers that it holds for each draw.
     mean_rate

@@ -1,4 +1,4 @@
-"""What a rigid plate's force on fingerpads says of the skin, every finger's own skin integrated out."""
+"""Likelihood of a rigid plate's forces on fingerpads, with every finger's own skin integrated out."""
 
 from __future__ import annotations
 
@@ -26,11 +26,11 @@ Array = NDArray[np.float64]
 
 _LEAST_VARIANCE = 1e-100
 _LOG_TWO_PI = math.log(2.0 * math.pi)
-_WIDTH = 8  # numbers for each force and draw of what is left out
+_WIDTH = 8  # numbers for each force and draw in leave-one-out densities
 
 
 class SkinParameters(NamedTuple):
-    """Skin, and how fingers and single forces depart from it; numbers or arrays of the batch shape (...)."""
+    """Skin of the typical finger, and spreads of fingers and forces; numbers or arrays of the batch shape (...)."""
 
     b: ArrayLike
     """Modulus at rest of the typical finger [Pa]."""
@@ -45,7 +45,7 @@ class SkinParameters(NamedTuple):
 
 
 class FingerEffects(NamedTuple):
-    """How fingers depart from the typical one, both of shape (..., fingers)."""
+    """Deviations of fingers from the typical one, both of shape (..., fingers)."""
 
     log_b: Array
     """In ln b."""
@@ -96,9 +96,9 @@ class PlateModel:
 class CompressionForces(Likelihood):
     """Forces of a rigid plate under a `PlateModel`, fingers and noise integrated out.
 
-    The forces of a finger are turned so that two of them carry all that they say of its skin and the rest
-    is noise: a 2 x 2 normal law for each finger, in closed form. Fingers are the participants of the design, and
-    each force is a condition of its own.
+    An orthogonal transformation of a finger's forces puts all information on its skin into two of them and leaves
+    noise in the others: a 2 x 2 normal law for each finger, in closed form. Fingers are the participants of the
+    design, and each force is its own condition.
 
     Parameters
     ----------
@@ -132,7 +132,7 @@ class CompressionForces(Likelihood):
         self.finger, self.n_fingers = np.array(finger, np.intp), n_fingers
         rows = self.values.size
         if not rows:
-            raise InputError("compression: no force at all, there is nothing to learn from")
+            raise InputError("compression: there are no forces, so there is nothing to learn from")
         for what, values in (("an indentation", self.indentation), ("a force", self.values)):
             if not (np.isfinite(values) & (values > 0)).all():
                 raise InputError(f"compression: {what} is not a positive number")
@@ -146,7 +146,7 @@ class CompressionForces(Likelihood):
         self._noise = np.zeros(n_fingers)
         for j in range(n_fingers):
             own = self.finger == j
-            # two rows of zeros: fingers with fewer than two forces need no case of their own
+            # two rows of zeros, so that fingers with fewer than two forces need no special case
             columns = np.vstack([np.column_stack([np.ones(own.sum()), self._line.slope[own]]), np.zeros((2, 2))])
             basis, self._turn[j] = np.linalg.qr(columns)
             padded = np.append(known[own], [0.0, 0.0])
@@ -178,7 +178,7 @@ class CompressionForces(Likelihood):
         return np.asarray(-0.5 * (noise + determinant + quadratic) - self._log.sum())
 
     def log_likelihood_participants(self, mean_rate: Array, parameters: SkinParameters) -> Array:
-        """Return the log density of each finger's forces, (..., fingers): the others say nothing more of them."""
+        """Return the log density of each finger's forces, (..., fingers), which do not depend on other fingers."""
         law, rows = self._law(mean_rate, parameters), self.design.cells.sum(axis=1)
         variance = law.variance[..., None]
         noise = (rows - 2) * (_LOG_TWO_PI + np.log(variance)) + self._noise / variance
@@ -233,9 +233,9 @@ class CompressionForces(Likelihood):
         return self.new_effects(rng, parameters, effects.log_b.shape[:-1])
 
     def draw_effects(self, rng: np.random.Generator, mean_rate: Array, parameters: SkinParameters) -> FingerEffects:
-        """Return exact draws of how the fingers depart, given their forces, one for each point of the batch.
+        """Return exact draws of the fingers' deviations given their forces, one for each point of the batch.
 
-        A draw without the forces is corrected by what it would have been taken for (Matheron's rule).
+        A draw from the prior is corrected by the residual of its own simulated forces (Matheron's rule).
         """
         law = self._law(mean_rate, parameters)
         shape = law.residual.shape[:-1]
@@ -265,9 +265,9 @@ class CompressionForces(Likelihood):
         return self.model.error.normal_scores(errors, parameters)
 
     def exponent(self, force: ArrayLike) -> Array:
-        """Power of the indentation that forces (..., rows) follow, within fingers, by least squares; shape (...).
+        """Return the exponent of forces (..., rows) against indentation within fingers, by least squares; shape (...).
 
-        NaN where no finger was pressed to two indentations.
+        It is NaN if no finger was pressed to two indentations.
         """
         count = np.maximum(np.bincount(self.finger, minlength=self.n_fingers), 1)
         member = (self.finger[:, None] == np.arange(self.n_fingers)) / count
@@ -277,13 +277,13 @@ class CompressionForces(Likelihood):
         return np.asarray((y @ x) / total if total > 1e-12 else np.full(y.shape[:-1], np.nan))
 
     def _own(self, effects: FingerEffects) -> Array:
-        """Return what its finger adds to each log force, shape (..., rows)."""
+        """Return the finger's contribution to each log force, shape (..., rows)."""
         return effects.log_b[..., self.finger] + effects.m[..., self.finger] * self._line.slope
 
     def _without_one(self, mean_rate: Array, parameters: SkinParameters) -> tuple[Array, Array]:
         """Return mean and standard deviation of each log force given all the others, shape (..., rows).
 
-        The normal equations of a finger's departures are sums over its other forces, so that nothing cancels.
+        The normal equations of a finger's deviations are sums over its other forces, so that nothing cancels.
         """
         z = np.column_stack([np.ones(self.n_rows), self._line.slope])
         others = (self.finger[:, None] == self.finger) & ~np.eye(self.n_rows, dtype=bool)

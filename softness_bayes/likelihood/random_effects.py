@@ -2,8 +2,8 @@
 
 y_i = v_c(i) + mu + s_p(i) + f_k(i) + e_i with mu ~ N(mean, sd²), s ~ N(0, tau²), f ~ N(0, omega²) and
 e ~ N(0, varsigma²); c, p and k are the condition, participant and fabric of row i. Every quantity follows
-from counts and means over the rows that are taken once, so that the cost of one evaluation does not depend
-on the number of rows; sums of squares are never differences of larger ones.
+from counts and means over the rows that are computed once, so that the cost of one evaluation does not depend
+on the number of rows. Sums of squares are never differences of larger ones.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ class LeaveOneOut(NamedTuple):
 
 
 class _Levels(NamedTuple):
-    """What participants' means say once tau and varsigma are known."""
+    """Law of participants' means given tau and varsigma."""
 
     precision: FloatArray  # of each participant's mean without mu, (..., participants)
     total: FloatArray  # their sum W, (...)
@@ -100,7 +100,7 @@ class RandomEffects:
         return self.design.n_rows + self.design.n_participants * self.design.n_fabrics**2
 
     def log_density(self, offset: FloatArray, spreads: Spreads) -> FloatArray:
-        """Log density of the rows.
+        """Return the log density of the rows.
 
         Parameters
         ----------
@@ -125,14 +125,14 @@ class RandomEffects:
             root, likely = self._fabric_posterior(offset, spreads, levels)
             diagonal = np.abs(np.diagonal(root, axis1=-2, axis2=-1))
             log_determinant = log_determinant + 2.0 * np.log(diagonal).sum(axis=-1)
-            # at the most probable fabrics the quadratic form is a sum of squares, and errors enter squared
+            # at the most probable fabrics the quadratic form is a sum of squares, in which errors enter squared
             penalty = (likely**2).sum(axis=-1)
             offset = offset + omega[..., None] * likely @ self._fabrics.T
         quadratic = self._quadratic(offset, levels, variance) + penalty
         return -0.5 * (self.design.n_rows * math.log(2.0 * math.pi) + log_determinant + quadratic)
 
     def draw_effects(self, rng: np.random.Generator, offset: FloatArray, spreads: Spreads) -> Effects:
-        """Exact draws of the effects given the rows: fabrics, then mu, then participants.
+        """Return exact draws of the effects given the rows: fabrics, then mu, then participants.
 
         Arguments as in `log_density`; one draw for each point of the batch.
         """
@@ -164,7 +164,7 @@ class RandomEffects:
         return Effects(*(v.reshape((*shape, *v.shape[1:])) for v in (self.mean + mu, participant, fabric)))
 
     def leave_one_out(self, offset: FloatArray, spreads: Spreads) -> LeaveOneOut:
-        """The law of each row given all the others, N(y_i - (K r)_i / K_ii, 1 / K_ii).
+        """Return the law of each row given all the others, N(y_i - (K r)_i / K_ii, 1 / K_ii).
 
         K is the inverse covariance of the rows and r their residual. Arguments as in `log_density`;
         memory grows with batch × rows, and with batch × participants × fabrics² if omega is not 0.

@@ -1,4 +1,4 @@
-"""What all likelihoods of ratings share: their parameters, their table, and what they ask of their model."""
+"""Common parts of the likelihoods of ratings: their parameters, their table, and the contract of their model."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ RATINGS = "ratings"
 
 
 class RatingParameters(NamedTuple):
-    """The parameters of all rating models, each a number or an array (...); NaN are those that a model has not."""
+    """Parameters of all rating models, each a number or an array (...); NaN for those that a model does not have."""
 
     gamma: ArrayLike
     """Exponent of the rating [-]."""
     tau: ArrayLike
-    """Standard deviation of participants' log moduli [-]."""
+    """Standard deviation of participants' rating scales, in the log [-]."""
     varsigma: ArrayLike
     """Standard deviation of a rating's log about its participant's [-]."""
     omega: ArrayLike = 0.0
@@ -35,16 +35,16 @@ class RatingParameters(NamedTuple):
 
     @classmethod
     def among(cls, values: Mapping[str, ArrayLike]) -> RatingParameters:
-        """Return those among some values by name; NaN are those that are not there."""
+        """Return the parameters from values by name; missing ones are NaN."""
         return cls(*(values.get(name, np.nan) for name in cls._fields))
 
 
 class RatingsModel(Model, Protocol):
-    """A model of ratings, which may be of any design."""
+    """A model of ratings of any design."""
 
     @property
     def direction(self) -> RatingDirection:
-        """Whether ratings rise or fall with the response."""
+        """Direction of ratings with the response."""
 
     def drive_at(
         self, elsewhere: FloatArray, design: Design, mean_rate: FloatArray, parameters: RatingParameters
@@ -85,7 +85,7 @@ class RatingsModel(Model, Protocol):
 
 
 class RatingsLikelihood(Likelihood):
-    """Ratings under a model; what a model with them needs beyond that is its densities.
+    """Ratings under a model, without the densities, which depend on the model.
 
     Parameters
     ----------
@@ -118,11 +118,11 @@ class RatingsLikelihood(Likelihood):
         return type(self)(values, self.design, self.model, self._over)
 
     def without(self, rows: NDArray[np.bool_]) -> Self:
-        """Return the other ratings alone, x still centred over all rows: p(y) = p(others) p(rows | others)."""
+        """Return the other ratings, with x still centred over all rows: p(y) = p(others) p(rows | others)."""
         return type(self)(self.values[~rows], self.design.without(rows), self.model, self._over)
 
     def drive(self, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
-        """Return what the response adds in each condition, shape (..., conditions), in `Scale.unit`."""
+        """Return the response's contribution in each condition, shape (..., conditions), in `Scale.unit`."""
         return self.drive_at(mean_rate, mean_rate, parameters)
 
     def drive_at(self, elsewhere: FloatArray, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:

@@ -1,7 +1,7 @@
 """The scales of observed numbers: magnitude estimates, z-scores, forces of a plate (model.md 9).
 
-A scale says what was observed; an `error_laws.ErrorLaw` says how single observations scatter. `models` holds the
-observation model of each pair. This module is light, for the command line: NumPy comes with the first number.
+A scale describes the observations; an `error_laws.ErrorLaw` describes their errors. `models` contains the
+observation model of each pair. This module is light, for the command line: it imports NumPy on first use.
 """
 
 from __future__ import annotations
@@ -18,14 +18,14 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 LARGEST_LOG_RATING = 700.0
-"""Largest log rating, up or down, that is drawn or predicted: floating point ends at 709.78."""
+"""Largest absolute log rating that is drawn or predicted: floating point ends at 709.78."""
 
 STANDARDISED_MEAN, STANDARDISED_SD = 1.0, 3.0
-"""Largest mean, up or down, and largest standard deviation of ratings that are taken for z-scores."""
+"""Largest absolute mean, and largest standard deviation, of ratings that can be z-scores."""
 
 
 class Filed(Protocol):
-    """A table of ratings, as far as a scale must know it to refuse it."""
+    """The parts of a table of ratings that a scale checks."""
 
     @property
     def rating(self) -> NDArray[np.float64]:
@@ -45,23 +45,23 @@ class Filed(Protocol):
 
     @property
     def not_positive(self) -> str:
-        """The first rating that is zero or negative, as it stands in the file."""
+        """The first rating that is zero or negative, as written in the file."""
 
 
 @dataclass(frozen=True)
 class Scale:
-    """What the observed numbers are.
+    """Scale of observed numbers.
 
-    Effects of fabrics and participants add up in `additive` numbers of the observations, log ratings for instance.
+    Effects of fabrics and participants add up in `additive` numbers of the observations, such as log ratings.
 
     Parameters
     ----------
     name
         Name in files and options.
     meaning
-        What one observation is, for tables and help.
+        Meaning of an observation, for tables and help.
     suitable
-        What observations must be, in a word.
+        Requirement on observations, in a word.
     unit, short
         Unit of an additive number, in sentences and in small figures.
     label
@@ -71,9 +71,9 @@ class Scale:
     axis
         Scale of such an axis: log or linear.
     drawn
-        Smallest and largest observation that such an axis can hold with its margins and ticks.
+        Smallest and largest observation on such an axis with its margins and ticks.
     own_units
-        True if participants answer in units of their own, which tables and figures take away.
+        True if participants use their own rating scales, which tables and figures remove.
     additive, natural
         Additive numbers of observations, and the inverse; arrays of any shape.
     require
@@ -102,7 +102,7 @@ def _log(values: Any) -> NDArray[np.float64]:
 
 
 def _exp(values: Any) -> NDArray[np.float64]:
-    """Return exp of log ratings, held at `LARGEST_LOG_RATING`: no rating of the model is 0 or infinite."""
+    """Return exp of log ratings, clipped at `LARGEST_LOG_RATING`, so that no rating is 0 or infinite."""
     import numpy as np
 
     return np.exp(np.clip(values, -LARGEST_LOG_RATING, LARGEST_LOG_RATING))
@@ -115,7 +115,7 @@ def _same(values: Any) -> NDArray[np.float64]:
 
 
 def _require_positive(table: Filed) -> None:
-    """Refuse ratings without a logarithm: magnitude estimates are above 0 (model.md 9)."""
+    """Raise an error for ratings without a logarithm: magnitude estimates are above 0 (model.md 9)."""
     import numpy as np
 
     wrong = np.flatnonzero(table.rating <= 0)
@@ -131,7 +131,7 @@ def _require_positive(table: Filed) -> None:
 
 
 def _require_standardised(table: Filed) -> None:
-    """Refuse ratings that cannot be z-scores: `STANDARDISED_MEAN` and `STANDARDISED_SD` (model.md 9)."""
+    """Raise an error for ratings that cannot be z-scores: `STANDARDISED_MEAN` and `STANDARDISED_SD` (model.md 9)."""
     mean, sd = float(table.rating.mean()), float(table.rating.std())
     if abs(mean) > STANDARDISED_MEAN or sd > STANDARDISED_SD:
         raise InputError(
@@ -207,4 +207,4 @@ PLATE_FORCE = Scale(
     natural=_exp,
     require=_accept,
 )
-"""What a rigid plate's force on a fingerpad is; not a scale of ratings."""
+"""The scale of a rigid plate's force on a fingerpad; not a scale of ratings."""

@@ -1,4 +1,4 @@
-"""From the response to standardised ratings: z-scores as a straight line in the response (model.md 9)."""
+"""Standardised ratings: z-scores as a straight line in the response (model.md 9)."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ FloatArray = NDArray[np.float64]
 
 _LOG_TWO_PI = math.log(2.0 * math.pi)
 _LEAST_VARIANCE = 1e-100  # far below any spread of ratings; the square of its inverse is still a number
-_CONSTANT = 1e-9  # rates that differ by less than this share of their mean differ by rounding alone
+_CONSTANT = 1e-9  # relative differences of rates below this are rounding errors
 
 
 class Line(NamedTuple):
@@ -41,8 +41,8 @@ class Line(NamedTuple):
 class StandardisedModel:
     """y = c0 ± c1 x + e, x = N/N_ref standardised over the rows (0 where it does not vary).
 
-    c0 ~ N(0, 1), c1 ~ HalfNormal(1), e ~ N(0, varsigma²): z-scores have neither a scale nor an origin of
-    a participant's own left, so there is no participant in it, and no exponent. + under
+    c0 ~ N(0, 1), c1 ~ HalfNormal(1), e ~ N(0, varsigma²). Standardisation removes the participants' scales and
+    origins, so that the model has neither participants nor an exponent. The sign is + under
     ``rises-with-firing``, - under ``falls-with-firing``.
 
     Parameters
@@ -94,7 +94,7 @@ class StandardisedModel:
         )
 
     def with_new_participants(self, rng: np.random.Generator, parameters: RatingParameters, effects: Line) -> Line:
-        """The same line: nothing of a participant's own is left in z-scores."""
+        """Return the same line: z-scores have no effects of participants."""
         return effects
 
     def draw_ratings(
@@ -131,8 +131,8 @@ class StandardisedModel:
 class StandardisedRatings(RatingsLikelihood):
     """z-scores under a `StandardisedModel`, with the line integrated out.
 
-    Were c1 normal instead of half-normal, (c0, c1) would be normal given the ratings, with a mean of c1 of
-    t standard deviations. Keeping c1 >= 0 multiplies the joint density by 2 Phi(t).
+    If c1 were normal instead of half-normal, (c0, c1) would be normal given the ratings, with a mean of c1 of
+    t standard deviations. The constraint c1 >= 0 multiplies the joint density by 2 Phi(t).
 
     Parameters
     ----------
@@ -247,7 +247,7 @@ class StandardisedRatings(RatingsLikelihood):
         return given.log_density + log_ndtr(fit.deviate)[:, None] - log_ndtr(without)
 
     def _without_one(self, mean_rate: FloatArray, parameters: RatingParameters) -> _Alone:
-        """The law of each rating and c1 given all the other ratings, were c1 of either sign."""
+        """Return the law of each rating and c1 given all the other ratings, for c1 of either sign."""
         fit = self._fit(mean_rate, parameters)
         n = self.design.n_rows
         variance, slope, precision = (v[..., None] for v in (fit.variance, fit.slope, fit.precision))
@@ -270,7 +270,7 @@ class StandardisedRatings(RatingsLikelihood):
 
     def draw_effects(self, rng: np.random.Generator, mean_rate: FloatArray, parameters: RatingParameters) -> Line:
         """Exact draws of the line given the ratings, one for each point of the batch: c1, then c0."""
-        from scipy.stats import truncnorm  # a third of a second that no other start should wait for
+        from scipy.stats import truncnorm  # imported here because it takes a third of a second
 
         fit = self._fit(mean_rate, parameters)
         n = self.design.n_rows
@@ -281,13 +281,13 @@ class StandardisedRatings(RatingsLikelihood):
         return Line(np.asarray(c0), np.maximum(c1, 0.0))
 
     def residual(self, mean_rate: FloatArray, parameters: RatingParameters, effects: Line) -> FloatArray:
-        """What noise must explain of each rating, shape (..., rows)."""
+        """Return the residual of each rating, shape (..., rows)."""
         drive = self.drive(mean_rate, parameters)
         errors = self.values - self.model.typical(effects, drive)[..., self.design.condition]
         return self.model.error.normal_scores(errors, parameters)
 
     def _fit(self, mean_rate: FloatArray, parameters: RatingParameters) -> _Fit:
-        """What the ratings say of a line whose c1 may have either sign."""
+        """Return the posterior of a line whose c1 may have either sign."""
         drive = self.drive(mean_rate, parameters)
         shape = np.broadcast_shapes(drive.shape[:-1], np.shape(parameters.varsigma))
         drive = np.broadcast_to(drive, (*shape, drive.shape[-1]))
@@ -312,7 +312,7 @@ class _Alone(NamedTuple):
 
 
 def bivariate_below(h: FloatArray, k: FloatArray, correlation: FloatArray) -> FloatArray:
-    """P(X < h, Y < k) of two standard normal variables, by Owen's function (Owen, Ann. Math. Stat. 27, 1075, 1956)."""
+    """Return P(X < h, Y < k) of two standard normal variables by Owen's function (Ann. Math. Stat. 27, 1075, 1956)."""
     root = np.sqrt(np.maximum(1.0 - correlation**2, 1e-300))
     with np.errstate(divide="ignore", invalid="ignore"):
         tails = sum(

@@ -1,4 +1,4 @@
-"""The posterior density of the sampled parameters, for whole batches of points."""
+"""Posterior density of the sampled parameters, for whole batches of points."""
 
 from __future__ import annotations
 
@@ -19,16 +19,16 @@ from softness_bayes.touch.parameters import TouchParameters
 FloatArray = NDArray[np.float64]
 
 LEAST_FIRING = 3
-"""Conditions in which a starting point must fire, or all if there are fewer."""
+"""Number of conditions, or all if there are fewer, in which receptors must fire at a starting point."""
 
 NEGLIGIBLE = -200.0
-"""Log prior density of a single parameter below which a point is taken to have none."""
+"""Log prior density of a single parameter below which the density of a point is set to zero."""
 
 _WIDTHS = (1.0, 50), (1.5, 10), (2.0, 10), (3.0, 10), (4.0, 10)  # of priors that starts are of, and attempts
 
 
 class ForwardModel(Protocol):
-    """What the posterior asks of a scene."""
+    """The members of a scene that the posterior uses."""
 
     @property
     def n_receptors(self) -> float:
@@ -50,8 +50,8 @@ class Density:
     space
         The parameters.
     terms
-        The likelihood of each kind of data, independent of one another once the parameters are known. Raters and
-        fingers are not matched: the typical finger's b and m are those of the typical rater.
+        The likelihood of each kind of data, independent of each other given the parameters. Raters and fingers are not
+        matched: the typical finger's b and m are those of the typical rater.
     """
 
     space: ParameterSpace
@@ -83,7 +83,7 @@ class Density:
         return np.empty((*theta.shape[:-1], 0))
 
     def parameters_of(self, term: Likelihood, theta: FloatArray) -> Parameters:
-        """What a term's model needs at points theta, in SI: held parameters are numbers, sampled ones (...)."""
+        """Return the parameters of a term's model at points theta, in SI: numbers if held, arrays (...) if sampled."""
         values = self.space.values(theta)
         return term.model.take({name: values[name] * EVERY_PARAMETER[name].si for name in term.model.needs})
 
@@ -108,7 +108,7 @@ class Density:
         return value
 
     def _likelihood(self, theta: FloatArray) -> FloatArray:
-        """Log density of the data, whatever comes out."""
+        """Return the log density of the data, which may not be finite."""
         return np.broadcast_to(self.data_density(theta), theta.shape[:-1])
 
     def response_is_finite(self, theta: FloatArray) -> bool:
@@ -129,9 +129,9 @@ class Density:
     def __call__(self, z: FloatArray) -> FloatArray:
         """Log posterior density in sampler coordinates, shape (points,) for ``z`` (points, dimension).
 
-        The likelihood is asked only where no parameter's prior density is `NEGLIGIBLE`: proposals reach
-        arbitrarily far, where the chain is not made to be evaluated. Minus infinity comes from the prior
-        alone; where the likelihood is not a finite number the density is NaN.
+        The likelihood is evaluated only where no parameter's prior density is `NEGLIGIBLE`, because proposals may be
+        arbitrarily far outside the range of the model. Only the prior gives minus infinity; where the likelihood is
+        not finite the density is NaN.
         """
         theta = self.space.natural(z)
         log_prior = self.space.log_prior(theta)
@@ -139,7 +139,7 @@ class Density:
         inside = (log_prior > NEGLIGIBLE).all(axis=-1)
         if inside.all():
             return value + _finite(self._likelihood(theta))
-        # a prior that is no number is not one without weight
+        # a NaN prior must not be taken for a prior of zero density
         value = np.where(inside, value, np.where(np.isnan(log_prior).any(axis=-1), np.nan, -np.inf))
         if inside.any():
             value[inside] += _finite(self._likelihood(theta[inside]))
@@ -155,7 +155,7 @@ class Density:
         return cast("CompressionForces | None", self.term(FORCES))
 
     def skin_parameters(self, theta: FloatArray) -> SkinParameters:
-        """The skin and how fingers depart from it, in SI, at points theta, each of shape (...)."""
+        """Return skin and spreads of fingers, in SI, at points theta, each of shape (...)."""
         values, shape = self.space.values(theta), theta.shape[:-1]
         return SkinParameters(
             *(np.broadcast_to(values[name] * EVERY_PARAMETER[name].si, shape) for name in SkinParameters._fields)
@@ -164,13 +164,13 @@ class Density:
 
 @dataclass(frozen=True)
 class Posterior(Density):
-    """The posterior given ratings, and whatever other data there are."""
+    """The posterior given ratings, and any other data."""
 
     scene: ForwardModel
 
     def mean_rate(self, theta: FloatArray) -> FloatArray:
         """The pad's mean rate N/N_ref [Hz] at points theta, shape (..., conditions)."""
-        # with every parameter of the chain held there is one response for all points
+        # if every parameter of the chain is held, all points share one response
         rate = self.scene.total_rate(self.space.touch(theta)) / self.scene.n_receptors
         return np.broadcast_to(rate, (*theta.shape[:-1], rate.shape[-1]))
 
@@ -184,14 +184,14 @@ class Posterior(Density):
         return cast(RatingsLikelihood, self.term(RATINGS))
 
     def rating_parameters(self, theta: FloatArray) -> RatingParameters:
-        """The parameters of the rating model at points theta; NaN are those that it does not have."""
+        """Return the parameters of the rating model at points theta; NaN for those that it does not have."""
         return cast(RatingParameters, self.parameters_of(self.observation, theta))
 
     def draw_start(self, rng: np.random.Generator, size: int) -> FloatArray:
-        """Prior draws that fire in at least `LEAST_FIRING` conditions, in sampler coordinates.
+        """Return prior draws that fire in at least `LEAST_FIRING` conditions, in sampler coordinates.
 
-        Where the prior hardly ever does, they are of wider ones, about the same medians; where these do not either,
-        of those that fire in any condition: a climb from there finds out what the ratings ask for.
+        If such draws are rare, wider priors about the same medians are tried. If these fail too, draws that fire in any
+        condition are used, and the climbs from there find the region that fits the ratings.
 
         Raises
         ------
@@ -220,7 +220,7 @@ class Posterior(Density):
         return self.space.coordinates(np.array([*found, *some, *rest][:size]))
 
     def _drawn(self, rng: np.random.Generator, size: int, width: float) -> FloatArray:
-        """Draws of priors so many times as wide in the sampler's coordinates, of positive density, at most `size`."""
+        """Return at most `size` draws of positive density from priors widened in the sampler's coordinates."""
         theta = self.space.draw_prior(rng, size)
         if width == 1.0:
             return theta
@@ -230,5 +230,5 @@ class Posterior(Density):
 
 
 def _finite(value: FloatArray) -> FloatArray:
-    """The values, NaN where they are infinite."""
+    """Return the values, NaN where they are infinite."""
     return np.where(np.isfinite(value), value, np.nan)

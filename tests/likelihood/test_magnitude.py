@@ -289,7 +289,7 @@ def test_ratings_that_are_none_are_refused(ratings, message):
 
 
 def test_designs_that_make_no_sense_are_refused():
-    with pytest.raises(InputError, match="no rating at all"):
+    with pytest.raises(InputError, match="there are no ratings"):
         Design([], [], [0], 1)
     with pytest.raises(InputError, match="condition index lies outside 0 to 0"):
         Design([1], [0], [0], 1)

@@ -177,7 +177,7 @@ def test_effects_and_forces_are_calibrated(rng):
 
 @pytest.mark.parametrize(
     ("depth", "force", "message"),
-    [([], [], "no force at all"), ([1e-3], [0.0], "a force is not"), ([0.0], [1.0], "an indentation is not")],
+    [([], [], "there are no forces"), ([1e-3], [0.0], "a force is not"), ([0.0], [1.0], "an indentation is not")],
 )
 def test_forces_that_are_none_are_refused(depth, force, message):
     with pytest.raises(InputError, match=message):
