@@ -28,7 +28,7 @@ from softness_bayes.sampler.workers import Workers
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from softness_bayes.results.result import Result
+    from softness_bayes.plotting.drawable import Drawable
 
 Array = NDArray[np.float64]
 
@@ -46,7 +46,7 @@ TOLD: Mapping[str, str] = MappingProxyType(
 """Axis labels of the test quantities; `scale` is the unit of the additive scale."""
 
 
-def _response(result: Result, style: Style) -> Figure:
+def _response(result: Drawable, style: Style) -> Figure:
     from softness_bayes.touch.contact import Finger
 
     return response_figure(
@@ -59,11 +59,11 @@ def _response(result: Result, style: Style) -> Figure:
     )
 
 
-def _response_ratio(result: Result, style: Style) -> Figure:
+def _response_ratio(result: Drawable, style: Style) -> Figure:
     return ratio_figure(result.curves(), result.loads, _fabric_modulus(result), style=style)
 
 
-def _rating(result: Result, style: Style, against_ratio: bool = False) -> Figure:
+def _rating(result: Drawable, style: Style, against_ratio: bool = False) -> Figure:
     stored = result.group("predictions").isel(chain=0)
     return rating_figure(
         stored["e_fab_kpa"].values * 1e3,
@@ -76,36 +76,36 @@ def _rating(result: Result, style: Style, against_ratio: bool = False) -> Figure
     )
 
 
-def _rating_ratio(result: Result, style: Style) -> Figure:
+def _rating_ratio(result: Drawable, style: Style) -> Figure:
     return _rating(result, style, against_ratio=True)
 
 
-def _inflection(result: Result, style: Style) -> Figure:
+def _inflection(result: Drawable, style: Style) -> Figure:
     return inflection_figure(result.inflections(), result.loads, _fabric_modulus(result), style=style)
 
 
-def _corner(result: Result, style: Style) -> Figure:
+def _corner(result: Drawable, style: Style) -> Figure:
     names = _sampled(result)
     return corner_figure(_draws(result, "posterior", names), _labels(names), style=style)
 
 
-def _prior(result: Result, style: Style) -> Figure:
+def _prior(result: Drawable, style: Style) -> Figure:
     names = _sampled(result)
     posterior, prior = (_draws(result, group, names) for group in ("posterior", "prior"))
     return prior_figure(posterior, prior, _labels(names), style=style)
 
 
-def _trace(result: Result, style: Style) -> Figure:
+def _trace(result: Drawable, style: Style) -> Figure:
     names = _sampled(result)
     return trace_figure(*_walkers(result, names), _labels(names), style=style)
 
 
-def _rank(result: Result, style: Style) -> Figure:
+def _rank(result: Drawable, style: Style) -> Figure:
     names = _sampled(result)
     return rank_figure(*_walkers(result, names), _labels(names), style=style)
 
 
-def _compression(result: Result, style: Style) -> Figure:
+def _compression(result: Drawable, style: Style) -> Figure:
     stored, constant = result.group("predictions").isel(chain=0), result.group("constant_data")
     return compression_figure(
         stored["plate_indentation_mm"].values * 1e-3,
@@ -117,7 +117,7 @@ def _compression(result: Result, style: Style) -> Figure:
     )
 
 
-def _checks(result: Result, style: Style) -> Figure:
+def _checks(result: Drawable, style: Style) -> Figure:
     from softness_bayes.checking.check_table import ALL, posterior_quantities
     from softness_bayes.checking.quantities import Columns
 
@@ -138,13 +138,13 @@ def _checks(result: Result, style: Style) -> Figure:
     return checks_figure(means, shown, scale, style=style)
 
 
-def _loo_pit(result: Result, style: Style) -> Figure:
+def _loo_pit(result: Drawable, style: Style) -> Figure:
     from softness_bayes.checking.check_table import LOO_PIT, PIT_POINTS
 
     return loo_pit_figure(result.group("constant_data")[LOO_PIT].values, PIT_POINTS, style=style)
 
 
-def _touch(result: Result, style: Style) -> Figure:
+def _touch(result: Drawable, style: Style) -> Figure:
     stored = result.group("illustrations")
     low, middle, high = (stored.sel(quantile=level) for level in (0.025, 0.5, 0.975))
 
@@ -167,7 +167,7 @@ def _touch(result: Result, style: Style) -> Figure:
     return touch_figure(touches, style=style)
 
 
-def _membrane(result: Result, style: Style) -> Figure:
+def _membrane(result: Drawable, style: Style) -> Figure:
     stored, examples = result.group("predictions").isel(chain=0), result.group("illustrations")
     return membrane_figure(
         stored["current_ua_cm2"].values,
@@ -190,7 +190,7 @@ class Source:
     absent: str
     """The message if it is missing."""
 
-    def is_in(self, result: Result) -> bool:
+    def is_in(self, result: Drawable) -> bool:
         """Return whether a result has the variable."""
         group, name = self.place.split("/")
         return group in result.tree.children and name in result.tree[group].data_vars
@@ -221,15 +221,15 @@ class Drawing:
         Variables that it needs.
     """
 
-    draw: Callable[[Result, Style], Figure]
+    draw: Callable[[Drawable, Style], Figure]
     shows: str
     needs: tuple[Source, ...] = ()
 
-    def lacks(self, result: Result) -> str:
+    def lacks(self, result: Drawable) -> str:
         """Return why a result lacks the data of this figure; empty if it has them."""
         return next((source.absent for source in self.needs if not source.is_in(result)), "")
 
-    def __call__(self, result: Result, style: Style = USUAL) -> Figure:
+    def __call__(self, result: Drawable, style: Style = USUAL) -> Figure:
         """Draw the figure.
 
         Raises
@@ -265,7 +265,7 @@ FIGURES: Mapping[str, Drawing] = MappingProxyType(
 """Every figure by the name of its file: the only list of them."""
 
 
-def figures_of(result: Result) -> list[str]:
+def figures_of(result: Drawable) -> list[str]:
     """Return the names of the figures for which a result has data: of ratings, of compression data, or of both."""
     return [name for name, drawing in FIGURES.items() if not drawing.lacks(result)]
 
@@ -284,7 +284,7 @@ def require_figures(names: Iterable[str]) -> None:
 
 
 def draw_figures(
-    result: Result,
+    result: Drawable,
     directory: str | Path,
     names: Sequence[str] | None = None,
     formats: Sequence[str] = ("png", "pdf"),
@@ -328,15 +328,15 @@ def draw_figures(
     return write_outputs(directory, {name: content for files in drawn for name, content in files.items()}, PLOT)
 
 
-def _drawn(result: Result, name: str, formats: tuple[str, ...], style: Style) -> dict[str, bytes]:
+def _drawn(result: Drawable, name: str, formats: tuple[str, ...], style: Style) -> dict[str, bytes]:
     return files_of(FIGURES[name](result, style), name, formats, style)
 
 
-def _fabric_modulus(result: Result) -> Array:
+def _fabric_modulus(result: Drawable) -> Array:
     return result.group("constant_data")["effective_modulus_kpa"].values * 1e3
 
 
-def _observed(result: Result) -> Observed:
+def _observed(result: Drawable) -> Observed:
     """Return the ratings by condition, a condition being a fabric under a load."""
     constant, modulus = result.group("constant_data"), _fabric_modulus(result)
     participant, fabric, load = (constant[f"{what}_index"].values for what in ("participant", "fabric", "load"))
@@ -351,7 +351,7 @@ def _observed(result: Result) -> Observed:
     )
 
 
-def _sampled(result: Result) -> list[str]:
+def _sampled(result: Drawable) -> list[str]:
     from softness_bayes.parameters.declared import EVERY_PARAMETER
 
     return [name for name in EVERY_PARAMETER if name in result.group("posterior")]
@@ -363,12 +363,12 @@ def _labels(names: Sequence[str]) -> list[str]:
     return [EVERY_PARAMETER[name].label for name in names]
 
 
-def _draws(result: Result, group: str, names: Sequence[str]) -> Array:
+def _draws(result: Drawable, group: str, names: Sequence[str]) -> Array:
     """Return draws of all chains side by side in time, shape (draws, parameters)."""
     stored = result.group(group)
     return np.stack([stored[name].values.T.ravel() for name in names], axis=-1)
 
 
-def _walkers(result: Result, names: Sequence[str]) -> tuple[Array, NDArray[np.intp]]:
+def _walkers(result: Drawable, names: Sequence[str]) -> tuple[Array, NDArray[np.intp]]:
     stored = result.group("posterior")
     return np.stack([stored[name].values for name in names], axis=-1), stored["ensemble"].values

@@ -13,7 +13,7 @@ from softness_bayes.plotting.style import USUAL, Style
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from softness_bayes.results.result import Result
+    from softness_bayes.plotting.drawable import Drawable
 
 
 class Plots:
@@ -25,7 +25,7 @@ class Plots:
         A finished run.
     """
 
-    def __init__(self, result: Result) -> None:
+    def __init__(self, result: Drawable) -> None:
         self._result = result
 
     def __call__(self, name: str, style: Style = USUAL) -> Figure:
@@ -50,11 +50,15 @@ class Plots:
         def __getattr__(self, name: str) -> Callable[..., Figure]: ...
 
 
+SCREEN = 90
+"""Resolution of a figure in a notebook [dots per inch]: its file stays small."""
+
+
 def _png(figure: Figure, style: Style) -> bytes:
     """Return a figure as PNG for a notebook."""
     picture = BytesIO()
     with style.applied():
-        figure.savefig(picture, format="png", dpi=figure.dpi)
+        figure.savefig(picture, format="png", dpi=SCREEN)
     return picture.getvalue()
 
 

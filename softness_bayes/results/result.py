@@ -27,8 +27,8 @@ if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
 
-    from softness_bayes import Plots
     from softness_bayes.data import Fabrics
+    from softness_bayes.plotting.plots import Plots
 
 Array = NDArray[np.float64]
 
@@ -270,8 +270,7 @@ class Result:
     @property
     def plot(self) -> Plots:
         """Its figures, a method each: ``result.plot.response()`` (see `plotting.plots.Plots`)."""
-        # by the package's public name: figures lie above results, which otherwise know nothing of them
-        from softness_bayes import Plots
+        from softness_bayes.plotting.plots import Plots
 
         return Plots(self)
 
