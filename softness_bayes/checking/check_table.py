@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -15,10 +16,10 @@ from softness_bayes.checking.quantities import (
     TURNS_OVER,
     Additive,
     Columns,
-    Finding,
     Layout,
     Quantity,
-    compare,
+    QuantityCheck,
+    check_quantity,
 )
 from softness_bayes.checking.reproduction import FALL, alternative, turning_sentences
 from softness_bayes.checking.uniformity import uniformity_p_value
@@ -96,7 +97,7 @@ def check_table(tree: xr.DataTree) -> pd.DataFrame:
         fits = {anew: layout.fit(ratings) for anew, ratings in replicates.items()}
         for quantity in QUANTITIES:
             anew = quantity.new_participants
-            findings = compare(quantity, layout, fit, fits[anew], PROBABILITY)
+            findings = check_quantity(quantity, layout, fit, fits[anew], PROBABILITY)
             kind = "new" if anew or law == "prior" else "same"
             labels = _labels(tree, layout, quantity.columns)
             rows += [_row(law, quantity.name, kind, *label, one) for label, one in zip(labels, findings, strict=True)]
@@ -104,10 +105,12 @@ def check_table(tree: xr.DataTree) -> pd.DataFrame:
     for what, name in (("condition", CONDITIONS), ("fabric", FABRICS), ("exponent", EXPONENTS)):
         # a result of an earlier version has no check of conditions
         deviation, p_value = (float(tree.attrs.get(f"{what}_{key}", np.nan)) for key in ("deviation", "p_value"))
-        rows.append(_row("posterior", name, "same", ALL, ALL, ALL, Finding(deviation, np.nan, np.nan, np.nan, p_value)))
+        rows.append(
+            _row("posterior", name, "same", ALL, ALL, ALL, QuantityCheck(deviation, np.nan, np.nan, np.nan, p_value))
+        )
     pit = _values(tree, "constant_data", LOO_PIT)
     p_value = uniformity_p_value(pit, PIT_POINTS)
-    rows.append(_row("posterior", PIT, "same", ALL, ALL, ALL, Finding(pit.mean(), 0.5, np.nan, np.nan, p_value)))
+    rows.append(_row("posterior", PIT, "same", ALL, ALL, ALL, QuantityCheck(pit.mean(), 0.5, np.nan, np.nan, p_value)))
     return pd.DataFrame(rows).set_index(["law", "quantity"])
 
 
@@ -125,7 +128,7 @@ def _levelled_rows(
             row["power"], row["power_mcse"] = powers[str(row["load"])]
     observed, replicated = (levelled.quantity.of(layout, fit) for fit in (data, replicates))
     p_values = [fall_p_value(observed[[k]], replicated[:, k])[0] for k in range(observed.size)]
-    findings = compare(levelled.quantity, layout, data, replicates, PROBABILITY)
+    findings = check_quantity(levelled.quantity, layout, data, replicates, PROBABILITY)
     findings = [one._replace(p_value=float(p)) for one, p in zip(findings, p_values, strict=True)]
     return [_row("posterior", FALL, "same", *label, one) for label, one in zip(labels, findings, strict=True)]
 
@@ -136,7 +139,7 @@ class Replicates(NamedTuple):
     quantity: Quantity
     labels: list[tuple[str, str, str]]
     """Load, fabric and participant of every column, `ALL` where it is over all of them."""
-    findings: list[Finding]
+    findings: list[QuantityCheck]
     """The comparison of every column, as in `check_table`."""
     replicated: Array
     """Shape (replicates, columns); NaN where a replicate does not have it."""
@@ -157,7 +160,7 @@ def posterior_quantities(tree: xr.DataTree) -> list[Replicates]:
         Replicates(
             quantity,
             _labels(tree, layout, quantity.columns),
-            compare(quantity, layout, fit, replicates, PROBABILITY),
+            check_quantity(quantity, layout, fit, replicates, PROBABILITY),
             quantity.of(layout, replicates),
         )
         for quantity in QUANTITIES
@@ -210,10 +213,14 @@ def doubt_sentences(table: pd.DataFrame) -> list[str]:
     table
         From `check_table`.
     """
-    found = doubts(table)
-    if not found:
-        return ["predictive checks: the model reproduces all other test quantities"]
-    return [f"predictive checks: the model does not reproduce {', '.join(found)} (see predictive_checks.csv)"]
+    return [unreproduced_sentence(doubts(table))]
+
+
+def unreproduced_sentence(names: Sequence[str]) -> str:
+    """Say which quantities, beyond the turning point, the model does not reproduce, by their names from `doubts`."""
+    if not names:
+        return "predictive checks: the model reproduces all other test quantities"
+    return f"predictive checks: the model does not reproduce {', '.join(names)} (see predictive_checks.csv)"
 
 
 def _posterior_replicates(tree: xr.DataTree) -> dict[bool, Array]:
@@ -232,7 +239,7 @@ def _two_sided(p_value: float) -> float:
 
 
 def _row(
-    law: str, quantity: str, participants: str, load: str, fabric: str, participant: str, finding: Finding
+    law: str, quantity: str, participants: str, load: str, fabric: str, participant: str, finding: QuantityCheck
 ) -> dict[str, Any]:
     return {
         "law": law,

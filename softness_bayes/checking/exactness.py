@@ -87,7 +87,9 @@ class Exactness:
         )
 
 
-def compare(names: tuple[str, ...], theta: Array, fast: Array, exact: Array, rates: str = EXACT_RATES) -> Exactness:
+def compare_likelihoods(
+    names: tuple[str, ...], theta: Array, fast: Array, exact: Array, rates: str = EXACT_RATES
+) -> Exactness:
     """Compare two log-likelihoods at draws of the posterior under the fast one.
 
     Parameters

@@ -229,7 +229,7 @@ QUANTITIES = (
 """The test quantities, in the order of their table."""
 
 
-class Finding(NamedTuple):
+class QuantityCheck(NamedTuple):
     """One number of the data among its replicates."""
 
     observed: float
@@ -242,9 +242,9 @@ class Finding(NamedTuple):
     """P(replicate > observed) + P(equal) / 2 among replicates with a value; NaN if the data or replicates have none."""
 
 
-def compare(
+def check_quantity(
     quantity: Quantity, layout: Layout, data: Additive, replicates: Additive, probability: float = 0.9
-) -> list[Finding]:
+) -> list[QuantityCheck]:
     """Compare the values of a quantity with those of replicates, one finding for each of its columns.
 
     Parameters
@@ -264,7 +264,9 @@ def compare(
         p_value = float(np.mean(known > value) + 0.5 * np.mean(known == value)) if known.size else np.nan
         centre = float(quantity.centre(known)) if known.size else np.nan
         findings.append(
-            Finding(float(value), centre, float(low[k]), float(high[k]), p_value if np.isfinite(value) else np.nan)
+            QuantityCheck(
+                float(value), centre, float(low[k]), float(high[k]), p_value if np.isfinite(value) else np.nan
+            )
         )
     return findings
 

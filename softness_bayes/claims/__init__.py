@@ -27,7 +27,7 @@ __all__ = [
     "PRIORS",
     "TOUCHES",
     "Claim",
-    "Finding",
+    "ClaimFinding",
     "Numbers",
     "Trial",
     "Verdict",
@@ -53,7 +53,7 @@ DRAWS = 200
 """Usual number of prior draws, which gives probabilities to three or four per cent."""
 
 
-class Finding(NamedTuple):
+class ClaimFinding(NamedTuple):
     """The verdict on one claim in one trial."""
 
     claim: Claim
@@ -79,16 +79,16 @@ class Trial(NamedTuple):
     rated: bool
 
     @property
-    def findings(self) -> tuple[Finding, ...]:
+    def findings(self) -> tuple[ClaimFinding, ...]:
         """The verdicts on all claims."""
         return tuple(self._finding(claim) for claim in CLAIMS)
 
-    def _finding(self, claim: Claim) -> Finding:
+    def _finding(self, claim: Claim) -> ClaimFinding:
         (verdict,) = claim.verdicts(self.median, self.rated)
         drawn = claim.verdicts(self.draws, self.rated) if self.draws is not None else []
         tells = verdict in (Verdict.HOLDS, Verdict.FAILS)
         shares = {kind: drawn.count(kind) / len(drawn) for kind in Verdict} if drawn else {}
-        return Finding(claim, verdict, claim.tell(self.median) if tells else "", shares)
+        return ClaimFinding(claim, verdict, claim.tell(self.median) if tells else "", shares)
 
 
 def evaluate_claims(

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from softness_bayes.claims import CLAIMS, Finding, Trial, Verdict
+from softness_bayes.claims import CLAIMS, ClaimFinding, Trial, Verdict
 from softness_bayes.touch.contact import Force, Indentation
 
 if TYPE_CHECKING:
@@ -32,7 +32,7 @@ COLUMNS = {
 """Field of `Numbers` -> its column in the table of loads, and units of the column in one of the field."""
 
 
-def findings_table(trials: Sequence[Trial]) -> pd.DataFrame:
+def claims_table(trials: Sequence[Trial]) -> pd.DataFrame:
     """Return one row per readings, priors, kind of load and claim.
 
     Columns: readings, priors, control, claim, verdict (at the priors' medians), numbers (behind the verdict, load by
@@ -110,7 +110,7 @@ def _keys(trial: Trial) -> dict[str, str]:
     return {"readings": trial.readings, "priors": trial.prior_set, "control": trial.control}
 
 
-def _cell(finding: Finding, strong: str = "") -> str:
+def _cell(finding: ClaimFinding, strong: str = "") -> str:
     """Return verdict, probability that the claim holds, and the numbers behind the verdict."""
     text, share = f"{strong}{finding.verdict.value}{strong}", finding.shares.get(Verdict.HOLDS, 0.0)
     if finding.shares and (finding.verdict in (Verdict.HOLDS, Verdict.FAILS) or share > 0):

@@ -98,7 +98,7 @@ def command(
     claims_loads.csv.
     """
     from softness_bayes.claims import PRIORS, TOUCHES, evaluate_claims
-    from softness_bayes.claims.report import findings_table, loads_table, markdown, plain
+    from softness_bayes.claims.report import claims_table, loads_table, markdown, plain
     from softness_bayes.files.outputs import require_outputs, write_outputs
     from softness_bayes.files.spreadsheet import csv_of
 
@@ -115,7 +115,7 @@ def command(
         fixed,
         priors,
     )
-    findings, by_load = (csv_of(table, index=False) for table in (findings_table(trials), loads_table(trials)))
+    findings, by_load = (csv_of(table, index=False) for table in (claims_table(trials), loads_table(trials)))
     write_outputs(out, dict(zip(MADE, (findings, markdown(trials), by_load), strict=True)), CLAIMS)
     click.echo(plain(trials))
     click.echo(f"written to {out}: {', '.join(MADE)}", err=True)

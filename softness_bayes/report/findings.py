@@ -1,23 +1,27 @@
-"""The verdict on a run in a few findings, each with its standing, from the result alone."""
+"""The verdict on a run in a few findings: values from its result, and the outcome that follows from them."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from abc import ABC, abstractmethod
 from dataclasses import dataclass, replace
 from enum import Enum
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from softness_bayes.checking.check_table import doubt_sentences, doubts
-from softness_bayes.checking.exactness import Exactness, compare
-from softness_bayes.checking.identifiability import learning_sentences
+from softness_bayes.checking.check_table import doubts
+from softness_bayes.checking.exactness import Exactness, compare_likelihoods
 from softness_bayes.checking.levelled import DOUBTFUL
 from softness_bayes.checking.misfit import Fit, fit_of
-from softness_bayes.checking.reproduction import inflection_reproduced
+from softness_bayes.checking.reproduction import Reproduction, inflection_reproduced
 from softness_bayes.checking.sensitivity import INFORMED
-from softness_bayes.report.words import sentence, with_error
 from softness_bayes.results.result import Result
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+MOSTLY = 0.5
+"""Share of the differences between fabrics from which the response is said to explain them."""
 
 
 class Standing(Enum):
@@ -27,40 +31,178 @@ class Standing(Enum):
     DOUBTFUL = "doubtful"
     BAD = "bad"
     NEUTRAL = "neutral"
+    """For information, or because the data cannot tell."""
 
 
-@dataclass(frozen=True)
-class Finding:
-    """One answer of the verdict.
+class Doubt(Enum):
+    """Why a finding that is good by itself must not be relied on."""
+
+    NOT_CONVERGED = 1
+    MODEL_FAILED = 2
+    """The model does not follow the ratings."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Finding(ABC):
+    """One finding of the verdict.
 
     Parameters
     ----------
-    question
-        What was asked.
-    answer
-        In a word or two.
-    standing
-        What it means for the conclusions.
-    details
-        Sentences behind it.
+    doubt
+        What else of the run puts it in doubt, if anything.
     """
 
-    question: str
-    answer: str
-    standing: Standing
-    details: Sequence[str]
+    doubt: Doubt | None = None
+
+    @property
+    @abstractmethod
+    def outcome(self) -> Standing:
+        """The standing that its own values give it."""
+
+    @property
+    def shaken(self) -> bool:
+        """Whether it would be good but for a doubt."""
+        return self.outcome is Standing.GOOD and self.doubt is not None
+
+    @property
+    def standing(self) -> Standing:
+        """How it bears on the conclusions: nothing stands as good in a run that is in doubt."""
+        return Standing.DOUBTFUL if self.shaken else self.outcome
 
 
-MOSTLY = 0.5
-"""Share of the differences between fabrics from which the response is said to explain them."""
+@dataclass(frozen=True)
+class Convergence(Finding):
+    """Whether the sampler has converged."""
 
-TURNING = "Does the model reproduce the turning point (maximum), where the ratings can tell?"
-"""The question of the card about it."""
+    converged: bool
+    verdict: str
+    """The numbers that this rests on, as the run said them."""
 
-UNRELIABLE = "Of draws that have not converged: for inspection only."
+    @property
+    def outcome(self) -> Standing:
+        """Good if converged, else bad."""
+        return Standing.GOOD if self.converged else Standing.BAD
 
 
-NOT_OF_THESE_RATINGS = "Of a model that does not follow these ratings: see the first finding."
+@dataclass(frozen=True)
+class Following(Finding):
+    """Whether the model follows the ratings at all: nothing else counts without it."""
+
+    fit: Fit
+
+    @property
+    def outcome(self) -> Standing:
+        """Bad if it runs against the ratings or flat through them; else by the share that the response explains."""
+        if self.fit.choice.against_data or self.fit.flat:
+            return Standing.BAD
+        whole = self.fit.explained[-1] if self.fit.explained else None
+        if whole is None or not whole.p_value < DOUBTFUL:
+            return Standing.NEUTRAL
+        return Standing.GOOD if whole.share >= MOSTLY else Standing.DOUBTFUL
+
+
+@dataclass(frozen=True)
+class FastModel(Finding):
+    """Whether the fast forward model left the posterior in place."""
+
+    exactness: Exactness
+    sentence: str
+    """As the run said it."""
+    numerical_error: float
+    firing_error: float
+    """Errors of the response, relative to its peak."""
+    reweighted: bool
+    """Whether the result is that of draws weighted by the exact likelihood."""
+
+    @property
+    def outcome(self) -> Standing:
+        """Good if exact enough, else bad."""
+        return Standing.GOOD if self.exactness.exact_enough else Standing.BAD
+
+
+@dataclass(frozen=True)
+class TurningPoints(Finding):
+    """Whether the model reproduces the turning point under each load."""
+
+    judged: tuple[Reproduction, ...]
+    table: pd.DataFrame
+    """Probabilities of a turning point, as `Result.inflection` returns them."""
+
+    def loads(self, reproduced: bool | None) -> tuple[str, ...]:
+        """Return the loads under which it is reproduced, is not, or cannot be told (None)."""
+        return tuple(one.load for one in self.judged if one.reproduced is reproduced)
+
+    @property
+    def outcome(self) -> Standing:
+        """Bad if it is not reproduced under one load; else good if it is under one."""
+        if self.loads(False):
+            return Standing.BAD
+        return Standing.GOOD if self.loads(True) else Standing.NEUTRAL
+
+
+@dataclass(frozen=True)
+class OtherChecks(Finding):
+    """Whether the model reproduces what else was checked."""
+
+    unreproduced: tuple[str, ...]
+    """Quantities that it does not reproduce."""
+    remarks: tuple[str, ...]
+    """What the checks of residuals said."""
+
+    @property
+    def outcome(self) -> Standing:
+        """Good if every quantity is reproduced."""
+        return Standing.DOUBTFUL if self.unreproduced else Standing.GOOD
+
+
+@dataclass(frozen=True)
+class Information(Finding):
+    """Which parameters the data informed."""
+
+    summary: pd.DataFrame
+    remarks: tuple[str, ...] = ()
+    """What the run said beside it."""
+
+    @property
+    def informed(self) -> int:
+        """Number of parameters whose posterior is clearly narrower than the prior."""
+        return int((self.summary["contraction"] >= 1.0 - INFORMED**2).sum())
+
+    @property
+    def outcome(self) -> Standing:
+        """For information."""
+        return Standing.NEUTRAL
+
+
+@dataclass(frozen=True)
+class PlateForces(Finding):
+    """Whether the fitted skin makes forces that grow with indentation as those that were measured."""
+
+    exponent: float
+    """Of the measured forces; NaN where they do not tell it."""
+    p_value: float
+    sentence: str
+    """As the run said it."""
+
+    @property
+    def outcome(self) -> Standing:
+        """By the predictive p-value, if there is one."""
+        if not np.isfinite(self.exponent):
+            return Standing.NEUTRAL
+        return Standing.GOOD if self.p_value >= DOUBTFUL else Standing.BAD
+
+
+@dataclass(frozen=True)
+class NeedsRatings(Finding):
+    """A question that a run without ratings does not answer."""
+
+    of: type[Finding]
+    """The finding that answers it for a run on ratings."""
+
+    @property
+    def outcome(self) -> Standing:
+        """For information."""
+        return Standing.NEUTRAL
 
 
 def findings(result: Result) -> list[Finding]:
@@ -68,46 +210,16 @@ def findings(result: Result) -> list[Finding]:
     convergence = _convergence(result)
     rest = [*(_of_ratings(result) if result.has_ratings else _without_ratings()), _information(result)]
     rest += [_plate(result)] if result.has_compression else []
-    if convergence.standing is not Standing.GOOD:
-        rest = [_shaken(finding, UNRELIABLE) for finding in rest]
+    if not convergence.converged:
+        rest = [_doubted(finding, Doubt.NOT_CONVERGED) for finding in rest]
     if not result.has_ratings:
         return [convergence, *rest]
-    follows = _follows(fit_of(result.tree))
-    if convergence.standing is not Standing.GOOD:
-        follows = _shaken(follows, UNRELIABLE)
+    follows: Finding = Following(fit_of(result.tree))
+    if not convergence.converged:
+        follows = _doubted(follows, Doubt.NOT_CONVERGED)
     if follows.standing is Standing.BAD:
-        return [follows, *(_shaken(finding, NOT_OF_THESE_RATINGS) for finding in (convergence, *rest))]
+        return [follows, *(_doubted(finding, Doubt.MODEL_FAILED) for finding in (convergence, *rest))]
     return [convergence, rest[0], follows, *rest[1:]]
-
-
-def _shaken(finding: Finding, why: str) -> Finding:
-    if finding.standing is not Standing.GOOD:
-        return finding
-    return replace(finding, standing=Standing.DOUBTFUL, details=[*finding.details, why])
-
-
-def _follows(fit: Fit) -> Finding:
-    """Say whether the model follows the ratings at all: whatever else holds, without that nothing does."""
-    question = "Does the model follow the ratings?"
-    details = [*map(sentence, [*fit.faults, fit.sentence, *([fit.silence] if fit.silence else [])])]
-    if fit.faults:
-        answer = "No: the readout runs against the data" if fit.choice.against_data else "No: a flat line through them"
-        return Finding(question, answer, Standing.BAD, details)
-    details.append(sentence(fit.choice.sentence))
-    if not fit.explained or not fit.explained[-1].p_value < DOUBTFUL:
-        return Finding(question, "Not judged", Standing.NEUTRAL, details)
-    mostly = fit.explained[-1].share >= MOSTLY
-    return Finding(question, "Yes" if mostly else "In part", Standing.GOOD if mostly else Standing.DOUBTFUL, details)
-
-
-def _convergence(result: Result) -> Finding:
-    converged = bool(result.attributes["converged"])
-    return Finding(
-        "Has the sampler converged?",
-        "Converged" if converged else "Not converged",
-        Standing.GOOD if converged else Standing.BAD,
-        [str(result.attributes["verdict"])],
-    )
 
 
 def exactness_of(result: Result) -> Exactness:
@@ -117,100 +229,42 @@ def exactness_of(result: Result) -> Exactness:
     compared = np.isfinite(difference)
     names = tuple(str(name) for name in result.group("log_prior"))
     theta = np.stack([draws[name].values[compared] for name in names], axis=-1)
-    return compare(names, theta, np.zeros(int(compared.sum())), difference[compared])
+    return compare_likelihoods(names, theta, np.zeros(int(compared.sum())), difference[compared])
+
+
+def _doubted(finding: Finding, why: Doubt) -> Finding:
+    """Put a finding in doubt; the first doubt stays."""
+    return finding if finding.doubt is not None else replace(finding, doubt=why)
+
+
+def _convergence(result: Result) -> Convergence:
+    return Convergence(bool(result.attributes["converged"]), str(result.attributes["verdict"]))
 
 
 def _of_ratings(result: Result) -> list[Finding]:
-    return [_exactness(result), _inflection(result), _criticism(result)]
-
-
-def _exactness(result: Result) -> Finding:
-    enough = exactness_of(result).exact_enough
-    weighted = bool(result.attributes["exact_reweight"])
-    numbers = (
-        f"Quadrature: {float(result.attributes['numerical_error']):.1e} of the peak response at most; "
-        f"firing rates: {float(result.attributes['firing_error']):.1e}, if every receptor had their largest error."
-    )
-    tail = ["Summary and predictions are those of draws weighted by the exact likelihood."] if weighted else []
-    return Finding(
-        "Are the fast model's numbers exact enough?",
-        "Exact enough" if enough else "Not exact enough",
-        Standing.GOOD if enough else Standing.BAD,
-        [str(result.attributes["exactness"]), numbers, *tail],
-    )
-
-
-def _inflection(result: Result) -> Finding:
-    judged = inflection_reproduced(result.tables["predictive_checks"])
-    words = {True: "reproduced", False: "not reproduced", None: "ratings cannot tell"}
-    under = {answer: ", ".join(one.load for one in judged if one.reproduced is answer) for answer in words}
-    if under[False]:
-        answer, standing = f"Not under {under[False]}", Standing.BAD
-    elif under[True]:
-        answer, standing = f"Under {under[True]}" if under[None] else "Under every load", Standing.GOOD
-    else:
-        answer, standing = "Ratings cannot tell", Standing.NEUTRAL
-    if under[None] and (under[True] or under[False]):
-        answer += f"; ratings cannot tell under {under[None]}"
-    table = result.inflection()
-    details = [
-        f"{one.load}: {words[one.reproduced]}; {one.seen}. All loads and the model together: the response turns over "
-        f"with probability {_likely(table.loc[one.load], 'p_interior')} (prior: "
-        f"{_likely(table.loc[one.load], 'prior_p_interior')})."
-        for one in judged
+    found, checks = result.attributes, result.tables["predictive_checks"]
+    return [
+        FastModel(
+            exactness_of(result),
+            str(found["exactness"]),
+            float(found["numerical_error"]),
+            float(found["firing_error"]),
+            bool(found["exact_reweight"]),
+        ),
+        TurningPoints(tuple(inflection_reproduced(checks)), result.inflection()),
+        OtherChecks(tuple(doubts(checks)), (str(found["exponent_check"]), str(found["fabric_check"]))),
     ]
-    return Finding(TURNING, answer, standing, details)
-
-
-def _likely(row: Any, name: str) -> str:
-    """Return a probability in per cent with its Monte-Carlo error."""
-    return with_error(100 * row[name], 100 * row[f"{name}_mcse"], "\u00a0%")
-
-
-def _criticism(result: Result) -> Finding:
-    found = result.attributes
-    sentences = [
-        *doubt_sentences(result.tables["predictive_checks"]),
-        str(found["exponent_check"]),
-        str(found["fabric_check"]),
-    ]
-    clean = not doubts(result.tables["predictive_checks"])
-    return Finding(
-        "Does it reproduce everything else that was checked?",
-        "Nothing else amiss" if clean else "Not everything",
-        Standing.GOOD if clean else Standing.DOUBTFUL,
-        [*map(sentence, sentences)],
-    )
 
 
 def _without_ratings() -> list[Finding]:
-    reason = "The run is on compression data alone: no receptor, no response and no rating is in it."
-    return [
-        Finding(question, "Does not apply", Standing.NEUTRAL, [reason])
-        for question in (
-            "Are the fast model's numbers exact enough?",
-            TURNING,
-        )
-    ]
+    return [NeedsRatings(FastModel), NeedsRatings(TurningPoints)]
 
 
-def _information(result: Result) -> Finding:
-    summary = result.summary()
-    informed = int((summary["contraction"] >= 1.0 - INFORMED**2).sum())
-    sentences = [*map(sentence, learning_sentences(summary))]
-    sentences += [sentence(str(result.attributes[name])) for name in ("held_eps",) if name in result.attributes]
-    return Finding(
-        "Which parameters did the data inform?",
-        f"{informed} of {len(summary)}",
-        Standing.NEUTRAL,
-        sentences,
-    )
+def _information(result: Result) -> Information:
+    held = result.attributes.get("held_eps")
+    return Information(result.summary(), () if held is None else (str(held),))
 
 
-def _plate(result: Result) -> Finding:
+def _plate(result: Result) -> PlateForces:
     found = result.attributes
-    question, details = "Does the skin reproduce the plate's forces?", [sentence(str(found["force_check"]))]
-    if not np.isfinite(float(found["force_exponent"])):
-        return Finding(question, "Not judged", Standing.NEUTRAL, details)
-    well = float(found["force_p_value"]) >= DOUBTFUL
-    return Finding(question, "Yes" if well else "No", Standing.GOOD if well else Standing.BAD, details)
+    return PlateForces(float(found["force_exponent"]), float(found["force_p_value"]), str(found["force_check"]))

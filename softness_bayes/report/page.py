@@ -22,6 +22,7 @@ from softness_bayes.plotting.figures import FIGURES, figures_of
 from softness_bayes.plotting.panels import TINTS
 from softness_bayes.plotting.style import METADATA, USUAL
 from softness_bayes.report import tables
+from softness_bayes.report.cards import cards
 from softness_bayes.report.charts import TURN_TINT, charts
 from softness_bayes.report.conclusion import conclude, facts_of
 from softness_bayes.report.curves import AXES, Shown, shown
@@ -126,7 +127,7 @@ def report_page(result: Result) -> str:
         faults=fit_of(result.tree).faults if result.has_ratings else [],
         verdict=str(result.attributes["verdict"]),
         conclusion=conclude(facts_of(result)),
-        findings=findings(result),
+        findings=cards(findings(result)),
         words={
             Standing.GOOD: "good",
             Standing.DOUBTFUL: "with doubt",

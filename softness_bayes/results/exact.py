@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from softness_bayes.checking.exactness import EXACT_RATES, SAME_RATES, Exactness, compare
+from softness_bayes.checking.exactness import EXACT_RATES, SAME_RATES, Exactness, compare_likelihoods
 from softness_bayes.model.posterior import Posterior
 from softness_bayes.results.draws import REWEIGHT_DRAWS
 from softness_bayes.results.groups import Variable, evenly
@@ -51,7 +51,7 @@ def begin_comparison(posterior: Posterior, theta: Array, workers: Workers, rewei
         fast = posterior.log_likelihood(compared)
         rates = SAME_RATES if _scene(posterior).firing.noise else EXACT_RATES
         exact = np.concatenate([part() for part in parts])
-        return compare(posterior.names, compared, fast, exact, rates)
+        return compare_likelihoods(posterior.names, compared, fast, exact, rates)
 
     return finished
 

@@ -14,6 +14,7 @@ from softness_bayes.checking.quantities import Layout
 from softness_bayes.cli.sample import _report
 from softness_bayes.likelihood.directions import FALLS, RISES
 from softness_bayes.report import page
+from softness_bayes.report.cards import cards
 from softness_bayes.report.findings import Standing, findings
 from softness_bayes.runs.from_result import options_of
 from softness_bayes.runs.run import sample
@@ -149,7 +150,7 @@ def plain(monkeypatch):
 
 def test_a_readout_against_its_data_says_so_first_and_is_never_green(upside_down, plain, capsys, tmp_path):
     result = upside_down["forced"]
-    found = findings(result)
+    found = cards(findings(result))
     assert found[0].standing is Standing.BAD
     assert found[0].answer == "No: the readout runs against the data"
     assert found[0].details[0].startswith("The readout runs against the data, --direction rises-with-firing is the wro")
@@ -173,7 +174,7 @@ def test_left_to_the_data_the_same_table_fits(upside_down, plain, capsys, tmp_pa
     fit = fit_of(result.tree)
     assert fit.faults == []
     assert fit.explained[-1].share > 0.8
-    follows = next(finding for finding in findings(result) if "follow" in finding.question)
+    follows = next(finding for finding in cards(findings(result)) if "follow" in finding.question)
     assert (follows.answer, follows.standing) == ("Yes", Standing.GOOD)
     assert "has failed" not in page.report_page(result)
     _report(result, tmp_path)

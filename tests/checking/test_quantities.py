@@ -14,7 +14,7 @@ from softness_bayes.checking.quantities import (
     ExponentCheck,
     Layout,
     check_exponents,
-    compare,
+    check_quantity,
     find_turn,
     joint_limits,
     loo_pit,
@@ -46,7 +46,7 @@ def p_values(rng, name, column, sets, assumed_rate=RATE, assumed=PLAIN, **made):
     for _ in range(sets):
         filed = ratings(rng, lay.design, **made)
         again = replicates(rng, lay, filed, assumed_rate, assumed, quantity.new_participants)
-        found.append(compare(quantity, lay, lay.fit(filed), lay.fit(again))[column].p_value)
+        found.append(check_quantity(quantity, lay, lay.fit(filed), lay.fit(again))[column].p_value)
     found = np.array(found)
     return found[np.isfinite(found)]
 
@@ -180,7 +180,7 @@ def test_one_rater_of_each_once_has_no_spread_to_judge_by():
         values = quantity.of(lay, fit)
         known = quantity.name in ("mean log rating", "participant log mean")
         assert np.isfinite(values).all() == known, quantity.name
-        assert np.isfinite(compare(quantity, lay, lay.fit(np.arange(1.0, 7.0)), fit)[0].p_value) == known
+        assert np.isfinite(check_quantity(quantity, lay, lay.fit(np.arange(1.0, 7.0)), fit)[0].p_value) == known
 
 
 def test_joint_limits_hold_whole_curves(rng):
@@ -228,7 +228,7 @@ def test_identical_ratings_have_no_residuals_to_judge(rng, rating):
     lay = layout()
     again = replicates(rng, lay, ratings(rng, lay.design))
     fits = lay.fit(np.full(lay.design.n_rows, rating)), lay.fit(again)
-    found = {name: compare(quantity, lay, *fits)[0] for name, quantity in BY_NAME.items()}
+    found = {name: check_quantity(quantity, lay, *fits)[0] for name, quantity in BY_NAME.items()}
     assert found["residual spread"].p_value == 1.0
     for name in ("largest residual / sd", "smallest residual / sd", "turns over", "drop beyond inflection"):
         assert np.isnan(found[name].observed), name

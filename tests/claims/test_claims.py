@@ -11,7 +11,7 @@ import pytest
 from softness_bayes.checking.inflection import LEAST_DROP
 from softness_bayes.claims import CLAIMS, CLOTH, DRAWS, TOUCHES, Verdict, evaluate_claims
 from softness_bayes.claims.numbers import CENTRES, DEPTHS, ERROR, GRID, Bench, Numbers, mean_standardised, pearson
-from softness_bayes.claims.report import COLUMNS, findings_table, loads_table, markdown, plain
+from softness_bayes.claims.report import COLUMNS, claims_table, loads_table, markdown, plain
 from softness_bayes.cli import main
 from softness_bayes.data import Fabrics, Ratings, read_experiment
 from softness_bayes.errors import InputError
@@ -349,7 +349,7 @@ def test_shares_are_of_all_draws(trials):
 
 def test_tables(trials):
     (trial,) = trials
-    found = findings_table(trials)
+    found = claims_table(trials)
     assert found["claim"].tolist() == [*BY_NAME]
     assert found["verdict"].tolist()[:3] == ["holds", "fails", "holds"]
     assert set(found["verdict"]) <= {kind.value for kind in Verdict}
@@ -371,7 +371,7 @@ KEPT = ROOT / "notebooks" / "results" / "claims"
 
 def test_the_kept_verdicts_at_the_medians(trials):
     """Readings `mended`, indentation control, default priors: without the shares, which need more draws."""
-    kept, found = table_of(KEPT / "claims.csv"), findings_table(trials)
+    kept, found = table_of(KEPT / "claims.csv"), claims_table(trials)
     kept = kept[(kept["readings"] == "mended") & (kept["priors"] == "default") & (kept["control"] == "indentation")]
     for column in ("claim", "verdict", "numbers", "statement", "criterion"):
         assert kept[column].fillna("").tolist() == found[column].tolist()

@@ -24,6 +24,7 @@ from softness_bayes.parameters.priors import LogNormal
 from softness_bayes.plotting.figures import figures_of
 from softness_bayes.report import anonymous, page, report_page, write_report
 from softness_bayes.report.anonymity import renamed
+from softness_bayes.report.cards import cards
 from softness_bayes.report.curves import shown
 from softness_bayes.report.findings import Standing, exactness_of, findings
 from softness_bayes.report.repeat import repetition
@@ -189,7 +190,7 @@ def test_every_finding_follows_the_numbers(made):
     result = converged(made("ratings"))
 
     def standing(changed, question):
-        return next(f for f in findings(changed) if question in f.question)
+        return next(f for f in cards(findings(changed)) if question in f.question)
 
     found = [*findings(result)]
     assert [f.standing for f in found[:2]] == [Standing.GOOD, Standing.GOOD]

@@ -8,6 +8,7 @@ import pytest
 from softness_bayes.checking.misfit import fit_of
 from softness_bayes.data import Experiment, Fabrics
 from softness_bayes.model.build import simulate_ratings, usual_values
+from softness_bayes.report.cards import cards
 from softness_bayes.report.findings import findings
 from softness_bayes.runs.run import RunOptions, posterior_of, sample
 from softness_bayes.sampler.starts import find_optimum
@@ -57,7 +58,7 @@ def test_a_run_says_how_silent_its_posterior_is(name, silent):
     assert bool(fit.silence) is silent is (share > 0.5)
     said = [
         detail
-        for finding in findings(result)
+        for finding in cards(findings(result))
         for detail in finding.details
         if "posterior draws and conditions" in detail
     ]

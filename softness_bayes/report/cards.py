@@ -1,0 +1,142 @@
+"""Findings in words: the question, the answer and the sentences of each, made from its values."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from types import MappingProxyType
+from typing import Any, NamedTuple
+
+from softness_bayes.checking.check_table import unreproduced_sentence
+from softness_bayes.checking.identifiability import learning_sentences
+from softness_bayes.report.findings import (
+    Convergence,
+    Doubt,
+    FastModel,
+    Finding,
+    Following,
+    Information,
+    NeedsRatings,
+    OtherChecks,
+    PlateForces,
+    Standing,
+    TurningPoints,
+)
+from softness_bayes.report.words import sentence, with_error
+
+QUESTIONS: Mapping[type[Finding], str] = MappingProxyType(
+    {
+        Convergence: "Has the sampler converged?",
+        Following: "Does the model follow the ratings?",
+        FastModel: "Are the fast model's numbers exact enough?",
+        TurningPoints: "Does the model reproduce the turning point (maximum), where the ratings can tell?",
+        OtherChecks: "Does it reproduce everything else that was checked?",
+        Information: "Which parameters did the data inform?",
+        PlateForces: "Does the skin reproduce the plate's forces?",
+    }
+)
+"""The question that each kind of finding answers."""
+
+DOUBTS: Mapping[Doubt, str] = MappingProxyType(
+    {
+        Doubt.NOT_CONVERGED: "Of draws that have not converged: for inspection only.",
+        Doubt.MODEL_FAILED: "Of a model that does not follow these ratings: see the first finding.",
+    }
+)
+"""What is said of a finding that would be good but for a doubt."""
+
+REPRODUCED: Mapping[bool | None, str] = MappingProxyType(
+    {True: "reproduced", False: "not reproduced", None: "ratings cannot tell"}
+)
+
+NO_RATINGS = "The run is on compression data alone: no receptor, no response and no rating is in it."
+
+
+class Card(NamedTuple):
+    """A finding as the page shows it."""
+
+    question: str
+    answer: str
+    standing: Standing
+    details: Sequence[str]
+
+
+def cards(findings: Iterable[Finding]) -> list[Card]:
+    """Return findings in words."""
+    return [card(finding) for finding in findings]
+
+
+def card(finding: Finding) -> Card:
+    """Return one finding in words."""
+    asked = finding.of if isinstance(finding, NeedsRatings) else type(finding)
+    answer, details = _told(finding)
+    doubt = [DOUBTS[finding.doubt]] if finding.doubt is not None and finding.shaken else []
+    return Card(QUESTIONS[asked], answer, finding.standing, [*details, *doubt])
+
+
+def _told(finding: Finding) -> tuple[str, list[str]]:
+    """Return the answer and the sentences behind it."""
+    good = finding.outcome is Standing.GOOD
+    match finding:
+        case Convergence():
+            return "Converged" if good else "Not converged", [finding.verdict]
+        case Following():
+            return _following(finding)
+        case FastModel():
+            return "Exact enough" if good else "Not exact enough", _errors(finding)
+        case TurningPoints():
+            return _turning(finding)
+        case OtherChecks():
+            told = [unreproduced_sentence(finding.unreproduced), *finding.remarks]
+            return "Nothing else amiss" if good else "Not everything", [*map(sentence, told)]
+        case Information():
+            told = [*learning_sentences(finding.summary), *finding.remarks]
+            return f"{finding.informed} of {len(finding.summary)}", [*map(sentence, told)]
+        case PlateForces():
+            known = {Standing.GOOD: "Yes", Standing.BAD: "No"}
+            return known.get(finding.outcome, "Not judged"), [sentence(finding.sentence)]
+        case NeedsRatings():
+            return "Does not apply", [NO_RATINGS]
+    raise TypeError(f"no words for {type(finding).__name__}")
+
+
+def _following(finding: Following) -> tuple[str, list[str]]:
+    fit = finding.fit
+    details = [*map(sentence, [*fit.faults, fit.sentence, *([fit.silence] if fit.silence else [])])]
+    if finding.outcome is Standing.BAD:
+        against = fit.choice.against_data
+        return "No: the readout runs against the data" if against else "No: a flat line through them", details
+    answers = {Standing.GOOD: "Yes", Standing.DOUBTFUL: "In part", Standing.NEUTRAL: "Not judged"}
+    return answers[finding.outcome], [*details, sentence(fit.choice.sentence)]
+
+
+def _errors(finding: FastModel) -> list[str]:
+    numbers = (
+        f"Quadrature: {finding.numerical_error:.1e} of the peak response at most; "
+        f"firing rates: {finding.firing_error:.1e}, if every receptor had their largest error."
+    )
+    weighted = "Summary and predictions are those of draws weighted by the exact likelihood."
+    return [finding.sentence, numbers, *([weighted] if finding.reweighted else [])]
+
+
+def _turning(finding: TurningPoints) -> tuple[str, list[str]]:
+    yes, no, unknown = (", ".join(finding.loads(answer)) for answer in (True, False, None))
+    if no:
+        answer = f"Not under {no}"
+    elif yes:
+        answer = f"Under {yes}" if unknown else "Under every load"
+    else:
+        answer = "Ratings cannot tell"
+    if unknown and (yes or no):
+        answer += f"; ratings cannot tell under {unknown}"
+    details = [
+        f"{one.load}: {REPRODUCED[one.reproduced]}; {one.seen}. All loads and the model together: the response turns "
+        f"over with probability {_likely(finding.table.loc[one.load], 'p_interior')} (prior: "
+        f"{_likely(finding.table.loc[one.load], 'prior_p_interior')})."
+        for one in finding.judged
+    ]
+    return answer, details
+
+
+def _likely(row: Any, name: str) -> str:
+    """Return a probability in per cent with its Monte-Carlo error."""
+    return with_error(100 * row[name], 100 * row[f"{name}_mcse"], "\u00a0%")

@@ -1,0 +1,130 @@
+"""The findings of a report: their standing follows from numbers, and their words from the findings."""
+
+import ast
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from softness_bayes import report
+from softness_bayes.checking.direction import Choice, Evidence
+from softness_bayes.checking.exactness import compare_likelihoods
+from softness_bayes.checking.flatness import Explained
+from softness_bayes.checking.misfit import Fit
+from softness_bayes.checking.reproduction import Reproduction
+from softness_bayes.checking.trend import Correlation, Trend
+from softness_bayes.likelihood.magnitude import FALLS, RISES
+from softness_bayes.report.cards import DOUBTS, QUESTIONS, card
+from softness_bayes.report.findings import (
+    Convergence,
+    Doubt,
+    FastModel,
+    Finding,
+    Following,
+    Information,
+    NeedsRatings,
+    OtherChecks,
+    PlateForces,
+    Standing,
+    TurningPoints,
+)
+
+GOOD, DOUBTFUL, BAD, NEUTRAL = Standing
+CLEAR = Correlation(0.9, 0.8, 0.95)
+
+
+def fit(share=0.8, p_value=1e-6, against=False, **changed):
+    """A fit whose response explains a share of the differences between fabrics."""
+    evidence = Evidence(Trend((CLEAR,), (6,), CLEAR, 1e-4, "fabrics"), ("2 mm",), 1.0)
+    each = Explained(share, share - 0.1, share + 0.1, 0.5, p_value, 0.1, matters=True)
+    values = {"explained": (each, each), "silent": 0.0, "silent_conditions": 0.0, "fabric_effects": False}
+    choice = Choice(FALLS if against else RISES, True, evidence)
+    return Fit(choice, ("2 mm",), **{**values, **changed}, scale="log rating")
+
+
+def exactness(sd):
+    rng = np.random.default_rng(1)
+    theta = rng.standard_normal((300, 1))
+    return compare_likelihoods(("b",), theta, np.zeros(300), sd * theta[:, 0])
+
+
+def turning(*reproduced):
+    loads = [f"{k} mm" for k in range(1, 1 + len(reproduced))]
+    columns = ("p_interior", "p_interior_mcse", "prior_p_interior", "prior_p_interior_mcse")
+    table = pd.DataFrame(0.5, index=loads, columns=[*columns])
+    return TurningPoints(
+        tuple(Reproduction(load, one, "seen") for load, one in zip(loads, reproduced, strict=True)), table
+    )
+
+
+SUMMARY = pd.DataFrame(
+    {"contraction": [0.99, 0.1], "psens_prior": [0.01, 0.01], "psens_prior_mcse": [0.001, 0.001]}, index=["b", "m"]
+)
+CASES = [
+    (Convergence(True, "numbers"), GOOD, "Converged"),
+    (Convergence(False, "numbers"), BAD, "Not converged"),
+    (Following(fit()), GOOD, "Yes"),
+    (Following(fit(share=0.3)), DOUBTFUL, "In part"),
+    (Following(fit(share=np.nan)), DOUBTFUL, "In part"),
+    (Following(fit(share=-0.2)), BAD, "No: a flat line through them"),
+    (Following(fit(against=True)), BAD, "No: the readout runs against the data"),
+    (Following(fit(p_value=0.4)), NEUTRAL, "Not judged"),
+    (Following(fit(p_value=np.nan)), NEUTRAL, "Not judged"),
+    (Following(fit(explained=())), NEUTRAL, "Not judged"),
+    (FastModel(exactness(1e-3), "numbers", 1e-4, 1e-4, False), GOOD, "Exact enough"),
+    (FastModel(exactness(1.0), "numbers", 1e-4, 1e-4, True), BAD, "Not exact enough"),
+    (turning(True, True), GOOD, "Under every load"),
+    (turning(True, None), GOOD, "Under 1 mm; ratings cannot tell under 2 mm"),
+    (turning(None, None), NEUTRAL, "Ratings cannot tell"),
+    (turning(True, False, None), BAD, "Not under 2 mm; ratings cannot tell under 3 mm"),
+    (turning(False), BAD, "Not under 1 mm"),
+    (OtherChecks((), ("participants: fine", "fabrics: fine")), GOOD, "Nothing else amiss"),
+    (OtherChecks(("nothing else",), ("participants: fine",)), DOUBTFUL, "Not everything"),
+    (Information(SUMMARY), NEUTRAL, "1 of 2"),
+    (PlateForces(2.2, 0.4, "forces"), GOOD, "Yes"),
+    (PlateForces(2.2, 1e-3, "forces"), BAD, "No"),
+    (PlateForces(np.nan, np.nan, "forces"), NEUTRAL, "Not judged"),
+    (NeedsRatings(TurningPoints), NEUTRAL, "Does not apply"),
+]
+
+
+@pytest.mark.parametrize(("finding", "standing", "answer"), CASES, ids=lambda each: getattr(each, "value", None))
+def test_standing_and_answer_follow_from_the_values(finding, standing, answer):
+    told = card(finding)
+    assert (finding.standing, told.standing, told.answer) == (standing, standing, answer)
+    assert told.question == QUESTIONS[getattr(finding, "of", type(finding))]
+    assert all(detail.strip() for detail in told.details)
+    for doubt in Doubt:
+        shaken = replace(finding, doubt=doubt)
+        assert shaken.standing is (DOUBTFUL if standing is GOOD else standing)
+        assert (DOUBTS[doubt] in card(shaken).details) == (standing is GOOD)
+
+
+def test_every_finding_and_every_standing_has_a_case():
+    assert {type(finding) for finding, *_ in CASES} == set(Finding.__subclasses__())
+    assert {standing for _, standing, _ in CASES} == set(Standing)
+    assert set(QUESTIONS) == set(Finding.__subclasses__()) - {NeedsRatings}
+
+
+def text_searches(code):
+    """Return what in some code looks for words in text: ``"two words" in text``, ``text.startswith("word")``."""
+    found = []
+    for node in ast.walk(ast.parse(code)):
+        if isinstance(node, ast.Compare) and any(isinstance(op, ast.In | ast.NotIn) for op in node.ops):
+            words = isinstance(node.left, ast.Constant) and isinstance(node.left.value, str) and " " in node.left.value
+            found += [ast.unparse(node)] if words else []
+        if isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute):
+            looks = node.func.attr in ("startswith", "endswith", "find", "rfind", "index", "search", "match")
+            found += [ast.unparse(node)] if looks else []
+    return found
+
+
+def test_no_page_searches_a_text_for_words():
+    assert text_searches('clean = all("nothing else" in doubt for doubt in doubts)')
+    assert text_searches('bad = verdict.startswith("Not converged")')
+    # these two read a command line, and names
+    modules = {path.name for path in Path(report.__file__).parent.glob("*.py")} - {"repeat.py", "anonymity.py"}
+    for name in sorted(modules):
+        assert not text_searches((Path(report.__file__).parent / name).read_text(encoding="utf-8")), name
