@@ -8,181 +8,165 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Mapping
-from dataclasses import MISSING, dataclass, field, fields
-from typing import Any, TypeVar
+from dataclasses import MISSING, dataclass, fields
+from types import MappingProxyType
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
 from softness_bayes.errors import InputError
-from softness_bayes.likelihood.magnitude import RatingDirection, direction_named
-from softness_bayes.likelihood.scales import MAGNITUDE, RATING_SCALES, RatingScale
+from softness_bayes.likelihood.directions import RatingDirection, direction_named
+from softness_bayes.likelihood.scales import MAGNITUDE, Scale, scale_named
 from softness_bayes.parameters.priors import Prior, parse_prior
+from softness_bayes.sampler.serial import as_json
 from softness_bayes.touch.readings import ALTERNATIVES, Readings
 
 Section = TypeVar("Section")
 
-NO_ACCURACY = "none asked for"
-"""Attribute of runs whose resolution was given."""
+NOT_ASKED = "none asked for"
+"""Attribute of a number that there is none of."""
 
 FORMER_LEAST_DROP = 0.02
-"""`NumericalErrors.inflection_least_drop` of results that do not record it."""
+"""`Provenance.least_drop` of results that do not record it."""
 
 PRIOR, READING, VERSION = "prior_", "reading_", "version_"
 """Beginnings of attributes that belong together, each followed by a name."""
 
-MOST_INTEGER = 1 << 63
-"""NetCDF has no integer from here on: a larger seed is written as text."""
-
-
-def _stored(read: Callable[[Any], Any], write: Callable[[Any], Any], default: Any = MISSING) -> Any:
-    """Return a field that is read from an attribute and written to one; results without it have the default."""
-    return field(default=default, metadata={"read": read, "write": write})
-
-
-def _text(default: Any = MISSING) -> Any:
-    return _stored(str, str, default)
-
-
-def _number(default: Any = MISSING) -> Any:
-    return _stored(float, float, default)
-
-
-def _count(default: Any = MISSING) -> Any:
-    return _stored(int, int, default)
-
-
-def _yes(default: Any = MISSING) -> Any:
-    return _stored(bool, int, default)
+LEAST_LONG = 1 << 63
+"""NetCDF has no integer from here on: it is written as text."""
 
 
 @dataclass(frozen=True)
 class Asked:
     """What was asked for."""
 
-    schema_version: int = _count()
-    command: str = _text()
-    options: Mapping[str, Any] = _stored(lambda text: json.loads(str(text)), lambda options: json.dumps(options))
-    seed: int = _stored(int, lambda seed: seed if seed < MOST_INTEGER else str(seed))
-    prior_set: str = _text()
+    schema_version: int
+    command: str
+    options: Mapping[str, Any]
+    """As the run's request records them."""
+    seed: int
+    prior_set: str
 
 
 @dataclass(frozen=True)
 class Ending:
     """How the walk ended."""
 
-    verdict: str = _text()
-    converged: bool = _yes()
-    steps: int = _count()
-    missing_steps: int = _count()
-    burn_in: int = _count()
-    sampling_seconds: float = _number()
-    evaluations: int = _count()
-    failures: int = _count()
+    verdict: str
+    converged: bool
+    steps: int
+    missing_steps: int
+    """An estimate of those that are left to convergence."""
+    burn_in: int
+    sampling_seconds: float
+    evaluations: int
+    failures: int
+    """Evaluations that were not finite."""
 
 
 @dataclass(frozen=True)
 class DirectionTaken:
     """Which way ratings run with the response, and why."""
 
-    direction: RatingDirection = _stored(lambda name: direction_named(str(name)), lambda direction: direction.name)
-    direction_asked: bool = _yes(True)
+    direction: RatingDirection
+    direction_asked: bool = True
     """Whether it was asked for, and not taken from the data or by default."""
-    direction_note: str = _text("")
-    firing_rises: float = _number(1.0)
+    direction_note: str = ""
+    firing_rises: float = 1.0
     """Share of prior draws under which firing rises with stiffness over the fabrics."""
 
 
 @dataclass(frozen=True)
 class RatingModel:
-    """What the model of a run on ratings is, beyond readings, priors and direction."""
+    """The model of a run on ratings beyond its readings, priors and direction."""
 
-    noise: float = _number(0.0)
-    rating_scale: RatingScale = _stored(lambda name: RATING_SCALES[str(name)], lambda scale: scale.name, MAGNITUDE)
-    accuracy: float | None = _stored(
-        lambda found: None if found == NO_ACCURACY else float(found),
-        lambda accuracy: NO_ACCURACY if accuracy is None else accuracy,
-        None,
-    )
-    discretisation: str = _text("")
+    noise: float = 0.0
+    rating_scale: Scale = MAGNITUDE
+    accuracy: float | None = None
+    discretisation: str = ""
 
 
 @dataclass(frozen=True)
 class RatingData:
-    """Which ratings and fabrics a run was on."""
+    """The ratings and fabrics of a run."""
 
-    digest_ratings: str = _text("")
-    digest_fabrics: str = _text("")
-    missing_ratings: int = _count(0)
+    digest_ratings: str = ""
+    digest_fabrics: str = ""
+    missing_ratings: int = 0
 
 
 @dataclass(frozen=True)
 class NumericalErrors:
     """Numerical errors of the model at draws of the posterior."""
 
-    numerical_error: float = _number()
+    numerical_error: float
     """Of the response, relative to its peak."""
-    inflection_least_drop: float = _number(FORMER_LEAST_DROP)
-    firing_error: float = _number()
+    inflection_least_drop: float
+    """As `Provenance.least_drop`."""
+    firing_error: float
     """As `numerical_error`, if every receptor's firing rate had the largest error of its surface."""
-    exactness: str = _text()
-    exactness_sd: float = _number()
-    exactness_largest: float = _number()
-    exactness_efficiency: float = _number()
-    exactness_pareto_k: float = _number()
-    exact_reweight: bool = _yes(False)
+    exactness: str
+    exactness_sd: float
+    exactness_largest: float
+    exactness_efficiency: float
+    exactness_pareto_k: float
+    exact_reweight: bool
 
 
 @dataclass(frozen=True)
 class ResidualChecks:
     """Checks of the residuals of fabrics, conditions and participants."""
 
-    fabric_check: str = _text("")
-    fabric_p_value: float = _number(np.nan)
-    fabric_deviation: float = _number(np.nan)
-    condition_p_value: float = _number(np.nan)
-    condition_deviation: float = _number(np.nan)
-    condition_noticed: float = _number(np.nan)
-    exponent_check: str = _text("")
-    exponent_p_value: float = _number(np.nan)
-    exponent_deviation: float = _number(np.nan)
+    fabric_check: str = ""
+    fabric_p_value: float = np.nan
+    fabric_deviation: float = np.nan
+    condition_p_value: float = np.nan
+    condition_deviation: float = np.nan
+    condition_noticed: float = np.nan
+    exponent_check: str = ""
+    exponent_p_value: float = np.nan
+    exponent_deviation: float = np.nan
 
 
 @dataclass(frozen=True)
 class Silence:
-    """How often the model is silent, and how often the contact leaves Hertz's range, as shares."""
+    """How often no receptor fires, and how often the contact leaves Hertz's range, as shares."""
 
-    prior_silent_everywhere: float = _number(np.nan)
-    prior_silent_conditions: float = _number(np.nan)
-    posterior_silent_everywhere: float = _number(0.0)
-    posterior_silent_conditions: float = _number(np.nan)
-    contact_beyond_half_radius: float = _number(0.0)
-    contact_beyond_radius: float = _number(0.0)
+    prior_silent_everywhere: float = np.nan
+    prior_silent_conditions: float = np.nan
+    posterior_silent_everywhere: float = 0.0
+    posterior_silent_conditions: float | None = None
+    """None in results of earlier versions."""
+    contact_beyond_half_radius: float = 0.0
+    contact_beyond_radius: float = 0.0
 
 
 @dataclass(frozen=True)
 class PlateData:
     """Compression data of a run, and how its forces grow with indentation."""
 
-    digest_compression: str = _text()
-    zero_forces: int = _count()
-    force_check: str = _text()
-    force_exponent: float = _number()
-    force_exponent_low: float = _number()
-    force_exponent_high: float = _number()
-    force_p_value: float = _number()
+    digest_compression: str
+    zero_forces: int
+    force_check: str
+    force_exponent: float
+    force_exponent_low: float
+    force_exponent_high: float
+    force_p_value: float
 
 
 @dataclass(frozen=True)
 class Provenance:
-    """Provenance of a result, read from its attributes.
+    """Provenance of a result, read from its attributes section by section.
+
+    An attribute that is missing is a `KeyError` of the attributes, unless results of earlier versions lack it too.
 
     Parameters
     ----------
     attributes
-        The attributes; one that is missing is an InputError where it is read.
+        The attributes.
     """
 
-    attributes: Mapping[str, Any]
+    attributes: Mapping[Any, Any]
 
     @property
     def asked(self) -> Asked:
@@ -192,7 +176,7 @@ class Provenance:
     @property
     def priors(self) -> dict[str, Prior]:
         """The priors of what was sampled or drawn afterwards, by name."""
-        others = {each.name for each in fields(Asked)} | {each.name for each in fields(Silence)}
+        others = {each.name for section in (Asked, Silence) for each in fields(section)}
         return {name: parse_prior(text) for name, text in self._family(PRIOR).items() if PRIOR + name not in others}
 
     @property
@@ -211,18 +195,23 @@ class Provenance:
         return self._section(Ending)
 
     @property
+    def verdict(self) -> str:
+        """Whether the run has converged, in a sentence; empty where that is not recorded."""
+        return str(self.attributes.get("verdict", ""))
+
+    @property
     def direction(self) -> DirectionTaken:
         """Which way ratings run with the response."""
         return self._section(DirectionTaken)
 
     @property
     def rating_model(self) -> RatingModel:
-        """What the model of the ratings is."""
+        """The model of the ratings."""
         return self._section(RatingModel)
 
     @property
     def rating_data(self) -> RatingData:
-        """Which ratings and fabrics the run was on."""
+        """The ratings and fabrics."""
         return self._section(RatingData)
 
     @property
@@ -237,13 +226,18 @@ class Provenance:
 
     @property
     def silence(self) -> Silence:
-        """How often the model is silent."""
+        """How often no receptor fires."""
         return self._section(Silence)
 
     @property
     def plate(self) -> PlateData:
         """Compression data, of a run that had some."""
         return self._section(PlateData)
+
+    @property
+    def least_drop(self) -> float:
+        """Share of itself by which a maximum exceeds both ends of the range to count as a turning point."""
+        return float(self.attributes.get("inflection_least_drop", FORMER_LEAST_DROP))
 
     @property
     def held_eps(self) -> str:
@@ -255,20 +249,53 @@ class Provenance:
         return {name.removeprefix(begin): str(value) for name, value in found.items() if name.startswith(begin)}
 
     def _section(self, section: type[Section]) -> Section:
-        values = {}
+        values: dict[str, Any] = {}
         for each in fields(section):  # type: ignore[arg-type]
-            if each.name not in self.attributes and each.default is not MISSING:
-                continue
-            found = self.attributes[each.name]
-            try:
-                values[each.name] = each.metadata["read"](found)
-            except (KeyError, TypeError, ValueError) as error:
-                raise InputError(
-                    f"result: attribute {each.name!r} is {found!r:.60}, which cannot be ({error})"
-                ) from None
+            if each.default is MISSING or each.name in self.attributes:
+                found = self.attributes[each.name]
+                try:
+                    values[each.name] = _CODECS[str(each.type)].read(found)
+                except (KeyError, TypeError, ValueError) as error:
+                    raise InputError(f"result: attribute {each.name!r} cannot be {found!r:.60} ({error})") from None
         return section(**values)
 
 
-def attributes_of(section: Any) -> dict[str, Any]:
-    """Return the attributes that hold a section of a provenance, as `Provenance` reads them."""
-    return {each.name: each.metadata["write"](getattr(section, each.name)) for each in fields(section)}
+def attributes_of(*sections: Any) -> dict[str, Any]:
+    """Return the attributes that hold sections of a provenance, as `Provenance` reads them."""
+    return {
+        each.name: _CODECS[str(each.type)].write(getattr(section, each.name))
+        for section in sections
+        for each in fields(section)
+    }
+
+
+def family_of(begin: str, values: Mapping[str, Any]) -> dict[str, str]:
+    """Return the attributes of a family, one of `PRIOR`, `READING` and `VERSION`, by what follows its beginning."""
+    return {begin + name: str(value) for name, value in values.items()}
+
+
+class _Codec(NamedTuple):
+    """How a value is read from an attribute and written to one."""
+
+    read: Callable[[Any], Any]
+    write: Callable[[Any], Any]
+
+
+_CODECS: Mapping[str, _Codec] = MappingProxyType(
+    {
+        "str": _Codec(str, str),
+        "int": _Codec(int, lambda value: int(value) if value < LEAST_LONG else str(value)),
+        "float": _Codec(float, float),
+        "bool": _Codec(bool, int),
+        "float | None": _Codec(
+            lambda value: None if value == NOT_ASKED else float(value),
+            lambda value: NOT_ASKED if value is None else float(value),
+        ),
+        "Mapping[str, Any]": _Codec(
+            lambda value: json.loads(str(value)), lambda value: as_json(value, "options of the run")
+        ),
+        "RatingDirection": _Codec(lambda value: direction_named(str(value)), lambda value: value.name),
+        "Scale": _Codec(lambda value: scale_named(str(value)), lambda value: value.name),
+    }
+)
+"""By the type of the field."""

@@ -19,7 +19,7 @@ LAYERS = (
     {"touch", "sampler"},
     {"data", "parameters"},
     {"likelihood"},
-    {"model"},
+    {"model", "provenance"},
     {"checking"},
     {"checking.calibration", "claims"},
     {"plotting"},

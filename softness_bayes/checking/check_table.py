@@ -24,8 +24,7 @@ from softness_bayes.checking.quantities import (
 from softness_bayes.checking.reproduction import FALL, alternative, turning_sentences
 from softness_bayes.checking.uniformity import uniformity_p_value
 from softness_bayes.likelihood.design import Design
-from softness_bayes.likelihood.directions import direction_named
-from softness_bayes.likelihood.scales import scale_named
+from softness_bayes.provenance import Provenance
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -62,8 +61,8 @@ def layout_of(tree: xr.DataTree) -> Layout:
     fabrics, loads = codes % modulus.size, codes // modulus.size
     people = _values(tree, "log_likelihood_participant", "participant").size
     design = Design(condition, constant["participant_index"].values, fabrics, people)
-    sign = direction_named(str(tree.attrs["direction"])).sign
-    return Layout(design, modulus[fabrics], loads, sign, scale_named(str(tree.attrs["rating_scale"])))
+    found = Provenance(tree.attrs)
+    return Layout(design, modulus[fabrics], loads, found.direction.direction.sign, found.rating_model.rating_scale)
 
 
 def check_table(tree: xr.DataTree) -> pd.DataFrame:
@@ -102,9 +101,12 @@ def check_table(tree: xr.DataTree) -> pd.DataFrame:
             labels = _labels(tree, layout, quantity.columns)
             rows += [_row(law, quantity.name, kind, *label, one) for label, one in zip(labels, findings, strict=True)]
     rows += _levelled_rows(tree, layout, fit, fits[False], rows)
-    for what, name in (("condition", CONDITIONS), ("fabric", FABRICS), ("exponent", EXPONENTS)):
-        # a result of an earlier version has no check of conditions
-        deviation, p_value = (float(tree.attrs.get(f"{what}_{key}", np.nan)) for key in ("deviation", "p_value"))
+    of = Provenance(tree.attrs).residuals
+    for name, deviation, p_value in (
+        (CONDITIONS, of.condition_deviation, of.condition_p_value),
+        (FABRICS, of.fabric_deviation, of.fabric_p_value),
+        (EXPONENTS, of.exponent_deviation, of.exponent_p_value),
+    ):
         rows.append(
             _row("posterior", name, "same", ALL, ALL, ALL, QuantityCheck(deviation, np.nan, np.nan, np.nan, p_value))
         )

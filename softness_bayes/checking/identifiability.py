@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -19,7 +18,7 @@ from softness_bayes.checking.sensitivity import (
     power_scaling_with_error,
     prior_moments,
 )
-from softness_bayes.parameters.priors import Prior, parse_prior
+from softness_bayes.provenance import Provenance
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -50,7 +49,7 @@ def learning_table(tree: xr.DataTree) -> pd.DataFrame:
     posterior, priors = _draws(tree, "posterior"), _draws(tree, "log_prior")
     log_prior, log_likelihood = (np.sum([*d.values()], axis=0) for d in (priors, _draws(tree, "log_likelihood")))
     rows = {}
-    for name, prior in _priors(tree.attrs).items():
+    for name, prior in Provenance(tree.attrs).priors.items():
         if name not in posterior:
             continue
         draws, (mean, sd) = posterior[name], prior_moments(prior)
@@ -91,7 +90,7 @@ def direction_table(tree: xr.DataTree) -> pd.DataFrame:
     import pandas as pd
 
     names = [*_draws(tree, "log_prior")]
-    priors, posterior = _priors(tree.attrs), _draws(tree, "posterior")
+    priors, posterior = Provenance(tree.attrs).priors, _draws(tree, "posterior")
     theta = np.stack([posterior[name] for name in names], axis=-1)
     laws = [priors[name] for name in names]
     found = find_directions(laws, theta)
@@ -195,12 +194,6 @@ def _has_errors(summary: pd.DataFrame) -> bool:
 def _width(contraction: Any) -> Any:
     """Posterior sd over prior sd."""
     return np.sqrt(np.maximum(1.0 - contraction, 0.0))
-
-
-def _priors(attributes: Mapping[Any, Any]) -> dict[str, Prior]:
-    """Return the priors among the attributes of a result."""
-    written = {str(key).removeprefix("prior_"): text for key, text in attributes.items() if str(key)[:6] == "prior_"}
-    return {name: parse_prior(text) for name, text in written.items() if isinstance(text, str) and "(" in text}
 
 
 def _draws(tree: xr.DataTree, group: str) -> dict[str, Array]:

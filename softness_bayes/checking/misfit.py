@@ -11,7 +11,7 @@ from softness_bayes.checking.check_table import layout_of
 from softness_bayes.checking.direction import Choice, evidence_in
 from softness_bayes.checking.flatness import Explained, explain
 from softness_bayes.checking.quantities import Layout
-from softness_bayes.likelihood.directions import direction_named
+from softness_bayes.provenance import Provenance
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -100,23 +100,23 @@ def fit_of(tree: xr.DataTree) -> Fit:
     tree
         The groups of a result.
     """
-    layout, found = layout_of(tree), tree.attrs
+    layout, taken, silence = layout_of(tree), Provenance(tree.attrs).direction, Provenance(tree.attrs).silence
     ratings = _values(tree, "observed_data", "rating")
     loads = [str(load) for load in _values(tree, "constant_data", "load")]
-    evidence = evidence_in(layout, ratings, loads, float(found.get("firing_rises", 1.0)))
-    choice = Choice(direction_named(str(found["direction"])), bool(found.get("direction_asked", 1)), evidence)
-    silent = float(found.get("posterior_silent_everywhere", 0.0))
+    evidence = evidence_in(layout, ratings, loads, taken.firing_rises)
+    choice = Choice(taken.direction, taken.direction_asked, evidence)
+    silent = silence.posterior_silent_everywhere
     predicted = _predicted(tree, silent, layout)
     explained: tuple[Explained, ...] = ()
     if predicted is not None:
         explained = tuple(explain(layout, layout.fit(ratings), layout.scale.additive(predicted)))
-    silent_conditions = float(found.get("posterior_silent_conditions", silent))
+    conditions = silence.posterior_silent_conditions
     return Fit(
         choice,
         evidence.loads,
         explained,
         silent,
-        silent_conditions,
+        silent if conditions is None else conditions,
         "omega" in tree["posterior"].to_dataset(),
         layout.scale.unit,
     )

@@ -78,7 +78,7 @@ def command(
         with reading(posterior) as (result,):
             if not result.has_ratings:
                 raise InputError(f"{posterior}: a run without ratings, which says nothing of the receptors; give --set")
-            chosen, named, noise = result.readings, result.values(DRAWS), float(result.attributes["noise"])
+            chosen, named, noise = result.readings, result.values(DRAWS), result.provenance.rating_model.noise
             drawn_parameters(named)
     parameters = touch_parameters(named) if posterior is None else drawn_parameters(named)
     scene, _ = scene_with_accuracy(

@@ -40,4 +40,4 @@ def command(directory: Path, out: Path | None, nameless: bool) -> None:
     with reading(directory) as (result,):
         path = write_report(anonymous(result) if nameless else result, out or home / REPORT)
     click.echo(f"written to {path} ({path.stat().st_size / 1e6:.1f} MB)")
-    click.echo(str(result.attributes["verdict"]))
+    click.echo(result.provenance.verdict)

@@ -214,9 +214,10 @@ def run(
         finally:
             bar.close()
     _report(result, out, bar.times())
-    if not result.attributes["converged"]:
+    ending = result.provenance.ending
+    if not ending.converged:
         raise NotConvergedError(
-            f"not converged after {result.attributes['steps']} steps; what was drawn is in {out}, for inspection only; "
+            f"not converged after {ending.steps} steps; what was drawn is in {out}, for inspection only; "
             f"'softness-bayes resume {out}' continues the run"
         )
 
@@ -279,7 +280,7 @@ def _report(result: Result, out: Path, times: str = "") -> None:
     from softness_bayes.checking.misfit import fit_of
     from softness_bayes.report.conclusion import conclude, facts_of
 
-    found, summary = result.attributes, result.summary()
+    found, summary = result.provenance, result.summary()
     fit = fit_of(result.tree) if result.has_ratings else None
     faults = [] if fit is None else [f"the fit has failed: {fault}" for fault in fit.faults]
     for fault in faults:
@@ -292,11 +293,11 @@ def _report(result: Result, out: Path, times: str = "") -> None:
     for sentence in (*learning_sentences(summary), *direction_sentences(result.tables["directions"])):
         click.echo(sentence)
     if result.has_compression:
-        click.echo(f"\n{found['force_check']}")
+        click.echo(f"\n{found.plate.force_check}")
     if fit is not None:
         _report_ratings(result, fit)
     click.echo(f"written to {out}; 'softness-bayes report {out}' makes one page of it")
-    click.echo(str(found["verdict"]))
+    click.echo(found.verdict)
     if fit is not None and fit.silence:
         click.echo(fit.silence)
     if times:
@@ -325,34 +326,36 @@ def _turning(result: Result) -> str:
 def _report_ratings(result: Result, fit: Fit) -> None:
     """Print turning points and checks of what the ratings say."""
     from softness_bayes.checking.check_table import check_sentences
+    from softness_bayes.provenance import NOT_ASKED
 
-    found = result.attributes
+    found = result.provenance
+    errors, residuals, silence, model = found.errors, found.residuals, found.silence, found.rating_model
     click.echo(f"\n{_turning(result)}\n")
     for sentence in (
         fit.sentence,
         *check_sentences(result.tables["predictive_checks"]),
-        *([] if fit.choice.against_data else [found["exponent_check"], found["fabric_check"]]),
+        *([] if fit.choice.against_data else [residuals.exponent_check, residuals.fabric_check]),
     ):
         click.echo(sentence)
     click.echo(
-        f"no receptor fires in any condition: {found['prior_silent_everywhere']:.1%} of prior draws, "
-        f"{found['posterior_silent_everywhere']:.1%} of posterior draws; in one condition, on average: "
-        f"{found['prior_silent_conditions']:.0%} and {found['posterior_silent_conditions']:.0%}"
+        f"no receptor fires in any condition: {silence.prior_silent_everywhere:.1%} of prior draws, "
+        f"{silence.posterior_silent_everywhere:.1%} of posterior draws; in one condition, on average: "
+        f"{silence.prior_silent_conditions:.0%} and {silence.posterior_silent_conditions:.0%}"
     )
-    if found["contact_beyond_half_radius"]:
+    if silence.contact_beyond_half_radius:
         click.echo(
             f"contact radius above R/2, where Hertz's geometry is questionable: "
-            f"{found['contact_beyond_half_radius']:.0%} of draws and conditions; above R, where it is "
-            f"meaningless: {found['contact_beyond_radius']:.0%}"
+            f"{silence.contact_beyond_half_radius:.0%} of draws and conditions; above R, where it is "
+            f"meaningless: {silence.contact_beyond_radius:.0%}"
         )
-    if "held_eps" in found:
-        click.echo(str(found["held_eps"]))
+    if found.held_eps:
+        click.echo(found.held_eps)
     click.echo(
-        f"numerical error of the response: at most {found['numerical_error']:.1e} of its peak over the draws; "
-        f"accuracy: {found['accuracy']}"
+        f"numerical error of the response: at most {errors.numerical_error:.1e} of its peak over the draws; "
+        f"accuracy: {NOT_ASKED if model.accuracy is None else model.accuracy}"
     )
     click.echo(
-        f"error of the firing rates: at most {found['firing_error']:.1e} of the peak, if every receptor had the "
+        f"error of the firing rates: at most {errors.firing_error:.1e} of the peak, if every receptor had the "
         "largest error of its surface; their effect on the posterior:"
     )
-    click.echo(str(found["exactness"]))
+    click.echo(errors.exactness)

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Protocol
 
 if TYPE_CHECKING:
     import xarray as xr
 
     from softness_bayes.checking.inflection import Curves, Inflection
+    from softness_bayes.likelihood.scales import Scale
     from softness_bayes.touch.contact import Load
 
 
@@ -19,8 +20,8 @@ class Drawable(Protocol):
         """Its groups."""
 
     @property
-    def attributes(self) -> dict[str, Any]:
-        """Its provenance."""
+    def scale(self) -> Scale:
+        """The scale of the ratings."""
 
     @property
     def loads(self) -> tuple[Load, ...]:

@@ -94,10 +94,10 @@ class Conclusion(NamedTuple):
 
 def facts_of(result: Result) -> Facts:
     """Return the values that a conclusion about a result rests on."""
-    found = result.attributes
-    converged, steps = bool(found["converged"]), int(found["steps"])
+    ending = result.provenance.ending
+    converged, steps = ending.converged, ending.steps
     if not result.has_ratings:
-        failed = float(found["force_p_value"]) < DOUBTFUL  # NaN is not
+        failed = result.provenance.plate.force_p_value < DOUBTFUL  # NaN is not
         wrong = ("growth of the plate's force with indentation",) if failed else ()
         return Facts(converged, steps, unreproduced=wrong, skin=_skin(result))
     fit, checks = fit_of(result.tree), result.tables["predictive_checks"]

@@ -238,21 +238,26 @@ def _doubted(finding: Finding, why: Doubt) -> Finding:
 
 
 def _convergence(result: Result) -> Convergence:
-    return Convergence(bool(result.attributes["converged"]), str(result.attributes["verdict"]))
+    ending = result.provenance.ending
+    return Convergence(ending.converged, ending.verdict)
 
 
 def _of_ratings(result: Result) -> list[Finding]:
-    found, checks = result.attributes, result.tables["predictive_checks"]
+    errors, residuals, checks = (
+        result.provenance.errors,
+        result.provenance.residuals,
+        result.tables["predictive_checks"],
+    )
     return [
         FastModel(
             exactness_of(result),
-            str(found["exactness"]),
-            float(found["numerical_error"]),
-            float(found["firing_error"]),
-            bool(found["exact_reweight"]),
+            errors.exactness,
+            errors.numerical_error,
+            errors.firing_error,
+            errors.exact_reweight,
         ),
         TurningPoints(tuple(inflection_reproduced(checks)), result.inflection()),
-        OtherChecks(tuple(doubts(checks)), (str(found["exponent_check"]), str(found["fabric_check"]))),
+        OtherChecks(tuple(doubts(checks)), (residuals.exponent_check, residuals.fabric_check)),
     ]
 
 
@@ -261,10 +266,10 @@ def _without_ratings() -> list[Finding]:
 
 
 def _information(result: Result) -> Information:
-    held = result.attributes.get("held_eps")
-    return Information(result.summary(), () if held is None else (str(held),))
+    held = result.provenance.held_eps
+    return Information(result.summary(), (held,) if held else ())
 
 
 def _plate(result: Result) -> PlateForces:
-    found = result.attributes
-    return PlateForces(float(found["force_exponent"]), float(found["force_p_value"]), str(found["force_check"]))
+    plate = result.provenance.plate
+    return PlateForces(plate.force_exponent, plate.force_p_value, plate.force_check)

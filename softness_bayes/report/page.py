@@ -123,9 +123,9 @@ def report_page(result: Result) -> str:
     return environment.get_template("report.html").render(
         generator=GENERATOR,
         subject=subject(result),
-        converged=bool(result.attributes["converged"]),
+        converged=result.provenance.ending.converged,
         faults=fit_of(result.tree).faults if result.has_ratings else [],
-        verdict=str(result.attributes["verdict"]),
+        verdict=result.provenance.ending.verdict,
         conclusion=conclude(facts_of(result)),
         findings=cards(findings(result)),
         words={
@@ -146,7 +146,7 @@ def report_page(result: Result) -> str:
         checks=tables.check_table(result) if result.has_ratings else None,
         provenance=tables.provenance(result),
         repetition=repetition(result),
-        command=str(result.attributes["command"]),
+        command=result.provenance.asked.command,
     )
 
 

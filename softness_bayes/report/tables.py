@@ -11,9 +11,9 @@ import pandas as pd
 from softness_bayes.checking.check_table import ALL
 from softness_bayes.checking.quantities import DROP, PLACE
 from softness_bayes.checking.reproduction import FALL
-from softness_bayes.likelihood.directions import direction_named
 from softness_bayes.parameters.declared import EVERY_PARAMETER
-from softness_bayes.parameters.priors import in_short, parse_prior
+from softness_bayes.parameters.priors import Prior, in_short
+from softness_bayes.provenance import NumericalErrors, Silence
 from softness_bayes.report.repeat import recorded_options
 from softness_bayes.report.words import number, share, with_error
 from softness_bayes.results.result import Result
@@ -41,7 +41,7 @@ LEVELS_MEANING = {"mu": "mean log rating of a typical participant", "c0": "inter
 
 def parameter_table(result: Result) -> Table:
     """Return what was learnt of every parameter."""
-    found = result.attributes
+    priors = result.provenance.priors
     head = ["Parameter", "Meaning", "Unit", "Prior", "Mean", "Sd", "HDI", "Sd / prior’s"]
     head += ["Prior’s pull", "Data’s pull", "R-hat", "ESS bulk", "ESS tail", "MCSE of mean"]
     rows = []
@@ -53,7 +53,7 @@ def parameter_table(result: Result) -> Table:
                 name,
                 parameter.meaning if parameter else LEVELS_MEANING.get(name, "–"),
                 parameter.unit if parameter else "–",
-                _prior(found.get(f"prior_{name}")),
+                _prior(priors.get(name)),
                 number(row["mean"], 4),
                 number(row["sd"]),
                 f"{number(row['hdi_low'])} to {number(row['hdi_high'])}",
@@ -75,8 +75,8 @@ def parameter_table(result: Result) -> Table:
     return Table("summary", caption, head, rows)
 
 
-def _prior(text: str | None) -> str:
-    return "–" if text is None else in_short(parse_prior(text)).replace(",", ", ")
+def _prior(prior: Prior | None) -> str:
+    return "–" if prior is None else in_short(prior).replace(",", ", ")
 
 
 def direction_table(result: Result) -> Table:
@@ -139,11 +139,12 @@ def check_table(result: Result) -> Table:
 
 def provenance(result: Result) -> list[Table]:
     """Return how the run was made: data, model, sampling, numerical errors, versions."""
-    found, options = result.attributes, recorded_options(result)
+    found, options = result.provenance, recorded_options(result)
+    ending = found.ending
     held = result.group("constant_data")
     model = [("Readings", options.readings.label), *((place, name) for place, name in options.readings.names.items())]
     if result.has_ratings:
-        model += [("Ratings", options.scale.name), ("Direction", direction_named(str(found["direction"])).name)]
+        model += [("Ratings", options.scale.name), ("Direction", found.direction.direction.name)]
         model += [
             ("Noise on the membranes", number(options.noise)),
             ("Resolution", str(options.discretisation)),
@@ -151,20 +152,20 @@ def provenance(result: Result) -> list[Table]:
     model += [("Set of priors", options.prior_set)]
     model += [(f"{name} held at", _value(held, name)) for name in EVERY_PARAMETER if name in held]
     sampling = [
-        ("Seed", str(found["seed"])),
-        ("Steps of each ensemble", str(found["steps"])),
-        ("of these burn-in", str(found["burn_in"])),
-        ("Points evaluated", str(found["evaluations"])),
-        ("of these not computable", str(found["failures"])),
-        ("Sampling took", f"{float(found['sampling_seconds']):.0f} s"),
+        ("Seed", str(found.asked.seed)),
+        ("Steps of each ensemble", str(ending.steps)),
+        ("of these burn-in", str(ending.burn_in)),
+        ("Points evaluated", str(ending.evaluations)),
+        ("of these not computable", str(ending.failures)),
+        ("Sampling took", f"{ending.sampling_seconds:.0f} s"),
     ]
-    versions = [(key.removeprefix("version_"), str(found[key])) for key in found if key.startswith("version_")]
+    versions = [*found.versions.items()]
     parts: Iterable[tuple[str, str, list[tuple[str, str]]]] = (
         ("data", "Data", _data(result)),
         ("model", "Model", model),
         ("sampling", "Sampling", sampling),
-        *((("errors", "Numerical errors", _errors(found)),) if result.has_ratings else ()),
-        ("versions", "Versions", [*versions, ("schema of posterior.nc", str(found["schema_version"]))]),
+        *((("errors", "Numerical errors", _errors(found.errors, found.silence)),) if result.has_ratings else ()),
+        ("versions", "Versions", [*versions, ("schema of posterior.nc", str(found.asked.schema_version))]),
     )
     return [Table(name, caption, [], rows) for name, caption, rows in parts]
 
@@ -175,23 +176,26 @@ def _value(held: Any, name: str) -> str:
 
 
 def _data(result: Result) -> list[tuple[str, str]]:
-    found = result.attributes
-    digests = [(f"SHA-256 of {what}", str(found.get(f"digest_{what}", ""))) for what in ("ratings", "fabrics")]
-    rows = [*digests, ("Missing ratings", str(found["missing_ratings"]))] if result.has_ratings else []
+    rows = []
+    if result.has_ratings:
+        data = result.provenance.rating_data
+        rows += [("SHA-256 of ratings", data.digest_ratings), ("SHA-256 of fabrics", data.digest_fabrics)]
+        rows += [("Missing ratings", str(data.missing_ratings))]
     if result.has_compression:
-        rows += [("SHA-256 of compression", str(found["digest_compression"]))]
-        rows += [("Rows without force, dropped", str(found["zero_forces"]))]
+        plate = result.provenance.plate
+        rows += [("SHA-256 of compression", plate.digest_compression)]
+        rows += [("Rows without force, dropped", str(plate.zero_forces))]
     return [(name, value or "not recorded: the data were made in Python") for name, value in rows]
 
 
-def _errors(found: dict[str, Any]) -> list[tuple[str, str]]:
+def _errors(errors: NumericalErrors, silence: Silence) -> list[tuple[str, str]]:
     return [
-        ("Response, share of its peak, at most", f"{float(found['numerical_error']):.1e}"),
-        ("Firing rates, share of the peak if each had its largest error", f"{float(found['firing_error']):.1e}"),
-        ("Log-likelihood of draws, sd of its error", f"{float(found['exactness_sd']):.1g}"),
-        ("Log-likelihood of draws, largest error", f"{float(found['exactness_largest']):.1g}"),
-        ("Silent in every condition, share of the prior", share(found["prior_silent_everywhere"])),
-        ("Silent in every condition, share of the posterior", share(found["posterior_silent_everywhere"])),
-        ("Contact beyond half the fingertip’s radius", share(found["contact_beyond_half_radius"])),
-        ("Contact beyond the fingertip’s radius", share(found["contact_beyond_radius"])),
+        ("Response, share of its peak, at most", f"{errors.numerical_error:.1e}"),
+        ("Firing rates, share of the peak if each had its largest error", f"{errors.firing_error:.1e}"),
+        ("Log-likelihood of draws, sd of its error", f"{errors.exactness_sd:.1g}"),
+        ("Log-likelihood of draws, largest error", f"{errors.exactness_largest:.1g}"),
+        ("Silent in every condition, share of the prior", share(silence.prior_silent_everywhere)),
+        ("Silent in every condition, share of the posterior", share(silence.posterior_silent_everywhere)),
+        ("Contact beyond half the fingertip’s radius", share(silence.contact_beyond_half_radius)),
+        ("Contact beyond the fingertip’s radius", share(silence.contact_beyond_radius)),
     ]

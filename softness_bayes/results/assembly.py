@@ -18,6 +18,7 @@ from softness_bayes.data import Experiment
 from softness_bayes.model.posterior import Posterior
 from softness_bayes.parameters.declared import PARAMETERS
 from softness_bayes.parameters.space import ParameterSpace
+from softness_bayes.provenance import PRIOR, NumericalErrors, ResidualChecks, Silence, attributes_of, family_of
 from softness_bayes.results.constants import constant_group, coordinates
 from softness_bayes.results.draws import (
     CURVES,
@@ -98,12 +99,11 @@ def assembled(
     groups = _groups(draws, drawn, error, grid)
     turn = groups["predictions"]["inflection_e_fab_kpa"].values[0] * 1e3
     shown, axes = illustration_groups(draws, drawn, turn)
-    levels = {f"prior_{name}": str(prior) for name, prior in draws.model.levels.items()}
+    levels = family_of(PRIOR, draws.model.levels)
     # last of all, for it waits for the exact likelihood
     exactness = comparison() if known is None else known
     found = {
         **_checks(draws, error, exactness),
-        **_shares(draws),
         **_held_eps(posterior.space),
         **_plate_check(draws, drawn),
     }
@@ -178,26 +178,29 @@ def _checks(draws: RatedDraws, error: float, exactness: Exactness) -> dict[str, 
     few = draws.some(REPLICATES)
     check = check_fabrics(draws.ratings, few.mean_rate, few.parameters, few.effects)
     exponents = check_exponents(draws.ratings, few.mean_rate, few.parameters, few.effects)
-    return {
-        "numerical_error": error,
-        "inflection_least_drop": max(LEAST_DROP, 3.0 * error),
-        "fabric_check": check.sentence(_condition_names(draws.experiment)),
-        "fabric_p_value": check.p_value,
-        "firing_error": _firing_error(draws),
-        "exactness": exactness.sentence(),
-        "exactness_sd": exactness.sd,
-        "exactness_largest": exactness.largest,
-        "exactness_efficiency": exactness.efficiency,
-        "exactness_pareto_k": exactness.pareto_k,
-        "exact_reweight": int(draws.log_weight is not None),
-        "fabric_deviation": check.deviation,
-        "condition_p_value": check.condition_p_value,
-        "condition_deviation": check.condition_deviation,
-        "condition_noticed": check.noticed,
-        "exponent_check": exponents.sentence,
-        "exponent_p_value": exponents.p_value,
-        "exponent_deviation": exponents.deviation,
-    }
+    residuals = ResidualChecks(
+        fabric_check=check.sentence(_condition_names(draws.experiment)),
+        fabric_p_value=check.p_value,
+        fabric_deviation=check.deviation,
+        condition_p_value=check.condition_p_value,
+        condition_deviation=check.condition_deviation,
+        condition_noticed=check.noticed,
+        exponent_check=exponents.sentence,
+        exponent_p_value=exponents.p_value,
+        exponent_deviation=exponents.deviation,
+    )
+    errors = NumericalErrors(
+        numerical_error=error,
+        inflection_least_drop=max(LEAST_DROP, 3.0 * error),
+        firing_error=_firing_error(draws),
+        exactness=exactness.sentence(),
+        exactness_sd=exactness.sd,
+        exactness_largest=exactness.largest,
+        exactness_efficiency=exactness.efficiency,
+        exactness_pareto_k=exactness.pareto_k,
+        exact_reweight=draws.log_weight is not None,
+    )
+    return attributes_of(errors, residuals, _silence(draws))
 
 
 def _condition_names(experiment: Experiment) -> list[str]:
@@ -217,18 +220,18 @@ def _firing_error(draws: RatedDraws) -> float:
     return float((hertz * response.responding.max(axis=-1)[fires] / peak[fires]).max(initial=0.0))
 
 
-def _shares(draws: RatedDraws) -> dict[str, float]:
+def _silence(draws: RatedDraws) -> Silence:
     """Return how often the model is silent, and how often the contact leaves Hertz's range."""
     prior = draws.posterior.mean_rate(draws.prior)
     beyond = draws.scene.beyond_hertz(draws.touch(draws.some(CURVES).theta))
-    return {
-        "prior_silent_everywhere": float((prior == 0).all(axis=-1).mean()),
-        "prior_silent_conditions": float((prior == 0).mean()),
-        "posterior_silent_everywhere": float((draws.mean_rate == 0).all(axis=-1).mean()),
-        "posterior_silent_conditions": float((draws.mean_rate == 0).mean()),
-        "contact_beyond_half_radius": beyond.questionable,
-        "contact_beyond_radius": beyond.meaningless,
-    }
+    return Silence(
+        prior_silent_everywhere=float((prior == 0).all(axis=-1).mean()),
+        prior_silent_conditions=float((prior == 0).mean()),
+        posterior_silent_everywhere=float((draws.mean_rate == 0).all(axis=-1).mean()),
+        posterior_silent_conditions=float((draws.mean_rate == 0).mean()),
+        contact_beyond_half_radius=beyond.questionable,
+        contact_beyond_radius=beyond.meaningless,
+    )
 
 
 def _held_eps(space: ParameterSpace) -> dict[str, str]:

@@ -13,6 +13,7 @@ from softness_bayes.data.columns import FORCE, INDENTATION
 from softness_bayes.data.compression import Compression
 from softness_bayes.likelihood.contract import NO_RESPONSE
 from softness_bayes.likelihood.plate import CompressionForces, FingerEffects, SkinParameters
+from softness_bayes.provenance import PlateData, attributes_of
 from softness_bayes.results.groups import Groups, Variable
 from softness_bayes.touch.plate import plate_force
 from softness_bayes.touch.readings import Readings
@@ -127,15 +128,17 @@ def plate_coordinates(compression: Compression) -> dict[str, NDArray[Any]]:
 
 def plate_attributes(compression: Compression, check: ExponentCheck) -> dict[str, Any]:
     """Return what the provenance says of compression data."""
-    return {
-        "digest_compression": compression.digest,
-        "zero_forces": compression.n_zero,
-        "force_check": check.sentence,
-        "force_exponent": check.observed,
-        "force_exponent_low": check.low,
-        "force_exponent_high": check.high,
-        "force_p_value": check.p_value,
-    }
+    return attributes_of(
+        PlateData(
+            digest_compression=compression.digest,
+            zero_forces=compression.n_zero,
+            force_check=check.sentence,
+            force_exponent=check.observed,
+            force_exponent_low=check.low,
+            force_exponent_high=check.high,
+            force_p_value=check.p_value,
+        )
+    )
 
 
 def _depths(compression: Compression) -> Array:

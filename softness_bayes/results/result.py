@@ -17,11 +17,12 @@ from softness_bayes.checking.turning_points import turning_table
 from softness_bayes.errors import InputError
 from softness_bayes.files.outputs import write_outputs
 from softness_bayes.files.spreadsheet import csv_of
-from softness_bayes.likelihood.scales import MAGNITUDE, Scale, scale_named
+from softness_bayes.likelihood.scales import Scale
 from softness_bayes.parameters.declared import PARAMETERS
+from softness_bayes.provenance import Provenance
 from softness_bayes.results.result_file import SUMMARY_TABLE, read, sealed
 from softness_bayes.touch.contact import Force, Indentation, Load
-from softness_bayes.touch.readings import ALTERNATIVES, Readings
+from softness_bayes.touch.readings import Readings
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -49,9 +50,6 @@ FILES = (POSTERIOR, SUMMARY, NONFINITE, *(f"{name}.csv" for name in TABLES))
 
 RUN = "sample"
 """The verb that they are listed under."""
-
-FORMER_LEAST_DROP = 0.02
-"""`Result.least_drop` of results that do not record it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,6 +82,11 @@ class Result:
         from softness_bayes.results.lookup import Named
 
         return Named({str(name): value for name, value in self.tree.attrs.items()}, "attribute", self.source)
+
+    @property
+    def provenance(self) -> Provenance:
+        """Provenance, typed: what was asked for, how the run ended, what its checks found."""
+        return Provenance(self.attributes)
 
     def group(self, name: str) -> xr.Dataset:
         """Return one group of ``posterior.nc`` as a dataset.
@@ -118,12 +121,12 @@ class Result:
     @property
     def readings(self) -> Readings:
         """The readings that the run was made with."""
-        return Readings().override({place: str(self.attributes[f"reading_{place}"]) for place in ALTERNATIVES})
+        return self.provenance.readings
 
     @property
     def scale(self) -> Scale:
         """The scale of the ratings."""
-        return scale_named(str(self.attributes.get("rating_scale", MAGNITUDE.name)))
+        return self.provenance.rating_model.rating_scale
 
     @property
     def loads(self) -> tuple[Load, ...]:
@@ -196,7 +199,7 @@ class Result:
     @property
     def least_drop(self) -> float:
         """Share of itself by which a maximum exceeds both ends of the range to count as a turning point."""
-        return float(self.attributes.get("inflection_least_drop", FORMER_LEAST_DROP))
+        return self.provenance.least_drop
 
     def inflection(self) -> pd.DataFrame:
         """Return where the response turns over (its maximum, the turning point), one row per load.
@@ -243,7 +246,7 @@ class Result:
 
         pressed, named = self.loads if loads is None else tuple(loads), self.values(draws)
         fabrics = self.fabrics if fabrics is None else fabrics
-        noise = float(self.attributes.get("noise", 0.0))
+        noise = self.provenance.rating_model.noise
         scene = scene_of(fabrics, pressed, named, self.readings, noise=noise)
         return prediction_table(fabrics, scene, drawn_parameters(named))
 
@@ -264,7 +267,7 @@ class Result:
             tuple(str(name) for name in constant["fabric"].values),
             effective_modulus=constant["effective_modulus_kpa"].values * 1e3,
             poisson_ratio=constant["poisson_ratio"].values,
-            digest=str(self.attributes.get("digest_fabrics", "")),
+            digest=self.provenance.rating_data.digest_fabrics,
         )
 
     @property
@@ -279,7 +282,7 @@ class Result:
         from softness_bayes.checking.misfit import fit_of
 
         faults = [f"the fit has failed: {fault}" for fault in fit_of(self.tree).faults] if self.has_ratings else []
-        said = [*faults, str(self.attributes.get("verdict", ""))]
+        said = [*faults, self.provenance.verdict]
         verdict = "".join(f"<p><strong>{escape(line)}</strong></p>" for line in said)
         columns = ["p_interior", "prior_p_interior", "p_none", "p_silent"]
         columns += ["e_fab_kpa_low", "e_fab_kpa", "e_fab_kpa_high"]

@@ -5,12 +5,12 @@ from __future__ import annotations
 import platform
 from importlib.metadata import version
 
+from softness_bayes.provenance import VERSION, family_of
+
 LIBRARIES = ("softness-bayes", "numpy", "scipy", "emcee", "arviz", "xarray")
 
 
 def versions() -> dict[str, str]:
     """Return the versions of what the numbers depend on, as attributes of a result."""
-    return {
-        "version_python": platform.python_version(),
-        **{f"version_{name.replace('-', '_')}": version(name) for name in LIBRARIES},
-    }
+    libraries = {name.replace("-", "_"): version(name) for name in LIBRARIES}
+    return family_of(VERSION, {"python": platform.python_version(), **libraries})

@@ -265,7 +265,7 @@ def compare(
             "pareto_k_max": np.nanmax(left.pareto_k, initial=-np.inf) if np.isfinite(left.pareto_k).any() else np.nan,
             "pareto_k_high": int((left.pareto_k > _limit(left.draws)).sum()),
             "unfinished": left.unfinished,
-            "converged": bool(results[label].attributes["converged"]),
+            "converged": results[label].provenance.ending.converged,
             "model": told[label],
         }
     return Comparison(pd.DataFrame.from_dict(rows, orient="index").rename_axis("result"), leave.name, interior)

@@ -31,6 +31,7 @@ from softness_bayes.parameters.coordinates import Bent, Scaled
 from softness_bayes.parameters.declared import PARAMETERS
 from softness_bayes.parameters.priors import Prior, parse_prior
 from softness_bayes.parameters.space import ParameterSpace
+from softness_bayes.provenance import Ending, attributes_of
 from softness_bayes.results.assembly import assembled
 from softness_bayes.results.plate import forces_of
 from softness_bayes.results.result import Result
@@ -320,16 +321,18 @@ def requested(density: Density, options: RunOptions) -> dict[str, Any]:
 def outcome(state: RunState) -> dict[str, Any]:
     """Return what every run's result says of how it ended."""
     verdict = sampled_of(state).verdict
-    return {
-        "verdict": verdict.sentence(),
-        "converged": int(verdict.converged),
-        "steps": verdict.steps,
-        "missing_steps": verdict.more_steps,
-        "burn_in": verdict.burn_in,
-        "sampling_seconds": state.seconds,
-        "evaluations": state.nonfinite.evaluations,
-        "failures": state.nonfinite.count,
-    }
+    return attributes_of(
+        Ending(
+            verdict=verdict.sentence(),
+            converged=verdict.converged,
+            steps=verdict.steps,
+            missing_steps=verdict.more_steps,
+            burn_in=verdict.burn_in,
+            sampling_seconds=state.seconds,
+            evaluations=state.nonfinite.evaluations,
+            failures=state.nonfinite.count,
+        )
+    )
 
 
 def sample(
