@@ -12,51 +12,97 @@ __version__ = "0.1.0"
 
 if TYPE_CHECKING:
     from softness_bayes.claims import evaluate_claims as evaluate_claims
+    from softness_bayes.claims.report import claims_table as claims_table
     from softness_bayes.data import Compression as Compression
     from softness_bayes.data import Experiment as Experiment
     from softness_bayes.data import Fabrics as Fabrics
     from softness_bayes.data import Ratings as Ratings
     from softness_bayes.data import read_experiment as read_experiment
+    from softness_bayes.errors import InputError as InputError
+    from softness_bayes.likelihood.directions import FALLS as FALLS
+    from softness_bayes.likelihood.directions import RISES as RISES
     from softness_bayes.model.build import scene_of as scene_of
     from softness_bayes.model.build import simulate_compression as simulate_compression
     from softness_bayes.model.build import simulate_ratings as simulate_ratings
     from softness_bayes.model.build import touch_parameters as touch_parameters
     from softness_bayes.model.build import usual_values as usual_values
     from softness_bayes.model.prediction import prediction_table as prediction_table
+    from softness_bayes.parameters.choice import parameter_space as parameter_space
+    from softness_bayes.parameters.declared import PARAMETERS as PARAMETERS
+    from softness_bayes.parameters.priors import HalfNormal as HalfNormal
+    from softness_bayes.parameters.priors import LogNormal as LogNormal
+    from softness_bayes.plotting.calibration import rank_ecdf_figure as rank_ecdf_figure
     from softness_bayes.plotting.plots import Plots as Plots
+    from softness_bayes.plotting.style import Style as Style
     from softness_bayes.results.result import Result as Result
+    from softness_bayes.runs.calibrate import CalibrationScene as CalibrationScene
+    from softness_bayes.runs.calibrate import calibrate as calibrate
+    from softness_bayes.runs.comparison import compare as compare
     from softness_bayes.runs.plate import sample_skin as sample_skin
     from softness_bayes.runs.run import RunOptions as RunOptions
     from softness_bayes.runs.run import sample as sample
     from softness_bayes.touch.contact import Finger as Finger
     from softness_bayes.touch.contact import Force as Force
     from softness_bayes.touch.contact import Indentation as Indentation
+    from softness_bayes.touch.contact import solve_contact as solve_contact
+    from softness_bayes.touch.neuron.fixed_channels import FixedChannels as FixedChannels
+    from softness_bayes.touch.neuron.membrane import PAPER_CHANNELS as PAPER_CHANNELS
+    from softness_bayes.touch.neuron.onset import rheobase as rheobase
     from softness_bayes.touch.neuron.rate import firing_rate as firing_rate
+    from softness_bayes.touch.neuron.spikes import spike_times as spike_times
+    from softness_bayes.touch.readings import ALTERNATIVES as ALTERNATIVES
+    from softness_bayes.touch.readings import NAMED_READINGS as NAMED_READINGS
     from softness_bayes.touch.readings import Readings as Readings
+    from softness_bayes.touch.receptors import receptor_current as receptor_current
+    from softness_bayes.touch.scene import Discretisation as Discretisation
     from softness_bayes.touch.scene import Scene as Scene
+    from softness_bayes.touch.stress import stress as stress
 
 _HOMES = {
+    "ALTERNATIVES": "touch.readings",
+    "CalibrationScene": "runs.calibrate",
     "Compression": "data",
+    "Discretisation": "touch.scene",
     "Experiment": "data",
+    "FALLS": "likelihood.directions",
     "Fabrics": "data",
     "Finger": "touch.contact",
+    "FixedChannels": "touch.neuron.fixed_channels",
     "Force": "touch.contact",
+    "HalfNormal": "parameters.priors",
     "Indentation": "touch.contact",
+    "InputError": "errors",
+    "LogNormal": "parameters.priors",
+    "NAMED_READINGS": "touch.readings",
+    "PAPER_CHANNELS": "touch.neuron.membrane",
+    "PARAMETERS": "parameters.declared",
     "Plots": "plotting.plots",
+    "RISES": "likelihood.directions",
     "Ratings": "data",
     "Readings": "touch.readings",
     "Result": "results.result",
     "RunOptions": "runs.run",
     "Scene": "touch.scene",
+    "Style": "plotting.style",
+    "calibrate": "runs.calibrate",
+    "claims_table": "claims.report",
+    "compare": "runs.comparison",
     "evaluate_claims": "claims",
     "firing_rate": "touch.neuron.rate",
+    "parameter_space": "parameters.choice",
     "prediction_table": "model.prediction",
+    "rank_ecdf_figure": "plotting.calibration",
     "read_experiment": "data",
+    "receptor_current": "touch.receptors",
+    "rheobase": "touch.neuron.onset",
     "sample": "runs.run",
     "sample_skin": "runs.plate",
     "scene_of": "model.build",
     "simulate_compression": "model.build",
     "simulate_ratings": "model.build",
+    "solve_contact": "touch.contact",
+    "spike_times": "touch.neuron.spikes",
+    "stress": "touch.stress",
     "touch_parameters": "model.build",
     "usual_values": "model.build",
 }

@@ -148,6 +148,25 @@ class Result:
         """Return mean, spread, interval and sampling error of every parameter."""
         return self.table.copy()
 
+    def learnt(self) -> tuple[str, ...]:
+        """Return what the data determine and what they leave open, a sentence each: parameters, then combinations."""
+        from softness_bayes.checking.identifiability import direction_sentences, learning_sentences
+
+        return (*learning_sentences(self.table), *direction_sentences(self.tables["directions"]))
+
+    def checked(self) -> tuple[str, ...]:
+        """Return what the predictive checks found, a sentence each: turning points, then everything else.
+
+        Raises
+        ------
+        InputError
+            If the run had no ratings.
+        """
+        from softness_bayes.checking.check_table import check_sentences
+
+        self._require_ratings()
+        return tuple(check_sentences(self.tables["predictive_checks"]))
+
     def values(self, size: int | None = None) -> dict[str, Array]:
         """Return every parameter of the model by name, in natural units: draws, or the held value.
 

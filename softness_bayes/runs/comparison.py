@@ -211,7 +211,7 @@ class Comparison:
 
 def compare(
     results: Mapping[str, Result],
-    leave: Leave = LEAVE["rating"],
+    leave: str | Leave = "rating",
     settings: Settings = REFIT,
     progress: Callable[[str], None] = lambda _: None,
 ) -> Comparison:
@@ -225,7 +225,7 @@ def compare(
     results
         Results by the names that the table gives them, at least two.
     leave
-        An entry of `LEAVE`.
+        Name of what is left out, one of `LEAVE`; or a way to leave something out.
     settings
         How a model is sampled anew.
     progress
@@ -234,10 +234,12 @@ def compare(
     Raises
     ------
     InputError
-        If there are fewer than two results, one has no ratings, or they are of different data or scales.
+        If there are fewer than two results, one has no ratings, or they are of different data or scales; or there is
+        nothing of that name to leave out.
     """
     import pandas as pd
 
+    leave = _leave(leave)
     _require_comparable(results)
     told = differences(dict(results))
     found = {
@@ -269,6 +271,14 @@ def compare(
             "model": told[label],
         }
     return Comparison(pd.DataFrame.from_dict(rows, orient="index").rename_axis("result"), leave.name, interior)
+
+
+def _leave(leave: str | Leave) -> Leave:
+    if isinstance(leave, Leave):
+        return leave
+    if leave not in LEAVE:
+        raise InputError(f"compare: cannot leave out {leave!r}; expected one of {', '.join(LEAVE)}")
+    return LEAVE[leave]
 
 
 def _clusters(result: Result, leave: Leave) -> dict[str, NDArray[np.intp]]:

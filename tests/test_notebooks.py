@@ -1,0 +1,73 @@
+"""The notebooks use the package as its users do: by its public names alone."""
+
+import ast
+import json
+from pathlib import Path
+
+import pytest
+
+import softness_bayes
+from support.paths import ROOT
+
+NOTEBOOKS = sorted((ROOT / "notebooks").glob("*.ipynb"))
+ALLOWED = {
+    "softness_bayes.runs.plan.with_accuracy",
+    "softness_bayes.runs.plate.WIDE",
+    "softness_bayes.runs.run.posterior_of",
+}
+"""What they reach further in for."""
+
+
+def code_of(path):
+    """Return the code of a notebook without what IPython alone understands."""
+    cells = [cell for cell in json.loads(path.read_text(encoding="utf-8"))["cells"] if cell["cell_type"] == "code"]
+    lines = [line for cell in cells for line in "".join(cell["source"]).splitlines()]
+    return ast.parse("\n".join(line for line in lines if not line.startswith(("%", "!"))))
+
+
+def inner_names(tree):
+    """Return what code imports from inside the package."""
+    found = set()
+    for node in ast.walk(tree):
+        if isinstance(node, ast.ImportFrom) and node.module.split(".")[0] == "softness_bayes":
+            found |= {f"{node.module}.{alias.name}" for alias in node.names if node.module != "softness_bayes"}
+        if isinstance(node, ast.Import):
+            found |= {alias.name for alias in node.names if alias.name.startswith("softness_bayes.")}
+    return found
+
+
+def test_there_are_notebooks():
+    assert len(NOTEBOOKS) >= 6
+    assert inner_names(ast.parse("from softness_bayes.touch import stress\nimport softness_bayes.touch as touch")) == {
+        "softness_bayes.touch.stress",
+        "softness_bayes.touch",
+    }
+
+
+@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
+def test_a_notebook_uses_public_names(path):
+    tree = code_of(path)
+    assert inner_names(tree) <= ALLOWED
+    public = {
+        alias.name
+        for node in ast.walk(tree)
+        if isinstance(node, ast.ImportFrom) and node.module == "softness_bayes"
+        for alias in node.names
+    }
+    assert public <= {*softness_bayes.__all__}
+
+
+def test_every_exception_is_needed():
+    assert set.union(*(inner_names(code_of(path)) for path in NOTEBOOKS)) >= ALLOWED
+
+
+@pytest.mark.parametrize("name", softness_bayes.__all__)
+def test_a_public_name_is_there(name):
+    assert getattr(softness_bayes, name) is not None
+    assert name in dir(softness_bayes)
+
+
+def test_type_checkers_see_the_public_names_where_they_are():
+    (block,) = (n for n in ast.parse(Path(softness_bayes.__file__).read_text()).body if isinstance(n, ast.If))
+    seen = {alias.name: node.module for node in block.body for alias in node.names}
+    assert seen == {name: f"softness_bayes.{home}" for name, home in softness_bayes._HOMES.items()}
