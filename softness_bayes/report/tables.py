@@ -39,7 +39,7 @@ LEVELS_MEANING = {"mu": "mean log rating of a typical participant", "c0": "inter
 """What is drawn after a run and has no prior of a parameter."""
 
 
-def parameter_table(result: Result) -> Table:
+def of_parameters(result: Result) -> Table:
     """Return what was learnt of every parameter."""
     priors = result.provenance.priors
     head = ["Parameter", "Meaning", "Unit", "Prior", "Mean", "Sd", "HDI", "Sd / prior’s"]
@@ -79,7 +79,7 @@ def _prior(prior: Prior | None) -> str:
     return "–" if prior is None else in_short(prior).replace(",", ", ")
 
 
-def direction_table(result: Result) -> Table:
+def of_directions(result: Result) -> Table:
     """Return the combinations of parameters from best to least known."""
     table = result.tables["directions"]
     rows = [
@@ -94,7 +94,7 @@ def direction_table(result: Result) -> Table:
     return Table("directions", caption, ["Direction", "Sd / prior’s", "In words"], rows)
 
 
-def inflection_table(result: Result) -> Table:
+def of_turning_points(result: Result) -> Table:
     """Return where the response turns over under each load."""
     head = ["Load", "Turns over", "under the prior", "Does not", "Silent", "Among the fabrics"]
     head += ["E_fab [kPa]", "E_fab / E_skin", "Force [N]", "Drop beyond"]
@@ -121,7 +121,7 @@ def _interval(row: pd.Series, name: str) -> str:
     return "–" if middle == "–" else f"{middle} ({low} to {high})"
 
 
-def check_table(result: Result) -> Table:
+def of_checks(result: Result) -> Table:
     """Return every predictive check of the posterior."""
     checks = result.tables["predictive_checks"].reset_index()
     rows = []
@@ -137,7 +137,7 @@ def check_table(result: Result) -> Table:
     return Table("checks", caption, ["Quantity", "Of", "Data", "Replicates", "Limits", "p"], rows)
 
 
-def provenance(result: Result) -> list[Table]:
+def of_provenance(result: Result) -> list[Table]:
     """Return how the run was made: data, model, sampling, numerical errors, versions."""
     found, options = result.provenance, recorded_options(result)
     ending = found.ending
