@@ -1,0 +1,67 @@
+"""The groups of a result are functions of its draws: none depends on which was made before."""
+
+import copy
+
+import numpy as np
+import pytest
+
+from softness_bayes.checking.inflection import curve_scene
+from softness_bayes.results.draws import draws_of
+from softness_bayes.results.predictions import illustration_groups, prediction_group, turning_groups
+from softness_bayes.results.replicates import draw_replicates, predictive_groups, prior_groups
+from softness_bayes.runs.run import posterior_of
+from softness_bayes.sampler.chains import Chains
+from support.report_runs import OPTIONS, experiment, quickly
+
+
+@pytest.fixture(scope="module")
+def draws():
+    """Draws of the prior in the place of a walk: 2 ensembles of 3 walkers, 2 steps."""
+    rng, data = np.random.default_rng(5), experiment()
+    with quickly():
+        posterior = posterior_of(data, OPTIONS)
+    theta = posterior.space.draw_prior(rng, 12).reshape(6, 2, -1)
+    kept = Chains(np.zeros((2, 2, 3, theta.shape[-1])), np.zeros((2, 2, 3)), np.full((2, 3), 0.3), 2, 1)
+    return draws_of(data, posterior, kept, theta, rng)
+
+
+def arrays(value):
+    """Return every array below a value."""
+    if isinstance(value, np.ndarray):
+        return [value]
+    if isinstance(value, dict):
+        return [array for inner in value.values() for array in arrays(inner)]
+    return [array for inner in value for array in arrays(inner)] if isinstance(value, (tuple, list)) else []
+
+
+def same(one, other):
+    left, right = arrays(one), arrays(other)
+    assert len(left) == len(right) > 0
+    return all(np.array_equal(a, b, equal_nan=a.dtype.kind == "f") for a, b in zip(left, right, strict=True))
+
+
+def test_what_is_drawn_depends_on_the_seed_alone(draws):
+    first, again, other = (draw_replicates(np.random.default_rng(seed), draws) for seed in (1, 1, 2))
+    assert same(first, again)
+    assert not same(first, other)
+    # the levelled response shares its noise: where it is not levelled, ratings are the same
+    assert (first.levelled == first.again).any()
+    assert not (first.levelled == first.again).all()
+
+
+def test_groups_do_not_depend_on_the_order_in_which_they_are_made(draws):
+    drawn = draw_replicates(np.random.default_rng(1), draws)
+    grid = curve_scene(draws.scene)
+    turn = np.full((len(draws.some(400).theta), len(draws.scene.loads)), np.nan)
+    makers = [
+        lambda: prior_groups(draws, drawn),
+        lambda: predictive_groups(draws, drawn),
+        lambda: prediction_group(draws, grid, 1e-3),
+        lambda: turning_groups(draws, 1e-3),
+        lambda: illustration_groups(draws, drawn, turn),
+    ]
+    before = copy.deepcopy([draws.theta, draws.mean_rate, draws.prior])
+    forwards = [make() for make in makers]
+    backwards = [make() for make in reversed(makers)][::-1]
+    assert all(same(one, other) for one, other in zip(forwards, backwards, strict=True))
+    assert same(before, [draws.theta, draws.mean_rate, draws.prior])
