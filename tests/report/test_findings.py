@@ -15,7 +15,7 @@ from softness_bayes.checking.flatness import Explained
 from softness_bayes.checking.misfit import Fit
 from softness_bayes.checking.reproduction import Reproduction
 from softness_bayes.checking.trend import Correlation, Trend
-from softness_bayes.likelihood.magnitude import FALLS, RISES
+from softness_bayes.likelihood.directions import FALLS, RISES
 from softness_bayes.report.cards import DOUBTS, QUESTIONS, card
 from softness_bayes.report.findings import (
     Convergence,
