@@ -12,6 +12,8 @@ from softness_bayes.report.curves import shown
 from support.browser import browser, find_browser
 from support.report_runs import EVIL, ratings_run, skin_run
 
+pytestmark = pytest.mark.browser
+
 DRAWN = "Bokeh.documents.length > 0 && Bokeh.documents.every(drawn => drawn.is_idle)"
 MODEL = "Bokeh.documents.map(drawn => drawn.get_model_by_name({!r})).find(found => found !== null)"
 COLUMN = "Array.from(" + MODEL + ".data[{!r}])"
@@ -21,7 +23,7 @@ COLUMN = "Array.from(" + MODEL + ".data[{!r}])"
 def chromium(tmp_path_factory):
     program = find_browser()
     if program is None:
-        pytest.skip("no chromium: not installed, and not root on a system with apt-get, so it cannot be")
+        pytest.skip("no browser: install chromium (apt-get install chromium) to run these tests")
     with browser(program, tmp_path_factory.mktemp("browser")) as window:
         yield window
 

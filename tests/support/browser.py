@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import base64
 import json
-import os
 import shutil
 import subprocess
 import time
@@ -22,15 +21,8 @@ PATIENCE = 60.0
 
 
 def find_browser() -> str | None:
-    """Return the browser's program, installed first where this may be done, or None."""
-    found = next(filter(None, map(shutil.which, PROGRAMS)), None)
-    if found is None and os.name == "posix" and os.geteuid() == 0 and shutil.which("apt-get"):
-        quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL, "check": False, "timeout": 600}
-        quiet["env"] = os.environ | {"DEBIAN_FRONTEND": "noninteractive"}
-        subprocess.run(["apt-get", "update"], **quiet)
-        subprocess.run(["apt-get", "install", "--yes", "--no-install-recommends", "chromium"], **quiet)
-        found = shutil.which(PROGRAMS[0])
-    return found
+    """Return the browser's program, or None."""
+    return next(filter(None, map(shutil.which, PROGRAMS)), None)
 
 
 class Page:
