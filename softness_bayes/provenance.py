@@ -38,7 +38,7 @@ LEAST_LONG = 1 << 63
 
 @dataclass(frozen=True)
 class Asked:
-    """What was asked for."""
+    """The request of a run."""
 
     schema_version: int
     command: str
@@ -50,7 +50,7 @@ class Asked:
 
 @dataclass(frozen=True)
 class Ending:
-    """How the walk ended."""
+    """End of the walk."""
 
     verdict: str
     converged: bool
@@ -66,7 +66,7 @@ class Ending:
 
 @dataclass(frozen=True)
 class DirectionTaken:
-    """Which way ratings run with the response, and why."""
+    """Direction of ratings with the response, and its reason."""
 
     direction: RatingDirection
     direction_asked: bool = True
@@ -130,7 +130,7 @@ class ResidualChecks:
 
 @dataclass(frozen=True)
 class Silence:
-    """How often no receptor fires, and how often the contact leaves Hertz's range, as shares."""
+    """Shares of draws without firing, and of contacts outside Hertz's range."""
 
     prior_silent_everywhere: float = np.nan
     prior_silent_conditions: float = np.nan
@@ -170,7 +170,7 @@ class Provenance:
 
     @property
     def asked(self) -> Asked:
-        """What was asked for."""
+        """The request of a run."""
         return self._section(Asked)
 
     @property
@@ -191,17 +191,17 @@ class Provenance:
 
     @property
     def ending(self) -> Ending:
-        """How the walk ended."""
+        """End of the walk."""
         return self._section(Ending)
 
     @property
     def verdict(self) -> str:
-        """Whether the run has converged, in a sentence; empty where that is not recorded."""
+        """Verdict on convergence, in a sentence; empty if not recorded."""
         return str(self.attributes.get("verdict", ""))
 
     @property
     def direction(self) -> DirectionTaken:
-        """Which way ratings run with the response."""
+        """Direction of ratings with the response."""
         return self._section(DirectionTaken)
 
     @property
@@ -226,7 +226,7 @@ class Provenance:
 
     @property
     def silence(self) -> Silence:
-        """How often no receptor fires."""
+        """Shares of draws without firing."""
         return self._section(Silence)
 
     @property
@@ -241,7 +241,7 @@ class Provenance:
 
     @property
     def held_eps(self) -> str:
-        """What it means that eps was held; empty where it was sampled or there is none."""
+        """Consequence of a held eps, in words; empty if it was sampled or there is none."""
         return str(self.attributes.get("held_eps", ""))
 
     def _family(self, begin: str) -> dict[str, str]:
@@ -275,7 +275,7 @@ def family_of(begin: str, values: Mapping[str, Any]) -> dict[str, str]:
 
 
 class _Codec(NamedTuple):
-    """How a value is read from an attribute and written to one."""
+    """Conversion of a value from an attribute and to one."""
 
     read: Callable[[Any], Any]
     write: Callable[[Any], Any]

@@ -368,7 +368,7 @@ class ReadingChoice:
 
     @property
     def is_default(self) -> bool:
-        """Whether nothing was asked for."""
+        """True if no option was given."""
         return self.set_name is None and not self.overrides
 
     def resolve(self) -> Readings:

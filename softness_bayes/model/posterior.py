@@ -112,7 +112,7 @@ class Density:
         return np.broadcast_to(self.data_density(theta), theta.shape[:-1])
 
     def response_is_finite(self, theta: FloatArray) -> bool:
-        """Whether the forward model gives numbers at one point theta, shape (dimension,)."""
+        """Return whether the forward model is finite at one point theta, shape (dimension,)."""
         return True
 
     def failing_stage(self, z: FloatArray) -> str:
@@ -175,7 +175,7 @@ class Posterior(Density):
         return np.broadcast_to(rate, (*theta.shape[:-1], rate.shape[-1]))
 
     def response_is_finite(self, theta: FloatArray) -> bool:
-        """Whether the forward model gives numbers at one point theta, shape (dimension,)."""
+        """Return whether the forward model is finite at one point theta, shape (dimension,)."""
         return bool(np.isfinite(self.mean_rate(theta)).all())
 
     @property

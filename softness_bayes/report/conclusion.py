@@ -59,7 +59,7 @@ class Facts(NamedTuple):
     differ: bool = True
     """Whether ratings differ between fabrics beyond noise."""
     exact: bool = True
-    """Whether the fast forward model left the posterior in place."""
+    """Effect of the fast forward model on the posterior."""
     unreproduced: tuple[str, ...] = ()
     """Predictive checks that failed, beside the turning point."""
     turns: tuple[Turn, ...] = ()

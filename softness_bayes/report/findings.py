@@ -25,7 +25,7 @@ MOSTLY = 0.5
 
 
 class Standing(Enum):
-    """How a finding bears on what may be concluded; the value is its style."""
+    """Consequence of a finding for the conclusions; the value is its style."""
 
     GOOD = "good"
     DOUBTFUL = "doubtful"
@@ -35,7 +35,7 @@ class Standing(Enum):
 
 
 class Doubt(Enum):
-    """Why a finding that is good by itself must not be relied on."""
+    """Reason why a finding that is good by itself is unreliable."""
 
     NOT_CONVERGED = 1
     MODEL_FAILED = 2
@@ -61,18 +61,18 @@ class Finding(ABC):
 
     @property
     def shaken(self) -> bool:
-        """Whether it would be good but for a doubt."""
+        """True if the finding would be good but for a doubt."""
         return self.outcome is Standing.GOOD and self.doubt is not None
 
     @property
     def standing(self) -> Standing:
-        """How it bears on the conclusions: nothing stands as good in a run that is in doubt."""
+        """Consequence for the conclusions: no finding is good in a run that is in doubt."""
         return Standing.DOUBTFUL if self.shaken else self.outcome
 
 
 @dataclass(frozen=True)
 class Convergence(Finding):
-    """Whether the sampler has converged."""
+    """Convergence of the sampler."""
 
     converged: bool
     verdict: str
@@ -86,7 +86,7 @@ class Convergence(Finding):
 
 @dataclass(frozen=True)
 class Following(Finding):
-    """Whether the model follows the ratings at all: nothing else counts without it."""
+    """Agreement of the model with the ratings, without which no other finding counts."""
 
     fit: Fit
 
@@ -103,7 +103,7 @@ class Following(Finding):
 
 @dataclass(frozen=True)
 class FastModel(Finding):
-    """Whether the fast forward model left the posterior in place."""
+    """Effect of the fast forward model on the posterior."""
 
     exactness: Exactness
     sentence: str
@@ -122,7 +122,7 @@ class FastModel(Finding):
 
 @dataclass(frozen=True)
 class TurningPoints(Finding):
-    """Whether the model reproduces the turning point under each load."""
+    """Reproduction of the turning point under each load."""
 
     judged: tuple[Reproduction, ...]
     table: pd.DataFrame
@@ -142,7 +142,7 @@ class TurningPoints(Finding):
 
 @dataclass(frozen=True)
 class OtherChecks(Finding):
-    """Whether the model reproduces what else was checked."""
+    """Reproduction of all other test quantities."""
 
     unreproduced: tuple[str, ...]
     """Quantities that it does not reproduce."""
@@ -157,7 +157,7 @@ class OtherChecks(Finding):
 
 @dataclass(frozen=True)
 class Information(Finding):
-    """Which parameters the data informed."""
+    """Parameters that the data informed."""
 
     summary: pd.DataFrame
     remarks: tuple[str, ...] = ()
@@ -176,7 +176,7 @@ class Information(Finding):
 
 @dataclass(frozen=True)
 class PlateForces(Finding):
-    """Whether the fitted skin makes forces that grow with indentation as those that were measured."""
+    """Growth of forces with indentation under the fitted skin."""
 
     exponent: float
     """Of the measured forces; NaN where they do not tell it."""

@@ -29,7 +29,7 @@ AGAIN = "again/"
 
 
 class Repetition(NamedTuple):
-    """How to draw the same posterior again."""
+    """Commands that draw the same posterior again."""
 
     commands: tuple[str, ...]
     """To be typed one after the other."""

@@ -1,4 +1,4 @@
-"""What a result holds that no draw changes: held parameters, fabrics, loads, ratings, and the names of the axes."""
+"""Constants of a result: held parameters, fabrics, loads, ratings, and the names of the axes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the figures of a touch and of the membrane show, computed with a run so that no figure runs the model."""
+"""Data of the figures of a touch and of the membrane, computed with a run so that no figure runs the model."""
 
 from __future__ import annotations
 

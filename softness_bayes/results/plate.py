@@ -1,4 +1,4 @@
-"""What compression data add to the groups of a result."""
+"""Groups and variables of a result for compression data."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def forces_of(compression: Compression, readings: Readings) -> CompressionForces
 
 
 class PlateReplicates(NamedTuple):
-    """What is drawn after a run on compression data, each of shape (draws, ...)."""
+    """Draws made after a run on compression data, each of shape (draws, ...)."""
 
     fingers: FingerEffects
     """How the fingers depart from the typical one, at every draw of every chain."""

@@ -1,4 +1,4 @@
-"""What the fitted model predicts beyond the data: response curves, turning points, and what the figures show."""
+"""Predictions of the fitted model beyond the data: response curves, turning points, and data of the figures."""
 
 from __future__ import annotations
 

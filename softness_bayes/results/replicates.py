@@ -30,7 +30,7 @@ ROWS = ("rating_row",)
 
 
 class Replicates(NamedTuple):
-    """What was drawn: ratings (draws, rows) at `REPLICATES` draws, forces, and what the figures show of a touch."""
+    """Replicated draws: ratings (draws, rows) at `REPLICATES` draws, forces, and data of the figures of a touch."""
 
     again: Array
     """Ratings of the same participants."""

@@ -104,12 +104,12 @@ class Result:
 
     @property
     def has_ratings(self) -> bool:
-        """Whether the run was on ratings, and not on compression data alone."""
+        """True if the run was on ratings, alone or with compression data."""
         return "rating" in self.group("observed_data")
 
     @property
     def has_compression(self) -> bool:
-        """Whether the run was on compression data, alone or beside ratings."""
+        """True if the run was on compression data, alone or with ratings."""
         return "plate_force_n" in self.group("observed_data")
 
     def _require_ratings(self) -> None:

@@ -30,7 +30,7 @@ TABLES = "tables"
 
 
 class Stored(NamedTuple):
-    """What a file holds."""
+    """Contents of a file."""
 
     tree: xr.DataTree
     tables: dict[str, pd.DataFrame]

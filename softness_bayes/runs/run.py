@@ -53,7 +53,7 @@ ALPHA_WIDTH = 0.3
 
 @dataclass(frozen=True)
 class RunOptions:
-    """What a run is asked for beyond the data.
+    """Options of a run beyond its data.
 
     Parameters
     ----------
@@ -122,7 +122,7 @@ class RunOptions:
 
     @property
     def settings(self) -> Settings:
-        """How the sampler is set."""
+        """Settings of the sampler."""
         return Settings(
             max_steps=self.max_steps,
             max_seconds=self.max_seconds,
@@ -131,7 +131,7 @@ class RunOptions:
         )
 
     def chosen(self) -> dict[str, str]:
-        """What decides the draws beside data, parameters and the sampler, by name."""
+        """Choices that affect the draws beside data, parameters and the sampler, by name."""
         readings = {f"reading of {place}": name for place, name in self.readings.names.items()}
         return {
             **readings,
