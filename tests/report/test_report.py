@@ -233,7 +233,7 @@ def test_every_finding_follows_the_numbers(made):
     table["contraction"] = np.where(table.index == "b", 0.2, 0.9)
     told = standing(replace(result, table=table), "inform")
     assert told.answer == f"{len(table) - 1} of {len(table)}"
-    assert any(detail.startswith("Not informed") and detail.endswith(": b 0.89.") for detail in told.details)
+    assert any(detail.startswith("Weakly identified") and detail.endswith(": b 0.89.") for detail in told.details)
     # a held eps is said to be taken as known, and only a held one
     held = "Eps is held at 0.1 Hz: all intervals take it as known"
     assert sum(detail.startswith(held) for detail in told.details) == 1
