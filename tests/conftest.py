@@ -10,8 +10,10 @@ import numpy as np
 import pytest
 
 from softness_bayes.cli import main
+from softness_bayes.touch.neuron import fixed_channels
 from softness_bayes.touch.neuron.firing import CurveError, RateCurve
 from softness_bayes.touch.parameters import TouchParameters
+from support.once import Kept, shared_curves
 from support.paths import SHARED
 from support.randomness import SEED, generator_of
 
@@ -24,6 +26,29 @@ def pytest_report_header() -> str:
 def rng(request: pytest.FixtureRequest) -> np.random.Generator:
     """A generator of the test's own: the same numbers whichever tests run beside it."""
     return generator_of(request.node.nodeid)
+
+
+@pytest.fixture(scope="session")
+def once(tmp_path_factory, worker_id) -> Kept:
+    """Make what is costly once for all processes of the session."""
+    own = tmp_path_factory.getbasetemp()
+    return Kept(own if worker_id == "master" else own.parent)
+
+
+@pytest.fixture(scope="session")
+def report_run(once):
+    """Return a run of `support.report_runs` by its name."""
+    from support.report_runs import RUNS  # imports half of the package, which not every test needs
+
+    return lambda name: once(f"run-{name}", RUNS[name])
+
+
+@pytest.fixture(scope="session", autouse=True)
+def one_membrane(once):
+    """Compute each rate curve of fixed channels once, instead of once in every test that looks at something else."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(fixed_channels, "exact_curve", shared_curves(once))
+        yield
 
 
 @pytest.fixture

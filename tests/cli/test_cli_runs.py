@@ -1,6 +1,5 @@
 """`status` and `resume`: an interrupted run at the command line, and what is refused there."""
 
-import functools
 import json
 import os
 import shutil
@@ -22,21 +21,12 @@ from softness_bayes.likelihood.magnitude import LogRatings
 from softness_bayes.results.result import Result
 from softness_bayes.runs.run import RunOptions
 from softness_bayes.touch import scene
-from softness_bayes.touch.neuron import fixed_channels
 from support.command_line import FIXED, few_ratings, refused
 from support.full_disk import fill_disk
 from support.paths import ROOT
 
 STEPS = 350
 ASKED = [*FIXED, "--seed", "3", "--no-figures", "--max-steps", STEPS]
-
-
-@pytest.fixture(scope="module", autouse=True)
-def one_curve():
-    """Compute the membrane's one rate curve once."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(fixed_channels, "exact_curve", functools.cache(fixed_channels.exact_curve))
-        yield
 
 
 def begin(directory, *more):

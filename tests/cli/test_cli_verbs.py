@@ -1,30 +1,34 @@
-"""The verbs that compute, by subprocess: what they write, what they refuse, and how they end."""
+"""The verbs that compute: what they write, what they refuse, and how they end; each once by subprocess."""
 
+import functools
 import io
 import json
 import re
 import shlex
+import sys
 
 import numpy as np
 import pandas as pd
 import pytest
 
 from softness_bayes.results.result import Result
+from softness_bayes.runs import run as runs
+from softness_bayes.sampler.sampling import Settings
 from softness_bayes.touch.readings import MENDED
-from support.command_line import FIXED, HELD, QUICK, TOUCH, refused, run
+from support.command_line import FIXED, HELD, QUICK, TOUCH, call, refused, run
 from support.paths import DATA
 
 # predict
 
 
-def predicted(*arguments):
-    done = run("predict", *TOUCH, *arguments)
+def predicted(*arguments, by=call):
+    done = by("predict", *TOUCH, *arguments)
     assert done.returncode == 0, done.stderr
     return pd.read_csv(io.StringIO(done.stdout))
 
 
 def test_predict_prints_a_table_of_the_medians_and_of_what_is_set():
-    usual, stiffer = predicted("--set", "sigma_0=5"), predicted("--set", "sigma_0=5", "--set", "b=200")
+    usual, stiffer = predicted("--set", "sigma_0=5", by=run), predicted("--set", "sigma_0=5", "--set", "b=200")
     truth = pd.read_csv(DATA / "fabrics.csv")
     assert usual["fabric"].tolist() == stiffer["fabric"].tolist() == truth["fabric"].tolist()
     assert (usual["indentation_mm"] == 2).all()
@@ -69,7 +73,7 @@ def test_predict_refuses(here, tmp_path, arguments, message):
 
 
 def test_predict_without_load_or_file_is_refused(here):
-    refused(run("predict", "--fabrics", DATA / "fabrics.csv"), "--indentation-mm", "--force-n")
+    refused(here("predict", "--fabrics", DATA / "fabrics.csv"), "--indentation-mm", "--force-n")
     refused(here("predict", "--fabrics", "nowhere.csv", "--force-n", "1"), "nowhere.csv")
 
 
@@ -91,7 +95,7 @@ def test_simulate_makes_the_data_byte_for_byte(tmp_path):
 
 def test_simulate_says_what_the_ratings_were_made_from(here, tmp_path):
     arguments = [*TOUCH, "--participants", "3", "--set", "b=70", "--typical-rating", "50", "--seed", "4"]
-    done = run("simulate", *arguments, "--out", tmp_path)
+    done = here("simulate", *arguments, "--out", tmp_path)
     assert done.returncode == 0, done.stderr
     story = json.loads((tmp_path / "truth.json").read_text(encoding="utf-8"))
     assert story["truth"]["b"] == 70
@@ -127,8 +131,12 @@ def test_simulate_refuses(here, tmp_path, arguments):
 def alone(tmp_path_factory):
     """The shipped ratings without a fabric table, and --max-steps too small to converge."""
     directory = tmp_path_factory.mktemp("alone")
+    words = ["sample", "--data", DATA / "ratings.csv", *FIXED, *QUICK]
     ending = ["--reading", "pressure=hertz", "--prior", "gamma=lognormal(1.1,0.2)", "--seed", "2"]
-    return directory, run("sample", "--data", DATA / "ratings.csv", *FIXED, *QUICK, *ending, cwd=directory)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(runs, "Settings", functools.partial(Settings, pilot=(20, 20), optima=1))
+        patch.setattr(sys, "argv", ["softness-bayes", *map(str, [*words, *ending])])
+        return directory, call(*words, *ending, cwd=directory)
 
 
 def test_a_run_that_has_not_converged_ends_with_3_and_its_files(alone):
@@ -141,7 +149,7 @@ def test_a_run_that_has_not_converged_ends_with_3_and_its_files(alone):
     assert "determined by the data" in done.stdout
     assert "eps is held at 0.1 Hz: all intervals take it as known" in done.stdout
     assert "leave out '--fix eps=0.1' to sample it too" in done.stdout
-    assert done.stdout.count("turning point (maximum) reproduced?") == 1
+    assert done.stdout.count("does the model reproduce the turning point (maximum)?") == 1
     assert "Not converged after 20 steps" in done.stdout
     assert "not converged" in done.stderr
     for word in ("gamma", "varsigma", "mu", "1 mm", "2 mm", "3 mm", "p_interior"):
@@ -164,7 +172,7 @@ def test_what_was_asked_for_is_in_the_file(alone):
 
 def test_the_posterior_of_a_run_predicts(alone):
     directory, _ = alone
-    done = run("predict", *TOUCH, "--posterior", directory / "results", "--out", directory / "table.csv")
+    done = call("predict", *TOUCH, "--posterior", directory / "results", "--out", directory / "table.csv")
     assert done.returncode == 0, done.stderr
     table = pd.read_csv(directory / "table.csv")
     assert {"total_rate_hz", "total_rate_hz_low", "total_rate_hz_high"} <= {*table}
@@ -181,9 +189,9 @@ def test_a_directory_in_use_is_refused_and_survives_bad_input(alone):
     directory, _ = alone
     held = {path: path.read_bytes() for path in (directory / "results").rglob("*.*") if path.is_file()}
     again = ["sample", "--data", DATA / "ratings.csv", *FIXED, *QUICK]
-    refused(run(*again, cwd=directory), "results: is not empty", "--force")
+    refused(call(*again, cwd=directory), "results: is not empty", "--force")
     # --force with a fault elsewhere leaves the earlier result alone
-    refused(run(*again, "--force", "--prior", "bee=halfnormal(1)", cwd=directory), "bee")
+    refused(call(*again, "--force", "--prior", "bee=halfnormal(1)", cwd=directory), "bee")
     assert {path: path.read_bytes() for path in (directory / "results").rglob("*.*") if path.is_file()} == held
 
 

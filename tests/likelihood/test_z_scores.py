@@ -29,7 +29,6 @@ from softness_bayes.runs.run import RunOptions, posterior_of, sample
 from softness_bayes.sampler.sampling import Settings, sample_until
 from softness_bayes.sampler.workers import Workers
 from softness_bayes.touch.contact import Indentation
-from softness_bayes.touch.neuron import fixed_channels
 from softness_bayes.touch.readings import MENDED
 from support.coverage import BRIEF, ENOUGH, REPLICATES, Case, coverage_holds
 from support.paths import DATA
@@ -208,14 +207,6 @@ CHAIN = ("b", "m", "alpha", "beta", "sigma_0", "c_Na", "c_K", "c_L", "c_A")
 CHANNELS = {"c_Na": 1.05, "c_K": 1.16, "c_L": 1.0, "c_A": 1.5}
 WEAVES = Fabrics(tuple("abcdefgh"), effective_modulus=np.geomspace(3e3, 6e5, 8))
 LOADS = (Indentation(1.5e-3), Indentation(2.5e-3))
-
-
-@pytest.fixture(scope="module", autouse=True)
-def one_membrane():
-    """Compute the membrane's one rate curve once."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(fixed_channels, "exact_curve", functools.cache(fixed_channels.exact_curve))
-        yield
 
 
 @pytest.fixture(scope="module")

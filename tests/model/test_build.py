@@ -1,7 +1,5 @@
 """Simulated ratings by their moments, and the parameters that they are made of."""
 
-import functools
-
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
@@ -13,7 +11,6 @@ from softness_bayes.model import build as study
 from softness_bayes.model.build import scene_of, simulate_ratings, touch_parameters, usual_values
 from softness_bayes.parameters.declared import PARAMETERS
 from softness_bayes.touch.contact import Force, Indentation
-from softness_bayes.touch.neuron import fixed_channels
 from softness_bayes.touch.readings import MENDED
 
 CLOTH = Fabrics(("silk", "lawn", "drill"), effective_modulus=np.array([2e4, 1e5, 4e5]))
@@ -24,7 +21,6 @@ LOADS = (Indentation(2e-3), Force(1.5))
 def one_scene():
     """Compile the scene once: all simulations here have the same fabrics, loads, channels and readings."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(fixed_channels, "exact_curve", functools.cache(fixed_channels.exact_curve))
         compiled = scene_of(CLOTH, LOADS, usual_values(MENDED), MENDED)
         patch.setattr(study, "scene_of", lambda *_, **__: compiled)
         yield

@@ -10,7 +10,7 @@ import pytest
 
 from softness_bayes.cli.sample import _report
 from softness_bayes.report.conclusion import Facts, Skin, Turn, conclude, facts_of
-from support.report_runs import converged, ratings_run, skin_run
+from support.report_runs import converged
 
 TOLD = Turn("1 mm", 0.98, 60.0, 85.0, 120.0, True)
 UNTOLD = Turn("2 mm", 0.5, 300.0, 700.0, 4000.0, None)
@@ -103,8 +103,8 @@ def test_every_combination_of_facts_gives_three_sentences_and_trust_only_where_a
 
 
 @pytest.fixture(scope="module")
-def runs():
-    return {"ratings": ratings_run(), "skin": skin_run()}
+def runs(report_run):
+    return {name: report_run(name) for name in ("ratings", "skin")}
 
 
 @pytest.mark.parametrize("name", ["ratings", "skin"])

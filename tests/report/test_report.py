@@ -31,10 +31,9 @@ from softness_bayes.report.repeat import repetition
 from softness_bayes.results.result import Result
 from softness_bayes.runs.run import RunOptions
 from softness_bayes.touch.readings import CLASSICAL
-from support.report_runs import EVIL, OPTIONS, PERSON, TYPED, converged, ratings_run, skin_run, z_score_run
+from support.report_runs import EVIL, OPTIONS, PERSON, RUNS, TYPED, converged
 
 VOID = {"meta", "link", "img", "input", "br"}
-RUNS = {"ratings": ratings_run, "z-scores": z_score_run, "skin": skin_run}
 
 
 class Element:
@@ -85,13 +84,13 @@ class Tree(HTMLParser):
 
 
 @pytest.fixture(scope="module")
-def made():
+def made(report_run):
     """Return runs by name, each made once."""
     kept = {}
 
     def one(name):
         if name not in kept:
-            kept[name] = RUNS[name]()
+            kept[name] = report_run(name)
         return kept[name]
 
     return one

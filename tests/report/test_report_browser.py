@@ -10,7 +10,7 @@ import pytest
 from softness_bayes.report import page, write_report
 from softness_bayes.report.curves import shown
 from support.browser import browser, find_browser
-from support.report_runs import EVIL, ratings_run, skin_run
+from support.report_runs import EVIL
 
 pytestmark = pytest.mark.browser
 
@@ -29,8 +29,8 @@ def chromium(tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
-def result():
-    return ratings_run()
+def result(report_run):
+    return report_run("ratings")
 
 
 @pytest.fixture(scope="module")
@@ -183,10 +183,10 @@ def test_paper_has_every_load_and_no_switch(opened):
     assert opened.script("[...document.querySelectorAll('details')].every(part => part.open)")
 
 
-def test_compression_alone_loads_in_silence(chromium, tmp_path, monkeypatch):
+def test_compression_alone_loads_in_silence(chromium, report_run, tmp_path, monkeypatch):
     monkeypatch.setattr(page, "SAMPLING", ())
     chromium.resize(1200)
-    chromium.open(write_report(skin_run(), tmp_path / "skin.html"))
+    chromium.open(write_report(report_run("skin"), tmp_path / "skin.html"))
     assert chromium.complaints() == []
     assert chromium.script("typeof Bokeh") == "undefined"
     assert chromium.script("document.querySelectorAll('.card').length") == 5

@@ -17,7 +17,6 @@ from softness_bayes.results.result_file import SCHEMA, TABLES
 from softness_bayes.runs.from_result import experiment_of, options_of
 from support.command_line import refused
 from support.paths import DATA
-from support.report_runs import ratings_run, skin_run
 
 
 def small_result():
@@ -52,11 +51,11 @@ def small(tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
-def runs(tmp_path_factory):
+def runs(tmp_path_factory, report_run):
     """A run on ratings and one on compression data, in their directories."""
     path = tmp_path_factory.mktemp("runs")
-    ratings_run().save(path / "ratings")
-    skin_run().save(path / "skin")
+    for name in ("ratings", "skin"):
+        report_run(name).save(path / name)
     return path
 
 

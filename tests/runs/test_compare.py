@@ -32,7 +32,6 @@ from softness_bayes.runs.run import RunOptions, posterior_of, sample
 from softness_bayes.sampler.diagnostics import Goal
 from softness_bayes.sampler.sampling import Settings
 from softness_bayes.touch.contact import Indentation
-from softness_bayes.touch.neuron import fixed_channels
 from softness_bayes.touch.readings import MENDED
 
 CLOTH = Fabrics(
@@ -48,10 +47,9 @@ BRIEF = Settings(ensembles=2, max_steps=60, processes=1, pilot=(20,), optima=1, 
 
 @pytest.fixture(scope="module", autouse=True)
 def quickly():
-    """Learn little in the pilot walk, and compute the membrane's one rate curve once."""
+    """Learn little in the pilot walk."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(run, "Settings", functools.partial(Settings, pilot=(40,), optima=1))
-        patch.setattr(fixed_channels, "exact_curve", functools.cache(fixed_channels.exact_curve))
         yield
 
 

@@ -23,7 +23,6 @@ from softness_bayes.runs.plate import WIDE, sample_skin, skin_posterior_of
 from softness_bayes.runs.run import RunOptions, posterior_of, sample
 from softness_bayes.sampler.sampling import Settings
 from softness_bayes.touch.contact import Indentation
-from softness_bayes.touch.neuron import fixed_channels
 from softness_bayes.touch.readings import MENDED
 from support.paths import DATA
 
@@ -34,10 +33,9 @@ SAMPLED = ("b", "m", "tau_b", "tau_m", "varsigma_f")
 
 @pytest.fixture(scope="module", autouse=True)
 def quickly():
-    """Learn little in the pilot walk, and compute the membrane's one rate curve once."""
+    """Learn little in the pilot walk."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(run, "Settings", functools.partial(Settings, pilot=(60, 60), optima=1))
-        patch.setattr(fixed_channels, "exact_curve", functools.cache(fixed_channels.exact_curve))
         yield
 
 

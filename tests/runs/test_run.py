@@ -51,10 +51,9 @@ TURNING = {f"inflection_{name}" for name in ("outcome", "e_fab_kpa", "ratio", "f
 
 @pytest.fixture(scope="module", autouse=True)
 def quickly():
-    """Learn little in the pilot walk, and compute the membrane's one rate curve once."""
+    """Learn little in the pilot walk."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(run, "Settings", functools.partial(Settings, pilot=(50, 50), optima=1))
-        patch.setattr(fixed_channels, "exact_curve", functools.cache(fixed_channels.exact_curve))
         yield
 
 

@@ -1,10 +1,15 @@
 """The command line in a process of its own, cheap runs for it, and how it must refuse."""
 
+import io
 import os
 import re
 import subprocess
 import sys
+from contextlib import chdir, redirect_stderr, redirect_stdout
 
+import pytest
+
+from softness_bayes.cli import main
 from support.paths import DATA, ROOT
 
 TOUCH = ["--fabrics", DATA / "fabrics.csv", "--indentation-mm", "2"]
@@ -37,6 +42,14 @@ def run(*arguments, cwd=ROOT, timeout=240):
         timeout=timeout,
         check=False,
     )
+
+
+def call(*arguments, cwd=ROOT):
+    """Call a verb in this process, which takes no second to start."""
+    out, err = io.StringIO(), io.StringIO()
+    with chdir(cwd), redirect_stdout(out), redirect_stderr(err), pytest.raises(SystemExit) as end:
+        main([str(argument) for argument in arguments], prog_name="softness-bayes")
+    return subprocess.CompletedProcess(arguments, end.value.code or 0, out.getvalue(), err.getvalue())
 
 
 def refused(done, *expected):

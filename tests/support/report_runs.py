@@ -80,6 +80,10 @@ def skin_run() -> Result:
         return sample_skin(made.compression, replace(WIDE, max_steps=40, processes=1, seed=3))
 
 
+RUNS = {"ratings": ratings_run, "z-scores": z_score_run, "skin": skin_run}
+"""The fixture `report_run` makes each once."""
+
+
 def converged(result: Result) -> Result:
     """Return a result that says that it has converged."""
     tree = result.tree.copy()

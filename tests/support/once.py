@@ -1,0 +1,41 @@
+"""What is costly to make, made once for all the processes that run the tests."""
+
+import functools
+import hashlib
+import pickle
+from pathlib import Path
+from typing import Any
+
+from filelock import FileLock
+
+from softness_bayes.touch.neuron import fixed_channels
+
+
+class Kept:
+    """Values in a folder that the processes of one test session share; whoever asks first makes one.
+
+    Each is read anew for whoever asks, so that no test sees what another has done to it.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+
+    def __call__(self, name: str, make, *arguments: Any) -> Any:
+        """Return ``make(*arguments)``, made under this name by the first who asks."""
+        path = self._folder / f"{name}.pickle"
+        with FileLock(f"{path}.lock"):
+            if not path.exists():
+                path.write_bytes(pickle.dumps(make(*arguments)))
+        return pickle.loads(path.read_bytes())
+
+
+def shared_curves(kept: Kept):
+    """Return a function that makes the rate curve of fixed channels, each curve once in a session."""
+    make = fixed_channels.exact_curve
+
+    @functools.cache
+    def curve(*arguments):
+        asked = hashlib.sha256(pickle.dumps(arguments)).hexdigest()
+        return kept(f"curve-{asked}", make, *arguments)
+
+    return curve
