@@ -21,12 +21,14 @@ if TYPE_CHECKING:
     from softness_bayes.errors import InputError as InputError
     from softness_bayes.likelihood.directions import FALLS as FALLS
     from softness_bayes.likelihood.directions import RISES as RISES
-    from softness_bayes.model.build import scene_of as scene_of
-    from softness_bayes.model.build import simulate_compression as simulate_compression
-    from softness_bayes.model.build import simulate_ratings as simulate_ratings
-    from softness_bayes.model.build import touch_parameters as touch_parameters
-    from softness_bayes.model.build import usual_values as usual_values
+    from softness_bayes.model.build import build as build
+    from softness_bayes.model.options import ModelOptions as ModelOptions
     from softness_bayes.model.prediction import prediction_table as prediction_table
+    from softness_bayes.model.scenes import scene_of as scene_of
+    from softness_bayes.model.scenes import touch_parameters as touch_parameters
+    from softness_bayes.model.scenes import usual_values as usual_values
+    from softness_bayes.model.simulation import simulate_compression as simulate_compression
+    from softness_bayes.model.simulation import simulate_ratings as simulate_ratings
     from softness_bayes.parameters.choice import parameter_space as parameter_space
     from softness_bayes.parameters.declared import PARAMETERS as PARAMETERS
     from softness_bayes.parameters.priors import HalfNormal as HalfNormal
@@ -34,12 +36,12 @@ if TYPE_CHECKING:
     from softness_bayes.plotting.calibration import rank_ecdf_figure as rank_ecdf_figure
     from softness_bayes.plotting.plots import Plots as Plots
     from softness_bayes.plotting.style import Style as Style
+    from softness_bayes.results.request import RunOptions as RunOptions
     from softness_bayes.results.result import Result as Result
     from softness_bayes.runs.calibrate import CalibrationScene as CalibrationScene
     from softness_bayes.runs.calibrate import calibrate as calibrate
     from softness_bayes.runs.comparison import compare as compare
     from softness_bayes.runs.plate import sample_skin as sample_skin
-    from softness_bayes.runs.run import RunOptions as RunOptions
     from softness_bayes.runs.run import sample as sample
     from softness_bayes.touch.contact import Finger as Finger
     from softness_bayes.touch.contact import Force as Force
@@ -73,6 +75,7 @@ _HOMES = {
     "Indentation": "touch.contact",
     "InputError": "errors",
     "LogNormal": "parameters.priors",
+    "ModelOptions": "model.options",
     "NAMED_READINGS": "touch.readings",
     "PAPER_CHANNELS": "touch.neuron.membrane",
     "PARAMETERS": "parameters.declared",
@@ -81,12 +84,13 @@ _HOMES = {
     "Ratings": "data",
     "Readings": "touch.readings",
     "Result": "results.result",
-    "RunOptions": "runs.run",
+    "RunOptions": "results.request",
     "Scene": "touch.scene",
     "Style": "plotting.style",
     "calibrate": "runs.calibrate",
     "claims_table": "claims.report",
     "compare": "runs.comparison",
+    "build": "model.build",
     "evaluate_claims": "claims",
     "firing_rate": "touch.neuron.rate",
     "parameter_space": "parameters.choice",
@@ -97,14 +101,14 @@ _HOMES = {
     "rheobase": "touch.neuron.onset",
     "sample": "runs.run",
     "sample_skin": "runs.plate",
-    "scene_of": "model.build",
-    "simulate_compression": "model.build",
-    "simulate_ratings": "model.build",
+    "scene_of": "model.scenes",
+    "simulate_compression": "model.simulation",
+    "simulate_ratings": "model.simulation",
     "solve_contact": "touch.contact",
     "spike_times": "touch.neuron.spikes",
     "stress": "touch.stress",
-    "touch_parameters": "model.build",
-    "usual_values": "model.build",
+    "touch_parameters": "model.scenes",
+    "usual_values": "model.scenes",
 }
 
 __all__ = ["__version__", *_HOMES]

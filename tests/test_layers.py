@@ -16,19 +16,19 @@ from support.paths import ROOT
 
 LAYERS = (
     {"errors"},
-    {"ranges", "files"},
+    {"defaults", "ranges", "files"},
     {"arviz_bridge", "touch.neuron"},
     {"touch", "sampler"},
     {"data", "parameters"},
     {"likelihood"},
-    {"model", "provenance"},
+    {"provenance"},
     {"checking"},
+    {"model"},
     {"checking.calibration", "claims"},
     {"plotting"},
     {"results"},
     {"checkpoints"},
-    {"runs"},
-    {"bench", "report"},
+    {"bench", "report", "runs"},
     {"cli", "tools"},
     {"__main__"},
 )
@@ -123,7 +123,8 @@ def test_forward_model_needs_numpy_and_scipy_only():
         ("likelihood", {"data"}),
         ("checking", {"data"}),
         ("plotting", {"results", "runs"}),
-        ("report", {"sampler"}),
+        ("bench", {"runs"}),
+        ("report", {"sampler", "runs"}),
     ],
 )
 def test_a_room_knows_nothing_of(room, never):

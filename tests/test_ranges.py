@@ -10,7 +10,8 @@ from click.testing import CliRunner
 from softness_bayes.cli import main
 from softness_bayes.data import Compression, Fabrics
 from softness_bayes.errors import InputError
-from softness_bayes.model.build import simulate_ratings, touch_parameters, usual_values
+from softness_bayes.model.scenes import touch_parameters, usual_values
+from softness_bayes.model.simulation import simulate_ratings
 from softness_bayes.parameters.choice import parameter_space, require_values
 from softness_bayes.parameters.declared import EVERY_PARAMETER, PARAMETERS
 from softness_bayes.parameters.priors import HalfNormal, LogNormal, Normal, Uniform, parse_prior

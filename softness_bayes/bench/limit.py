@@ -8,8 +8,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from softness_bayes.bench.subject import BATCH, Effort, Subject, first, quickest
-from softness_bayes.runs.plan import scene_in
+from softness_bayes.bench.subject import BATCH, Effort, Subject, quickest
+from softness_bayes.model.resolution import first
 
 Array = NDArray[np.float64]
 
@@ -51,7 +51,7 @@ def limit(of: Subject, effort: Effort) -> Limit:
     The polynomials of a node are those of the stress field's inverse (three passes of a Clenshaw recurrence each
     order), of the rate's slope and of the receptor count (two of Horner's).
     """
-    scene = scene_in(of.posterior)
+    scene = of.model.scene
     some = first(of.draws.parameters, BATCH)
     contact = scene.contact(some)
     orders = len(scene.stress_profile(contact).shape)

@@ -18,8 +18,7 @@ from scipy.integrate import solve_ivp
 
 from softness_bayes.bench.precision import LIKELIHOOD, Point
 from softness_bayes.bench.subject import Effort, Subject
-from softness_bayes.model.build import touch_parameters, usual_values
-from softness_bayes.runs.plan import scene_in
+from softness_bayes.model.scenes import touch_parameters, usual_values
 from softness_bayes.touch.neuron.equilibrium import rest
 from softness_bayes.touch.neuron.gating import open_fractions
 from softness_bayes.touch.neuron.limit_cycle import SPIKE_VOLTAGE
@@ -59,7 +58,7 @@ class Peer(NamedTuple):
 
 def work_of(of: Subject) -> Work:
     """Return the work of the priors' medians."""
-    scene = scene_in(of.posterior)
+    scene = of.model.scene
     values = touch_parameters(usual_values(MENDED, given={"sigma_0": 7.0}))
     response = scene.respond(values)
     curve = scene.firing.curves(values)

@@ -9,9 +9,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from softness_bayes.bench.subject import BATCH, Effort, Subject, first, quickest, subject
+from softness_bayes.bench.subject import BATCH, Effort, Subject, quickest, subject
 from softness_bayes.errors import InputError
-from softness_bayes.runs.plan import scene_in
+from softness_bayes.model.resolution import first
 from softness_bayes.touch.accuracy import QUADRATURES, REFERENCE, TOLERANCES, Errors, choose, errors
 from softness_bayes.touch.firing_sample import FiringSample
 from softness_bayes.touch.neuron.membrane import CONNOR_STEVENS
@@ -79,7 +79,7 @@ def _profile_seconds(scene: Scene, of: Subject, repeats: int) -> float:
 
 
 def _fields(of: Subject, effort: Effort) -> Iterator[Point]:
-    best = scene_in(of.posterior)
+    best = of.model.scene
     for tolerance in (t for t in TOLERANCES if t > effort.finest):
         scene = best.coarser(replace(best.discretisation, field_tolerance=tolerance))
         spent = _profile_seconds(scene, of, effort.repeats)
@@ -88,7 +88,7 @@ def _fields(of: Subject, effort: Effort) -> Iterator[Point]:
 
 def _population(of: Subject, effort: Effort) -> Iterator[Point]:
     """Time the integral: the time of a response without its stress fields and contact."""
-    best = scene_in(of.posterior)
+    best = of.model.scene
     some = first(of.draws.parameters, BATCH)
     usual = replace(best.discretisation, field_tolerance=max(TOLERANCES[4], effort.finest))
     for nodes, saturation in QUADRATURES:
@@ -102,14 +102,14 @@ def _population(of: Subject, effort: Effort) -> Iterator[Point]:
 
 def _exactly(of: Subject) -> tuple[Scene, Subject]:
     """Return the scene with exact rate curves, and the subject with the channels of these curves."""
-    scene, sample = scene_in(of.posterior), FiringSample.load(CONNOR_STEVENS)
+    scene, sample = of.model.scene, FiringSample.load(CONNOR_STEVENS)
     assert sample is not None, "curves are kept for the membrane of the usual readings"
     values = sample.put_into(of.draws.parameters)
     return scene.fired_by(sample), of._replace(draws=of.draws._replace(parameters=values))
 
 
 def _rates(of: Subject, effort: Effort) -> Iterator[Point]:
-    surface = scene_in(of.posterior)
+    surface = of.model.scene
     exactly, of = _exactly(of)
     some, few = (first(of.draws.parameters, size) for size in (BATCH, EXACT_VECTORS))
     spent = quickest(lambda: surface.firing.curves(some), effort.repeats) / BATCH
@@ -123,17 +123,17 @@ def _rates(of: Subject, effort: Effort) -> Iterator[Point]:
 def _whole(held: Subject, free: Subject, effort: Effort) -> Iterator[Point]:
     """Follow the dial: one resolution for each accuracy, timed with channels held and free."""
     exactly, sampled = _exactly(free)
-    surface = free.draws.firing(scene_in(free.posterior))
-    models = (("held", held, scene_in(held.posterior), EXACT), ("free", sampled, exactly, surface))
-    for accuracy in (a for a in ACCURACIES if a >= 10.0 * scene_in(held.posterior).field_error):
+    surface = free.draws.firing(free.model.scene)
+    models = (("held", held, held.model.scene, EXACT), ("free", sampled, exactly, surface))
+    for accuracy in (a for a in ACCURACIES if a >= 10.0 * held.model.scene.field_error):
         for name, of, reference, rates in models:
-            best = scene_in(of.posterior)
+            best = of.model.scene
             try:
                 choice = choose(best, of.draws.parameters, accuracy, of.draws.eps, rates)
             except InputError:
                 continue  # out of reach: `sample` says so and ends
             scene = best.coarser(choice.discretisation)
-            model = replace(of.posterior, scene=scene)
+            model = replace(of.model.posterior, scene=scene)
             spent = quickest(partial(model.log_likelihood, of.theta), effort.repeats) / BATCH
             found = _errors(scene, reference, of)
             yield _point(LIKELIHOOD, f"channels {name}, accuracy {accuracy:g}", spent, found, accuracy)
@@ -142,7 +142,7 @@ def _whole(held: Subject, free: Subject, effort: Effort) -> Iterator[Point]:
 def dialled(accuracy: float, effort: Effort, held: bool) -> Subject:
     """Return the model at the resolution of a dial's setting, with channels held or free."""
     of = subject(Discretisation(*REFERENCE, field_tolerance=max(1e-2 * accuracy, effort.finest)), held, effort.draws)
-    best = scene_in(of.posterior)
+    best = of.model.scene
     rates = EXACT if held else of.draws.firing(best)
     choice = choose(best, of.draws.parameters, accuracy, of.draws.eps, rates)
     return subject(choice.discretisation, held, effort.draws)

@@ -8,8 +8,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from softness_bayes.bench.subject import BATCH, LOADS, Effort, Subject, first, quickest
-from softness_bayes.runs.plan import scene_in
+from softness_bayes.bench.subject import BATCH, LOADS, Effort, Subject, quickest
+from softness_bayes.model.resolution import first
 from softness_bayes.sampler.diagnostics import Goal
 from softness_bayes.sampler.sampling import Settings, walk
 from softness_bayes.touch.scene import Scene
@@ -32,7 +32,7 @@ class Size(NamedTuple):
 
 def scaling(of: Subject, effort: Effort) -> list[Size]:
     """Time larger scenes of as many loads, then larger batches of the usual scene."""
-    scene, found = scene_in(of.posterior), []
+    scene, found = of.model.scene, []
     counts = np.unique(np.geomspace(2, effort.most_fabrics, 8).round().astype(int))
     moduli = np.geomspace(scene.modulus.min(), scene.modulus.max(), effort.most_fabrics)
     large = Scene(moduli, 0.3, LOADS, scene.firing, discretisation=scene.discretisation)
@@ -73,7 +73,7 @@ def sampler(of: Subject, effort: Effort) -> Drawing | None:
     steps = effort.sampler_steps
     forever = Goal(lengths=np.inf)
     settings = Settings(ensembles=2, processes=1, relearning=0, min_steps=steps, max_steps=steps, goal=forever)
-    state = deque(walk(of.posterior, settings, 1), maxlen=1).pop()
+    state = deque(walk(of.model.posterior, settings, 1), maxlen=1).pop()
     verdict = state.verdict
     assert verdict is not None, "a walk that has ended was looked at"
     ess = settings.ensembles * verdict.walkers * verdict.lengths

@@ -14,13 +14,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from softness_bayes.data import Experiment, Fabrics
-from softness_bayes.model.build import simulate_ratings, usual_values
-from softness_bayes.model.posterior import Posterior
-from softness_bayes.runs.plan import Draws, prior_draws
-from softness_bayes.runs.run import RunOptions, posterior_of
+from softness_bayes.model.build import Model, build
+from softness_bayes.model.options import ModelOptions
+from softness_bayes.model.resolution import Draws, prior_draws
+from softness_bayes.model.scenes import usual_values
+from softness_bayes.model.simulation import simulate_ratings
 from softness_bayes.touch.contact import Indentation
 from softness_bayes.touch.neuron.membrane import PAPER_CHANNELS
-from softness_bayes.touch.parameters import TouchParameters
 from softness_bayes.touch.readings import MENDED
 from softness_bayes.touch.scene import Discretisation
 
@@ -62,7 +62,7 @@ QUICK = Effort(64, 3, 1e-5, 40, 64, 20, 1, 400.0, 0)
 class Subject(NamedTuple):
     """The model, with simulated ratings, at one resolution, and prior draws of its parameters."""
 
-    posterior: Posterior
+    model: Model
     draws: Draws
     theta: Array
     """Points at which the likelihood is evaluated, shape (BATCH, parameters)."""
@@ -70,17 +70,12 @@ class Subject(NamedTuple):
 
 def subject(discretisation: Discretisation, held: bool, size: int) -> Subject:
     """Return the model of simulated ratings, its channel multipliers held or free."""
-    options = RunOptions(fix=PAPER_CHANNELS._asdict() if held else {}, discretisation=discretisation)
+    options = ModelOptions(fix=PAPER_CHANNELS._asdict() if held else {}, discretisation=discretisation)
     values = usual_values(MENDED, given={"sigma_0": 7.0})
     made = simulate_ratings(np.random.default_rng(1), FABRICS, LOADS, values, participants=PARTICIPANTS)
-    posterior = posterior_of(Experiment(made.ratings, FABRICS, ()), options)
-    theta = posterior.space.draw_prior(np.random.default_rng(0), BATCH)
-    return Subject(posterior, prior_draws(posterior.space, size), theta)
-
-
-def first(parameters: TouchParameters, size: int) -> TouchParameters:
-    """Return the first parameter vectors, repeated if there are too few."""
-    return TouchParameters(*(np.resize(value, (size,)) for value in parameters))
+    model = build(Experiment(made.ratings, FABRICS, ()), options)
+    space = model.posterior.space
+    return Subject(model, prior_draws(space, size), space.draw_prior(np.random.default_rng(0), BATCH))
 
 
 def quickest(call: Callable[[], Any], repeats: int) -> float:

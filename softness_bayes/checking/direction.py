@@ -12,8 +12,6 @@ from numpy.typing import NDArray
 from softness_bayes.checking.quantities import Layout
 from softness_bayes.checking.trend import Correlation, Trend, find_trend, mean_correlation
 from softness_bayes.likelihood.directions import FALLS, RISES, RatingDirection
-from softness_bayes.model.posterior import ForwardModel
-from softness_bayes.touch.parameters import TouchParameters
 
 WAY = {1: "rise", -1: "fall"}
 """The verb for the sign of a correlation of ratings with stiffness."""
@@ -116,7 +114,7 @@ class Choice(NamedTuple):
         )
 
 
-def firing_rises(scene: ForwardModel, layout: Layout, parameters: TouchParameters) -> float:
+def firing_rises(layout: Layout, rate: NDArray[np.float64]) -> float:
     """Return the share of parameter vectors under which firing rises with stiffness over the fabrics.
 
     The response rises with E_fab up to its turning point and falls beyond it. Only vectors whose response varies
@@ -125,13 +123,12 @@ def firing_rises(scene: ForwardModel, layout: Layout, parameters: TouchParameter
 
     Parameters
     ----------
-    scene, layout
-        Conditions, the same in both.
-    parameters
-        Some draws of the prior.
+    layout
+        The conditions.
+    rate
+        Total rate [spikes/s] at some draws of the prior, shape (draws, conditions).
     """
-    rate = np.atleast_2d(scene.total_rate(parameters))
-    found = mean_correlation(layout, rate)
+    found = mean_correlation(layout, np.atleast_2d(rate))
     varies = found[np.isfinite(found)]
     return float((varies > 0).mean()) if varies.size >= FEWEST else 1.0
 

@@ -11,7 +11,7 @@ from softness_bayes.claims.criteria import CLAIMS, Claim, Verdict
 from softness_bayes.claims.numbers import Bench, Numbers
 from softness_bayes.data import Fabrics, Ratings
 from softness_bayes.errors import InputError
-from softness_bayes.model.build import firing_of
+from softness_bayes.model.scenes import firing_of
 from softness_bayes.parameters.choice import parameter_space
 from softness_bayes.parameters.priors import Prior
 from softness_bayes.ranges import PRIOR_DRAWS

@@ -92,6 +92,7 @@ def command(
     from softness_bayes.files.outputs import write_outputs
     from softness_bayes.plotting.calibration import rank_ecdf_figure
     from softness_bayes.plotting.style import files_of
+    from softness_bayes.results.request import RunOptions
     from softness_bayes.runs.calibrate import (
         CALIBRATE,
         FIGURE,
@@ -101,19 +102,19 @@ def command(
         calibrate,
         finished,
     )
-    from softness_bayes.runs.plan import with_accuracy
 
     scene = CalibrationScene(
         USUAL_FABRICS if fabrics is None else Fabrics.read(fabrics, decimal=decimal),
         loads_of(indentation_mm, force_n) or USUAL_LOADS,
         participants,
     )
-    options = model.options(max_steps=max_steps, processes=processes, seed=seed)
-    options, _ = with_accuracy(scene.posterior, options, model.accuracy)
+    options = model.options()
+    run = RunOptions(max_steps=max_steps, processes=processes, seed=seed)
     bar = _Bar(replicates)
     with keeping(lambda: _kept(out, replicates)):
         try:
-            found = (finished if so_far else partial(calibrate, progress=bar.show))(scene, options, replicates, out)
+            judge = finished if so_far else partial(calibrate, progress=bar.show)
+            found = judge(scene, options, run, replicates, out)
         finally:
             bar.close()
     found.save(out)

@@ -31,7 +31,8 @@ def command(files: DataFiles, scale: str, choice: ReadingChoice) -> None:
     """
     from softness_bayes.data import Compression
     from softness_bayes.likelihood.scales import RATING_SCALES
-    from softness_bayes.runs.run import RunOptions, choose_direction
+    from softness_bayes.model.build import choose_direction
+    from softness_bayes.model.options import ModelOptions
 
     fabric_modulus = choice.resolve().fabric_modulus
     experiment = files.read()
@@ -51,7 +52,7 @@ def command(files: DataFiles, scale: str, choice: ReadingChoice) -> None:
     ratings = experiment.ratings
     RATING_SCALES[scale].require(ratings)
     click.echo("\nDo ratings rise or fall with stiffness?")
-    asked = RunOptions(readings=choice.resolve(), scale=RATING_SCALES[scale])
+    asked = ModelOptions(readings=choice.resolve(), scale=RATING_SCALES[scale])
     for line in choose_direction(experiment, asked).evidence.lines:
         click.echo(line)
 

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 
+from softness_bayes.defaults import ACCURACY, PRIOR_SET, SEED
 from softness_bayes.errors import InputError
 from softness_bayes.likelihood.directions import RATING_DIRECTIONS, RISES, direction_named
 from softness_bayes.likelihood.scales import MAGNITUDE, RATING_SCALES
@@ -18,8 +19,8 @@ from softness_bayes.ranges import ACCURACIES, Count, Range
 
 if TYPE_CHECKING:
     from softness_bayes.data import Compression, Experiment, Fabrics
+    from softness_bayes.model.options import ModelOptions
     from softness_bayes.parameters.priors import Prior
-    from softness_bayes.runs.run import RunOptions
     from softness_bayes.touch.contact import Load
     from softness_bayes.touch.readings import Readings
 
@@ -336,7 +337,7 @@ prior = click.option(
 prior_set = click.option(
     "--priors",
     "prior_set",
-    default="default",
+    default=PRIOR_SET,
     show_default=True,
     metavar="SET",
     help="Named set of priors that --prior departs from: default, in-vivo or wide.",
@@ -393,7 +394,7 @@ def readings(verb: Verb) -> Verb:
 accuracy = click.option(
     "--accuracy",
     type=Number(ACCURACIES),
-    default=1e-3,
+    default=ACCURACY,
     show_default=True,
     metavar="X",
     help="Bound of the response's numerical error, relative to its peak and in log(N/N_ref + eps): the cheapest "
@@ -446,16 +447,17 @@ class ModelChoice:
     """A name, or `AUTO`."""
     accuracy: float
 
-    def options(self, **others: Any) -> RunOptions:
-        """Return the options of a run with this model and `others`; its resolution is not chosen yet."""
-        from softness_bayes.runs.run import RunOptions
+    def options(self, **others: Any) -> ModelOptions:
+        """Return the options of this model and `others`; its resolution is not chosen yet."""
+        from softness_bayes.model.options import ModelOptions
 
-        return RunOptions(
+        return ModelOptions(
             fix=self.fixed,
             priors=self.priors,
             prior_set=self.prior_set,
             readings=self.choice.resolve(),
             direction=None if self.direction == AUTO else direction_named(self.direction),
+            accuracy=self.accuracy,
             **others,
         )
 
@@ -497,7 +499,7 @@ rating_scale = click.option(
 seed = click.option(
     "--seed",
     type=click.IntRange(min=0),
-    default=0,
+    default=SEED,
     show_default=True,
     help="Seed of the random numbers: equal seeds, equal results.",
 )

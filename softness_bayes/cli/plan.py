@@ -10,7 +10,7 @@ from softness_bayes.cli.options import DataFiles, ModelChoice, data_files, model
 from softness_bayes.errors import InputError
 
 if TYPE_CHECKING:
-    from softness_bayes.runs.plan import Setting
+    from softness_bayes.model.cost import Setting
     from softness_bayes.touch.accuracy import Errors
 
 
@@ -26,16 +26,17 @@ def command(files: DataFiles, model: ModelChoice, scale: str) -> None:
     """
     from softness_bayes.data import Compression
     from softness_bayes.likelihood.scales import RATING_SCALES
-    from softness_bayes.runs.plan import BATCH, DRAWS, ladder, left_out, prior_draws, scene_in, seconds, with_accuracy
-    from softness_bayes.runs.run import posterior_of, with_direction
+    from softness_bayes.model.build import build
+    from softness_bayes.model.cost import BATCH, ladder, left_out, seconds
+    from softness_bayes.model.resolution import DRAWS, prior_draws
 
     data = files.read()
     if isinstance(data, Compression):
         raise InputError("plan: forces alone are fitted without a response: give --data")
-    options = with_direction(data, model.options(scale=RATING_SCALES[scale]))
-    options, chosen = with_accuracy(lambda asked: posterior_of(data, asked), options, model.accuracy)
-    posterior, d = posterior_of(data, options), options.discretisation
-    scene, draws = scene_in(posterior), prior_draws(posterior.space)
+    built = build(data, model.options(scale=RATING_SCALES[scale]))
+    scene, chosen, draws = built.scene, built.resolution, prior_draws(built.posterior.space)
+    assert chosen is not None, "the command line asks for an accuracy"
+    d = chosen.discretisation
     settings = ladder(chosen, draws)
     cost = seconds(scene, draws.parameters)
     click.echo(
@@ -52,7 +53,7 @@ def command(files: DataFiles, model: ModelChoice, scale: str) -> None:
         click.echo(line.rstrip())
     click.echo(f"\ncost: {1e6 * cost:.1f} µs for each parameter vector, {BATCH} at a time, on one core")
     click.echo("\nleft out:")
-    for reason in left_out(posterior):
+    for reason in left_out(built):
         click.echo(f"- {reason}")
     click.echo("\nalternatives, with the other stage as chosen:")
     for setting in settings:

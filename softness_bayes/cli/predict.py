@@ -61,9 +61,9 @@ def command(
     """
     from softness_bayes.files.outputs import require_outputs, write_outputs
     from softness_bayes.files.spreadsheet import csv_of
-    from softness_bayes.model.build import scene_of, touch_parameters, usual_values
     from softness_bayes.model.prediction import drawn_parameters, prediction_table
-    from softness_bayes.runs.plan import given_draws, scene_with_accuracy
+    from softness_bayes.model.resolution import given_draws, scene_with_accuracy
+    from softness_bayes.model.scenes import scene_of, touch_parameters, usual_values
 
     if out is not None:
         require_outputs(out.parent, [out.name], PREDICT, force, [touches.fabrics])

@@ -16,7 +16,7 @@ from softness_bayes.ranges import STEPS
 
 if TYPE_CHECKING:
     from softness_bayes.checkpoints.checkpoint import Status
-    from softness_bayes.runs.run import RunOptions
+    from softness_bayes.results.request import RunOptions
 
 
 @click.command()
@@ -51,8 +51,8 @@ def command(
     what it was, the run is refused and the difference named.
     """
     from softness_bayes.checkpoints.checkpoint import Checkpoint, read_status
+    from softness_bayes.results.request import Request
     from softness_bayes.results.versions import versions
-    from softness_bayes.runs.run import RunOptions
 
     checkpoint, status = Checkpoint.open(directory), read_status(directory)
     if checkpoint.request is None:
@@ -64,11 +64,8 @@ def command(
     if verdict is not None and verdict.converged and more_steps is None and _is_whole(directory):
         click.echo(f"{directory}: {verdict.sentence()} Its results are written; --more-steps continues it.")
         return
-    options = replace(
-        _continued(RunOptions.from_record(checkpoint.request["options"]), status, more_steps),
-        max_seconds=max_time,
-        processes=processes or checkpoint.request["options"]["processes"],
-    )
+    model, how = Request.from_record(checkpoint.request["options"])
+    how = replace(_continued(how, status, more_steps), max_seconds=max_time, processes=processes or how.processes)
     now, then = versions(), checkpoint.request["versions"]
     names = [name for name in now if now[name] != then.get(name)]
     if changed := [f"{name.removeprefix('version_')} {then.get(name)} (now {now[name]})" for name in names]:
@@ -84,7 +81,7 @@ def command(
         path = getattr(files, option)
         if path is not None and not path.exists():
             raise InputError(f"{path}: no such file, and the run was begun with it; if it was moved, give --{option}")
-    run(checkpoint, files, files.read(), options, checkpoint.request["figures"] and not no_figures)
+    run(checkpoint, files, files.read(), Request(model, how), checkpoint.request["figures"] and not no_figures)
 
 
 def _is_whole(directory: Path) -> bool:

@@ -25,6 +25,7 @@ from softness_bayes.cli.options import (
     whole,
 )
 from softness_bayes.cli.running import command_line, in_numbers, max_time, no_figures, processes, record_of
+from softness_bayes.defaults import MAX_STEPS, NOISE
 from softness_bayes.errors import InputError, NotConvergedError
 from softness_bayes.ranges import NOISES, STEPS
 
@@ -34,8 +35,10 @@ if TYPE_CHECKING:
     from softness_bayes.checking.misfit import Fit
     from softness_bayes.checkpoints.checkpoint import Checkpoint
     from softness_bayes.data import Compression, Experiment
+    from softness_bayes.model.build import Model
+    from softness_bayes.model.options import ModelOptions
+    from softness_bayes.results.request import Request
     from softness_bayes.results.result import Result
-    from softness_bayes.runs.run import RunOptions
     from softness_bayes.sampler.sampling import Progress
 
 
@@ -50,7 +53,7 @@ DRAWING = 4
 @click.option(
     "--noise",
     type=Number(NOISES),
-    default=0.0,
+    default=NOISE,
     show_default=True,
     metavar="STRENGTH",
     help="White current on every membrane [µA/cm² √ms], averaged over by simulation, which takes minutes; needs --fix "
@@ -64,7 +67,7 @@ DRAWING = 4
 @click.option(
     "--max-steps",
     type=whole(STEPS),
-    default=100_000,
+    default=MAX_STEPS,
     show_default=True,
     help="Steps of each ensemble after which the run ends, converged or not.",
 )
@@ -111,8 +114,7 @@ def command(
     from softness_bayes.checkpoints.checkpoint import Checkpoint
     from softness_bayes.data import Compression
     from softness_bayes.likelihood.scales import RATING_SCALES
-    from softness_bayes.runs.plan import with_accuracy
-    from softness_bayes.runs.run import posterior_of, with_direction
+    from softness_bayes.results.request import Request, RunOptions
 
     data = files.read()
     if isinstance(data, Compression):
@@ -126,9 +128,10 @@ def command(
         if source("prior_set") is ParameterSource.DEFAULT:
             model = replace(model, prior_set="wide")
             click.echo("note: without ratings --priors is wide, which says little of the skin beforehand", err=True)
-    options = model.options(
-        scale=RATING_SCALES[scale],
-        noise=noise,
+    options = model.options(scale=RATING_SCALES[scale], noise=noise)
+    if _evaluated(data, options):
+        return
+    how = RunOptions(
         exact_reweight=exact_reweight,
         max_steps=max_steps,
         max_seconds=max_time,
@@ -136,35 +139,26 @@ def command(
         seed=seed,
         command=command_line(),
     )
-    if _evaluated(data, options, model.accuracy):
-        return
-    checkpoint = Checkpoint.create(out, force, inputs=files.paths)
-    if not isinstance(data, Compression):
-        options = with_direction(data, options)
-        options, _ = with_accuracy(lambda asked: posterior_of(data, asked), options, model.accuracy)
-    run(checkpoint, files, data, options, not no_figures)
+    run(Checkpoint.create(out, force, inputs=files.paths), files, data, Request(options, how), not no_figures)
 
 
-def _evaluated(data: Experiment | Compression, options: RunOptions, accuracy: float) -> bool:
+def _evaluated(data: Experiment | Compression, options: ModelOptions) -> bool:
     """Evaluate a model without a parameter to sample, and say so; whether it is one."""
     from softness_bayes.data import Compression
+    from softness_bayes.model.build import build, build_skin, space_of
     from softness_bayes.runs.evaluation import evaluate
-    from softness_bayes.runs.plan import with_accuracy
-    from softness_bayes.runs.plate import skin_posterior_of
-    from softness_bayes.runs.run import choose_direction, posterior_of, space_of
 
     said = [f"note: {note}" for note in data.notes]
     if isinstance(data, Compression):
-        skin = skin_posterior_of(data, options)
+        skin = build_skin(data, options).posterior
         found = None if skin.space.sampled else evaluate(skin)
     elif space_of(data, options).sampled:
         found = None
     else:
-        chosen = choose_direction(data, options)
-        said.append(f"{'warning' if chosen.against_data else 'note'}: {chosen.sentence}")
-        options = replace(options, direction=chosen.direction, direction_decided=True)
-        options, choice = with_accuracy(lambda asked: posterior_of(data, asked), options, accuracy)
-        found = evaluate(posterior_of(data, options), float(choice.errors.peak))
+        model = build(data, options)
+        said.append(_told(model))
+        assert model.resolution is not None, "the command line asks for an accuracy"
+        found = evaluate(model.posterior, float(model.resolution.errors.peak))
     if found is None:
         return False
     for line in (*said, *found.sentences()):
@@ -173,10 +167,15 @@ def _evaluated(data: Experiment | Compression, options: RunOptions, accuracy: fl
     return True
 
 
+def _told(model: Model) -> str:
+    """Say which direction the ratings are taken to have, and what the data say of it."""
+    return f"{'warning' if model.direction.against_data else 'note'}: {model.direction.sentence}"
+
+
 def run(
-    checkpoint: Checkpoint, files: DataFiles, data: Experiment | Compression, options: RunOptions, figures: bool
+    checkpoint: Checkpoint, files: DataFiles, data: Experiment | Compression, request: Request, figures: bool
 ) -> None:
-    """Sample, from the start or from where the checkpoint is, and leave results and a report.
+    """Build the model and sample it, from the start or from where the checkpoint is; leave results and a report.
 
     Raises
     ------
@@ -184,31 +183,33 @@ def run(
         If a limit was reached first; everything is written all the same.
     """
     from softness_bayes.data import Compression
+    from softness_bayes.model.build import Model, build, build_skin
     from softness_bayes.results.versions import versions
-    from softness_bayes.runs.plate import sample_skin
-    from softness_bayes.runs.run import choose_direction, sample
+    from softness_bayes.runs.plate import sample_skin_model
+    from softness_bayes.runs.run import sample_model
     from softness_bayes.sampler.workers import available_processors
 
-    out = checkpoint.directory
+    out, (options, how) = checkpoint.directory, request
+    model = build_skin(data, options) if isinstance(data, Compression) else build(data, options)
     for note in data.notes:
         click.echo(f"note: {note}", err=True)
-    if not isinstance(data, Compression):
-        chosen = choose_direction(data, options)
-        click.echo(f"{'warning' if chosen.against_data else 'note'}: {chosen.sentence}", err=True)
+    if isinstance(model, Model):
+        click.echo(_told(model), err=True)
     with keeping(lambda: _kept(checkpoint)), checkpoint:
-        asked = {"files": record_of(files, out), "options": options.record(), "figures": figures}
+        decided = request._replace(model=model.options)
+        asked = {"files": record_of(files, out), "options": decided.record(), "figures": figures}
         checkpoint.request = {**asked, "versions": versions()}
         bar = _Bar(0.0 if checkpoint.status is None else checkpoint.status.seconds)
         try:
-            if isinstance(data, Compression):
-                result = sample_skin(data, options, bar.show, checkpoint)
+            if isinstance(model, Model):
+                result = sample_model(model, how, bar.show, checkpoint)
             else:
-                result = sample(data, options, bar.show, checkpoint)
+                result = sample_skin_model(model, how, bar.show, checkpoint)
             result.save(out)
             if figures:
                 from softness_bayes.plotting.figures import draw_figures
 
-                processes = min(options.processes or available_processors(), DRAWING)
+                processes = min(how.processes or available_processors(), DRAWING)
                 draw_figures(result, out / "figures", processes=processes)
             checkpoint.finish()
         finally:

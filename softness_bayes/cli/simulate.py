@@ -29,7 +29,7 @@ from softness_bayes.cli.options import (
 from softness_bayes.ranges import FINGERS, PARTICIPANTS, SLOPES, TYPICAL_RATINGS
 
 if TYPE_CHECKING:
-    from softness_bayes.model.build import Simulation
+    from softness_bayes.model.simulation import Simulation
     from softness_bayes.touch.contact import Load
 
 RATINGS, FABRICS, COMPRESSION, TRUTH = "ratings.csv", "fabrics.csv", "compression.csv", "truth.json"
@@ -96,15 +96,10 @@ def command(
     from softness_bayes.files.outputs import require_outputs, write_outputs
     from softness_bayes.likelihood.directions import direction_named
     from softness_bayes.likelihood.scales import RATING_SCALES
-    from softness_bayes.model.build import (
-        scene_of,
-        simulate_compression,
-        simulate_ratings,
-        touch_parameters,
-        usual_values,
-    )
+    from softness_bayes.model.resolution import given_draws, scene_with_accuracy
+    from softness_bayes.model.scenes import scene_of, touch_parameters, usual_values
+    from softness_bayes.model.simulation import simulate_compression, simulate_ratings
     from softness_bayes.parameters.declared import FINGER_PARAMETERS
-    from softness_bayes.runs.plan import given_draws, scene_with_accuracy
 
     made = [RATINGS, FABRICS, TRUTH, *([COMPRESSION] if fingers else [])]
     require_outputs(out, made, SIMULATE, force, [touches.fabrics])

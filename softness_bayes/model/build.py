@@ -1,34 +1,177 @@
-"""Puts fabrics, loads, readings and parameters together into the model of one experiment."""
+"""The model of an experiment in one call: parameters, scene, likelihood; direction and resolution decided."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import replace
-from functools import lru_cache
-from typing import NamedTuple
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
 
-from softness_bayes.data import Compression, Experiment, Fabrics, Ratings
-from softness_bayes.errors import InputError
-from softness_bayes.likelihood.contract import NO_RESPONSE
+from softness_bayes.checking import direction
+from softness_bayes.checking.quantities import Layout
+from softness_bayes.data import Compression, Experiment
 from softness_bayes.likelihood.design import Design
-from softness_bayes.likelihood.directions import RISES, RatingDirection
 from softness_bayes.likelihood.models import rating_model
-from softness_bayes.likelihood.plate import CompressionForces, SkinParameters
+from softness_bayes.likelihood.plate import CompressionForces
 from softness_bayes.likelihood.ratings import RatingParameters
-from softness_bayes.likelihood.scales import LARGEST_LOG_RATING, MAGNITUDE, Scale
+from softness_bayes.model.options import ModelOptions
+from softness_bayes.model.posterior import Density, Posterior
+from softness_bayes.model.resolution import prior_draws, resolution_for
+from softness_bayes.model.scenes import scene_of
 from softness_bayes.parameters.choice import parameter_space
-from softness_bayes.parameters.declared import EVERY_PARAMETER, PARAMETERS
-from softness_bayes.ranges import FINGERS, PARTICIPANTS, SIMULATED_RATINGS, SLOPES
-from softness_bayes.touch.contact import Load
-from softness_bayes.touch.neuron.fixed_channels import Firing, FixedChannels
-from softness_bayes.touch.neuron.membrane import Channels, Membrane
-from softness_bayes.touch.neuron.surface import FiringSurface
-from softness_bayes.touch.parameters import TouchParameters
-from softness_bayes.touch.readings import MENDED, Readings
+from softness_bayes.parameters.coordinates import Bent, Scaled
+from softness_bayes.parameters.declared import PARAMETERS
+from softness_bayes.parameters.space import ParameterSpace
+from softness_bayes.touch import accuracy
+from softness_bayes.touch.readings import Readings
 from softness_bayes.touch.scene import Discretisation, Scene
+
+COARSE = Discretisation(8, 9.0, 1e-4)
+"""Resolution that tells in which order fabrics fire."""
+
+ALPHA_WIDTH = 0.3
+"""Distance from the rheobase [µA/cm²] beyond which alpha's coordinate turns logarithmic."""
+
+SKIN = ("b", "m")
+"""The parameters of the chain that a rigid plate knows."""
+
+
+@dataclass(frozen=True)
+class Model:
+    """The model of one experiment.
+
+    Parameters
+    ----------
+    experiment
+        Ratings and fabrics.
+    options
+        What was asked for, with direction and discretisation decided.
+    posterior
+        The density of the sampled parameters.
+    scene
+        Its forward model.
+    direction
+        The direction of the ratings, and what the data say of it.
+    resolution
+        How the discretisation was chosen; None if it was given.
+    """
+
+    experiment: Experiment
+    options: ModelOptions
+    posterior: Posterior
+    scene: Scene
+    direction: direction.Choice
+    resolution: accuracy.Choice | None
+
+
+@dataclass(frozen=True)
+class SkinModel:
+    """The model of compression data alone, which has no scene.
+
+    Parameters
+    ----------
+    compression
+        Forces of a rigid plate on fingerpads.
+    options
+        What was asked for; the discretisation is the usual one, for the record.
+    posterior
+        The density of the sampled parameters.
+    """
+
+    compression: Compression
+    options: ModelOptions
+    posterior: Density
+
+
+def build(experiment: Experiment, options: ModelOptions = ModelOptions()) -> Model:
+    """Build the model of an experiment.
+
+    Parameters
+    ----------
+    experiment
+        Ratings and fabrics; compression data if there are any.
+    options
+        Choices of the model. A direction that is left open is that of the data; a discretisation, the cheapest one
+        that keeps to the accuracy.
+
+    Raises
+    ------
+    InputError
+        If a rating does not suit the scale, the options name what does not exist, or the model cannot reach the
+        accuracy.
+    """
+    chosen = choose_direction(experiment, options)
+    if options.direction is None:
+        options = options.decide(direction=chosen.direction)
+    space, resolution = space_of(experiment, options), None
+    compiled = _compiler(experiment, options, space)
+    if options.discretisation is None:
+        resolution = resolution_for(compiled, prior_draws(space), options.accuracy)
+        options = options.decide(discretisation=resolution.discretisation)
+    assert options.discretisation is not None
+    scene = compiled(options.discretisation)
+    observation = rating_model(options.scale, chosen.direction).observe(
+        experiment.ratings.rating, design_of(experiment)
+    )
+    plates = () if experiment.compression is None else (forces_of(experiment.compression, options.readings),)
+    posterior = Posterior(_bent(space, scene), (observation, *plates), scene)
+    return Model(experiment, options, posterior, scene, chosen, resolution)
+
+
+def build_skin(compression: Compression, options: ModelOptions) -> SkinModel:
+    """Build the model of compression data alone.
+
+    Raises
+    ------
+    InputError
+        If the options name what does not exist, or a parameter that a plate's force does not depend on.
+    """
+    space = parameter_space(
+        fix=options.fix,
+        priors=options.priors,
+        prior_set=options.prior_set,
+        skin_displacement=options.readings.skin_displacement,
+        absent=PARAMETERS.keys() - set(SKIN),
+        n_fingers=len(compression.participants),
+    )
+    posterior = Density(space, (forces_of(compression, options.readings),))
+    return SkinModel(compression, replace(options, discretisation=Discretisation()), posterior)
+
+
+def choose_direction(experiment: Experiment, options: ModelOptions) -> direction.Choice:
+    """Return the direction that was asked for, or else that of the data, and what these say of it.
+
+    Raises
+    ------
+    InputError
+        If a rating does not suit the scale.
+    """
+    ratings, conditions = experiment.ratings, experiment.ratings.conditions
+    options.scale.require(ratings)
+    space = space_of(experiment, options)
+    # noise rounds the foot of the rate curve, which changes no order, and takes minutes
+    coarse = replace(COARSE, rate_nodes=(options.discretisation or COARSE).rate_nodes)
+    scene = _compiler(experiment, replace(options, noise=0.0), space)(coarse)
+    layout = Layout(design_of(experiment), scene.modulus, conditions.load, scale=options.scale)
+    draws = space.touch(space.draw_prior(np.random.default_rng(0), direction.DRAWS))
+    firing = direction.firing_rises(layout, scene.total_rate(draws))
+    found = direction.evidence_in(layout, ratings.rating, [str(load) for load in ratings.loads], firing)
+    asked = options.direction is not None and "direction" not in options.decided
+    return direction.choose(options.direction, found)._replace(asked=asked)
+
+
+def space_of(experiment: Experiment, options: ModelOptions) -> ParameterSpace:
+    """Return the parameters of an experiment's model, in coordinates not bent yet."""
+    return parameter_space(
+        fix=options.fix,
+        priors=options.priors,
+        prior_set=options.prior_set,
+        skin_displacement=options.readings.skin_displacement,
+        n_participants=len(experiment.ratings.participants),
+        absent=set(RatingParameters._fields) - set(rating_model(options.scale).needs),
+        n_fingers=None if experiment.compression is None else len(experiment.compression.participants),
+        membrane=options.readings.membrane,
+    )
 
 
 def design_of(experiment: Experiment) -> Design:
@@ -37,276 +180,48 @@ def design_of(experiment: Experiment) -> Design:
     return Design(conditions.of_rating, ratings.participant, conditions.fabric, len(ratings.participants))
 
 
-def touch_parameters(values: Mapping[str, ArrayLike]) -> TouchParameters:
-    """Convert named values in natural units to what a `Scene` takes, in SI.
-
-    Parameters
-    ----------
-    values
-        Name -> number or array of one batch shape; names that the chain does not have are left out.
-    """
-    return TouchParameters(*(np.asarray(values[name], float) * PARAMETERS[name].si for name in TouchParameters._fields))
-
-
-def usual_values(
-    readings: Readings,
-    prior_set: str = "default",
-    given: Mapping[str, float] | None = None,
-    n_fingers: int | None = None,
-) -> dict[str, float]:
-    """Return every parameter's value: those given, else the medians of their priors, in natural units.
-
-    With a number of fingers the parameters of compression data are among them.
-
-    Raises
-    ------
-    InputError
-        If a given name is unknown or its value not one that the parameter can take.
-    """
-    space = parameter_space(
-        fix=given,
-        prior_set=prior_set,
-        skin_displacement=readings.skin_displacement,
-        n_fingers=n_fingers,
-        membrane=readings.membrane,
+def forces_of(compression: Compression, readings: Readings) -> CompressionForces:
+    """Return the likelihood of compression data under the readings of the skin."""
+    return CompressionForces(
+        compression.indentation,
+        compression.force,
+        compression.participant,
+        len(compression.participants),
+        displacement=readings.skin_displacement,
     )
-    return {name: float(value) for name, value in space.values(space.median).items()}
 
 
-@lru_cache(maxsize=8)
-def curve_of_held(channels: Channels, membrane: Membrane, noise: float, nodes: int) -> FixedChannels:
-    """Return the curve of held channels, which takes a second: a run and the choice of its accuracy share one."""
-    return FixedChannels(channels, membrane, noise=noise, nodes=nodes)
+def _compiler(
+    experiment: Experiment, options: ModelOptions, space: ParameterSpace
+) -> Callable[[Discretisation], Scene]:
+    """Return the function that compiles the scene of an experiment in a discretisation."""
+    conditions = experiment.ratings.conditions
 
-
-def firing_of(
-    values: Mapping[str, ArrayLike],
-    membrane: Membrane,
-    noise: float = 0.0,
-    nodes: int = Discretisation().rate_nodes,
-) -> Firing:
-    """Return the rate curve of the channel multipliers in `values`, or the surface where one is missing or varies.
-
-    Parameters
-    ----------
-    values
-        Named parameters.
-    membrane
-        Reading of the membrane.
-    noise
-        Strength of the white current [µA/cm² sqrt(ms)] over which the rate curve is averaged.
-    nodes
-        Exact rates that the curve of held channels goes through.
-
-    Raises
-    ------
-    InputError
-        If a multiplier varies and no surface is kept for the membrane, or there is noise.
-    """
-    varying = [name for name in Channels._fields if np.ndim(values.get(name, [])) > 0]
-    if varying and noise:
-        raise InputError(
-            f"noise needs fixed channel multipliers, for which the noise-averaged rate is simulated once: "
-            f"fix {', '.join(varying)}"
+    def compiled(discretisation: Discretisation) -> Scene:
+        return scene_of(
+            experiment.fabrics,
+            experiment.ratings.loads,
+            space.held,
+            options.readings,
+            conditions.fabric,
+            conditions.load,
+            discretisation,
+            options.noise,
         )
-    if varying:
-        return FiringSurface.load(membrane)
-    channels = Channels(*(float(np.asarray(values[name])) for name in Channels._fields))
-    return curve_of_held(channels, membrane, noise, nodes)
+
+    return compiled
 
 
-def scene_of(
-    fabrics: Fabrics,
-    loads: tuple[Load, ...],
-    values: Mapping[str, ArrayLike],
-    readings: Readings,
-    fabric: ArrayLike | None = None,
-    load: ArrayLike | None = None,
-    discretisation: Discretisation = Discretisation(),
-    noise: float = 0.0,
-) -> Scene:
-    """Compile the scene of some fabrics under some loads.
+def _bent(space: ParameterSpace, scene: Scene) -> ParameterSpace:
+    """Return the parameters in the coordinates in which the posterior's ridges are straight.
 
-    Parameters
-    ----------
-    fabrics, loads
-        What is touched, and how.
-    values
-        Named parameters that do not vary; with all channel multipliers among them, these are fixed in the scene.
-    readings
-        Readings of the model.
-    fabric, load
-        Indices of the conditions; left out, all pairs.
-    discretisation
-        Resolution.
-    noise
-        Strength of the membrane's white current, as `firing_of` takes it.
+    The exponent's ridge with alpha is straight in the distance from the rheobase: the autocorrelation time falls by a
+    third. Data tell of sigma_0 in the stress where firing begins: precise data make a thin sheet, straight in that
+    alone.
     """
-    modulus = fabrics.modulus(readings.fabric_modulus)
-    firing = firing_of(values, readings.membrane, noise, discretisation.rate_nodes)
-    return Scene(
-        modulus,
-        fabrics.poisson_ratio,
-        loads,
-        firing,
-        fabric,
-        load,
-        readings=readings,
-        discretisation=discretisation,
-    )
-
-
-class Simulation(NamedTuple):
-    """Simulated ratings and all that they were made of."""
-
-    ratings: Ratings
-    truth: dict[str, float]
-    """Every parameter in natural units, and mu, or c0 and c1 of standardised ratings."""
-    participant_effect: NDArray[np.float64]
-    """Log modulus of each participant, shape (participants,); standardised ratings have none left: 0."""
-    total_rate: NDArray[np.float64]
-    """Response [spikes/s], shape (fabrics, loads)."""
-
-
-def simulate_ratings(
-    rng: np.random.Generator,
-    fabrics: Fabrics,
-    loads: tuple[Load, ...],
-    values: Mapping[str, float],
-    readings: Readings = MENDED,
-    participants: int = 30,
-    missing: float = 0.0,
-    mu: float | None = None,
-    direction: RatingDirection = RISES,
-    scale: Scale = MAGNITUDE,
-    slope: float | None = None,
-    discretisation: Discretisation = Discretisation(),
-) -> Simulation:
-    """Let simulated participants rate every fabric under every load once.
-
-    Parameters
-    ----------
-    rng
-        Source of the participants' moduli, the noise and the gaps.
-    fabrics, loads
-        What is rated.
-    values
-        Every parameter, in natural units (see `usual_values`).
-    readings
-        Readings of the model.
-    participants
-        Their number.
-    missing
-        Share of ratings left out at random.
-    mu
-        Mean log rating of magnitude estimates; by default the centre of its prior.
-    direction
-        Whether ratings rise or fall with the response.
-    scale
-        Scale of the ratings.
-    slope
-        c1 of standardised ratings, whose c0 is 0; by default the median of its prior.
-    discretisation
-        Resolution of the scene.
-
-    Raises
-    ------
-    InputError
-        If the number of participants or of ratings, the share of gaps, mu or the slope is out of range, or mu or
-        slope is given for the other scale.
-    """
-    PARTICIPANTS.require("simulate: number of participants", participants)
-    SIMULATED_RATINGS.require("simulate: number of ratings", participants * len(fabrics) * len(loads))
-    if not 0 <= missing < 1:
-        raise InputError(f"simulate: share {missing} of gaps, expected one in [0, 1)")
-    if mu is not None and not abs(mu) <= LARGEST_LOG_RATING:
-        raise InputError(f"simulate: mu is {mu}, expected a number up to {LARGEST_LOG_RATING:g} up or down")
-    model = rating_model(scale, direction)
-    levels: dict[str, ArrayLike] = {name: prior.median for name, prior in model.levels.items()}
-    for option, name, value in (("mu", "mu", mu), ("slope", "c1", slope)):
-        if value is not None and name not in levels:
-            raise InputError(f"simulate: {option} is {value}, expected none for {scale.name} ratings")
-        levels |= {} if value is None else {name: value}
-    if slope is not None:
-        SLOPES.require("simulate: slope", slope)
-    scene = scene_of(fabrics, loads, values, readings, discretisation=discretisation)
-    rate = scene.total_rate(touch_parameters(values))
-    n_conditions = scene.n_conditions
-    design = Design(
-        np.tile(np.arange(n_conditions), participants),
-        np.repeat(np.arange(participants), n_conditions),
-        scene.fabric,
-        participants,
-    )
-    parameters = RatingParameters.among(values)
-    drive = model.drive(design, rate / scene.n_receptors, parameters)
-    effects = model.draw_effects(rng, parameters, (), participants, design.n_fabrics, levels)
-    filed = model.draw_ratings(rng, design, drive, parameters, effects)
-    drawn = model.named_effects(effects)
-    effect, _ = drawn.get("participant_effect", (np.zeros(participants), ()))
-    # as few digits as a person gives; also what makes files equal where exp differs in its last bits
-    filed = np.array([float(f"{rating:.4g}") for rating in filed])
-    filed[rng.random(filed.size) < missing] = np.nan
-    # conditions run load by load
-    table = filed.reshape(participants, len(loads), len(fabrics)).transpose(0, 2, 1)
-    width = len(str(participants))
-    names = [f"P{i:0{width}d}" for i in range(1, participants + 1)]
-    ratings = Ratings.crossed(names, fabrics.names, loads, table)
-    absent = set(RatingParameters._fields) - set(model.needs)
-    truth = {name: value for name, value in values.items() if name not in absent}
-    truth |= {name: float(value) for name, (value, axes) in drawn.items() if not axes}
-    return Simulation(ratings, truth, effect, rate.reshape(len(loads), len(fabrics)).T)
-
-
-PLATE_DEPTHS = (0.5e-3, 1e-3, 1.5e-3, 2e-3)
-"""Indentations [m] to which simulated fingers are pressed: those of the published measurements."""
-
-
-class SimulatedForces(NamedTuple):
-    """Simulated compression data, and how their fingers depart from the typical one."""
-
-    compression: Compression
-    log_b_effect: NDArray[np.float64]
-    """In ln b, shape (fingers,)."""
-    m_effect: NDArray[np.float64]
-    """In m, shape (fingers,)."""
-
-
-def simulate_compression(
-    rng: np.random.Generator,
-    values: Mapping[str, float],
-    readings: Readings = MENDED,
-    fingers: int = 8,
-    depths: tuple[float, ...] = PLATE_DEPTHS,
-) -> SimulatedForces:
-    """Press a rigid flat plate on simulated fingers, each to every depth once.
-
-    Parameters
-    ----------
-    rng
-        Source of the fingers and the noise.
-    values
-        b, m, tau_b, tau_m and varsigma_f in natural units (`usual_values` with a number of fingers).
-    readings
-        Readings of the model.
-    fingers
-        Their number.
-    depths
-        Indentations [m].
-
-    Raises
-    ------
-    InputError
-        If there is no finger.
-    """
-    replace(FINGERS, low=1).require("simulate: number of fingers", fingers)
-    skin = SkinParameters(*(np.float64(values[n]) * EVERY_PARAMETER[n].si for n in SkinParameters._fields))
-    finger, depth = np.repeat(np.arange(fingers), len(depths)), np.tile(depths, fingers)
-    plate = CompressionForces(depth, np.ones(depth.size), finger, fingers, displacement=readings.skin_displacement)
-    effects = plate.new_effects(rng, skin, ())
-    made = plate.replicate(rng, plate.drive(NO_RESPONSE, skin), skin, effects)
-    # as few digits as an instrument gives; also what makes files equal where exp differs in its last bits
-    force = np.array([float(f"{value:.4g}") for value in made])
-    names = tuple(f"F{i:0{len(str(fingers))}d}" for i in range(1, fingers + 1))
-    compression = Compression(names, finger, depth, force, np.arange(2, 2 + force.size))
-    return SimulatedForces(compression, effects.log_b, effects.m)
+    rheobase = float(scene.firing.curves(space.touch(space.median)).rheobase)
+    rheobase -= float(space.rheobase_shift(space.median))
+    if not np.isfinite(rheobase):
+        return space
+    unit = PARAMETERS["sigma_0"].prior.median
+    return replace(space, bent={"alpha": Bent(rheobase, ALPHA_WIDTH), "sigma_0": Scaled(unit)}, rheobase=rheobase)

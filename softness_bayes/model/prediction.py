@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from softness_bayes.data import Fabrics
-from softness_bayes.model.build import touch_parameters
+from softness_bayes.model.scenes import touch_parameters
 from softness_bayes.touch.parameters import TouchParameters
 from softness_bayes.touch.response import Response
 from softness_bayes.touch.scene import Scene

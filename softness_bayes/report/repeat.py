@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-import json
 import math
 import shlex
 from itertools import zip_longest
 from typing import NamedTuple
 
 from softness_bayes.files.command_line import storable
+from softness_bayes.model.options import ModelOptions
+from softness_bayes.results.request import Request
 from softness_bayes.results.result import Result
-from softness_bayes.runs.run import RunOptions
 from softness_bayes.touch.readings import MENDED
 
 PROGRAM = "softness-bayes"
@@ -45,27 +45,23 @@ def repetition(result: Result) -> Repetition:
     result
         A finished run, begun at the command line or in Python.
     """
-    found, options = result.attributes, recorded_options(result)
-    begun, *continued = _split(options.command)
+    found, (options, run) = result.attributes, Request.of(result)
+    begun, *continued = _split(run.command)
     data, notes = _data(result, begun)
-    words = [PROGRAM, "sample", *data, *_model(options), *(_rating(options) if result.has_ratings else ())]
-    steps = options.max_steps
-    if not found["converged"] and math.isfinite(options.max_seconds):
+    words = [PROGRAM, "sample", *data, *_model(options)]
+    words += _rating(options, run.exact_reweight) if result.has_ratings else []
+    steps = run.max_steps
+    if not found["converged"] and math.isfinite(run.max_seconds):
         steps = int(found["steps"])
         notes.append(f"The run ended at its time limit; --max-steps {steps} ends it at the same step.")
-    if options.accuracy is not None:
-        words += ["--accuracy", f"{options.accuracy:g}"]
+    if options.kept_accuracy is not None:
+        words += ["--accuracy", f"{options.kept_accuracy:g}"]
     elif result.has_ratings:
         notes.append(f"The run was made in Python, with a resolution that was given: {options.discretisation}.")
-    words += ["--seed", str(options.seed), "--max-steps", str(steps), "--out", AGAIN]
+    words += ["--seed", str(run.seed), "--max-steps", str(steps), "--out", AGAIN]
     more = [shlex.join([PROGRAM, "resume", AGAIN, "--more-steps", count]) for count in map(_more_steps, continued)]
     notes.append("Same draws need the same files (compare their digests) and the same versions, both listed above.")
     return Repetition((storable(shlex.join(words)), *more), tuple(notes))
-
-
-def recorded_options(result: Result) -> RunOptions:
-    """Return the options that a run recorded."""
-    return RunOptions.from_record(json.loads(str(result.attributes["options"])))
 
 
 def _split(command: str) -> list[list[str]]:
@@ -99,7 +95,7 @@ def _data(result: Result, begun: list[str]) -> tuple[list[str], list[str]]:
     return [word for pair in names for word in pair], [note]
 
 
-def _model(options: RunOptions) -> list[str]:
+def _model(options: ModelOptions) -> list[str]:
     """Return what every run's model is made of: readings, priors, held parameters."""
     words = ["--readings", "mended"]
     for place, name in options.readings.names.items():
@@ -113,8 +109,8 @@ def _model(options: RunOptions) -> list[str]:
     return words
 
 
-def _rating(options: RunOptions) -> list[str]:
+def _rating(options: ModelOptions, exact_reweight: bool) -> list[str]:
     """Return what only ratings have."""
     words = ["--ratings", options.scale.name, "--direction", options.direction.name if options.direction else "auto"]
     words += ["--noise", repr(float(options.noise))] if options.noise else []
-    return [*words, *(["--exact-reweight"] if options.exact_reweight else [])]
+    return [*words, *(["--exact-reweight"] if exact_reweight else [])]

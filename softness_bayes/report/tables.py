@@ -14,8 +14,8 @@ from softness_bayes.checking.reproduction import FALL
 from softness_bayes.parameters.declared import EVERY_PARAMETER
 from softness_bayes.parameters.priors import Prior, in_short
 from softness_bayes.provenance import NumericalErrors, Silence
-from softness_bayes.report.repeat import recorded_options
 from softness_bayes.report.words import number, share, with_error
+from softness_bayes.results.request import Request
 from softness_bayes.results.result import Result
 
 
@@ -139,7 +139,7 @@ def of_checks(result: Result) -> Table:
 
 def of_provenance(result: Result) -> list[Table]:
     """Return how the run was made: data, model, sampling, numerical errors, versions."""
-    found, options = result.provenance, recorded_options(result)
+    found, options = result.provenance, Request.of(result).model
     ending = found.ending
     held = result.group("constant_data")
     model = [("Readings", options.readings.label), *((place, name) for place, name in options.readings.names.items())]

@@ -16,23 +16,11 @@ from softness_bayes.likelihood.plate import CompressionForces, FingerEffects, Sk
 from softness_bayes.provenance import PlateData, attributes_of
 from softness_bayes.results.groups import Groups, Variable
 from softness_bayes.touch.plate import plate_force
-from softness_bayes.touch.readings import Readings
 
 Array = NDArray[np.float64]
 
 POINTS = 60
 """Indentations at which the typical finger's force is stored."""
-
-
-def forces_of(compression: Compression, readings: Readings) -> CompressionForces:
-    """Return the likelihood of compression data under the readings of the skin."""
-    return CompressionForces(
-        compression.indentation,
-        compression.force,
-        compression.participant,
-        len(compression.participants),
-        displacement=readings.skin_displacement,
-    )
 
 
 class PlateReplicates(NamedTuple):

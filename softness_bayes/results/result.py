@@ -260,8 +260,8 @@ class Result:
         InputError
             If the run had no ratings, which say what the receptors do.
         """
-        from softness_bayes.model.build import scene_of
         from softness_bayes.model.prediction import drawn_parameters, prediction_table
+        from softness_bayes.model.scenes import scene_of
 
         pressed, named = self.loads if loads is None else tuple(loads), self.values(draws)
         fabrics = self.fabrics if fabrics is None else fabrics

@@ -20,8 +20,10 @@ from softness_bayes.files.outputs import require_outputs, write_outputs
 from softness_bayes.files.spreadsheet import csv_of
 from softness_bayes.files.whole import sweep, write_whole
 from softness_bayes.likelihood.directions import RISES, direction_named
+from softness_bayes.model.build import Model, build
+from softness_bayes.model.options import ModelOptions
 from softness_bayes.model.posterior import Posterior
-from softness_bayes.runs.run import RunOptions, posterior_of
+from softness_bayes.results.request import Request, RunOptions
 from softness_bayes.sampler.sampling import Settings
 from softness_bayes.sampler.workers import Workers, available_processors
 from softness_bayes.touch.contact import Indentation, Load
@@ -64,13 +66,13 @@ class CalibrationScene:
     loads: tuple[Load, ...] = USUAL_LOADS
     participants: int = 20
 
-    def posterior(self, options: RunOptions) -> Posterior:
-        """Return the model of the scene, compiled once for all replicates; its ratings are all 1, to be replaced."""
+    def model(self, options: ModelOptions) -> Model:
+        """Return the model of the scene, built once for all replicates; its ratings are all 1, to be replaced."""
         names = [f"P{k}" for k in range(1, self.participants + 1)]
         table = np.ones((self.participants, len(self.fabrics), len(self.loads)))
         ratings = Ratings.crossed(names, self.fabrics.names, self.loads, table)
         direction = options.direction or RISES  # there are no data to take it from
-        return posterior_of(Experiment(ratings, self.fabrics, ()), replace(options, direction=direction))
+        return build(Experiment(ratings, self.fabrics, ()), replace(options, direction=direction))
 
 
 @dataclass(frozen=True)
@@ -154,7 +156,8 @@ class Calibrated:
 
 def calibrate(
     scene: CalibrationScene,
-    options: RunOptions,
+    options: ModelOptions,
+    run: RunOptions,
     count: int,
     directory: Path,
     progress: Callable[[int, Replicate], None] | None = None,
@@ -172,7 +175,9 @@ def calibrate(
     scene
         Who rates what.
     options
-        Priors, held parameters, readings, resolution, seed, processes, and the largest number of steps.
+        Choices of the model.
+    run
+        Seed, processes, and the largest number of steps.
     count
         Number of replicates.
     directory
@@ -180,7 +185,7 @@ def calibrate(
     progress
         Called with the number of finished replicates and the last of them.
     settings
-        How to sample; `ENSEMBLES` ensembles and `options.max_steps` if left out.
+        How to sample; `ENSEMBLES` ensembles and `run.max_steps` if left out.
 
     Raises
     ------
@@ -192,10 +197,10 @@ def calibrate(
     """
     ranges.REPLICATES.require("calibration: number of replicates", count)
     ranges.PARTICIPANTS.require("calibration: number of participants", scene.participants)
-    posterior = scene.posterior(options)
-    posterior.space.require_sampled()
-    settings = settings or _usual(options)
-    manifest, folder = _manifest(scene, options, settings), directory / REPLICATES
+    model = scene.model(options)
+    model.posterior.space.require_sampled()
+    settings = settings or _usual(run)
+    manifest, folder = _manifest(scene, Request(model.options, run), settings), directory / REPLICATES
     _require_alike(directory, manifest)
     require_outputs(directory, (RANKS, COVERAGE, VERDICT, f"{FIGURE}.png"), CALIBRATE)
     if folder.is_symlink():
@@ -209,9 +214,9 @@ def calibrate(
         done = _finished(folder, count)
         missing = [index for index in range(count) if index not in done]
         if missing:
-            processes = min(options.processes or available_processors(), len(missing))
-            with Workers(posterior, processes) as workers:
-                tasks = [(settings, options.seed, index, str(folder)) for index in missing]
+            processes = min(run.processes or available_processors(), len(missing))
+            with Workers(model.posterior, processes) as workers:
+                tasks = [(settings, run.seed, index, str(folder)) for index in missing]
                 for index, one in workers.as_finished(_run, tasks):
                     done[index] = one
                     if progress is not None:
@@ -221,7 +226,12 @@ def calibrate(
 
 
 def finished(
-    scene: CalibrationScene, options: RunOptions, count: int, directory: Path, settings: Settings | None = None
+    scene: CalibrationScene,
+    options: ModelOptions,
+    run: RunOptions,
+    count: int,
+    directory: Path,
+    settings: Settings | None = None,
 ) -> Calibrated:
     """Return the replicates of a calibration that are finished, and run none; it may be going on meanwhile.
 
@@ -232,16 +242,16 @@ def finished(
     InputError
         If none is finished.
     """
-    settings = settings or _usual(options)
-    _require_alike(directory, _manifest(scene, options, settings))
+    settings = settings or _usual(run)
+    _require_alike(directory, _manifest(scene, Request(scene.model(options).options, run), settings))
     done = _finished(directory / REPLICATES, count)
     if not done:
         raise InputError(f"{directory}: no replicate of a calibration is finished there")
     return Calibrated(done, tuple(index for index in range(count) if index not in done))
 
 
-def _usual(options: RunOptions) -> Settings:
-    return Settings(ensembles=ENSEMBLES, max_steps=options.max_steps, processes=1)
+def _usual(run: RunOptions) -> Settings:
+    return Settings(ensembles=ENSEMBLES, max_steps=run.max_steps, processes=1)
 
 
 def _finished(folder: Path, count: int) -> dict[int, Replicate]:
@@ -290,12 +300,12 @@ def _json(path: Path, what: str) -> dict[str, Any]:
     return fields
 
 
-def _manifest(scene: CalibrationScene, options: RunOptions, settings: Settings) -> dict[str, Any]:
+def _manifest(scene: CalibrationScene, request: Request, settings: Settings) -> dict[str, Any]:
     """Return all that decides the ranks, as JSON holds it."""
-    fabrics = scene.fabrics
+    fabrics, options = scene.fabrics, request.model
     return {
         "version": __version__,
-        "seed": options.seed,
+        "seed": request.run.seed,
         "draws": DRAWS,
         "participants": scene.participants,
         "fabrics": dict(zip(fabrics.names, fabrics.modulus(options.readings.fabric_modulus).tolist(), strict=True)),

@@ -15,10 +15,10 @@ from softness_bayes import arviz_bridge
 from softness_bayes.checking.ranking import clustered_error, stacking_weights
 from softness_bayes.errors import InputError
 from softness_bayes.likelihood.group_conditionals import block_log_likelihood
+from softness_bayes.model.build import build
 from softness_bayes.model.posterior import Posterior
 from softness_bayes.results.result import Result
 from softness_bayes.runs.from_result import differences, experiment_of, options_of
-from softness_bayes.runs.run import posterior_of
 from softness_bayes.sampler.diagnostics import Goal
 from softness_bayes.sampler.sampling import Settings, sample_until
 
@@ -84,13 +84,13 @@ def _stored(group: str, name: str) -> Callable[[Result, Settings, Callable[[str]
 def _refit(result: Result, settings: Settings, progress: Callable[[str], None]) -> LeftOut:
     """Refit the model without each fabric, because one fabric changes the posterior too much for weights."""
     experiment = experiment_of(result)
-    posterior, fabric = posterior_of(experiment, options_of(result)), experiment.ratings.fabric
+    posterior, fabric = build(experiment, options_of(result)).posterior, experiment.ratings.fabric
     found, unfinished = [], 0
     for k, name in enumerate(experiment.ratings.fabrics):
         progress(name)
         if (fabric == k).all():
             raise InputError("compare: there is one fabric only; nothing is left to predict it from")
-        density, finished = _anew(posterior, fabric == k, settings, (options_of(result).seed, 1 << 21, k))
+        density, finished = _anew(posterior, fabric == k, settings, (int(result.attributes["seed"]), 1 << 21, k))
         found.append(density)
         unfinished += not finished
     return LeftOut(np.array(found), np.full(len(found), np.nan), 0, unfinished)
@@ -99,7 +99,7 @@ def _refit(result: Result, settings: Settings, progress: Callable[[str], None]) 
 def _by_condition(result: Result, settings: Settings, progress: Callable[[str], None]) -> LeftOut:
     """Leave out each fabric under each load by weights, or by refits where these fail."""
     experiment = experiment_of(result)
-    posterior, conditions = posterior_of(experiment, options_of(result)), experiment.ratings.conditions
+    posterior, conditions = build(experiment, options_of(result)).posterior, experiment.ratings.conditions
     if len(conditions.fabric) < 2:
         raise InputError("compare: there is one condition only; nothing is left to predict it from")
     observation = posterior.observation
@@ -113,7 +113,7 @@ def _by_condition(result: Result, settings: Settings, progress: Callable[[str], 
             f"{experiment.ratings.fabrics[conditions.fabric[k]]} at {experiment.ratings.loads[conditions.load[k]]}"
         )
         progress(touched)
-        seed = (options_of(result).seed, 1 << 22, k)
+        seed = (int(result.attributes["seed"]), 1 << 22, k)
         density[k], finished = _anew(posterior, conditions.of_rating == k, settings, seed)
         shape[k], unfinished = np.nan, unfinished + (not finished)
     return LeftOut(density, shape, left.draws, unfinished)

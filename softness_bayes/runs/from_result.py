@@ -7,11 +7,12 @@ import json
 import numpy as np
 
 from softness_bayes.data import Compression, Experiment, Ratings
+from softness_bayes.defaults import ACCURACY
 from softness_bayes.likelihood.directions import direction_named
+from softness_bayes.model.options import ModelOptions
 from softness_bayes.parameters.declared import EVERY_PARAMETER
 from softness_bayes.parameters.priors import parse_prior
 from softness_bayes.results.result import Result
-from softness_bayes.runs.run import RunOptions
 from softness_bayes.touch.scene import Discretisation
 
 
@@ -54,24 +55,24 @@ def _compression_of(result: Result) -> Compression:
     )
 
 
-def options_of(result: Result) -> RunOptions:
-    """Return the model that a result was sampled from: held parameters, priors, readings, resolution; usual else."""
+def options_of(result: Result) -> ModelOptions:
+    """Return the model that a result was sampled from."""
     from softness_bayes.results.lookup import Named
 
     found, constant = result.attributes, result.group("constant_data")
     asked = Named(json.loads(found["options"]), "option", f"{result.source}: attribute 'options'")
-    return RunOptions(
+    decided = {"direction": not found.get("direction_asked", 1), "discretisation": asked.get("accuracy") is not None}
+    return ModelOptions(
         fix={name: float(constant[name]) for name in EVERY_PARAMETER if name in constant},
         priors={n: parse_prior(str(found[f"prior_{n}"])) for n in EVERY_PARAMETER if f"prior_{n}" in found},
         prior_set=str(found["prior_set"]),
         readings=result.readings,
         direction=direction_named(str(found["direction"])),
-        direction_decided=not found.get("direction_asked", 1),
         scale=result.scale,
         discretisation=Discretisation(**asked["discretisation"]),
-        accuracy=asked.get("accuracy"),
+        accuracy=asked.get("accuracy") or ACCURACY,
         noise=float(found.get("noise", 0.0)),
-        seed=int(found["seed"]),
+        decided=frozenset(name for name, so in decided.items() if so),
     )
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,53 +13,31 @@ from softness_bayes.checking.force_exponent import check_exponent
 from softness_bayes.checking.identifiability import direction_table, learning_table
 from softness_bayes.checkpoints.checkpoint import Checkpoint
 from softness_bayes.data.compression import Compression
-from softness_bayes.model.posterior import Density
-from softness_bayes.parameters.choice import parameter_space
-from softness_bayes.parameters.declared import PARAMETERS
+from softness_bayes.model.build import SkinModel, build_skin
+from softness_bayes.model.options import ModelOptions
 from softness_bayes.results.constants import held_parameters
 from softness_bayes.results.draws import CURVES, DRAWS_PER_WALKER, PRIOR_DRAWS, REPLICATES
 from softness_bayes.results.groups import evenly, merged, named, sampled_groups, tree_of
-from softness_bayes.results.plate import draw_plate, forces_of, plate_attributes, plate_coordinates, plate_groups
+from softness_bayes.results.plate import draw_plate, plate_attributes, plate_coordinates, plate_groups
+from softness_bayes.results.request import Request, RunOptions
 from softness_bayes.results.result import Result
 from softness_bayes.results.summary import summarise
-from softness_bayes.runs.run import RunOptions, labels_of, outcome, requested, rng_after, walked
+from softness_bayes.runs.run import labels_of, outcome, requested, rng_after, walked
 from softness_bayes.sampler.sampling import Progress, sampled_of
 
 Array = NDArray[np.float64]
 
-SKIN = ("b", "m")
-"""The parameters of the chain that a rigid plate knows."""
-
-
-WIDE = RunOptions(prior_set="wide")
-"""Options of a run on compression data alone: priors that say little of the skin beforehand."""
-
-
-def skin_posterior_of(compression: Compression, options: RunOptions) -> Density:
-    """Return the posterior density of the skin given compression data alone.
-
-    Raises
-    ------
-    InputError
-        If the options name what does not exist, or a parameter that a plate's force does not depend on.
-    """
-    displacement = options.readings.skin_displacement
-    space = parameter_space(
-        fix=options.fix,
-        priors=options.priors,
-        prior_set=options.prior_set,
-        skin_displacement=displacement,
-        absent=PARAMETERS.keys() - set(SKIN),
-        n_fingers=len(compression.participants),
-    )
-    return Density(space, (forces_of(compression, options.readings),))
+WIDE = ModelOptions(prior_set="wide")
+"""Options of a model of compression data alone: priors that say little of the skin beforehand."""
 
 
 def sample_skin(
     compression: Compression,
-    options: RunOptions = WIDE,
+    model: ModelOptions = WIDE,
+    run: RunOptions = RunOptions(),
     progress: Callable[[Progress], None] | None = None,
     checkpoint: Checkpoint | None = None,
+    **options: Any,
 ) -> Result:
     """Sample the skin's modulus and stiffening from compression data alone.
 
@@ -69,9 +48,9 @@ def sample_skin(
     ----------
     compression
         Forces of a rigid plate on fingerpads.
-    options
-        What is asked for; readings and priors of what a plate does not touch are not used.
-    progress, checkpoint
+    model
+        Choices of the model; those about ratings are not used.
+    run, progress, checkpoint, **options
         As `sample` takes them.
 
     Raises
@@ -81,12 +60,23 @@ def sample_skin(
     NumericalError
         If the log-likelihood is not a number somewhere.
     """
-    posterior = skin_posterior_of(compression, options)
-    asked = requested(posterior, options)
+    model, run = Request(model, run).with_options(**options)
+    return sample_skin_model(build_skin(compression, model), run, progress, checkpoint)
+
+
+def sample_skin_model(
+    model: SkinModel,
+    run: RunOptions,
+    progress: Callable[[Progress], None] | None = None,
+    checkpoint: Checkpoint | None = None,
+) -> Result:
+    """Sample a model of compression data that was built; arguments, and what raises, as `sample_skin`."""
+    compression, posterior, request = model.compression, model.posterior, Request(model.options, run)
+    asked = requested(posterior, request)
     arviz_bridge.require_storable(asked, labels_of(compression))
-    state = walked(compression, posterior, options, progress, checkpoint)
+    state = walked(compression, posterior, request, progress, checkpoint)
     sampled = sampled_of(state)
-    rng = rng_after(options)
+    rng = rng_after(run)
     kept = sampled.chains.kept(sampled.verdict.burn_in, DRAWS_PER_WALKER)
     theta = kept.by_walker(posterior.natural(kept.coordinates))
     prior = posterior.space.draw_prior(rng, PRIOR_DRAWS)

@@ -15,20 +15,24 @@ import csv
 import time
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
 from softness_bayes.data import Experiment, Fabrics
-from softness_bayes.model.build import simulate_ratings, usual_values
-from softness_bayes.runs.run import RunOptions, posterior_of
+from softness_bayes.model.build import build
+from softness_bayes.model.options import ModelOptions
+from softness_bayes.model.scenes import usual_values
+from softness_bayes.model.simulation import simulate_ratings
 from softness_bayes.sampler.diagnostics import Goal
 from softness_bayes.sampler.moves import FIRST_MOVES, MOVES, STRETCH, Moves
 from softness_bayes.sampler.sampling import Settings, walk
 from softness_bayes.sampler.starts import Target
 from softness_bayes.touch.contact import Force, Indentation, Load
 from softness_bayes.touch.readings import MENDED
+from softness_bayes.touch.scene import Discretisation
 
 STEPS, ENSEMBLES, LENGTHS = 1200, 2, 50.0
 
@@ -87,7 +91,7 @@ def measure(target: Target, way: Way, steps: int, seed: int = 1) -> Measured:
 
 
 def _posterior(
-    moduli: tuple[float, ...], loads: tuple[Load, ...], participants: int, options: RunOptions, **given: float
+    moduli: tuple[float, ...], loads: tuple[Load, ...], participants: int, options: ModelOptions, **given: float
 ) -> Callable[[], Target]:
     """Return what makes the posterior of ratings simulated at the priors' medians, some replaced."""
 
@@ -95,22 +99,25 @@ def _posterior(
         cloth = Fabrics(tuple(f"F{k}" for k in range(len(moduli))), effective_modulus=np.array(moduli))
         values = usual_values(MENDED, options.prior_set, {"sigma_0": 7.0, **given})
         made = simulate_ratings(np.random.default_rng(1), cloth, loads, values, participants=participants)
-        return posterior_of(Experiment(made.ratings, cloth, ()), options)
+        return build(Experiment(made.ratings, cloth, ()), options).posterior
 
     return make
 
+
+FINE = ModelOptions(discretisation=Discretisation())
+"""The usual model, finely resolved."""
 
 _WIDE, _FEW = tuple(np.geomspace(2e3, 2e6, 12)), (4e4, 1e5, 4e5, 2e6)
 _DEPTHS = (Indentation(1e-3), Indentation(2e-3), Indentation(3e-3))
 
 DATA: Mapping[str, Callable[[], Target]] = {
-    "12 fabrics, 3 indentations, 30 raters": _posterior(_WIDE, _DEPTHS, 30, RunOptions()),
-    "4 fabrics, 1 indentation, 4 raters": _posterior(_FEW, _DEPTHS[2:], 4, RunOptions()),
-    "12 fabrics, 2 forces, 20 raters": _posterior(_WIDE, (Force(1.0), Force(3.0)), 20, RunOptions()),
+    "12 fabrics, 3 indentations, 30 raters": _posterior(_WIDE, _DEPTHS, 30, FINE),
+    "4 fabrics, 1 indentation, 4 raters": _posterior(_FEW, _DEPTHS[2:], 4, FINE),
+    "12 fabrics, 2 forces, 20 raters": _posterior(_WIDE, (Force(1.0), Force(3.0)), 20, FINE),
     "12 fabrics, 3 indentations, 30 raters, in-vivo priors": _posterior(
-        _WIDE, _DEPTHS, 30, RunOptions(prior_set="in-vivo"), sigma_0=3.0
+        _WIDE, _DEPTHS, 30, replace(FINE, prior_set="in-vivo"), sigma_0=3.0
     ),
-    "8 fabrics, 3 indentations, 60 precise raters": _posterior(_WIDE[2:10], _DEPTHS, 60, RunOptions(), varsigma=0.1),
+    "8 fabrics, 3 indentations, 60 precise raters": _posterior(_WIDE[2:10], _DEPTHS, 60, FINE, varsigma=0.1),
 }
 
 

@@ -14,9 +14,10 @@ from softness_bayes.bench.limit import Limit, limit
 from softness_bayes.bench.peers import PEERS, Peer, Ratio, Work, faster, measure_peer, solve_each, step_all
 from softness_bayes.bench.precision import FIELD, LIKELIHOOD, POPULATION, RATES, Point
 from softness_bayes.bench.scaling import Drawing, Size, scaling
-from softness_bayes.bench.subject import BATCH, QUICK, first, machine, quickest, subject
+from softness_bayes.bench.subject import BATCH, QUICK, machine, quickest, subject
 from softness_bayes.bench.words import summary
 from softness_bayes.errors import InputError
+from softness_bayes.model.resolution import first
 from softness_bayes.plotting.benchmark import work_precision_figure
 from softness_bayes.touch.neuron.rate import firing_rate
 from softness_bayes.touch.scene import Discretisation
@@ -91,7 +92,7 @@ def test_sizes_and_limit_are_counted():
         assert size.per_condition == pytest.approx(size.seconds / size.conditions)
     found = limit(of, QUICK._replace(repeats=1))
     # an exponential for each of 6 nodes and both ends where receptors fire, nine for each condition
-    firing = (of.posterior.scene.total_rate(first(of.draws.parameters, BATCH)) > 0).sum(axis=-1).mean()
+    firing = (of.model.scene.total_rate(first(of.draws.parameters, BATCH)) > 0).sum(axis=-1).mean()
     assert 0 < firing < 36
     assert found.exponentials == round(8 * firing) + 9 * 36
     assert found.over_bare == pytest.approx(found.seconds / found.bare_seconds)

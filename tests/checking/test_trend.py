@@ -1,5 +1,6 @@
 """Which way ratings run with stiffness: rank correlations by another way, chance levels, and what must not be said."""
 
+import dataclasses
 import itertools
 
 import numpy as np
@@ -13,8 +14,11 @@ from softness_bayes.data import Experiment, Fabrics, Ratings
 from softness_bayes.likelihood.design import Design
 from softness_bayes.likelihood.directions import FALLS, RISES
 from softness_bayes.likelihood.scales import STANDARDISED
-from softness_bayes.runs.run import RunOptions, choose_direction, with_direction
+from softness_bayes.model.build import build, choose_direction
+from softness_bayes.model.options import ModelOptions
 from softness_bayes.touch.contact import Indentation
+from softness_bayes.touch.readings import MENDED
+from softness_bayes.touch.scene import Discretisation
 
 
 def layout_of(participants, modulus, loads=1, keep=None):
@@ -156,6 +160,8 @@ def test_a_silent_response_has_no_order():
 
 CLOTH = np.geomspace(2e4, 6e5, 6)
 
+QUICK = ModelOptions(discretisation=Discretisation(8, 9.0, 1e-4))
+
 
 def table(rng, slope, modulus=CLOTH, depth=2e-3, participants=8, noise=0.2):
     layout = layout_of(participants, modulus)
@@ -169,26 +175,27 @@ def table(rng, slope, modulus=CLOTH, depth=2e-3, participants=8, noise=0.2):
 @pytest.mark.parametrize(("slope", "direction"), [(0.4, RISES), (-0.4, FALLS)])
 def test_the_data_decide(rng, slope, direction):
     experiment = table(rng, slope)
-    found = choose_direction(experiment, RunOptions())
+    found = choose_direction(experiment, ModelOptions())
     assert (found.direction, found.asked, found.against_data) == (direction, False, False)
     assert found.evidence.firing == 1.0
     assert f"--direction {direction.name} is taken from the data" in found.sentence
-    decided = with_direction(experiment, RunOptions())
-    assert (decided.direction, decided.direction_decided) == (direction, True)
-    again = RunOptions.from_record(decided.record())
-    assert (again.direction, again.direction_decided) == (direction, True)
+    decided = build(experiment, QUICK).options
+    assert (decided.direction, decided.decided) == (direction, {"direction"})
+    again = ModelOptions.from_record(decided.record())
+    assert again == decided
     assert not choose_direction(experiment, again).asked
 
 
 def test_what_is_asked_for_is_taken_and_said_to_be_wrong(rng):
     experiment = table(rng, -0.4)
-    found = choose_direction(experiment, RunOptions(direction=RISES))
+    found = choose_direction(experiment, ModelOptions(direction=RISES))
     assert (found.direction, found.asked, found.against_data) == (RISES, True, True)
     assert found.sentence.startswith(
         "the readout runs against the data, --direction rises-with-firing is the wrong way"
     )
-    assert with_direction(experiment, RunOptions(direction=RISES)) == RunOptions(direction=RISES)
-    right = choose_direction(experiment, RunOptions(direction=FALLS))
+    asked = dataclasses.replace(QUICK, direction=RISES)
+    assert build(experiment, asked).options == asked
+    right = choose_direction(experiment, ModelOptions(direction=FALLS))
     assert not right.against_data
     assert right.sentence.startswith("--direction falls-with-firing, as asked: these ratings fall")
 
@@ -196,16 +203,16 @@ def test_what_is_asked_for_is_taken_and_said_to_be_wrong(rng):
 @pytest.mark.parametrize("modulus", [CLOTH, CLOTH[:1]])
 def test_where_the_table_cannot_tell_the_papers_reading_is_taken(modulus):
     experiment = table(np.random.default_rng(3), 0.0, modulus)
-    found = choose_direction(experiment, RunOptions())
+    found = choose_direction(experiment, ModelOptions())
     assert (found.direction, found.evidence.direction, found.against_data) == (RISES, None, False)
     assert "is taken by default" in found.sentence
-    assert not choose_direction(experiment, RunOptions(direction=FALLS)).against_data
+    assert not choose_direction(experiment, ModelOptions(direction=FALLS)).against_data
 
 
 def test_beyond_the_turn_falling_ratings_rise_with_firing(rng):
     """Fabrics so stiff that firing falls with stiffness: the same falling ratings are the other reading's."""
     stiff = np.geomspace(1e6, 2e7, 6)
-    found = choose_direction(table(rng, -0.4, stiff, depth=3e-3), RunOptions())
+    found = choose_direction(table(rng, -0.4, stiff, depth=3e-3), ModelOptions())
     assert found.evidence.trend.sign == -1
     assert found.evidence.firing < 0.1
     assert found.direction == RISES
@@ -213,7 +220,7 @@ def test_beyond_the_turn_falling_ratings_rise_with_firing(rng):
 
 def test_under_a_model_without_a_turn_they_do_not(rng):
     stiff = np.geomspace(1e6, 2e7, 6)
-    hertz = RunOptions(readings=RunOptions().readings.override({"pressure": "hertz"}))
+    hertz = ModelOptions(readings=MENDED.override({"pressure": "hertz"}))
     found = choose_direction(table(rng, -0.4, stiff, depth=3e-3), hertz)
     assert found.evidence.firing > 0.9
     assert found.direction == FALLS
@@ -225,5 +232,5 @@ def test_standardised_ratings_too(rng):
     scaled = experiment.ratings.__class__(
         **{**experiment.ratings.__dict__, "rating": (log - log.mean()) / log.std()},
     )
-    found = choose_direction(experiment._replace(ratings=scaled), RunOptions(scale=STANDARDISED))
+    found = choose_direction(experiment._replace(ratings=scaled), ModelOptions(scale=STANDARDISED))
     assert found.direction == FALLS

@@ -16,7 +16,7 @@ from softness_bayes.cli import main
 from softness_bayes.data import Fabrics, Ratings, read_experiment
 from softness_bayes.errors import InputError
 from softness_bayes.files.spreadsheet import table_of
-from softness_bayes.model.build import touch_parameters, usual_values
+from softness_bayes.model.scenes import touch_parameters, usual_values
 from softness_bayes.parameters.choice import parameter_space
 from softness_bayes.touch.contact import Finger, Indentation
 from softness_bayes.touch.neuron.fixed_channels import FixedChannels

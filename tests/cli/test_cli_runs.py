@@ -18,8 +18,8 @@ from softness_bayes.checkpoints.manifest import read_manifest, sealed
 from softness_bayes.cli.resume import _continued
 from softness_bayes.files.lock import Lock
 from softness_bayes.likelihood.magnitude import LogRatings
+from softness_bayes.results.request import RunOptions
 from softness_bayes.results.result import Result
-from softness_bayes.runs.run import RunOptions
 from softness_bayes.touch import scene
 from support.command_line import FIXED, few_ratings, refused
 from support.full_disk import fill_disk

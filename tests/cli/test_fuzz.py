@@ -25,8 +25,9 @@ from softness_bayes.data import (
     read_experiment,
 )
 from softness_bayes.errors import InputError
+from softness_bayes.model import build, resolution
 from softness_bayes.parameters.declared import EVERY_PARAMETER
-from softness_bayes.runs import calibrate, plan, run
+from softness_bayes.runs import calibrate
 from softness_bayes.sampler import workers
 from support.randomness import SEED
 
@@ -183,11 +184,9 @@ def stubbed(monkeypatch):
 
     monkeypatch.setattr(workers, "prepare", lambda: None)
     for module, name in (
-        (run, "posterior_of"),
-        (run, "with_direction"),
-        (run, "choose_direction"),
-        (plan, "with_accuracy"),
-        (plan, "scene_with_accuracy"),
+        (build, "build"),
+        (build, "choose_direction"),
+        (resolution, "scene_with_accuracy"),
         (claims, "evaluate_claims"),
         (calibrate, "calibrate"),
         (bench, "_measure"),

@@ -126,7 +126,7 @@ def test_an_interrupt_ends_a_run_quietly_at_any_time(tmp_path, seed):
     [
         "softness_bayes.results.assembly:draw_replicates",  # all that follows the walk
         "softness_bayes.plotting.figures:draw_figures",
-        "softness_bayes.runs.plan:with_accuracy",
+        "softness_bayes.model.build:resolution_for",
     ],
 )
 def test_an_interrupt_ends_a_run_at_a_place(tmp_path, place):
@@ -148,7 +148,7 @@ def test_an_interrupt_ends_a_run_at_a_place(tmp_path, place):
     assert process.returncode == 130, said
     assert "Traceback" not in said
     assert "interrupted" in said
-    assert ("resume out" in said) == ("with_accuracy" not in place), said
+    assert ("resume out" in said) == ("resolution_for" not in place), said
 
 
 def test_calibrate_ends_at_once_and_says_how_to_go_on(tmp_path):

@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import pytest
 
-from softness_bayes.model.build import touch_parameters, usual_values
+from softness_bayes.model.scenes import touch_parameters, usual_values
 from softness_bayes.tools.rooms import FILE, PACKAGE, drawing, floors, imports, needed
 from softness_bayes.touch import stress
 from softness_bayes.touch.contact import Indentation

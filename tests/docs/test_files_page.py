@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import re
 import sys
-from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -22,7 +21,8 @@ from softness_bayes.cli.interrupts import SIGNALS
 from softness_bayes.cli.report import REPORT
 from softness_bayes.data import LABELS, NUMBERS
 from softness_bayes.files.listing import LISTING
-from softness_bayes.model.build import simulate_compression, usual_values
+from softness_bayes.model.scenes import usual_values
+from softness_bayes.model.simulation import simulate_compression
 from softness_bayes.parameters.declared import EVERY_PARAMETER
 from softness_bayes.parameters.priors import HalfNormal
 from softness_bayes.plotting.figures import FIGURES
@@ -86,9 +86,9 @@ def everything(tmp_path_factory):
     """A run on ratings and forces, with effects of fabrics."""
     made = simulate_compression(np.random.default_rng(4), usual_values(MENDED, n_fingers=4), fingers=4)
     held = HELD | {"tau_b": 0.3, "tau_m": 0.5, "varsigma_f": 0.1}  # few parameters make a quick run
-    options = replace(OPTIONS, fix=held, priors={"omega": HalfNormal(0.5)})
+    options = OPTIONS | {"fix": held, "priors": {"omega": HalfNormal(0.5)}}
     with quickly():
-        result = sample(experiment()._replace(compression=made.compression), options)
+        result = sample(experiment()._replace(compression=made.compression), **options)
     return run_of(result, tmp_path_factory.mktemp("everything"), "rc")
 
 

@@ -21,15 +21,19 @@ from softness_bayes.likelihood.magnitude import RatingParameters
 from softness_bayes.likelihood.models import rating_model
 from softness_bayes.likelihood.scales import MAGNITUDE, RATING_SCALES, STANDARDISED
 from softness_bayes.likelihood.z_scores import Line, StandardisedModel, StandardisedRatings
-from softness_bayes.model.build import simulate_ratings, usual_values
+from softness_bayes.model.build import build
+from softness_bayes.model.options import ModelOptions
 from softness_bayes.model.posterior import LEAST_FIRING
+from softness_bayes.model.scenes import usual_values
+from softness_bayes.model.simulation import simulate_ratings
 from softness_bayes.plotting import FIGURES, USUAL, observed_ratings
-from softness_bayes.runs import run
-from softness_bayes.runs.run import RunOptions, posterior_of, sample
+from softness_bayes.results import request
+from softness_bayes.runs.run import sample
 from softness_bayes.sampler.sampling import Settings, sample_until
 from softness_bayes.sampler.workers import Workers
 from softness_bayes.touch.contact import Indentation
 from softness_bayes.touch.readings import MENDED
+from softness_bayes.touch.scene import Discretisation
 from support.coverage import BRIEF, ENOUGH, REPLICATES, Case, coverage_holds
 from support.paths import DATA
 
@@ -230,7 +234,9 @@ def test_the_posterior_of_simulated_z_scores(values, direction):
     held = {name: values[name] for name in CHAIN}
     peak = {}
     for reading in RATING_DIRECTIONS.values():
-        posterior = posterior_of(experiment, RunOptions(fix=held, direction=reading, scale=STANDARDISED))
+        posterior = build(
+            experiment, ModelOptions(fix=held, direction=reading, scale=STANDARDISED, discretisation=Discretisation())
+        ).posterior
         assert posterior.names == ("varsigma",)
         grid = np.linspace(0.2, 0.8, 121)[:, None]
         log_likelihood = posterior.log_likelihood(grid)
@@ -248,20 +254,20 @@ def test_the_posterior_of_simulated_z_scores(values, direction):
 
 def test_the_model_of_z_scores_has_neither_exponent_nor_participants(values):
     _, experiment = simulated(values, participants=3)
-    posterior = posterior_of(experiment, RunOptions(scale=STANDARDISED))
+    posterior = build(experiment, ModelOptions(scale=STANDARDISED, discretisation=Discretisation())).posterior
     assert posterior.names == (*CHAIN, "varsigma")
     assert not {"gamma", "tau", "omega", "eps"} & {*posterior.space.held}
     with pytest.raises(InputError, match="gamma: the model of these data has no such parameter"):
-        posterior_of(experiment, RunOptions(scale=STANDARDISED, fix={"gamma": 1.0}))
+        build(experiment, ModelOptions(scale=STANDARDISED, fix={"gamma": 1.0}, discretisation=Discretisation()))
 
 
 def test_the_scale_is_checked_against_the_data(values):
     _, experiment = simulated(values, participants=3)
     with pytest.raises(InputError, match="--ratings standardised"):
-        posterior_of(experiment, RunOptions())
+        build(experiment, ModelOptions(discretisation=Discretisation()))
     raw = dataclasses.replace(experiment.ratings, rating=20 + 5 * experiment.ratings.rating, source="my.csv")
     with pytest.raises(InputError, match=r"my\.csv: column 'rating': expected standardised ratings.*got mean 19\.6"):
-        posterior_of(experiment._replace(ratings=raw), RunOptions(scale=STANDARDISED))
+        build(experiment._replace(ratings=raw), ModelOptions(scale=STANDARDISED, discretisation=Discretisation()))
 
 
 def test_names_of_scales_and_what_suits_them(values):
@@ -281,13 +287,13 @@ def test_names_of_scales_and_what_suits_them(values):
 @pytest.mark.parametrize("direction", RATING_DIRECTIONS.values(), ids=RATING_DIRECTIONS)
 def test_a_run_says_what_its_ratings_were_made_from(values, monkeypatch, scale, direction):
     """Each scale with each direction: parameters, replicates and the curve of a typical rating."""
-    monkeypatch.setattr(run, "Settings", functools.partial(Settings, pilot=(40,), optima=1))
+    monkeypatch.setattr(request, "Settings", functools.partial(Settings, pilot=(40,), optima=1))
     given = values | {"sigma_0": 6.0, "alpha": 21.5, "gamma": 0.9, "tau": 0.3}
     rng = np.random.default_rng(6)
     ratings = simulate_ratings(rng, CLOTH, LOADS[1:], given, participants=15, direction=direction, scale=scale).ratings
     held = {name: given[name] for name in (*CHAIN, *(["tau"] if "tau" in rating_model(scale).needs else []))}
-    options = RunOptions(fix=held, direction=direction, scale=scale, max_steps=80, processes=1)
-    found = sample(Experiment(ratings, CLOTH, ()), options)
+    model = ModelOptions(fix=held, direction=direction, scale=scale, discretisation=Discretisation())
+    found = sample(Experiment(ratings, CLOTH, ()), model, max_steps=80, processes=1)
     truth = (
         {"gamma": 0.9, "varsigma": 0.4, "eps": 0.1, "mu": np.log(20)}
         if scale is MAGNITUDE
@@ -393,7 +399,9 @@ def upside_down(observation):
 def coverage_posterior():
     rng = np.random.default_rng(0)
     some = simulate_ratings(rng, WEAVES, LOADS, usual_values(MENDED), participants=20, scale=STANDARDISED).ratings
-    return posterior_of(Experiment(some, WEAVES, ()), RunOptions(fix=CHANNELS, scale=STANDARDISED))
+    return build(
+        Experiment(some, WEAVES, ()), ModelOptions(fix=CHANNELS, scale=STANDARDISED, discretisation=Discretisation())
+    ).posterior
 
 
 def test_the_machinery_of_coverage_on_one_replicate():

@@ -7,8 +7,9 @@ from numpy.testing import assert_allclose, assert_array_equal
 from softness_bayes.data import Fabrics
 from softness_bayes.errors import InputError
 from softness_bayes.likelihood.directions import INVERSE
-from softness_bayes.model import build as study
-from softness_bayes.model.build import scene_of, simulate_ratings, touch_parameters, usual_values
+from softness_bayes.model import simulation as study
+from softness_bayes.model.scenes import scene_of, touch_parameters, usual_values
+from softness_bayes.model.simulation import simulate_ratings
 from softness_bayes.parameters.declared import PARAMETERS
 from softness_bayes.touch.contact import Force, Indentation
 from softness_bayes.touch.readings import MENDED

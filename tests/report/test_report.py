@@ -28,8 +28,8 @@ from softness_bayes.report.cards import cards
 from softness_bayes.report.curves import shown
 from softness_bayes.report.findings import Standing, exactness_of, findings
 from softness_bayes.report.repeat import repetition
+from softness_bayes.results.request import Request
 from softness_bayes.results.result import Result
-from softness_bayes.runs.run import RunOptions
 from softness_bayes.touch.readings import CLASSICAL
 from support.report_runs import EVIL, OPTIONS, PERSON, RUNS, TYPED, converged
 
@@ -313,13 +313,11 @@ def repeated(command, monkeypatch, directory):
     """Return the data files and options that a printed command amounts to."""
     caught = []
     monkeypatch.setattr(
-        sample, "run", lambda checkpoint, files, data, options, figures: caught.append((files, options))
+        sample, "run", lambda checkpoint, files, data, request, figures: caught.append((files, request))
     )
     # there are no data to look at
     monkeypatch.setattr("softness_bayes.cli.options.DataFiles.read", lambda files: None)
-    monkeypatch.setattr(sample, "_evaluated", lambda data, options, accuracy: False)
-    monkeypatch.setattr("softness_bayes.runs.run.with_direction", lambda data, options: options)
-    monkeypatch.setattr("softness_bayes.runs.plan.with_accuracy", lambda model, options, bound: (options, None))
+    monkeypatch.setattr(sample, "_evaluated", lambda data, options: False)
     monkeypatch.chdir(directory)
     program, *words = shlex.split(command)
     assert program == "softness-bayes"
@@ -328,8 +326,8 @@ def repeated(command, monkeypatch, directory):
 
 
 ASKED = {
-    "held": OPTIONS,
-    "else": RunOptions(
+    "held": Request().with_options(**OPTIONS),
+    "else": Request().with_options(
         fix={"b": 1 / 3},
         priors={"m": LogNormal(2.5, 0.2)},
         prior_set="in-vivo",
@@ -348,21 +346,22 @@ def test_the_command_amounts_to_the_options_of_the_run(made, asked, monkeypatch,
     result = made("ratings")
     tree = result.tree.copy()
     typed = f"{TYPED} --column rating=softness --force-n=2; softness-bayes resume results --more-steps 50"
-    tree.attrs = {**tree.attrs, "options": json.dumps(replace(asked, command=typed).record()), "command": typed}
+    tree.attrs = {**tree.attrs, "options": json.dumps(asked.with_options(command=typed).record()), "command": typed}
     found = repetition(replace(result, tree=tree))
     first, more = found.commands
     assert more == "softness-bayes resume again/ --more-steps 50"
-    files, options = repeated(first, monkeypatch, tmp_path)
+    files, request = repeated(first, monkeypatch, tmp_path)
     assert (files.data, files.columns, files.force_n) == (Path("my ratings.csv"), {"rating": "softness"}, 2.0)
-    same = ("fix", "priors", "prior_set", "readings", "direction", "scale", "noise", "exact_reweight", "seed")
-    for name in (*same, "max_steps"):
-        assert getattr(options, name) == getattr(asked, name), name
+    for name in ("fix", "priors", "prior_set", "readings", "direction", "scale", "noise"):
+        assert getattr(request.model, name) == getattr(asked.model, name), name
+    for name in ("exact_reweight", "seed", "max_steps"):
+        assert getattr(request.run, name) == getattr(asked.run, name), name
 
 
 def test_a_run_of_python_or_of_limited_time_says_so(made):
     result = made("ratings")
     tree = result.tree.copy()
-    limited = replace(OPTIONS, command="", max_seconds=5.0, max_steps=10_000)
+    limited = Request().with_options(**OPTIONS | {"command": "", "max_seconds": 5.0, "max_steps": 10_000})
     tree.attrs = {**tree.attrs, "options": json.dumps(limited.record()), "command": ""}
     found = repetition(replace(result, tree=tree))
     assert "--max-steps 40 " in found.commands[0]

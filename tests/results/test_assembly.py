@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 
 from softness_bayes.checking.inflection import curve_scene
+from softness_bayes.model.build import build
 from softness_bayes.results.draws import draws_of
 from softness_bayes.results.predictions import illustration_groups, prediction_group, turning_groups
 from softness_bayes.results.replicates import draw_replicates, predictive_groups, prior_groups
-from softness_bayes.runs.run import posterior_of
+from softness_bayes.results.request import Request
 from softness_bayes.sampler.chains import Chains
 from support.report_runs import OPTIONS, experiment, quickly
 
@@ -19,7 +20,7 @@ def draws():
     """Draws of the prior in the place of a walk: 2 ensembles of 3 walkers, 2 steps."""
     rng, data = np.random.default_rng(5), experiment()
     with quickly():
-        posterior = posterior_of(data, OPTIONS)
+        posterior = build(data, Request().with_options(**OPTIONS).model).posterior
     theta = posterior.space.draw_prior(rng, 12).reshape(6, 2, -1)
     kept = Chains(np.zeros((2, 2, 3, theta.shape[-1])), np.zeros((2, 2, 3)), np.full((2, 3), 0.3), 2, 1)
     return draws_of(data, posterior, kept, theta, rng)

@@ -10,8 +10,8 @@ import xarray as xr
 
 from softness_bayes import arviz_bridge
 from softness_bayes.errors import InputError
-from softness_bayes.report.repeat import recorded_options
 from softness_bayes.results.checksums import CHECKSUMS
+from softness_bayes.results.request import Request
 from softness_bayes.results.result import Result
 from softness_bayes.results.result_file import SCHEMA, TABLES
 from softness_bayes.runs.from_result import experiment_of, options_of
@@ -286,9 +286,9 @@ def test_options_that_lack_something_are_refused(runs):
     options = json.loads(found.attributes["options"])
     found.tree.attrs["options"] = json.dumps({**options, "scale": "another"})
     with pytest.raises(InputError, match="options of a run that this version cannot make out: 'another'"):
-        recorded_options(found)
+        Request.of(found)
     found.tree.attrs["options"] = json.dumps({key: options[key] for key in options if key != "discretisation"})
-    for read in (options_of, recorded_options):
+    for read in (options_of, Request.of):
         with pytest.raises(InputError, match="'discretisation'"):
             read(found)
 

@@ -22,17 +22,21 @@ from softness_bayes.likelihood.group_conditionals import block_log_likelihood
 from softness_bayes.likelihood.magnitude import LogRatings, RatingParameters
 from softness_bayes.likelihood.scales import STANDARDISED
 from softness_bayes.likelihood.z_scores import StandardisedRatings
-from softness_bayes.model.build import simulate_compression, simulate_ratings, usual_values
+from softness_bayes.model.build import build
+from softness_bayes.model.options import ModelOptions
+from softness_bayes.model.scenes import usual_values
+from softness_bayes.model.simulation import simulate_compression, simulate_ratings
+from softness_bayes.results import request
 from softness_bayes.results.result import Result
-from softness_bayes.runs import run
 from softness_bayes.runs.comparison import LEAVE, Leave, LeftOut, compare, leave_by_weights
 from softness_bayes.runs.from_result import differences, experiment_of, options_of
 from softness_bayes.runs.plate import sample_skin
-from softness_bayes.runs.run import RunOptions, posterior_of, sample
+from softness_bayes.runs.run import sample
 from softness_bayes.sampler.diagnostics import Goal
 from softness_bayes.sampler.sampling import Settings
 from softness_bayes.touch.contact import Indentation
 from softness_bayes.touch.readings import MENDED
+from softness_bayes.touch.scene import Discretisation
 
 CLOTH = Fabrics(
     ("gauze", "lawn", "drill", "felt"),
@@ -49,7 +53,7 @@ BRIEF = Settings(ensembles=2, max_steps=60, processes=1, pilot=(20,), optima=1, 
 def quickly():
     """Learn little in the pilot walk."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(run, "Settings", functools.partial(Settings, pilot=(40,), optima=1))
+        patch.setattr(request, "Settings", functools.partial(Settings, pilot=(40,), optima=1))
         yield
 
 
@@ -145,17 +149,17 @@ def experiment():
 @pytest.fixture(scope="module")
 def results(experiment):
     """The model that made the ratings, it with a skin hardly any stiffer, and the opposite direction."""
-    options = RunOptions(fix=HELD, max_steps=120, processes=1)
+    options = {"fix": HELD, "max_steps": 120, "processes": 1, "discretisation": Discretisation()}
     return {
-        "right": sample(experiment, options),
-        "as good": sample(experiment, dataclasses.replace(options, fix=HELD | {"b": 100.5})),
-        "upside down": sample(experiment, dataclasses.replace(options, direction=INVERSE)),
+        "right": sample(experiment, **options),
+        "as good": sample(experiment, **options | {"fix": HELD | {"b": 100.5}}),
+        "upside down": sample(experiment, **options | {"direction": INVERSE}),
     }
 
 
 def test_a_result_restores_its_data_and_model(results, experiment):
     for result in results.values():
-        again = posterior_of(experiment_of(result), options_of(result))
+        again = build(experiment_of(result), options_of(result)).posterior
         stored = result.group("posterior")
         theta = np.stack([stored[name].values[::9, ::40] for name in again.names], axis=-1)
         expected = result.group("log_likelihood")["ratings"].values[::9, ::40]
@@ -220,7 +224,7 @@ def test_the_sum_over_ratings_is_that_of_their_densities_as_filed(results, exper
 
 def test_a_fabric_left_out_by_hand(results, experiment):
     """p(y_k | y_-k) = p(y) / p(y_-k), both integrated on a grid over the two sampled parameters."""
-    posterior = posterior_of(experiment, RunOptions(fix=HELD))
+    posterior = build(experiment, ModelOptions(fix=HELD, discretisation=Discretisation())).posterior
     assert posterior.names == ("gamma", "varsigma")
     axes = np.linspace(0.4, 1.6, 61), np.linspace(0.2, 0.5, 61)
     theta = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 2)
@@ -304,7 +308,7 @@ def test_the_largest_error_judges(results, experiment):
 
 def test_a_condition_left_out_by_hand(results, experiment):
     """As a fabric left out, on a grid: by weights, and anew where no weight is trusted."""
-    posterior = posterior_of(experiment, RunOptions(fix=HELD))
+    posterior = build(experiment, ModelOptions(fix=HELD, discretisation=Discretisation())).posterior
     axes = np.linspace(0.4, 1.6, 61), np.linspace(0.2, 0.5, 61)
     theta = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 2)
     prior, whole = posterior.log_prior(theta), posterior.log_likelihood(theta)
@@ -319,29 +323,25 @@ def test_a_condition_left_out_by_hand(results, experiment):
 
 def test_what_is_not_comparable_is_refused(results, experiment):
     right = results["right"]
-    quick = RunOptions(fix=HELD, max_steps=2, processes=1)
+    quick = {"fix": HELD, "max_steps": 2, "processes": 1, "discretisation": Discretisation()}
     with pytest.raises(InputError, match="expected at least two"):
         compare({"a": right})
-    other = sample(experiment._replace(ratings=dataclasses.replace(made(2), digest="d2")), quick)
+    other = sample(experiment._replace(ratings=dataclasses.replace(made(2), digest="d2")), **quick)
     with pytest.raises(InputError, match=r"b: fitted to other data than a \(digest of ratings\)"):
         compare({"a": right, "b": other})
     # also where no file gave them a digest
-    same = sample(experiment._replace(ratings=dataclasses.replace(made(2), digest="d1")), quick)
+    same = sample(experiment._replace(ratings=dataclasses.replace(made(2), digest="d1")), **quick)
     with pytest.raises(InputError, match=r"other data than a \(rating\)"):
         compare({"a": right, "b": same})
     scores = (np.log(experiment.ratings.rating) - 3) / 2
     scores = experiment._replace(ratings=dataclasses.replace(experiment.ratings, rating=scores))
     held = {name: value for name, value in HELD.items() if name not in ("tau", "eps")}
-    fitted = sample(scores, dataclasses.replace(quick, fix=held, scale=STANDARDISED))
+    fitted = sample(scores, **quick | {"fix": held, "scale": STANDARDISED})
     with pytest.raises(InputError, match="z-scores are not ranked against fits to ratings"):
         compare({"a": right, "b": fitted})
     fingers = simulate_compression(np.random.default_rng(1), usual_values(MENDED, n_fingers=3), fingers=3).compression
     with pytest.raises(InputError, match="b: a run without ratings"):
-        compare({"a": right, "b": sample_skin(fingers, quick_skin())})
-
-
-def quick_skin():
-    return RunOptions(prior_set="wide", max_steps=2, processes=1)
+        compare({"a": right, "b": sample_skin(fingers, max_steps=2, processes=1)})
 
 
 # the command line

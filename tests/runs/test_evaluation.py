@@ -7,9 +7,13 @@ from click.testing import CliRunner
 from softness_bayes.cli import main
 from softness_bayes.data import Compression, read_experiment
 from softness_bayes.errors import InputError
+from softness_bayes.model.build import build, build_skin
+from softness_bayes.model.options import ModelOptions
+from softness_bayes.results.request import RunOptions
 from softness_bayes.runs.evaluation import evaluate
-from softness_bayes.runs.plate import sample_skin, skin_posterior_of
-from softness_bayes.runs.run import RunOptions, posterior_of, sample
+from softness_bayes.runs.plate import sample_skin
+from softness_bayes.runs.run import sample
+from softness_bayes.touch.scene import Discretisation
 from support.command_line import HELD
 from support.paths import DATA
 
@@ -27,8 +31,10 @@ def experiment():
 
 
 def test_the_likelihood_is_that_of_a_model_with_one_free_parameter(experiment):
-    held = evaluate(posterior_of(experiment, RunOptions(fix=EVERY)))
-    free = posterior_of(experiment, RunOptions(fix={k: v for k, v in EVERY.items() if k != "gamma"}))
+    held = evaluate(build(experiment, ModelOptions(fix=EVERY, discretisation=Discretisation())).posterior)
+    free = build(
+        experiment, ModelOptions(fix={k: v for k, v in EVERY.items() if k != "gamma"}, discretisation=Discretisation())
+    ).posterior
     assert free.names == ("gamma",)
     assert held.log_likelihood == pytest.approx(free.log_likelihood(np.array([[0.9]]))[0], rel=1e-9)
     assert held.values == EVERY
@@ -38,7 +44,9 @@ def test_the_likelihood_is_that_of_a_model_with_one_free_parameter(experiment):
 
 
 def test_silence_is_said(experiment):
-    silent = evaluate(posterior_of(experiment, RunOptions(fix={**EVERY, "alpha": 5.0})))
+    silent = evaluate(
+        build(experiment, ModelOptions(fix={**EVERY, "alpha": 5.0}, discretisation=Discretisation())).posterior
+    )
     assert "no receptor fires" in silent.sentences()[-1]
 
 
@@ -62,11 +70,11 @@ def test_forces_alone_are_evaluated_too(tmp_path, monkeypatch):
     assert "log-likelihood of the data there: " in done.output
     assert "under" not in done.output
     forces = Compression.read(path)
-    assert evaluate(skin_posterior_of(forces, RunOptions(fix=SKIN))).inflection is None
+    assert evaluate(build_skin(forces, ModelOptions(fix=SKIN)).posterior).inflection is None
     with pytest.raises(InputError, match="nothing to sample"):
-        sample_skin(forces, RunOptions(fix=SKIN))
+        sample_skin(forces, fix=SKIN)
 
 
 def test_in_python_there_is_nothing_to_sample(experiment):
     with pytest.raises(InputError, match="nothing to sample: free one"):
-        sample(experiment, RunOptions(fix=EVERY, processes=1))
+        sample(experiment, ModelOptions(fix=EVERY, discretisation=Discretisation()), RunOptions(processes=1))

@@ -14,16 +14,21 @@ from softness_bayes.cli import main
 from softness_bayes.data import Compression, Experiment, Fabrics, read_experiment, write_compression
 from softness_bayes.errors import InputError
 from softness_bayes.likelihood.contract import NO_RESPONSE
-from softness_bayes.model.build import simulate_compression, simulate_ratings, usual_values
+from softness_bayes.model.build import build, build_skin
+from softness_bayes.model.options import ModelOptions
+from softness_bayes.model.scenes import usual_values
+from softness_bayes.model.simulation import simulate_compression, simulate_ratings
 from softness_bayes.parameters.priors import LogNormal
 from softness_bayes.plotting import FIGURES, USUAL, figures_of
+from softness_bayes.results import request
+from softness_bayes.results.request import RunOptions
 from softness_bayes.results.result import Result
-from softness_bayes.runs import run
-from softness_bayes.runs.plate import WIDE, sample_skin, skin_posterior_of
-from softness_bayes.runs.run import RunOptions, posterior_of, sample
+from softness_bayes.runs.plate import WIDE, sample_skin
+from softness_bayes.runs.run import sample
 from softness_bayes.sampler.sampling import Settings
 from softness_bayes.touch.contact import Indentation
 from softness_bayes.touch.readings import MENDED
+from softness_bayes.touch.scene import Discretisation
 from support.paths import DATA
 
 GULATI = "fingerpad_force_displacement_gulati.csv"
@@ -35,7 +40,7 @@ SAMPLED = ("b", "m", "tau_b", "tau_m", "varsigma_f")
 def quickly():
     """Learn little in the pilot walk."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(run, "Settings", functools.partial(Settings, pilot=(60, 60), optima=1))
+        patch.setattr(request, "Settings", functools.partial(Settings, pilot=(60, 60), optima=1))
         yield
 
 
@@ -137,7 +142,7 @@ def shipped():
 
 @pytest.fixture(scope="module")
 def result(shipped):
-    return sample_skin(shipped, dataclasses.replace(WIDE, max_steps=300, processes=1, seed=1))
+    return sample_skin(shipped, max_steps=300, processes=1, seed=1)
 
 
 def test_the_shipped_forces_give_back_what_they_were_made_from(result):
@@ -184,7 +189,7 @@ def test_a_result_without_ratings_reads_back(result, tmp_path):
 
 
 def test_density_is_prior_times_the_dense_normal_law(result, shipped):
-    posterior = skin_posterior_of(shipped, WIDE)
+    posterior = build_skin(shipped, WIDE).posterior
     assert posterior.names == SAMPLED
     stored = result.group("posterior")
     theta = np.stack([stored[name].values[3, ::50] for name in SAMPLED], axis=-1)
@@ -202,13 +207,13 @@ def test_one_finger_has_no_spread_and_a_plate_knows_no_current(shipped):
     one = shipped.participant == 0
     arrays = {name: getattr(shipped, name)[one] for name in ("participant", "indentation", "force", "rows")}
     alone = dataclasses.replace(shipped, participants=("F1",), **arrays)
-    posterior = skin_posterior_of(alone, WIDE)
+    posterior = build_skin(alone, WIDE).posterior
     assert posterior.names == ("b", "m", "varsigma_f")
     assert (posterior.space.held["tau_b"], posterior.space.held["tau_m"]) == (0.0, 0.0)
     with pytest.raises(InputError, match="tau_b cannot be sampled: there is one finger only"):
-        skin_posterior_of(alone, dataclasses.replace(WIDE, priors={"tau_b": LogNormal(0.1, 1)}))
+        build_skin(alone, dataclasses.replace(WIDE, priors={"tau_b": LogNormal(0.1, 1)}))
     with pytest.raises(InputError, match="gamma: the model of these data has no such parameter"):
-        skin_posterior_of(shipped, dataclasses.replace(WIDE, fix={"gamma": 1.0}))
+        build_skin(shipped, dataclasses.replace(WIDE, fix={"gamma": 1.0}))
 
 
 @pytest.mark.parametrize(
@@ -219,7 +224,7 @@ def test_human_fingerpads(shared, displacement, b, m):
     data = Compression.read(shared / "data" / GULATI, columns=SUBJECTS)
     assert (len(data), data.n_zero, len(data.participants)) == (16, 4, 4)
     readings = MENDED.override({"skin_displacement": displacement})
-    found = sample_skin(data, dataclasses.replace(WIDE, readings=readings, max_steps=300, processes=1))
+    found = sample_skin(data, WIDE, readings=readings, max_steps=300, processes=1)
     table = found.summary()
     assert b[0] < table.loc["b", "mean"] < b[1]
     assert m[0] < table.loc["m", "mean"] < m[1]
@@ -262,7 +267,10 @@ def joint():
 
 
 def test_the_joint_likelihood_is_the_sum_of_both(joint):
-    both, alone = posterior_of(joint, RunOptions()), posterior_of(joint._replace(compression=None), RunOptions())
+    both, alone = (
+        build(joint, ModelOptions(discretisation=Discretisation())).posterior,
+        build(joint._replace(compression=None), ModelOptions(discretisation=Discretisation())).posterior,
+    )
     assert both.names == (*alone.names, "tau_b", "tau_m", "varsigma_f")
     theta = both.space.draw_prior(np.random.default_rng(1), 10)
     forces = both.compression.log_likelihood(NO_RESPONSE, both.skin_parameters(theta))
@@ -273,7 +281,9 @@ def test_the_joint_likelihood_is_the_sum_of_both(joint):
 def test_a_joint_run_holds_both(joint, tmp_path):
     held = {"c_Na": 1.05, "c_K": 1.16, "c_L": 1.0, "c_A": 1.5}
     held |= {"alpha": 21.5, "beta": 0.6, "sigma_0": 5.0, "gamma": 1.0, "tau": 0.5}
-    found = sample(joint, RunOptions(fix=held, max_steps=60, processes=1))
+    found = sample(
+        joint, ModelOptions(fix=held, discretisation=Discretisation()), RunOptions(max_steps=60, processes=1)
+    )
     assert {"participant_effect", "m_effect", "mu"} <= {*found.group("posterior").data_vars}
     assert {*found.group("log_likelihood").data_vars} == {"ratings_and_compression"}
     assert {"rating", "plate_force_n"} <= {*found.group("posterior_predictive").data_vars}

@@ -18,18 +18,23 @@ from softness_bayes.checkpoints.vacancy import require_vacant
 from softness_bayes.data import Experiment, Fabrics
 from softness_bayes.errors import InputError
 from softness_bayes.files.outputs import write_outputs
-from softness_bayes.likelihood.directions import INVERSE
-from softness_bayes.model.build import simulate_ratings, usual_values
+from softness_bayes.likelihood.directions import INVERSE, direction_named
+from softness_bayes.model.build import build
+from softness_bayes.model.options import ModelOptions
+from softness_bayes.model.scenes import usual_values
+from softness_bayes.model.simulation import simulate_ratings
 from softness_bayes.parameters.priors import HalfNormal, LogNormal
+from softness_bayes.results import request
+from softness_bayes.results.request import Request, RunOptions
 from softness_bayes.results.result import Result
 from softness_bayes.results.result_file import SCHEMA
-from softness_bayes.runs import run
-from softness_bayes.runs.run import RunOptions, posterior_of, sample
+from softness_bayes.runs.run import sample
 from softness_bayes.sampler.sampling import Settings
 from softness_bayes.touch import scene
 from softness_bayes.touch.contact import Force, Indentation
 from softness_bayes.touch.neuron import fixed_channels
 from softness_bayes.touch.readings import CLASSICAL, MENDED
+from softness_bayes.touch.scene import Discretisation
 
 CLOTH = Fabrics(("felt", "lawn", "drill", "gauze"), effective_modulus=np.array([8e4, 2e4, 4e5, 2e5]))
 LOADS = (Indentation(2e-3), Force(1.5))
@@ -53,7 +58,7 @@ TURNING = {f"inflection_{name}" for name in ("outcome", "e_fab_kpa", "ratio", "f
 def quickly():
     """Learn little in the pilot walk."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(run, "Settings", functools.partial(Settings, pilot=(50, 50), optima=1))
+        patch.setattr(request, "Settings", functools.partial(Settings, pilot=(50, 50), optima=1))
         yield
 
 
@@ -69,17 +74,20 @@ def experiment():
 @pytest.fixture(scope="module")
 def options():
     command = "softness-bayes sample --data x"
-    return RunOptions(fix=HELD, max_steps=200, processes=1, seed=3, command=command)
+    return Request(
+        ModelOptions(fix=HELD, discretisation=scene.Discretisation()),
+        RunOptions(max_steps=200, processes=1, seed=3, command=command),
+    )
 
 
 @pytest.fixture(scope="module")
 def posterior(experiment, options):
-    return posterior_of(experiment, options)
+    return build(experiment, options.model).posterior
 
 
 @pytest.fixture(scope="module")
 def result(experiment, options):
-    return sample(experiment, options)
+    return sample(experiment, *options)
 
 
 @pytest.fixture(scope="module")
@@ -187,10 +195,11 @@ def test_provenance(result):
 
 
 def test_the_options_in_the_file_repeat_the_run(result, experiment, options):
-    again = RunOptions.from_record(json.loads(result.attributes["options"]))
-    assert again == options
-    assert sample(experiment, again).tree["posterior"].identical(result.tree["posterior"])
-    special = RunOptions(
+    again = Request.of(result)
+    direction = result.attributes["direction"]
+    assert again == options._replace(model=options.model.decide(direction=direction_named(direction)))
+    assert sample(experiment, *again).tree["posterior"].identical(result.tree["posterior"])
+    special = Request().with_options(
         fix={"b": 1 / 3},
         priors={"c_K": LogNormal(1.16, 0.03, 0.1), "gamma": HalfNormal(2 / 3)},
         prior_set="in-vivo",
@@ -200,8 +209,9 @@ def test_the_options_in_the_file_repeat_the_run(result, experiment, options):
         max_seconds=math.inf,
         processes=3,
     )
-    assert RunOptions.from_record(json.loads(json.dumps(special.record()))) == special
-    assert special.record().keys() == {field.name for field in dataclasses.fields(RunOptions)}
+    assert Request.from_record(json.loads(json.dumps(special.record()))) == special
+    names = {field.name for part in special for field in dataclasses.fields(part)}
+    assert special.record().keys() == names - {"decided"} | {"direction_decided"}
 
 
 # whether it is what the model says
@@ -527,7 +537,11 @@ def test_equal_seeds_equal_draws_whatever_the_processes(experiment):
     for name in ("gamma", "varsigma"):
         del fix[name]
     runs = {
-        key: sample(experiment, RunOptions(fix=fix, max_steps=30, processes=processes, seed=seed))
+        key: sample(
+            experiment,
+            ModelOptions(fix=fix, discretisation=Discretisation()),
+            RunOptions(max_steps=30, processes=processes, seed=seed),
+        )
         for key, processes, seed in (("one", 1, 5), ("two", 2, 5), ("other", 1, 6))
     }
     one, two = runs["one"].tree, runs["two"].tree
@@ -547,7 +561,7 @@ def test_one_participant_has_no_spread(experiment):
         participants=("P1",),
         **{name: getattr(ratings, name)[only] for name in ("participant", "fabric", "load", "rating", "rows")},
     )
-    posterior = posterior_of(experiment._replace(ratings=alone), RunOptions())
+    posterior = build(experiment._replace(ratings=alone), ModelOptions(discretisation=Discretisation())).posterior
     assert "tau" not in posterior.names
     assert posterior.space.held["tau"] == 0
 
@@ -555,16 +569,16 @@ def test_one_participant_has_no_spread(experiment):
 def test_ratings_that_have_no_logarithm_are_refused(experiment):
     negative = dataclasses.replace(experiment.ratings, rating=experiment.ratings.rating - 10)
     with pytest.raises(InputError, match="magnitude estimate above 0"):
-        sample(experiment._replace(ratings=negative), RunOptions())
+        sample(experiment._replace(ratings=negative), ModelOptions(discretisation=Discretisation()), RunOptions())
 
 
 def test_channel_multipliers_are_sampled_on_the_firing_surface(experiment):
-    free = posterior_of(experiment, RunOptions(fix={"tau": 0.5}))
+    free = build(experiment, ModelOptions(fix={"tau": 0.5}, discretisation=Discretisation())).posterior
     assert free.names[5:9] == ("c_Na", "c_K", "c_L", "c_A")
     theta = np.tile(free.space.median, (2, 1))
     theta[1, 6] *= 1.05
     value = free.log_likelihood(theta)
-    held = posterior_of(experiment, RunOptions(fix={**HELD, "tau": 0.5}))
+    held = build(experiment, ModelOptions(fix={**HELD, "tau": 0.5}, discretisation=Discretisation())).posterior
     assert value[0] == pytest.approx(float(held.log_likelihood(held.space.median)), abs=1e-4)
     assert abs(value[1] - value[0]) > 1e-2
     exact = dataclasses.replace(free, scene=free.scene.exact())
@@ -572,8 +586,9 @@ def test_channel_multipliers_are_sampled_on_the_firing_surface(experiment):
 
 
 def test_the_multipliers_of_hodgkin_and_huxley_are_sampled_but_for_the_current_it_lacks(experiment):
-    options = RunOptions(readings=MENDED.override({"membrane": "hodgkin-huxley"}), fix={"tau": 0.5})
-    free = posterior_of(experiment, options)
+    hodgkin_huxley = MENDED.override({"membrane": "hodgkin-huxley"})
+    options = ModelOptions(readings=hodgkin_huxley, fix={"tau": 0.5}, discretisation=scene.Discretisation())
+    free = build(experiment, options).posterior
     assert free.names[5:8] == ("c_Na", "c_K", "c_L")
     assert "c_A" in free.space.held
     theta = np.tile(free.space.median, (2, 1))
@@ -583,21 +598,27 @@ def test_the_multipliers_of_hodgkin_and_huxley_are_sampled_but_for_the_current_i
     exact = dataclasses.replace(free, scene=free.scene.exact())
     assert_allclose(exact.log_likelihood(theta), value, atol=1e-3)
     with pytest.raises(InputError, match="membrane printed, which is silent up to 38"):
-        posterior_of(experiment, RunOptions(readings=MENDED.override({"membrane": "printed"})))
+        build(
+            experiment, ModelOptions(readings=MENDED.override({"membrane": "printed"}), discretisation=Discretisation())
+        )
 
 
 @pytest.mark.slow
 def test_a_run_over_the_multipliers_of_hodgkin_and_huxley_converges(experiment):
-    found = sample(experiment, RunOptions(readings=MENDED.override({"membrane": "hodgkin-huxley"})))
+    found = sample(
+        experiment,
+        ModelOptions(readings=MENDED.override({"membrane": "hodgkin-huxley"}), discretisation=Discretisation()),
+        RunOptions(),
+    )
     assert found.attributes["converged"]
     assert found.attributes["exactness_sd"] < 0.05
 
 
 def test_multipliers_beyond_the_surface_and_noise_with_free_ones_are_refused(experiment):
     with pytest.raises(InputError, match="prior of c_K: halfnormal"):
-        posterior_of(experiment, RunOptions(priors={"c_K": HalfNormal(1.0)}))
+        build(experiment, ModelOptions(priors={"c_K": HalfNormal(1.0)}, discretisation=Discretisation()))
     with pytest.raises(InputError, match="fix c_Na, c_K, c_L, c_A"):
-        posterior_of(experiment, RunOptions(noise=1.0))
+        build(experiment, ModelOptions(noise=1.0, discretisation=Discretisation()))
 
 
 def test_the_result_says_whether_it_is_exact_enough(result):
@@ -614,13 +635,13 @@ def test_the_result_says_whether_it_is_exact_enough(result):
 
 def test_under_noise_the_result_says_what_rates_it_was_compared_with(experiment, options, result, monkeypatch):
     monkeypatch.setattr(fixed_channels, "noisy_curve", lambda noise, *curve: fixed_channels.exact_curve(*curve))
-    noisy = sample(experiment, dataclasses.replace(options, noise=1.0))
+    noisy = sample(experiment, *options, noise=1.0)
     assert "against the same noise-averaged firing rates and a finer quadrature" in noisy.attributes["exactness"]
     assert "against exact firing rates and a finer quadrature" in result.attributes["exactness"]
 
 
 def test_exact_weights_leave_an_exact_run_as_it_is(experiment, options, result):
-    weighted = sample(experiment, dataclasses.replace(options, exact_reweight=True))
+    weighted = sample(experiment, *options, exact_reweight=True)
     assert weighted.attributes["exact_reweight"] == 1
     table, plain = weighted.summary(), result.summary()
     assert (np.abs(table["mean"] - plain["mean"]) < 0.2 * plain["sd"]).all()

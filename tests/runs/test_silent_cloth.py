@@ -1,19 +1,21 @@
 """Cloth that hardly makes receptors fire under the default priors: it is sampled, and its silence is said."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
 from softness_bayes.checking.misfit import fit_of
 from softness_bayes.data import Experiment, Fabrics
-from softness_bayes.model.build import simulate_ratings, usual_values
+from softness_bayes.model.build import build
+from softness_bayes.model.options import ModelOptions
+from softness_bayes.model.scenes import usual_values
+from softness_bayes.model.simulation import simulate_ratings
 from softness_bayes.report.cards import cards
 from softness_bayes.report.findings import findings
-from softness_bayes.runs.run import RunOptions, posterior_of, sample
+from softness_bayes.runs.run import sample
 from softness_bayes.sampler.starts import find_optimum
 from softness_bayes.touch.contact import Indentation
 from softness_bayes.touch.readings import MENDED
+from softness_bayes.touch.scene import Discretisation
 from support.report_runs import OPTIONS, quickly
 
 REAL = np.array([1e3, 4e3, 1.2e4, 4e4, 1.1e5])
@@ -37,7 +39,7 @@ def experiment(modulus, depths, seed=0):
 
 @pytest.mark.parametrize("name", CLOTH)
 def test_walkers_find_a_place_to_start(name):
-    posterior = posterior_of(experiment(*CLOTH[name]), RunOptions())
+    posterior = build(experiment(*CLOTH[name]), ModelOptions(discretisation=Discretisation())).posterior
     plain = posterior.mean_rate(posterior.space.draw_prior(np.random.default_rng(0), 500))
     assert (plain == 0).mean() > 0.5
     z = posterior.draw_start(np.random.default_rng(1), 32)
@@ -52,7 +54,7 @@ def test_walkers_find_a_place_to_start(name):
 def test_a_run_says_how_silent_its_posterior_is(name, silent):
     modulus, depths = {**CLOTH, "stiff cloth": (np.geomspace(2e5, 8e5, 4), (3e-3,))}[name]
     with quickly():
-        result = sample(experiment(modulus, depths), replace(OPTIONS, max_steps=20))
+        result = sample(experiment(modulus, depths), **OPTIONS | {"max_steps": 20})
     fit = fit_of(result.tree)
     share = result.attributes["posterior_silent_conditions"]
     assert bool(fit.silence) is silent is (share > 0.5)

@@ -14,14 +14,16 @@ from softness_bayes.arviz_bridge import require_storable
 from softness_bayes.checkpoints.checkpoint import Checkpoint
 from softness_bayes.errors import InputError
 from softness_bayes.files.command_line import storable
-from softness_bayes.model.build import simulate_compression, usual_values
+from softness_bayes.model.build import build
+from softness_bayes.model.scenes import usual_values
+from softness_bayes.model.simulation import simulate_compression
 from softness_bayes.report.repeat import repetition
+from softness_bayes.results.request import Request
 from softness_bayes.results.result import Result
 from softness_bayes.runs import plate as skin
 from softness_bayes.runs import run
-from softness_bayes.runs.from_result import options_of
 from softness_bayes.runs.plate import sample_skin
-from softness_bayes.runs.run import RunOptions, posterior_of, requested, sample
+from softness_bayes.runs.run import requested, sample
 from softness_bayes.sampler.serial import as_json
 from softness_bayes.touch.readings import MENDED
 from support.paths import DATA
@@ -62,9 +64,9 @@ def test_a_shell_takes_a_command_again_whatever_its_bytes():
 def test_a_run_of_a_large_seed_is_stored_and_repeated(tmp_path):
     command = shlex.join(["softness-bayes", "sample", "--data", FOREIGN])
     with quickly():
-        sample(experiment(), replace(OPTIONS, seed=LARGE, max_steps=4, command=command)).save(tmp_path)
+        sample(experiment(), **OPTIONS | {"seed": LARGE, "max_steps": 4, "command": command}).save(tmp_path)
     result = Result.load(tmp_path)
-    assert options_of(result).seed == int(result.attributes["seed"]) == LARGE
+    assert Request.of(result).run.seed == int(result.attributes["seed"]) == LARGE
     assert result.attributes["command"] == storable(command)
     (again,) = repetition(result).commands
     assert f"--seed {LARGE}" in again
@@ -74,10 +76,11 @@ def test_a_run_of_a_large_seed_is_stored_and_repeated(tmp_path):
 
 def test_a_seed_is_stored_as_a_number_while_it_is_one_of_64_bits():
     with quickly():
-        density = posterior_of(experiment(), OPTIONS)
+        asked = Request().with_options(**OPTIONS)
+        density = build(experiment(), asked.model).posterior
     for seed in (3, np.int64(3), 2**63 - 1):
-        assert requested(density, replace(OPTIONS, seed=seed))["seed"] is seed
-    assert requested(density, replace(OPTIONS, seed=2**63))["seed"] == str(2**63)
+        assert requested(density, asked.with_options(seed=seed))["seed"] is seed
+    assert requested(density, asked.with_options(seed=2**63))["seed"] == str(2**63)
 
 
 def test_nothing_is_computed_or_left_of_a_run_that_could_not_be_stored(tmp_path, monkeypatch):
@@ -95,17 +98,17 @@ def test_nothing_is_computed_or_left_of_a_run_that_could_not_be_stored(tmp_path,
         r"participant 'A\\x00'": (data._replace(ratings=named), OPTIONS),
         r"fabric 'A\\x00'": (data._replace(ratings=fabrics), OPTIONS),
         r"finger 'A\\x00'": (data._replace(compression=fingers), OPTIONS),
-        r"command 'a\\x00b'": (data, replace(OPTIONS, command="a\0b")),
-        "options of the run: 'max_steps'": (data, replace(OPTIONS, max_steps=1j)),
+        r"command 'a\\x00b'": (data, OPTIONS | {"command": "a\0b"}),
+        "options of the run: 'max_steps'": (data, OPTIONS | {"max_steps": 1j}),
     }
     for said, (asked, options) in cases.items():
         with quickly(), pytest.raises(InputError, match=said):
-            sample(asked, options)
+            sample(asked, **options)
     with pytest.raises(InputError, match=r"finger 'A\\x00'"):
-        sample_skin(fingers, RunOptions())
+        sample_skin(fingers)
     # negative control: what is well walks
     with quickly(), pytest.raises(AssertionError, match="walked"):
-        sample(data, OPTIONS)
+        sample(data, **OPTIONS)
     kept = Checkpoint.create(tmp_path / "out", request={"files": {1, 2}})
     with kept, pytest.raises(InputError, match="request: 'files'"):
         kept.begin({"model": "any"})

@@ -5,9 +5,11 @@ import pytest
 from scipy.stats import multivariate_t
 
 from softness_bayes.data import Experiment
-from softness_bayes.model.build import simulate_ratings, usual_values
+from softness_bayes.model.build import build
+from softness_bayes.model.options import ModelOptions
+from softness_bayes.model.scenes import usual_values
+from softness_bayes.model.simulation import simulate_ratings
 from softness_bayes.runs.calibrate import CalibrationScene
-from softness_bayes.runs.run import RunOptions, posterior_of
 from softness_bayes.sampler.sampling import Settings, sample_until
 from softness_bayes.touch.readings import MENDED
 from softness_bayes.touch.scene import Discretisation
@@ -89,9 +91,9 @@ def default():
     scene, rng = CalibrationScene(), np.random.default_rng(20261121)
     values = usual_values(MENDED, given={"alpha": 21.5})
     made = simulate_ratings(rng, scene.fabrics, scene.loads, values, participants=scene.participants)
-    posterior = posterior_of(
-        Experiment(made.ratings, scene.fabrics, ()), RunOptions(discretisation=Discretisation(8, 9.0, 1e-5))
-    )
+    posterior = build(
+        Experiment(made.ratings, scene.fabrics, ()), ModelOptions(discretisation=Discretisation(8, 9.0, 1e-5))
+    ).posterior
     return posterior, ensembles(posterior, 4)
 
 

@@ -12,12 +12,13 @@ import pytest
 
 from softness_bayes.data import Experiment, Fabrics
 from softness_bayes.likelihood.scales import STANDARDISED
-from softness_bayes.model import build as study
-from softness_bayes.model.build import simulate_compression, simulate_ratings, usual_values
+from softness_bayes.model import scenes
+from softness_bayes.model.scenes import usual_values
+from softness_bayes.model.simulation import simulate_compression, simulate_ratings
+from softness_bayes.results import request
 from softness_bayes.results.result import Result
-from softness_bayes.runs import run
-from softness_bayes.runs.plate import WIDE, sample_skin
-from softness_bayes.runs.run import RunOptions, sample
+from softness_bayes.runs.plate import sample_skin
+from softness_bayes.runs.run import sample
 from softness_bayes.sampler.sampling import Settings
 from softness_bayes.touch.contact import Force, Indentation
 from softness_bayes.touch.neuron import fixed_channels
@@ -33,7 +34,9 @@ LOADS = (Indentation(2e-3), Force(1.5))
 HELD = {"m": 2.0, "beta": 0.6, "tau": 0.5, "eps": 0.1, **PAPER_CHANNELS._asdict()}
 COARSE = Discretisation(8, 9.0, 1e-4)
 TYPED = "softness-bayes sample --data 'my ratings.csv' --out results --seed 3"
-OPTIONS = RunOptions(fix=HELD, max_steps=40, processes=1, seed=3, command=TYPED, discretisation=COARSE)
+OPTIONS = {
+    "fix": HELD, "max_steps": 40, "processes": 1, "seed": 3, "command": TYPED, "discretisation": COARSE,
+}  # fmt: skip
 
 
 @contextmanager
@@ -43,11 +46,11 @@ def quickly() -> Iterator[None]:
         np.array(18.0), np.array(0.0), np.array([14.0, 4.0, -0.8, 0.3]), 60.0, CurveError(0.01, 1e-5, 1e-4)
     )
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(run, "Settings", functools.partial(Settings, pilot=(20,), optima=1))
+        patch.setattr(request, "Settings", functools.partial(Settings, pilot=(20,), optima=1))
         patch.setattr(fixed_channels, "exact_curve", lambda *_: curve)
-        study.curve_of_held.cache_clear()  # no curve of the membrane itself, nor this one for whoever comes after
+        scenes.curve_of_held.cache_clear()  # no curve of the membrane itself, nor this one for whoever comes after
         yield
-        study.curve_of_held.cache_clear()
+        scenes.curve_of_held.cache_clear()
 
 
 def experiment(standardised: bool = False) -> Experiment:
@@ -62,14 +65,14 @@ def experiment(standardised: bool = False) -> Experiment:
 def ratings_run() -> Result:
     """Return a run on ratings that is far from converged."""
     with quickly():
-        return sample(experiment(), OPTIONS)
+        return sample(experiment(), **OPTIONS)
 
 
 def z_score_run() -> Result:
     """Return a run on z-scores."""
     held = {name: value for name, value in HELD.items() if name not in ("tau", "eps")}
     with quickly():
-        return sample(experiment(standardised=True), replace(OPTIONS, fix=held, scale=STANDARDISED))
+        return sample(experiment(standardised=True), **OPTIONS | {"fix": held, "scale": STANDARDISED})
 
 
 def skin_run() -> Result:
@@ -77,7 +80,7 @@ def skin_run() -> Result:
     rng = np.random.default_rng(4)
     made = simulate_compression(rng, usual_values(MENDED, n_fingers=4), fingers=4)
     with quickly():
-        return sample_skin(made.compression, replace(WIDE, max_steps=40, processes=1, seed=3))
+        return sample_skin(made.compression, max_steps=40, processes=1, seed=3)
 
 
 RUNS = {"ratings": ratings_run, "z-scores": z_score_run, "skin": skin_run}

@@ -8,11 +8,13 @@ import pytest
 
 from softness_bayes.data import read_experiment
 from softness_bayes.errors import InputError
-from softness_bayes.model.build import firing_of, touch_parameters, usual_values
+from softness_bayes.model import resolution
+from softness_bayes.model.build import build
+from softness_bayes.model.cost import ladder, left_out
+from softness_bayes.model.options import ModelOptions
+from softness_bayes.model.resolution import given_draws, prior_draws, scene_with_accuracy
+from softness_bayes.model.scenes import firing_of, touch_parameters, usual_values
 from softness_bayes.parameters.choice import parameter_space
-from softness_bayes.runs import plan
-from softness_bayes.runs.plan import given_draws, ladder, left_out, prior_draws, scene_with_accuracy, with_accuracy
-from softness_bayes.runs.run import RunOptions, posterior_of
 from softness_bayes.touch.accuracy import Errors, choose, errors, references, sampled_rates, thinned
 from softness_bayes.touch.contact import Force, Indentation
 from softness_bayes.touch.firing_sample import FiringSample
@@ -164,15 +166,17 @@ def test_equal_conditions_are_evaluated_once(scenes):
 
 def test_a_run_takes_the_choice_with_it_and_a_record_brings_it_back():
     experiment = read_experiment(RATINGS)
-    options, choice = with_accuracy(lambda asked: posterior_of(experiment, asked), RunOptions(fix=HELD), 1e-2)
+    model = build(experiment, ModelOptions(fix=HELD, accuracy=1e-2))
+    options, choice = model.options, model.resolution
     assert options.discretisation == choice.discretisation != Discretisation()
-    assert options.accuracy == 1e-2
-    assert RunOptions.from_record(options.record()) == options
-    posterior = posterior_of(experiment, options)
-    assert posterior.scene.discretisation == choice.discretisation
-    assert any("stress fields" in reason for reason in left_out(posterior))
-    assert any("one rate curve" in reason for reason in left_out(posterior))
-    settings = ladder(choice, prior_draws(posterior.space, 32))
+    assert options.accuracy == options.kept_accuracy == 1e-2
+    assert ModelOptions.from_record(options.record()) == options
+    again = build(experiment, options)
+    assert model.scene.discretisation == again.scene.discretisation == choice.discretisation
+    assert again.resolution is None
+    assert any("stress fields" in reason for reason in left_out(model))
+    assert any("one rate curve" in reason for reason in left_out(model))
+    settings = ladder(choice, prior_draws(model.posterior.space, 32))
     assert {setting.stage for setting in settings} == {"population", "field"}
     assert sum(setting.chosen for setting in settings) == 2
     assert all(setting.seconds > 0 for setting in settings)
@@ -194,7 +198,7 @@ def test_where_a_bound_on_every_rate_is_too_much_two_curves_are_compared(scenes,
     values = usual_values(MENDED)
     draws = given_draws(values, touch_parameters(values))
     poor = Errors(np.array(0.5), np.array(0.5))
-    monkeypatch.setattr(plan, "held_rates", lambda scene: poor)
+    monkeypatch.setattr(resolution, "held_rates", lambda scene: poor)
     _, choice = scene_with_accuracy(scenes, draws, 1e-3)
     assert choice.firing.largest == 0.0
 

@@ -8,6 +8,7 @@ import json
 import math
 import os
 from dataclasses import dataclass, replace
+from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
@@ -37,15 +38,17 @@ from softness_bayes.errors import InputError, LockedError
 from softness_bayes.files.lock import Lock
 from softness_bayes.likelihood.directions import INVERSE
 from softness_bayes.likelihood.magnitude import LogRatings, RatingModel
+from softness_bayes.model.options import ModelOptions
 from softness_bayes.parameters.declared import PARAMETERS
 from softness_bayes.plotting.calibration import rank_ecdf_figure
+from softness_bayes.results.request import Request, RunOptions
 from softness_bayes.runs.calibrate import LONG, Calibrated, CalibrationScene, calibrate, finished
-from softness_bayes.runs.run import RunOptions
 from softness_bayes.sampler.chains import Chains
 from softness_bayes.sampler.diagnostics import Goal, look
 from softness_bayes.sampler.sampling import Sampled, Settings
 from softness_bayes.sampler.workers import Workers
 from softness_bayes.touch.neuron.membrane import PAPER_CHANNELS
+from softness_bayes.touch.scene import Discretisation
 from support.fake_scene import fake_posterior
 from support.paths import ROOT
 
@@ -295,7 +298,7 @@ def test_many_fits_of_the_fake_scene():
 def pool():
     """All that is ranked at prior draws of a small scene, of which some turn over and some do not."""
     small = CalibrationScene(Fabrics(tuple("abcd"), effective_modulus=np.geomspace(5e3, 1e6, 4)), participants=3)
-    posterior = small.posterior(RunOptions(fix=PAPER_CHANNELS._asdict()))
+    posterior = small.model(ModelOptions(fix=PAPER_CHANNELS._asdict(), discretisation=Discretisation())).posterior
     rng = np.random.default_rng(5)
     theta = posterior.space.draw_prior(rng, 1500)
     parameters, rate = posterior.rating_parameters(theta), posterior.mean_rate(theta)
@@ -350,8 +353,8 @@ def test_the_probability_of_a_turn_is_held_against_turns(rng, wrong):
 
 @dataclass(frozen=True)
 class FakeCalibration(CalibrationScene):
-    def posterior(self, options):
-        return fake_posterior(fix=CHAIN | {"tau": 0.5, "varsigma": 0.3})
+    def model(self, options):
+        return SimpleNamespace(options=options, posterior=fake_posterior(fix=CHAIN | {"tau": 0.5, "varsigma": 0.3}))
 
 
 BRIEF = replace(QUICK, pilot=(10,), round_steps=10, max_steps=30)
@@ -360,7 +363,12 @@ BRIEF = replace(QUICK, pilot=(10,), round_steps=10, max_steps=30)
 def run(directory, count, scene=FakeCalibration(), settings=BRIEF, **options):
     finished = []
     done = calibrate(
-        scene, RunOptions(**{"processes": 1, **options}), count, directory, lambda n, one: finished.append(n), settings
+        scene,
+        *Request().with_options(**{"processes": 1, **options}),
+        count,
+        directory,
+        lambda n, one: finished.append(n),
+        settings,
     )
     return done, finished
 
@@ -453,17 +461,17 @@ def test_replicates_that_ran_longer_or_did_not_converge_are_counted_and_kept():
 
 def test_what_is_finished_can_be_judged_and_the_rest_is_named(tmp_path):
     with pytest.raises(InputError, match="no replicate of a calibration is finished there"):
-        finished(FakeCalibration(), RunOptions(processes=1), 2, tmp_path / "none", BRIEF)
+        finished(FakeCalibration(), ModelOptions(), RunOptions(processes=1), 2, tmp_path / "none", BRIEF)
     done, _ = run(tmp_path / "a", 2)
     (tmp_path / "a" / "replicates" / "00000.json").unlink()
-    found = finished(FakeCalibration(), RunOptions(processes=1), 3, tmp_path / "a", BRIEF)
+    found = finished(FakeCalibration(), ModelOptions(), RunOptions(processes=1), 3, tmp_path / "a", BRIEF)
     assert found.replicates == {1: done.replicates[1]}
     assert found.unfinished == (0, 2)
     assert "Not decided: 1 of 3 replicates (0 ran longer than 2000 steps, 1 did not converge; unfinished: 0, 2)" in (
         found.sentence()
     )
     with pytest.raises(InputError, match="seed was 0 and is now 1"):
-        finished(FakeCalibration(), RunOptions(processes=1, seed=1), 3, tmp_path / "a", BRIEF)
+        finished(FakeCalibration(), ModelOptions(), RunOptions(processes=1, seed=1), 3, tmp_path / "a", BRIEF)
     # the slowest are not like the rest: without them nothing is called calibrated
     assert not replace(Calibrated({k: made_up(k) for k in range(100)}), unfinished=(100,)).passed
 

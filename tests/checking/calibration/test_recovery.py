@@ -16,14 +16,17 @@ from numpy.typing import NDArray
 from softness_bayes.data import Experiment, Fabrics
 from softness_bayes.likelihood.directions import INVERSE
 from softness_bayes.likelihood.magnitude import LogRatings, RatingModel
-from softness_bayes.model.build import simulate_ratings, usual_values
+from softness_bayes.model.build import build
+from softness_bayes.model.options import ModelOptions
 from softness_bayes.model.posterior import LEAST_FIRING, Posterior
-from softness_bayes.runs.run import RunOptions, posterior_of
+from softness_bayes.model.scenes import usual_values
+from softness_bayes.model.simulation import simulate_ratings
 from softness_bayes.sampler.sampling import sample_until
 from softness_bayes.sampler.workers import Workers
 from softness_bayes.touch.contact import Indentation
 from softness_bayes.touch.neuron.membrane import PAPER_CHANNELS
 from softness_bayes.touch.readings import MENDED
+from softness_bayes.touch.scene import Discretisation
 from support.coverage import BRIEF, ENOUGH, MASS, REPLICATES, Case, coverage_holds, covered
 
 SEED = 20261121
@@ -91,7 +94,10 @@ def replicate(posterior: Posterior, case: Case, seed: int) -> Replicate:
 def fit(case: Case, replicates: int, processes: int) -> list[Replicate]:
     """Fit the first replicates, side by side."""
     anyone = simulate_ratings(np.random.default_rng(0), CLOTH, LOADS, usual_values(MENDED), participants=PARTICIPANTS)
-    posterior = posterior_of(Experiment(anyone.ratings, CLOTH, ()), RunOptions(fix=PAPER_CHANNELS._asdict()))
+    posterior = build(
+        Experiment(anyone.ratings, CLOTH, ()),
+        ModelOptions(fix=PAPER_CHANNELS._asdict(), discretisation=Discretisation()),
+    ).posterior
     with Workers(posterior, processes) as workers:
         return workers.map(replicate, [(case, seed) for seed in range(replicates)])
 

@@ -1,0 +1,79 @@
+"""Errors and cost of every resolution of a model, and computations that are saved."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from softness_bayes.model.build import Model
+from softness_bayes.model.resolution import Draws, first
+from softness_bayes.touch.accuracy import QUADRATURES, TOLERANCES, Choice, Errors, errors, thinned
+from softness_bayes.touch.neuron.fixed_channels import FixedChannels
+from softness_bayes.touch.parameters import TouchParameters
+from softness_bayes.touch.scene import Discretisation, Scene
+
+BATCH, REPEATS = 64, 12
+"""Parameter vectors in a timed call, and number of calls, of which the fastest counts."""
+
+
+class Setting(NamedTuple):
+    """One setting of one stage, the other stage as chosen: its errors and what a parameter vector costs."""
+
+    stage: str
+    discretisation: Discretisation
+    errors: Errors
+    seconds: float
+    """For each parameter vector."""
+    chosen: bool
+
+
+def ladder(choice: Choice, draws: Draws) -> tuple[Setting, ...]:
+    """Measure errors and cost of every possible setting."""
+    scene, chosen = choice.reference, choice.discretisation
+    few = thinned(scene)
+    exact = few.total_rate(draws.parameters)
+    finest = scene.discretisation.field_tolerance
+    every = [("population", replace(chosen, nodes=n, saturation=s)) for n, s in QUADRATURES]
+    every += [("field", replace(chosen, field_tolerance=t)) for t in TOLERANCES if t >= finest]
+    found = []
+    for stage, d in every:
+        error = errors(few.coarser(d).total_rate(draws.parameters), exact, few.n_receptors, draws.eps).worst()
+        floor = Errors(*np.full((2,), few.field_error))
+        found.append(Setting(stage, d, error.plus(floor), seconds(scene.coarser(d), draws.parameters), d == chosen))
+    return tuple(found)
+
+
+def seconds(scene: Scene, parameters: TouchParameters, batch: int = BATCH, repeats: int = REPEATS) -> float:
+    """Return the time [s] that a scene takes for each parameter vector of a batch, on one core."""
+    from threadpoolctl import threadpool_limits
+
+    some = first(parameters, batch)
+    taken = []
+    with threadpool_limits(1):
+        for _ in range(repeats):
+            begun = time.perf_counter()
+            scene.total_rate(some)
+            taken.append(time.perf_counter() - begun)
+    return min(taken) / np.size(some.alpha)
+
+
+def left_out(model: Model) -> tuple[str, ...]:
+    """Return the computations that a model's evaluation saves, with the reasons."""
+    scene, held = model.scene, model.posterior.space.held
+    n, loads = scene.n_conditions, np.unique(scene.load).size
+    said = [
+        "receptors that do not fire: the integral runs from the peak of the stress to where firing starts, and ends "
+        "where the sigmoid has saturated",
+        f"{n - loads} of {n} stress fields: conditions under one load differ in E_star alone, so that one table over "
+        f"E_star serves each of {loads} loads",
+    ]
+    if scene.n_repeated:
+        said.append(f"{scene.n_repeated} of {n} conditions: their fabrics are others' equals under the same load")
+    if isinstance(scene.firing, FixedChannels):
+        said.append("c_Na, c_K, c_L, c_A: held, so that all parameter vectors share one rate curve")
+    if all(name in held for name in TouchParameters._fields):
+        said.append("the chain itself: all its parameters are held, so that there is one response for all vectors")
+    return tuple(said)

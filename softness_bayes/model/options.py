@@ -1,0 +1,114 @@
+"""What the model of an experiment is, beyond its data."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field, replace
+from typing import Any, Self
+
+from softness_bayes.defaults import ACCURACY, NOISE, PRIOR_SET
+from softness_bayes.likelihood.directions import RatingDirection, direction_named
+from softness_bayes.likelihood.scales import MAGNITUDE, RATING_SCALES, Scale
+from softness_bayes.parameters.priors import Prior, parse_prior
+from softness_bayes.touch.readings import MENDED, Readings
+from softness_bayes.touch.scene import Discretisation
+
+
+@dataclass(frozen=True)
+class ModelOptions:
+    """The choices that make a model of an experiment.
+
+    Two of them, the direction of the ratings and the discretisation, may be left open; `build` then decides them, and
+    the options of the model that it returns have them filled in.
+
+    Parameters
+    ----------
+    fix, priors, prior_set
+        Held parameters, priors of single parameters and the named set of priors, as `parameter_space` takes them.
+    readings, scale
+        Readings of the chain and of the scale of the ratings.
+    direction
+        Whether ratings rise or fall with the response; None for the direction that the data show.
+    noise
+        Strength of the membranes' white current [µA/cm² sqrt(ms)]; needs fixed channel multipliers.
+    accuracy
+        Bound of the response's numerical error, relative to its peak and in log(N/N_ref + eps): the cheapest
+        discretisation that keeps to it over draws of the prior is chosen. Not used if a discretisation is given.
+    discretisation
+        Resolution of the scene; None for one that keeps to the accuracy.
+    decided
+        Names of the options ("direction", "discretisation") that were decided and not asked for, for the record.
+    """
+
+    fix: Mapping[str, float] = field(default_factory=dict)
+    priors: Mapping[str, Prior] = field(default_factory=dict)
+    prior_set: str = PRIOR_SET
+    readings: Readings = MENDED
+    direction: RatingDirection | None = None
+    scale: Scale = MAGNITUDE
+    noise: float = NOISE
+    accuracy: float = ACCURACY
+    discretisation: Discretisation | None = None
+    decided: frozenset[str] = frozenset()
+
+    def decide(self, **found: Any) -> Self:
+        """Return the options with some that were open decided, by name."""
+        return replace(self, **found, decided=self.decided | found.keys())
+
+    @property
+    def kept_accuracy(self) -> float | None:
+        """The accuracy that the discretisation keeps to; None if the discretisation was given."""
+        given = self.discretisation is not None and "discretisation" not in self.decided
+        return None if given else self.accuracy
+
+    def record(self) -> dict[str, Any]:
+        """Return these options as JSON holds them; `from_record` is the inverse."""
+        return {
+            "fix": dict(self.fix),
+            "priors": {name: str(prior) for name, prior in self.priors.items()},
+            "prior_set": self.prior_set,
+            "readings": self.readings.names,
+            "direction": None if self.direction is None else self.direction.name,
+            "direction_decided": "direction" in self.decided,
+            "scale": self.scale.name,
+            "noise": self.noise,
+            "accuracy": self.kept_accuracy,
+            "discretisation": None if self.discretisation is None else asdict(self.discretisation),
+        }
+
+    @classmethod
+    def from_record(cls, record: Mapping[str, Any]) -> Self:
+        """Return the options that `record` made this from.
+
+        Raises
+        ------
+        AttributeError, KeyError, TypeError, InputError
+            If an option is missing, or not known to this version.
+        """
+        accuracy, discretisation = record["accuracy"], record["discretisation"]
+        decided = {
+            "direction": record["direction_decided"],
+            "discretisation": discretisation is not None and accuracy is not None,
+        }
+        return cls(
+            fix=record["fix"],
+            priors={name: parse_prior(text) for name, text in record["priors"].items()},
+            prior_set=record["prior_set"],
+            readings=Readings().override(record["readings"]),
+            direction=None if record["direction"] is None else direction_named(record["direction"]),
+            scale=RATING_SCALES[record["scale"]],
+            noise=record["noise"],
+            accuracy=ACCURACY if accuracy is None else accuracy,
+            discretisation=None if discretisation is None else Discretisation(**discretisation),
+            decided=frozenset(name for name, so in decided.items() if so),
+        )
+
+    def choices(self) -> dict[str, str]:
+        """Return the choices that decide the draws beside data and parameters, by name."""
+        return {
+            **{f"reading of {place}": name for place, name in self.readings.names.items()},
+            "direction": "of the data" if self.direction is None else self.direction.name,
+            "scale of the ratings": self.scale.name,
+            "noise": str(self.noise),
+            "discretisation": str(self.discretisation),
+        }

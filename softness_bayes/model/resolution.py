@@ -1,0 +1,142 @@
+"""The resolution of a scene, chosen for an accuracy: prior draws, and the errors measured at them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from softness_bayes.parameters.declared import PARAMETERS
+from softness_bayes.parameters.space import ParameterSpace
+from softness_bayes.ranges import ACCURACIES
+from softness_bayes.touch.accuracy import (
+    COARSEST,
+    RATES_SHARE,
+    Choice,
+    Errors,
+    choose,
+    errors,
+    held_rates,
+    references,
+    sampled_rates,
+    thinned,
+)
+from softness_bayes.touch.firing_sample import FiringSample
+from softness_bayes.touch.neuron.membrane import Channels
+from softness_bayes.touch.neuron.surface import FiringSurface
+from softness_bayes.touch.parameters import TouchParameters
+from softness_bayes.touch.scene import Discretisation, Scene
+
+Array = NDArray[np.float64]
+
+DRAWS = 256
+"""Prior draws at which errors are measured; the same for every seed of a run."""
+
+EXACT_DRAWS = 16
+"""Those of them whose exact rate curves are made where none are kept, which takes a second or two."""
+
+
+class Draws(NamedTuple):
+    """Parameter vectors that errors are measured at, and how the rates of each one are known exactly."""
+
+    parameters: TouchParameters
+    """Shape (vectors,)."""
+    eps: float | None
+    """What is added to N/N_ref in the logarithm [Hz], the median where it varies; None where there is no logarithm."""
+    usual_channels: bool
+    """Whether all channel multipliers vary, under the priors that they have unless others are asked for."""
+
+    def firing(self, scene: Scene) -> Errors:
+        """Return the error of a scene's firing-rate surface."""
+        assert isinstance(scene.firing, FiringSurface)
+        kept = FiringSample.load(scene.firing.design.membrane) if self.usual_channels else None
+        if kept is not None:
+            return sampled_rates(scene, kept, kept.put_into(self.parameters), self.eps)
+        return sampled_rates(scene, scene.firing.exact(), first(self.parameters, EXACT_DRAWS), self.eps)
+
+
+def prior_draws(space: ParameterSpace, size: int = DRAWS, seed: int = 0) -> Draws:
+    """Return draws of a prior, the same for every run."""
+    parameters = space.touch(space.draw_prior(np.random.default_rng(seed), size))
+    values = space.values(space.median)
+    priors = {p.name: p.prior for p in space.sampled}
+    usual = all(priors.get(name) == PARAMETERS[name].prior for name in Channels._fields)
+    eps = values.get("eps")
+    whole = TouchParameters(*(np.broadcast_to(value, (size,)) for value in parameters))
+    return Draws(whole, None if eps is None else float(eps), usual)
+
+
+def given_draws(values: Mapping[str, ArrayLike], parameters: TouchParameters) -> Draws:
+    """Return the parameter vectors of a command that evaluates only these."""
+    shape = np.broadcast_shapes(*(np.shape(v) for v in parameters), (1,))
+    eps = float(np.median(np.asarray(values["eps"], float))) if "eps" in values else None
+    whole = TouchParameters(*(np.broadcast_to(v, shape) for v in parameters))
+    return Draws(first(whole, min(DRAWS, shape[0])), eps, False)
+
+
+def resolution_for(compiled: Callable[[Discretisation], Scene], draws: Draws, accuracy: float) -> Choice:
+    """Return the cheapest discretisation of a scene that keeps to an accuracy, and how it was chosen.
+
+    Parameters
+    ----------
+    compiled
+        Makes the scene in a discretisation.
+    draws
+        Parameter vectors to measure errors at.
+    accuracy
+        Bound of the response's error, relative to its peak and in log(N/N_ref + eps).
+
+    Raises
+    ------
+    InputError
+        If the scene cannot reach it.
+    """
+    return _chosen(compiled, draws, accuracy, accuracy)
+
+
+def scene_with_accuracy(
+    compiled: Callable[[Discretisation], Scene], draws: Draws, accuracy: float, least: Discretisation = Discretisation()
+) -> tuple[Scene, Choice]:
+    """Return the scene of given parameter vectors, no coarser than `least`, and how its discretisation was chosen.
+
+    What is evaluated once saves nothing by being coarse.
+
+    Raises
+    ------
+    InputError
+        If the scene cannot reach the accuracy.
+    """
+    choice = _chosen(compiled, draws, accuracy, min(accuracy, 1e2 * least.field_tolerance), least)
+    return compiled(choice.discretisation), choice
+
+
+def _chosen(
+    compiled: Callable[[Discretisation], Scene],
+    draws: Draws,
+    accuracy: float,
+    reference: float,
+    least: Discretisation = COARSEST,
+) -> Choice:
+    """Choose among settings of a scene that is compiled for the accuracy `reference`."""
+    ACCURACIES.require("accuracy", accuracy)
+    scenes: list[Scene] = []
+    for setting in references(reference):
+        scenes.append(compiled(setting))
+        rates = held_rates(scenes[-1])
+        if enough := rates.largest <= RATES_SHARE * accuracy:
+            break
+    scene = scenes[-1]
+    if isinstance(scene.firing, FiringSurface):
+        rates = draws.firing(scene)
+    elif not enough:
+        # the bound holds at every rate, also at those that hardly count: what two curves differ by counts
+        one, other = (thinned(s).total_rate(draws.parameters) for s in scenes)
+        rates = errors(one, other, scene.n_receptors, draws.eps).worst()
+    return choose(scene, draws.parameters, accuracy, draws.eps, rates, least)
+
+
+def first(parameters: TouchParameters, size: int) -> TouchParameters:
+    """Return so many parameter vectors: the first ones, again and again if there are too few."""
+    return TouchParameters(*(np.resize(value, (size,)) for value in parameters))

@@ -1,0 +1,140 @@
+"""Scenes of named parameters: values in natural units, the rate curves of the channels, and fabrics under loads."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from softness_bayes.data import Fabrics
+from softness_bayes.errors import InputError
+from softness_bayes.parameters.choice import parameter_space
+from softness_bayes.parameters.declared import PARAMETERS
+from softness_bayes.touch.contact import Load
+from softness_bayes.touch.neuron.fixed_channels import Firing, FixedChannels
+from softness_bayes.touch.neuron.membrane import Channels, Membrane
+from softness_bayes.touch.neuron.surface import FiringSurface
+from softness_bayes.touch.parameters import TouchParameters
+from softness_bayes.touch.readings import Readings
+from softness_bayes.touch.scene import Discretisation, Scene
+
+
+def touch_parameters(values: Mapping[str, ArrayLike]) -> TouchParameters:
+    """Convert named values in natural units to what a `Scene` takes, in SI.
+
+    Parameters
+    ----------
+    values
+        Name -> number or array of one batch shape; names that the chain does not have are left out.
+    """
+    return TouchParameters(*(np.asarray(values[name], float) * PARAMETERS[name].si for name in TouchParameters._fields))
+
+
+def usual_values(
+    readings: Readings,
+    prior_set: str = "default",
+    given: Mapping[str, float] | None = None,
+    n_fingers: int | None = None,
+) -> dict[str, float]:
+    """Return every parameter's value: those given, else the medians of their priors, in natural units.
+
+    With a number of fingers the parameters of compression data are among them.
+
+    Raises
+    ------
+    InputError
+        If a given name is unknown or its value not one that the parameter can take.
+    """
+    space = parameter_space(
+        fix=given,
+        prior_set=prior_set,
+        skin_displacement=readings.skin_displacement,
+        n_fingers=n_fingers,
+        membrane=readings.membrane,
+    )
+    return {name: float(value) for name, value in space.values(space.median).items()}
+
+
+@lru_cache(maxsize=8)
+def curve_of_held(channels: Channels, membrane: Membrane, noise: float, nodes: int) -> FixedChannels:
+    """Return the curve of held channels, which takes a second: a run and the choice of its accuracy share one."""
+    return FixedChannels(channels, membrane, noise=noise, nodes=nodes)
+
+
+def firing_of(
+    values: Mapping[str, ArrayLike],
+    membrane: Membrane,
+    noise: float = 0.0,
+    nodes: int = Discretisation().rate_nodes,
+) -> Firing:
+    """Return the rate curve of the channel multipliers in `values`, or the surface where one is missing or varies.
+
+    Parameters
+    ----------
+    values
+        Named parameters.
+    membrane
+        Reading of the membrane.
+    noise
+        Strength of the white current [µA/cm² sqrt(ms)] over which the rate curve is averaged.
+    nodes
+        Exact rates that the curve of held channels goes through.
+
+    Raises
+    ------
+    InputError
+        If a multiplier varies and no surface is kept for the membrane, or there is noise.
+    """
+    varying = [name for name in Channels._fields if np.ndim(values.get(name, [])) > 0]
+    if varying and noise:
+        raise InputError(
+            f"noise needs fixed channel multipliers, for which the noise-averaged rate is simulated once: "
+            f"fix {', '.join(varying)}"
+        )
+    if varying:
+        return FiringSurface.load(membrane)
+    channels = Channels(*(float(np.asarray(values[name])) for name in Channels._fields))
+    return curve_of_held(channels, membrane, noise, nodes)
+
+
+def scene_of(
+    fabrics: Fabrics,
+    loads: tuple[Load, ...],
+    values: Mapping[str, ArrayLike],
+    readings: Readings,
+    fabric: ArrayLike | None = None,
+    load: ArrayLike | None = None,
+    discretisation: Discretisation = Discretisation(),
+    noise: float = 0.0,
+) -> Scene:
+    """Compile the scene of some fabrics under some loads.
+
+    Parameters
+    ----------
+    fabrics, loads
+        What is touched, and how.
+    values
+        Named parameters that do not vary; with all channel multipliers among them, these are fixed in the scene.
+    readings
+        Readings of the model.
+    fabric, load
+        Indices of the conditions; left out, all pairs.
+    discretisation
+        Resolution.
+    noise
+        Strength of the membrane's white current, as `firing_of` takes it.
+    """
+    modulus = fabrics.modulus(readings.fabric_modulus)
+    firing = firing_of(values, readings.membrane, noise, discretisation.rate_nodes)
+    return Scene(
+        modulus,
+        fabrics.poisson_ratio,
+        loads,
+        firing,
+        fabric,
+        load,
+        readings=readings,
+        discretisation=discretisation,
+    )

@@ -1,0 +1,182 @@
+"""Simulated ratings and forces of stated parameters."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from softness_bayes.data import Compression, Fabrics, Ratings
+from softness_bayes.errors import InputError
+from softness_bayes.likelihood.contract import NO_RESPONSE
+from softness_bayes.likelihood.design import Design
+from softness_bayes.likelihood.directions import RISES, RatingDirection
+from softness_bayes.likelihood.models import rating_model
+from softness_bayes.likelihood.plate import CompressionForces, SkinParameters
+from softness_bayes.likelihood.ratings import RatingParameters
+from softness_bayes.likelihood.scales import LARGEST_LOG_RATING, MAGNITUDE, Scale
+from softness_bayes.model.scenes import scene_of, touch_parameters
+from softness_bayes.parameters.declared import EVERY_PARAMETER
+from softness_bayes.ranges import FINGERS, PARTICIPANTS, SIMULATED_RATINGS, SLOPES
+from softness_bayes.touch.contact import Load
+from softness_bayes.touch.readings import MENDED, Readings
+from softness_bayes.touch.scene import Discretisation
+
+
+class Simulation(NamedTuple):
+    """Simulated ratings and all that they were made of."""
+
+    ratings: Ratings
+    truth: dict[str, float]
+    """Every parameter in natural units, and mu, or c0 and c1 of standardised ratings."""
+    participant_effect: NDArray[np.float64]
+    """Log modulus of each participant, shape (participants,); standardised ratings have none left: 0."""
+    total_rate: NDArray[np.float64]
+    """Response [spikes/s], shape (fabrics, loads)."""
+
+
+def simulate_ratings(
+    rng: np.random.Generator,
+    fabrics: Fabrics,
+    loads: tuple[Load, ...],
+    values: Mapping[str, float],
+    readings: Readings = MENDED,
+    participants: int = 30,
+    missing: float = 0.0,
+    mu: float | None = None,
+    direction: RatingDirection = RISES,
+    scale: Scale = MAGNITUDE,
+    slope: float | None = None,
+    discretisation: Discretisation = Discretisation(),
+) -> Simulation:
+    """Let simulated participants rate every fabric under every load once.
+
+    Parameters
+    ----------
+    rng
+        Source of the participants' moduli, the noise and the gaps.
+    fabrics, loads
+        What is rated.
+    values
+        Every parameter, in natural units (see `usual_values`).
+    readings
+        Readings of the model.
+    participants
+        Their number.
+    missing
+        Share of ratings left out at random.
+    mu
+        Mean log rating of magnitude estimates; by default the centre of its prior.
+    direction
+        Whether ratings rise or fall with the response.
+    scale
+        Scale of the ratings.
+    slope
+        c1 of standardised ratings, whose c0 is 0; by default the median of its prior.
+    discretisation
+        Resolution of the scene.
+
+    Raises
+    ------
+    InputError
+        If the number of participants or of ratings, the share of gaps, mu or the slope is out of range, or mu or
+        slope is given for the other scale.
+    """
+    PARTICIPANTS.require("simulate: number of participants", participants)
+    SIMULATED_RATINGS.require("simulate: number of ratings", participants * len(fabrics) * len(loads))
+    if not 0 <= missing < 1:
+        raise InputError(f"simulate: share {missing} of gaps, expected one in [0, 1)")
+    if mu is not None and not abs(mu) <= LARGEST_LOG_RATING:
+        raise InputError(f"simulate: mu is {mu}, expected a number up to {LARGEST_LOG_RATING:g} up or down")
+    model = rating_model(scale, direction)
+    levels: dict[str, ArrayLike] = {name: prior.median for name, prior in model.levels.items()}
+    for option, name, value in (("mu", "mu", mu), ("slope", "c1", slope)):
+        if value is not None and name not in levels:
+            raise InputError(f"simulate: {option} is {value}, expected none for {scale.name} ratings")
+        levels |= {} if value is None else {name: value}
+    if slope is not None:
+        SLOPES.require("simulate: slope", slope)
+    scene = scene_of(fabrics, loads, values, readings, discretisation=discretisation)
+    rate = scene.total_rate(touch_parameters(values))
+    n_conditions = scene.n_conditions
+    design = Design(
+        np.tile(np.arange(n_conditions), participants),
+        np.repeat(np.arange(participants), n_conditions),
+        scene.fabric,
+        participants,
+    )
+    parameters = RatingParameters.among(values)
+    drive = model.drive(design, rate / scene.n_receptors, parameters)
+    effects = model.draw_effects(rng, parameters, (), participants, design.n_fabrics, levels)
+    filed = model.draw_ratings(rng, design, drive, parameters, effects)
+    drawn = model.named_effects(effects)
+    effect, _ = drawn.get("participant_effect", (np.zeros(participants), ()))
+    # as few digits as a person gives; also what makes files equal where exp differs in its last bits
+    filed = np.array([float(f"{rating:.4g}") for rating in filed])
+    filed[rng.random(filed.size) < missing] = np.nan
+    # conditions run load by load
+    table = filed.reshape(participants, len(loads), len(fabrics)).transpose(0, 2, 1)
+    width = len(str(participants))
+    names = [f"P{i:0{width}d}" for i in range(1, participants + 1)]
+    ratings = Ratings.crossed(names, fabrics.names, loads, table)
+    absent = set(RatingParameters._fields) - set(model.needs)
+    truth = {name: value for name, value in values.items() if name not in absent}
+    truth |= {name: float(value) for name, (value, axes) in drawn.items() if not axes}
+    return Simulation(ratings, truth, effect, rate.reshape(len(loads), len(fabrics)).T)
+
+
+PLATE_DEPTHS = (0.5e-3, 1e-3, 1.5e-3, 2e-3)
+"""Indentations [m] to which simulated fingers are pressed: those of the published measurements."""
+
+
+class SimulatedForces(NamedTuple):
+    """Simulated compression data, and how their fingers depart from the typical one."""
+
+    compression: Compression
+    log_b_effect: NDArray[np.float64]
+    """In ln b, shape (fingers,)."""
+    m_effect: NDArray[np.float64]
+    """In m, shape (fingers,)."""
+
+
+def simulate_compression(
+    rng: np.random.Generator,
+    values: Mapping[str, float],
+    readings: Readings = MENDED,
+    fingers: int = 8,
+    depths: tuple[float, ...] = PLATE_DEPTHS,
+) -> SimulatedForces:
+    """Press a rigid flat plate on simulated fingers, each to every depth once.
+
+    Parameters
+    ----------
+    rng
+        Source of the fingers and the noise.
+    values
+        b, m, tau_b, tau_m and varsigma_f in natural units (`usual_values` with a number of fingers).
+    readings
+        Readings of the model.
+    fingers
+        Their number.
+    depths
+        Indentations [m].
+
+    Raises
+    ------
+    InputError
+        If there is no finger.
+    """
+    replace(FINGERS, low=1).require("simulate: number of fingers", fingers)
+    skin = SkinParameters(*(np.float64(values[n]) * EVERY_PARAMETER[n].si for n in SkinParameters._fields))
+    finger, depth = np.repeat(np.arange(fingers), len(depths)), np.tile(depths, fingers)
+    plate = CompressionForces(depth, np.ones(depth.size), finger, fingers, displacement=readings.skin_displacement)
+    effects = plate.new_effects(rng, skin, ())
+    made = plate.replicate(rng, plate.drive(NO_RESPONSE, skin), skin, effects)
+    # as few digits as an instrument gives; also what makes files equal where exp differs in its last bits
+    force = np.array([float(f"{value:.4g}") for value in made])
+    names = tuple(f"F{i:0{len(str(fingers))}d}" for i in range(1, fingers + 1))
+    compression = Compression(names, finger, depth, force, np.arange(2, 2 + force.size))
+    return SimulatedForces(compression, effects.log_b, effects.m)

@@ -1,0 +1,106 @@
+"""What a run was asked for: its model, and how long to run, as results and checkpoints record it."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, fields, replace
+from typing import Any, NamedTuple, Self
+
+from softness_bayes.defaults import MAX_STEPS, SEED
+from softness_bayes.errors import InputError
+from softness_bayes.model.options import ModelOptions
+from softness_bayes.results.result import Result
+from softness_bayes.sampler.sampling import Settings
+
+
+@dataclass(frozen=True)
+class RunOptions:
+    """How to run the sampler, and for how long.
+
+    Parameters
+    ----------
+    max_steps, max_seconds
+        Steps of each ensemble, and time [s], after which the run ends in any case.
+    min_steps
+        Steps of each ensemble that are walked even if the run has converged before.
+    processes
+        Processes that share the ensembles; None for one for each core. Draws do not depend on it.
+    seed
+        Seed of all random numbers.
+    exact_reweight
+        Whether the result is that of draws weighted by the exact likelihood.
+    command
+        The command line, for the record.
+    """
+
+    max_steps: int = MAX_STEPS
+    max_seconds: float = math.inf
+    min_steps: int = 0
+    processes: int | None = None
+    seed: int = SEED
+    exact_reweight: bool = False
+    command: str = ""
+
+    @property
+    def settings(self) -> Settings:
+        """Settings of the sampler."""
+        return Settings(
+            max_steps=self.max_steps,
+            max_seconds=self.max_seconds,
+            min_steps=self.min_steps,
+            processes=self.processes,
+        )
+
+
+class Request(NamedTuple):
+    """All that a run was asked for beyond its data."""
+
+    model: ModelOptions = ModelOptions()
+    run: RunOptions = RunOptions()
+
+    def record(self) -> dict[str, Any]:
+        """Return the request as JSON holds it; `from_record` is the inverse."""
+        return {**self.model.record(), **asdict(self.run)}
+
+    def with_options(self, **options: Any) -> Self:
+        """Return the request with single options of model and run replaced, by name.
+
+        Raises
+        ------
+        TypeError
+            If there is no option of a name.
+        """
+        model, run = (dict.fromkeys(option.name for option in fields(part)) for part in self)
+        if unknown := [name for name in options if name not in model | run]:
+            raise TypeError(f"no option {unknown[0]!r}; expected one of {', '.join(model | run)}")
+        return self._replace(
+            model=replace(self.model, **{name: value for name, value in options.items() if name in model}),
+            run=replace(self.run, **{name: value for name, value in options.items() if name in run}),
+        )
+
+    def choices(self) -> dict[str, str]:
+        """Return the choices that decide the draws beside data, parameters and the sampler, by name."""
+        return {**self.model.choices(), "seed": str(self.run.seed)}
+
+    @classmethod
+    def from_record(cls, record: Mapping[str, Any]) -> Self:
+        """Return the request that `record` made this from.
+
+        Raises
+        ------
+        InputError
+            If an option is missing, or not known to this version.
+        """
+        try:
+            model = ModelOptions.from_record(record)
+            of_the_run = {name: value for name, value in record.items() if name not in model.record()}
+            return cls(model, RunOptions(**of_the_run))
+        except (AttributeError, KeyError, TypeError) as error:
+            raise InputError(f"options of a run that this version cannot make out: {error}") from None
+
+    @classmethod
+    def of(cls, result: Result) -> Self:
+        """Return what a finished run was asked for."""
+        return cls.from_record(json.loads(str(result.attributes["options"])))
