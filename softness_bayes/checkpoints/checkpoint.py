@@ -25,9 +25,16 @@ from softness_bayes.checkpoints.vacancy import is_kept, remove_run, require_vaca
 from softness_bayes.errors import InputError
 from softness_bayes.files.lock import Lock, is_held, require_free
 from softness_bayes.files.outputs import require_outputs, write_outputs
+from softness_bayes.files.run_files import (
+    CHECKPOINT,
+    FILES,
+    LOCK,
+    MANIFEST,
+    NONFINITE,
+    RUN,
+)
 from softness_bayes.files.whole import write_whole
 from softness_bayes.likelihood.directions import RATING_DIRECTIONS
-from softness_bayes.results.result import CHECKPOINT, FILES, LOCK, MANIFEST, NONFINITE, RUN
 from softness_bayes.sampler.diagnostics import Verdict
 from softness_bayes.sampler.schedule import Schedule
 from softness_bayes.sampler.serial import as_json, packed, state_arrays, state_of, state_values, unpacked, verdict_of

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from softness_bayes.errors import InputError
-from softness_bayes.results.result import CHECKPOINT, MANIFEST
+from softness_bayes.files.run_files import CHECKPOINT, MANIFEST
 from softness_bayes.sampler.serial import as_json, changed
 
 FORMAT = 2

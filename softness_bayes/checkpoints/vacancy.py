@@ -10,8 +10,8 @@ from pathlib import Path
 
 from softness_bayes.errors import InputError
 from softness_bayes.files.outputs import Survey, remove, survey, told
+from softness_bayes.files.run_files import CHECKPOINT, LOCK, MANIFEST, RUN
 from softness_bayes.files.whole import is_part
-from softness_bayes.results.result import CHECKPOINT, LOCK, MANIFEST, RUN
 
 OF_A_RUN = (RUN, "plot", "report")
 """Commands whose files are removed together with a run that another one replaces."""

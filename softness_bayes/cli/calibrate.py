@@ -16,7 +16,7 @@ from softness_bayes.ranges import PARTICIPANTS, PROCESSES, REPLICATES, STEPS
 if TYPE_CHECKING:
     from tqdm import tqdm
 
-    from softness_bayes.checking.calibration.ranks import Replicate
+    from softness_bayes.checking.ranks import Replicate
 
 
 @click.command()
@@ -86,7 +86,7 @@ def command(
     to --out: a file per replicate (an interrupted run continues where it was), ranks.csv, coverage.csv,
     ecdf.png and verdict.txt. Exit code 3: some replicates have not converged; 4: not calibrated.
     """
-    from softness_bayes.checking.calibration.words import coverage_sentence
+    from softness_bayes.checking.rank_words import coverage_sentence
     from softness_bayes.data import Fabrics, loads_of
     from softness_bayes.errors import NumericalError
     from softness_bayes.files.outputs import write_outputs

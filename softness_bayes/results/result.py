@@ -16,6 +16,7 @@ from softness_bayes.checking.inflection import Curves, Inflection
 from softness_bayes.checking.turning_points import turning_table
 from softness_bayes.errors import InputError
 from softness_bayes.files.outputs import write_outputs
+from softness_bayes.files.run_files import POSTERIOR, RUN, SUMMARY, TABLES
 from softness_bayes.files.spreadsheet import csv_of
 from softness_bayes.likelihood.scales import Scale
 from softness_bayes.parameters.declared import PARAMETERS
@@ -32,24 +33,6 @@ if TYPE_CHECKING:
     from softness_bayes.plotting.plots import Plots
 
 Array = NDArray[np.float64]
-
-POSTERIOR, SUMMARY, NONFINITE = "posterior.nc", "summary.csv", "nonfinite.csv"
-"""Files of a run; the last, if there is one, holds the points at which the density could not be computed."""
-
-CHECKPOINT, MANIFEST, LOCK = "checkpoint", "manifest.json", "lock"
-"""Directory of a run's checkpoint inside that of its results, and two files in it."""
-
-TABLES: Mapping[str, str | list[str]] = {
-    "directions": "direction",
-    "predictive_checks": ["law", "quantity"],
-}
-"""Further tables of a result by the name of their file, with the columns that identify a row."""
-
-FILES = (POSTERIOR, SUMMARY, NONFINITE, *(f"{name}.csv" for name in TABLES))
-"""Every file that a run may leave beside its checkpoint."""
-
-RUN = "sample"
-"""The verb that they are listed under."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from softness_bayes import __version__, ranges
-from softness_bayes.checking.calibration.ranks import DRAWS, Calibration, Replicate, replicate
-from softness_bayes.checking.calibration.words import verdict
+from softness_bayes.checking.rank_words import verdict
+from softness_bayes.checking.ranks import DRAWS, Calibration, Replicate
 from softness_bayes.data import Experiment, Fabrics, Ratings
 from softness_bayes.errors import InputError
 from softness_bayes.files.lock import Lock
@@ -24,6 +24,7 @@ from softness_bayes.model.build import Model, build
 from softness_bayes.model.options import ModelOptions
 from softness_bayes.model.posterior import Posterior
 from softness_bayes.results.request import Request, RunOptions
+from softness_bayes.runs.replicate import replicate
 from softness_bayes.sampler.sampling import Settings
 from softness_bayes.sampler.workers import Workers, available_processors
 from softness_bayes.touch.contact import Indentation, Load

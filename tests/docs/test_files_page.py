@@ -13,7 +13,7 @@ import pytest
 import xarray as xr
 
 from softness_bayes import arviz_bridge, errors
-from softness_bayes.checking.calibration.ranks import DRAWS, Replicate
+from softness_bayes.checking.ranks import DRAWS, Replicate
 from softness_bayes.checkpoints.manifest import FORMAT
 from softness_bayes.cli import VERBS, bench, claims, main
 from softness_bayes.cli.compare import COMPARISON
@@ -21,12 +21,13 @@ from softness_bayes.cli.interrupts import SIGNALS
 from softness_bayes.cli.report import REPORT
 from softness_bayes.data import LABELS, NUMBERS
 from softness_bayes.files.listing import LISTING
+from softness_bayes.files.run_files import CHECKPOINT, FILES
 from softness_bayes.model.scenes import usual_values
 from softness_bayes.model.simulation import simulate_compression
 from softness_bayes.parameters.declared import EVERY_PARAMETER
 from softness_bayes.parameters.priors import HalfNormal
 from softness_bayes.plotting.figures import FIGURES
-from softness_bayes.results.result import CHECKPOINT, FILES, Result
+from softness_bayes.results.result import Result
 from softness_bayes.results.result_file import SCHEMA
 from softness_bayes.runs import calibrate
 from softness_bayes.runs.comparison import compare

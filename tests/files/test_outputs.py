@@ -25,8 +25,9 @@ from softness_bayes.files import whole
 from softness_bayes.files.command_line import endings, portable
 from softness_bayes.files.listing import LISTING, Listing
 from softness_bayes.files.outputs import require_outputs, survey, write_outputs
+from softness_bayes.files.run_files import FILES
 from softness_bayes.files.whole import write_whole
-from softness_bayes.results.result import FILES, Result
+from softness_bayes.results.result import Result
 from support.command_line import TOUCH, refused
 from support.full_disk import fill_disk
 from support.modules import MODULES

@@ -1,15 +1,14 @@
-"""Simulation-based calibration: parameters drawn from the prior, ratings simulated, fitted, and ranked.
+"""Ranks of true values among posterior draws: tests of their uniformity, coverage, and what these can detect.
 
 If prior, likelihood and sampler are consistent, the rank of a true value among independent posterior draws
 is uniform, for every quantity of parameters and data (Talts, Betancourt, Simpson, Vehtari and Gelman,
-arXiv:1804.06788). The log-likelihood is included, because it detects a posterior that ignores the data and
-equals the prior (Modrák et al., Bayesian Analysis 20, 461, 2025).
+arXiv:1804.06788).
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -18,12 +17,8 @@ from numpy.typing import NDArray
 from scipy.special import chdtr, chdtrc
 from scipy.stats import binom
 
-from softness_bayes.checking.calibration.power import Least, least_shift, least_width, replicates_needed, squared_scores
-from softness_bayes.checking.calibration.quantities import quantities
+from softness_bayes.checking.rank_power import Least, least_shift, least_width, replicates_needed, squared_scores
 from softness_bayes.checking.uniformity import uniformity_p_value
-from softness_bayes.likelihood.contract import Effects, Likelihood
-from softness_bayes.model.posterior import Posterior
-from softness_bayes.sampler.sampling import Sampled, Settings, sample_until
 
 FloatArray = NDArray[np.float64]
 IndexArray = NDArray[np.intp]
@@ -47,7 +42,7 @@ class Replicate(NamedTuple):
     """Result of one fit of simulated ratings, compared with the true values."""
 
     names: tuple[str, ...]
-    """Ranked quantities, those of `calibration.quantities`."""
+    """Ranked quantities, those of `runs.ranked_quantities`."""
     rank: tuple[int, ...]
     """Number of the `DRAWS` posterior draws below the true value."""
     truth: tuple[float, ...]
@@ -58,91 +53,6 @@ class Replicate(NamedTuple):
     """Longest autocorrelation time, in steps."""
     converged: bool
     """Whether the run met its goal."""
-
-
-def right(observation: Likelihood) -> Likelihood:
-    """Return the likelihood with which the ratings were made."""
-    return observation
-
-
-def replicate(
-    posterior: Posterior,
-    settings: Settings,
-    seed: int,
-    index: int,
-    assume: Callable[[Likelihood], Likelihood] = right,
-) -> Replicate:
-    """Draw from the prior, simulate ratings, sample their posterior and rank the truth.
-
-    No prior draw is left out, including those without any firing. Space, compiled scene and design are those
-    of `posterior`; its ratings are ignored.
-
-    Parameters
-    ----------
-    posterior
-        The model.
-    settings
-        How to sample.
-    seed, index
-        Seeds of the prior draw, the ratings and the walk.
-    assume
-        Function from the right observation to the one of the fit.
-    """
-    made, walk = (np.random.SeedSequence(seed, spawn_key=(index, part)) for part in (0, 1))
-    rng = np.random.default_rng(made)
-    theta = posterior.space.draw_prior(rng, 1)[0]
-    observation, true_effects = _simulate(posterior.observation, posterior, theta, rng)
-    fitted = posterior.with_term(assume(observation))
-    sampled = sample_until(fitted, settings, walk)
-    draws = fitted.natural(independent(sampled, DRAWS, rng))
-    effects = observation.draw_effects(rng, fitted.mean_rate(draws), fitted.rating_parameters(draws))
-    true = quantities(fitted, theta[None], true_effects)
-    among = quantities(fitted, draws, effects)
-    truth = np.concatenate([*true.values()])
-    rank = tuple(int(r) for r in ranks(truth, np.column_stack([*among.values()]), rng))
-    tau = float(sampled.verdict.tau.max())
-    return Replicate((*true,), rank, tuple(truth.tolist()), sampled.verdict.steps, tau, sampled.verdict.converged)
-
-
-def _simulate(
-    observation: Likelihood, posterior: Posterior, theta: FloatArray, rng: np.random.Generator
-) -> tuple[Likelihood, Effects]:
-    """Return ratings made at a point of the prior, and their effects as a batch of one."""
-    parameters, rate = posterior.rating_parameters(theta), posterior.mean_rate(theta)
-    effects = observation.new_effects(rng, parameters, ())
-    ratings = observation.replicate(rng, observation.drive(rate, parameters), parameters, effects)
-    return observation.with_values(ratings), type(effects)(*(each[None] for each in effects))
-
-
-def independent(sampled: Sampled, count: int, rng: np.random.Generator) -> FloatArray:
-    """Return nearly independent draws, in sampler coordinates, shape (count, dimension).
-
-    They are taken at random from all walkers at times the longest autocorrelation time apart. A run with too few
-    of these gives some repeatedly.
-    """
-    chains, verdict = sampled
-    kept = chains.kept(verdict.burn_in)
-    tau = verdict.tau.max()
-    stored = kept.log_density.shape[1]
-    apart = max(1, math.ceil(tau / kept.stride)) if math.isfinite(tau) else stored
-    candidates = kept.coordinates[:, ::-apart].reshape(-1, kept.coordinates.shape[-1])
-    return candidates[rng.choice(len(candidates), count, replace=len(candidates) < count)]
-
-
-def ranks(truth: FloatArray, draws: FloatArray, rng: np.random.Generator) -> IndexArray:
-    """Return the number of draws below each true value; ties are broken at random.
-
-    Parameters
-    ----------
-    truth
-        Shape (quantities,).
-    draws
-        Shape (draws, quantities).
-    rng
-        Source of the broken ties.
-    """
-    below, equal = (draws < truth).sum(axis=0), (draws == truth).sum(axis=0)
-    return below + rng.integers(equal + 1)
 
 
 class Judged(NamedTuple):

@@ -6,8 +6,8 @@ import math
 
 import numpy as np
 
-from softness_bayes.checking.calibration.power import Least
-from softness_bayes.checking.calibration.ranks import FALSE_ALARM, LARGEST_WIDTH, Calibration
+from softness_bayes.checking.rank_power import Least
+from softness_bayes.checking.ranks import FALSE_ALARM, LARGEST_WIDTH, Calibration
 
 
 def verdict(calibration: Calibration, size: str, decided: bool) -> str:

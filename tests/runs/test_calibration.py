@@ -17,20 +17,10 @@ from click.testing import CliRunner
 from scipy.special import expit
 from scipy.stats import norm
 
-from softness_bayes.checking.calibration.power import Alarm, power, rank_law
-from softness_bayes.checking.calibration.quantities import LOG_LIKELIHOOD, PARTICIPANT, PARTICIPANTS, quantities
-from softness_bayes.checking.calibration.ranks import (
-    DRAWS,
-    FALSE_ALARM,
-    Calibration,
-    Replicate,
-    independent,
-    ranks,
-    replicate,
-    right,
-)
-from softness_bayes.checking.calibration.words import coverage_sentence, verdict
 from softness_bayes.checking.inflection import LEAST_DROP, curve_scene
+from softness_bayes.checking.rank_power import Alarm, power, rank_law
+from softness_bayes.checking.rank_words import coverage_sentence, verdict
+from softness_bayes.checking.ranks import DRAWS, FALSE_ALARM, Calibration, Replicate
 from softness_bayes.checking.uniformity import simultaneous_band
 from softness_bayes.cli import main
 from softness_bayes.data import Fabrics
@@ -43,6 +33,8 @@ from softness_bayes.parameters.declared import PARAMETERS
 from softness_bayes.plotting.calibration import rank_ecdf_figure
 from softness_bayes.results.request import Request, RunOptions
 from softness_bayes.runs.calibrate import LONG, Calibrated, CalibrationScene, calibrate, finished
+from softness_bayes.runs.ranked_quantities import LOG_LIKELIHOOD, PARTICIPANT, PARTICIPANTS, quantities
+from softness_bayes.runs.replicate import independent, ranks, replicate, right
 from softness_bayes.sampler.chains import Chains
 from softness_bayes.sampler.diagnostics import Goal, look
 from softness_bayes.sampler.sampling import Sampled, Settings

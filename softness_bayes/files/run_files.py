@@ -1,0 +1,23 @@
+"""Names of the files of a run."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+POSTERIOR, SUMMARY, NONFINITE = "posterior.nc", "summary.csv", "nonfinite.csv"
+"""Files of a run; the last, if there is one, holds the points at which the density could not be computed."""
+
+CHECKPOINT, MANIFEST, LOCK = "checkpoint", "manifest.json", "lock"
+"""Directory of a run's checkpoint inside that of its results, and two files in it."""
+
+TABLES: Mapping[str, str | list[str]] = {
+    "directions": "direction",
+    "predictive_checks": ["law", "quantity"],
+}
+"""Further tables of a result by the name of their file, with the columns that identify a row."""
+
+FILES = (POSTERIOR, SUMMARY, NONFINITE, *(f"{name}.csv" for name in TABLES))
+"""Every file that a run may leave beside its checkpoint."""
+
+RUN = "sample"
+"""The verb that they are listed under."""
