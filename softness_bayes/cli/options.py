@@ -118,6 +118,12 @@ def _require_priors(priors: dict[str, Prior]) -> None:
     require_priors(priors)
 
 
+def _require_finger(values: dict[str, float]) -> None:
+    from softness_bayes.model.fingers import require_finger
+
+    require_finger(values)
+
+
 def _named_option(flag: str, convert: Callable[[str], Any], metavar: str, text: str) -> Decorator:
     return click.option(flag, multiple=True, callback=named(convert), metavar=metavar, help=text)
 
@@ -391,6 +397,17 @@ def readings(verb: Verb) -> Verb:
     return wrapped
 
 
+finger = click.option(
+    "--finger",
+    "finger",
+    multiple=True,
+    callback=named(_number, _require_finger),
+    metavar="NAME=VALUE",
+    help="Another finger, as in receptor_depth_mm=0.6: radius_mm, receptor_depth_mm, poisson_ratio, pad_length_mm, "
+    "pad_width_mm, contact_x_mm or contact_y_mm. Repeatable.",
+)
+"""Gives a verb `finger`, name -> number, from which `model.fingers.finger_of` makes a `Finger`."""
+
 accuracy = click.option(
     "--accuracy",
     type=Number(ACCURACIES),
@@ -446,9 +463,11 @@ class ModelChoice:
     direction: str
     """A name, or `AUTO`."""
     accuracy: float
+    finger: Mapping[str, float]
 
     def options(self, **others: Any) -> ModelOptions:
         """Return the options of this model and `others`; its resolution is not chosen yet."""
+        from softness_bayes.model.fingers import finger_of
         from softness_bayes.model.options import ModelOptions
 
         return ModelOptions(
@@ -458,6 +477,7 @@ class ModelChoice:
             readings=self.choice.resolve(),
             direction=None if self.direction == AUTO else direction_named(self.direction),
             accuracy=self.accuracy,
+            finger=finger_of(self.finger),
             **others,
         )
 
@@ -470,6 +490,7 @@ def model_choice(verb: Verb) -> Verb:
     @prior_set
     @readings
     @_DIRECTION_OF_DATA
+    @finger
     @accuracy
     @functools.wraps(verb)
     def wrapped(
@@ -478,10 +499,12 @@ def model_choice(verb: Verb) -> Verb:
         prior_set: str,
         choice: ReadingChoice,
         direction: str,
+        finger: dict[str, float],
         accuracy: float,
         **others: Any,
     ) -> Any:
-        return verb(model=ModelChoice(fixed, priors, prior_set, choice, direction, accuracy), **others)
+        model = ModelChoice(fixed, priors, prior_set, choice, direction, accuracy, finger)
+        return verb(model=model, **others)
 
     return wrapped
 

@@ -8,7 +8,16 @@ from typing import TYPE_CHECKING
 
 import click
 
-from softness_bayes.cli.options import ReadingChoice, Touches, accuracy, prior_set, readings, set_values, touches
+from softness_bayes.cli.options import (
+    ReadingChoice,
+    Touches,
+    accuracy,
+    finger,
+    prior_set,
+    readings,
+    set_values,
+    touches,
+)
 from softness_bayes.cli.running import reading
 from softness_bayes.errors import InputError
 
@@ -29,6 +38,7 @@ DRAWS = 400
 @set_values
 @prior_set
 @readings
+@finger
 @accuracy
 @click.option(
     "--posterior",
@@ -49,6 +59,7 @@ def command(
     values: dict[str, float],
     prior_set: str,
     choice: ReadingChoice,
+    finger: dict[str, float],
     accuracy: float,
     posterior: Path | None,
     out: Path | None,
@@ -61,6 +72,7 @@ def command(
     """
     from softness_bayes.files.outputs import require_outputs, write_outputs
     from softness_bayes.files.spreadsheet import csv_of
+    from softness_bayes.model.fingers import finger_of
     from softness_bayes.model.prediction import drawn_parameters, prediction_table
     from softness_bayes.model.resolution import given_draws, scene_with_accuracy
     from softness_bayes.model.scenes import scene_of, touch_parameters, usual_values
@@ -71,18 +83,21 @@ def command(
     named: Mapping[str, ArrayLike]
     if posterior is None:
         chosen = choice.resolve()
-        named, noise = usual_values(chosen, prior_set, values), 0.0
+        named, noise, touching = usual_values(chosen, prior_set, values), 0.0, finger_of(finger)
     else:
-        if values or not choice.is_default or prior_set != "default":
-            raise InputError("--posterior brings its own parameters and readings: leave out --set and others")
+        if values or finger or not choice.is_default or prior_set != "default":
+            raise InputError("--posterior brings its own parameters, readings and finger: leave out --set and others")
         with reading(posterior) as (result,):
             if not result.has_ratings:
                 raise InputError(f"{posterior}: a run without ratings, which says nothing of the receptors; give --set")
             chosen, named, noise = result.readings, result.values(DRAWS), result.provenance.rating_model.noise
+            touching = result.finger
             drawn_parameters(named)
     parameters = touch_parameters(named) if posterior is None else drawn_parameters(named)
     scene, _ = scene_with_accuracy(
-        lambda discretisation: scene_of(fabrics, loads, named, chosen, discretisation=discretisation, noise=noise),
+        lambda discretisation: scene_of(
+            fabrics, loads, named, chosen, discretisation=discretisation, noise=noise, finger=touching
+        ),
         given_draws(named, parameters),
         accuracy,
     )

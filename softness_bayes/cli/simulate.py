@@ -16,6 +16,7 @@ from softness_bayes.cli.options import (
     Touches,
     accuracy,
     direction,
+    finger,
     force,
     out,
     prior_set,
@@ -40,6 +41,7 @@ RATINGS, FABRICS, COMPRESSION, TRUTH = "ratings.csv", "fabrics.csv", "compressio
 @set_values
 @prior_set
 @readings
+@finger
 @click.option("--participants", type=whole(PARTICIPANTS), default=30, show_default=True, help="Number of raters.")
 @click.option(
     "--missing",
@@ -72,6 +74,7 @@ def command(
     values: dict[str, float],
     prior_set: str,
     choice: ReadingChoice,
+    finger: dict[str, float],
     participants: int,
     missing: float,
     typical_rating: float | None,
@@ -96,6 +99,7 @@ def command(
     from softness_bayes.files.outputs import require_outputs, write_outputs
     from softness_bayes.likelihood.directions import direction_named
     from softness_bayes.likelihood.scales import RATING_SCALES
+    from softness_bayes.model.fingers import finger_of
     from softness_bayes.model.resolution import given_draws, scene_with_accuracy
     from softness_bayes.model.scenes import scene_of, touch_parameters, usual_values
     from softness_bayes.model.simulation import simulate_compression, simulate_ratings
@@ -104,11 +108,11 @@ def command(
     made = [RATINGS, FABRICS, TRUTH, *([COMPRESSION] if fingers else [])]
     require_outputs(out, made, SIMULATE, force, [touches.fabrics])
     fabrics, loads = touches.read()
-    chosen = choice.resolve()
+    chosen, touching = choice.resolve(), finger_of(finger)
     usual = usual_values(chosen, prior_set, values, fingers or None)
     values_of_ratings = {name: value for name, value in usual.items() if name not in FINGER_PARAMETERS}
     scene, _ = scene_with_accuracy(
-        lambda discretisation: scene_of(fabrics, loads, usual, chosen, discretisation=discretisation),
+        lambda discretisation: scene_of(fabrics, loads, usual, chosen, discretisation=discretisation, finger=touching),
         given_draws(usual, touch_parameters(usual)),
         accuracy,
     )
@@ -126,14 +130,16 @@ def command(
         RATING_SCALES[scale],
         slope,
         scene.discretisation,
+        touching,
     )
     contents = {RATINGS: ratings_csv(simulation.ratings, fabrics), FABRICS: fabrics_csv(fabrics)}
     story = _truth(simulation, fabrics.names, loads)
     story |= {"seed": seed, "readings": chosen.names, "ratings": scale, "direction": direction}
+    story |= {"finger": finger} if finger else {}
     story |= {"version": __version__, "simulated": True}
     if fingers:
         # numbers of its own, so that the ratings do not depend on whether fingers are pressed
-        forces = simulate_compression(np.random.default_rng([seed, 1]), usual, chosen, fingers)
+        forces = simulate_compression(np.random.default_rng([seed, 1]), usual, chosen, fingers, shape=touching)
         contents[COMPRESSION] = compression_csv(forces.compression)
         story["truth"] |= {name: usual[name] for name in FINGER_PARAMETERS}
         for name in ("log_b_effect", "m_effect"):

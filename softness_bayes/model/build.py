@@ -23,7 +23,6 @@ from softness_bayes.parameters.coordinates import Bent, Scaled
 from softness_bayes.parameters.declared import PARAMETERS
 from softness_bayes.parameters.space import ParameterSpace
 from softness_bayes.touch import accuracy
-from softness_bayes.touch.readings import Readings
 from softness_bayes.touch.scene import Discretisation, Scene
 
 COARSE = Discretisation(8, 9.0, 1e-4)
@@ -113,7 +112,7 @@ def build(experiment: Experiment, options: ModelOptions = ModelOptions()) -> Mod
     observation = rating_model(options.scale, chosen.direction).observe(
         experiment.ratings.rating, design_of(experiment)
     )
-    plates = () if experiment.compression is None else (forces_of(experiment.compression, options.readings),)
+    plates = () if experiment.compression is None else (forces_of(experiment.compression, options),)
     posterior = Posterior(_bent(space, scene), (observation, *plates), scene)
     return Model(experiment, options, posterior, scene, chosen, resolution)
 
@@ -134,7 +133,7 @@ def build_skin(compression: Compression, options: ModelOptions) -> SkinModel:
         absent=PARAMETERS.keys() - set(SKIN),
         n_fingers=len(compression.participants),
     )
-    posterior = Density(space, (forces_of(compression, options.readings),))
+    posterior = Density(space, (forces_of(compression, options),))
     return SkinModel(compression, replace(options, discretisation=Discretisation()), posterior)
 
 
@@ -180,14 +179,15 @@ def design_of(experiment: Experiment) -> Design:
     return Design(conditions.of_rating, ratings.participant, conditions.fabric, len(ratings.participants))
 
 
-def forces_of(compression: Compression, readings: Readings) -> CompressionForces:
-    """Return the likelihood of compression data under the readings of the skin."""
+def forces_of(compression: Compression, options: ModelOptions) -> CompressionForces:
+    """Return the likelihood of compression data on fingers of the given shape, under the readings of the skin."""
     return CompressionForces(
         compression.indentation,
         compression.force,
         compression.participant,
         len(compression.participants),
-        displacement=readings.skin_displacement,
+        displacement=options.readings.skin_displacement,
+        shape=options.finger,
     )
 
 
@@ -207,6 +207,7 @@ def _compiler(
             conditions.load,
             discretisation,
             options.noise,
+            options.finger,
         )
 
     return compiled

@@ -9,7 +9,9 @@ from typing import Any, Self
 from softness_bayes.defaults import ACCURACY, NOISE, PRIOR_SET
 from softness_bayes.likelihood.directions import RatingDirection, direction_named
 from softness_bayes.likelihood.scales import MAGNITUDE, RATING_SCALES, Scale
+from softness_bayes.model.fingers import finger_of, values_of
 from softness_bayes.parameters.priors import Prior, parse_prior
+from softness_bayes.touch.contact import Finger
 from softness_bayes.touch.readings import MENDED, Readings
 from softness_bayes.touch.scene import Discretisation
 
@@ -29,6 +31,8 @@ class ModelOptions:
         Readings of the chain and of the scale of the ratings.
     direction
         Whether ratings rise or fall with the response; None for the direction that the data show.
+    finger
+        The fingertip: its radius, its pad, the depth of its receptors, the place of contact.
     noise
         Strength of the membranes' white current [µA/cm² sqrt(ms)]; needs fixed channel multipliers.
     accuracy
@@ -46,6 +50,7 @@ class ModelOptions:
     readings: Readings = MENDED
     direction: RatingDirection | None = None
     scale: Scale = MAGNITUDE
+    finger: Finger = Finger()
     noise: float = NOISE
     accuracy: float = ACCURACY
     discretisation: Discretisation | None = None
@@ -71,6 +76,7 @@ class ModelOptions:
             "direction": None if self.direction is None else self.direction.name,
             "direction_decided": "direction" in self.decided,
             "scale": self.scale.name,
+            "finger": values_of(self.finger),
             "noise": self.noise,
             "accuracy": self.kept_accuracy,
             "discretisation": None if self.discretisation is None else asdict(self.discretisation),
@@ -97,6 +103,8 @@ class ModelOptions:
             readings=Readings().override(record["readings"]),
             direction=None if record["direction"] is None else direction_named(record["direction"]),
             scale=RATING_SCALES[record["scale"]],
+            # records of earlier versions have none: the finger was the usual one
+            finger=finger_of(record.get("finger", {})),
             noise=record["noise"],
             accuracy=ACCURACY if accuracy is None else accuracy,
             discretisation=None if discretisation is None else Discretisation(**discretisation),
@@ -109,6 +117,7 @@ class ModelOptions:
             **{f"reading of {place}": name for place, name in self.readings.names.items()},
             "direction": "of the data" if self.direction is None else self.direction.name,
             "scale of the ratings": self.scale.name,
+            **({"finger": str(self.finger)} if self.finger != Finger() else {}),
             "noise": str(self.noise),
             "discretisation": str(self.discretisation),
         }

@@ -12,7 +12,7 @@ from softness_bayes.data import Fabrics
 from softness_bayes.errors import InputError
 from softness_bayes.parameters.choice import parameter_space
 from softness_bayes.parameters.declared import PARAMETERS
-from softness_bayes.touch.contact import Load
+from softness_bayes.touch.contact import Finger, Load
 from softness_bayes.touch.neuron.fixed_channels import Firing, FixedChannels
 from softness_bayes.touch.neuron.membrane import Channels, Membrane
 from softness_bayes.touch.neuron.surface import FiringSurface
@@ -108,6 +108,7 @@ def scene_of(
     load: ArrayLike | None = None,
     discretisation: Discretisation = Discretisation(),
     noise: float = 0.0,
+    finger: Finger = Finger(),
 ) -> Scene:
     """Compile the scene of some fabrics under some loads.
 
@@ -125,6 +126,8 @@ def scene_of(
         Resolution.
     noise
         Strength of the membrane's white current, as `firing_of` takes it.
+    finger
+        The fingertip that touches.
     """
     modulus = fabrics.modulus(readings.fabric_modulus)
     firing = firing_of(values, readings.membrane, noise, discretisation.rate_nodes)
@@ -135,6 +138,7 @@ def scene_of(
         firing,
         fabric,
         load,
+        finger=finger,
         readings=readings,
         discretisation=discretisation,
     )

@@ -21,7 +21,7 @@ from softness_bayes.likelihood.scales import LARGEST_LOG_RATING, MAGNITUDE, Scal
 from softness_bayes.model.scenes import scene_of, touch_parameters
 from softness_bayes.parameters.declared import EVERY_PARAMETER
 from softness_bayes.ranges import FINGERS, PARTICIPANTS, SIMULATED_RATINGS, SLOPES
-from softness_bayes.touch.contact import Load
+from softness_bayes.touch.contact import Finger, Load
 from softness_bayes.touch.readings import MENDED, Readings
 from softness_bayes.touch.scene import Discretisation
 
@@ -51,6 +51,7 @@ def simulate_ratings(
     scale: Scale = MAGNITUDE,
     slope: float | None = None,
     discretisation: Discretisation = Discretisation(),
+    finger: Finger = Finger(),
 ) -> Simulation:
     """Let simulated participants rate every fabric under every load once.
 
@@ -78,6 +79,8 @@ def simulate_ratings(
         c1 of standardised ratings, whose c0 is 0; by default the median of its prior.
     discretisation
         Resolution of the scene.
+    finger
+        The fingertip that touches.
 
     Raises
     ------
@@ -99,7 +102,7 @@ def simulate_ratings(
         levels |= {} if value is None else {name: value}
     if slope is not None:
         SLOPES.require("simulate: slope", slope)
-    scene = scene_of(fabrics, loads, values, readings, discretisation=discretisation)
+    scene = scene_of(fabrics, loads, values, readings, discretisation=discretisation, finger=finger)
     rate = scene.total_rate(touch_parameters(values))
     n_conditions = scene.n_conditions
     design = Design(
@@ -148,6 +151,7 @@ def simulate_compression(
     readings: Readings = MENDED,
     fingers: int = 8,
     depths: tuple[float, ...] = PLATE_DEPTHS,
+    shape: Finger = Finger(),
 ) -> SimulatedForces:
     """Press a rigid flat plate on simulated fingers, each to every depth once.
 
@@ -163,6 +167,8 @@ def simulate_compression(
         Their number.
     depths
         Indentations [m].
+    shape
+        Shape of every fingertip.
 
     Raises
     ------
@@ -172,7 +178,9 @@ def simulate_compression(
     replace(FINGERS, low=1).require("simulate: number of fingers", fingers)
     skin = SkinParameters(*(np.float64(values[n]) * EVERY_PARAMETER[n].si for n in SkinParameters._fields))
     finger, depth = np.repeat(np.arange(fingers), len(depths)), np.tile(depths, fingers)
-    plate = CompressionForces(depth, np.ones(depth.size), finger, fingers, displacement=readings.skin_displacement)
+    plate = CompressionForces(
+        depth, np.ones(depth.size), finger, fingers, displacement=readings.skin_displacement, shape=shape
+    )
     effects = plate.new_effects(rng, skin, ())
     made = plate.replicate(rng, plate.drive(NO_RESPONSE, skin), skin, effects)
     # as few digits as an instrument gives; also what makes files equal where exp differs in its last bits

@@ -47,14 +47,12 @@ TOLD: Mapping[str, str] = MappingProxyType(
 
 
 def _response(result: Drawable, style: Style) -> Figure:
-    from softness_bayes.touch.contact import Finger
-
     return response_figure(
         result.curves(),
         result.loads,
         _fabric_modulus(result),
         inflection=result.inflections(),
-        finger_radius=Finger().radius,
+        finger_radius=float(result.group("constant_data")["finger_radius_mm"]) * 1e-3,
         style=style,
     )
 

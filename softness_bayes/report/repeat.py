@@ -8,6 +8,7 @@ from itertools import zip_longest
 from typing import NamedTuple
 
 from softness_bayes.files.command_line import storable
+from softness_bayes.model.fingers import values_of
 from softness_bayes.model.options import ModelOptions
 from softness_bayes.results.request import Request
 from softness_bayes.results.result import Result
@@ -101,6 +102,8 @@ def _model(options: ModelOptions) -> list[str]:
     for place, name in options.readings.names.items():
         if name != MENDED.names[place]:
             words += ["--reading", f"{place}={name}"]
+    for name, number in values_of(options.finger).items():
+        words += ["--finger", f"{name}={number!r}"]
     words += ["--priors", options.prior_set]
     for name, prior in options.priors.items():
         words += ["--prior", f"{name}={prior}"]

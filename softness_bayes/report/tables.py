@@ -61,8 +61,8 @@ def of_parameters(result: Result) -> Table:
                 number(row["psens_prior"], 2),
                 number(row["psens_likelihood"], 2),
                 number(row["r_hat"], 5),
-                number(round(row["ess_bulk"]), 6),
-                number(round(row["ess_tail"]), 6),
+                number(np.rint(row["ess_bulk"]), 6),
+                number(np.rint(row["ess_tail"]), 6),
                 number(row["mcse_mean"], 2),
             ]
         )

@@ -22,7 +22,7 @@ from softness_bayes.likelihood.scales import Scale
 from softness_bayes.parameters.declared import PARAMETERS
 from softness_bayes.provenance import Provenance
 from softness_bayes.results.result_file import SUMMARY_TABLE, read, sealed
-from softness_bayes.touch.contact import Force, Indentation, Load
+from softness_bayes.touch.contact import Finger, Force, Indentation, Load
 from softness_bayes.touch.readings import Readings
 
 if TYPE_CHECKING:
@@ -100,6 +100,13 @@ class Result:
             raise InputError(
                 "result: of compression data alone, without ratings: it has no loads, response curves or turning point"
             )
+
+    @property
+    def finger(self) -> Finger:
+        """The finger that the run was made with."""
+        from softness_bayes.model.fingers import finger_of
+
+        return finger_of(self.provenance.asked.options.get("finger", {}))
 
     @property
     def readings(self) -> Readings:
@@ -249,7 +256,7 @@ class Result:
         pressed, named = self.loads if loads is None else tuple(loads), self.values(draws)
         fabrics = self.fabrics if fabrics is None else fabrics
         noise = self.provenance.rating_model.noise
-        scene = scene_of(fabrics, pressed, named, self.readings, noise=noise)
+        scene = scene_of(fabrics, pressed, named, self.readings, noise=noise, finger=self.finger)
         return prediction_table(fabrics, scene, drawn_parameters(named))
 
     @property

@@ -21,6 +21,7 @@ from softness_bayes.files.spreadsheet import csv_of
 from softness_bayes.files.whole import sweep, write_whole
 from softness_bayes.likelihood.directions import RISES, direction_named
 from softness_bayes.model.build import Model, build
+from softness_bayes.model.fingers import values_of
 from softness_bayes.model.options import ModelOptions
 from softness_bayes.model.posterior import Posterior
 from softness_bayes.results.request import Request, RunOptions
@@ -316,6 +317,7 @@ def _manifest(scene: CalibrationScene, request: Request, settings: Settings) -> 
         "priors": {name: str(prior) for name, prior in options.priors.items()},
         "prior_set": options.prior_set,
         "readings": options.readings.names,
+        **({"finger": values_of(options.finger)} if values_of(options.finger) else {}),
         "direction": (options.direction or RISES).name,
         "discretisation": str(options.discretisation),
         "ensembles": settings.ensembles,

@@ -9,6 +9,7 @@ import numpy as np
 from softness_bayes.data import Compression, Experiment, Ratings
 from softness_bayes.defaults import ACCURACY
 from softness_bayes.likelihood.directions import direction_named
+from softness_bayes.model.fingers import values_of
 from softness_bayes.model.options import ModelOptions
 from softness_bayes.parameters.declared import EVERY_PARAMETER
 from softness_bayes.parameters.priors import parse_prior
@@ -69,6 +70,7 @@ def options_of(result: Result) -> ModelOptions:
         readings=result.readings,
         direction=direction_named(str(found["direction"])),
         scale=result.scale,
+        finger=result.finger,
         discretisation=Discretisation(**asked["discretisation"]),
         accuracy=asked.get("accuracy") or ACCURACY,
         noise=float(found.get("noise", 0.0)),
@@ -92,5 +94,6 @@ def _model(result: Result) -> dict[str, str]:
         "direction": direction_named(str(found["direction"])).name,
         **{name: str(prior) for name, prior in options.priors.items()},
         **{name: f"{np.format_float_positional(value, 6, trim='-')}" for name, value in options.fix.items()},
+        **{name: f"{value:g}" for name, value in values_of(options.finger).items()},
         **({"compression": str(found["digest_compression"])[:8]} if result.has_compression else {}),
     }

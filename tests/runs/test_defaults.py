@@ -15,12 +15,13 @@ from softness_bayes.model import build as building
 from softness_bayes.model.options import ModelOptions
 from softness_bayes.results.request import Request, RunOptions
 from softness_bayes.results.result import Result
+from softness_bayes.touch.contact import Finger
 from softness_bayes.touch.scene import Discretisation
 from support.command_line import HELD, few_ratings
 from support.report_runs import quickly
 
-IN_WORDS = {"direction": ("auto", None), "scale": ("magnitude", MAGNITUDE)}
-"""Defaults that a word stands for at the command line, and what they are in Python."""
+IN_WORDS = {"direction": ("auto", None), "scale": ("magnitude", MAGNITUDE), "finger": ({}, Finger())}
+"""Defaults that a word, or none, stands for at the command line, and what they are in Python."""
 
 NAMES = {"fixed": "fix", "max_time": "max_seconds"}
 """Options whose name is another in Python."""

@@ -1,0 +1,94 @@
+"""The finger of a run by named values, in the units that users write."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, replace
+from types import MappingProxyType
+from typing import Any
+
+from softness_bayes.errors import InputError
+from softness_bayes.ranges import Range
+from softness_bayes.touch.contact import Finger
+
+_MM = 1000.0
+"""Millimetres in a metre; a quotient by it is the decimal number that was written, to the last bit."""
+
+
+@dataclass(frozen=True)
+class FingerValue:
+    """One value of a finger, as the command line names it.
+
+    Parameters
+    ----------
+    name, meaning
+        Name with its unit, and what it is.
+    range
+        Values that it may have, in the unit of the name.
+    per_si
+        Units of the name in one SI unit.
+    """
+
+    name: str
+    meaning: str
+    range: Range
+    per_si: float = _MM
+
+
+FINGER_VALUES: Mapping[str, FingerValue] = MappingProxyType(
+    {
+        value.name: value
+        for value in (
+            FingerValue("radius_mm", "radius of the fingertip", Range(1.0, 100.0, "mm")),
+            FingerValue("receptor_depth_mm", "depth of the receptors", Range(0.0, 5.0, "mm")),
+            FingerValue("poisson_ratio", "Poisson ratio of the skin", Range(-0.99, 0.5), per_si=1.0),
+            FingerValue("pad_length_mm", "extent of the pad along the finger", Range(1.0, 200.0, "mm")),
+            FingerValue("pad_width_mm", "extent of the pad across the finger", Range(1.0, 200.0, "mm")),
+            FingerValue("contact_x_mm", "contact's axis along the pad, from its tip", Range(0.0, 200.0, "mm")),
+            FingerValue("contact_y_mm", "contact's axis across the pad, from its edge", Range(0.0, 200.0, "mm")),
+        )
+    }
+)
+"""Every value of a finger that a user may give, by name."""
+
+
+def require_finger(values: Mapping[str, float]) -> None:
+    """Refuse values that no finger has.
+
+    Raises
+    ------
+    InputError
+        Naming a value that does not exist or the range of one.
+    """
+    for name, value in values.items():
+        if name not in FINGER_VALUES:
+            raise InputError(f"no value '{name}' of a finger; expected one of {', '.join(FINGER_VALUES)}")
+        FINGER_VALUES[name].range.require(name, value)
+    finger_of(values)
+
+
+def finger_of(values: Mapping[str, float]) -> Finger:
+    """Return the usual finger with some values of its own.
+
+    Raises
+    ------
+    InputError
+        If the contact's axis misses the pad.
+    """
+    usual = Finger()
+    si = {name: value / FINGER_VALUES[name].per_si for name, value in values.items()}
+    x, y = usual.contact_centre
+    centre = (si.pop("contact_x_mm", x), si.pop("contact_y_mm", y))
+    return replace(usual, contact_centre=centre, **{name.removesuffix("_mm"): value for name, value in si.items()})
+
+
+def values_of(finger: Finger) -> dict[str, float]:
+    """Return the values by which a finger differs from the usual one: `finger_of` makes the finger of them."""
+    return {name: value for name, value in _every(finger).items() if value != _every(Finger())[name]}
+
+
+def _every(finger: Finger) -> dict[str, float]:
+    si: dict[str, Any] = asdict(finger)
+    si["contact_x"], si["contact_y"] = si.pop("contact_centre")
+    # twelve digits are those that were written, without the rounding of the conversion
+    return {name: float(f"{si[name.removesuffix('_mm')] * value.per_si:.12g}") for name, value in FINGER_VALUES.items()}
