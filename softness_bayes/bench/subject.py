@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from softness_bayes.data import Experiment, Fabrics
-from softness_bayes.model.build import Model, build
+from softness_bayes.model.build import ExperimentModel, build
 from softness_bayes.model.options import ModelOptions
 from softness_bayes.model.resolution import Draws, prior_draws
 from softness_bayes.model.scenes import usual_values
@@ -62,7 +62,7 @@ QUICK = Effort(64, 3, 1e-5, 40, 64, 20, 1, 400.0, 0)
 class Subject(NamedTuple):
     """The model, with simulated ratings, at one resolution, and prior draws of its parameters."""
 
-    model: Model
+    model: ExperimentModel
     draws: Draws
     theta: Array
     """Points at which the likelihood is evaluated, shape (BATCH, parameters)."""

@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from softness_bayes.checking.misfit import Fit
     from softness_bayes.checkpoints.checkpoint import Checkpoint
     from softness_bayes.data import Compression, Experiment
-    from softness_bayes.model.build import Model
+    from softness_bayes.model.build import ExperimentModel
     from softness_bayes.model.options import ModelOptions
     from softness_bayes.results.request import Request
     from softness_bayes.results.result import Result
@@ -167,7 +167,7 @@ def _evaluated(data: Experiment | Compression, options: ModelOptions) -> bool:
     return True
 
 
-def _told(model: Model) -> str:
+def _told(model: ExperimentModel) -> str:
     """Say which direction the ratings are taken to have, and what the data say of it."""
     return f"{'warning' if model.direction.against_data else 'note'}: {model.direction.sentence}"
 
@@ -183,7 +183,7 @@ def run(
         If a limit was reached first; everything is written all the same.
     """
     from softness_bayes.data import Compression
-    from softness_bayes.model.build import Model, build, build_skin
+    from softness_bayes.model.build import ExperimentModel, build, build_skin
     from softness_bayes.results.versions import versions
     from softness_bayes.runs.plate import sample_skin_model
     from softness_bayes.runs.run import sample_model
@@ -193,7 +193,7 @@ def run(
     model = build_skin(data, options) if isinstance(data, Compression) else build(data, options)
     for note in data.notes:
         click.echo(f"note: {note}", err=True)
-    if isinstance(model, Model):
+    if isinstance(model, ExperimentModel):
         click.echo(_told(model), err=True)
     with keeping(lambda: _kept(checkpoint)), checkpoint:
         decided = request._replace(model=model.options)
@@ -201,7 +201,7 @@ def run(
         checkpoint.request = {**asked, "versions": versions()}
         bar = _Bar(0.0 if checkpoint.status is None else checkpoint.status.seconds)
         try:
-            if isinstance(model, Model):
+            if isinstance(model, ExperimentModel):
                 result = sample_model(model, how, bar.show, checkpoint)
             else:
                 result = sample_skin_model(model, how, bar.show, checkpoint)

@@ -36,7 +36,7 @@ SKIN = ("b", "m")
 
 
 @dataclass(frozen=True)
-class Model:
+class ExperimentModel:
     """The model of one experiment.
 
     Parameters
@@ -82,7 +82,7 @@ class SkinModel:
     posterior: Density
 
 
-def build(experiment: Experiment, options: ModelOptions = ModelOptions()) -> Model:
+def build(experiment: Experiment, options: ModelOptions = ModelOptions()) -> ExperimentModel:
     """Build the model of an experiment.
 
     Parameters
@@ -114,7 +114,7 @@ def build(experiment: Experiment, options: ModelOptions = ModelOptions()) -> Mod
     )
     plates = () if experiment.compression is None else (forces_of(experiment.compression, options),)
     posterior = Posterior(_bent(space, scene), (observation, *plates), scene)
-    return Model(experiment, options, posterior, scene, chosen, resolution)
+    return ExperimentModel(experiment, options, posterior, scene, chosen, resolution)
 
 
 def build_skin(compression: Compression, options: ModelOptions) -> SkinModel:

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from softness_bayes.model.build import Model
+from softness_bayes.model.build import ExperimentModel
 from softness_bayes.model.resolution import Draws, first
 from softness_bayes.touch.accuracy import QUADRATURES, TOLERANCES, Choice, Errors, errors, thinned
 from softness_bayes.touch.neuron.fixed_channels import FixedChannels
@@ -60,7 +60,7 @@ def seconds(scene: Scene, parameters: TouchParameters, batch: int = BATCH, repea
     return min(taken) / np.size(some.alpha)
 
 
-def left_out(model: Model) -> tuple[str, ...]:
+def left_out(model: ExperimentModel) -> tuple[str, ...]:
     """Return the computations that a model's evaluation saves, with the reasons."""
     scene, held = model.scene, model.posterior.space.held
     n, loads = scene.n_conditions, np.unique(scene.load).size

@@ -1,4 +1,4 @@
-"""What the model of an experiment is, beyond its data."""
+"""Options of the model of an experiment."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a run was asked for: its model, and how long to run, as results and checkpoints record it."""
+"""The request of a run: its model and its limits, as results and checkpoints record them."""
 
 from __future__ import annotations
 

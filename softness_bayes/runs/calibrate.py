@@ -20,7 +20,7 @@ from softness_bayes.files.outputs import require_outputs, write_outputs
 from softness_bayes.files.spreadsheet import csv_of
 from softness_bayes.files.whole import sweep, write_whole
 from softness_bayes.likelihood.directions import RISES, direction_named
-from softness_bayes.model.build import Model, build
+from softness_bayes.model.build import ExperimentModel, build
 from softness_bayes.model.fingers import values_of
 from softness_bayes.model.options import ModelOptions
 from softness_bayes.model.posterior import Posterior
@@ -68,7 +68,7 @@ class CalibrationScene:
     loads: tuple[Load, ...] = USUAL_LOADS
     participants: int = 20
 
-    def model(self, options: ModelOptions) -> Model:
+    def model(self, options: ModelOptions) -> ExperimentModel:
         """Return the model of the scene, built once for all replicates; its ratings are all 1, to be replaced."""
         names = [f"P{k}" for k in range(1, self.participants + 1)]
         table = np.ones((self.participants, len(self.fabrics), len(self.loads)))

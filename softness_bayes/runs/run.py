@@ -15,7 +15,7 @@ from softness_bayes.checkpoints.identity import identity, require_density
 from softness_bayes.data import Compression, Experiment
 from softness_bayes.files.command_line import storable
 from softness_bayes.likelihood.directions import direction_named
-from softness_bayes.model.build import Model, build
+from softness_bayes.model.build import ExperimentModel, build
 from softness_bayes.model.options import ModelOptions
 from softness_bayes.model.posterior import Density
 from softness_bayes.provenance import Ending, attributes_of
@@ -160,7 +160,7 @@ def _as_begun(options: ModelOptions, checkpoint: Checkpoint) -> ModelOptions:
 
 
 def sample_model(
-    model: Model,
+    model: ExperimentModel,
     run: RunOptions,
     progress: Callable[[Progress], None] | None = None,
     checkpoint: Checkpoint | None = None,

@@ -49,8 +49,8 @@ def table(tmp_path):
     ("name", "statement"),
     [
         ("one row", "one condition: the response does not vary"),
-        ("one row", "one participant: the spread tau"),
-        ("one participant", "one participant: the spread tau"),
+        ("one row", "one participant: the spread of rating scales between participants (tau)"),
+        ("one participant", "one participant: the spread of rating scales between participants (tau)"),
         ("one fabric", "one condition: the response does not vary"),
         ("identical", "all ratings are the same"),
         ("extreme", "from 1e-300 to 1e+300"),

@@ -11,8 +11,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from softness_bayes.results import request
 from softness_bayes.results.result import Result
-from softness_bayes.runs import run as runs
 from softness_bayes.sampler.sampling import Settings
 from softness_bayes.touch.readings import MENDED
 from support.command_line import FIXED, HELD, QUICK, TOUCH, call, refused, run
@@ -134,7 +134,7 @@ def alone(tmp_path_factory):
     words = ["sample", "--data", DATA / "ratings.csv", *FIXED, *QUICK]
     ending = ["--reading", "pressure=hertz", "--prior", "gamma=lognormal(1.1,0.2)", "--seed", "2"]
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(runs, "Settings", functools.partial(Settings, pilot=(20, 20), optima=1))
+        patch.setattr(request, "Settings", functools.partial(Settings, pilot=(20, 20), optima=1))
         patch.setattr(sys, "argv", ["softness-bayes", *map(str, [*words, *ending])])
         return directory, call(*words, *ending, cwd=directory)
 

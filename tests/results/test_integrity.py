@@ -320,7 +320,7 @@ def test_a_file_of_the_past_is_said_to_be_unverified(runs, tmp_path, here):
     arviz_bridge.write_netcdf(tree, tmp_path / "old" / "posterior.nc")
     done = here("plot", tmp_path / "old", "--figures", "trace", "--format", "svg")
     assert done.returncode == 0
-    assert "old/posterior.nc: of an earlier version, without checksums" in done.stderr
+    assert "old/posterior.nc: written by an earlier version without checksums" in done.stderr
     done = here("plot", runs / "ratings", "--figures", "trace", "--format", "svg", "--out", tmp_path / "figures")
     assert "checksums" not in done.stderr
 
