@@ -76,7 +76,7 @@ class ModelOptions:
             "direction": None if self.direction is None else self.direction.name,
             "direction_decided": "direction" in self.decided,
             "scale": self.scale.name,
-            "finger": values_of(self.finger),
+            **({"finger": values_of(self.finger)} if self.finger != Finger() else {}),
             "noise": self.noise,
             "accuracy": self.kept_accuracy,
             "discretisation": None if self.discretisation is None else asdict(self.discretisation),

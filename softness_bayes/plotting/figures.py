@@ -52,9 +52,17 @@ def _response(result: Drawable, style: Style) -> Figure:
         result.loads,
         _fabric_modulus(result),
         inflection=result.inflections(),
-        finger_radius=float(result.group("constant_data")["finger_radius_mm"]) * 1e-3,
+        finger_radius=_finger_radius(result),
         style=style,
     )
+
+
+def _finger_radius(result: Drawable) -> float:
+    """Return the finger's radius [m]; results that do not record it are of the usual finger."""
+    from softness_bayes.touch.contact import Finger
+
+    constant = result.group("constant_data")
+    return float(constant["finger_radius_mm"]) * 1e-3 if "finger_radius_mm" in constant else Finger().radius
 
 
 def _response_ratio(result: Drawable, style: Style) -> Figure:

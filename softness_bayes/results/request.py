@@ -17,7 +17,7 @@ from softness_bayes.sampler.sampling import Settings
 
 @dataclass(frozen=True)
 class RunOptions:
-    """How to run the sampler, and for how long.
+    """Limits of the sampler, and its seed.
 
     Parameters
     ----------

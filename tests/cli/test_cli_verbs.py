@@ -59,7 +59,10 @@ def test_predict_takes_readings_and_prior_sets():
         (["--priors", "mine"], "mine"),
         (["--posterior", "nowhere"], "nowhere"),
         (["--posterior", "nowhere", "--set", "b=80"], "--posterior brings its own parameters"),
-        (["--posterior", "nowhere", "--readings", "hertz"], "--posterior brings its own parameters and readings"),
+        (
+            ["--posterior", "nowhere", "--readings", "hertz"],
+            "--posterior brings its own parameters, readings and finger",
+        ),
         (["--posterior", "nowhere", "--reading", "pressure=hertz"], "--posterior brings its own"),
         (["--column", "fabric=name"], "name"),
         (["--indentation-mm", "-1"], "--indentation-mm"),

@@ -93,6 +93,7 @@ def test_options_record_the_finger_and_old_records_mean_the_usual_one():
     assert Request.from_record(record) == request
     del record["finger"]
     assert Request.from_record(record).model.finger == Finger()
+    assert "finger" not in Request().record()
 
 
 def test_a_run_with_another_finger_is_another_run():
