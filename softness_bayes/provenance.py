@@ -284,7 +284,7 @@ class _Codec(NamedTuple):
 _CODECS: Mapping[str, _Codec] = MappingProxyType(
     {
         "str": _Codec(str, str),
-        "int": _Codec(int, lambda value: int(value) if value < LEAST_LONG else str(value)),
+        "int": _Codec(int, lambda value: value if value < LEAST_LONG else str(value)),
         "float": _Codec(float, float),
         "bool": _Codec(bool, int),
         "float | None": _Codec(

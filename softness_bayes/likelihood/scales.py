@@ -7,7 +7,7 @@ observation model of each pair. This module is light, for the command line: it i
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Literal, Protocol
 
@@ -192,19 +192,13 @@ def scale_named(name: str) -> Scale:
     return RATING_SCALES[name]
 
 
-PLATE_FORCE = Scale(
+PLATE_FORCE = replace(
+    MAGNITUDE,
     name="plate-force",
     meaning="forces of a rigid plate, above 0 [N]",
-    suitable="positive",
     unit="log force",
-    short="log",
     label="force [N]",
-    mean="geometric mean",
-    axis="log",
-    drawn=(1e-200, 1e200),
     own_units=False,
-    additive=_log,
-    natural=_exp,
     require=_accept,
 )
 """The scale of a rigid plate's force on a fingerpad; not a scale of ratings."""

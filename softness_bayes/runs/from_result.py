@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-import json
-
 import numpy as np
 
 from softness_bayes.data import Compression, Experiment, Ratings
 from softness_bayes.defaults import ACCURACY
-from softness_bayes.likelihood.directions import direction_named
 from softness_bayes.model.fingers import values_of
 from softness_bayes.model.options import ModelOptions
 from softness_bayes.parameters.declared import EVERY_PARAMETER
-from softness_bayes.parameters.priors import parse_prior
 from softness_bayes.results.result import Result
 from softness_bayes.touch.scene import Discretisation
 
@@ -25,7 +21,7 @@ def experiment_of(result: Result) -> Experiment:
     InputError
         If the run had no ratings.
     """
-    loads, constant, found = result.loads, result.group("constant_data"), result.attributes
+    loads, constant, found = result.loads, result.group("constant_data"), result.provenance.rating_data
     rating = result.group("observed_data")["rating"]
     fabrics = result.fabrics
     ratings = Ratings(
@@ -37,22 +33,23 @@ def experiment_of(result: Result) -> Experiment:
         load=constant["load_index"].values,
         rating=rating.values,
         rows=rating["rating_row"].values,
-        n_missing=int(found["missing_ratings"]),
-        digest=str(found["digest_ratings"]),
+        n_missing=found.missing_ratings,
+        digest=found.digest_ratings,
     )
     return Experiment(ratings, fabrics, (), _compression_of(result) if result.has_compression else None)
 
 
 def _compression_of(result: Result) -> Compression:
     constant, force = result.group("constant_data"), result.group("observed_data")["plate_force_n"]
+    found = result.provenance.plate
     return Compression(
         tuple(str(name) for name in result.group("posterior")["finger"].values),
         constant["finger_index"].values,
         constant["force_indentation_mm"].values * 1e-3,
         force.values,
         force["force_row"].values,
-        n_zero=int(result.attributes["zero_forces"]),
-        digest=str(result.attributes["digest_compression"]),
+        n_zero=found.zero_forces,
+        digest=found.digest_compression,
     )
 
 
@@ -60,20 +57,21 @@ def options_of(result: Result) -> ModelOptions:
     """Return the model that a result was sampled from."""
     from softness_bayes.results.lookup import Named
 
-    found, constant = result.attributes, result.group("constant_data")
-    asked = Named(json.loads(found["options"]), "option", f"{result.source}: attribute 'options'")
-    decided = {"direction": not found.get("direction_asked", 1), "discretisation": asked.get("accuracy") is not None}
+    found, constant = result.provenance, result.group("constant_data")
+    asked = Named(found.asked.options, "option", f"{result.source}: attribute 'options'")
+    taken, priors = found.direction, found.priors
+    decided = {"direction": not taken.direction_asked, "discretisation": asked.get("accuracy") is not None}
     return ModelOptions(
         fix={name: float(constant[name]) for name in EVERY_PARAMETER if name in constant},
-        priors={n: parse_prior(str(found[f"prior_{n}"])) for n in EVERY_PARAMETER if f"prior_{n}" in found},
-        prior_set=str(found["prior_set"]),
+        priors={name: priors[name] for name in EVERY_PARAMETER if name in priors},
+        prior_set=found.asked.prior_set,
         readings=result.readings,
-        direction=direction_named(str(found["direction"])),
+        direction=taken.direction,
         scale=result.scale,
         finger=result.finger,
         discretisation=Discretisation(**asked["discretisation"]),
         accuracy=asked.get("accuracy") or ACCURACY,
-        noise=float(found.get("noise", 0.0)),
+        noise=found.rating_model.noise,
         decided=frozenset(name for name, so in decided.items() if so),
     )
 
@@ -87,13 +85,13 @@ def differences(results: dict[str, Result]) -> dict[str, str]:
 
 
 def _model(result: Result) -> dict[str, str]:
-    found, options = result.attributes, options_of(result)
+    options = options_of(result)
     return {
         **options.readings.names,
         "ratings": options.scale.name,
-        "direction": direction_named(str(found["direction"])).name,
+        "direction": result.provenance.direction.direction.name,
         **{name: str(prior) for name, prior in options.priors.items()},
         **{name: f"{np.format_float_positional(value, 6, trim='-')}" for name, value in options.fix.items()},
         **{name: f"{value:g}" for name, value in values_of(options.finger).items()},
-        **({"compression": str(found["digest_compression"])[:8]} if result.has_compression else {}),
+        **({"compression": result.provenance.plate.digest_compression[:8]} if result.has_compression else {}),
     }

@@ -18,14 +18,23 @@ from softness_bayes.likelihood.directions import direction_named
 from softness_bayes.model.build import ExperimentModel, build
 from softness_bayes.model.options import ModelOptions
 from softness_bayes.model.posterior import Density
-from softness_bayes.provenance import Ending, attributes_of
+from softness_bayes.provenance import (
+    PRIOR,
+    READING,
+    Asked,
+    DirectionTaken,
+    Ending,
+    RatingData,
+    RatingModel,
+    attributes_of,
+    family_of,
+)
 from softness_bayes.results.assembly import assembled
 from softness_bayes.results.request import Request, RunOptions
 from softness_bayes.results.result import Result
 from softness_bayes.results.result_file import SCHEMA
 from softness_bayes.results.versions import versions
 from softness_bayes.sampler.sampling import Progress, progress_of, sampled_of, walk
-from softness_bayes.sampler.serial import as_json
 from softness_bayes.sampler.state import RunState
 from softness_bayes.sampler.workers import Workers
 
@@ -80,14 +89,9 @@ def requested(density: Density, request: Request) -> dict[str, Any]:
     """
     model, run = request
     return {
-        "schema_version": SCHEMA,
-        "command": storable(run.command),
-        "options": as_json(request.record(), "options of the run"),
-        # NetCDF has no longer integers; int() reads either
-        "seed": run.seed if run.seed < 1 << 63 else str(run.seed),
-        "prior_set": model.prior_set,
-        **{f"prior_{p.name}": str(p.prior) for p in density.space.sampled},
-        **{f"reading_{place}": name for place, name in model.readings.names.items()},
+        **attributes_of(Asked(SCHEMA, storable(run.command), request.record(), run.seed, model.prior_set)),
+        **family_of(PRIOR, {parameter.name: parameter.prior for parameter in density.space.sampled}),
+        **family_of(READING, model.readings.names),
         **versions(),
     }
 
@@ -170,17 +174,11 @@ def sample_model(
     request = Request(options, run)
     asked = {
         **requested(posterior, request),
-        "direction": chosen.direction.name,
-        "direction_asked": int(chosen.asked),
-        "direction_note": chosen.sentence,
-        "firing_rises": chosen.evidence.firing,
-        "noise": options.noise,
-        "rating_scale": options.scale.name,
-        "digest_ratings": experiment.ratings.digest,
-        "digest_fabrics": experiment.fabrics.digest,
-        "missing_ratings": experiment.ratings.n_missing,
-        "accuracy": options.kept_accuracy or "none asked for",
-        "discretisation": str(options.discretisation),
+        **attributes_of(
+            DirectionTaken(chosen.direction, chosen.asked, chosen.sentence, chosen.evidence.firing),
+            RatingModel(options.noise, options.scale, options.kept_accuracy, str(options.discretisation)),
+            RatingData(experiment.ratings.digest, experiment.fabrics.digest, experiment.ratings.n_missing),
+        ),
     }
     arviz_bridge.require_storable(asked, labels_of(experiment))
     arviz_bridge.prepare()

@@ -31,7 +31,7 @@ from softness_bayes.results.result_file import SCHEMA
 from softness_bayes.runs.run import sample
 from softness_bayes.sampler.sampling import Settings
 from softness_bayes.touch import scene
-from softness_bayes.touch.contact import Force, Indentation
+from softness_bayes.touch.contact import Finger, Force, Indentation
 from softness_bayes.touch.neuron import fixed_channels
 from softness_bayes.touch.readings import CLASSICAL, MENDED
 from softness_bayes.touch.scene import Discretisation
@@ -205,6 +205,7 @@ def test_the_options_in_the_file_repeat_the_run(result, experiment, options):
         prior_set="in-vivo",
         readings=CLASSICAL,
         direction=INVERSE,
+        finger=Finger(radius=7e-3, contact_centre=(11e-3, 9e-3)),
         discretisation=scene.Discretisation(8, 9.0, 1e-5),
         max_seconds=math.inf,
         processes=3,
