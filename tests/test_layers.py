@@ -25,7 +25,7 @@ LAYERS = (
     {"checking"},
     {"model", "plotting"},
     {"bench", "checkpoints", "claims", "results"},
-    {"report", "runs"},
+    {"cli.options", "report", "runs"},
     {"cli", "tools"},
     {"__main__"},
 )

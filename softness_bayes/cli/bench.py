@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from softness_bayes.cli.options import force
+from softness_bayes.cli.options.run import force
 
 if TYPE_CHECKING:
     from softness_bayes.bench.precision import Point

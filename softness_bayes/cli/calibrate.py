@@ -9,7 +9,10 @@ from typing import TYPE_CHECKING, NoReturn
 import click
 
 from softness_bayes.cli.interrupts import keeping
-from softness_bayes.cli.options import ModelChoice, decimal, load_options, model_choice, seed, whole
+from softness_bayes.cli.options.model import ModelChoice, model_choice
+from softness_bayes.cli.options.run import seed
+from softness_bayes.cli.options.tables import decimal, load_options
+from softness_bayes.cli.options.values import whole
 from softness_bayes.errors import NotConvergedError
 from softness_bayes.ranges import PARTICIPANTS, PROCESSES, REPLICATES, STEPS
 

@@ -6,7 +6,8 @@ from typing import TYPE_CHECKING
 
 import click
 
-from softness_bayes.cli.options import DataFiles, ReadingChoice, data_files, rating_scale, readings
+from softness_bayes.cli.options.model import ReadingChoice, rating_scale, readings
+from softness_bayes.cli.options.tables import DataFiles, data_files
 
 if TYPE_CHECKING:
     import numpy as np

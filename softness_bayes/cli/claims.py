@@ -8,7 +8,10 @@ from typing import TYPE_CHECKING
 
 import click
 
-from softness_bayes.cli.options import decimal, fix, force, load_options, named, out, prior, seed, whole
+from softness_bayes.cli.options.model import fix, prior
+from softness_bayes.cli.options.run import force, out, seed
+from softness_bayes.cli.options.tables import column, decimal, load_options
+from softness_bayes.cli.options.values import named, whole
 from softness_bayes.errors import InputError
 from softness_bayes.ranges import PRIOR_DRAWS
 
@@ -53,14 +56,7 @@ CLAIMS, MADE = "claims", ("claims.csv", "claims.md", "claims_loads.csv")
     metavar="FILE",
     help="Fabric set (CSV); by default that of --data, or twelve moduli over the range of real cloth.",
 )
-@click.option(
-    "--column",
-    "columns",
-    multiple=True,
-    callback=named(str),
-    metavar="NAME=ACTUAL",
-    help="What a column is called in the files, as in rating=softness. Repeatable.",
-)
+@column
 @decimal
 @load_options(True, ". Repeatable; by default 1, 1.5, 2 and 3 mm and 0.5, 1, 2 and 4 N, or those of --data.")
 @click.option(

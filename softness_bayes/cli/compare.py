@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from softness_bayes.cli.options import whole
+from softness_bayes.cli.options.values import whole
 from softness_bayes.cli.running import reading
 from softness_bayes.ranges import STEPS
 

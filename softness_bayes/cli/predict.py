@@ -8,16 +8,15 @@ from typing import TYPE_CHECKING
 
 import click
 
-from softness_bayes.cli.options import (
+from softness_bayes.cli.options.model import (
     ReadingChoice,
-    Touches,
     accuracy,
     finger,
     prior_set,
     readings,
     set_values,
-    touches,
 )
+from softness_bayes.cli.options.tables import Touches, touches
 from softness_bayes.cli.running import reading
 from softness_bayes.errors import InputError
 

@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING
 
 import click
 
-from softness_bayes.cli.options import whole
-from softness_bayes.cli.running import command_line, max_time, no_figures, processes, recorded_files
+from softness_bayes.cli.options.run import max_time, no_figures, processes
+from softness_bayes.cli.options.values import whole
+from softness_bayes.cli.running import command_line, recorded_files
 from softness_bayes.cli.sample import run
 from softness_bayes.errors import InputError
 from softness_bayes.ranges import STEPS

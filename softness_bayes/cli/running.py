@@ -1,9 +1,8 @@
-"""Common parts of the commands about runs: options, and the record of a run for its continuation."""
+"""Common parts of the commands about runs: results that they read, and the files of a run as it records them."""
 
 from __future__ import annotations
 
 import os
-import re
 import shlex
 import sys
 from collections.abc import Iterator
@@ -13,46 +12,15 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from softness_bayes.cli.options import DataFiles, whole
+from softness_bayes.cli.options.tables import DataFiles
 from softness_bayes.errors import InputError
 from softness_bayes.files.command_line import portable
-from softness_bayes.ranges import PROCESSES
 
 if TYPE_CHECKING:
     from softness_bayes.results.result import Result
     from softness_bayes.sampler.diagnostics import Verdict
 
 _PATHS = ("data", "fabrics", "compression")
-_SECONDS = {"": 1, "s": 1, "m": 60, "h": 3600}
-
-
-def _duration(ctx: click.Context, param: click.Parameter, text: str | None) -> float:
-    if text is None:
-        return float("inf")
-    match = re.fullmatch(r"(\d+(?:\.\d+)?)\s*([smh]?)", text.strip())
-    if match is None:
-        raise click.BadParameter(f"expected a time such as 90, 90s, 10m or 2h, got {text!r}")
-    return float(match[1]) * _SECONDS[match[2]]
-
-
-max_time = click.option(
-    "--max-time",
-    callback=_duration,
-    metavar="TIME",
-    help="Time after which the run ends, converged or not: 90 (seconds), 10m or 2h. By default there is none.",
-)
-"""Gives a verb `max_time` [s]."""
-
-processes = click.option(
-    "--processes",
-    type=whole(PROCESSES),
-    metavar="N",
-    help="Processes that share the ensembles; by default one for each core. Draws do not depend on it.",
-)
-"""Gives a verb `processes`."""
-
-no_figures = click.option("--no-figures", is_flag=True, help="Leave out the figures.")
-"""Gives a verb `no_figures`."""
 
 
 def command_line() -> str:

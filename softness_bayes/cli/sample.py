@@ -12,19 +12,11 @@ from click.core import ParameterSource
 
 from softness_bayes.cli import STARTED
 from softness_bayes.cli.interrupts import keeping
-from softness_bayes.cli.options import (
-    DataFiles,
-    ModelChoice,
-    Number,
-    data_files,
-    force,
-    model_choice,
-    out,
-    rating_scale,
-    seed,
-    whole,
-)
-from softness_bayes.cli.running import command_line, in_numbers, max_time, no_figures, processes, record_of
+from softness_bayes.cli.options.model import ModelChoice, model_choice, rating_scale
+from softness_bayes.cli.options.run import force, max_time, no_figures, out, processes, seed
+from softness_bayes.cli.options.tables import DataFiles, data_files
+from softness_bayes.cli.options.values import Number, whole
+from softness_bayes.cli.running import command_line, in_numbers, record_of
 from softness_bayes.defaults import MAX_STEPS, NOISE
 from softness_bayes.errors import InputError, NotConvergedError
 from softness_bayes.ranges import NOISES, STEPS

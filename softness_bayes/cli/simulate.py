@@ -10,23 +10,19 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from softness_bayes import __version__
-from softness_bayes.cli.options import (
-    Number,
+from softness_bayes.cli.options.model import (
     ReadingChoice,
-    Touches,
     accuracy,
     direction,
     finger,
-    force,
-    out,
     prior_set,
     rating_scale,
     readings,
-    seed,
     set_values,
-    touches,
-    whole,
 )
+from softness_bayes.cli.options.run import force, out, seed
+from softness_bayes.cli.options.tables import Touches, touches
+from softness_bayes.cli.options.values import Number, whole
 from softness_bayes.ranges import FINGERS, PARTICIPANTS, SLOPES, TYPICAL_RATINGS
 
 if TYPE_CHECKING:

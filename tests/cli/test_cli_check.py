@@ -9,7 +9,9 @@ from pathlib import Path
 import click
 import pytest
 
-from softness_bayes.cli import VERBS, main, options
+from softness_bayes.cli import VERBS, main
+from softness_bayes.cli.options import model, tables
+from softness_bayes.cli.options import run as run_options
 from softness_bayes.errors import InputError, SoftnessError
 from support.paths import ROOT, SHARED
 
@@ -197,24 +199,24 @@ def invoke(option, *arguments: str) -> dict:
 
 
 def test_options_hand_over_values():
-    assert invoke(options.set_values, "--set", "b=80", "--set", "m = 2e0") == {"values": {"b": 80.0, "m": 2.0}}
-    assert invoke(options.fix, "--fix", "b=80") == {"fixed": {"b": 80.0}}
-    assert invoke(options.seed, "--seed", "7") == {"seed": 7}
-    assert invoke(options.out) == {"out": Path("results")}
-    assert invoke(options.force, "--force") == {"force": True}
-    assert invoke(options.prior_set) == {"prior_set": "default"}
-    assert invoke(options.prior) == {"priors": {}}
+    assert invoke(model.set_values, "--set", "b=80", "--set", "m = 2e0") == {"values": {"b": 80.0, "m": 2.0}}
+    assert invoke(model.fix, "--fix", "b=80") == {"fixed": {"b": 80.0}}
+    assert invoke(run_options.seed, "--seed", "7") == {"seed": 7}
+    assert invoke(run_options.out) == {"out": Path("results")}
+    assert invoke(run_options.force, "--force") == {"force": True}
+    assert invoke(model.prior_set) == {"prior_set": "default"}
+    assert invoke(model.prior) == {"priors": {}}
 
 
 @pytest.mark.parametrize(
     ("option", "arguments", "problem"),
     [
-        (options.set_values, ["--set", "b"], "expected NAME=VALUE, got 'b'"),
-        (options.set_values, ["--set", "=1"], "expected NAME=VALUE, got '=1'"),
-        (options.set_values, ["--set", "b=high"], "b: expected a finite number, got 'high'"),
-        (options.fix, ["--fix", "b=nan"], "b: expected a finite number, got 'nan'"),
-        (options.fix, ["--fix", "b=1", "--fix", "b=2"], "'b' is given twice"),
-        (options.seed, ["--seed", "-1"], "-1 is not in the range x>=0"),
+        (model.set_values, ["--set", "b"], "expected NAME=VALUE, got 'b'"),
+        (model.set_values, ["--set", "=1"], "expected NAME=VALUE, got '=1'"),
+        (model.set_values, ["--set", "b=high"], "b: expected a finite number, got 'high'"),
+        (model.fix, ["--fix", "b=nan"], "b: expected a finite number, got 'nan'"),
+        (model.fix, ["--fix", "b=1", "--fix", "b=2"], "'b' is given twice"),
+        (run_options.seed, ["--seed", "-1"], "-1 is not in the range x>=0"),
     ],
 )
 def test_options_refuse_what_they_cannot_read(option, arguments, problem):
@@ -224,19 +226,19 @@ def test_options_refuse_what_they_cannot_read(option, arguments, problem):
 
 def test_priors_are_values_before_they_reach_a_verb():
     pytest.importorskip("softness_bayes.parameters.priors")
-    priors = invoke(options.prior, "--prior", "b=lognormal(100,0.5)")["priors"]
+    priors = invoke(model.prior, "--prior", "b=lognormal(100,0.5)")["priors"]
     assert {name: str(prior) for name, prior in priors.items()} == {"b": "lognormal(100,0.5)"}
     with pytest.raises(click.BadParameter, match="b: "):
-        invoke(options.prior, "--prior", "b=cauchy(1)")
+        invoke(model.prior, "--prior", "b=cauchy(1)")
 
 
 def test_fabrics_and_loads(tmp_path):
     path = tmp_path / "cloth.csv"
     path.write_text(FABRICS.replace("fabric", "id"))
     arguments = ["--fabrics", str(path), "--column", "fabric=id", "--indentation-mm", "2", "--force-n", "1"]
-    touches = invoke(options.touches, *arguments, "--indentation-mm", "1")["touches"]
+    touches = invoke(tables.touches, *arguments, "--indentation-mm", "1")["touches"]
     fabrics, loads = touches.read()
     assert fabrics.names == ("a", "b", "c")
     assert [str(load) for load in loads] == ["1 mm", "2 mm", "1 N"]
     with pytest.raises(InputError, match="--indentation-mm or --force-n"):
-        invoke(options.touches, "--fabrics", str(path))["touches"].read()
+        invoke(tables.touches, "--fabrics", str(path))["touches"].read()

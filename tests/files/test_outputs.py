@@ -18,7 +18,7 @@ from pathlib import Path
 import pytest
 
 from softness_bayes.cli import VERBS
-from softness_bayes.cli.options import DataFiles
+from softness_bayes.cli.options.tables import DataFiles
 from softness_bayes.cli.running import record_of, recorded_files
 from softness_bayes.errors import InputError
 from softness_bayes.files import whole

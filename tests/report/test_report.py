@@ -316,7 +316,7 @@ def repeated(command, monkeypatch, directory):
         sample, "run", lambda checkpoint, files, data, request, figures: caught.append((files, request))
     )
     # there are no data to look at
-    monkeypatch.setattr("softness_bayes.cli.options.DataFiles.read", lambda files: None)
+    monkeypatch.setattr("softness_bayes.cli.options.tables.DataFiles.read", lambda files: None)
     monkeypatch.setattr(sample, "_evaluated", lambda data, options: False)
     monkeypatch.chdir(directory)
     program, *words = shlex.split(command)

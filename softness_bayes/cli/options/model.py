@@ -1,0 +1,255 @@
+"""Options of the model: parameters, priors, readings, finger, accuracy, direction and scale of ratings."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from softness_bayes.cli.options.values import Number, Verb, finite, named
+from softness_bayes.defaults import ACCURACY, PRIOR_SET
+from softness_bayes.likelihood.directions import RATING_DIRECTIONS, RISES, direction_named
+from softness_bayes.likelihood.scales import MAGNITUDE, RATING_SCALES
+from softness_bayes.ranges import ACCURACIES
+
+if TYPE_CHECKING:
+    from softness_bayes.model.options import ModelOptions
+    from softness_bayes.parameters.priors import Prior
+    from softness_bayes.touch.readings import Readings
+
+
+def _prior(text: str) -> Prior:
+    from softness_bayes.parameters.priors import parse_prior
+
+    return parse_prior(text)
+
+
+def _require_values(values: dict[str, float]) -> None:
+    from softness_bayes.parameters.choice import require_values
+
+    require_values(values)
+
+
+def _require_priors(priors: dict[str, Prior]) -> None:
+    from softness_bayes.parameters.choice import require_priors
+
+    require_priors(priors)
+
+
+def _require_finger(values: dict[str, float]) -> None:
+    from softness_bayes.model.fingers import require_finger
+
+    require_finger(values)
+
+
+set_values = click.option(
+    "--set",
+    "values",
+    multiple=True,
+    callback=named(finite, _require_values),
+    metavar="NAME=VALUE",
+    help="Value of a parameter, as in b=80; the others are the medians of their priors. Repeatable.",
+)
+"""Gives a verb `values`, name -> number."""
+
+fix = click.option(
+    "--fix",
+    "fixed",
+    multiple=True,
+    callback=named(finite, _require_values),
+    metavar="NAME=VALUE",
+    help="Hold a parameter at a value, as in m=2. Repeatable.",
+)
+"""Gives a verb `fixed`, name -> number."""
+
+prior = click.option(
+    "--prior",
+    "priors",
+    multiple=True,
+    callback=named(_prior, _require_priors),
+    metavar="NAME=PRIOR",
+    help="Prior of a parameter, as in b='lognormal(100,0.5)' (median, sd of the log). Repeatable.",
+)
+"""Gives a verb `priors`, name -> `Prior`."""
+
+prior_set = click.option(
+    "--priors",
+    "prior_set",
+    default=PRIOR_SET,
+    show_default=True,
+    metavar="SET",
+    help="Named set of priors that --prior departs from: default, in-vivo or wide.",
+)
+"""Gives a verb `prior_set`, the name of one of the sets."""
+
+_READING = click.option(
+    "--reading",
+    "overrides",
+    multiple=True,
+    callback=named(str),
+    metavar="PLACE=NAME",
+    help="Another reading of one place of the model, as in pressure=hertz. Repeatable.",
+)
+_READING_SET = click.option(
+    "--readings",
+    "reading_set",
+    metavar="SET",
+    help="Named set of readings that --reading departs from: mended (the default), printed or hertz.",
+)
+
+
+@dataclass(frozen=True)
+class ReadingChoice:
+    """The readings asked for on the command line."""
+
+    set_name: str | None
+    overrides: Mapping[str, str]
+
+    @property
+    def is_default(self) -> bool:
+        """True if no option was given."""
+        return self.set_name is None and not self.overrides
+
+    def resolve(self) -> Readings:
+        """Return the readings; without a named set those departed from are the default ones."""
+        from softness_bayes.touch.readings import readings_named
+
+        return readings_named(self.set_name or "mended", self.overrides)
+
+
+def readings(verb: Verb) -> Verb:
+    """Give a verb the options that choose readings; it receives `choice`, a `ReadingChoice`."""
+
+    @_READING_SET
+    @_READING
+    @functools.wraps(verb)
+    def wrapped(reading_set: str | None, overrides: dict[str, str], **others: Any) -> Any:
+        return verb(choice=ReadingChoice(reading_set, overrides), **others)
+
+    return wrapped
+
+
+finger = click.option(
+    "--finger",
+    "finger",
+    multiple=True,
+    callback=named(finite, _require_finger),
+    metavar="NAME=VALUE",
+    help="Another finger, as in receptor_depth_mm=0.6: radius_mm, receptor_depth_mm, poisson_ratio, pad_length_mm, "
+    "pad_width_mm, contact_x_mm or contact_y_mm. Repeatable.",
+)
+"""Gives a verb `finger`, name -> number, from which `model.fingers.finger_of` makes a `Finger`."""
+
+accuracy = click.option(
+    "--accuracy",
+    type=Number(ACCURACIES),
+    default=ACCURACY,
+    show_default=True,
+    metavar="X",
+    help="Bound of the response's numerical error, relative to its peak and in log(N/N_ref + eps): the cheapest "
+    "resolution that keeps to it over the parameters in question is chosen; 'plan' shows how.",
+)
+"""Gives a verb `accuracy`."""
+
+AUTO = "auto"
+
+
+class _Direction(click.Choice[str]):
+    """The directions of ratings, by their names or former names."""
+
+    def __init__(self, *also: str) -> None:
+        super().__init__([*also, *RATING_DIRECTIONS])
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        former = {one.former: one.name for one in RATING_DIRECTIONS.values()}
+        return super().convert(former.get(value, value), param, ctx)
+
+
+direction = click.option(
+    "--direction",
+    type=_Direction(),
+    default=RISES.name,
+    show_default=True,
+    help="Whether ratings rise or fall with the response.",
+)
+"""Gives a verb `direction`, the name of a reading of what is rated."""
+
+_DIRECTION_OF_DATA = click.option(
+    "--direction",
+    type=_Direction(AUTO),
+    default=AUTO,
+    show_default=True,
+    help="Whether ratings rise or fall with the response; auto takes what the data show, or "
+    f"{RISES.name} where they do not tell.",
+)
+
+
+@dataclass(frozen=True)
+class ModelChoice:
+    """The model to fit, as asked for on the command line."""
+
+    fixed: Mapping[str, float]
+    priors: Mapping[str, Prior]
+    prior_set: str
+    choice: ReadingChoice
+    direction: str
+    """A name, or `AUTO`."""
+    accuracy: float
+    finger: Mapping[str, float]
+
+    def options(self, **others: Any) -> ModelOptions:
+        """Return the options of this model and `others`; its resolution is not chosen yet."""
+        from softness_bayes.model.fingers import finger_of
+        from softness_bayes.model.options import ModelOptions
+
+        return ModelOptions(
+            fix=self.fixed,
+            priors=self.priors,
+            prior_set=self.prior_set,
+            readings=self.choice.resolve(),
+            direction=None if self.direction == AUTO else direction_named(self.direction),
+            accuracy=self.accuracy,
+            finger=finger_of(self.finger),
+            **others,
+        )
+
+
+def model_choice(verb: Verb) -> Verb:
+    """Give a verb the options of a model that is fitted; it receives `model`, a `ModelChoice`."""
+
+    @fix
+    @prior
+    @prior_set
+    @readings
+    @_DIRECTION_OF_DATA
+    @finger
+    @accuracy
+    @functools.wraps(verb)
+    def wrapped(
+        fixed: dict[str, float],
+        priors: dict[str, Prior],
+        prior_set: str,
+        choice: ReadingChoice,
+        direction: str,
+        finger: dict[str, float],
+        accuracy: float,
+        **others: Any,
+    ) -> Any:
+        model = ModelChoice(fixed, priors, prior_set, choice, direction, accuracy, finger)
+        return verb(model=model, **others)
+
+    return wrapped
+
+
+rating_scale = click.option(
+    "--ratings",
+    "scale",
+    type=click.Choice([*RATING_SCALES]),
+    default=MAGNITUDE.name,
+    show_default=True,
+    help=f"Whether ratings are {', or '.join(scale.meaning for scale in RATING_SCALES.values())}.",
+)
+"""Gives a verb `scale`, the name of a reading of the rating scale."""

@@ -1,0 +1,197 @@
+"""Options of the tables that are read: ratings, fabrics, forces, and loads beside them."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from softness_bayes.cli.options.values import FILE, Decorator, Verb, named
+from softness_bayes.errors import InputError
+
+if TYPE_CHECKING:
+    from softness_bayes.data import Compression, Experiment, Fabrics
+    from softness_bayes.touch.contact import Load
+
+column = click.option(
+    "--column",
+    "columns",
+    multiple=True,
+    callback=named(str),
+    metavar="NAME=ACTUAL",
+    help="What a column is called in the files, as in rating=softness. Repeatable.",
+)
+"""Gives a verb `columns`, name -> name in the files."""
+
+decimal = click.option(
+    "--decimal",
+    type=click.Choice([",", "."]),
+    help="What stands before the decimals in the files, where their numbers do not tell; the other groups thousands.",
+)
+"""Gives a verb `decimal`, a mark or None."""
+
+
+def _fabrics(required: bool, text: str) -> Decorator:
+    return click.option("--fabrics", type=FILE, metavar="FILE", required=required, help=text)
+
+
+def _load(ctx: click.Context, param: click.Parameter, given: Any) -> Any:
+    """Refuse loads [unit of the option's column] out of range."""
+    from softness_bayes.data.columns import NUMBERS
+
+    assert param.name is not None
+    for value in given if param.multiple else [] if given is None else [given]:
+        try:
+            NUMBERS[param.name].parse(repr(value))
+        except ValueError as error:
+            raise click.BadParameter(str(error)) from None
+    return given
+
+
+def load_options(multiple: bool, text: str) -> Decorator:
+    """Declare the two load options, for one load or any number of them."""
+
+    def decorate(verb: Verb) -> Verb:
+        for flag, noun, unit in (
+            ("--force-n", "Contact force", "N"),
+            ("--indentation-mm", "Indentation", "mm"),
+        ):
+            says = f"{noun} [{unit}]{text}"
+            verb = click.option(flag, type=float, multiple=multiple, callback=_load, metavar=unit, help=says)(verb)
+        return verb
+
+    return decorate
+
+
+@dataclass(frozen=True)
+class DataFiles:
+    """The files of an experiment and how to read them, as asked for on the command line."""
+
+    data: Path | None
+    fabrics: Path | None
+    columns: Mapping[str, str]
+    indentation_mm: float | None
+    force_n: float | None
+    compression: Path | None
+    decimal: str | None = None
+
+    @property
+    def paths(self) -> tuple[Path, ...]:
+        """The files that may be read, the fabrics beside the ratings among them."""
+        from softness_bayes.data import FABRICS_BESIDE
+
+        beside = None if self.data is None else self.data.with_name(FABRICS_BESIDE)
+        return tuple(path for path in (self.data, self.fabrics, self.compression, beside) if path is not None)
+
+    def read(self) -> Experiment | Compression:
+        """Return the ratings, their fabrics and compression data if there are any; or these alone.
+
+        Raises
+        ------
+        UsageError
+            If there is neither table.
+        InputError
+            If there is an option of ratings without them.
+        """
+        from softness_bayes.data import Compression, read_experiment
+
+        if self.data is not None:
+            return read_experiment(
+                self.data,
+                self.fabrics,
+                columns=self.columns,
+                indentation_mm=self.indentation_mm,
+                force_n=self.force_n,
+                compression_path=self.compression,
+                decimal=self.decimal,
+            )
+        if self.compression is None:
+            raise click.UsageError("no data: give ratings with --data, a plate's forces with --compression, or both")
+        if not self.fabrics is self.indentation_mm is self.force_n is None:
+            raise InputError(
+                "--fabrics, --indentation-mm and --force-n are for ratings: give --data, or leave them out"
+            )
+        return Compression.read(self.compression, columns=self.columns, decimal=self.decimal)
+
+
+def data_files(verb: Verb) -> Verb:
+    """Give a verb the options that name an experiment; it receives `files`, a `DataFiles`."""
+
+    @click.option("--data", type=FILE, metavar="FILE", help="Table of ratings (CSV).")
+    @click.option(
+        "--compression",
+        type=FILE,
+        metavar="FILE",
+        help="Forces of a rigid flat plate on fingerpads (CSV: participant, indentation_mm, force_n), beside "
+        "ratings or alone.",
+    )
+    @_fabrics(False, "Fabric table (CSV); by default columns of the ratings, or a fabrics.csv beside them.")
+    @column
+    @decimal
+    @load_options(False, " of all ratings, where the table has no column for it.")
+    @functools.wraps(verb)
+    def wrapped(
+        data: Path | None,
+        fabrics: Path | None,
+        columns: dict[str, str],
+        decimal: str | None,
+        indentation_mm: float | None,
+        force_n: float | None,
+        compression: Path | None,
+        **others: Any,
+    ) -> Any:
+        files = DataFiles(data, fabrics, columns, indentation_mm, force_n, compression, decimal)
+        return verb(files=files, **others)
+
+    return wrapped
+
+
+@dataclass(frozen=True)
+class Touches:
+    """Fabrics and the loads to touch them under, as asked for on the command line."""
+
+    fabrics: Path
+    columns: Mapping[str, str]
+    indentation_mm: tuple[float, ...]
+    force_n: tuple[float, ...]
+    decimal: str | None = None
+
+    def read(self) -> tuple[Fabrics, tuple[Load, ...]]:
+        """Return the fabrics and the distinct loads.
+
+        Raises
+        ------
+        InputError
+            If no load was asked for.
+        """
+        from softness_bayes.data import Fabrics, loads_of
+
+        loads = loads_of(self.indentation_mm, self.force_n)
+        if not loads:
+            raise InputError("no load: give at least one --indentation-mm or --force-n")
+        return Fabrics.read(self.fabrics, columns=self.columns, decimal=self.decimal), loads
+
+
+def touches(verb: Verb) -> Verb:
+    """Give a verb the options that name fabrics and loads; it receives `touches`, a `Touches`."""
+
+    @_fabrics(True, "Fabric table (CSV).")
+    @column
+    @decimal
+    @load_options(True, " of the touch. Repeatable.")
+    @functools.wraps(verb)
+    def wrapped(
+        fabrics: Path,
+        columns: dict[str, str],
+        decimal: str | None,
+        indentation_mm: tuple[float, ...],
+        force_n: tuple[float, ...],
+        **others: Any,
+    ) -> Any:
+        return verb(touches=Touches(fabrics, columns, indentation_mm, force_n, decimal), **others)
+
+    return wrapped
