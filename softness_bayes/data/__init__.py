@@ -22,7 +22,7 @@ from softness_bayes.data.compression import Compression
 from softness_bayes.data.fabrics import USUAL_POISSON_RATIO, Fabrics
 from softness_bayes.data.names import listing
 from softness_bayes.data.ratings import LOAD_COLUMNS, Conditions, LoadColumn, Ratings, loads_of
-from softness_bayes.data.tables import check_renames, read_table
+from softness_bayes.data.tables import Table, check_renames, read_table
 from softness_bayes.errors import InputError
 from softness_bayes.files.outputs import write_outputs
 from softness_bayes.files.spreadsheet import escaped
@@ -103,24 +103,7 @@ def read_experiment(
     """
     columns = columns or {}
     table = read_table(ratings_path, columns, decimal)
-    own = [column.name for column in MODULUS_SOURCES if column.name in table]
-    beside = table.path.with_name(FABRICS_BESIDE)
-    notes: list[str] = []
-    if fabrics_path is not None:
-        fabric_table = read_table(fabrics_path, columns, decimal)
-        if own:
-            notes.append(f"{table.path.name}: {listing(own)} not used, the fabrics are those of {fabrics_path}")
-    elif own:
-        fabric_table = table
-    elif beside.is_file():
-        fabric_table = read_table(beside, columns, decimal)
-        notes.append(f"the fabrics are those of {beside}, found beside the ratings")
-    else:
-        raise InputError(
-            f"{table.path}: the fabrics have no properties: name their table with --fabrics, put a "
-            f"{FABRICS_BESIDE} beside the ratings, or give these a column of "
-            f"{', '.join(column.name for column in MODULUS_SOURCES)} (the last with {THICKNESS.name})"
-        )
+    fabric_table, notes = _fabric_table(table, fabrics_path, columns, decimal)
     plate_table = None if compression_path is None else read_table(compression_path, columns, decimal)
     check_renames(columns, table, fabric_table, *([] if plate_table is None else [plate_table]))
     compression = None if plate_table is None else Compression.from_table(plate_table)
@@ -136,6 +119,26 @@ def read_experiment(
         fabrics.take(ratings.fabrics),
         tuple(dict.fromkeys((*ratings.notes, *fabrics.notes, *notes))),
         compression,
+    )
+
+
+def _fabric_table(
+    ratings: Table, path: str | Path | None, columns: Mapping[str, str], decimal: str | None
+) -> tuple[Table, list[str]]:
+    """Return the table that holds the fabrics' properties, and notes about the choice of it."""
+    own = [column.name for column in MODULUS_SOURCES if column.name in ratings]
+    beside = ratings.path.with_name(FABRICS_BESIDE)
+    if path is not None:
+        unused = f"{ratings.path.name}: {listing(own)} not used, the fabrics are those of {path}"
+        return read_table(path, columns, decimal), [unused] if own else []
+    if own:
+        return ratings, []
+    if beside.is_file():
+        return read_table(beside, columns, decimal), [f"the fabrics are those of {beside}, found beside the ratings"]
+    raise InputError(
+        f"{ratings.path}: the fabrics have no properties: name their table with --fabrics, put a "
+        f"{FABRICS_BESIDE} beside the ratings, or give these a column of "
+        f"{', '.join(column.name for column in MODULUS_SOURCES)} (the last with {THICKNESS.name})"
     )
 
 

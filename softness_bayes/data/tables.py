@@ -131,13 +131,7 @@ def read_table(path: str | Path, renames: Mapping[str, str], decimal: str | None
     text, notes = _decode(path, content)
     separator = _separator(text)
     header, body, rows, padded = _records(path, text, separator)
-
-    where = {title.casefold(): j for j, title in enumerate(header) if title}
-    at: dict[str, int] = {}
-    for name in (*LABELS, *NUMBERS):
-        for title in (renames.get(name, name).casefold(), name):
-            if title in where:
-                at.setdefault(name, where[title])
+    at = _places(header, renames)
     cells = {name: [record[j] for record in body] for name, j in at.items()}
     for name in (name for name in LABELS if name in at):
         total = Counter(cells[name])
@@ -150,10 +144,7 @@ def read_table(path: str | Path, renames: Mapping[str, str], decimal: str | None
     titles = {name: header[j] for name, j in at.items()}
     reading = Reading(decimal or ".")
     if decimal is None and separator != ",":
-        numbers = [[Cell(t, titles[n], r) for t, r in zip(cells[n], rows, strict=True)] for n in NUMBERS if n in at]
-        reading = decimal_mark([c for c in column if c.text.casefold() not in MISSING] for column in numbers)
-    if reading.unclear is not None:
-        raise InputError(_unclear(path, reading.unclear))
+        reading = _found_mark(path, cells, titles, rows)
     if reading.note:
         notes.append(reading.note)
     return Table(
@@ -214,6 +205,34 @@ def _separator(text: str) -> str:
     """Return the separator of the header's cells."""
     header = re.sub(r'"[^"]*"', "", text.lstrip().partition("\n")[0])
     return max(",;\t", key=header.count)
+
+
+def _places(header: Sequence[str], renames: Mapping[str, str]) -> dict[str, int]:
+    """Return where the known columns are: standard name -> index in the header; a renamed title comes first."""
+    where = {title.casefold(): j for j, title in enumerate(header) if title}
+    at: dict[str, int] = {}
+    for name in (*LABELS, *NUMBERS):
+        for title in (renames.get(name, name).casefold(), name):
+            if title in where:
+                at.setdefault(name, where[title])
+    return at
+
+
+def _found_mark(
+    path: Path, cells: Mapping[str, Sequence[str]], titles: Mapping[str, str], rows: Sequence[int]
+) -> Reading:
+    """Return the decimal mark that the numbers of a table show.
+
+    Raises
+    ------
+    InputError
+        If they do not decide between two.
+    """
+    numbers = [[Cell(t, titles[n], r) for t, r in zip(cells[n], rows, strict=True)] for n in NUMBERS if n in cells]
+    reading = decimal_mark([c for c in column if c.text.casefold() not in MISSING] for column in numbers)
+    if reading.unclear is not None:
+        raise InputError(_unclear(path, reading.unclear))
+    return reading
 
 
 def _unclear(path: Path, cell: Cell) -> str:

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from softness_bayes.data import Compression, Fabrics, Ratings
 from softness_bayes.errors import InputError
-from softness_bayes.likelihood.contract import NO_RESPONSE
+from softness_bayes.likelihood.contract import NO_RESPONSE, Model
 from softness_bayes.likelihood.design import Design
 from softness_bayes.likelihood.directions import RISES, RatingDirection
 from softness_bayes.likelihood.models import rating_model
@@ -88,20 +88,9 @@ def simulate_ratings(
         If the number of participants or of ratings, the share of gaps, mu or the slope is out of range, or mu or
         slope is given for the other scale.
     """
-    PARTICIPANTS.require("simulate: number of participants", participants)
-    SIMULATED_RATINGS.require("simulate: number of ratings", participants * len(fabrics) * len(loads))
-    if not 0 <= missing < 1:
-        raise InputError(f"simulate: share {missing} of gaps, expected one in [0, 1)")
-    if mu is not None and not abs(mu) <= LARGEST_LOG_RATING:
-        raise InputError(f"simulate: mu is {mu}, expected a number up to {LARGEST_LOG_RATING:g} up or down")
+    _require_ranges(participants, participants * len(fabrics) * len(loads), missing, mu)
     model = rating_model(scale, direction)
-    levels: dict[str, ArrayLike] = {name: prior.median for name, prior in model.levels.items()}
-    for option, name, value in (("mu", "mu", mu), ("slope", "c1", slope)):
-        if value is not None and name not in levels:
-            raise InputError(f"simulate: {option} is {value}, expected none for {scale.name} ratings")
-        levels |= {} if value is None else {name: value}
-    if slope is not None:
-        SLOPES.require("simulate: slope", slope)
+    levels = _levels(model, scale, mu, slope)
     scene = scene_of(fabrics, loads, values, readings, discretisation=discretisation, finger=finger)
     rate = scene.total_rate(touch_parameters(values))
     n_conditions = scene.n_conditions
@@ -114,21 +103,58 @@ def simulate_ratings(
     parameters = RatingParameters.among(values)
     drive = model.drive(design, rate / scene.n_receptors, parameters)
     effects = model.draw_effects(rng, parameters, (), participants, design.n_fabrics, levels)
-    filed = model.draw_ratings(rng, design, drive, parameters, effects)
-    drawn = model.named_effects(effects)
-    effect, _ = drawn.get("participant_effect", (np.zeros(participants), ()))
-    # as few digits as a person gives; also what makes files equal where exp differs in its last bits
-    filed = np.array([float(f"{rating:.4g}") for rating in filed])
+    filed = _rounded(model.draw_ratings(rng, design, drive, parameters, effects))
     filed[rng.random(filed.size) < missing] = np.nan
     # conditions run load by load
     table = filed.reshape(participants, len(loads), len(fabrics)).transpose(0, 2, 1)
-    width = len(str(participants))
-    names = [f"P{i:0{width}d}" for i in range(1, participants + 1)]
-    ratings = Ratings.crossed(names, fabrics.names, loads, table)
+    ratings = Ratings.crossed(_numbered("P", participants), fabrics.names, loads, table)
+    drawn = model.named_effects(effects)
+    effect, _ = drawn.get("participant_effect", (np.zeros(participants), ()))
     absent = set(RatingParameters._fields) - set(model.needs)
     truth = {name: value for name, value in values.items() if name not in absent}
     truth |= {name: float(value) for name, (value, axes) in drawn.items() if not axes}
     return Simulation(ratings, truth, effect, rate.reshape(len(loads), len(fabrics)).T)
+
+
+def _require_ranges(participants: int, ratings: int, missing: float, mu: float | None) -> None:
+    """Raise an error for numbers out of range."""
+    PARTICIPANTS.require("simulate: number of participants", participants)
+    SIMULATED_RATINGS.require("simulate: number of ratings", ratings)
+    if not 0 <= missing < 1:
+        raise InputError(f"simulate: share {missing} of gaps, expected one in [0, 1)")
+    if mu is not None and not abs(mu) <= LARGEST_LOG_RATING:
+        raise InputError(f"simulate: mu is {mu}, expected a number up to {LARGEST_LOG_RATING:g} up or down")
+
+
+def _levels(model: Model, scale: Scale, mu: float | None, slope: float | None) -> dict[str, ArrayLike]:
+    """Return the levels of a rating model: the given ones, and the medians of the others' priors.
+
+    Raises
+    ------
+    InputError
+        If one is given that the scale does not have, or the slope is out of range.
+    """
+    levels: dict[str, ArrayLike] = {name: prior.median for name, prior in model.levels.items()}
+    for option, name, value in (("mu", "mu", mu), ("slope", "c1", slope)):
+        if value is not None and name not in levels:
+            raise InputError(f"simulate: {option} is {value}, expected none for {scale.name} ratings")
+        levels |= {} if value is None else {name: value}
+    if slope is not None:
+        SLOPES.require("simulate: slope", slope)
+    return levels
+
+
+def _rounded(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return values with as few digits as people and instruments give.
+
+    Rounding also makes files equal on machines whose exponentials differ in their last bits.
+    """
+    return np.array([float(f"{value:.4g}") for value in values])
+
+
+def _numbered(letter: str, count: int) -> tuple[str, ...]:
+    """Return names that sort by their numbers, as P01 to P30."""
+    return tuple(f"{letter}{i:0{len(str(count))}d}" for i in range(1, count + 1))
 
 
 PLATE_DEPTHS = (0.5e-3, 1e-3, 1.5e-3, 2e-3)
@@ -182,9 +208,6 @@ def simulate_compression(
         depth, np.ones(depth.size), finger, fingers, displacement=readings.skin_displacement, shape=shape
     )
     effects = plate.new_effects(rng, skin, ())
-    made = plate.replicate(rng, plate.drive(NO_RESPONSE, skin), skin, effects)
-    # as few digits as an instrument gives; also what makes files equal where exp differs in its last bits
-    force = np.array([float(f"{value:.4g}") for value in made])
-    names = tuple(f"F{i:0{len(str(fingers))}d}" for i in range(1, fingers + 1))
-    compression = Compression(names, finger, depth, force, np.arange(2, 2 + force.size))
+    force = _rounded(plate.replicate(rng, plate.drive(NO_RESPONSE, skin), skin, effects))
+    compression = Compression(_numbered("F", fingers), finger, depth, force, np.arange(2, 2 + force.size))
     return SimulatedForces(compression, effects.log_b, effects.m)
