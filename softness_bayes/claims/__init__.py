@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -14,6 +14,7 @@ from softness_bayes.errors import InputError
 from softness_bayes.model.scenes import firing_of
 from softness_bayes.parameters.choice import parameter_space
 from softness_bayes.parameters.priors import Prior
+from softness_bayes.parameters.space import ParameterSpace
 from softness_bayes.ranges import PRIOR_DRAWS
 from softness_bayes.touch.contact import Force, Indentation, Load
 from softness_bayes.touch.neuron.fixed_channels import Firing
@@ -137,29 +138,29 @@ def evaluate_claims(
     if not (readings and prior_sets and touches):
         raise InputError("claims: expected at least one set of readings, prior set and load")
     PRIOR_DRAWS.require("claims: number of draws", draws)
-    trials: list[Trial] = []
-    firing: dict[Membrane, Firing] = {}
     if freed := [name for name in PAPER_CHANNELS._fields if name in (priors or {})]:
         raise InputError(f"{', '.join(freed)}: channel multipliers are held; give a value instead of a prior")
     held = {**PAPER_CHANNELS._asdict(), **(fix or {})}
+    trials: list[Trial] = []
+    firing: dict[Membrane, Firing] = {}
     for name, chosen in readings.items():
-        spaces = {
-            prior_set: parameter_space(
-                fix=held, priors=priors, prior_set=prior_set, skin_displacement=chosen.skin_displacement
-            )
-            for prior_set in prior_sets
-        }
-        for space in spaces.values():  # the same multipliers under every prior set
-            if chosen.membrane not in firing:
-                firing[chosen.membrane] = firing_of(space.held, chosen.membrane)
-        benches = {
-            control: Bench(chosen, loads, fabrics, firing[chosen.membrane], ratings)
-            for control, loads in touches.items()
-        }
-        for prior_set, space in spaces.items():
-            drawn = space.draw_prior(np.random.default_rng(seed), draws)
-            for control, bench in benches.items():
-                median = bench.measure(space.touch(space.median[None]))
-                some = bench.measure(space.touch(drawn)) if draws else None
-                trials.append(Trial(name, prior_set, control, bench.loads, median, some, bench.rated))
+        displacement = chosen.skin_displacement
+        spaces = {of: parameter_space((), held, priors, of, displacement) for of in prior_sets}
+        if chosen.membrane not in firing:  # the multipliers are the same under every prior set
+            firing[chosen.membrane] = firing_of(spaces[prior_sets[0]].held, chosen.membrane)
+        rates = firing[chosen.membrane]
+        benches = {control: Bench(chosen, loads, fabrics, rates, ratings) for control, loads in touches.items()}
+        trials += _trials(name, spaces, benches, draws, seed)
     return tuple(trials)
+
+
+def _trials(
+    readings: str, spaces: Mapping[str, ParameterSpace], benches: Mapping[str, Bench], draws: int, seed: int
+) -> Iterator[Trial]:
+    """Yield the trials under one set of readings: priors by priors, load kind by load kind."""
+    for prior_set, space in spaces.items():
+        drawn = space.draw_prior(np.random.default_rng(seed), draws)
+        for control, bench in benches.items():
+            median = bench.measure(space.touch(space.median[None]))
+            some = bench.measure(space.touch(drawn)) if draws else None
+            yield Trial(readings, prior_set, control, bench.loads, median, some, bench.rated)

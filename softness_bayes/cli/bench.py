@@ -12,7 +12,11 @@ import click
 from softness_bayes.cli.options.run import force
 
 if TYPE_CHECKING:
+    from softness_bayes.bench.limit import Limit
+    from softness_bayes.bench.peers import Ratio, Work
     from softness_bayes.bench.precision import Point
+    from softness_bayes.bench.scaling import Drawing, Size
+    from softness_bayes.bench.subject import Effort, Subject
 
 PRECISION, SCALING, FACTS, WORDS = "work_precision.csv", "scaling.csv", "bench.json", "summary.md"
 FIGURE, FORMATS = "work_precision", ("png", "pdf")
@@ -53,11 +57,10 @@ def _measure(quick: bool, out: Path) -> None:
     """Measure everything, say it, and write it."""
     import pandas as pd
 
-    from softness_bayes.bench.brian import ABSENT, brian_peers
     from softness_bayes.bench.limit import limit
-    from softness_bayes.bench.peers import PEERS, Ratio, faster, measure_peer, work_of
-    from softness_bayes.bench.precision import DIAL, LIKELIHOOD, dialled, work_precision
-    from softness_bayes.bench.scaling import sampler, scaling
+    from softness_bayes.bench.peers import work_of
+    from softness_bayes.bench.precision import DIAL, LIKELIHOOD, dialled
+    from softness_bayes.bench.scaling import sampler
     from softness_bayes.bench.subject import FULL, QUICK, machine
     from softness_bayes.bench.words import summary
     from softness_bayes.files.outputs import write_outputs
@@ -66,49 +69,25 @@ def _measure(quick: bool, out: Path) -> None:
     effort, about = QUICK if quick else FULL, machine()
     name = f"{about['processor']}, {about['cores']} cores, Python {about['python']}, NumPy {about['numpy']}"
     click.echo(f"{name}; load {about['load']}; one core is used\n")
-    click.echo(f"{'':62} µs/vector   error/peak: largest, median   of log: largest, median")
-    points: list[Point] = []
-    for point in work_precision(effort):
-        points.append(point)
-        click.echo(_line(point))
+    points = _stages(effort)
     chosen = next(p for p in points if p.stage == LIKELIHOOD and p.dial == DIAL and "free" in p.setting)
     held, free = (dialled(DIAL, effort, is_held) for is_held in (True, False))
-    work, ratios = work_of(held), dict[str, Ratio]()
-    brian = brian_peers()
-    for peer in (*PEERS, *brian):
-        point = measure_peer(peer, work, effort)
-        click.echo(_line(point))
-        if found := faster(point, points):
-            ratios[point.setting] = found
-            click.echo(f"{'':6}takes {found.ratio:.3g} times as long as the likelihood at no more error")
-        points.append(point)
-    if not brian:
-        click.echo(f"left out: {ABSENT}")
-    sizes = scaling(held, effort)
-    click.echo("\nconditions or batch   µs/vector   ns/vector and condition")
-    for size in sizes:
-        click.echo(f"{size.what:10} {size.size:8} {1e6 * size.seconds:12.1f} {1e9 * size.per_condition:14.0f}")
+    work = work_of(held)
+    peers, ratios = _peers(work, effort, points)
+    points += peers
+    sizes = _sizes(held, effort)
     bare, drawing = limit(held, effort), sampler(free, effort)
-    click.echo(
-        f"\nmachine's limit: {bare.exponentials} exponentials, {bare.roots} roots, {bare.divisions} divisions, "
-        f"{bare.multiply_adds} multiply-adds, {bare.megabytes:.1f} MB of passes for each vector: "
-        f"{1e6 * bare.bare_seconds:.1f} µs bare in NumPy; the scene takes {1e6 * bare.seconds:.1f} µs, "
-        f"{bare.over_bare:.2f} times that (a matrix product does the multiply-adds in {1e6 * bare.flop_seconds:.2f} µs)"
-    )
+    click.echo(f"\n{_limit_sentence(bare)}")
     if drawing is not None:
-        click.echo(
-            f"sampler, all parameters free, one process: {drawing.ess_per_second:.3g} effective draws/s "
-            f"(autocorrelation time {drawing.tau:.0f} steps, kept {drawing.lengths:.0f} times"
-            + (", too few to trust)" if drawing.lengths < 50 else ")")
-        )
+        click.echo(_sampler_sentence(drawing))
     facts: dict[str, Any] = {
         "machine": about,
         "quick": quick,
         "receptors": work.receptors,
         "ratios": {name: ratio._asdict() for name, ratio in ratios.items()},
+        "limit": bare._asdict() | {"over_bare": bare.over_bare},
+        "sampler": None if drawing is None else drawing._asdict(),
     }
-    facts |= {"limit": bare._asdict() | {"over_bare": bare.over_bare}}
-    facts |= {"sampler": None if drawing is None else drawing._asdict()}
     tables = {PRECISION: pd.DataFrame(points), SCALING: pd.DataFrame(sizes)}
     contents: dict[str, bytes | str] = {
         **{name: csv_of(table, index=False) for name, table in tables.items()},
@@ -117,6 +96,70 @@ def _measure(quick: bool, out: Path) -> None:
         **_drawn(points, chosen, name),
     }
     write_outputs(out, contents, BENCH)
+
+
+def _stages(effort: Effort) -> list[Point]:
+    """Measure and print the stages and the likelihood at all resolutions."""
+    from softness_bayes.bench.precision import work_precision
+
+    click.echo(f"{'':62} µs/vector   error/peak: largest, median   of log: largest, median")
+    points = []
+    for point in work_precision(effort):
+        points.append(point)
+        click.echo(_line(point))
+    return points
+
+
+def _peers(work: Work, effort: Effort, points: list[Point]) -> tuple[list[Point], dict[str, Ratio]]:
+    """Measure and print other ways to compute the response, and their times over the likelihood's among `points`."""
+    from softness_bayes.bench.brian import ABSENT, brian_peers
+    from softness_bayes.bench.peers import PEERS, faster, measure_peer
+
+    peers: list[Point] = []
+    ratios: dict[str, Ratio] = {}
+    brian = brian_peers()
+    for peer in (*PEERS, *brian):
+        point = measure_peer(peer, work, effort)
+        click.echo(_line(point))
+        if found := faster(point, points):
+            ratios[point.setting] = found
+            click.echo(f"{'':6}takes {found.ratio:.3g} times as long as the likelihood at no more error")
+        peers.append(point)
+    if not brian:
+        click.echo(f"left out: {ABSENT}")
+    return peers, ratios
+
+
+def _sizes(subject: Subject, effort: Effort) -> list[Size]:
+    """Measure and print larger scenes and batches."""
+    from softness_bayes.bench.scaling import scaling
+
+    sizes = scaling(subject, effort)
+    click.echo("\nconditions or batch   µs/vector   ns/vector and condition")
+    for size in sizes:
+        click.echo(f"{size.what:10} {size.size:8} {1e6 * size.seconds:12.1f} {1e9 * size.per_condition:14.0f}")
+    return sizes
+
+
+def _limit_sentence(bare: Limit) -> str:
+    """Return the machine's limit in words."""
+    return (
+        f"machine's limit: {bare.exponentials} exponentials, {bare.roots} roots, {bare.divisions} divisions, "
+        f"{bare.multiply_adds} multiply-adds, {bare.megabytes:.1f} MB of passes for each vector: "
+        f"{1e6 * bare.bare_seconds:.1f} µs bare in NumPy; the scene takes {1e6 * bare.seconds:.1f} µs, "
+        f"{bare.over_bare:.2f} times that (a matrix product does the multiply-adds in {1e6 * bare.flop_seconds:.2f} µs)"
+    )
+
+
+def _sampler_sentence(drawing: Drawing) -> str:
+    """Return the sampler's speed in words, with a warning if its walk was too short to measure it."""
+    from softness_bayes.sampler.diagnostics import Goal
+
+    return (
+        f"sampler, all parameters free, one process: {drawing.ess_per_second:.3g} effective draws/s "
+        f"(autocorrelation time {drawing.tau:.0f} steps, kept {drawing.lengths:.0f} times"
+        + (", too few to trust)" if drawing.lengths < Goal().lengths else ")")
+    )
 
 
 def _line(point: Point) -> str:

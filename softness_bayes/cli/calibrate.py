@@ -13,13 +13,14 @@ from softness_bayes.cli.options.model import ModelChoice, model_choice
 from softness_bayes.cli.options.run import seed
 from softness_bayes.cli.options.tables import decimal, load_options
 from softness_bayes.cli.options.values import whole
-from softness_bayes.errors import NotConvergedError
+from softness_bayes.errors import NotConvergedError, NumericalError
 from softness_bayes.ranges import PARTICIPANTS, PROCESSES, REPLICATES, STEPS
 
 if TYPE_CHECKING:
     from tqdm import tqdm
 
     from softness_bayes.checking.ranks import Replicate
+    from softness_bayes.runs.calibrate import Calibrated
 
 
 @click.command()
@@ -89,16 +90,9 @@ def command(
     to --out: a file per replicate (an interrupted run continues where it was), ranks.csv, coverage.csv,
     ecdf.png and verdict.txt. Exit code 3: some replicates have not converged; 4: not calibrated.
     """
-    from softness_bayes.checking.rank_words import coverage_sentence
     from softness_bayes.data import Fabrics, loads_of
-    from softness_bayes.errors import NumericalError
-    from softness_bayes.files.outputs import write_outputs
-    from softness_bayes.plotting.calibration import rank_ecdf_figure
-    from softness_bayes.plotting.style import files_of
     from softness_bayes.results.request import RunOptions
     from softness_bayes.runs.calibrate import (
-        CALIBRATE,
-        FIGURE,
         USUAL_FABRICS,
         USUAL_LOADS,
         CalibrationScene,
@@ -120,6 +114,23 @@ def command(
             found = judge(scene, options, run, replicates, out)
         finally:
             bar.close()
+    _report(found, out)
+    if found.calibration.faults():
+        raise NumericalError("not calibrated: see the verdict above")
+    if found.unfinished:
+        raise NotConvergedError(f"{len(found.unfinished)} of {replicates} replicates are not finished")
+    if found.unconverged:
+        raise NotConvergedError(f"{found.unconverged} replicates have not converged at --max-steps {max_steps}")
+
+
+def _report(found: Calibrated, out: Path) -> None:
+    """Write tables, figure and verdict, and print coverage and verdict."""
+    from softness_bayes.checking.rank_words import coverage_sentence
+    from softness_bayes.files.outputs import write_outputs
+    from softness_bayes.plotting.calibration import rank_ecdf_figure
+    from softness_bayes.plotting.style import files_of
+    from softness_bayes.runs.calibrate import CALIBRATE, FIGURE
+
     found.save(out)
     calibration = found.calibration
     figure = rank_ecdf_figure(calibration.rank, calibration.draws, calibration.names)
@@ -128,12 +139,6 @@ def command(
     click.echo(table[["expected", "share", "low", "high"]].to_string(float_format=lambda x: f"{x:.3g}"))
     click.echo(f"{coverage_sentence(calibration)}\n\nwritten to {out}")
     click.echo(found.sentence())
-    if calibration.faults():
-        raise NumericalError("not calibrated: see the verdict above")
-    if found.unfinished:
-        raise NotConvergedError(f"{len(found.unfinished)} of {replicates} replicates are not finished")
-    if found.unconverged:
-        raise NotConvergedError(f"{found.unconverged} replicates have not converged at --max-steps {max_steps}")
 
 
 def _kept(out: Path, asked: int) -> str:

@@ -110,16 +110,7 @@ def command(
 
     data = files.read()
     if isinstance(data, Compression):
-        source = click.get_current_context().get_parameter_source
-        of_ratings = ("scale", "direction", "accuracy", "noise", "exact_reweight")
-        if any(source(name) is not ParameterSource.DEFAULT for name in of_ratings):
-            raise InputError(
-                "--ratings, --direction, --accuracy, --noise and --exact-reweight are for ratings: give --data, or "
-                "leave them out"
-            )
-        if source("prior_set") is ParameterSource.DEFAULT:
-            model = replace(model, prior_set="wide")
-            click.echo("note: without ratings --priors is wide, which says little of the skin beforehand", err=True)
+        model = _model_of_forces(model)
     options = model.options(scale=RATING_SCALES[scale], noise=noise)
     if _evaluated(data, options):
         return
@@ -132,6 +123,27 @@ def command(
         command=command_line(),
     )
     run(Checkpoint.create(out, force, inputs=files.paths), files, data, Request(options, how), not no_figures)
+
+
+def _model_of_forces(model: ModelChoice) -> ModelChoice:
+    """Return the model of compression data alone: with wide priors unless others were asked for.
+
+    Raises
+    ------
+    InputError
+        If an option of ratings was given.
+    """
+    source = click.get_current_context().get_parameter_source
+    of_ratings = ("scale", "direction", "accuracy", "noise", "exact_reweight")
+    if any(source(name) is not ParameterSource.DEFAULT for name in of_ratings):
+        raise InputError(
+            "--ratings, --direction, --accuracy, --noise and --exact-reweight are for ratings: give --data, or "
+            "leave them out"
+        )
+    if source("prior_set") is not ParameterSource.DEFAULT:
+        return model
+    click.echo("note: without ratings --priors is wide, which says little of the skin beforehand", err=True)
+    return replace(model, prior_set="wide")
 
 
 def _evaluated(data: Experiment | Compression, options: ModelOptions) -> bool:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -26,8 +27,11 @@ from softness_bayes.cli.options.values import Number, whole
 from softness_bayes.ranges import FINGERS, PARTICIPANTS, SLOPES, TYPICAL_RATINGS
 
 if TYPE_CHECKING:
+    from softness_bayes.data import Fabrics
     from softness_bayes.model.simulation import Simulation
-    from softness_bayes.touch.contact import Load
+    from softness_bayes.touch.contact import Finger, Load
+    from softness_bayes.touch.readings import Readings
+    from softness_bayes.touch.scene import Discretisation
 
 RATINGS, FABRICS, COMPRESSION, TRUTH = "ratings.csv", "fabrics.csv", "compression.csv", "truth.json"
 
@@ -91,14 +95,13 @@ def command(
     """
     import numpy as np
 
-    from softness_bayes.data import SIMULATE, compression_csv, fabrics_csv, ratings_csv
+    from softness_bayes.data import SIMULATE, fabrics_csv, ratings_csv
     from softness_bayes.files.outputs import require_outputs, write_outputs
     from softness_bayes.likelihood.directions import direction_named
     from softness_bayes.likelihood.scales import RATING_SCALES
     from softness_bayes.model.fingers import finger_of
-    from softness_bayes.model.resolution import given_draws, scene_with_accuracy
-    from softness_bayes.model.scenes import scene_of, touch_parameters, usual_values
-    from softness_bayes.model.simulation import simulate_compression, simulate_ratings
+    from softness_bayes.model.scenes import usual_values
+    from softness_bayes.model.simulation import simulate_ratings
     from softness_bayes.parameters.declared import FINGER_PARAMETERS
 
     made = [RATINGS, FABRICS, TRUTH, *([COMPRESSION] if fingers else [])]
@@ -106,26 +109,19 @@ def command(
     fabrics, loads = touches.read()
     chosen, touching = choice.resolve(), finger_of(finger)
     usual = usual_values(chosen, prior_set, values, fingers or None)
-    values_of_ratings = {name: value for name, value in usual.items() if name not in FINGER_PARAMETERS}
-    scene, _ = scene_with_accuracy(
-        lambda discretisation: scene_of(fabrics, loads, usual, chosen, discretisation=discretisation, finger=touching),
-        given_draws(usual, touch_parameters(usual)),
-        accuracy,
-    )
-    mu = None if typical_rating is None else math.log(typical_rating)
     simulation = simulate_ratings(
         np.random.default_rng(seed),
         fabrics,
         loads,
-        values_of_ratings,
+        {name: value for name, value in usual.items() if name not in FINGER_PARAMETERS},
         chosen,
         participants,
         missing,
-        mu,
+        None if typical_rating is None else math.log(typical_rating),
         direction_named(direction),
         RATING_SCALES[scale],
         slope,
-        scene.discretisation,
+        _resolution(fabrics, loads, usual, chosen, touching, accuracy),
         touching,
     )
     contents = {RATINGS: ratings_csv(simulation.ratings, fabrics), FABRICS: fabrics_csv(fabrics)}
@@ -133,19 +129,54 @@ def command(
     story |= {"seed": seed, "readings": chosen.names, "ratings": scale, "direction": direction}
     story |= {"finger": finger} if finger else {}
     story |= {"version": __version__, "simulated": True}
+    pressed = ""
     if fingers:
-        # numbers of its own, so that the ratings do not depend on whether fingers are pressed
-        forces = simulate_compression(np.random.default_rng([seed, 1]), usual, chosen, fingers, shape=touching)
-        contents[COMPRESSION] = compression_csv(forces.compression)
+        contents[COMPRESSION], count, effects = _forces(seed, usual, chosen, fingers, touching)
         story["truth"] |= {name: usual[name] for name in FINGER_PARAMETERS}
-        for name in ("log_b_effect", "m_effect"):
-            story[name] = dict(zip(forces.compression.participants, getattr(forces, name).tolist(), strict=True))
+        story |= effects
+        pressed = f", and {count} forces on {fingers} fingers"
     write_outputs(out, {**contents, TRUTH: json.dumps(story, indent=1) + "\n"}, SIMULATE)
-    pressed = f", and {len(forces.compression)} forces on {fingers} fingers" if fingers else ""
     click.echo(f"{out}: {len(simulation.ratings)} simulated ratings of {len(fabrics)} fabrics{pressed}")
     silent = float((simulation.total_rate == 0).mean())
     if silent:
         click.echo(f"note: no receptor fires in {silent:.0%} of the conditions", err=True)
+
+
+def _resolution(
+    fabrics: Fabrics,
+    loads: tuple[Load, ...],
+    values: Mapping[str, float],
+    readings: Readings,
+    finger: Finger,
+    accuracy: float,
+) -> Discretisation:
+    """Return the discretisation that keeps to an accuracy at these parameters."""
+    from softness_bayes.model.resolution import given_draws, scene_with_accuracy
+    from softness_bayes.model.scenes import scene_of, touch_parameters
+
+    _, choice = scene_with_accuracy(
+        lambda discretisation: scene_of(fabrics, loads, values, readings, discretisation=discretisation, finger=finger),
+        given_draws(values, touch_parameters(values)),
+        accuracy,
+    )
+    return choice.discretisation
+
+
+def _forces(
+    seed: int, values: Mapping[str, float], readings: Readings, fingers: int, shape: Finger
+) -> tuple[str, int, dict[str, Any]]:
+    """Return a table of forces on simulated fingers, their number, and the fingers' effects as JSON holds them."""
+    import numpy as np
+
+    from softness_bayes.data import compression_csv
+    from softness_bayes.model.simulation import simulate_compression
+
+    # numbers of its own, so that the ratings do not depend on whether fingers are pressed
+    made = simulate_compression(np.random.default_rng([seed, 1]), values, readings, fingers, shape=shape)
+    names = made.compression.participants
+    effects = {"log_b_effect": made.log_b_effect, "m_effect": made.m_effect}
+    of_each = {name: dict(zip(names, effect.tolist(), strict=True)) for name, effect in effects.items()}
+    return compression_csv(made.compression), len(made.compression), of_each
 
 
 def _truth(simulation: Simulation, names: tuple[str, ...], loads: tuple[Load, ...]) -> dict[str, Any]:

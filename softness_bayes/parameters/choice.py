@@ -69,35 +69,43 @@ def parameter_space(
     fix, priors = dict(fix or {}), dict(priors or {})
     freed = set(free) | set(priors)
     absent = {*absent, *(() if n_fingers else FINGER_PARAMETERS)}
-    _require_free_to_choose(freed, fix, absent)
-    if prior_set not in PRIOR_SETS:
-        raise InputError(f"prior set '{prior_set}': expected one of {', '.join(PRIOR_SETS)}")
+    _require_free_to_choose(freed, fix, absent, prior_set)
     forced = _not_identifiable(freed, n_participants, n_fingers, membrane)
     fix |= {name: value for name, value in forced.items() if name not in {*fix, *absent}}
     held = {name: value for name, value in HELD.items() if name not in (*freed, *absent)} | fix
     for name, value in held.items():
         _require_value(EVERY_PARAMETER[name], value)
     chosen = {**PRIOR_SETS[prior_set][skin_displacement], **priors}
-    units = dict.fromkeys(("m", "tau_m"), skin_displacement.exponent_unit)
-    sampled = tuple(
-        replace(p, prior=_suitable(p, chosen.get(name, p.prior)), unit=units.get(name, p.unit))
-        for name, p in EVERY_PARAMETER.items()
-        if name not in held and name not in absent
-    )
-    free_channels = any(p.name in Channels._fields for p in sampled)
+    sampled = _sampled({*held, *absent}, chosen, skin_displacement)
     # a membrane without a firing-rate surface still has usual values; computing its rates raises a clear error
-    firing = FiringSurface.load(membrane) if free_channels and membrane.name in DESIGNS else None
-    return ParameterSpace(sampled if firing is None else _within_surface(sampled, held, firing), held, firing)
+    if membrane.name not in DESIGNS or not any(p.name in Channels._fields for p in sampled):
+        return ParameterSpace(sampled, held, None)
+    firing = FiringSurface.load(membrane)
+    return ParameterSpace(_within_surface(sampled, held, firing), held, firing)
 
 
-def _require_free_to_choose(freed: Set[str], fix: Mapping[str, float], absent: Collection[str]) -> None:
-    """Refuse names that the model does not have, and those both held and sampled."""
+def _sampled(
+    others: Collection[str], priors: Mapping[str, Prior], skin_displacement: SkinDisplacement
+) -> tuple[Parameter, ...]:
+    """Return all parameters but some others, with the priors and units that were chosen."""
+    units = dict.fromkeys(("m", "tau_m"), skin_displacement.exponent_unit)
+    return tuple(
+        replace(p, prior=_suitable(p, priors.get(name, p.prior)), unit=units.get(name, p.unit))
+        for name, p in EVERY_PARAMETER.items()
+        if name not in others
+    )
+
+
+def _require_free_to_choose(freed: Set[str], fix: Mapping[str, float], absent: Collection[str], prior_set: str) -> None:
+    """Refuse parameters that the model does not have, those both held and sampled, and an unknown set of priors."""
     for name in (*fix, *freed):
         _declared(name)
         if name in absent:
             raise InputError(f"{name}: the model of these data has no such parameter; leave it out")
     if clash := sorted(freed & fix.keys()):
         raise InputError(f"{clash[0]} is both fixed and given a prior or freed; choose one")
+    if prior_set not in PRIOR_SETS:
+        raise InputError(f"prior set '{prior_set}': expected one of {', '.join(PRIOR_SETS)}")
 
 
 def _not_identifiable(

@@ -12,6 +12,7 @@ from softness_bayes.errors import InputError
 from softness_bayes.plotting.style import USUAL, Style
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 MARKERS = "s^vDP*"
@@ -55,16 +56,10 @@ def work_precision_figure(
 
     if not series:
         raise InputError("work against precision: expected at least one series")
-    colours = [*style.ensembles]
     with style.applied():
         figure = Figure(figsize=(style.page, 0.55 * style.page), layout="constrained")
         axes = figure.add_subplot()
-        for k, (name, (seconds, error)) in enumerate(series.items()):
-            time, wrong = 1e6 * np.asarray(seconds, float), np.asarray(error, float)
-            some = (time > 0) & (wrong > 0)
-            colour = colours[k % len(colours)]
-            (line,) = axes.plot(wrong[some], time[some], "o-", ms=2.5, color=colour, label=name)
-            line.set_gid(f"series/{name}")
+        _draw_series(axes, series, style)
         for k, (name, (second, off)) in enumerate(peers.items()):
             mark = MARKERS[k % len(MARKERS)]
             (line,) = axes.plot([off], [1e6 * second], mark, ms=4, color=style.prior, ls="none", label=name)
@@ -79,3 +74,13 @@ def work_precision_figure(
         axes.set_title(machine)
         axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5))
     return figure
+
+
+def _draw_series(axes: Axes, series: Mapping[str, tuple[ArrayLike, ArrayLike]], style: Style) -> None:
+    """Draw a line for each stage; settings without an error have no place on a logarithmic axis."""
+    colours = [*style.ensembles]
+    for k, (name, (seconds, error)) in enumerate(series.items()):
+        time, wrong = 1e6 * np.asarray(seconds, float), np.asarray(error, float)
+        some = (time > 0) & (wrong > 0)
+        (line,) = axes.plot(wrong[some], time[some], "o-", ms=2.5, color=colours[k % len(colours)], label=name)
+        line.set_gid(f"series/{name}")

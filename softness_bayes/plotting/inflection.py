@@ -78,10 +78,9 @@ def inflection_figure(
             _draw_outcomes(right, inflection, index, style, str(load))
             left.set_title(title(load), y=1.0, pad=-8, x=0.01)
         left, right = cells[-1]
-        left.set_xscale("log")
         top = max(density(column / 1e3, edges).max() for column in inflection.modulus.T)
         xlabel = f"{MODULUS_LABEL}{' ' if wide else chr(10)}at the turning point (maximum)"
-        left.set(xlim=limits, ylim=(0.0, 1.05 * top or 1.0), xlabel=xlabel)
+        left.set(xscale="log", xlim=limits, ylim=(0.0, 1.05 * top or 1.0), xlabel=xlabel)
         number_ticks(left.xaxis)
         right.set(xlim=(0, 100), xticks=(0, 50, 100), xlabel="probability [%]")
         figure.supylabel("posterior density [1/decade]", fontsize="medium")

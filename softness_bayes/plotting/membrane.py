@@ -72,16 +72,28 @@ def membrane_figure(
         _draw_interval(above, np.asarray(rheobase, float), 0.03, style.inflection, "rheobase")
         _draw_interval(above, np.asarray(largest, float), 0.08, style.data, "alpha")
         above.set(xlim=(x[0], x[-1]), ylim=(0.0, None), xlabel=CURRENT_LABEL, ylabel="firing rate [Hz]")
-        for place, train in enumerate(times):
-            ticks = below.eventplot(train[np.isfinite(train)], lineoffsets=place, linelengths=0.7, linewidths=0.8)[0]
-            ticks.set(color=style.posterior, gid=f"train/{place}")
-        below.set(xlim=(0.0, duration), ylim=(-0.6, given.size - 0.4), xlabel="time since the current began [ms]")
-        below.set_yticks(range(given.size), [short(each) for each in given])
-        below.tick_params(axis="y", length=0)
-        below.set_ylabel("current\n[µA/cm²]")
-        below.spines["left"].set_visible(False)
+        _draw_trains(below, times, given, duration, style)
         legend_below(figure, [above])
     return figure
+
+
+def _draw_trains(axes: Axes, times: Array, current: Array, duration: float, style: Style) -> None:
+    """Draw a row of ticks for each train, with its current beside it."""
+    for place, train in enumerate(times):
+        times_of_spikes = train[np.isfinite(train)]
+        axes.eventplot(
+            times_of_spikes,
+            lineoffsets=place,
+            linelengths=0.7,
+            linewidths=0.8,
+            colors=style.posterior,
+            gid=f"train/{place}",
+        )
+    axes.set(xlim=(0.0, duration), ylim=(-0.6, current.size - 0.4), xlabel="time since the current began [ms]")
+    axes.set_yticks(range(current.size), [short(each) for each in current])
+    axes.tick_params(axis="y", length=0)
+    axes.set_ylabel("current\n[µA/cm²]")
+    axes.spines["left"].set_visible(False)
 
 
 def _draw_interval(axes: Axes, draws: Array, height: float, colour: str, name: str) -> None:

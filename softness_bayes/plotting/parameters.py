@@ -47,18 +47,12 @@ def corner_figure(draws: ArrayLike, labels: Sequence[str], *, style: Style = USU
         If labels and draws disagree, a draw is not finite, a parameter does not vary, or there are
         fewer draws than parameters.
     """
-    values = _thinned(check_draws(draws, labels))
-    count, dimension = values.shape
-    if count <= dimension:
-        raise InputError(f"corner plot: {count} draws of {dimension} parameters, expected more draws")
-    still = [label for label, column in zip(labels, values.T, strict=True) if np.ptp(column) == 0]
-    if still:
-        raise InputError(f"corner plot: {', '.join(still)} does not vary")
-
     import corner
     from matplotlib.figure import Figure
-    from matplotlib.patches import Patch
 
+    values = _thinned(check_draws(draws, labels))
+    _require_varying(values, labels)
+    count, dimension = values.shape
     contours = count >= FEWEST_DRAWS_FOR_CONTOURS
     tints = [style.tint(style.posterior, strength) for strength in TINTS]
     with style.applied():
@@ -86,12 +80,29 @@ def corner_figure(draws: ArrayLike, labels: Sequence[str], *, style: Style = USU
         )
         _tidy(figure, dimension, width)
         if contours and dimension > 1:
-            patches = [
-                Patch(facecolor=tint, edgecolor=style.posterior, label=f"{100 * level:.0f} % credible region")
-                for level, tint in zip(LEVELS, tints, strict=True)
-            ]
-            figure.legend(handles=patches, loc="upper right")
+            _region_legend(figure, tints, style)
     return figure
+
+
+def _require_varying(values: Array, labels: Sequence[str]) -> None:
+    """Raise an error unless there are more draws than parameters, and every parameter varies."""
+    count, dimension = values.shape
+    if count <= dimension:
+        raise InputError(f"corner plot: {count} draws of {dimension} parameters, expected more draws")
+    still = [label for label, column in zip(labels, values.T, strict=True) if np.ptp(column) == 0]
+    if still:
+        raise InputError(f"corner plot: {', '.join(still)} does not vary")
+
+
+def _region_legend(figure: Figure, tints: Sequence[tuple[float, float, float]], style: Style) -> None:
+    """Name the regions, in the empty corner."""
+    from matplotlib.patches import Patch
+
+    patches = [
+        Patch(facecolor=tint, edgecolor=style.posterior, label=f"{100 * level:.0f} % credible region")
+        for level, tint in zip(LEVELS, tints, strict=True)
+    ]
+    figure.legend(handles=patches, loc="upper right")
 
 
 def _tidy(figure: Figure, dimension: int, width: float) -> None:

@@ -86,9 +86,6 @@ def observed_ratings(
     InputError
         If a rating is not on the scale.
     """
-    from scipy.sparse import csr_array
-    from scipy.sparse.linalg import lsqr
-
     rating, condition = np.asarray(rating, float), np.asarray(condition, np.intp)
     modulus, load = np.asarray(modulus, float), np.asarray(load, np.intp)
     known = ~np.isnan(rating)
@@ -103,12 +100,7 @@ def observed_ratings(
     np.add.at(trials, (condition[known], participant[known]), 1.0)
     rows, columns = np.nonzero(trials)
     value = total[rows, columns] / trials[rows, columns]
-    each = np.arange(rows.size)
-    places = np.concatenate([each, each]), np.concatenate([rows, shape[0] + columns])
-    design = csr_array((np.ones(2 * rows.size), places), shape=(rows.size, sum(shape)))
-    effect = lsqr(design, value, atol=1e-15, btol=1e-15, conlim=0.0)[0][shape[0] :] * scale.own_units
-    present = np.unique(columns)
-    aligned = value - (effect - effect[present].mean() if present.size else effect)[columns]
+    aligned = value - _effects(value, rows, columns, shape)[columns] if scale.own_units else value
     count = np.bincount(rows, minlength=shape[0])
     with np.errstate(invalid="ignore", divide="ignore"):
         mean = np.bincount(rows, aligned, shape[0]) / count
@@ -116,6 +108,29 @@ def observed_ratings(
     spread = np.sqrt(np.where(count > 1, variance, np.nan))
     middle, low, high = scale.natural(np.stack([mean, mean - spread, mean + spread]))
     return Observed(modulus, load, middle, low, high, count)
+
+
+def _effects(value: Array, rows: NDArray[np.intp], columns: NDArray[np.intp], shape: tuple[int, int]) -> Array:
+    """Return the s of each participant, by least squares and with the mean 0 among those who rated.
+
+    Parameters
+    ----------
+    value
+        c_condition + s_participant + e, shape (values,).
+    rows, columns
+        Indices of each value's condition and participant, shape (values,).
+    shape
+        Numbers of conditions and participants.
+    """
+    from scipy.sparse import csr_array
+    from scipy.sparse.linalg import lsqr
+
+    each = np.arange(rows.size)
+    places = np.concatenate([each, each]), np.concatenate([rows, shape[0] + columns])
+    design = csr_array((np.ones(2 * rows.size), places), shape=(rows.size, sum(shape)))
+    effect: Array = lsqr(design, value, atol=1e-15, btol=1e-15, conlim=0.0)[0][shape[0] :]
+    present = np.unique(columns)
+    return effect - effect[present].mean() if present.size else effect
 
 
 def rating_figure(
@@ -167,16 +182,13 @@ def rating_figure(
     check_loads(loads, draws.shape[1])
     draws, observed = np.clip(draws, *scale.drawn), observed.within(*scale.drawn)
     xlabel = MODULUS_LABEL if skin_modulus is None else RATIO_LABEL
-    ends = []
     with style.applied():
         figure, panels, _ = grid_of_panels(len(loads), xlabel, scale.label, style)
+        ends: list[float] = []
         for index, (axes, load) in enumerate(zip(panels, loads, strict=True)):
             here = (observed.load == index) & np.isfinite(observed.mean)
-            if skin_modulus is None:
-                x, curves, places = modulus / 1e3, draws[:, index], observed.modulus[here] / 1e3
-            else:
-                axis = RatioAxis.of(modulus, np.asarray(skin_modulus)[:, index])
-                x, curves, places = axis.grid, axis.carry(draws[:, index]), axis.place(observed.modulus[here])
+            skin = None if skin_modulus is None else np.asarray(skin_modulus)[:, index]
+            x, curves, places = _along_axis(modulus, draws[:, index], observed.modulus[here], skin)
             draw_bands(axes, x, curves, style.posterior, style, str(load))
             _draw_observed(axes, places, observed, here, scale, style, str(load))
             axes.set(xscale="log", yscale=scale.axis, title=title(load))
@@ -188,6 +200,19 @@ def rating_figure(
                 number_ticks(axes.yaxis)
         legend_below(figure, panels)
     return figure
+
+
+def _along_axis(
+    modulus: Array, draws: Array, observed: Array, skin_modulus: Array | None
+) -> tuple[Array, Array, Array]:
+    """Return the places of curves and data along a panel's axis: E_fab [kPa] or, given E_skin [Pa], their ratio.
+
+    They are the grid, the draws at it, and the places of the data.
+    """
+    if skin_modulus is None:
+        return modulus / 1e3, draws, observed / 1e3
+    axis = RatioAxis.of(modulus, skin_modulus)
+    return axis.grid, axis.carry(draws), axis.place(observed)
 
 
 def _draw_observed(

@@ -98,11 +98,10 @@ def touch_illustration(
     )
     distance = kink_distances(scene.finger)[-1] * np.linspace(0.0, 1.0, DISTANCES) ** 1.5
     profiles, contact = touch_profiles(few, parameters, distance), few.contact(parameters)
-    shape = (loads.size, moduli.size)
 
     def limits(values: Array) -> NDArray[np.float32]:
         found = np.quantile(values, QUANTILES, axis=0)
-        return found.reshape(found.shape[0], *shape, *found.shape[2:]).astype(np.float32)
+        return found.reshape(found.shape[0], loads.size, moduli.size, *found.shape[2:]).astype(np.float32)
 
     at = ("quantile", "touch_load", "touch_fabric")
     along = (*at, "distance_mm")

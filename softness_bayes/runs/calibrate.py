@@ -202,12 +202,8 @@ def calibrate(
     model = scene.model(options)
     model.posterior.space.require_sampled()
     settings = settings or _usual(run)
-    manifest, folder = _manifest(scene, Request(model.options, run), settings), directory / REPLICATES
-    _require_alike(directory, manifest)
-    require_outputs(directory, (RANKS, COVERAGE, VERDICT, f"{FIGURE}.png"), CALIBRATE)
-    if folder.is_symlink():
-        raise InputError(f"{folder}: is a symbolic link, which nothing is written through; move it away")
-    folder.mkdir(parents=True, exist_ok=True)
+    manifest = _manifest(scene, Request(model.options, run), settings)
+    folder = _made_folder(directory, manifest)
     with Lock(directory / LOCK) as lock:
         _require_alike(directory, manifest)
         if not (directory / MANIFEST).exists():
@@ -225,6 +221,17 @@ def calibrate(
                         progress(len(done), one)
         lock.vanish()
     return Calibrated({index: done[index] for index in range(count)})
+
+
+def _made_folder(directory: Path, manifest: dict[str, Any]) -> Path:
+    """Return the folder of the replicates, made if need be, in a directory that may be written to."""
+    folder = directory / REPLICATES
+    _require_alike(directory, manifest)
+    require_outputs(directory, (RANKS, COVERAGE, VERDICT, f"{FIGURE}.png"), CALIBRATE)
+    if folder.is_symlink():
+        raise InputError(f"{folder}: is a symbolic link, which nothing is written through; move it away")
+    folder.mkdir(parents=True, exist_ok=True)
+    return folder
 
 
 def finished(

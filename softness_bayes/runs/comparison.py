@@ -251,26 +251,40 @@ def compare(
     weights = stacking_weights(np.stack([found[label].log_density for label in order], axis=-1))
     clusters = _clusters(results[order[0]], leave)
     interior = sum(w * results[label].inflection()["p_interior"] for w, label in zip(weights, order, strict=True))
-    rows = {}
-    for rank, label in enumerate(order, 1):
-        left = found[label]
-        behind = left.log_density - best
-        rows[label] = {
+    rows = {
+        label: {
             "rank": rank,
-            "elpd": left.log_density.sum(),
-            "se": _standard_error(left.log_density),
-            "elpd_diff": behind.sum(),
-            "se_diff": _standard_error(behind),
-            **{f"se_by_{by}": clustered_error(behind, index) for by, index in clusters.items()},
-            "weight": weights[rank - 1],
-            "units": left.log_density.size,
-            "pareto_k_max": np.nanmax(left.pareto_k, initial=-np.inf) if np.isfinite(left.pareto_k).any() else np.nan,
-            "pareto_k_high": int((left.pareto_k > _limit(left.draws)).sum()),
-            "unfinished": left.unfinished,
+            **_differences(found[label].log_density, best, clusters),
+            "weight": weight,
+            **_reliability(found[label]),
             "converged": results[label].provenance.ending.converged,
             "model": told[label],
         }
+        for rank, (label, weight) in enumerate(zip(order, weights, strict=True), 1)
+    }
     return Comparison(pd.DataFrame.from_dict(rows, orient="index").rename_axis("result"), leave.name, interior)
+
+
+def _differences(log_density: Array, best: Array, clusters: Mapping[str, NDArray[np.intp]]) -> dict[str, float]:
+    """Return the columns about a model's predictions and their differences from the best one's."""
+    behind = log_density - best
+    return {
+        "elpd": log_density.sum(),
+        "se": _standard_error(log_density),
+        "elpd_diff": behind.sum(),
+        "se_diff": _standard_error(behind),
+        **{f"se_by_{by}": clustered_error(behind, index) for by, index in clusters.items()},
+    }
+
+
+def _reliability(left: LeftOut) -> dict[str, float]:
+    """Return the columns about the units, their importance weights and the refits."""
+    return {
+        "units": left.log_density.size,
+        "pareto_k_max": np.nanmax(left.pareto_k, initial=-np.inf) if np.isfinite(left.pareto_k).any() else np.nan,
+        "pareto_k_high": int((left.pareto_k > _limit(left.draws)).sum()),
+        "unfinished": left.unfinished,
+    }
 
 
 def _leave(leave: str | Leave) -> Leave:

@@ -130,11 +130,6 @@ def brian2_rates(
     except ImportError as error:
         raise InputError("Brian2 is not installed here: install softness-bayes[peers]") from error
     ms = brian2.ms
-    conductances = {
-        f"g_{ion}": multiplier * getattr(membrane, f"g_{ion}")
-        for ion, multiplier in zip(("na", "k", "l", "a"), channels, strict=True)
-    }
-    potentials = {name: getattr(membrane, name) for name in ("e_na", "e_k", "e_l", "e_a")}
     brian2.prefs.codegen.target = target
     cells = brian2.NeuronGroup(
         current.size,
@@ -144,7 +139,7 @@ def brian2_rates(
         threshold="v >= spike_voltage",
         refractory="v >= spike_voltage",
         reset=_AT_A_SPIKE,
-        namespace={**conductances, **potentials, "spike_voltage": SPIKE_VOLTAGE, "settling": SETTLING},
+        namespace=_constants(channels, membrane),
     )
     remember = cells.run_regularly("v_before = v", when="start", dt=step * ms)
     network = brian2.Network(cells, remember)
@@ -159,6 +154,16 @@ def brian2_rates(
     enough = counted >= 2
     rate = np.where(enough, 1000.0 * (counted - 1) / np.where(enough, span, 1.0), np.nan)
     return Simulated(rate, seconds)
+
+
+def _constants(channels: Channels, membrane: Membrane) -> dict[str, float]:
+    """Return the constants that the equations name."""
+    conductances = {
+        f"g_{ion}": multiplier * getattr(membrane, f"g_{ion}")
+        for ion, multiplier in zip(("na", "k", "l", "a"), channels, strict=True)
+    }
+    potentials = {name: getattr(membrane, name) for name in ("e_na", "e_k", "e_l", "e_a")}
+    return {**conductances, **potentials, "spike_voltage": SPIKE_VOLTAGE, "settling": SETTLING}
 
 
 def firing_peers(

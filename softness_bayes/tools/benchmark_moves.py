@@ -2,7 +2,8 @@
 
 Prints, for each set of simulated ratings and each way to walk, the autocorrelation time of the worst quantity and
 the effective draws for each second of processor time, pilot included, after a fixed number of steps. A run shorter
-than fifty of its autocorrelation times underestimates them: those are marked, and their draws are upper limits.
+than the `lengths` of `sampler.diagnostics.Goal` underestimates its autocorrelation times: those are marked, and their
+draws are upper limits.
 
 emcee's snooker move is not compared: up to emcee 3.1.6 its acceptance takes half of the Jacobian's exponent, so that
 what it draws has another law.
@@ -34,7 +35,7 @@ from softness_bayes.touch.contact import Force, Indentation, Load
 from softness_bayes.touch.readings import MENDED
 from softness_bayes.touch.scene import Discretisation
 
-STEPS, ENSEMBLES, LENGTHS = 1200, 2, 50.0
+STEPS, ENSEMBLES = 1200, 2
 
 
 class Way(NamedTuple):
@@ -135,7 +136,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         print("| way to walk | tau [steps] | effective draws / s |\n|---|---|---|")
         for name, way in WAYS.items():
             found = measure(target, way, STEPS)
-            short = found.lengths < LENGTHS
+            short = found.lengths < Goal().lengths
             tau, draws = f"{found.tau:.0f}", f"{found.ess_per_second:.3g}"
             rows.append((data, name, short, tau, draws))
             print(f"| {name} | {'> ' * short}{tau} | {'< ' * short}{draws} |", flush=True)

@@ -217,15 +217,9 @@ def measure(
     rng, design = np.random.default_rng(seed), surface.design
     near = points // 10 if design.border is not None else 0
     place = np.hstack([_anywhere(surface, rng, points - near), _near_border(surface, rng, near)])
-    channels = design.channels_at(place)
-    current = np.asarray(rng.uniform(0.0, design.max_current, place.shape[1]))
-    # a third of the currents close above the rheobase, where errors are largest
-    begin, jump = surface.curve(channels).rheobase, design.closest > 0.0
-    close = rng.random(current.size) < 1 / 3
-    nearest = np.log10(NEAR_JUMP) if jump else -4.0
-    current[close] = np.minimum(begin + 10.0 ** rng.uniform(nearest, 0.0, current.size), design.max_current)[close]
-    if jump:
-        current = np.where(np.abs(current - begin) < NEAR_JUMP, begin + NEAR_JUMP, current)
+    channels, jump = design.channels_at(place), design.closest > 0.0
+    begin = surface.curve(channels).rheobase
+    current = _currents(rng, begin, place.shape[1], design)
     exact = _exact_rates(surface, current, channels, begin, say, spread)
     difference = surface.curve(channels).rate(current[:, None])[:, 0] - exact
     found = _quantiles(difference, exact)
@@ -242,6 +236,15 @@ def measure(
         "corner_hertz": max((e.hertz for e in own), default=0.0),
         "corner_onset_hertz": max((e.onset_hertz for e in own), default=0.0),
     }
+
+
+def _currents(rng: np.random.Generator, begin: FloatArray, count: int, design: Design) -> FloatArray:
+    """Draw currents [µA/cm²], a third of them close above the rheobases `begin`, where errors are largest."""
+    current, jump = np.asarray(rng.uniform(0.0, design.max_current, count)), design.closest > 0.0
+    close = rng.random(count) < 1 / 3
+    nearest = np.log10(NEAR_JUMP) if jump else -4.0
+    current[close] = np.minimum(begin + 10.0 ** rng.uniform(nearest, 0.0, count), design.max_current)[close]
+    return np.where(np.abs(current - begin) < NEAR_JUMP, begin + NEAR_JUMP, current) if jump else current
 
 
 def _exact_rates(
