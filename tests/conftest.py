@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import subprocess
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from softness_bayes.cli import main
 from softness_bayes.touch.neuron import fixed_channels
 from softness_bayes.touch.neuron.firing import CurveError, RateCurve
 from softness_bayes.touch.parameters import TouchParameters
@@ -49,19 +47,6 @@ def one_membrane(once):
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(fixed_channels, "exact_curve", shared_curves(once))
         yield
-
-
-@pytest.fixture
-def here(capsys):
-    """Call a verb in this process, which takes no second to start."""
-
-    def call(*arguments):
-        with pytest.raises(SystemExit) as end:
-            main([str(argument) for argument in arguments], prog_name="softness-bayes")
-        written = capsys.readouterr()
-        return subprocess.CompletedProcess(arguments, end.value.code or 0, written.out, written.err)
-
-    return call
 
 
 @pytest.fixture(scope="session")

@@ -21,7 +21,7 @@ from softness_bayes.model.resolution import first
 from softness_bayes.plotting.benchmark import work_precision_figure
 from softness_bayes.touch.neuron.rate import firing_rate
 from softness_bayes.touch.scene import Discretisation
-from support.command_line import refused
+from support.command_line import call, refused
 from support.paths import ROOT
 
 CURRENT = np.array([20.3, 22.0])
@@ -120,8 +120,8 @@ def test_the_figure_holds_its_numbers():
 
 
 @pytest.mark.slow
-def test_all_of_it_runs_and_every_stage_is_in_the_table(here, tmp_path):
-    done = here("bench", "--quick", "--out", tmp_path)
+def test_all_of_it_runs_and_every_stage_is_in_the_table(tmp_path):
+    done = call("bench", "--quick", "--out", tmp_path)
     assert done.returncode == 0, done.stderr
     table = pd.read_csv(tmp_path / "work_precision.csv")
     assert {FIELD, POPULATION, RATES, LIKELIHOOD, "peer"} == set(table["stage"])
@@ -138,7 +138,7 @@ def test_all_of_it_runs_and_every_stage_is_in_the_table(here, tmp_path):
     assert facts["machine"]["processor"] in words
     assert (tmp_path / "work_precision.png").stat().st_size > 0
     assert (tmp_path / "work_precision.pdf").stat().st_size > 0
-    refused(here("bench", "--quick", "--out", tmp_path), "work_precision.csv", "--force")
+    refused(call("bench", "--quick", "--out", tmp_path), "work_precision.csv", "--force")
 
 
 def test_without_brian_there_is_a_reason_instead_of_a_peer(monkeypatch):

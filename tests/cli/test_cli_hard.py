@@ -6,7 +6,7 @@ import re
 
 import pytest
 
-from support.command_line import HELD, refused, run
+from support.command_line import HELD, call, refused, run
 
 HEADER = "participant,fabric,indentation_mm,rating,effective_modulus_kpa\n"
 FABRICS = {"a": 60, "b": 300, "c": 2000}
@@ -57,8 +57,8 @@ def table(tmp_path):
         ("silent", "E_fab 0.001 to 0.002 kPa"),
     ],
 )
-def test_check_says_what_the_data_cannot_tell(here, table, name, statement):
-    done = here("check", "--data", table(name))
+def test_check_says_what_the_data_cannot_tell(table, name, statement):
+    done = call("check", "--data", table(name))
     assert done.returncode == 0, done.stderr
     assert statement in done.stdout
 
@@ -71,8 +71,8 @@ def test_check_says_what_the_data_cannot_tell(here, table, name, statement):
         ("check", "header alone", r"no row below the header"),
     ],
 )
-def test_what_cannot_be_is_an_input_error(here, table, verb, name, words):
-    done = here(verb, "--data", table(name))
+def test_what_cannot_be_is_an_input_error(table, verb, name, words):
+    done = call(verb, "--data", table(name))
     refused(done)
     assert re.search(words, done.stderr)
 

@@ -21,7 +21,7 @@ from softness_bayes.likelihood.magnitude import LogRatings
 from softness_bayes.results.request import RunOptions
 from softness_bayes.results.result import Result
 from softness_bayes.touch import scene
-from support.command_line import FIXED, few_ratings, refused
+from support.command_line import FIXED, call, few_ratings, refused
 from support.full_disk import fill_disk
 from support.paths import ROOT
 
@@ -73,21 +73,21 @@ def copied(killed, tmp_path):
     return tmp_path / "out"
 
 
-def test_a_killed_run_is_reported_on_continued_and_draws_what_an_uninterrupted_one_draws(killed, copied, here):
+def test_a_killed_run_is_reported_on_continued_and_draws_what_an_uninterrupted_one_draws(killed, copied):
     kept = read_status(copied)
     assert 0 < kept.steps < STEPS
     assert not kept.running
     assert sorted(path.name for path in copied.iterdir()) == ["checkpoint"]
-    said = here("status", copied)
+    said = call("status", copied)
     assert said.returncode == 0
     assert "interrupted, no process is running it" in said.stdout
     assert f"steps: {kept.steps} in" in said.stdout
-    refused(here("sample", "--data", killed / "ratings.csv", "--out", copied), "is not empty", "resume")
+    refused(call("sample", "--data", killed / "ratings.csv", "--out", copied), "is not empty", "resume")
 
-    done = here("resume", copied, "--processes", "1")
+    done = call("resume", copied, "--processes", "1")
     assert done.returncode == 3, done.stderr
     whole = copied.parent / "whole"
-    assert here("sample", "--data", killed / "ratings.csv", "--out", whole, *ASKED, "--processes", "1").returncode == 3
+    assert call("sample", "--data", killed / "ratings.csv", "--out", whole, *ASKED, "--processes", "1").returncode == 3
     one, other = Result.load(copied), Result.load(whole)
     for group in other.tree.children:
         assert one.tree[group].identical(other.tree[group]), group
@@ -97,7 +97,7 @@ def test_a_killed_run_is_reported_on_continued_and_draws_what_an_uninterrupted_o
     assert one.attributes["command"].startswith("softness-bayes")
     assert one.attributes["command"].count("; softness-bayes") == 1
 
-    said = here("status", copied)
+    said = call("status", copied)
     assert "it has ended, its results are written" in said.stdout
     assert other.attributes["verdict"] in said.stdout
     assert "ESS" in said.stdout
@@ -107,12 +107,12 @@ def test_a_killed_run_is_reported_on_continued_and_draws_what_an_uninterrupted_o
     kept["state"]["verdict"]["looks_passed"] = 2
     manifest.write_bytes(sealed(kept))
     before = (copied / "posterior.nc").read_bytes()
-    again = here("resume", copied)
+    again = call("resume", copied)
     assert again.returncode == 0
     assert "Its results are written; --more-steps continues it." in again.stdout
     assert (copied / "posterior.nc").read_bytes() == before
     (copied / "posterior.nc").unlink()
-    again = here("resume", copied)
+    again = call("resume", copied)
     assert again.returncode == 0
     assert "posterior.nc: no such file; expected the posterior.nc of a run; the results are" in again.stderr
     assert Result.load(copied).tree["posterior"].identical(one.tree["posterior"])
@@ -130,21 +130,21 @@ def test_limits_let_a_run_go_on():
     assert _continued(options, status, 50).max_steps == 400
 
 
-def test_what_changed_is_named(killed, copied, here):
+def test_what_changed_is_named(killed, copied):
     manifest = copied / "checkpoint" / "manifest.json"
     kept = {path: path.read_bytes() for path in copied.rglob("*.*")}
     other = copied.parent / "other.csv"
     lines = (killed / "ratings.csv").read_text().splitlines()
     rating = lines[5].split(",")[3]
     other.write_text("\n".join([*lines[:5], lines[5].replace(rating, rating + "1"), *lines[6:]]) + "\n")
-    refused(here("resume", copied, "--data", other), "cannot be continued", "begun with ratings ")
+    refused(call("resume", copied, "--data", other), "cannot be continued", "begun with ratings ")
 
     def asked(place, value):
         manifest.write_bytes(kept[manifest])
         changed = read_manifest(copied)
         changed["request"]["options"][place] = value
         manifest.write_bytes(sealed(changed))
-        return here("resume", copied)
+        return call("resume", copied)
 
     refused(asked("priors", {"gamma": "lognormal(2,0.3)"}), "prior of gamma lognormal(1,0.3) (now lognormal(2,0.3))")
     refused(asked("seed", 4), "seed 3 (now 4)")
@@ -161,39 +161,39 @@ def test_what_changed_is_named(killed, copied, here):
     assert kept.items() >= {path: path.read_bytes() for path in copied.rglob("*.*")}.items()
 
 
-def test_another_density_under_the_same_options_is_refused(copied, here, monkeypatch):
+def test_another_density_under_the_same_options_is_refused(copied, monkeypatch):
     right = LogRatings.log_likelihood
     monkeypatch.setattr(LogRatings, "log_likelihood", lambda *arguments: 1.001 * right(*arguments))
-    refused(here("resume", copied), "the log density at one of its walkers was", "was the software changed")
+    refused(call("resume", copied), "the log density at one of its walkers was", "was the software changed")
 
 
-def test_moved_data_are_asked_for_and_found(killed, copied, here):
+def test_moved_data_are_asked_for_and_found(killed, copied):
     manifest = copied / "checkpoint" / "manifest.json"
     kept = json.loads(json.dumps(read_manifest(copied)).replace("ratings.csv", "gone.csv"))
     kept["request"]["versions"]["version_emcee"] = "2.0"
     manifest.write_bytes(sealed(kept))
-    refused(here("resume", copied), "gone.csv", "note: begun with emcee 2.0 (now ")
-    done = here("resume", copied, "--data", killed / "ratings.csv", "--max-time", "0s", "--processes", "1")
+    refused(call("resume", copied), "gone.csv", "note: begun with emcee 2.0 (now ")
+    done = call("resume", copied, "--data", killed / "ratings.csv", "--max-time", "0s", "--processes", "1")
     assert done.returncode == 3, done.stderr
     assert "continues" in done.stderr
 
 
-def test_a_run_in_use_is_refused_with_5(copied, killed, here):
+def test_a_run_in_use_is_refused_with_5(copied, killed):
     with Lock(copied / "checkpoint" / "lock"):
         for arguments in (["resume", copied], ["sample", "--data", killed / "ratings.csv", "--out", copied, "--force"]):
-            done = here(*arguments)
+            done = call(*arguments)
             assert done.returncode == 5, done.stderr
             assert f"another run is using it (process {os.getpid()})" in done.stderr
-        assert "a process is running it" in here("status", copied).stdout
+        assert "a process is running it" in call("status", copied).stdout
     assert read_status(copied).steps
 
 
-def test_a_run_begun_in_python_is_continued_there(copied, here):
+def test_a_run_begun_in_python_is_continued_there(copied):
     with Checkpoint.open(copied):
         pass
     manifest = copied / "checkpoint" / "manifest.json"
     manifest.write_bytes(sealed({**read_manifest(copied), "request": None}))
-    refused(here("resume", copied), "begun in Python", "Checkpoint.open(")
+    refused(call("resume", copied), "begun in Python", "Checkpoint.open(")
 
 
 @pytest.mark.parametrize(
@@ -206,13 +206,13 @@ def test_a_run_begun_in_python_is_continued_there(copied, here):
         (["sample", "--data", "x", "--max-time", "-3"], "--max-time"),
     ],
 )
-def test_nonsense_is_refused(here, arguments, message):
-    refused(here(*arguments), message)
+def test_nonsense_is_refused(arguments, message):
+    refused(call(*arguments), message)
 
 
-def test_a_full_disk_says_how_to_go_on(copied, here, monkeypatch):
+def test_a_full_disk_says_how_to_go_on(copied, monkeypatch):
     fill_disk(monkeypatch, 4)
-    done = here("resume", copied, "--processes", "1")
+    done = call("resume", copied, "--processes", "1")
     assert done.returncode == 2
     assert "No space left on device" in done.stderr
     assert f"'softness-bayes resume {copied}' continues it" in done.stderr
@@ -222,7 +222,7 @@ def test_a_full_disk_says_how_to_go_on(copied, here, monkeypatch):
         assert checkpoint.status is not None
 
 
-def test_too_many_failures_end_a_run_with_4_and_its_state_safe(tmp_path, here, monkeypatch):
+def test_too_many_failures_end_a_run_with_4_and_its_state_safe(tmp_path, monkeypatch):
     unbroken = LogRatings.log_likelihood
 
     def broken(self, rate, parameters):
@@ -231,7 +231,7 @@ def test_too_many_failures_end_a_run_with_4_and_its_state_safe(tmp_path, here, m
     monkeypatch.setattr(LogRatings, "log_likelihood", broken)
     out = tmp_path / "out"
     few_ratings(tmp_path)
-    done = here("sample", "--data", tmp_path / "ratings.csv", "--out", out, *ASKED, "--processes", "1")
+    done = call("sample", "--data", tmp_path / "ratings.csv", "--out", out, *ASKED, "--processes", "1")
     assert done.returncode == 4, done.stderr
     assert "the density could not be computed at" in done.stderr
     assert "(likelihood)" in done.stderr
@@ -239,7 +239,7 @@ def test_too_many_failures_end_a_run_with_4_and_its_state_safe(tmp_path, here, m
     assert list(table) == ["stage", "gamma", "varsigma"]
     assert (table["gamma"] > 0.9).all()
     assert read_status(out).failures >= len(table)
-    assert "in nonfinite.csv" in here("status", out).stdout
+    assert "in nonfinite.csv" in call("status", out).stdout
 
 
 def test_an_interrupt_keeps_the_run_and_frees_it(tmp_path):

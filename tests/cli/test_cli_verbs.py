@@ -68,16 +68,16 @@ def test_predict_takes_readings_and_prior_sets():
         (["--indentation-mm", "-1"], "--indentation-mm"),
     ],
 )
-def test_predict_refuses(here, tmp_path, arguments, message):
-    done = here("predict", *TOUCH, *arguments, "--out", tmp_path / "table.csv")
+def test_predict_refuses(tmp_path, arguments, message):
+    done = call("predict", *TOUCH, *arguments, "--out", tmp_path / "table.csv")
     refused(done, message)
     assert done.stdout == ""
     assert list(tmp_path.iterdir()) == []
 
 
-def test_predict_without_load_or_file_is_refused(here):
-    refused(here("predict", "--fabrics", DATA / "fabrics.csv"), "--indentation-mm", "--force-n")
-    refused(here("predict", "--fabrics", "nowhere.csv", "--force-n", "1"), "nowhere.csv")
+def test_predict_without_load_or_file_is_refused():
+    refused(call("predict", "--fabrics", DATA / "fabrics.csv"), "--indentation-mm", "--force-n")
+    refused(call("predict", "--fabrics", "nowhere.csv", "--force-n", "1"), "nowhere.csv")
 
 
 # simulate
@@ -96,9 +96,9 @@ def test_simulate_makes_the_data_byte_for_byte(tmp_path):
         assert (tmp_path / name).read_bytes() == (DATA / name).read_bytes(), name
 
 
-def test_simulate_says_what_the_ratings_were_made_from(here, tmp_path):
+def test_simulate_says_what_the_ratings_were_made_from(tmp_path):
     arguments = [*TOUCH, "--participants", "3", "--set", "b=70", "--typical-rating", "50", "--seed", "4"]
-    done = here("simulate", *arguments, "--out", tmp_path)
+    done = call("simulate", *arguments, "--out", tmp_path)
     assert done.returncode == 0, done.stderr
     story = json.loads((tmp_path / "truth.json").read_text(encoding="utf-8"))
     assert story["truth"]["b"] == 70
@@ -112,8 +112,8 @@ def test_simulate_says_what_the_ratings_were_made_from(here, tmp_path):
     assert len(ratings) == 3 * 12
     assert ratings["rating"].gt(0).all()
     before = (tmp_path / "ratings.csv").read_bytes()
-    refused(here("simulate", *arguments, "--out", tmp_path), "--force")
-    other = here("simulate", *arguments, "--out", tmp_path, "--force", "--seed", "5")
+    refused(call("simulate", *arguments, "--out", tmp_path), "--force")
+    other = call("simulate", *arguments, "--out", tmp_path, "--force", "--seed", "5")
     assert other.returncode == 0, other.stderr
     assert (tmp_path / "ratings.csv").read_bytes() != before
 
@@ -122,8 +122,8 @@ def test_simulate_says_what_the_ratings_were_made_from(here, tmp_path):
     "arguments",
     [["--participants", "0"], ["--missing", "1"], ["--typical-rating", "0"], ["--set", "mu=3"], ["--seed", "x"]],
 )
-def test_simulate_refuses(here, tmp_path, arguments):
-    refused(here("simulate", *TOUCH, *arguments, "--out", tmp_path / "new"))
+def test_simulate_refuses(tmp_path, arguments):
+    refused(call("simulate", *TOUCH, *arguments, "--out", tmp_path / "new"))
     assert list(tmp_path.iterdir()) == []
 
 
@@ -240,15 +240,15 @@ def test_an_effect_per_fabric_from_end_to_end(tmp_path):
         (["--indentation-mm", "2"], "tables without a load column"),
     ],
 )
-def test_sample_refuses_and_writes_nothing(here, tmp_path, monkeypatch, arguments, message):
+def test_sample_refuses_and_writes_nothing(tmp_path, monkeypatch, arguments, message):
     monkeypatch.chdir(tmp_path)
-    done = here("sample", "--data", DATA / "ratings.csv", *QUICK, *arguments)
+    done = call("sample", "--data", DATA / "ratings.csv", *QUICK, *arguments)
     refused(done, message)
     assert done.stdout == ""
     assert list(tmp_path.iterdir()) == []
 
 
-def test_ratings_that_cannot_be_used_are_refused_by_row(here, tmp_path, monkeypatch):
+def test_ratings_that_cannot_be_used_are_refused_by_row(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     lines = (DATA / "ratings.csv").read_text().splitlines()[:40]
     broken = {
@@ -258,5 +258,5 @@ def test_ratings_that_cannot_be_used_are_refused_by_row(here, tmp_path, monkeypa
     for name, (old, new, message) in broken.items():
         path = tmp_path / f"{name}.csv"
         path.write_text("\n".join([*lines[:7], lines[7].replace(old, new), *lines[8:]]) + "\n")
-        refused(here("sample", "--data", path, *QUICK), path.name, message)
+        refused(call("sample", "--data", path, *QUICK), path.name, message)
     assert not (tmp_path / "results").exists()

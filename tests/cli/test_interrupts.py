@@ -17,7 +17,7 @@ from softness_bayes.checkpoints.checkpoint import read_status
 from softness_bayes.errors import ResourceError
 from softness_bayes.sampler import workers as processes
 from softness_bayes.sampler.workers import RENEWALS, Workers
-from support.command_line import FIXED, few_ratings
+from support.command_line import FIXED, call, few_ratings
 from support.paths import DATA, ROOT
 
 PROGRAM = (
@@ -178,13 +178,13 @@ def _need(resident, size):
     return np.empty(size).size
 
 
-@pytest.mark.parametrize("call", ["map", "as_finished", "start"])
-def test_a_worker_that_dies_is_replaced_and_its_task_done_again(tmp_path, call):
+@pytest.mark.parametrize("way", ["map", "as_finished", "start"])
+def test_a_worker_that_dies_is_replaced_and_its_task_done_again(tmp_path, way):
     tasks = [(str(tmp_path / "died"), k) for k in range(5)]
     with Workers(10, 2) as workers:
-        if call == "map":
+        if way == "map":
             found = workers.map(_die_once, tasks)
-        elif call == "as_finished":
+        elif way == "as_finished":
             found = sorted(workers.as_finished(_die_once, tasks))
         else:
             found = [finished() for finished in [workers.start(_die_once, *task) for task in tasks]]
@@ -204,14 +204,14 @@ def test_memory_that_runs_out_in_a_worker_arrives():
         workers.map(_need, [(1 << 58,)])
 
 
-def test_a_run_that_lost_its_memory_says_how_to_go_on(tmp_path, here, monkeypatch):
+def test_a_run_that_lost_its_memory_says_how_to_go_on(tmp_path, monkeypatch):
     from softness_bayes.results import assembly
 
     few_ratings(tmp_path)
     asked = ["--data", tmp_path / "ratings.csv", *FIXED, "--max-steps", "20", "--processes", "1", "--no-figures"]
     for error, words in ((MemoryError("no 2 GB"), "memory ran out (no 2 GB)"), (ResourceError("a worker"), "a worker")):
         monkeypatch.setattr(assembly, "draw_replicates", lambda *_, error=error: (_ for _ in ()).throw(error))
-        done = here("sample", *asked, "--out", tmp_path / words[:6])
+        done = call("sample", *asked, "--out", tmp_path / words[:6])
         assert done.returncode == 6
         assert words in done.stderr
         assert f"'softness-bayes resume {tmp_path / words[:6]}' continues it" in done.stderr

@@ -28,7 +28,7 @@ from softness_bayes.files.outputs import require_outputs, survey, write_outputs
 from softness_bayes.files.run_files import FILES
 from softness_bayes.files.whole import write_whole
 from softness_bayes.results.result import Result
-from support.command_line import TOUCH, refused
+from support.command_line import TOUCH, call, refused
 from support.full_disk import fill_disk
 from support.modules import MODULES
 from support.paths import DATA, ROOT
@@ -133,29 +133,29 @@ def standing(place, kind, outside):
         (place / "inside").write_bytes(b"precious")
 
 
-def called(verb, here, finished, target, *more):
+def called(verb, finished, target, *more):
     arguments = [finished if word == "RUN" else word for word in WRITERS[verb][0]]
-    return here(verb, *arguments, "--out", target, *more)
+    return call(verb, *arguments, "--out", target, *more)
 
 
 @pytest.mark.parametrize("kind", ["file", "link", "dangling", "directory"])
 @pytest.mark.parametrize("verb", WRITERS)
-def test_nothing_of_others_is_touched(verb, kind, here, finished, tmp_path):
+def test_nothing_of_others_is_touched(verb, kind, finished, tmp_path):
     _, is_file, names = WRITERS[verb]
     folder, outside = sentinels(tmp_path / "folder"), tmp_path / "outside"
     for name in names:
         standing(folder / name, kind, outside)
     before = snapshot(tmp_path)
     for force in ([], ["--force"]) if "force" in options(verb) else ([],):
-        done = called(verb, here, finished, folder / names[0] if is_file else folder, *force)
+        done = called(verb, finished, folder / names[0] if is_file else folder, *force)
         refused(done, names[0] if is_file else str(folder))
         assert snapshot(tmp_path) == before, force
 
 
-def test_a_run_in_a_folder_with_other_things_names_them(here, tmp_path):
+def test_a_run_in_a_folder_with_other_things_names_them(tmp_path):
     folder = sentinels(tmp_path / "folder")
     before = snapshot(tmp_path)
-    done = here("sample", "--compression", folder / "compression.csv", *SHORT, "--out", folder, "--force")
+    done = call("sample", "--compression", folder / "compression.csv", *SHORT, "--out", folder, "--force")
     refused(done, ".git is a directory", "compression.csv is an input of this command", "; and ")
     assert snapshot(tmp_path) == before
     # the program of another's checkpoint is no run of ours, with or without a manifest
@@ -165,72 +165,72 @@ def test_a_run_in_a_folder_with_other_things_names_them(here, tmp_path):
     (folder / "posterior.nc.part").unlink()
     for force in ([], ["--force"]):
         before = snapshot(tmp_path)
-        done = here("sample", "--compression", FORCES, *SHORT, "--out", folder, *force)
+        done = call("sample", "--compression", FORCES, *SHORT, "--out", folder, *force)
         refused(done)
         assert snapshot(tmp_path) == before
     (folder / "checkpoint" / "manifest.json").unlink()
     before = snapshot(tmp_path)
-    refused(here("sample", "--compression", FORCES, *SHORT, "--out", folder), "not empty")
+    refused(call("sample", "--compression", FORCES, *SHORT, "--out", folder), "not empty")
     assert snapshot(tmp_path) == before
 
 
-def test_force_replaces_a_run_and_what_belongs_to_it(finished, here, tmp_path):
+def test_force_replaces_a_run_and_what_belongs_to_it(finished, tmp_path):
     """The other side: files of ours do go, a report and figures among them, and an edited one stays."""
     out = tmp_path / "run"
     shutil.copytree(finished, out)
-    assert here("report", out).returncode == 0
-    assert here("plot", out, "--figures", "prior", "--format", "png").returncode == 0
+    assert call("report", out).returncode == 0
+    assert call("plot", out, "--figures", "prior", "--format", "png").returncode == 0
     edited = (out / "summary.csv").read_bytes()
     (out / "summary.csv").write_bytes(edited + b"my note\n")
     again = ["sample", "--compression", FORCES, *SHORT, "--out", out, "--force"]
     before = snapshot(out)
-    refused(here(*again), "summary.csv was changed since it was written")
-    refused(here("resume", out, "--processes", "1"), "summary.csv was changed since it was written")
-    refused(here("sample", "--compression", out / "directions.csv", *SHORT, "--out", out, "--force"))
+    refused(call(*again), "summary.csv was changed since it was written")
+    refused(call("resume", out, "--processes", "1"), "summary.csv was changed since it was written")
+    refused(call("sample", "--compression", out / "directions.csv", *SHORT, "--out", out, "--force"))
     assert snapshot(out) == before
     (out / "summary.csv").write_bytes(edited)
-    assert here(*again).returncode == 3
+    assert call(*again).returncode == 3
     names = {".softness-bayes.json", "checkpoint", "directions.csv", "posterior.nc", "summary.csv"}
     assert {path.name for path in out.iterdir()} == names
 
 
 @pytest.mark.parametrize("verb", ["simulate", "predict"])
-def test_force_replaces_what_the_verb_wrote_and_nothing_else(verb, here, finished, tmp_path):
+def test_force_replaces_what_the_verb_wrote_and_nothing_else(verb, finished, tmp_path):
     _, is_file, names = WRITERS[verb]
     folder = tmp_path / "new"
     target = folder / names[0] if is_file else folder
-    assert called(verb, here, finished, target, "--set", "b=70").returncode == 0
+    assert called(verb, finished, target, "--set", "b=70").returncode == 0
     assert {path.name for path in folder.iterdir()} == {LISTING, *names}
     (folder / "thesis.docx").write_bytes(b"years of work")
     before = snapshot(folder)
-    refused(called(verb, here, finished, target), "exists", "--force")
+    refused(called(verb, finished, target), "exists", "--force")
     assert snapshot(folder) == before
-    assert called(verb, here, finished, target, "--force").returncode == 0
+    assert called(verb, finished, target, "--force").returncode == 0
     after = snapshot(folder)
     assert after[folder / "thesis.docx"] == before[folder / "thesis.docx"]
     assert after[folder / names[0]] != before[folder / names[0]]
     (folder / names[0]).write_bytes(b"edited")
     before = snapshot(folder)
-    refused(called(verb, here, finished, target, "--force"), f"{names[0]} was changed since it was written")
+    refused(called(verb, finished, target, "--force"), f"{names[0]} was changed since it was written")
     assert snapshot(folder) == before
 
 
-def test_no_verb_replaces_its_own_input(here, tmp_path):
+def test_no_verb_replaces_its_own_input(tmp_path):
     arguments = ["--indentation-mm", "2", "--participants", "2", "--out", tmp_path / "made"]
-    assert here("simulate", "--fabrics", DATA / "fabrics.csv", *arguments).returncode == 0
+    assert call("simulate", "--fabrics", DATA / "fabrics.csv", *arguments).returncode == 0
     before = snapshot(tmp_path)
-    done = here("simulate", "--fabrics", tmp_path / "made" / "fabrics.csv", *arguments, "--force")
+    done = call("simulate", "--fabrics", tmp_path / "made" / "fabrics.csv", *arguments, "--force")
     refused(done, "fabrics.csv is an input of this command")
     assert snapshot(tmp_path) == before
 
 
 @pytest.mark.parametrize("verb", [verb for verb in WRITERS if verb != "sample"])
-def test_a_place_that_cannot_be_made_is_refused_before_anything_is_computed(verb, here, finished, tmp_path):
+def test_a_place_that_cannot_be_made_is_refused_before_anything_is_computed(verb, finished, tmp_path):
     (tmp_path / "file").write_bytes(b"mine")
     for place in (tmp_path / "file", tmp_path / "file" / "below", Path("/proc/none/of/it")):
         target = place / "x.csv" if WRITERS[verb][1] else place
         named = tmp_path / "file" if tmp_path in place.parents else place
-        refused(called(verb, here, finished, target), str(named))
+        refused(called(verb, finished, target), str(named))
     assert [path.name for path in tmp_path.iterdir()] == ["file"]
 
 
@@ -241,12 +241,12 @@ def test_files_are_written_in_one_place():
     for name, tree in MODULES.items():
         if name.startswith("tools."):
             continue
-        for call in (node for node in ast.walk(tree) if isinstance(node, ast.Call)):
-            word = call.func.attr if isinstance(call.func, ast.Attribute) else getattr(call.func, "id", "")
-            texts = [part.value for part in (*call.args, *(k.value for k in call.keywords)) if is_text(part)]
+        for made in (node for node in ast.walk(tree) if isinstance(node, ast.Call)):
+            word = made.func.attr if isinstance(made.func, ast.Attribute) else getattr(made.func, "id", "")
+            texts = [part.value for part in (*made.args, *(k.value for k in made.keywords)) if is_text(part)]
             writes = word == "open" and any(re.fullmatch("[rwxab+t]+", text) and {*text} & {*"wxa+"} for text in texts)
-            assert not (writes or word in never) or name == "files.whole", f"{name}: {ast.unparse(call)}"
-            assert name in homes.get(word, {name}), f"{name}: {ast.unparse(call)}"
+            assert not (writes or word in never) or name == "files.whole", f"{name}: {ast.unparse(made)}"
+            assert name in homes.get(word, {name}), f"{name}: {ast.unparse(made)}"
 
 
 def is_text(part):
@@ -256,10 +256,10 @@ def is_text(part):
 # full disks
 
 
-def test_a_limit_on_files_keeps_the_old_ones(here, tmp_path):
+def test_a_limit_on_files_keeps_the_old_ones(tmp_path):
     """In a process that the system itself keeps from writing more than 3000 bytes to a file."""
     arguments = ["simulate", *map(str, TOUCH), "--participants", "9", "--out", str(tmp_path)]
-    assert here(*arguments).returncode == 0
+    assert call(*arguments).returncode == 0
     before = snapshot(tmp_path)
     assert (tmp_path / "ratings.csv").stat().st_size > 3000 > (tmp_path / "fabrics.csv").stat().st_size
     program = (
@@ -290,9 +290,9 @@ def test_a_full_disk_leaves_all_old_files_or_all_new_ones(tmp_path, monkeypatch,
     assert {name: (tmp_path / name).read_text() for name in new} == new
 
 
-def test_simulate_on_a_full_disk_keeps_the_old_files(here, tmp_path, monkeypatch):
+def test_simulate_on_a_full_disk_keeps_the_old_files(tmp_path, monkeypatch):
     arguments = ["simulate", *TOUCH, "--participants", "2", "--out", tmp_path]
-    assert here(*arguments).returncode == 0
+    assert call(*arguments).returncode == 0
     before, written = snapshot(tmp_path), 0
 
     def full(path, content):
@@ -304,7 +304,7 @@ def test_simulate_on_a_full_disk_keeps_the_old_files(here, tmp_path, monkeypatch
 
     stage = whole.staged
     monkeypatch.setattr("softness_bayes.files.outputs.staged", full)
-    refused(here(*arguments, "--force", "--seed", "9"), "No space left on device")
+    refused(call(*arguments, "--force", "--seed", "9"), "No space left on device")
     assert snapshot(tmp_path) == before
 
 
@@ -366,12 +366,12 @@ def test_the_list_names_verbs_and_digests_and_no_place(tmp_path):
 # no places
 
 
-def test_results_and_reports_hold_no_absolute_path(finished, here, tmp_path):
+def test_results_and_reports_hold_no_absolute_path(finished, tmp_path):
     """The run was asked for with absolute paths throughout."""
     out = tmp_path / "deeper" / "down" / "run"
     shutil.copytree(finished, out)
-    assert here("report", out).returncode == 0
-    assert here("plot", out, "--figures", "prior").returncode == 0
+    assert call("report", out).returncode == 0
+    assert call("plot", out, "--figures", "prior").returncode == 0
     places = [str(place).encode() for place in (DATA, finished, tmp_path, Path.home(), Path.cwd())]
     held = {path: path.read_bytes() for path in out.rglob("*") if path.is_file()}
     assert {path.suffix for path in held} == {".nc", ".csv", ".html", ".png", ".pdf", ".json", ".npz", ""}
@@ -385,8 +385,8 @@ def test_results_and_reports_hold_no_absolute_path(finished, here, tmp_path):
     found = Result.load(out).attributes
     assert found["command"] == json.loads(found["options"])["command"] == typed
     # moved alone, a run says what it misses; with the file named it goes on
-    refused(here("resume", out, "--more-steps", "1"), "no such file", "--compression")
-    done = here("resume", out, "--more-steps", "1", "--compression", FORCES, "--processes", "1")
+    refused(call("resume", out, "--more-steps", "1"), "no such file", "--compression")
+    done = call("resume", out, "--more-steps", "1", "--compression", FORCES, "--processes", "1")
     assert done.returncode == 3, done.stderr
 
 

@@ -12,7 +12,6 @@ from numpy.testing import assert_allclose
 from scipy import integrate
 from scipy.stats import halfnorm, kstest, multivariate_normal, norm
 
-from softness_bayes.cli import main
 from softness_bayes.data import Experiment, Fabrics, Ratings
 from softness_bayes.errors import InputError
 from softness_bayes.likelihood.design import Design
@@ -34,6 +33,7 @@ from softness_bayes.sampler.workers import Workers
 from softness_bayes.touch.contact import Indentation
 from softness_bayes.touch.readings import MENDED
 from softness_bayes.touch.scene import Discretisation
+from support.command_line import call, refused
 from support.coverage import BRIEF, ENOUGH, REPLICATES, Case, coverage_holds
 from support.paths import DATA
 
@@ -327,34 +327,24 @@ def test_z_scores_are_averaged_as_they_are():
     assert_allclose(found.mean - found.low, found.high - found.mean)
 
 
-def test_z_scores_from_the_command_line(tmp_path, capsys):
+def test_z_scores_from_the_command_line(tmp_path):
     """Simulated, checked, refused under the other scale with the option that reads them, and their story told."""
-
-    def call(*arguments):
-        with pytest.raises(SystemExit) as end:
-            main([str(argument) for argument in arguments], prog_name="softness-bayes")
-        return end.value.code or 0, *capsys.readouterr()
 
     standardised = ("--ratings", "standardised")
     made = ("simulate", "--fabrics", DATA / "fabrics.csv", "--indentation-mm", "2", "--participants", "3")
-    code, _, err = call(*made, *standardised, "--direction", "inverse", "--slope", "0.8", "--out", tmp_path / "z")
-    assert code == 0, err
+    done = call(*made, *standardised, "--direction", "inverse", "--slope", "0.8", "--out", tmp_path / "z")
+    assert done.returncode == 0, done.stderr
     story = json.loads((tmp_path / "z" / "truth.json").read_text())
     assert (story["ratings"], story["direction"]) == ("standardised", "falls-with-firing")
     assert (story["truth"]["c0"], story["truth"]["c1"]) == (0.0, 0.8)
     ratings = tmp_path / "z" / "ratings.csv"
-    assert call("check", "--data", ratings, *standardised)[0] == 0
+    assert call("check", "--data", ratings, *standardised).returncode == 0
     for verb in ("check", "sample"):
-        code, _, err = call(verb, "--data", ratings)
-        assert code == 2
-        assert "--ratings standardised" in err
+        refused(call(verb, "--data", ratings), "--ratings standardised")
     for verb in ("check", "sample"):
-        code, _, err = call(verb, "--data", DATA / "ratings.csv", *standardised)
-        assert code == 2
-        assert "expected standardised ratings, of mean 0" in err
-    code, _, err = call(*made, *standardised, "--typical-rating", "20", "--out", tmp_path / "y")
-    assert code == 2
-    assert "mu is" in err
+        done = call(verb, "--data", DATA / "ratings.csv", *standardised)
+        refused(done, "expected standardised ratings, of mean 0")
+    refused(call(*made, *standardised, "--typical-rating", "20", "--out", tmp_path / "y"), "mu is")
 
 
 # recovery, by the coverage of credible intervals

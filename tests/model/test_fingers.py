@@ -18,7 +18,7 @@ from softness_bayes.results.result import Result
 from softness_bayes.touch.contact import Finger
 from softness_bayes.touch.reference import reference_response
 from softness_bayes.touch.scene import Discretisation
-from support.command_line import HELD, few_ratings
+from support.command_line import HELD, call, few_ratings
 
 SMALL = {"radius_mm": 7.5, "receptor_depth_mm": 0.55, "contact_x_mm": 11.0}
 SMALLER = Finger(radius=7.5e-3, receptor_depth=0.55e-3, contact_centre=(11e-3, 10e-3))
@@ -61,7 +61,9 @@ def test_every_end_of_a_range_is_a_finger():
     wide, corner = {"pad_length_mm": 200.0, "pad_width_mm": 200.0}, {"contact_x_mm": 0.0, "contact_y_mm": 0.0}
     for name, value in FINGER_VALUES.items():
         for end in (value.range.low, value.range.high):
-            require_finger({**(corner if name.startswith("pad") else wide), name: end})
+            given = {**(corner if name.startswith("pad") else wide), name: end}
+            require_finger(given)
+            assert values_of(finger_of(given)) == given
 
 
 def test_the_response_is_that_of_the_finger(tmp_path):
@@ -102,20 +104,20 @@ def test_a_run_with_another_finger_is_another_run():
     assert Request().with_options(finger=SMALLER).choices()["finger"] == str(SMALLER)
 
 
-def test_the_finger_goes_from_the_command_line_into_the_result_and_its_figures(tmp_path, here):
+def test_the_finger_goes_from_the_command_line_into_the_result_and_its_figures(tmp_path):
     few_ratings(tmp_path)
     held = [part for name, value in HELD.items() for part in ("--fix", f"{name}={value}")]
     asked = ["--data", tmp_path / "ratings.csv", *held, "--max-steps", "4", "--processes", "1", "--no-figures"]
     chosen = [part for name, value in SMALL.items() for part in ("--finger", f"{name}={value}")]
     results = []
     for name, more in (("usual", []), ("small", chosen)):
-        assert here("sample", *asked, *more, "--out", tmp_path / name).returncode == 3
+        assert call("sample", *asked, *more, "--out", tmp_path / name).returncode == 3
         results.append(Result.load(tmp_path / name))
     usual, small = results
     assert (usual.finger, small.finger) == (Finger(), SMALLER)
     assert float(small.group("constant_data")["finger_radius_mm"]) == 7.5
     for name, text in (("usual", "--finger"), ("small", "--finger receptor_depth_mm=0.55")):
-        here("report", tmp_path / name)
+        call("report", tmp_path / name)
         page = (tmp_path / name / "report.html").read_text(encoding="utf-8")
         assert (text in page) == (name == "small")
     rates = [result.group("predictions")["total_rate"].values for result in results]
@@ -124,10 +126,10 @@ def test_the_finger_goes_from_the_command_line_into_the_result_and_its_figures(t
     assert (peak[1] > peak[0]).all()  # shallower receptors feel more
 
 
-def test_bad_fingers_end_with_exit_code_2(tmp_path, here):
+def test_bad_fingers_end_with_exit_code_2(tmp_path):
     few_ratings(tmp_path)
     for value, said in (("depth=1", "no value 'depth'"), ("radius_mm=-1", "radius_mm"), ("radius_mm", "NAME=VALUE")):
-        done = here("sample", "--data", tmp_path / "ratings.csv", "--finger", value, "--out", tmp_path / "out")
+        done = call("sample", "--data", tmp_path / "ratings.csv", "--finger", value, "--out", tmp_path / "out")
         assert done.returncode == 2
         assert said in done.stderr
     assert not (tmp_path / "out").exists()

@@ -15,7 +15,7 @@ from softness_bayes.results.request import Request
 from softness_bayes.results.result import Result
 from softness_bayes.results.result_file import SCHEMA, TABLES
 from softness_bayes.runs.from_result import experiment_of, options_of
-from support.command_line import refused
+from support.command_line import call, refused
 from support.paths import DATA
 
 
@@ -293,7 +293,7 @@ def test_options_that_lack_something_are_refused(runs):
             read(found)
 
 
-def test_no_verb_ends_in_a_traceback(runs, tmp_path, here):
+def test_no_verb_ends_in_a_traceback(runs, tmp_path):
     whole, other = tmp_path / "whole", tmp_path / "run"
     for directory in (whole, other):
         shutil.copytree(runs / "ratings", directory)
@@ -306,22 +306,22 @@ def test_no_verb_ends_in_a_traceback(runs, tmp_path, here):
     ]
     rewritten(other, lambda tree: tree["posterior"].__delitem__("b"))
     for verb in verbs:
-        refused(here(*verb), str(other / "posterior.nc"), "no variable 'b' of group 'posterior'")
+        refused(call(*verb), str(other / "posterior.nc"), "no variable 'b' of group 'posterior'")
     accepted = tmp_path / "accepted"  # is not complete for that
     Result.load(other, verify=False).save(accepted)
     for verb in (["report", accepted], ["predict", "--posterior", accepted, *touched]):
-        refused(here(*verb), str(accepted / "posterior.nc"))
+        refused(call(*verb), str(accepted / "posterior.nc"))
 
 
-def test_a_file_of_the_past_is_said_to_be_unverified(runs, tmp_path, here):
+def test_a_file_of_the_past_is_said_to_be_unverified(runs, tmp_path):
     shutil.copytree(runs / "ratings", tmp_path / "old")
     tree = Result.load(tmp_path / "old").tree
     tree.attrs["schema_version"] = 1
     arviz_bridge.write_netcdf(tree, tmp_path / "old" / "posterior.nc")
-    done = here("plot", tmp_path / "old", "--figures", "trace", "--format", "svg")
+    done = call("plot", tmp_path / "old", "--figures", "trace", "--format", "svg")
     assert done.returncode == 0
     assert "old/posterior.nc: written by an earlier version without checksums" in done.stderr
-    done = here("plot", runs / "ratings", "--figures", "trace", "--format", "svg", "--out", tmp_path / "figures")
+    done = call("plot", runs / "ratings", "--figures", "trace", "--format", "svg", "--out", tmp_path / "figures")
     assert "checksums" not in done.stderr
 
 

@@ -13,7 +13,6 @@ from scipy.stats import multivariate_normal, norm
 
 from softness_bayes import arviz_bridge
 from softness_bayes.checking.ranking import clustered_error, stacking_weights
-from softness_bayes.cli import main
 from softness_bayes.data import Experiment, Fabrics
 from softness_bayes.errors import InputError
 from softness_bayes.likelihood.design import Design
@@ -37,6 +36,7 @@ from softness_bayes.sampler.sampling import Settings
 from softness_bayes.touch.contact import Indentation
 from softness_bayes.touch.readings import MENDED
 from softness_bayes.touch.scene import Discretisation
+from support.command_line import call, refused
 
 CLOTH = Fabrics(
     ("gauze", "lawn", "drill", "felt"),
@@ -347,25 +347,20 @@ def test_what_is_not_comparable_is_refused(results, experiment):
 # the command line
 
 
-def test_compare_from_the_command_line(results, tmp_path, capsys):
+def test_compare_from_the_command_line(results, tmp_path):
     for label, result in results.items():
         result.save(tmp_path / label)
     directories = [str(tmp_path / label) for label in results]
 
-    def call(*arguments):
-        with pytest.raises(SystemExit) as end:
-            main(["compare", *arguments], prog_name="softness-bayes")
-        return end.value.code or 0, *capsys.readouterr()
-
-    code, out, err = call(*directories, "--leave", "participant", "--out", str(tmp_path))
-    assert code == 0, err
+    done = call("compare", *directories, "--leave", "participant", "--out", tmp_path)
+    assert done.returncode == 0, done.stderr
     table = pd.read_csv(tmp_path / "compare.csv", index_col="result")
     assert table["rank"].tolist() == [1, 2, 3]
     assert table.index[2] == Path(directories[2]).name  # results hold no absolute paths
     assert {"elpd", "se", "elpd_diff", "se_diff", "pareto_k_max", "pareto_k_high"} <= {*table}
-    assert "direction=falls-with-firing" in out
-    assert "the run itself has not converged" in out
-    assert "the data cannot tell" in out
+    assert "direction=falls-with-firing" in done.stdout
+    assert "the run itself has not converged" in done.stdout
+    assert "the data cannot tell" in done.stdout
     before = (tmp_path / "compare.csv").read_bytes()
     for arguments, message in (
         ([*directories, "--out", str(tmp_path)], "--force"),
@@ -375,8 +370,8 @@ def test_compare_from_the_command_line(results, tmp_path, capsys):
         ([*directories, "--leave", "finger"], "--leave"),
         ([], "RESULT_DIR"),
     ):
-        code, out, err = call(*arguments)
-        assert (code, out) == (2, ""), arguments
-        assert message in err
+        done = call("compare", *arguments)
+        refused(done, message)
+        assert done.stdout == ""
     assert (tmp_path / "compare.csv").read_bytes() == before
     assert isinstance(Result.load(directories[0]), Result)

@@ -10,7 +10,6 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.stats import kstest, multivariate_normal
 
-from softness_bayes.cli import main
 from softness_bayes.data import Compression, Experiment, Fabrics, read_experiment, write_compression
 from softness_bayes.errors import InputError
 from softness_bayes.likelihood.contract import NO_RESPONSE
@@ -29,6 +28,7 @@ from softness_bayes.sampler.sampling import Settings
 from softness_bayes.touch.contact import Indentation
 from softness_bayes.touch.readings import MENDED
 from softness_bayes.touch.scene import Discretisation
+from support.command_line import call, refused
 from support.paths import DATA
 
 GULATI = "fingerpad_force_displacement_gulati.csv"
@@ -297,46 +297,35 @@ def test_a_joint_run_holds_both(joint, tmp_path):
 # the command line
 
 
-@pytest.fixture
-def here(capsys):
-    def call(*arguments):
-        with pytest.raises(SystemExit) as end:
-            main([str(argument) for argument in arguments], prog_name="softness-bayes")
-        return end.value.code or 0, *capsys.readouterr()
-
-    return call
-
-
-def test_a_run_from_the_command_line(here, tmp_path):
-    code, out, err = here(
+def test_a_run_from_the_command_line(tmp_path):
+    done = call(
         *("sample", "--compression", DATA / "compression.csv", "--max-steps", "60", "--processes", "1"),
         *("--fix", "tau_m=0.3", "--out", tmp_path / "skin"),
     )
-    assert code == 3, err
-    assert "note: without ratings --priors is wide" in err
-    assert re.search(r"force grows as indentation to the power 1\.\d\d", out)
-    assert "turns over" not in out
+    assert done.returncode == 3, done.stderr
+    assert "note: without ratings --priors is wide" in done.stderr
+    assert re.search(r"force grows as indentation to the power 1\.\d\d", done.stdout)
+    assert "turns over" not in done.stdout
     held = Result.load(tmp_path / "skin").group("constant_data")
     assert float(held["tau_m"]) == 0.3
     names = {path.stem for path in (tmp_path / "skin" / "figures").glob("[a-z]*")}
     assert names == {"corner", "prior", "trace", "rank", "compression"}
-    code, _, err = here(
-        "predict", "--fabrics", DATA / "fabrics.csv", "--force-n", "1", "--posterior", tmp_path / "skin"
+    refused(
+        call("predict", "--fabrics", DATA / "fabrics.csv", "--force-n", "1", "--posterior", tmp_path / "skin"),
+        "without ratings",
     )
-    assert code == 2
-    assert "without ratings" in err
 
 
-def test_check_says_what_was_understood(here):
-    code, out, _ = here("check", "--compression", DATA / "compression.csv")
-    assert code == 0
+def test_check_says_what_was_understood():
+    done = call("check", "--compression", DATA / "compression.csv")
+    assert done.returncode == 0
     force = Compression.read(DATA / "compression.csv").force
-    assert f"32, from {force.min():.3g} to {force.max():.3g} N; 0 rows with a force of 0 left out" in out
-    assert "8 (F1 … F8), 4 forces each" in out
-    code, out, _ = here("check", "--data", DATA / "ratings.csv", "--compression", DATA / "compression.csv")
-    assert code == 0
-    assert "fingers" in out
-    assert "participants" in out
+    assert f"32, from {force.min():.3g} to {force.max():.3g} N; 0 rows with a force of 0 left out" in done.stdout
+    assert "8 (F1 … F8), 4 forces each" in done.stdout
+    done = call("check", "--data", DATA / "ratings.csv", "--compression", DATA / "compression.csv")
+    assert done.returncode == 0
+    assert "fingers" in done.stdout
+    assert "participants" in done.stdout
 
 
 @pytest.mark.parametrize(
@@ -353,9 +342,9 @@ def test_check_says_what_was_understood(here):
         (["--data", DATA / "ratings.csv", "--fix", "tau_b=1"], "tau_b: the model of these data has no such"),
     ],
 )
-def test_sample_refuses(here, tmp_path, monkeypatch, arguments, message):
+def test_sample_refuses(tmp_path, monkeypatch, arguments, message):
     monkeypatch.chdir(tmp_path)
-    code, out, err = here("sample", *arguments)
-    assert (code, out) == (2, "")
-    assert message in err
+    done = call("sample", *arguments)
+    refused(done, message)
+    assert done.stdout == ""
     assert list(tmp_path.iterdir()) == []

@@ -44,8 +44,8 @@ def run(*arguments, cwd=ROOT, timeout=240):
     )
 
 
-def call(*arguments, cwd=ROOT):
-    """Call a verb in this process, which takes no second to start."""
+def call(*arguments, cwd="."):
+    """Call a verb in this process, which does not take the second that a new one takes to start."""
     out, err = io.StringIO(), io.StringIO()
     with chdir(cwd), redirect_stdout(out), redirect_stderr(err), pytest.raises(SystemExit) as end:
         main([str(argument) for argument in arguments], prog_name="softness-bayes")

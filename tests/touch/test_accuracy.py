@@ -25,7 +25,7 @@ from softness_bayes.touch.neuron.surface import FiringSurface
 from softness_bayes.touch.parameters import TouchParameters
 from softness_bayes.touch.readings import MENDED
 from softness_bayes.touch.scene import Discretisation, Scene
-from support.command_line import refused
+from support.command_line import call, refused
 from support.paths import DATA
 
 RATINGS = DATA / "ratings.csv"
@@ -203,9 +203,9 @@ def test_where_a_bound_on_every_rate_is_too_much_two_curves_are_compared(scenes,
     assert choice.firing.largest == 0.0
 
 
-def test_plan_prints_stages_errors_cost_and_the_ladder(here):
+def test_plan_prints_stages_errors_cost_and_the_ladder():
     held = [part for name, value in HELD.items() for part in ("--fix", f"{name}={value}")]
-    done = here("plan", "--data", RATINGS, "--accuracy", "1e-2", *held)
+    done = call("plan", "--data", RATINGS, "--accuracy", "1e-2", *held)
     assert done.returncode == 0, done.stderr
     for said in ("stress field", "population", "firing rates", "sum", "µs for each parameter vector", "left out:"):
         assert said in done.stdout
@@ -213,7 +213,7 @@ def test_plan_prints_stages_errors_cost_and_the_ladder(here):
     assert "one rate curve" in done.stdout
 
 
-def test_plan_refuses_what_is_out_of_reach_or_range(here):
-    refused(here("plan", "--data", RATINGS, "--accuracy", "1e-5"), "accuracy 1e-05 is out of", "hold c_Na")
-    assert here("plan", "--data", RATINGS, "--accuracy", "0.5").returncode == 2
-    refused(here("plan", "--compression", RATINGS.parent / "compression.csv"), "give --data")
+def test_plan_refuses_what_is_out_of_reach_or_range():
+    refused(call("plan", "--data", RATINGS, "--accuracy", "1e-5"), "accuracy 1e-05 is out of", "hold c_Na")
+    assert call("plan", "--data", RATINGS, "--accuracy", "0.5").returncode == 2
+    refused(call("plan", "--compression", RATINGS.parent / "compression.csv"), "give --data")
