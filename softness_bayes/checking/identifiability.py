@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 
-def learning_table(tree: xr.DataTree) -> pd.DataFrame:
+def information_table(tree: xr.DataTree) -> pd.DataFrame:
     """Return each parameter's posterior contraction, and its sensitivity to prior and likelihood.
 
     Parameters
@@ -113,13 +113,13 @@ def direction_table(tree: xr.DataTree) -> pd.DataFrame:
     return table
 
 
-def learning_sentences(summary: pd.DataFrame) -> list[str]:
+def information_sentences(summary: pd.DataFrame) -> list[str]:
     """Say which parameters the data determine, partly inform or leave open, and which ones depend on the prior.
 
     Parameters
     ----------
     summary
-        A table with the columns of `learning_table`.
+        A table with the columns of `information_table`.
     """
     width = _width(summary["contraction"])
     groups = {

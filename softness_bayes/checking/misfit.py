@@ -66,7 +66,7 @@ class Fit(NamedTuple):
         return found
 
     @property
-    def silence(self) -> str:
+    def silence_note(self) -> str:
         """The share of silence in the posterior and its meaning; empty for little silence, or a wrong direction."""
         if self.silent_conditions <= MOSTLY_SILENT or self.choice.against_data:
             return ""

@@ -16,7 +16,7 @@ from softness_bayes.cli.terminal import visible_streams
 from softness_bayes.errors import NumericalError, ResourceError, SoftnessError
 
 STARTED = time.monotonic()
-"""When the command began, but for Python's own start."""
+"""Time [s] at which the command began, after Python itself had started."""
 
 VERBS: Mapping[str, str] = {
     "check": "Validate data files and say what was understood.",
@@ -36,8 +36,8 @@ VERBS: Mapping[str, str] = {
 """Verb -> its one-line help; `softness_bayes.cli.<verb>` holds the click command `command`."""
 
 
-LESS_MEMORY = "each of --processes needs its share: fewer take less"
-"""What to do where memory ran out."""
+LESS_MEMORY = "each process needs its share: fewer --processes need less"
+"""Advice where memory ran out."""
 
 
 class VerbGroup(click.Group):
@@ -81,7 +81,7 @@ class VerbGroup(click.Group):
             ctx.exit(error.exit_code)
         except MemoryError as error:
             tell_kept()
-            click.echo(f"error: memory ran out ({error or 'no more is to be had'}); {LESS_MEMORY}", err=True)
+            click.echo(f"error: memory ran out ({error or 'no more is available'}); {LESS_MEMORY}", err=True)
             ctx.exit(ResourceError.exit_code)
         except OSError as error:
             tell_kept()

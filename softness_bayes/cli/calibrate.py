@@ -1,4 +1,4 @@
-"""`softness-bayes calibrate`: whether posteriors of simulated ratings hold the truth as often as they say."""
+"""`softness-bayes calibrate`: frequency with which posteriors of simulated ratings hold the truth."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`softness-bayes check`: validate data files and say what was understood."""
+"""`softness-bayes check`: validation of data files, and what was understood of them."""
 
 from __future__ import annotations
 
@@ -122,7 +122,7 @@ def _fabric_table(experiment: Experiment, moduli: NDArray[np.float64]) -> list[s
 
 
 def _span(names: tuple[str, ...]) -> str:
-    """Return how many names there are, and the first and last of them."""
+    """Return the number of names, and the first and last of them."""
     return f"{len(names)} ({' … '.join(dict.fromkeys((names[0], names[-1])))})"
 
 

@@ -1,4 +1,4 @@
-"""`softness-bayes claims`: which of the paper's claims hold under which readings of its equations."""
+"""`softness-bayes claims`: the paper's claims under each reading of its equations."""
 
 from __future__ import annotations
 

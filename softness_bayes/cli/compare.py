@@ -1,4 +1,4 @@
-"""`softness-bayes compare`: which fitted model predicts best what it has not seen."""
+"""`softness-bayes compare`: fitted models ranked by their predictions of left-out ratings."""
 
 from __future__ import annotations
 

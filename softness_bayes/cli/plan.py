@@ -1,4 +1,4 @@
-"""`softness-bayes plan`: how a run would evaluate the model, with what error and at what cost."""
+"""`softness-bayes plan`: resolution, error and cost of the model of a run."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`softness-bayes resume`: continue a run that was interrupted, or that ended."""
+"""`softness-bayes resume`: continuation of a run that was interrupted, or that ended."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Common parts of the commands about runs: results that they read, and the files of a run as it records them."""
+"""Common parts of the commands about runs: reading of results, and the record of a run's files."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def command_line() -> str:
 
 @contextmanager
 def reading(*directories: Path) -> Iterator[list[Result]]:
-    """Read results for a verb to work on; what it then finds missing in them is an input error.
+    """Read results for a verb; whatever it finds missing in them is an input error.
 
     Raises
     ------

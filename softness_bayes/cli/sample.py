@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 
 
 DRAWING = 4
-"""Most processes that draw figures: each takes a second to begin."""
+"""Largest number of processes that draw figures; each takes a second to start."""
 
 
 @click.command()
@@ -147,7 +147,7 @@ def _model_of_forces(model: ModelChoice) -> ModelChoice:
 
 
 def _evaluated(data: Experiment | Compression, options: ModelOptions) -> bool:
-    """Evaluate a model without a parameter to sample, and say so; whether it is one."""
+    """Evaluate and print a model without sampled parameters; return False for any other model."""
     from softness_bayes.data import Compression
     from softness_bayes.model.build import build, build_skin, space_of
     from softness_bayes.runs.evaluation import evaluate
@@ -160,26 +160,26 @@ def _evaluated(data: Experiment | Compression, options: ModelOptions) -> bool:
         found = None
     else:
         model = build(data, options)
-        said.append(_told(model))
+        said.append(_direction_note(model))
         assert model.resolution is not None, "the command line asks for an accuracy"
         found = evaluate(model.posterior, float(model.resolution.errors.peak))
     if found is None:
         return False
     for line in (*said, *found.sentences()):
         click.echo(line)
-    click.echo("nothing is written; 'softness-bayes predict' shows contact, stress and firing there")
+    click.echo("nothing is written; 'softness-bayes predict' shows contact, stress and firing at these values")
     return True
 
 
-def _told(model: ExperimentModel) -> str:
-    """Say which direction the ratings are taken to have, and what the data say of it."""
+def _direction_note(model: ExperimentModel) -> str:
+    """Return the sentence on the direction of the ratings, marked as a note or a warning."""
     return f"{'warning' if model.direction.against_data else 'note'}: {model.direction.sentence}"
 
 
 def run(
     checkpoint: Checkpoint, files: DataFiles, data: Experiment | Compression, request: Request, figures: bool
 ) -> None:
-    """Build the model and sample it, from the start or from where the checkpoint is; leave results and a report.
+    """Build the model and sample it, from the start or from where the checkpoint is; write and print the results.
 
     Raises
     ------
@@ -198,7 +198,7 @@ def run(
     for note in data.notes:
         click.echo(f"note: {note}", err=True)
     if isinstance(model, ExperimentModel):
-        click.echo(_told(model), err=True)
+        click.echo(_direction_note(model), err=True)
     with keeping(lambda: _kept(checkpoint)), checkpoint:
         decided = request._replace(model=model.options)
         asked = {"files": record_of(files, out), "options": decided.record(), "figures": figures}
@@ -281,7 +281,7 @@ class _Bar:
 
 def _report(result: Result, out: Path, times: str = "") -> None:
     """Print summary, turning points, checks and verdict, the time taken, and the conclusion in three lines."""
-    from softness_bayes.checking.identifiability import direction_sentences, learning_sentences
+    from softness_bayes.checking.identifiability import direction_sentences, information_sentences
     from softness_bayes.checking.misfit import fit_of
     from softness_bayes.report.conclusion import conclude, facts_of
 
@@ -295,7 +295,7 @@ def _report(result: Result, out: Path, times: str = "") -> None:
     shown.insert(list(shown).index("prior_sd") + 1, "sd/prior_sd", summary["sd"] / summary["prior_sd"])
     click.echo(shown.to_string(float_format=lambda x: f"{x:.4g}", na_rep="–"))
     click.echo()
-    for sentence in (*learning_sentences(summary), *direction_sentences(result.tables["directions"])):
+    for sentence in (*information_sentences(summary), *direction_sentences(result.tables["directions"])):
         click.echo(sentence)
     if result.has_compression:
         click.echo(f"\n{found.plate.force_check}")
@@ -303,8 +303,8 @@ def _report(result: Result, out: Path, times: str = "") -> None:
         _report_ratings(result, fit)
     click.echo(f"written to {out}; 'softness-bayes report {out}' makes one page of it")
     click.echo(found.verdict)
-    if fit is not None and fit.silence:
-        click.echo(fit.silence)
+    if fit is not None and fit.silence_note:
+        click.echo(fit.silence_note)
     if times:
         click.echo(times)
     click.echo()
@@ -321,9 +321,10 @@ def _turning(result: Result) -> str:
     low, *_, high = (f"{float(f'{end:.3g}'):,.10g}" for end in result.group("predictions")["e_fab_kpa"].values)
     return (
         "turning point of the response: a maximum (the paper's inflection) that exceeds the response at both ends of\n"
-        f"the range, {low} and {high} kPa, by {result.least_drop:.0%} of itself. Probability of one (p_interior), the "
-        "same under the prior,\nof one among the fabrics' moduli (p_inside), of none and of silence; E_fab there, "
-        f"median and 90 % limits\n[kPa]; each ± its Monte-Carlo standard error\n"
+        f"the range, {low} and {high} kPa, by {result.least_drop:.0%} of itself. Columns: its probability "
+        "(p_interior), the same under the\nprior, the probabilities of one among the fabrics' moduli (p_inside), of "
+        "none and of no firing; then E_fab at the\nturning point [kPa], median and 90 % limits. Each number ± its "
+        "Monte-Carlo standard error.\n"
         f"{with_errors(result.inflection(), columns).to_string()}"
     )
 
@@ -344,7 +345,7 @@ def _report_ratings(result: Result, fit: Fit) -> None:
         click.echo(sentence)
     click.echo(
         f"no receptor fires in any condition: {silence.prior_silent_everywhere:.1%} of prior draws, "
-        f"{silence.posterior_silent_everywhere:.1%} of posterior draws; in one condition, on average: "
+        f"{silence.posterior_silent_everywhere:.1%} of posterior draws; in an average condition: "
         f"{silence.prior_silent_conditions:.0%} and {silence.posterior_silent_conditions:.0%}"
     )
     if silence.contact_beyond_half_radius:

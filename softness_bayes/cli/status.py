@@ -1,4 +1,4 @@
-"""`softness-bayes status`: how a run is getting on, without disturbing it."""
+"""`softness-bayes status`: progress of a run, read without disturbing it."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def command(directory: Path) -> None:
     togo = f", about {status.missing} to go" if status.missing else ""
     click.echo(f"steps: {status.steps} in {status.seconds:.0f} s{togo}")
     if status.failures:
-        click.echo(f"density not computable: at {status.failures} points, in nonfinite.csv")
+        click.echo(f"the density could not be computed at {status.failures} points, listed in nonfinite.csv")
     if status.verdict is None:
         click.echo("convergence has not been checked yet")
         return
@@ -37,7 +37,7 @@ def command(directory: Path) -> None:
 
 
 def _what(status: Status) -> str:
-    """Say what a run is doing, or why it is not."""
+    """Say whether a run is under way, has ended or was interrupted."""
     if status.running:
         return "a process is running it" + (", in its pilot walk" if status.piloting else "")
     if status.ended and status.written:

@@ -1,4 +1,4 @@
-"""A result without the names of its participants, to make a page of that may be shown to anybody."""
+"""Anonymous results, without the names of participants, for pages that may be shown to anybody."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def anonymous(result: Result) -> Result:
 
 
 def renamed(result: Result, names: Mapping[str, str]) -> Result:
-    """Return a result with people called by other names, wherever it names them.
+    """Return a result with other names of people, wherever it names them.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Findings in words: the question, the answer and the sentences of each, made from its values."""
+"""Findings in words: a question, an answer and some sentences each."""
 
 from __future__ import annotations
 
@@ -7,13 +7,13 @@ from types import MappingProxyType
 from typing import Any, NamedTuple
 
 from softness_bayes.checking.check_table import unreproduced_sentence
-from softness_bayes.checking.identifiability import learning_sentences
+from softness_bayes.checking.identifiability import information_sentences
 from softness_bayes.report.findings import (
+    Agreement,
     Convergence,
     Doubt,
     FastModel,
     Finding,
-    Following,
     Information,
     NeedsRatings,
     OtherChecks,
@@ -26,7 +26,7 @@ from softness_bayes.report.words import sentence, with_error
 QUESTIONS: Mapping[type[Finding], str] = MappingProxyType(
     {
         Convergence: "Has the sampler converged?",
-        Following: "Does the model follow the ratings?",
+        Agreement: "Does the model follow the ratings?",
         FastModel: "Are the fast model's numbers exact enough?",
         TurningPoints: "Does the model reproduce the turning point (maximum), where the ratings can tell?",
         OtherChecks: "Does it reproduce everything else that was checked?",
@@ -38,17 +38,17 @@ QUESTIONS: Mapping[type[Finding], str] = MappingProxyType(
 
 DOUBTS: Mapping[Doubt, str] = MappingProxyType(
     {
-        Doubt.NOT_CONVERGED: "Of draws that have not converged: for inspection only.",
-        Doubt.MODEL_FAILED: "Of a model that does not follow these ratings: see the first finding.",
+        Doubt.NOT_CONVERGED: "The draws have not converged: this is for inspection only.",
+        Doubt.MODEL_FAILED: "The model does not follow these ratings: see the first finding.",
     }
 )
-"""What is said of a finding that would be good but for a doubt."""
+"""Sentences on the doubts in findings that would be good otherwise."""
 
 REPRODUCED: Mapping[bool | None, str] = MappingProxyType(
     {True: "reproduced", False: "not reproduced", None: "ratings cannot tell"}
 )
 
-NO_RATINGS = "The run is on compression data alone: no receptor, no response and no rating is in it."
+NO_RATINGS = "The run is on compression data alone, without receptors, responses or ratings."
 
 
 class Card(NamedTuple):
@@ -79,8 +79,8 @@ def _told(finding: Finding) -> tuple[str, list[str]]:
     match finding:
         case Convergence():
             return "Converged" if good else "Not converged", [finding.verdict]
-        case Following():
-            return _following(finding)
+        case Agreement():
+            return _agreement(finding)
         case FastModel():
             return "Exact enough" if good else "Not exact enough", _errors(finding)
         case TurningPoints():
@@ -89,7 +89,7 @@ def _told(finding: Finding) -> tuple[str, list[str]]:
             told = [unreproduced_sentence(finding.unreproduced), *finding.remarks]
             return "Nothing else amiss" if good else "Not everything", [*map(sentence, told)]
         case Information():
-            told = [*learning_sentences(finding.summary), *finding.remarks]
+            told = [*information_sentences(finding.summary), *finding.remarks]
             return f"{finding.informed} of {len(finding.summary)}", [*map(sentence, told)]
         case PlateForces():
             known = {Standing.GOOD: "Yes", Standing.BAD: "No"}
@@ -99,9 +99,9 @@ def _told(finding: Finding) -> tuple[str, list[str]]:
     raise TypeError(f"no words for {type(finding).__name__}")
 
 
-def _following(finding: Following) -> tuple[str, list[str]]:
+def _agreement(finding: Agreement) -> tuple[str, list[str]]:
     fit = finding.fit
-    details = [*map(sentence, [*fit.faults, fit.sentence, *([fit.silence] if fit.silence else [])])]
+    details = [*map(sentence, [*fit.faults, fit.sentence, *([fit.silence_note] if fit.silence_note else [])])]
     if finding.outcome is Standing.BAD:
         against = fit.choice.against_data
         return "No: the readout runs against the data" if against else "No: a flat line through them", details
@@ -112,7 +112,7 @@ def _following(finding: Following) -> tuple[str, list[str]]:
 def _errors(finding: FastModel) -> list[str]:
     numbers = (
         f"Quadrature: {finding.numerical_error:.1e} of the peak response at most; "
-        f"firing rates: {finding.firing_error:.1e}, if every receptor had their largest error."
+        f"firing rates: {finding.firing_error:.1e}, if every receptor had the largest error."
     )
     weighted = "Summary and predictions are those of draws weighted by the exact likelihood."
     return [finding.sentence, numbers, *([weighted] if finding.reweighted else [])]

@@ -1,4 +1,4 @@
-"""The interactive charts: response and rating with credible bands; a script on the page changes what they show."""
+"""Interactive charts of response and rating with credible bands; a script on the page changes what they show."""
 
 from __future__ import annotations
 
@@ -30,15 +30,15 @@ class Charts(NamedTuple):
     """Elements that the page embeds."""
 
     library: str
-    """The element that holds the charts' library, JavaScript in whole."""
+    """Element with the whole JavaScript library of the charts."""
     script: str
-    """The element that draws."""
+    """Element that draws the charts."""
     places: dict[str, str]
-    """The element that each chart is drawn into, by the chart's name."""
+    """Element that each chart is drawn into, by the chart's name."""
 
 
 def charts(first: Shown, every: list[Shown], scale: Scale) -> Charts:
-    """Return the charts of response and rating as they look at first.
+    """Return the charts of response and rating in their first state.
 
     Parameters
     ----------
@@ -64,7 +64,7 @@ def charts(first: Shown, every: list[Shown], scale: Scale) -> Charts:
 
 
 def _reach(every: list[Shown], what: str) -> tuple[float, float]:
-    """Return the ends of all bands, and for ratings of the data too."""
+    """Return the ends of all bands and, for ratings, of the data."""
     values = [getattr(one, what)[name] for one in every for name in ("low95", "high95")]
     if what == "rating":
         values += [one.fabrics[name] for one in every for name in ("mean", "low", "high")]
@@ -126,7 +126,7 @@ def _fabrics(chart: figure, first: Shown, foot: bool) -> None:
 
 
 def _dress(chart: figure) -> None:
-    """Give a chart the looks of the page."""
+    """Style a chart like the page."""
     chart.background_fill_color = chart.border_fill_color = None
     chart.outline_line_color = None
     chart.xaxis.formatter = BasicTickFormatter(use_scientific=False)

@@ -84,12 +84,12 @@ class Conclusion(NamedTuple):
 
     trust: str
     learnt: str
-    following: str
+    next_step: str
 
     @property
     def lines(self) -> tuple[str, str, str]:
         """The sentences behind their labels, as they are printed."""
-        return (f"Trust it?  {self.trust}", f"Learnt:    {self.learnt}", f"Next:      {self.following}")
+        return (f"Trust it?  {self.trust}", f"Learnt:    {self.learnt}", f"Next:      {self.next_step}")
 
 
 def facts_of(result: Result) -> Facts:

@@ -20,7 +20,7 @@ QUANTILES: Mapping[str, float] = {"median": 0.5, "low50": 0.25, "high50": 0.75, 
 """Columns of a band by name: the middle and the limits of 50 % and 95 % of the draws."""
 
 DIGITS = 5
-"""Significant digits that a chart is given."""
+"""Significant digits of the numbers of a chart."""
 
 
 class Axis(NamedTuple):
@@ -32,11 +32,11 @@ class Axis(NamedTuple):
 
 
 AXES = (Axis("e_fab", "Fabric modulus E_fab [kPa]", "kPa"), Axis("ratio", "E_fab / E_skin", "times the skin"))
-"""The fabric's modulus itself, and over that of the skin as stiff as it is when pressed."""
+"""E_fab, and its ratio to the modulus of the pressed skin."""
 
 
 class Shown(NamedTuple):
-    """All that one choice of load and axis shows, every list a column."""
+    """Contents of a chart for one load and axis, every list a column."""
 
     title: str
     ends: tuple[float, float]
@@ -54,7 +54,7 @@ class Shown(NamedTuple):
 
 
 def shown(result: Result) -> dict[str, list[Shown]]:
-    """Return what each axis shows under each load, by the name of the axis.
+    """Return the contents under each load, by the name of the axis.
 
     Parameters
     ----------
@@ -105,7 +105,7 @@ def _band(x: Array, draws: Array) -> dict[str, list[float]]:
 
 
 def _observed(result: Result, load: int) -> dict[str, list[Any]]:
-    """Return every fabric's ratings under one load in short, as the figure of ratings has them."""
+    """Return a summary of every fabric's ratings under one load, as in the figure of ratings."""
     constant = result.group("constant_data")
     count, modulus = len(result.loads), constant["effective_modulus_kpa"].values * 1e3
     every = observed_ratings(
@@ -142,6 +142,6 @@ def _rounded(values: Any) -> Array:
 
 
 def _plain(values: Any) -> list[float]:
-    """Return numbers as plain ones, rounded."""
+    """Return rounded numbers as a list of Python floats."""
     found: list[float] = _rounded(values).tolist()
     return found

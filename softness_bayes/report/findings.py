@@ -1,4 +1,4 @@
-"""The verdict on a run in a few findings: values from its result, and the outcome that follows from them."""
+"""Findings, which make up the verdict on a run: values from its result, and the outcome that follows from them."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ class Finding(ABC):
     Parameters
     ----------
     doubt
-        What else of the run puts it in doubt, if anything.
+        Another finding of the run that puts it in doubt, if there is one.
     """
 
     doubt: Doubt | None = None
@@ -76,7 +76,7 @@ class Convergence(Finding):
 
     converged: bool
     verdict: str
-    """The numbers that this rests on, as the run said them."""
+    """The run's own sentence, with the numbers behind it."""
 
     @property
     def outcome(self) -> Standing:
@@ -85,14 +85,14 @@ class Convergence(Finding):
 
 
 @dataclass(frozen=True)
-class Following(Finding):
+class Agreement(Finding):
     """Agreement of the model with the ratings, without which no other finding counts."""
 
     fit: Fit
 
     @property
     def outcome(self) -> Standing:
-        """Bad if it runs against the ratings or flat through them; else by the share that the response explains."""
+        """Bad if the model runs against the ratings or is flat; else by the share that the response explains."""
         if self.fit.choice.against_data or self.fit.flat:
             return Standing.BAD
         whole = self.fit.explained[-1] if self.fit.explained else None
@@ -107,10 +107,10 @@ class FastModel(Finding):
 
     exactness: Exactness
     sentence: str
-    """As the run said it."""
+    """The run's own sentence."""
     numerical_error: float
     firing_error: float
-    """Errors of the response, relative to its peak."""
+    """Errors of the response, from the integration and from the firing rates, relative to its peak."""
     reweighted: bool
     """Whether the result is that of draws weighted by the exact likelihood."""
 
@@ -145,9 +145,9 @@ class OtherChecks(Finding):
     """Reproduction of all other test quantities."""
 
     unreproduced: tuple[str, ...]
-    """Quantities that it does not reproduce."""
+    """Quantities that the model does not reproduce."""
     remarks: tuple[str, ...]
-    """What the checks of residuals said."""
+    """Sentences of the checks of residuals."""
 
     @property
     def outcome(self) -> Standing:
@@ -161,7 +161,7 @@ class Information(Finding):
 
     summary: pd.DataFrame
     remarks: tuple[str, ...] = ()
-    """What the run said beside it."""
+    """Further sentences of the run."""
 
     @property
     def informed(self) -> int:
@@ -179,10 +179,10 @@ class PlateForces(Finding):
     """Growth of forces with indentation under the fitted skin."""
 
     exponent: float
-    """Of the measured forces; NaN where they do not tell it."""
+    """Exponent of the measured forces; NaN where they do not determine it."""
     p_value: float
     sentence: str
-    """As the run said it."""
+    """The run's own sentence."""
 
     @property
     def outcome(self) -> Standing:
@@ -206,7 +206,7 @@ class NeedsRatings(Finding):
 
 
 def findings(result: Result) -> list[Finding]:
-    """Return the verdict, most decisive first; without convergence, or a fit, nothing in it stands as good."""
+    """Return the findings, most decisive first; none is good without convergence or after a failed fit."""
     convergence = _convergence(result)
     rest = [*(_of_ratings(result) if result.has_ratings else _without_ratings()), _information(result)]
     rest += [_plate(result)] if result.has_compression else []
@@ -214,7 +214,7 @@ def findings(result: Result) -> list[Finding]:
         rest = [_doubted(finding, Doubt.NOT_CONVERGED) for finding in rest]
     if not result.has_ratings:
         return [convergence, *rest]
-    follows: Finding = Following(fit_of(result.tree))
+    follows: Finding = Agreement(fit_of(result.tree))
     if not convergence.converged:
         follows = _doubted(follows, Doubt.NOT_CONVERGED)
     if follows.standing is Standing.BAD:
@@ -223,7 +223,7 @@ def findings(result: Result) -> list[Finding]:
 
 
 def exactness_of(result: Result) -> Exactness:
-    """Return what the comparison with exact firing rates found, from the differences that the result keeps."""
+    """Return the comparison with exact firing rates, from the differences that the result keeps."""
     stats, draws = result.group("sample_stats"), result.group("posterior")
     difference = stats["exact_difference"].values
     compared = np.isfinite(difference)

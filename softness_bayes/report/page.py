@@ -1,4 +1,4 @@
-"""The page: what the other modules say, laid out by a template, everything it needs inside."""
+"""HTML page of a result: contents of the other modules in a template, with everything embedded."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ COARSE = 100
 """Of the figures in `SAMPLING`, whose many lines make large files."""
 
 GENERATOR = '<meta name="generator" content="softness-bayes">'
-"""By which a browser or a search is told what made the page."""
+"""Element of the page's head that names the program."""
 
 REPORT = "report"
 """The verb that the page is listed under."""
@@ -45,14 +45,14 @@ REPORT = "report"
 CAPTIONS: Mapping[str, str] = MappingProxyType(
     {
         "response": "Response against the fabric's modulus under each load: median, 50 % and 95 % credible bands.",
-        "response_ratio": "Response against the fabric's modulus over the skin's under each load.",
+        "response_ratio": "Response against the ratio of fabric modulus to skin modulus under each load.",
         "rating": "Predicted rating against the fabric's modulus under each load, with the data.",
-        "rating_ratio": "Predicted rating against the fabric's modulus over the skin's under each load, with the data.",
+        "rating_ratio": "Predicted rating against the ratio of fabric modulus to skin modulus, with the data.",
         "touch": "The touch at the posterior's middle: pressure and stress under the pad, receptors by their rate.",
         "membrane": "Firing rate against current with its credible band, and example spike trains.",
-        "predictive_checks": "What the ratings show, among what the fitted model replicates.",
-        "loo_pit": "Where each rating lies in what all the others predict of it: level where predictions are right.",
-        "inflection": "Posterior of the fabric modulus at the turning point (maximum), and how probable one is.",
+        "predictive_checks": "Test quantities of the ratings among those of ratings that the fitted model replicates.",
+        "loo_pit": "Rank of each rating in its prediction from all others: level where predictions are right.",
+        "inflection": "Posterior of the fabric modulus at the turning point (maximum), and the probability of one.",
         "prior": "Prior (grey) and posterior (blue) of every parameter.",
         "corner": "Joint posterior of every pair of parameters.",
         "trace": "Every ensemble's walk through each parameter, against its steps.",
@@ -60,10 +60,10 @@ CAPTIONS: Mapping[str, str] = MappingProxyType(
         "compression": "Force of a rigid plate on the typical finger with credible bands, and the data.",
     }
 )
-"""What a figure shows, by its name; read out where it cannot be seen."""
+"""Captions of figures by name, which a screen reader reads out."""
 
 SWITCHED = ("rating", "rating_ratio", "response", "response_ratio")
-"""Figures that the interactive charts stand for; they take over on paper and without scripts."""
+"""Figures that replace the interactive charts on paper and without scripts."""
 
 CHECKING = ("predictive_checks", "loo_pit")
 """Figures of what the model reproduces."""
@@ -151,7 +151,7 @@ def report_page(result: Result) -> str:
 
 
 def _with_tables(result: Result) -> Result:
-    """Return a result with the tables whose files somebody took away; its draws hold all that is in them."""
+    """Return a result with its missing tables computed anew from its draws."""
     made = dict(result.tables)
     if "directions" not in made:
         made["directions"] = direction_table(result.tree)
@@ -161,7 +161,7 @@ def _with_tables(result: Result) -> Result:
 
 
 def subject(result: Result) -> str:
-    """Return what the run was of, in one line."""
+    """Return the data of the run in one line."""
     parts = []
     if result.has_ratings:
         people = result.group("log_likelihood_participant").sizes["participant"]
@@ -185,7 +185,7 @@ def picture(result: Result, name: str) -> Picture:
 
 
 def _switched(result: Result) -> dict[str, Any]:
-    """Return the interactive charts, what their switches offer, and the data behind them."""
+    """Return the interactive charts, the choices of their switches, and the data behind them."""
     every = shown(result)
     flat = [one for loads in every.values() for one in loads]
     drawn = charts(every[AXES[0].name][0], flat, result.scale)
@@ -205,7 +205,7 @@ def _switched(result: Result) -> dict[str, Any]:
 
 
 def _json(one: Shown) -> dict[str, Any]:
-    """Return what is shown as JSON has it: None for numbers that are none."""
+    """Return the contents of a chart as JSON holds them: None for NaN and infinity."""
 
     def plain(value: Any) -> Any:
         if isinstance(value, dict):

@@ -1,4 +1,4 @@
-"""The commands that repeat a run, from what its result says of it."""
+"""Commands that repeat a run, made from the provenance of its result."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ from softness_bayes.touch.readings import MENDED
 PROGRAM = "softness-bayes"
 
 DATA_FLAGS = ("--data", "--fabrics", "--compression", "--column", "--indentation-mm", "--force-n")
-"""Options of `sample` that say where the data are and how to read them; only the command line knows them."""
+"""Options of `sample` about the files of the data, which only the recorded command line knows."""
 
 PATHS = (
-    "Paths start from the directory the run was started in; of a file elsewhere that was named from the root, only its "
-    "own name is kept."
+    "Paths are relative to the directory in which the run was started. Of a file elsewhere that was given by its "
+    "absolute path, only the name is kept."
 )
-"""What to know of the paths in a command."""
+"""Note on the paths in a command."""
 
 AGAIN = "again/"
 """Directory that the repeated run is written to."""
@@ -33,9 +33,9 @@ class Repetition(NamedTuple):
     """Commands that draw the same posterior again."""
 
     commands: tuple[str, ...]
-    """To be typed one after the other."""
+    """In the order in which to type them."""
     notes: tuple[str, ...]
-    """What they take for granted."""
+    """Conditions under which they draw the same."""
 
 
 def repetition(result: Result) -> Repetition:
@@ -58,10 +58,12 @@ def repetition(result: Result) -> Repetition:
     if options.kept_accuracy is not None:
         words += ["--accuracy", f"{options.kept_accuracy:g}"]
     elif result.has_ratings:
-        notes.append(f"The run was made in Python, with a resolution that was given: {options.discretisation}.")
+        notes.append(f"The run was made in Python, with a given resolution: {options.discretisation}.")
     words += ["--seed", str(run.seed), "--max-steps", str(steps), "--out", AGAIN]
     more = [shlex.join([PROGRAM, "resume", AGAIN, "--more-steps", count]) for count in map(_more_steps, continued)]
-    notes.append("Same draws need the same files (compare their digests) and the same versions, both listed above.")
+    notes.append(
+        "The same draws need the same files (compare their digests) and the same versions; both are listed above."
+    )
     return Repetition((storable(shlex.join(words)), *more), tuple(notes))
 
 
@@ -86,18 +88,18 @@ def _pairs(words: list[str]) -> list[tuple[str, str]]:
 
 
 def _data(result: Result, begun: list[str]) -> tuple[list[str], list[str]]:
-    """Return the options that name the data, and what to know of them."""
+    """Return the options that name the data, and notes on them."""
     typed = [word for flag, value in _pairs(begun) if flag in DATA_FLAGS for word in (flag, value)]
     if typed:
         return typed, [PATHS]
     names = [("--data", "RATINGS.csv"), ("--fabrics", "FABRICS.csv")] if result.has_ratings else []
     names += [("--compression", "FORCES.csv")] if result.has_compression else []
-    note = "The run was begun in Python, which knows no file names: put yours in place of those in capitals."
+    note = "The run was begun in Python, where no file names are recorded: put yours in place of those in capitals."
     return [word for pair in names for word in pair], [note]
 
 
 def _model(options: ModelOptions) -> list[str]:
-    """Return what every run's model is made of: readings, priors, held parameters."""
+    """Return the options of every run's model: readings, finger, priors, held parameters."""
     words = ["--readings", "mended"]
     for place, name in options.readings.names.items():
         if name != MENDED.names[place]:
@@ -113,7 +115,7 @@ def _model(options: ModelOptions) -> list[str]:
 
 
 def _rating(options: ModelOptions, exact_reweight: bool) -> list[str]:
-    """Return what only ratings have."""
+    """Return the options that only a run on ratings has."""
     words = ["--ratings", options.scale.name, "--direction", options.direction.name if options.direction else "auto"]
     words += ["--noise", repr(float(options.noise))] if options.noise else []
     return [*words, *(["--exact-reweight"] if exact_reweight else [])]

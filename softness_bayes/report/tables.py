@@ -1,4 +1,4 @@
-"""The tables of the page, as words: what was learnt, what is reproduced, and how the run was made."""
+"""Tables of the page, in words: estimates, predictive checks, and how the run was made."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from softness_bayes.results.result import Result
 
 
 class Table(NamedTuple):
-    """A table of words; the first cell of a row heads it."""
+    """A table of words; the first cell of a row is its heading."""
 
     name: str
     caption: str
@@ -33,14 +33,14 @@ TOLD = {
     DROP: "drop beyond the turning point",
     FALL: "fall beyond the turning point / expected",
 }
-"""Test quantities whose names in files are the paper's."""
+"""Descriptions of test quantities that files call by the paper's names."""
 
 LEVELS_MEANING = {"mu": "mean log rating of a typical participant", "c0": "intercept", "c1": "slope"}
-"""What is drawn after a run and has no prior of a parameter."""
+"""Meaning of the levels, which are drawn after a run and are not declared as parameters."""
 
 
 def of_parameters(result: Result) -> Table:
-    """Return what was learnt of every parameter."""
+    """Return estimates of every parameter."""
     priors = result.provenance.priors
     head = ["Parameter", "Meaning", "Unit", "Prior", "Mean", "Sd", "HDI", "Sd / prior’s"]
     head += ["Prior’s pull", "Data’s pull", "R-hat", "ESS bulk", "ESS tail", "MCSE of mean"]
@@ -68,8 +68,8 @@ def of_parameters(result: Result) -> Table:
         )
     interval = share(result.summary()["hdi_prob"].iloc[0])
     caption = (
-        f"Posterior of every parameter. HDI: the narrowest interval with {interval}. Sd / prior’s: how wide the "
-        "posterior is beside the prior, 1 where nothing was learnt. Pulls: how far the posterior moves when prior or "
+        f"Posterior of every parameter. HDI: the narrowest interval with {interval}. Sd / prior’s: width of the "
+        "posterior relative to the prior, 1 where nothing was learnt. Pulls: how far the posterior moves when prior or "
         "likelihood is given twice the power."
     )
     return Table("summary", caption, head, rows)
@@ -87,9 +87,9 @@ def of_directions(result: Result) -> Table:
         for k, row in table.iterrows()
     ]
     caption = (
-        "What the data tell best and least: independent combinations of the parameters’ logarithms, how wide each is "
-        "beside the prior, and the product that it stands for with its 90 % limits: the middle times and over the "
-        "factor."
+        "Independent combinations of the parameters’ logarithms, the best determined first: the width of each relative "
+        "to the prior, and the product that it stands for with its 90 % limits, the middle multiplied and divided by "
+        "the factor."
     )
     return Table("directions", caption, ["Direction", "Sd / prior’s", "In words"], rows)
 

@@ -1,4 +1,4 @@
-"""From the draws of a run on ratings to its result: every group is a function of the draws."""
+"""Assembly of the result of a run on ratings: every group is a function of the draws."""
 
 from __future__ import annotations
 
@@ -118,7 +118,7 @@ def assembled(
 
 def numerical_error(draws: RatedDraws) -> float:
     """Return the largest numerical error of the response over some draws, relative to each one's peak."""
-    return float(draws.scene.error(draws.touch(draws.some(ERROR_DRAWS).theta)).max())
+    return float(draws.scene.error(draws.touch(draws.subset(ERROR_DRAWS).theta)).max())
 
 
 def summary_of(draws: RatedDraws, exactness: Exactness) -> pd.DataFrame:
@@ -135,7 +135,7 @@ def summary_of(draws: RatedDraws, exactness: Exactness) -> pd.DataFrame:
 
 def _groups(draws: RatedDraws, drawn: Replicates, error: float, grid: Scene) -> Groups:
     """Return every group but those of the posterior itself, which wait for the exact likelihood."""
-    few, ratings = draws.some(REPLICATES), draws.experiment.ratings
+    few, ratings = draws.subset(REPLICATES), draws.experiment.ratings
     pit = loo_pit(draws.ratings, few.mean_rate, few.parameters)
     groups: Groups = {
         **prior_groups(draws, drawn),
@@ -157,15 +157,15 @@ def _posterior_groups(draws: RatedDraws) -> Groups:
 
 
 def _plate_groups(draws: RatedDraws, drawn: Replicates) -> Groups:
-    """Return what compression data add, if there are any."""
+    """Return the groups that compression data add; none without such data."""
     data, forces = draws.experiment.compression, draws.posterior.compression
     if data is None or forces is None or drawn.plate is None:
         return {}
-    return plate_groups(data, forces, draws.posterior.skin_parameters(draws.some(CURVES).theta), drawn.plate)
+    return plate_groups(data, forces, draws.posterior.skin_parameters(draws.subset(CURVES).theta), drawn.plate)
 
 
 def _with_picks(tree: xr.DataTree, draws: RatedDraws) -> xr.DataTree:
-    """Say in the coordinates of the groups that hold some of the draws which ones these are."""
+    """Add coordinates that say which draws are in the groups that hold only some of them."""
     for group, size in PICKED.items():
         chain, draw = draws.picked(size)
         which = {"posterior_chain": ("draw", chain), "posterior_draw": ("draw", draw)}
@@ -174,8 +174,8 @@ def _with_picks(tree: xr.DataTree, draws: RatedDraws) -> xr.DataTree:
 
 
 def _checks(draws: RatedDraws, error: float, exactness: Exactness) -> dict[str, Any]:
-    """Return what the provenance says of numerical errors and of the checks of residuals."""
-    few = draws.some(REPLICATES)
+    """Return the provenance of numerical errors, of the checks of residuals and of silence."""
+    few = draws.subset(REPLICATES)
     check = check_fabrics(draws.ratings, few.mean_rate, few.parameters, few.effects)
     exponents = check_exponents(draws.ratings, few.mean_rate, few.parameters, few.effects)
     residuals = ResidualChecks(
@@ -211,8 +211,8 @@ def _condition_names(experiment: Experiment) -> list[str]:
 
 
 def _firing_error(draws: RatedDraws) -> float:
-    """Return a bound of what the measured error of the rate curves does to a draw's peak response."""
-    touch = draws.touch(draws.some(ERROR_DRAWS).theta)
+    """Return a bound of the error in a draw's peak response that the measured error of the rate curves causes."""
+    touch = draws.touch(draws.subset(ERROR_DRAWS).theta)
     response = draws.scene.respond(touch)
     peak = response.total_rate.max(axis=-1)
     hertz = draws.scene.firing.curves(touch).error.hertz
@@ -223,7 +223,7 @@ def _firing_error(draws: RatedDraws) -> float:
 def _silence(draws: RatedDraws) -> Silence:
     """Return how often the model is silent, and how often the contact leaves Hertz's range."""
     prior = draws.posterior.mean_rate(draws.prior)
-    beyond = draws.scene.beyond_hertz(draws.touch(draws.some(CURVES).theta))
+    beyond = draws.scene.beyond_hertz(draws.touch(draws.subset(CURVES).theta))
     return Silence(
         prior_silent_everywhere=float((prior == 0).all(axis=-1).mean()),
         prior_silent_conditions=float((prior == 0).mean()),
@@ -235,7 +235,7 @@ def _silence(draws: RatedDraws) -> Silence:
 
 
 def _held_eps(space: ParameterSpace) -> dict[str, str]:
-    """Return what a run that holds eps says of it, as an attribute; nothing where it is sampled or there is none."""
+    """Return the note on a held eps, as an attribute; nothing where eps is sampled or absent."""
     if "eps" not in space.held:
         return {}
     held, prior = space.held["eps"], PARAMETERS["eps"].prior
@@ -246,7 +246,7 @@ def _held_eps(space: ParameterSpace) -> dict[str, str]:
 
 
 def _plate_check(draws: RatedDraws, drawn: Replicates) -> dict[str, Any]:
-    """Return what the provenance says of compression data, if there are any."""
+    """Return the provenance of compression data; nothing without such data."""
     data, forces = draws.experiment.compression, draws.posterior.compression
     if data is None or forces is None or drawn.plate is None:
         return {}

@@ -1,7 +1,7 @@
 """Checksums of the content of a result, part by part.
 
-They are of values as they are read, not of bytes in a file: whatever is damaged there, content that passes is the
-content that was written, and a part that does not pass is named.
+A checksum is of values as they are read, not of the bytes of a file. Content that passes is the content that was
+written; a part that does not pass is named.
 """
 
 from __future__ import annotations
@@ -27,12 +27,12 @@ def checksums(tree: xr.DataTree) -> str:
 
 
 class Changes(NamedTuple):
-    """Parts of a tree that are not what its checksums are of, in words."""
+    """Parts of a tree that differ from its checksums, in words."""
 
     missing: list[str]
-    """Those that are not there."""
+    """Parts that are missing."""
     other: list[str]
-    """Those of another content, or that were added."""
+    """Parts with other content, or that were added."""
 
 
 def changes(tree: xr.DataTree) -> Changes:
@@ -75,11 +75,13 @@ def _digest(*parts: bytes) -> str:
 
 
 def _bytes_of(value: Any) -> bytes:
-    """Return numbers with their type, or text, as bytes that do not depend on who holds them."""
+    """Return numbers with their type, or text, as bytes that are the same on every machine."""
     array: NDArray[Any] = np.asarray(value)
     if array.dtype.kind not in "biufc":
         return json.dumps([str(text) for text in array.ravel()]).encode()
     if array.dtype.kind == "f":
-        array = np.where(np.isnan(array), np.array(np.nan, array.dtype), array)  # which of its many forms is no matter
+        array = np.where(
+            np.isnan(array), np.array(np.nan, array.dtype), array
+        )  # NaN has many forms: one stands for all
     array = np.ascontiguousarray(array, array.dtype.newbyteorder("<"))
     return array.dtype.str.encode() + array.tobytes()

@@ -26,7 +26,7 @@ def held_parameters(space: ParameterSpace) -> dict[str, Variable]:
 
 
 def constant_group(draws: RatedDraws, pit: LooPit) -> dict[str, Variable]:
-    """Return the held parameters, the fabrics, the loads, and what each rating is of."""
+    """Return the held parameters, the fabrics, the loads, and the participant, fabric and load of each rating."""
     ratings, fabrics = draws.experiment.ratings, draws.experiment.fabrics
     modulus = fabrics.modulus(draws.scene.readings.fabric_modulus) / EFFECTIVE_MODULUS.factor
     return {

@@ -1,4 +1,4 @@
-"""The draws of a run on ratings, and the smaller sets of them that the groups of its result are made from."""
+"""Draws of a run on ratings, and the subsets of them from which the groups of its result are made."""
 
 from __future__ import annotations
 
@@ -26,10 +26,10 @@ CURVES = 400
 """Posterior draws whose response curves are stored."""
 
 REPLICATES = 500
-"""Draws with replicated ratings, and with what each rating is given all the others."""
+"""Draws with replicated ratings, and with the density of each rating given all the others."""
 
 PICKED = {"posterior_predictive": REPLICATES, "log_likelihood_loo": REPLICATES, "predictions": CURVES}
-"""Groups that hold some of the posterior's draws, and how many; their coordinates say which."""
+"""Groups that hold a subset of the posterior's draws, and its size; their coordinates say which draws."""
 
 PRIOR_DRAWS = 1000
 """Draws of the prior."""
@@ -38,8 +38,8 @@ REWEIGHT_DRAWS = 1000
 """Draws that are weighted where a run asks for exact weights."""
 
 
-class Some(NamedTuple):
-    """Some of the draws, one axis for all of them."""
+class Subset(NamedTuple):
+    """A subset of the draws, along one axis."""
 
     theta: Array
     mean_rate: Array
@@ -96,10 +96,10 @@ class RatedDraws:
         chain, draw = evenly(self.theta.shape, REWEIGHT_DRAWS)
         return chain[chosen], draw[chosen]
 
-    def some(self, size: int) -> Some:
+    def subset(self, size: int) -> Subset:
         """Return the draws at `picked`."""
         index = self.picked(size)
-        return Some(
+        return Subset(
             self.theta[index],
             self.mean_rate[index],
             self.posterior.rating_parameters(self.theta[index]),
@@ -107,7 +107,7 @@ class RatedDraws:
         )
 
     def touch(self, theta: Array) -> TouchParameters:
-        """Return the chain's parameters at theta, held ones as often as sampled ones."""
+        """Return the chain's parameters at theta, held ones repeated to the shape of sampled ones."""
         return TouchParameters(*(np.broadcast_to(v, theta.shape[:-1]) for v in self.posterior.space.touch(theta)))
 
 

@@ -21,7 +21,7 @@ EXACT_DRAWS = 200
 """Posterior draws at which the log-likelihood is compared with an exact one."""
 
 EXACT_PARTS = 4
-"""Tasks that these comparisons are divided into, for as many processes."""
+"""Tasks that the comparison is divided into, for as many processes."""
 
 
 def exact_log_likelihood(posterior: Posterior, theta: Array) -> Array:
@@ -30,7 +30,7 @@ def exact_log_likelihood(posterior: Posterior, theta: Array) -> Array:
 
 
 def begin_comparison(posterior: Posterior, theta: Array, workers: Workers, reweight: bool) -> Callable[[], Exactness]:
-    """Begin to compute the exact log-likelihood at evenly spaced draws and return what waits for the comparison.
+    """Start to compute the exact log-likelihood at evenly spaced draws; return a function that awaits the comparison.
 
     Parameters
     ----------
@@ -41,7 +41,7 @@ def begin_comparison(posterior: Posterior, theta: Array, workers: Workers, rewei
     workers
         With `posterior` as their resident: the exact likelihood is computed there, beside everything else.
     reweight
-        Whether as many draws are wanted as are weighted.
+        Whether to compare at `REWEIGHT_DRAWS` draws, which are to be weighted, instead of `EXACT_DRAWS`.
     """
     compared = theta[evenly(theta.shape, REWEIGHT_DRAWS if reweight else EXACT_DRAWS)]
     # in parts that do not depend on the number of processes, nor then do the last bits
@@ -64,7 +64,7 @@ def exactness_stats(exactness: Exactness, shape: tuple[int, ...]) -> dict[str, V
     exactness
         The comparison at evenly spaced draws.
     shape
-        Of all draws: chains, draws and whatever follows.
+        Shape of all draws, (chains, draws, ...).
     """
     index = evenly(shape, exactness.difference.size)
     found = {}

@@ -1,4 +1,4 @@
-"""The groups of a result, as variables with their axes and units, and how they become a tree."""
+"""Groups of a result as variables with axes and units, and the tree that they make."""
 
 from __future__ import annotations
 
@@ -65,10 +65,10 @@ def sampled_groups(density: Density, kept: Chains, theta: Array, data: str) -> G
     kept, theta
         The draws, and their points theta, shape (chains, draws, dimension).
     data
-        Name of the joint log-likelihood, which says of what it is.
+        Name of the joint log-likelihood in its group.
     """
     log_prior = density.space.log_prior(theta)
-    # in natural units: the sampler's own coordinates are nobody else's concern
+    # a density in natural units, not in the sampler's own coordinates
     height = kept.by_walker(kept.log_density - density.space.log_jacobian(kept.coordinates))
     acceptance = np.broadcast_to(kept.accepted.reshape(-1, 1), height.shape)
     return {
@@ -98,7 +98,7 @@ def evenly(shape: tuple[int, ...], size: int) -> tuple[NDArray[np.intp], NDArray
     Parameters
     ----------
     shape
-        Of the run's draws: chains, draws and whatever follows.
+        Shape of the run's draws, (chains, draws, ...).
     size
         Their number, if there are as many.
     """

@@ -38,7 +38,7 @@ class Named(dict[str, Any]):
 class Group(xr.Dataset):
     """A group of a result; a variable that is missing is an error that says so.
 
-    So are labels along an axis: xarray itself takes numbers for them.
+    So are missing labels of an axis, for which xarray itself would return 0, 1, 2 and so on.
     """
 
     __slots__ = ()

@@ -22,7 +22,7 @@ ILLUSTRATIONS = "illustrations"
 """The group of a result that has no draws: quantiles over them, and single examples."""
 
 QUANTILES = (0.025, 0.25, 0.5, 0.75, 0.975)
-"""Of the profiles of a touch over the draws."""
+"""Quantiles of the profiles of a touch over the draws."""
 
 MOST_LOADS = 3
 """Loads that are illustrated: the least, the middle one and the greatest."""
@@ -31,7 +31,7 @@ DISTANCES = 81
 """Points from the contact's axis to the pad's farthest corner, closer together near the axis."""
 
 UNTABLED = Discretisation(nodes=2, field_tolerance=1e-2)
-"""Of a scene whose tables of stress are not used, so that they may be made quickly."""
+"""Discretisation of a scene whose tables of stress are not used: they are made quickly."""
 
 CURRENTS = 121
 """Points of the rate curves."""

@@ -115,7 +115,7 @@ def plate_coordinates(compression: Compression) -> dict[str, NDArray[Any]]:
 
 
 def plate_attributes(compression: Compression, check: ExponentCheck) -> dict[str, Any]:
-    """Return what the provenance says of compression data."""
+    """Return the provenance of compression data."""
     return attributes_of(
         PlateData(
             digest_compression=compression.digest,
@@ -130,5 +130,5 @@ def plate_attributes(compression: Compression, check: ExponentCheck) -> dict[str
 
 
 def _depths(compression: Compression) -> Array:
-    """Indentations [m] from half the smallest to a tenth more than the largest of the data."""
+    """Return indentations [m] from half the smallest to a tenth more than the largest of the data."""
     return np.geomspace(0.5 * compression.indentation.min(), 1.1 * compression.indentation.max(), POINTS)

@@ -18,7 +18,7 @@ from softness_bayes.touch.scene import Scene
 Array = NDArray[np.float64]
 
 TURNING = 4000
-"""Draws, about, of which turning points are stored: so many of every walker."""
+"""Approximate number of draws whose turning points are stored, equally many of every walker."""
 
 ILLUSTRATED = 64
 """Posterior draws whose touches are stored in detail."""
@@ -36,7 +36,7 @@ def prediction_group(draws: RatedDraws, grid: Scene, error: float) -> dict[str, 
     error
         Numerical error of the response relative to its peak.
     """
-    few, scene, model, ratings = draws.some(CURVES), draws.scene, draws.model, draws.ratings
+    few, scene, model, ratings = draws.subset(CURVES), draws.scene, draws.model, draws.ratings
     curves = response_curves(grid, draws.touch(few.theta))
     fabrics = float(scene.modulus.min()), float(scene.modulus.max())
     turn = find_inflection(curves, error, fabrics)
@@ -61,9 +61,9 @@ def prediction_group(draws: RatedDraws, grid: Scene, error: float) -> dict[str, 
 
 
 def turning_groups(draws: RatedDraws, error: float) -> Groups:
-    """Return where the response turns over in many draws, and in those of the prior; arguments as above."""
+    """Return where the response turns over in many draws of posterior and prior; arguments as `prediction_group`."""
     if draws.log_weight is not None:
-        theta = draws.some(REWEIGHT_DRAWS).theta[None]
+        theta = draws.subset(REWEIGHT_DRAWS).theta[None]
     else:
         every = -(-draws.theta.shape[0] * draws.theta.shape[1] // TURNING)
         theta = draws.theta[:, ::-1][:, ::every][:, ::-1]
@@ -84,7 +84,7 @@ def illustration_groups(draws: RatedDraws, drawn: Replicates, turn: Array) -> tu
     turn
         E_fab at the turning points of `CURVES` draws [Pa], shape (draws, loads), NaN where there is none.
     """
-    touched, fired = (draws.touch(draws.some(size).theta) for size in (ILLUSTRATED, CURVES))
+    touched, fired = (draws.touch(draws.subset(size).theta) for size in (ILLUSTRATED, CURVES))
     touch, along = touch_illustration(drawn.receptors, draws.scene, touched, turn)
     membrane, currents = membrane_illustration(drawn.trains, draws.scene, fired)
     return merged(touch, membrane), {**along, **currents}

@@ -1,6 +1,7 @@
-"""All that is drawn at random after a walk, and the groups that hold it.
+"""Random draws after a walk, and the groups that hold them.
 
-One function draws everything, in an order that fixes the numbers of a seed; the groups are functions of what it drew.
+One function draws everything, in a fixed order, so that a seed fixes the numbers. The groups are functions of its
+result.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ from softness_bayes.checking.quantities import Layout
 from softness_bayes.checking.reproduction import LEVELLED, LEVELLED_NAMES, SHORTFALL
 from softness_bayes.likelihood.pieces import part_of, pieces
 from softness_bayes.likelihood.ratings import RatingParameters
-from softness_bayes.results.draws import CURVES, REPLICATES, RatedDraws, Some
+from softness_bayes.results.draws import CURVES, REPLICATES, RatedDraws, Subset
 from softness_bayes.results.groups import Groups, Variable, named
 from softness_bayes.results.pictures import Trains, example_trains
 from softness_bayes.results.plate import PlateReplicates, draw_plate
@@ -26,7 +27,7 @@ from softness_bayes.touch.pad import draw_receptors
 Array = NDArray[np.float64]
 
 ROWS = ("rating_row",)
-"""Axis of what each rating has."""
+"""Axis of variables that have a value for each rating."""
 
 
 class Replicates(NamedTuple):
@@ -49,16 +50,16 @@ class Replicates(NamedTuple):
 
 
 def draw_replicates(rng: np.random.Generator, draws: RatedDraws) -> Replicates:
-    """Draw everything at random that a result holds beside the walk and its effects.
+    """Draw everything random in a result but the walk and its effects.
 
     Parameters
     ----------
     rng
-        Source of all of it, in the order of the function's lines: another order is other numbers.
+        Source of all draws; the order of the function's lines decides the numbers.
     draws
         The draws of the run.
     """
-    few, ratings = draws.some(REPLICATES), draws.ratings
+    few, ratings = draws.subset(REPLICATES), draws.ratings
     drive = ratings.drive(few.mean_rate, few.parameters)
     twin = copy.deepcopy(rng)
     again = _rated(rng, draws, drive, few.parameters, few.effects)
@@ -68,13 +69,13 @@ def draw_replicates(rng: np.random.Generator, draws: RatedDraws) -> Replicates:
     prior = _prior_rated(rng, draws)
     plate = _plate(rng, draws, few)
     receptors = draw_receptors(rng, draws.scene.finger, draws.scene.readings.receptor_density)
-    trains = example_trains(rng, draws.scene, draws.touch(draws.some(CURVES).theta))
+    trains = example_trains(rng, draws.scene, draws.touch(draws.subset(CURVES).theta))
     return Replicates(again, anew, level, prior, plate, receptors, trains)
 
 
 def predictive_groups(draws: RatedDraws, drawn: Replicates) -> Groups:
-    """Return replicated ratings of the same and of new participants, and each rating given all the others."""
-    few = draws.some(REPLICATES)
+    """Return replicated ratings of the same and of new participants, and densities of each rating given all others."""
+    few = draws.subset(REPLICATES)
     alone = draws.ratings.log_likelihood_loo(few.mean_rate, few.parameters)
     whole = draws.ratings.log_likelihood_participants(few.mean_rate, few.parameters)
     replicates = {"rating": Variable(drawn.again[None], ROWS), NEW_PARTICIPANTS: Variable(drawn.anew[None], ROWS)}
@@ -88,7 +89,7 @@ def predictive_groups(draws: RatedDraws, drawn: Replicates) -> Groups:
 
 
 def prior_groups(draws: RatedDraws, drawn: Replicates) -> Groups:
-    """Return draws of the prior, and ratings that they make of new participants."""
+    """Return draws of the prior, and the ratings of new participants that they predict."""
     return {
         "prior": named(draws.posterior.space, draws.prior[None]),
         "prior_predictive": {"rating": Variable(drawn.prior[None], ROWS)},
@@ -96,7 +97,7 @@ def prior_groups(draws: RatedDraws, drawn: Replicates) -> Groups:
 
 
 def _levelled_groups(draws: RatedDraws, drawn: Replicates) -> Groups:
-    """Return what tables show of a turning point whose response levels off at its peak, all else being the same."""
+    """Return test quantities of ratings, and of the same ratings if the response levelled off at its peak."""
     layout, loads = _layout(draws), draws.experiment.ratings.loads
     found, shortfall = compare_levelled(layout, drawn.again, drawn.levelled)
     shown = np.full((len(LEVELLED_NAMES), len(drawn.again), len(loads)), np.nan)
@@ -124,7 +125,7 @@ def _rated(
     return made
 
 
-def _levelled_rated(rng: np.random.Generator, draws: RatedDraws, few: Some) -> Array:
+def _levelled_rated(rng: np.random.Generator, draws: RatedDraws, few: Subset) -> Array:
     level = levelled(_layout(draws), few.mean_rate)
     drive = draws.ratings.drive_at(level, few.mean_rate, few.parameters)
     return _rated(rng, draws, drive, few.parameters, few.effects)
@@ -137,7 +138,7 @@ def _prior_rated(rng: np.random.Generator, draws: RatedDraws) -> Array:
     return _rated(rng, draws, ratings.drive(rate, parameters), parameters, effects)
 
 
-def _plate(rng: np.random.Generator, draws: RatedDraws, few: Some) -> PlateReplicates | None:
+def _plate(rng: np.random.Generator, draws: RatedDraws, few: Subset) -> PlateReplicates | None:
     forces, skin = draws.posterior.compression, draws.posterior.skin_parameters
     if forces is None:
         return None

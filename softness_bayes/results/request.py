@@ -55,7 +55,7 @@ class RunOptions:
 
 
 class Request(NamedTuple):
-    """All that a run was asked for beyond its data."""
+    """Everything that a run is asked for, apart from its data."""
 
     model: ModelOptions = ModelOptions()
     run: RunOptions = RunOptions()
@@ -86,7 +86,7 @@ class Request(NamedTuple):
 
     @classmethod
     def from_record(cls, record: Mapping[str, Any]) -> Self:
-        """Return the request that `record` made this from.
+        """Return the request of a `record`.
 
         Raises
         ------
@@ -98,9 +98,9 @@ class Request(NamedTuple):
             of_the_run = {name: value for name, value in record.items() if name not in model.record()}
             return cls(model, RunOptions(**of_the_run))
         except (AttributeError, KeyError, TypeError) as error:
-            raise InputError(f"options of a run that this version cannot make out: {error}") from None
+            raise InputError(f"options of a run that this version cannot read: {error}") from None
 
     @classmethod
     def of(cls, result: Result) -> Self:
-        """Return what a finished run was asked for."""
+        """Return the request of a finished run."""
         return cls.from_record(json.loads(str(result.attributes["options"])))

@@ -48,9 +48,9 @@ class Result:
     tables
         Further tables by name, out of `TABLES`.
     verified
-        Whether nothing has changed since it was written, by its checksums; false for a file without them.
+        Whether its checksums show no change since it was written; false for a file without checksums.
     source
-        What messages call it: the file that it was read from.
+        The file that it was read from, for messages.
     """
 
     tree: xr.DataTree
@@ -61,7 +61,10 @@ class Result:
 
     @property
     def attributes(self) -> dict[str, Any]:
-        """Provenance: schema, versions, command, seed, digests, readings, verdict; what is missing is an InputError."""
+        """Provenance as stored: schema, versions, command, seed, digests, readings, verdict.
+
+        A missing one raises an `InputError`.
+        """
         from softness_bayes.results.lookup import Named
 
         return Named({str(name): value for name, value in self.tree.attrs.items()}, "attribute", self.source)
@@ -98,7 +101,8 @@ class Result:
     def _require_ratings(self) -> None:
         if not self.has_ratings:
             raise InputError(
-                "result: of compression data alone, without ratings: it has no loads, response curves or turning point"
+                "result: the run is on compression data alone: without ratings it has no loads, response curves or "
+                "turning point"
             )
 
     @property
@@ -140,9 +144,9 @@ class Result:
 
     def learnt(self) -> tuple[str, ...]:
         """Return what the data determine and what they leave open, a sentence each: parameters, then combinations."""
-        from softness_bayes.checking.identifiability import direction_sentences, learning_sentences
+        from softness_bayes.checking.identifiability import direction_sentences, information_sentences
 
-        return (*learning_sentences(self.table), *direction_sentences(self.tables["directions"]))
+        return (*information_sentences(self.table), *direction_sentences(self.tables["directions"]))
 
     def checked(self) -> tuple[str, ...]:
         """Return what the predictive checks found, a sentence each: turning points, then everything else.
@@ -281,7 +285,7 @@ class Result:
 
     @property
     def plot(self) -> Plots:
-        """Its figures, a method each: ``result.plot.response()`` (see `plotting.plots.Plots`)."""
+        """Figures of the run, one method each: ``result.plot.response()`` (see `plotting.plots.Plots`)."""
         from softness_bayes.plotting.plots import Plots
 
         return Plots(self)
@@ -313,7 +317,7 @@ class Result:
         InputError
             If another file of such a name stands there, or one that was changed since it was saved.
         OSError
-            If there is no room or no permission; what was there is there still.
+            If there is no space or no permission; the earlier files remain.
         """
         whole = sealed(self.tree, {SUMMARY_TABLE: self.table, **self.tables})
         contents: dict[str, bytes | str] = {POSTERIOR: arviz_bridge.netcdf(whole), SUMMARY: csv_of(self.table)}

@@ -1,4 +1,4 @@
-"""The file of a result: its groups, its tables, and what says whether they are as they were written."""
+"""File of a result: its groups, its tables, and the checksums that show whether they are unchanged."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ SUMMARY_TABLE = "summary"
 """The table that every result has."""
 
 TABLES = "tables"
-"""Group of the tables, each the JSON of its columns: what a spreadsheet does to a CSV file does not matter."""
+"""Group of the tables, each as JSON of its columns, so that no change of a CSV file matters."""
 
 
 class Stored(NamedTuple):
@@ -35,7 +35,7 @@ class Stored(NamedTuple):
     tree: xr.DataTree
     tables: dict[str, pd.DataFrame]
     verified: bool
-    """Whether it is what was written."""
+    """Whether its checksums show no change."""
 
 
 def sealed(tree: xr.DataTree, tables: Mapping[str, pd.DataFrame]) -> xr.DataTree:

@@ -1,4 +1,4 @@
-"""The table of what was learnt about each quantity, and how accurately."""
+"""Summary of each quantity: estimates, and their Monte-Carlo accuracy."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ FloatArray = NDArray[np.float64]
 
 
 def summarise(names: Sequence[str], values: FloatArray, hdi_probability: float = 0.9) -> pd.DataFrame:
-    """Mean, spread, interval and Monte-Carlo accuracy of each quantity, unrounded.
+    """Return mean, spread, interval and Monte-Carlo accuracy of each quantity, unrounded.
 
     Bulk ESS and Monte-Carlo errors take every walker as a chain, tail ESS comes from autocorrelation
     times of tail indicators, and R-hat compares the ensembles.
@@ -56,7 +56,7 @@ def summarise(names: Sequence[str], values: FloatArray, hdi_probability: float =
 
 
 def reweighted(table: pd.DataFrame, draws: FloatArray, log_weight: FloatArray) -> pd.DataFrame:
-    """A summary with means, spreads and intervals of weighted draws, and accuracies that the weights leave.
+    """Return a summary with means, spreads and intervals of weighted draws, and their accuracies.
 
     Parameters
     ----------
@@ -85,7 +85,7 @@ def reweighted(table: pd.DataFrame, draws: FloatArray, log_weight: FloatArray) -
 
 
 def _weighted_hdi(values: FloatArray, weight: FloatArray, probability: float) -> tuple[float, float]:
-    """Shortest interval between two draws that holds a probability of the weight."""
+    """Return the shortest interval between two draws that holds a given share of the weight."""
     order = np.argsort(values)
     ordered, cumulative = values[order], np.cumsum(weight[order])
     last = np.searchsorted(cumulative, cumulative - weight[order] + probability)

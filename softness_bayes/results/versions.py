@@ -1,4 +1,4 @@
-"""Versions of what the numbers of a result depend on."""
+"""Versions of all software that the numbers of a result depend on."""
 
 from __future__ import annotations
 
@@ -11,6 +11,6 @@ LIBRARIES = ("softness-bayes", "numpy", "scipy", "emcee", "arviz", "xarray")
 
 
 def versions() -> dict[str, str]:
-    """Return the versions of what the numbers depend on, as attributes of a result."""
+    """Return the versions, as attributes of a result."""
     libraries = {name.replace("-", "_"): version(name) for name in LIBRARIES}
     return family_of(VERSION, {"python": platform.python_version(), **libraries})

@@ -47,7 +47,7 @@ ENSEMBLES = 2
 
 
 USUAL_FABRICS = Fabrics(tuple("abcdefgh"), effective_modulus=np.geomspace(3e3, 6e5, 8))
-"""Cloth from silent under a light touch to past the turn of the response under a firm one."""
+"""Cloth from one on which no receptor fires under a light touch to one beyond the turning point under a firm touch."""
 
 USUAL_LOADS: tuple[Load, ...] = (Indentation(1.5e-3), Indentation(2.5e-3))
 
@@ -114,7 +114,7 @@ class Calibrated:
 
     @property
     def decided(self) -> bool:
-        """True if all are finished and converged; the slowest replicates are not like the others."""
+        """True if all are finished and converged: the slowest differ from the others, so that none may be missing."""
         return not self.unconverged and not self.unfinished
 
     def ranks(self) -> pd.DataFrame:
@@ -168,9 +168,9 @@ def calibrate(
     """Calibrate the model of a scene; replicates that a directory already holds are not run again.
 
     A replicate is cheap where its posterior is smooth. Where a prior draw has hardly any noise (varsigma of a few
-    hundredths or thousandths), the posterior is a bent sheet as thin, on which it takes many times the usual number
-    of steps. A replicate that has not converged when they end counts with the draws that it has, and the verdict
-    stays open.
+    hundredths or thousandths), the posterior is a curved sheet as thin as the noise, which takes many times the
+    usual number of steps. A replicate that has not converged by the largest number of steps counts with the draws that
+    it has, and the verdict stays open.
 
     Parameters
     ----------

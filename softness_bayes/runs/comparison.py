@@ -166,7 +166,7 @@ class Comparison:
         together); weight, in the mixture of models that predicts best (stacking); units, how many were left out;
         pareto_k_max and pareto_k_high, the largest Pareto k and how many exceed what the draws allow;
         unfinished, how many refits did not converge; converged, whether the run itself had; model, what
-        sets it apart. Both errors take the units as independent and what is within them as not.
+        sets it apart. Both errors take units as independent, but not the ratings within one.
     leave
         The kind of unit that was left out.
     interior
@@ -199,8 +199,8 @@ class Comparison:
             if row["pareto_k_high"]:
                 found.append(
                     f"{label}: Pareto k is high for {row['pareto_k_high']} of {row['units']} (largest "
-                    f"{row['pareto_k_max']:.2f}): single {self.leave}s pull on the posterior, and its elpd is not "
-                    "to be relied on"
+                    f"{row['pareto_k_max']:.2f}): single {self.leave}s influence the posterior too much, and its "
+                    "elpd is unreliable"
                 )
             if row["unfinished"]:
                 found.append(f"{label}: {row['unfinished']} of {row['units']} refits did not converge")
@@ -306,7 +306,7 @@ def _clusters(result: Result, leave: Leave) -> dict[str, NDArray[np.intp]]:
 
 
 def _standard_error(log_density: Array) -> float:
-    """Standard error of the sum over independent units."""
+    """Return the standard error of the sum over independent units."""
     if log_density.size < 2:
         return float("nan")
     return float(np.sqrt(log_density.size) * log_density.std(ddof=1))
@@ -318,11 +318,11 @@ def _require_comparable(results: Mapping[str, Result]) -> None:
     first, other = next(iter(results)), ""
     for label, result in results.items():
         if not result.has_ratings:
-            raise InputError(f"{label}: a run without ratings, which compare ranks by")
+            raise InputError(f"{label}: a run without ratings cannot be ranked")
         if result.scale != results[first].scale:
             raise InputError(
-                f"{label}: fits to z-scores are not ranked against fits to ratings: {first} and {label} take "
-                "their ratings for different things"
+                f"{label}: fits to z-scores are not ranked against fits to ratings: {first} and {label} are "
+                "on different scales"
             )
         other = other or _data_that_differ(results[first], result)
         if other:
@@ -330,7 +330,7 @@ def _require_comparable(results: Mapping[str, Result]) -> None:
 
 
 def _data_that_differ(one: Result, two: Result) -> str:
-    """Name what differs between the data of two results; nothing if they are the same."""
+    """Return the first difference between the data of two results, by name; empty if they are the same."""
     for name in ("digest_ratings", "digest_fabrics", "digest_compression"):
         if one.attributes.get(name, "") != two.attributes.get(name, ""):
             return name.replace("_", " of ")

@@ -77,7 +77,7 @@ def options_of(result: Result) -> ModelOptions:
 
 
 def differences(results: dict[str, Result]) -> dict[str, str]:
-    """Say of each result what sets its model apart: readings, scale, direction, priors and held values."""
+    """Return, for each result, what sets its model apart: readings, scale, direction, priors and held values."""
     told = {label: _model(result) for label, result in results.items()}
     every = dict.fromkeys(key for model in told.values() for key in model)
     apart = [key for key in every if len({model.get(key, "–") for model in told.values()}) > 1]

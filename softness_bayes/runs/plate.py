@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from softness_bayes import arviz_bridge
 from softness_bayes.checking.force_exponent import check_exponent
-from softness_bayes.checking.identifiability import direction_table, learning_table
+from softness_bayes.checking.identifiability import direction_table, information_table
 from softness_bayes.checkpoints.checkpoint import Checkpoint
 from softness_bayes.data.compression import Compression
 from softness_bayes.model.build import SkinModel, build_skin
@@ -93,5 +93,5 @@ def sample_skin_model(
         attributes,
     )
     natural = posterior.natural(kept.coordinates)
-    summary = summarise(posterior.names, natural).join(learning_table(tree))
+    summary = summarise(posterior.names, natural).join(information_table(tree))
     return Result(tree, summary, {"directions": direction_table(tree)})

@@ -23,7 +23,7 @@ IndexArray = NDArray[np.intp]
 
 
 def right(observation: Likelihood) -> Likelihood:
-    """Return the likelihood with which the ratings were made."""
+    """Return the likelihood itself, with which the ratings were made: the fit assumes the right model."""
     return observation
 
 

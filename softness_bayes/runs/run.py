@@ -9,7 +9,7 @@ import numpy as np
 
 from softness_bayes import arviz_bridge
 from softness_bayes.checking.check_table import check_table
-from softness_bayes.checking.identifiability import direction_table, learning_table
+from softness_bayes.checking.identifiability import direction_table, information_table
 from softness_bayes.checkpoints.checkpoint import Checkpoint
 from softness_bayes.checkpoints.identity import identity, require_density
 from softness_bayes.data import Compression, Experiment
@@ -67,12 +67,12 @@ def walked(
 
 
 def rng_after(run: RunOptions) -> np.random.Generator:
-    """Return the source of what is drawn after a run, kept apart from the ensembles by a key of its own."""
+    """Return the generator of everything drawn after a run; a key of its own keeps it apart from the ensembles'."""
     return np.random.default_rng(np.random.SeedSequence(run.seed, spawn_key=(1 << 20,)))
 
 
 def labels_of(data: Experiment | Compression) -> dict[str, Sequence[str]]:
-    """Return the names in some data that a result holds, by what they are of."""
+    """Return the names of participants, fabrics and fingers in some data, by the axis of a result."""
     if isinstance(data, Compression):
         return {"finger": data.participants}
     fingers = {} if data.compression is None else labels_of(data.compression)
@@ -80,7 +80,7 @@ def labels_of(data: Experiment | Compression) -> dict[str, Sequence[str]]:
 
 
 def requested(density: Density, request: Request) -> dict[str, Any]:
-    """Return what every run's result says of what was asked for, all of it known before the first step.
+    """Return the part of the provenance that is known before the first step: what was asked for.
 
     Raises
     ------
@@ -97,7 +97,7 @@ def requested(density: Density, request: Request) -> dict[str, Any]:
 
 
 def outcome(state: RunState) -> dict[str, Any]:
-    """Return what every run's result says of how it ended."""
+    """Return the part of the provenance about the end of the run."""
     verdict = sampled_of(state).verdict
     return attributes_of(
         Ending(
@@ -196,4 +196,4 @@ def sample_model(
             run.exact_reweight,
         )
     tables = {"directions": direction_table(tree), "predictive_checks": check_table(tree)}
-    return Result(tree, summary.join(learning_table(tree)), tables)
+    return Result(tree, summary.join(information_table(tree)), tables)

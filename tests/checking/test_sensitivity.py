@@ -11,8 +11,8 @@ from softness_bayes.checking.combinations import find_products
 from softness_bayes.checking.identifiability import (
     direction_sentences,
     direction_table,
-    learning_sentences,
-    learning_table,
+    information_sentences,
+    information_table,
 )
 from softness_bayes.checking.sensitivity import (
     DETERMINED,
@@ -298,7 +298,7 @@ def test_tables_of_a_result(rng):
     log_prior = np.stack([p.log_density(theta[:, k]) for k, p in enumerate(PRIORS)], axis=-1)
     log_likelihood = norm.logpdf(np.log(theta[:, :2]).sum(1), np.log(200), 0.05)
     tree = tree_of(theta, log_prior, log_likelihood, mu=rng.normal(3, 0.3, (1, len(theta))))
-    table = learning_table(tree)
+    table = information_table(tree)
     sensitivities = ["psens_prior", "psens_likelihood"]
     errors = [f"{name}_mcse" for name in sensitivities]
     assert list(table) == ["prior_mean", "prior_sd", "contraction", *sensitivities, *errors]
@@ -333,15 +333,15 @@ def test_sentences_name_the_parameters():
         psens_prior=[0.01, 0.2, 0.08],
         psens_prior_mcse=[0.001, 0.01, 0.01],
     )
-    determined, informed, not_informed, moved = learning_sentences(table)
+    determined, informed, not_informed, moved = information_sentences(table)
     assert determined.startswith("determined by the data")
     assert determined.endswith(": b 0.1")
     assert informed.endswith(": gamma 0.71")
     assert not_informed.endswith(": m 1")  # of a contraction below 0, which is noise
     assert moved.startswith("prior-sensitive")
     assert ": gamma (0.08). Another prior" in moved
-    assert not any("unclear" in line for line in learning_sentences(table))
-    *_, nothing = learning_sentences(table.loc[["b"]])
+    assert not any("unclear" in line for line in information_sentences(table))
+    *_, nothing = information_sentences(table.loc[["b"]])
     assert nothing.endswith("priors): none")
 
 
@@ -351,8 +351,8 @@ def test_sentences_name_the_parameters():
 )
 def test_a_sensitivity_within_its_error_of_the_line_is_not_judged(pull, said):
     table = summary(contraction=[0.9] * 3, psens_prior=[pull, 0.0, 0.0], psens_prior_mcse=[0.004] * 3)
-    *_, last = learning_sentences(table)
+    *_, last = information_sentences(table)
     assert (said in last and ": b (" in last) if said else last.startswith("weakly identified")
     # tables of earlier versions have no errors
-    *_, last = learning_sentences(table.drop(columns="psens_prior_mcse"))
+    *_, last = information_sentences(table.drop(columns="psens_prior_mcse"))
     assert ("prior-sensitive" in last) == (pull > SENSITIVE)

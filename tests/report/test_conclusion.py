@@ -21,17 +21,17 @@ def test_a_converged_run_whose_turning_point_is_reproduced():
     found = conclude(GOOD, "results")
     assert found.trust.startswith("Yes: ")
     assert found.learnt == "at 1 mm the response turns over at E_fab = 85 kPa (90 % interval 60 to 120 kPa)."
-    assert found.following == "read the page that 'softness-bayes report results' writes."
+    assert found.next_step == "read the page that 'softness-bayes report results' writes."
 
 
 def test_a_load_that_cannot_tell_asks_for_the_fabrics_that_would():
     found = conclude(GOOD._replace(turns=(TOLD, UNTOLD)), "results")
     assert "at 2 mm the data cannot tell whether the response turns over (probability: 50%)" in found.learnt
-    assert "ratings at 2 mm of fabrics stiffer than 500 kPa would help to decide" in found.following
+    assert "ratings at 2 mm of fabrics stiffer than 500 kPa would help to decide" in found.next_step
     inside = conclude(GOOD._replace(turns=(UNTOLD,), fabrics=(1.0, 5000.0)), "results")
-    assert "more fabrics around 700 kPa" in inside.following
+    assert "more fabrics around 700 kPa" in inside.next_step
     below = conclude(GOOD._replace(turns=(UNTOLD,), fabrics=(800.0, 5000.0)), "results")
-    assert "fabrics softer than 800 kPa" in below.following
+    assert "fabrics softer than 800 kPa" in below.next_step
 
 
 def test_a_probable_turning_point_that_its_own_load_cannot_show_says_so():
@@ -49,7 +49,7 @@ def test_a_run_that_has_not_converged_is_continued_before_anything_is_learnt():
     assert found.trust.startswith("Not yet: ")
     assert "after 40 steps" in found.trust
     assert "85" not in found.learnt
-    assert "'softness-bayes resume results'" in found.following
+    assert "'softness-bayes resume results'" in found.next_step
 
 
 @pytest.mark.parametrize("done", [True, False])
@@ -58,14 +58,14 @@ def test_a_fit_against_its_data_is_never_trusted(done):
     assert found.trust.startswith("No: ")
     assert "opposite direction" in found.trust
     assert "nothing about skin or receptors" in found.learnt
-    assert "--direction falls-with-firing" in found.following
-    assert "units" not in found.following
+    assert "--direction falls-with-firing" in found.next_step
+    assert "units" not in found.next_step
 
 
 def test_a_flat_fit_is_never_trusted_and_asks_for_units():
     found = conclude(GOOD._replace(flat=True, silent=True), "results")
     assert found.trust.startswith("No: ")
-    assert "units of moduli and loads" in found.following
+    assert "units of moduli and loads" in found.next_step
 
 
 def test_a_failed_check_limits_the_trust_and_is_named():
@@ -74,12 +74,12 @@ def test_a_failed_check_limits_the_trust_and_is_named():
     assert found.trust.startswith("In part: ")
     assert "the turning point at 1 mm and LOO-PIT" in found.trust
     assert "the ratings contradict the model's turning point" in found.learnt
-    assert "predictive_checks.csv" in found.following
+    assert "predictive_checks.csv" in found.next_step
 
 
 def test_an_inexact_model_and_a_silent_posterior_are_used_with_care():
     assert conclude(GOOD._replace(exact=False)).trust.startswith("With care: ")
-    assert "--exact-reweight" in conclude(GOOD._replace(exact=False)).following
+    assert "--exact-reweight" in conclude(GOOD._replace(exact=False)).next_step
     assert "no receptor fires" in conclude(GOOD._replace(silent=True)).trust
 
 
@@ -87,7 +87,7 @@ def test_a_run_on_plate_forces_alone_says_what_is_known_of_the_skin():
     found = conclude(Facts(True, 500, skin=(Skin("b", 70.0, 90.0, True), Skin("m", 1.0, 4.0, False))), "results")
     assert "the skin modulus at rest (b) lies between 70 and 90 kPa (90 % interval)" in found.learnt
     assert "the data say little about the stiffening of the skin (m)" in found.learnt
-    assert "would narrow m" in found.following
+    assert "would narrow m" in found.next_step
     assert "turn" not in found.learnt
 
 

@@ -367,7 +367,7 @@ def test_a_run_of_python_or_of_limited_time_says_so(made):
     assert "--max-steps 40 " in found.commands[0]
     assert "--data RATINGS.csv" in found.commands[0]
     assert any("time limit" in note for note in found.notes)
-    assert any("resolution that was given" in note for note in found.notes)
+    assert any("with a given resolution" in note for note in found.notes)
 
 
 # without names

@@ -53,7 +53,7 @@ def test_what_is_drawn_depends_on_the_seed_alone(draws):
 def test_groups_do_not_depend_on_the_order_in_which_they_are_made(draws):
     drawn = draw_replicates(np.random.default_rng(1), draws)
     grid = curve_scene(draws.scene)
-    turn = np.full((len(draws.some(400).theta), len(draws.scene.loads)), np.nan)
+    turn = np.full((len(draws.subset(400).theta), len(draws.scene.loads)), np.nan)
     makers = [
         lambda: prior_groups(draws, drawn),
         lambda: predictive_groups(draws, drawn),

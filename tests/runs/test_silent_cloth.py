@@ -57,7 +57,7 @@ def test_a_run_says_how_silent_its_posterior_is(name, silent):
         result = sample(experiment(modulus, depths), **OPTIONS | {"max_steps": 20})
     fit = fit_of(result.tree)
     share = result.attributes["posterior_silent_conditions"]
-    assert bool(fit.silence) is silent is (share > 0.5)
+    assert bool(fit.silence_note) is silent is (share > 0.5)
     said = [
         detail
         for finding in cards(findings(result))
@@ -66,5 +66,5 @@ def test_a_run_says_how_silent_its_posterior_is(name, silent):
     ]
     assert len(said) == silent
     if silent:
-        assert fit.silence.startswith(f"no receptor fires in {share:.0%} of posterior draws")
-        assert "only the prior" in fit.silence
+        assert fit.silence_note.startswith(f"no receptor fires in {share:.0%} of posterior draws")
+        assert "only the prior" in fit.silence_note

@@ -114,7 +114,7 @@ class ReadingChoice:
         return self.set_name is None and not self.overrides
 
     def resolve(self) -> Readings:
-        """Return the readings; without a named set those departed from are the default ones."""
+        """Return the readings: those of the named set, or of the default one, with the overrides."""
         from softness_bayes.touch.readings import readings_named
 
         return readings_named(self.set_name or "mended", self.overrides)

@@ -30,7 +30,7 @@ column = click.option(
 decimal = click.option(
     "--decimal",
     type=click.Choice([",", "."]),
-    help="What stands before the decimals in the files, where their numbers do not tell; the other groups thousands.",
+    help="Decimal mark of the files, where their numbers do not show it; the other mark groups thousands.",
 )
 """Gives a verb `decimal`, a mark or None."""
 
@@ -88,7 +88,7 @@ class DataFiles:
         return tuple(path for path in (self.data, self.fabrics, self.compression, beside) if path is not None)
 
     def read(self) -> Experiment | Compression:
-        """Return the ratings, their fabrics and compression data if there are any; or these alone.
+        """Return the experiment, with compression data if there are any; or compression data alone.
 
         Raises
         ------

@@ -19,7 +19,7 @@ FILE = click.Path(path_type=Path)
 
 
 class Number(click.FloatRange):
-    """A number within a range; what is not finite is none.
+    """A finite number within a range.
 
     Parameters
     ----------
@@ -80,12 +80,12 @@ def named(
 
 
 def finite(text: str) -> float:
-    """Return the finite number that a text is.
+    """Return a text as a finite number.
 
     Raises
     ------
     ValueError
-        If it is none.
+        If the text is not one.
     """
     try:
         value = float(text)
