@@ -259,9 +259,7 @@ def look(
     """
     _, stored, walkers, _ = values.shape
     walks = np.moveaxis(values, -1, 1)
-    late = autocorrelation_time(walks[..., stored // 2 :, :])
-    reach = np.where(np.isfinite(late), late, np.inf).max()
-    first = int(min(math.ceil(goal.burn_in * min(reach, stored)), stored // 2))
+    first = _burn_in(walks, goal)
     walks = walks[..., first:, :]
     tau, r_hat = autocorrelation_time(walks), r_hat_between(walks)
     shares: tuple[Share, ...] = ()
@@ -270,12 +268,7 @@ def look(
         names = (*names, *(f"the share of mode {k}" for k in range(1, len(shares) + 1)))
         tau = np.column_stack([tau, np.broadcast_to(times, (len(tau), times.size))])
         r_hat = np.concatenate([r_hat, apart])
-    kept = stored - first
-    worst = int(tau.max(axis=0).argmax())
-    change = math.inf
-    if before is not None and np.isfinite(tau).all():
-        mean = tau[:, worst].mean() * stride
-        change = float(abs(mean / before.tau[:, worst].mean() - 1.0))
+    kept, change = stored - first, _tau_change(tau, stride, before)
     missing = np.full(len(names), math.nan)
     ess = (missing, missing)
     # effective sample sizes take longest, and are computed only if all other criteria hold
@@ -303,6 +296,23 @@ def look(
         shares=shares,
         starts=starts,
     )
+
+
+def _burn_in(walks: FloatArray, goal: Goal) -> int:
+    """Return how many stored steps to drop, of walks of shape (ensembles, quantities, stored, walkers)."""
+    stored = walks.shape[2]
+    late = autocorrelation_time(walks[:, :, stored // 2 :])
+    reach = np.where(np.isfinite(late), late, np.inf).max()
+    return int(min(math.ceil(goal.burn_in * min(reach, stored)), stored // 2))
+
+
+def _tau_change(tau: FloatArray, stride: int, before: Verdict | None) -> float:
+    """Return the relative change of the worst quantity's time since the last check; infinite at the first."""
+    if before is None or not np.isfinite(tau).all():
+        return math.inf
+    worst = int(tau.max(axis=0).argmax())
+    mean = tau[:, worst].mean() * stride
+    return float(abs(mean / before.tau[:, worst].mean() - 1.0))
 
 
 def _shares(inside: NDArray[np.bool_]) -> tuple[tuple[Share, ...], FloatArray, FloatArray]:
