@@ -97,14 +97,18 @@ class Gating:
     _slopes: FloatArray = field(init=False, repr=False, compare=False)
     _intercepts: FloatArray = field(init=False, repr=False, compare=False)
     _open_scales: FloatArray = field(init=False, repr=False, compare=False)
-    _close_scales: FloatArray = field(init=False, repr=False, compare=False)
-    _tau: FloatArray = field(init=False, repr=False, compare=False)
+    _plain_scales: FloatArray = field(init=False, repr=False, compare=False)
+    _sigmoid_scales: FloatArray = field(init=False, repr=False, compare=False)
+    _tau_least: FloatArray = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         k, a = self.kinetics, self.a_current
         linear, plain, sigmoid = [k.m_open, k.n_open], [k.m_close, k.n_close, k.h_open], [k.h_close]
         if a is not None:
-            extra = [Rate(1.0, offset, -width) for offset, width in zip(a.offsets, a.widths, strict=True)]
+            scales = [a.a_scale, 1.0, 1.0, a.a_tau[1], a.b_tau[1]]
+            extra = [
+                Rate(*constants) for constants in zip(scales, a.offsets, [-width for width in a.widths], strict=True)
+            ]
             plain, sigmoid = [*plain, extra[0]], [*sigmoid, *extra[1:]]
         stack = [*linear, *plain, *sigmoid]
         slopes = _column(-1.0 / rate.width for rate in stack)
@@ -112,8 +116,9 @@ class Gating:
             "_slopes": slopes,
             "_intercepts": slopes * _column(rate.offset for rate in stack),
             "_open_scales": _column(rate.scale * rate.width for rate in linear),
-            "_close_scales": _column(rate.scale for rate in plain[:2]),
-            "_tau": np.array([(0.0, 0.0)] * 2 if a is None else [a.a_tau, a.b_tau]),
+            "_plain_scales": _column(rate.scale for rate in plain),
+            "_sigmoid_scales": _column(rate.scale for rate in sigmoid),
+            "_tau_least": _column([] if a is None else [a.a_tau[0], a.b_tau[0]]),
         }.items():
             object.__setattr__(self, name, value)
 
@@ -144,22 +149,25 @@ class Gating:
         return _Terms(arguments, growth, linear, exponential, np.divide(1.0, sigmoid, out=sigmoid))
 
     def _compose(self, terms: _Terms) -> tuple[FloatArray, FloatArray]:
-        k, a = self.kinetics, self.a_current
-        e, sigmoid = terms.exponential, terms.sigmoid
-        gates = 3 if a is None else 5
-        opening, total = np.empty((gates, e.shape[1])), np.empty((gates, e.shape[1]))
-        ends = slice(None, None, gates - 1)  # m and n
-        np.multiply(self._open_scales, terms.linear, out=opening[ends])
-        np.add(opening[ends], self._close_scales * e[:2], out=total[ends])
+        plain = terms.exponential[: len(self._plain_scales)] * self._plain_scales
+        sigmoid = terms.sigmoid * self._sigmoid_scales
+        gates = 3 if self.a_current is None else 5
+        opening, total = np.empty((2, gates, plain.shape[1]))
         h = gates // 2
-        np.multiply(e[2], k.h_open.scale, out=opening[h])
-        np.add(opening[h], k.h_close.scale * sigmoid[0], out=total[h])
-        if a is not None:
-            middle = slice(1, 4, 2)  # A and B
-            np.divide(1.0, self._tau[:, :1] + self._tau[:, 1:] * sigmoid[3:], out=total[middle])
-            opening[1] = np.cbrt(a.a_scale * e[3] * sigmoid[1])
-            opening[3] = np.square(np.square(sigmoid[2]))
-            opening[middle] *= total[middle]
+        ends = opening[:: gates - 1]  # m and n
+        np.multiply(self._open_scales, terms.linear, out=ends)
+        np.add(ends, plain[:2], out=total[:: gates - 1])
+        opening[h] = plain[2]
+        np.add(plain[2], sigmoid[0], out=total[h])
+        if self.a_current is not None:
+            middle, middle_total = opening[1:4:2], total[1:4:2]  # A and B
+            duration = sigmoid[3:]
+            duration += self._tau_least
+            np.divide(1.0, duration, out=middle_total)
+            np.cbrt(plain[3] * sigmoid[1], out=opening[1])
+            square = np.square(sigmoid[2])
+            np.square(square, out=opening[3])
+            middle *= middle_total
         return opening, total
 
     def _differentiate(self, terms: _Terms, opening: FloatArray, total: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -171,12 +179,12 @@ class Gating:
         opening_slope, total_slope = np.empty_like(opening), np.empty_like(total)
         ends, h = slice(None, None, gates - 1), gates // 2
         opening_slope[ends] = self._open_scales * slopes[:2] * _linear_slope(terms)
-        total_slope[ends] = opening_slope[ends] + self._close_scales * slopes[2:4] * e[:2]
+        total_slope[ends] = opening_slope[ends] + self._plain_scales[:2] * slopes[2:4] * e[:2]
         opening_slope[h] = slopes[4] * opening[h]
         total_slope[h] = opening_slope[h] + self.kinetics.h_close.scale * sigmoid_slope[0]
         if self.a_current is not None:
             middle = slice(1, 4, 2)
-            total_slope[middle] = -self._tau[:, 1:] * sigmoid_slope[3:] * total[middle] ** 2
+            total_slope[middle] = -self._sigmoid_scales[3:] * sigmoid_slope[3:] * total[middle] ** 2
             relative = total_slope[middle] / total[middle]
             relative[0] += (slopes[5] - slopes[7] * closed[1]) / 3.0
             relative[1] -= 4.0 * slopes[8] * closed[2]

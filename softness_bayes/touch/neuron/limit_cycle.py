@@ -176,7 +176,8 @@ class _Orbits:
         accepted = (size <= 1.0) & ~locating
         gap = after[0] - SPIKE_VOLTAGE
         crossing = accepted & self.armed & (gap >= 0.0)
-        spiking = self._locate(locating, crossing, gap)
+        busy = (locating | crossing).any()
+        spiking = self._locate(locating, crossing, gap) if busy else crossing
 
         rising = slope[0] > 0.0
         self.peaks += self.rising & ~rising
@@ -188,8 +189,7 @@ class _Orbits:
         self.armed = np.where(moved, (self.armed | (gap < -_REARM)) & ~spiking, self.armed)
         if spiking.any():
             self._record(np.flatnonzero(spiking))
-        between = self.high[0] > 0.0
-        self.length = np.where(between, self._secant(), self.stride)
+        self.length = np.where(self.high[0] > 0.0, self._secant(), self.stride) if busy else self.stride
 
     def _locate(self, locating: NDArray[np.bool_], crossing: NDArray[np.bool_], gap: FloatArray) -> NDArray[np.bool_]:
         """Tighten the bracket around every spike that is being located (Illinois); return which ones are found."""

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from softness_bayes.touch.neuron.equilibrium import Fold, fold, rest
+from softness_bayes.touch.neuron.equilibrium import fold, rest
 from softness_bayes.touch.neuron.limit_cycle import AGREEMENT, TOLERANCE, Budget, Orbit, steady_orbit
 from softness_bayes.touch.neuron.membrane import CONNOR_STEVENS, PAPER_CHANNELS, Channels, Membrane, lanes
 from softness_bayes.touch.neuron.vector_field import Cells
@@ -67,16 +67,26 @@ def firing_rate(
     folds = fold(Channels(*distinct), membrane)
     excess = flat - folds.current[lane]
     slow = (excess > 0.0) & (excess < CONTINUED**2)
+    near, place = np.unique(lane[slow], return_inverse=True)
+    above = _CONTINUATION_NODES[:, None] ** 2
+
+    def exact(cells: NDArray[np.bool_], more: FloatArray) -> FloatArray:
+        """Exact rates of some cells, then of those at ``near`` with currents that are ``more`` above their folds."""
+        many = np.hstack([np.array(multipliers)[:, cells], np.tile(distinct[:, near], len(more))])
+        currents = np.append(flat[cells], folds.current[near] + more)
+        beyond = np.append(excess[cells], np.repeat(more, near.size))
+        return simulated(currents, Channels(*many), membrane, beyond, tolerance, budget).rate
+
+    # all side by side: together they take the steps of the slowest
+    found = exact(~slow, above)
     rate = np.zeros(flat.size)
-    if slow.any():
-        near, place = np.unique(lane[slow], return_inverse=True)
-        some, places = Channels(*distinct[:, near]), Fold(*(x[near] for x in folds))
-        continued = _Continuation.of(some, places, membrane, tolerance, budget)
+    rate[~slow], nodes = np.split(found, [found.size - len(above) * near.size])
+    if near.size:
+        continued = _Continuation.of(folds.prefactor[near], nodes.reshape(len(above), near.size))
         rate[slow] = continued.rate(np.sqrt(excess[slow]), place)
-        slow[slow] = continued.through_fold[place]
-    direct = np.flatnonzero(~slow)
-    some = Channels(*(c[direct] for c in multipliers))
-    rate[direct] = simulated(flat[direct], some, membrane, excess[direct], tolerance, budget).rate
+        slow[slow] = ~continued.through_fold[place]
+        if slow.any():
+            rate[slow] = exact(slow, above[:0])
     return rate.reshape(shape)
 
 
@@ -87,17 +97,12 @@ class _Continuation(NamedTuple):
     through_fold: NDArray[np.bool_]
 
     @classmethod
-    def of(
-        cls, channels: Channels, folds: Fold, membrane: Membrane, tolerance: float, budget: Budget | None
-    ) -> _Continuation:
+    def of(cls, prefactor: FloatArray, rate: FloatArray) -> _Continuation:
+        """Return the continuation from exact rates at the nodes, shape (nodes, n)."""
         nodes = _CONTINUATION_NODES[:, None]
-        n = folds.current.size
-        current = (folds.current + nodes**2).ravel()
-        many = Channels(*(np.tile(c, len(nodes)) for c in channels))
-        rate = simulated(current, many, membrane, np.repeat(nodes**2, n), tolerance, budget).rate.reshape(len(nodes), n)
         fires = (rate > 0.0).all(axis=0)
         scaled = nodes / np.where(rate > 0.0, rate, 1.0)
-        limit = 1.0 / folds.prefactor
+        limit = 1.0 / prefactor
         free = np.linalg.solve(np.vander(nodes[:, 0], increasing=True), scaled)
         through_fold = fires & (np.abs(free[0] - limit) <= _SAME_LIMIT * limit)
         beyond = np.linalg.solve(np.vander(nodes[:, 0], increasing=True), (scaled - limit) / nodes)

@@ -64,10 +64,10 @@ def step(cells: Cells, state: FloatArray, length: FloatArray) -> tuple[FloatArra
     slope : ndarray, shape (1 + gates, n)
         Time derivative at the start of the step.
     """
-    solver = ArrowSolver(cells.linearise(state), 1.0 / (_GAMMA * length))
+    slope, jacobian = cells.slope_and_jacobian(state)
+    solver = ArrowSolver(jacobian, 1.0 / (_GAMMA * length))
     rows, n = state.shape
     stages = np.empty((len(_STAGES) + 1, rows * n))
-    slope = cells.slope(state)
     stages[0] = solver(slope).ravel()
     with np.errstate(over="ignore", invalid="ignore"):  # a step that is far too long overflows, and is rejected
         for i, weights in enumerate(_STAGES, start=1):
@@ -80,13 +80,15 @@ def step(cells: Cells, state: FloatArray, length: FloatArray) -> tuple[FloatArra
 
 def local_error(error: FloatArray) -> FloatArray:
     """Return the size of a step's error estimate, relative to 100 mV and to a fully open gate, shape (n,)."""
-    size = np.maximum(np.abs(error[0]) / 100.0, np.abs(error[1:]).max(axis=0))
+    size = np.abs(error)
+    size = np.maximum(size[0] / 100.0, np.maximum.reduce(size[1:]))
     return np.where(np.isfinite(size), size, 1.0)
 
 
 def next_length(length: FloatArray, size: FloatArray) -> FloatArray:
     """Return the length of the next step [ms] after a step whose error was ``size`` times the tolerance."""
-    return length * np.clip(0.9 * np.maximum(size, 1e-9) ** (-1.0 / ORDER), 0.2, 5.0)
+    factor = 0.9 * np.maximum(size, 1e-9) ** (-1.0 / ORDER)
+    return length * np.minimum(np.maximum(factor, 0.2), 5.0)
 
 
 def travel(cells: Cells, state: FloatArray, duration: FloatArray, tolerance: float) -> FloatArray:

@@ -86,27 +86,36 @@ class Cells:
 
     def slope(self, state: FloatArray) -> FloatArray:
         """Return the time derivative of the state [mV/ms and 1/ms], same shape."""
-        voltage, gates = state[0], state[1:]
-        opening, total = self.membrane.gating.rates(voltage)
-        slope = np.empty_like(state)
-        np.subtract(opening, total * gates, out=slope[1:])
-        conductance = open_fractions(gates)
-        conductance *= self.conductance
-        net = np.add.reduce(conductance * (self._reversal - voltage))
-        net += self._drive
-        net -= self.leak * voltage
-        np.divide(net, self.membrane.capacitance, out=slope[0])
-        return slope
+        return self._slope(state, *self.membrane.gating.rates(state[0]), open_fractions(state[1:]))
 
     def linearise(self, state: FloatArray) -> ArrowJacobian:
         """Return the derivative of :meth:`slope` by the state."""
+        return self.slope_and_jacobian(state)[1]
+
+    def slope_and_jacobian(self, state: FloatArray) -> tuple[FloatArray, ArrowJacobian]:
+        """Return :meth:`slope` and :meth:`linearise`, which share their rates."""
         voltage, gates = state[0], state[1:]
-        _, total, opening_slope, total_slope = self.membrane.gating.rates_and_slopes(voltage)
-        conductance = (self.conductance * open_fractions(gates)).sum(axis=0) + self.leak
+        opening, total, opening_slope, total_slope = self.membrane.gating.rates_and_slopes(voltage)
+        fractions = open_fractions(gates)
+        conductance = (self.conductance * fractions).sum(axis=0) + self.leak
         force = self.conductance * (self._reversal - voltage) / self.membrane.capacitance
-        return ArrowJacobian(
+        jacobian = ArrowJacobian(
             -conductance / self.membrane.capacitance,
             fraction_slopes(gates) * force[self._channel_of_gate],
             opening_slope - total_slope * gates,
             total,
         )
+        return self._slope(state, opening, total, fractions), jacobian
+
+    def _slope(self, state: FloatArray, opening: FloatArray, total: FloatArray, fractions: FloatArray) -> FloatArray:
+        """Time derivative of the state from its rates and open fractions; the latter are overwritten."""
+        voltage = state[0]
+        slope = np.empty_like(state)
+        np.subtract(opening, total * state[1:], out=slope[1:])
+        fractions *= self.conductance
+        fractions *= self._reversal - voltage
+        net = np.add.reduce(fractions)
+        net += self._drive
+        net -= self.leak * voltage
+        np.divide(net, self.membrane.capacitance, out=slope[0])
+        return slope
