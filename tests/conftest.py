@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from threadpoolctl import threadpool_limits
 
 from softness_bayes.touch.neuron import fixed_channels
 from softness_bayes.touch.neuron.firing import CurveError, RateCurve
@@ -18,6 +19,13 @@ from support.randomness import SEED, generator_of
 
 def pytest_report_header() -> str:
     return f"random seed: {SEED} (set SOFTNESS_BAYES_SEED to change it)"
+
+
+@pytest.fixture(scope="session", autouse=True)
+def one_thread():
+    """Keep linear algebra to one thread: there is a process for each processor already."""
+    with threadpool_limits(1):
+        yield
 
 
 @pytest.fixture
