@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -9,10 +10,15 @@ import numpy as np
 import pytest
 from threadpoolctl import threadpool_limits
 
-from softness_bayes.touch.neuron import fixed_channels
+from softness_bayes.results import pictures
+from softness_bayes.results import request as request_module
+from softness_bayes.sampler.sampling import Settings
+from softness_bayes.touch.neuron import fixed_channels, noise, spikes
 from softness_bayes.touch.neuron.firing import CurveError, RateCurve
+from softness_bayes.touch.neuron.membrane import HODGKIN_HUXLEY, Channels
+from softness_bayes.touch.neuron.onset import onset
 from softness_bayes.touch.parameters import TouchParameters
-from support.once import Kept, shared_curves
+from support.once import Kept, made_once
 from support.paths import SHARED
 from support.randomness import SEED, generator_of
 
@@ -51,10 +57,33 @@ def report_run(once):
 
 @pytest.fixture(scope="session", autouse=True)
 def one_membrane(once):
-    """Compute each rate curve of fixed channels once, instead of once in every test that looks at something else."""
+    """Make each rate curve of fixed channels and each example train once, not in every test of something else."""
+    curve, train = made_once(once, fixed_channels.exact_curve), made_once(once, pictures.spike_times)
+
+    def spike_times(current, channels, membrane, duration, strength, rng):
+        if strength:
+            return spikes.spike_times(current, channels, membrane, duration, strength, rng)
+        return train(current, channels, membrane, duration).copy()
+
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(fixed_channels, "exact_curve", shared_curves(once))
+        patch.setattr(noise, "exact_curve", curve)
+        patch.setattr(fixed_channels, "exact_curve", curve)
+        patch.setattr(pictures, "spike_times", spike_times)
         yield
+
+
+@pytest.fixture(scope="module")
+def brief_pilot():
+    """Learn little in the pilot walk: for runs whose draws nobody judges."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(request_module, "Settings", functools.partial(Settings, pilot=(20, 20), optima=1))
+        yield
+
+
+@pytest.fixture(scope="session")
+def born_onset(once):
+    """The onset of Hodgkin's and Huxley's own membrane, a fold of orbits: found by a search of ten seconds, once."""
+    return once("born-onset", onset, Channels(1.0, 1.0, 1.0, 1.0), HODGKIN_HUXLEY)
 
 
 @pytest.fixture(scope="session")

@@ -35,6 +35,8 @@ def begin(directory, *more):
         # a shell that runs the tests in the background has interrupts ignored, by its children too
         "import signal; signal.signal(signal.SIGINT, signal.default_int_handler); "
         "from softness_bayes.cli import main; from softness_bayes.checkpoints import checkpoint; "
+        "import functools; from softness_bayes.results import request; "
+        "request.Settings = functools.partial(request.Settings, pilot=(20, 20), optima=1); "  # as `brief_pilot`
         "checkpoint.INTERVAL = 0; "
         "main(prog_name='softness-bayes')"
     )
@@ -54,8 +56,11 @@ def begin(directory, *more):
     raise AssertionError(process.communicate())
 
 
+pytestmark = pytest.mark.usefixtures("brief_pilot")
+
+
 @pytest.fixture(scope="module")
-def killed(tmp_path_factory):
+def killed(tmp_path_factory, brief_pilot):
     """A directory with the data and a run that was killed with its workers still walking."""
     directory = tmp_path_factory.mktemp("killed")
     few_ratings(directory)

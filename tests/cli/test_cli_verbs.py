@@ -1,6 +1,5 @@
-"""The verbs that compute: what they write, what they refuse, and how they end; each once by subprocess."""
+"""The verbs that compute: what they write, what they refuse, and how they end; `sample` by subprocess elsewhere."""
 
-import functools
 import io
 import json
 import re
@@ -11,9 +10,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from softness_bayes.results import request
 from softness_bayes.results.result import Result
-from softness_bayes.sampler.sampling import Settings
 from softness_bayes.touch.readings import MENDED
 from support.command_line import FIXED, HELD, QUICK, TOUCH, call, refused, run
 from support.paths import DATA
@@ -131,13 +128,12 @@ def test_simulate_refuses(tmp_path, arguments):
 
 
 @pytest.fixture(scope="module")
-def alone(tmp_path_factory):
+def alone(tmp_path_factory, brief_pilot):
     """The shipped ratings without a fabric table, and --max-steps too small to converge."""
     directory = tmp_path_factory.mktemp("alone")
     words = ["sample", "--data", DATA / "ratings.csv", *FIXED, *QUICK]
     ending = ["--reading", "pressure=hertz", "--prior", "gamma=lognormal(1.1,0.2)", "--seed", "2"]
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(request, "Settings", functools.partial(Settings, pilot=(20, 20), optima=1))
         patch.setattr(sys, "argv", ["softness-bayes", *map(str, [*words, *ending])])
         return directory, call(*words, *ending, cwd=directory)
 
@@ -198,7 +194,7 @@ def test_a_directory_in_use_is_refused_and_survives_bad_input(alone):
     assert {path: path.read_bytes() for path in (directory / "results").rglob("*.*") if path.is_file()} == held
 
 
-def test_an_effect_per_fabric_from_end_to_end(tmp_path):
+def test_an_effect_per_fabric_from_end_to_end(tmp_path, brief_pilot):
     """With --fabrics, --force-n in place of a load column, figures, --force, and omega freed."""
     ratings = pd.read_csv(DATA / "ratings.csv", dtype=str)
     few = ratings[(ratings["indentation_mm"] == "3") & ratings["participant"].isin(["P01", "P02", "P03"])]
@@ -206,7 +202,7 @@ def test_an_effect_per_fabric_from_end_to_end(tmp_path):
         tmp_path / "few.csv", index=False, sep=";"
     )
     (tmp_path / "out").mkdir()
-    done = run(
+    done = call(
         *["sample", "--data", tmp_path / "few.csv", "--fabrics", DATA / "fabrics.csv", *FIXED],
         *["--column", "rating=softness", "--force-n", "1.2", "--prior", "omega=halfnormal(0.5)"],
         *[*QUICK[:-1], "--seed", "1", "--out", tmp_path / "out"],

@@ -29,6 +29,12 @@ PROGRAM = (
     "{before}\n"
     "run()"
 )
+BRIEF_PILOT = (
+    "import functools\n"
+    "from softness_bayes.results import request\n"
+    "request.Settings = functools.partial(request.Settings, pilot=(20, 20), optima=1)\n"
+)
+"""What comes before a run whose draws nobody judges."""
 ENVIRONMENT = os.environ | {"PYTHONPATH": str(ROOT), "PYTHONUTF8": "1"}
 SAMPLE = [*FIXED, "--seed", "3", "--processes", "2", "--max-steps", "300"]
 
@@ -133,7 +139,7 @@ def test_an_interrupt_ends_a_run_at_a_place(tmp_path, place):
     """The process interrupts itself where a stage begins; one that swallows the interrupt is ended all the same."""
     few_ratings(tmp_path)
     module, name = place.split(":")
-    before = (
+    before = BRIEF_PILOT + (
         f"import {module} as module, os, time\n"
         "def stop(*_, **__):\n"
         "    try:\n"
@@ -204,7 +210,7 @@ def test_memory_that_runs_out_in_a_worker_arrives():
         workers.map(_need, [(1 << 58,)])
 
 
-def test_a_run_that_lost_its_memory_says_how_to_go_on(tmp_path, monkeypatch):
+def test_a_run_that_lost_its_memory_says_how_to_go_on(tmp_path, brief_pilot, monkeypatch):
     from softness_bayes.results import assembly
 
     few_ratings(tmp_path)

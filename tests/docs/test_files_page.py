@@ -99,7 +99,7 @@ def z_scores(tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
-def directory(tmp_path_factory):
+def directory(tmp_path_factory, brief_pilot):
     """What the command line leaves of a run on forces alone."""
     home = tmp_path_factory.mktemp("forces") / "run"
     short = ["--max-steps", "20", "--no-figures", "--processes", "1"]

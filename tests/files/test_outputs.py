@@ -38,7 +38,7 @@ SHORT = ["--max-steps", "20", "--no-figures", "--processes", "1"]
 
 
 @pytest.fixture(scope="module")
-def finished(tmp_path_factory):
+def finished(tmp_path_factory, brief_pilot):
     """A short run on forces alone, with its checkpoint."""
     from softness_bayes.cli import main
 

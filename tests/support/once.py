@@ -3,12 +3,11 @@
 import functools
 import hashlib
 import pickle
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 from filelock import FileLock
-
-from softness_bayes.touch.neuron import fixed_channels
 
 
 class Kept:
@@ -29,13 +28,12 @@ class Kept:
         return pickle.loads(path.read_bytes())
 
 
-def shared_curves(kept: Kept):
-    """Return a function that makes the rate curve of fixed channels, each curve once in a session."""
-    make = fixed_channels.exact_curve
+def made_once(kept: Kept, make: Callable[..., Any]) -> Callable[..., Any]:
+    """Return a function that makes what ``make`` does, for the same arguments once in a session."""
 
     @functools.cache
-    def curve(*arguments):
+    def found(*arguments):
         asked = hashlib.sha256(pickle.dumps(arguments)).hexdigest()
-        return kept(f"curve-{asked}", make, *arguments)
+        return kept(f"{make.__name__}-{asked}", make, *arguments)
 
-    return curve
+    return found

@@ -8,9 +8,11 @@ import numpy as np
 import pytest
 
 from softness_bayes.errors import InputError, NumericalError
+from softness_bayes.touch.neuron import firing as module
 from softness_bayes.touch.neuron.firing import TRIED, RateCurve, exact_curve
 from softness_bayes.touch.neuron.limit_cycle import Budget
 from softness_bayes.touch.neuron.membrane import HODGKIN_HUXLEY, PAPER_CHANNELS, PRINTED, Channels, Membrane
+from softness_bayes.touch.neuron.onset import Onset
 from softness_bayes.touch.neuron.rate import firing_rate
 
 
@@ -44,13 +46,25 @@ def test_curve_of_a_jump_in_the_corner(rng: np.random.Generator) -> None:
     assert np.abs(curve.rate(current) - firing_rate(current, corner)).max() < 0.01
 
 
-@pytest.mark.parametrize(
-    ("membrane", "max_current"), [(HODGKIN_HUXLEY, 60.0), pytest.param(PRINTED, 80.0, marks=pytest.mark.slow)]
-)
-def test_curve_of_a_fold_of_orbits(membrane: Membrane, max_current: float, rng: np.random.Generator) -> None:
-    curve = exact_curve(membrane=membrane, max_current=max_current, nodes=20)
+def test_curve_of_a_fold_of_orbits(
+    born_onset: Onset, rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(module, "onset", lambda *_, **__: born_onset)
+    _require_curve(Channels(1.0, 1.0, 1.0, 1.0), HODGKIN_HUXLEY, 60.0, rng)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("membrane", "max_current"), [(HODGKIN_HUXLEY, 60.0), (PRINTED, 80.0)])
+def test_curves_of_folds_of_orbits_with_their_onsets(
+    membrane: Membrane, max_current: float, rng: np.random.Generator
+) -> None:
+    _require_curve(PAPER_CHANNELS, membrane, max_current, rng)
+
+
+def _require_curve(channels: Channels, membrane: Membrane, max_current: float, rng: np.random.Generator) -> None:
+    curve = exact_curve(channels, membrane, max_current, nodes=20)
     current = rng.uniform(curve.rheobase + 1e-3, max_current, 60)
-    error = np.abs(curve.rate(current) - firing_rate(current, membrane=membrane))
+    error = np.abs(curve.rate(current) - firing_rate(current, channels, membrane))
     assert error.max() < 0.05
     assert curve.rate(curve.rheobase - 1e-6) == 0.0
 

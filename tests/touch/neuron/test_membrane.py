@@ -25,7 +25,7 @@ from softness_bayes.touch.neuron.membrane import (
     Membrane,
     steady_current,
 )
-from softness_bayes.touch.neuron.onset import onset, rheobase
+from softness_bayes.touch.neuron.onset import Onset, onset, rheobase
 from softness_bayes.touch.neuron.rate import firing_rate
 from softness_bayes.touch.neuron.rosenbrock import step, travel
 from softness_bayes.touch.neuron.vector_field import Cells
@@ -352,15 +352,16 @@ def test_rheobase_above_a_fold_that_is_not_followed_by_firing() -> None:
     assert around[1] > 8.0
 
 
-@pytest.mark.parametrize(
-    ("membrane", "channels", "current", "rate"),
-    [
-        (HODGKIN_HUXLEY, Channels(1.0, 1.0, 1.0, 1.0), 6.2603, 50.33),
-        pytest.param(PRINTED, PAPER_CHANNELS, 49.8710, 42.41, marks=pytest.mark.slow),
-    ],
-)
-def test_rheobase_at_a_fold_of_orbits(membrane: Membrane, channels: Channels, current: float, rate: float) -> None:
-    begin = onset(channels, membrane)
+def test_rheobase_at_a_fold_of_orbits(born_onset: Onset) -> None:
+    _require_birth(born_onset, HODGKIN_HUXLEY, Channels(1.0, 1.0, 1.0, 1.0), 6.2603, 50.33)
+
+
+@pytest.mark.slow
+def test_rheobase_at_a_fold_of_orbits_of_the_printed_membrane() -> None:
+    _require_birth(onset(PAPER_CHANNELS, PRINTED), PRINTED, PAPER_CHANNELS, 49.8710, 42.41)
+
+
+def _require_birth(begin: Onset, membrane: Membrane, channels: Channels, current: float, rate: float) -> None:
     assert begin.born
     assert begin.rheobase == pytest.approx(current, abs=1e-4)
     assert begin.rate == pytest.approx(rate, abs=0.1)  # its slope by the current is infinite there

@@ -123,10 +123,10 @@ def test_statistics_under_little_noise_are_those_of_the_exact_rate() -> None:
 
 
 def test_monte_carlo_errors_are_the_spread_of_repetitions() -> None:
-    runs = [firing_statistics(18.0, 3.0, np.random.default_rng(s), duration=200.0, runs=8, step=0.03) for s in range(8)]
-    rates, errors = np.array([float(r.rate) for r in runs]), np.array([float(r.rate_error) for r in runs])
-    assert rates.std(ddof=1) == pytest.approx(np.sqrt((errors**2).mean()), rel=0.7)
-    assert (rates > 0.0).all()
+    # every current has runs of its own
+    found = firing_statistics(np.full(12, 18.0), 3.0, np.random.default_rng(0), duration=200.0, runs=8, step=0.03)
+    assert found.rate.std(ddof=1) == pytest.approx(np.sqrt((found.rate_error**2).mean()), rel=0.5)
+    assert (found.rate > 0.0).all()
 
 
 @pytest.mark.parametrize(

@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import replace
+from functools import cache
 from importlib import resources
 
 import numpy as np
@@ -9,11 +10,19 @@ import pytest
 
 from softness_bayes.errors import InputError, NumericalError
 from softness_bayes.tools import surface_build
+from softness_bayes.touch.neuron import firing
 from softness_bayes.touch.neuron import surface as module
 from softness_bayes.touch.neuron.equilibrium import fold
-from softness_bayes.touch.neuron.firing import exact_curve, exact_curves
-from softness_bayes.touch.neuron.membrane import CONNOR_STEVENS, HODGKIN_HUXLEY, PAPER_CHANNELS, PRINTED, Channels
-from softness_bayes.touch.neuron.onset import onset
+from softness_bayes.touch.neuron.firing import exact_curves
+from softness_bayes.touch.neuron.membrane import (
+    CONNOR_STEVENS,
+    HODGKIN_HUXLEY,
+    PAPER_CHANNELS,
+    PRINTED,
+    Channels,
+    Membrane,
+)
+from softness_bayes.touch.neuron.onset import Onset, onset
 from softness_bayes.touch.neuron.rate import firing_rate
 from softness_bayes.touch.neuron.surface import ERRORS, TABLES, FiringSurface, Summed, TotalDegree
 from softness_bayes.touch.neuron.surface_design import DESIGNS
@@ -35,6 +44,15 @@ def connor_stevens() -> FiringSurface:
 @pytest.fixture(scope="module")
 def hodgkin_huxley() -> FiringSurface:
     return FiringSurface.load(HODGKIN_HUXLEY)
+
+
+@pytest.fixture(scope="module")
+def births(hodgkin_huxley: FiringSurface) -> tuple[Channels, Onset]:
+    """Two channel vectors and their onsets, folds of orbits."""
+    # the first of these was once taken for another kind of onset, for passing slowly by the lost orbit
+    place = np.array([[-0.627, 0.987, -0.734], [0.9, -0.95, 0.2]]).T
+    channels = hodgkin_huxley.design.channels_at(place)
+    return channels, onset(channels, HODGKIN_HUXLEY, hodgkin_huxley.curve(channels).rheobase)
 
 
 def test_rates_at_random_points(surface: FiringSurface, rng: np.random.Generator) -> None:
@@ -78,15 +96,32 @@ def test_measured_errors_are_kept_and_meet_what_is_promised() -> None:
 
 
 def test_a_small_measurement_agrees_with_the_kept_one(surface: FiringSurface) -> None:
-    error = surface_build.measure(surface, lambda _: None, points=300, corner=0, seed=7, onsets=2)
+    error = surface_build.measure(surface, lambda _: None, points=300, corner=0, seed=7, onsets=0)
     assert error["of_allowance"] < 1.0
     assert error["relative_median"] < 1e-5
     # negative control: a table that is wrong in the third digit fails it
     spoilt = FiringSurface(surface.design, surface.table * 1.005, surface.border, surface.error)
-    assert surface_build.measure(spoilt, lambda _: None, points=300, corner=0, seed=7, onsets=0)["of_allowance"] > 1.0
+    assert surface_build.measure(spoilt, lambda _: None, points=40, corner=0, seed=7, onsets=0)["of_allowance"] > 1.0
 
 
-def test_beyond_the_border_a_vector_has_its_own_exact_curve(connor_stevens: FiringSurface) -> None:
+def test_the_error_of_the_onset_is_that_from_the_exact_one(
+    hodgkin_huxley: FiringSurface, rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def shifted(channels: Channels, membrane: Membrane, expected: np.ndarray) -> Onset:
+        assert membrane == HODGKIN_HUXLEY
+        np.testing.assert_array_equal(expected, hodgkin_huxley.curve(channels).rheobase)
+        away, rate = np.linspace(0.0, 3e-4, expected.size), hodgkin_huxley.curve(channels).onset_rate
+        return Onset(expected - away, rate + 100.0 * away, np.full_like(rate, np.nan), np.ones(rate.shape, bool))
+
+    monkeypatch.setattr(surface_build, "onset", shifted)
+    assert surface_build._measure_onset(hodgkin_huxley, rng, 5) == pytest.approx((3e-4, 3e-2))
+
+
+def test_beyond_the_border_a_vector_has_its_own_exact_curve(
+    connor_stevens: FiringSurface, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    exact_curve = cache(module.exact_curve)  # the same arguments make the same curve
+    monkeypatch.setattr(module, "exact_curve", exact_curve)
     together = connor_stevens.curve(Channels(*np.array([PAPER_CHANNELS, CORNER, PAPER_CHANNELS]).T))
     own = exact_curve(CORNER, CONNOR_STEVENS, connor_stevens.max_current, connor_stevens.design.nodes)
     current = np.linspace(15.0, 60.0, 50)
@@ -113,19 +148,16 @@ def test_the_border_is_where_firing_stops_beginning_at_the_fold(
         assert ((firing_rate(current, channels) > 0.0) == fires).mean() > 0.95
 
 
-def test_firing_begins_where_orbits_are_born(hodgkin_huxley: FiringSurface) -> None:
-    # the first of these was once taken for another kind of onset, for passing slowly by the lost orbit
-    place = np.array([[-0.627, 0.987, -0.734], [0.9, -0.95, 0.2]]).T
-    channels = hodgkin_huxley.design.channels_at(place)
+def test_firing_begins_where_orbits_are_born(hodgkin_huxley: FiringSurface, births: tuple[Channels, Onset]) -> None:
+    channels, begin = births
     curve = hodgkin_huxley.curve(channels)
-    begin = onset(channels, HODGKIN_HUXLEY, curve.rheobase)
     assert begin.born.all()
     np.testing.assert_allclose(curve.rheobase, begin.rheobase, atol=surface_build.NEAR_JUMP)
     np.testing.assert_allclose(curve.onset_rate, begin.rate, atol=0.1)
-    # an expectation only says where to look first
-    for shift in (0.003, 0.5):
-        other = onset(channels, HODGKIN_HUXLEY, begin.rheobase + shift)
-        np.testing.assert_allclose(other.rheobase, begin.rheobase, atol=1e-4)
+    # an expectation only says where to look first: from a wrong one, all currents are searched. One that is a little
+    # wrong is tested at the first vector, among the slow tests of the membrane
+    other = onset(channels, HODGKIN_HUXLEY, begin.rheobase + 0.5)
+    np.testing.assert_allclose(other.rheobase, begin.rheobase, atol=1e-4)
     below, above = (curve.rate(curve.rheobase[:, None] + step)[:, 0] for step in (-1e-9, 1e-9))
     assert (below == 0.0).all()
     assert (above > 40.0).all()
@@ -136,11 +168,19 @@ def test_a_current_that_the_membrane_lacks_has_no_effect(hodgkin_huxley: FiringS
     np.testing.assert_array_equal(usual.coefficients, other.coefficients)
 
 
-def test_exact_curves_of_a_batch_go_through_exact_rates(surface: FiringSurface, rng: np.random.Generator) -> None:
+def test_exact_curves_of_a_batch_go_through_exact_rates(
+    surface: FiringSurface,
+    births: tuple[Channels, Onset],
+    rng: np.random.Generator,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     channels = surface.design.channels_at(rng.uniform(-0.5, 0.5, (len(surface.design.axes), 3)))
-    limit = np.array([22.0, 30.0, 40.0])
+    if surface.design.membrane == HODGKIN_HUXLEY:
+        channels, begin = births
+        monkeypatch.setattr(firing, "onset", lambda *_: begin)
+    limit = np.array([22.0, 30.0, 40.0])[: channels.c_K.size]
     exact = exact_curves(channels, surface.design.membrane, limit, expected=surface.curve(channels).rheobase)
-    for i in range(3):
+    for i in range(limit.size):
         current = np.linspace(float(exact.rheobase[i]) + 0.05, limit[i], 7)
         rates = firing_rate(current, Channels(*(c[i] for c in channels)), surface.design.membrane)
         np.testing.assert_allclose(exact.take(i).rate(current), rates, rtol=1e-4)
