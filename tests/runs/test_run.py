@@ -644,7 +644,6 @@ def test_the_result_says_whether_it_is_exact_enough(result):
 
 
 def test_under_noise_the_result_says_what_rates_it_was_compared_with(experiment, options, result, monkeypatch):
-    monkeypatch.setattr(fixed_channels, "LARGEST_CURRENT", 40.0)
     monkeypatch.setattr(fixed_channels, "noisy_curve", lambda noise, *curve: fixed_channels.exact_curve(*curve))
     noisy = sample(experiment, *options, noise=1.0, max_steps=4)
     assert "against the same noise-averaged firing rates and a finer quadrature" in noisy.attributes["exactness"]
