@@ -18,9 +18,16 @@ from softness_bayes.touch.neuron.firing import CurveError, RateCurve
 from softness_bayes.touch.neuron.membrane import HODGKIN_HUXLEY, Channels
 from softness_bayes.touch.neuron.onset import onset
 from softness_bayes.touch.parameters import TouchParameters
+from support.longest import LONGEST
 from support.once import Kept, made_once
 from support.paths import SHARED
 from support.randomness import SEED, generator_of
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Begin with the files that take longest, so that none is left to a single process at the end."""
+    place = {name: k for k, name in enumerate(LONGEST)}
+    items.sort(key=lambda item: place.get(item.path.relative_to(Path(__file__).parent).as_posix(), len(place)))
 
 
 def pytest_report_header() -> str:
@@ -77,6 +84,17 @@ def brief_pilot():
     """Learn little in the pilot walk: for runs whose draws nobody judges."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(request_module, "Settings", functools.partial(Settings, pilot=(20, 20), optima=1))
+        yield
+
+
+@pytest.fixture(scope="module")
+def few_pictures():
+    """Draw one picture for a report: for tests that look at something else of it."""
+    from softness_bayes.report import page
+
+    every = page.figures_of
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(page, "figures_of", lambda result: every(result)[:1])
         yield
 
 

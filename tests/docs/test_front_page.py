@@ -37,7 +37,7 @@ def brief_run(verb, rest):
 
 
 @pytest.fixture(scope="module")
-def ended(tmp_path_factory, brief_pilot):
+def ended(tmp_path_factory, brief_pilot, few_pictures):
     """A directory with the shipped data in which the commands ran one after another; each line with its exit code."""
     directory = tmp_path_factory.mktemp("clone")
     shutil.copytree(DATA, directory / "data")

@@ -104,7 +104,7 @@ def test_a_run_with_another_finger_is_another_run():
     assert Request().with_options(finger=SMALLER).choices()["finger"] == str(SMALLER)
 
 
-def test_the_finger_goes_from_the_command_line_into_the_result_and_its_figures(tmp_path, brief_pilot):
+def test_the_finger_goes_from_the_command_line_into_the_result_and_its_page(tmp_path, brief_pilot, few_pictures):
     few_ratings(tmp_path)
     held = [part for name, value in HELD.items() for part in ("--fix", f"{name}={value}")]
     asked = ["--data", tmp_path / "ratings.csv", *held, "--max-steps", "4", "--processes", "1", "--no-figures"]

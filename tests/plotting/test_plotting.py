@@ -210,7 +210,7 @@ def test_a_logarithmic_axis_always_has_numbers(limits: tuple[float, float]) -> N
     assert 3 <= sum(bool(text) for text in texts) <= 9
 
 
-@pytest.mark.parametrize(("dimension", "draws"), [(1, 500), (2, 30), (8, 9000), (12, 600)])
+@pytest.mark.parametrize(("dimension", "draws"), [(1, 500), (2, 30), (10, 9000)])
 def test_corner_has_a_panel_for_every_pair(dimension: int, draws: int) -> None:
     values = np.exp(np.random.default_rng(5).standard_normal((draws, dimension)))
     labels = [rf"$x_{{{k}}}$ [kPa]" for k in range(dimension)]

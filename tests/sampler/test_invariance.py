@@ -75,4 +75,4 @@ def test_a_biased_move_is_caught():
     if tuple(int(part) for part in emcee.__version__.split(".")[:3]) > (3, 1, 6):
         pytest.skip("the snooker move is mended after emcee 3.1.6")
     moves = ((DifferentialEvolution(), 0.6), (Snooker(), 0.4))
-    assert spread_in_errors(CorrelatedNormal(), moves, 6000) > 8
+    assert spread_in_errors(CorrelatedNormal(), moves, 3000) > 8

@@ -1,0 +1,28 @@
+"""The test files that take longest, the longest first; ``pytest --durations=50`` says which these are."""
+
+LONGEST = (
+    "touch/neuron/test_surface.py",
+    "touch/neuron/test_firing.py",
+    "touch/neuron/test_membrane.py",
+    "runs/test_run.py",
+    "results/test_integrity.py",
+    "cli/test_interrupts.py",
+    "cli/test_cli_runs.py",
+    "cli/test_cli_verbs.py",
+    "runs/test_calibration.py",
+    "runs/test_compare.py",
+    "likelihood/test_z_scores.py",
+    "runs/test_plate.py",
+    "docs/test_front_page.py",
+    "files/test_outputs.py",
+    "touch/neuron/test_noise.py",
+    "runs/test_storable.py",
+    "plotting/test_plotting.py",
+    "report/test_report.py",
+    "report/test_report_browser.py",
+    "model/test_fingers.py",
+    "docs/test_files_page.py",
+    "cli/test_fuzz_results.py",
+    "checking/test_exactness.py",
+    "sampler/test_invariance.py",
+)
