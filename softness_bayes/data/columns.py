@@ -80,6 +80,7 @@ class Column:
 
 
 _POSITIVE = Range(0.0, above=True)
+_NOT_NEGATIVE = Range(0.0)
 
 INDENTATION = Column("indentation_mm", "indentation", "mm", power=-3, range=INDENTATIONS)
 FORCE = Column("force_n", "force", "N", range=FORCES)
@@ -89,6 +90,20 @@ THICKNESS = Column("thickness_mm", "thickness", "mm", power=-3, range=_POSITIVE)
 POISSON_RATIO = Column("poisson_ratio", "Poisson ratio", "", range=Range(-1.0, 0.5, above=True))
 BENDING_RIGIDITY = Column("bending_rigidity_n_m", "bending rigidity", "N m", range=_POSITIVE)
 EFFECTIVE_MODULUS = Column("effective_modulus_kpa", "effective modulus", "kPa", power=3, range=_POSITIVE)
+
+RELATIVE_ERRORS = Range(0.0, 3.0)
+"""Standard errors of a measured property relative to its value; 0 is exact."""
+
+TENSILE_MODULUS_CV = Column("tensile_modulus_cv", "relative error of the tensile modulus", "", range=RELATIVE_ERRORS)
+THICKNESS_CV = Column("thickness_cv", "relative error of the thickness", "", range=RELATIVE_ERRORS)
+BENDING_RIGIDITY_CV = Column("bending_rigidity_cv", "relative error of the rigidity", "", range=RELATIVE_ERRORS)
+EFFECTIVE_MODULUS_CV = Column("effective_modulus_cv", "relative error of the modulus", "", range=RELATIVE_ERRORS)
+TENSILE_MODULUS_SD = Column("tensile_modulus_sd_mpa", "standard error of the tensile modulus", "MPa", 6, _NOT_NEGATIVE)
+THICKNESS_SD = Column("thickness_sd_mm", "standard error of the thickness", "mm", -3, _NOT_NEGATIVE)
+BENDING_RIGIDITY_SD = Column("bending_rigidity_sd_n_m", "standard error of the rigidity", "N m", 0, _NOT_NEGATIVE)
+EFFECTIVE_MODULUS_SD = Column("effective_modulus_sd_kpa", "standard error of the modulus", "kPa", 3, _NOT_NEGATIVE)
+EFFECTIVE_MODULUS_LOW = Column("effective_modulus_low_kpa", "least modulus", "kPa", 3, _POSITIVE)
+EFFECTIVE_MODULUS_HIGH = Column("effective_modulus_high_kpa", "largest modulus", "kPa", 3, _POSITIVE)
 
 LABELS = ("participant", "fabric", "trial", "indentor")
 """The columns of names."""
@@ -103,8 +118,26 @@ NUMBERS: Mapping[str, Column] = {
         POISSON_RATIO,
         BENDING_RIGIDITY,
         EFFECTIVE_MODULUS,
+        TENSILE_MODULUS_CV,
+        THICKNESS_CV,
+        BENDING_RIGIDITY_CV,
+        EFFECTIVE_MODULUS_CV,
+        TENSILE_MODULUS_SD,
+        THICKNESS_SD,
+        BENDING_RIGIDITY_SD,
+        EFFECTIVE_MODULUS_SD,
+        EFFECTIVE_MODULUS_LOW,
+        EFFECTIVE_MODULUS_HIGH,
     )
 }
 """The columns of numbers, by name."""
-MODULUS_SOURCES = (EFFECTIVE_MODULUS, BENDING_RIGIDITY, TENSILE_MODULUS)
-"""Sources of a fabric's modulus; the first available one is used (a tensile modulus needs a thickness)."""
+MODULUS_SOURCES = (EFFECTIVE_MODULUS, EFFECTIVE_MODULUS_LOW, BENDING_RIGIDITY, TENSILE_MODULUS)
+"""Sources of a fabric's modulus; the first available one is used. A least modulus needs a largest one, and a tensile
+modulus a thickness."""
+STANDARD_ERRORS: Mapping[Column, tuple[Column, Column]] = {
+    TENSILE_MODULUS: (TENSILE_MODULUS_CV, TENSILE_MODULUS_SD),
+    THICKNESS: (THICKNESS_CV, THICKNESS_SD),
+    BENDING_RIGIDITY: (BENDING_RIGIDITY_CV, BENDING_RIGIDITY_SD),
+    EFFECTIVE_MODULUS: (EFFECTIVE_MODULUS_CV, EFFECTIVE_MODULUS_SD),
+}
+"""Columns of a property's standard error, relative to its value and in its unit; a row gives one of them at most."""

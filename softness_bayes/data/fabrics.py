@@ -5,19 +5,28 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from softness_bayes.data.columns import (
     BENDING_RIGIDITY,
+    BENDING_RIGIDITY_CV,
     EFFECTIVE_MODULUS,
+    EFFECTIVE_MODULUS_CV,
+    EFFECTIVE_MODULUS_HIGH,
+    EFFECTIVE_MODULUS_LOW,
     MODULUS_SOURCES,
     POISSON_RATIO,
+    RELATIVE_ERRORS,
+    STANDARD_ERRORS,
     TENSILE_MODULUS,
+    TENSILE_MODULUS_CV,
     THICKNESS,
+    THICKNESS_CV,
     Column,
 )
-from softness_bayes.data.names import alike_notes, natural
+from softness_bayes.data.names import alike_notes, listing, natural
 from softness_bayes.data.tables import FloatArray, Table, check_renames, read_only, read_table
 from softness_bayes.errors import InputError, quoted
 from softness_bayes.touch.contact import PLATE_LENGTH, PRINTED_RIGIDITY, FabricModulus
@@ -31,8 +40,20 @@ PROPERTIES: Mapping[str, Column] = {
     "poisson_ratio": POISSON_RATIO,
     "bending_rigidity": BENDING_RIGIDITY,
     "effective_modulus": EFFECTIVE_MODULUS,
+    "tensile_modulus_cv": TENSILE_MODULUS_CV,
+    "thickness_cv": THICKNESS_CV,
+    "bending_rigidity_cv": BENDING_RIGIDITY_CV,
+    "effective_modulus_cv": EFFECTIVE_MODULUS_CV,
+    "effective_modulus_low": EFFECTIVE_MODULUS_LOW,
+    "effective_modulus_high": EFFECTIVE_MODULUS_HIGH,
 }
 """Field of `Fabrics` -> its column."""
+
+
+_EXPECTED = (
+    f"expected {EFFECTIVE_MODULUS.name}, or {BENDING_RIGIDITY.name}, or both {TENSILE_MODULUS.name} and "
+    f"{THICKNESS.name}, or both {EFFECTIVE_MODULUS_LOW.name} and {EFFECTIVE_MODULUS_HIGH.name}"
+)
 
 
 def _unmeasured() -> FloatArray:
@@ -55,13 +76,18 @@ class Fabrics:
         D [N m]; takes precedence over E_ten and h.
     effective_modulus
         E_fab [Pa]; takes precedence over all others.
+    tensile_modulus_cv, thickness_cv, bending_rigidity_cv, effective_modulus_cv
+        Standard errors relative to the values; 0 for an exact one.
+    effective_modulus_low, effective_modulus_high
+        Bracket of an E_fab that was not measured [Pa].
     source, rows, digest, notes
         File, line of each fabric in it, SHA-256 of its bytes, and notes for the user.
 
     Raises
     ------
     InputError
-        If names repeat, a value is out of range, or a fabric lacks the properties for a modulus.
+        If names repeat, a value is out of range, a bracket is not one, or no fabric has the properties for a modulus.
+        A fabric without them beside others that have them has an unknown modulus.
     """
 
     names: tuple[str, ...]
@@ -70,6 +96,12 @@ class Fabrics:
     poisson_ratio: FloatArray = field(default_factory=_unmeasured)
     bending_rigidity: FloatArray = field(default_factory=_unmeasured)
     effective_modulus: FloatArray = field(default_factory=_unmeasured)
+    tensile_modulus_cv: FloatArray = field(default_factory=_unmeasured)
+    thickness_cv: FloatArray = field(default_factory=_unmeasured)
+    bending_rigidity_cv: FloatArray = field(default_factory=_unmeasured)
+    effective_modulus_cv: FloatArray = field(default_factory=_unmeasured)
+    effective_modulus_low: FloatArray = field(default_factory=_unmeasured)
+    effective_modulus_high: FloatArray = field(default_factory=_unmeasured)
     source: str = "fabrics"
     rows: tuple[int, ...] = ()
     digest: str = ""
@@ -87,12 +119,23 @@ class Fabrics:
                 if not (np.isnan(value) or column.holds(value)):
                     raise InputError(f"{self._place(i)}: {name} is {value}, expected {column.expected}")
             object.__setattr__(self, name, read_only(values, float))
-        for i, source in enumerate(self.basis):
-            if not source:
-                raise InputError(
-                    f"{self._place(i)}: expected {EFFECTIVE_MODULUS.name}, or {BENDING_RIGIDITY.name}, "
-                    f"or both {TENSILE_MODULUS.name} and {THICKNESS.name}"
-                )
+        for i, basis in enumerate(self.basis):
+            self._require_bracket(i)
+            half = not (np.isnan(self.tensile_modulus[i]) and np.isnan(self.thickness[i]))
+            if not basis and (half or not any(self.basis)):
+                raise InputError(f"{self._place(i)}: {_EXPECTED}")
+
+    def _require_bracket(self, i: int) -> None:
+        """Refuse half a bracket, one without a width, and one beside a measured modulus."""
+        low, high = self.effective_modulus_low[i], self.effective_modulus_high[i]
+        if np.isnan(low) and np.isnan(high):
+            return
+        both = f"{EFFECTIVE_MODULUS_LOW.name} and {EFFECTIVE_MODULUS_HIGH.name}"
+        if not low < high:
+            low, high = (f"{value / EFFECTIVE_MODULUS.factor:g}" for value in (low, high))
+            raise InputError(f"{self._place(i)}: {both} are {low} and {high}, expected both, the first below the other")
+        if not np.isnan(self.effective_modulus[i]):
+            raise InputError(f"{self._place(i)}: expected {EFFECTIVE_MODULUS.name}, or {both}, but not all three")
 
     def __len__(self) -> int:
         return len(self.names)
@@ -102,13 +145,18 @@ class Fabrics:
         """The column that each fabric's modulus comes from, empty if there is none."""
         measured = (
             ~np.isnan(self.effective_modulus),
+            ~np.isnan(self.effective_modulus_low),
             ~np.isnan(self.bending_rigidity),
             ~np.isnan(self.tensile_modulus) & ~np.isnan(self.thickness),
         )
         return tuple(np.select(measured, [column.name for column in MODULUS_SOURCES], "").tolist())
 
-    def modulus(self, reading: FabricModulus = PRINTED_RIGIDITY, length: float = PLATE_LENGTH) -> FloatArray:
+    def modulus(
+        self, reading: FabricModulus = PRINTED_RIGIDITY, length: float = PLATE_LENGTH, unknown: float | None = None
+    ) -> FloatArray:
         """Return the effective modulus E_fab = D / l³ (n,) [Pa], or as measured (model.md 1).
+
+        Of a bracket it is the geometric mean.
 
         Parameters
         ----------
@@ -116,20 +164,46 @@ class Fabrics:
             Formula for D [N m] from E_ten, h and nu_fab, if it was not measured.
         length
             l [m].
+        unknown
+            Value of fabrics without a modulus [Pa].
 
         Raises
         ------
         InputError
-            If a modulus overflows or vanishes.
+            If a modulus overflows or vanishes, or is unknown and there is no value for it.
         """
         with np.errstate(over="ignore", under="ignore"):
             computed = reading.rigidity(self.tensile_modulus, self.thickness, self.poisson_ratio)
             rigidity = np.where(np.isnan(self.bending_rigidity), computed, self.bending_rigidity)
-            modulus = np.where(np.isnan(self.effective_modulus), rigidity / length**3, self.effective_modulus)
+            bracketed = np.sqrt(self.effective_modulus_low) * np.sqrt(self.effective_modulus_high)
+            modulus = np.where(np.isnan(bracketed), rigidity / length**3, bracketed)
+            modulus = np.where(np.isnan(self.effective_modulus), modulus, self.effective_modulus)
+        known = np.array([bool(basis) for basis in self.basis])
+        if unknown is not None:
+            modulus = np.where(known, modulus, unknown)
+        elif not known.all():
+            raise InputError(f"{self._place(int(known.argmin()))}: its modulus is unknown; {_EXPECTED}")
         for i, value in enumerate(modulus):
             if not (np.isfinite(value) and value > 0):
                 raise InputError(f"{self._place(i)}: E_fab is {value} Pa, expected a positive modulus")
         return modulus
+
+    def modulus_cv(self) -> FloatArray:
+        """Return the relative standard error of each fabric's E_fab (n,), NaN where none is given or none applies.
+
+        A rigidity from E_ten h³ has that of E_ten and three times that of h, taken as independent errors of the
+        logarithms: sd(log E_fab)² = sd(log E_ten)² + 9 sd(log h)² (model.md 1).
+        """
+        tensile, thickness = log_sd(self.tensile_modulus_cv), log_sd(self.thickness_cv)
+        none = np.isnan(tensile) & np.isnan(thickness)
+        squared = np.where(none, np.nan, np.nan_to_num(tensile) ** 2 + 9.0 * np.nan_to_num(thickness) ** 2)
+        by_basis = {
+            EFFECTIVE_MODULUS.name: self.effective_modulus_cv,
+            BENDING_RIGIDITY.name: self.bending_rigidity_cv,
+            TENSILE_MODULUS.name: np.sqrt(np.expm1(squared)),
+        }
+        missing = np.full(len(self), np.nan)
+        return np.array([by_basis.get(basis, missing)[i] for i, basis in enumerate(self.basis)], float)
 
     def take(self, names: tuple[str, ...]) -> Fabrics:
         """Return the fabrics of these names, in their order."""
@@ -155,7 +229,9 @@ class Fabrics:
         """Read a fabric table, one row per fabric.
 
         Columns: `fabric`; in each row `effective_modulus_kpa`, or `bending_rigidity_n_m`, or
-        `tensile_modulus_mpa` and `thickness_mm`; `poisson_ratio` where known.
+        `tensile_modulus_mpa` and `thickness_mm`, or `effective_modulus_low_kpa` and `effective_modulus_high_kpa`, or
+        nothing if the modulus is unknown; `poisson_ratio` where known; standard errors of the measured properties
+        where known, relative to their values (`effective_modulus_cv`) or in their units (`effective_modulus_sd_kpa`).
 
         Parameters
         ----------
@@ -184,11 +260,15 @@ class Fabrics:
             if rows[name] and not repeated:
                 raise table.error(i, "fabric", f"{quoted(name)} stands in row {table.rows[rows[name][0]]} already")
             rows[name].append(i)
-        properties = {}
+        properties: dict[str, Any] = {}
         for name, column in PROPERTIES.items():
             filed = table.numbers(column)
             properties[name] = np.array([_agreed(table, column, filed, own) for own in rows.values()])
         notes = [f"{table.path.name}: {note}" for note in (*table.notes, *alike_notes("fabric", rows))]
+        for column, (relative, absolute) in STANDARD_ERRORS.items():
+            name = next(name for name, one in PROPERTIES.items() if one is relative)
+            value = properties[next(name for name, one in PROPERTIES.items() if one is column)]
+            properties[name] = _relative(table, rows, value, properties[name], column, relative, absolute)
         usual = np.isnan(properties["poisson_ratio"]).sum()
         if usual:
             notes.append(
@@ -196,14 +276,54 @@ class Fabrics:
                 f"{len(rows)} fabrics, which have none"
             )
         first = tuple(int(table.rows[own[0]]) for own in rows.values())
-        return cls(
+        found = cls(
             tuple(rows),
             **properties,
             source=str(table.path),
             rows=first,
             digest=table.digest,
-            notes=tuple(notes),
         )
+        if unknown := [name for name, basis in zip(found.names, found.basis, strict=True) if not basis]:
+            notes.append(f"{table.path.name}: fabrics of unknown modulus: {listing(unknown)}")
+        return replace(found, notes=tuple(notes))
+
+
+def log_sd(cv: FloatArray) -> FloatArray:
+    """Return the standard deviation of the logarithm of a log-normal quantity with relative standard deviation cv."""
+    return np.sqrt(np.log1p(np.asarray(cv, float) ** 2))
+
+
+def _relative(
+    table: Table,
+    rows: Mapping[str, list[int]],
+    value: FloatArray,
+    cv: FloatArray,
+    column: Column,
+    relative: Column,
+    absolute: Column,
+) -> FloatArray:
+    """Return the relative errors of a property; one of them is given as it is or in the unit of the property.
+
+    Raises
+    ------
+    InputError
+        If a row has both, an error without a value, or an error that is too large.
+    """
+    filed = table.numbers(absolute)
+    found = np.array(cv)
+    for k, own in enumerate(rows.values()):
+        sd, i = _agreed(table, absolute, filed, own), own[0]
+        if not np.isnan(sd):
+            if not np.isnan(cv[k]):
+                raise table.error(i, absolute.name, f"expected this or {relative.name}, but not both")
+            found[k] = sd / value[k]
+        name = absolute.name if not np.isnan(sd) else relative.name
+        if not np.isnan(sd if not np.isnan(sd) else cv[k]) and np.isnan(value[k]):
+            raise table.error(i, name, f"an error of {column.name}, which has no value in this row")
+        if not np.isnan(sd) and not relative.holds(found[k]):
+            limit = f"expected at most {RELATIVE_ERRORS.high:g} times the value, got {quoted(table.cells[name][i])}"
+            raise table.error(i, name, limit)
+    return found
 
 
 def _agreed(table: Table, column: Column, filed: FloatArray, own: list[int]) -> float:

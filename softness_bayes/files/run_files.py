@@ -10,9 +10,13 @@ POSTERIOR, SUMMARY, NONFINITE = "posterior.nc", "summary.csv", "nonfinite.csv"
 CHECKPOINT, MANIFEST, LOCK = "checkpoint", "manifest.json", "lock"
 """Directory of a run's checkpoint inside that of its results, and two files in it."""
 
+MODULI = "fabric_moduli"
+"""The table of moduli that were not known exactly, if there are any."""
+
 TABLES: Mapping[str, str | list[str]] = {
     "directions": "direction",
     "predictive_checks": ["law", "quantity"],
+    MODULI: "fabric",
 }
 """Further tables of a result by the name of their file, with the columns that identify a row."""
 

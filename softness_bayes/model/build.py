@@ -21,6 +21,7 @@ from softness_bayes.model.scenes import scene_of
 from softness_bayes.parameters.choice import parameter_space
 from softness_bayes.parameters.coordinates import Bent, Scaled
 from softness_bayes.parameters.declared import PARAMETERS
+from softness_bayes.parameters.fabric_moduli import FabricModuli
 from softness_bayes.parameters.space import ParameterSpace
 from softness_bayes.touch import accuracy
 from softness_bayes.touch.scene import Discretisation, Scene
@@ -103,6 +104,7 @@ def build(experiment: Experiment, options: ModelOptions = ModelOptions()) -> Exp
     if options.direction is None:
         options = options.decide(direction=chosen.direction)
     space, resolution = space_of(experiment, options), None
+    moduli = moduli_of(experiment, options)
     compiled = _compiler(experiment, options, space)
     if options.discretisation is None:
         resolution = resolution_for(compiled, prior_draws(space), options.accuracy)
@@ -113,7 +115,7 @@ def build(experiment: Experiment, options: ModelOptions = ModelOptions()) -> Exp
         experiment.ratings.rating, design_of(experiment)
     )
     plates = () if experiment.compression is None else (forces_of(experiment.compression, options),)
-    posterior = Posterior(_bent(space, scene), (observation, *plates), scene)
+    posterior = Posterior(_bent(space, scene).with_moduli(moduli), (observation, *plates), scene)
     return ExperimentModel(experiment, options, posterior, scene, chosen, resolution)
 
 
@@ -173,6 +175,12 @@ def space_of(experiment: Experiment, options: ModelOptions) -> ParameterSpace:
     )
 
 
+def moduli_of(experiment: Experiment, options: ModelOptions) -> FabricModuli:
+    """Return the fabrics' effective moduli, and the laws of those that are not known exactly."""
+    reading = options.readings.fabric_modulus
+    return FabricModuli.of(experiment.fabrics, reading, options.modulus_cv, options.unknown_modulus)
+
+
 def design_of(experiment: Experiment) -> Design:
     """Return who rated what, the conditions by fabric, then load."""
     ratings, conditions = experiment.ratings, experiment.ratings.conditions
@@ -195,7 +203,7 @@ def _compiler(
     experiment: Experiment, options: ModelOptions, space: ParameterSpace
 ) -> Callable[[Discretisation], Scene]:
     """Return the function that compiles the scene of an experiment in a discretisation."""
-    conditions = experiment.ratings.conditions
+    conditions, moduli = experiment.ratings.conditions, moduli_of(experiment, options)
 
     def compiled(discretisation: Discretisation) -> Scene:
         return scene_of(
@@ -208,6 +216,7 @@ def _compiler(
             discretisation,
             options.noise,
             options.finger,
+            moduli,
         )
 
     return compiled

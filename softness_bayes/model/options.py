@@ -6,10 +6,12 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
 from typing import Any, Self
 
+from softness_bayes.data.columns import RELATIVE_ERRORS
 from softness_bayes.defaults import ACCURACY, NOISE, PRIOR_SET
 from softness_bayes.likelihood.directions import RatingDirection, direction_named
 from softness_bayes.likelihood.scales import MAGNITUDE, RATING_SCALES, Scale
 from softness_bayes.model.fingers import finger_of, values_of
+from softness_bayes.parameters.fabric_moduli import UNKNOWN_MODULUS, require_law
 from softness_bayes.parameters.priors import Prior, parse_prior
 from softness_bayes.touch.contact import Finger
 from softness_bayes.touch.readings import MENDED, Readings
@@ -33,6 +35,11 @@ class ModelOptions:
         Whether ratings rise or fall with the response; None for the direction that the data show.
     finger
         The fingertip: its radius, its pad, the depth of its receptors, the place of contact.
+    modulus_cv
+        Relative standard error of measured moduli that have none of their own in the table; 0 if they are exact. None
+        takes them as exact too, and the run says what that may cost.
+    unknown_modulus
+        Law of the moduli of fabrics of which nothing is known [kPa].
     noise
         Strength of the membranes' white current [µA/cm² sqrt(ms)]; needs fixed channel multipliers.
     accuracy
@@ -51,10 +58,17 @@ class ModelOptions:
     direction: RatingDirection | None = None
     scale: Scale = MAGNITUDE
     finger: Finger = Finger()
+    modulus_cv: float | None = None
+    unknown_modulus: Prior = UNKNOWN_MODULUS
     noise: float = NOISE
     accuracy: float = ACCURACY
     discretisation: Discretisation | None = None
     decided: frozenset[str] = frozenset()
+
+    def __post_init__(self) -> None:
+        if self.modulus_cv is not None:
+            RELATIVE_ERRORS.require("modulus_cv", self.modulus_cv)
+        require_law("unknown_modulus", self.unknown_modulus)
 
     def decide(self, **found: Any) -> Self:
         """Return the options with some that were open decided, by name."""
@@ -77,6 +91,8 @@ class ModelOptions:
             "direction_decided": "direction" in self.decided,
             "scale": self.scale.name,
             **({"finger": values_of(self.finger)} if self.finger != Finger() else {}),
+            **({} if self.modulus_cv is None else {"modulus_cv": self.modulus_cv}),
+            **({"unknown_modulus": str(self.unknown_modulus)} if self.unknown_modulus != UNKNOWN_MODULUS else {}),
             "noise": self.noise,
             "accuracy": self.kept_accuracy,
             "discretisation": None if self.discretisation is None else asdict(self.discretisation),
@@ -105,6 +121,8 @@ class ModelOptions:
             scale=RATING_SCALES[record["scale"]],
             # records of earlier versions have none: the finger was the usual one
             finger=finger_of(record.get("finger", {})),
+            modulus_cv=record.get("modulus_cv"),
+            unknown_modulus=parse_prior(record.get("unknown_modulus", str(UNKNOWN_MODULUS))),
             noise=record["noise"],
             accuracy=ACCURACY if accuracy is None else accuracy,
             discretisation=None if discretisation is None else Discretisation(**discretisation),

@@ -34,8 +34,8 @@ class ForwardModel(Protocol):
     def n_receptors(self) -> float:
         """Mean number of receptors of the pad."""
 
-    def total_rate(self, parameters: TouchParameters) -> FloatArray:
-        """Total rate [spikes/s] of every condition, shape (..., conditions)."""
+    def total_rate(self, parameters: TouchParameters, modulus: FloatArray | None = None) -> FloatArray:
+        """Total rate [spikes/s] of every condition, shape (..., conditions), for fabrics of other moduli [Pa]."""
 
 
 @dataclass(frozen=True)
@@ -171,7 +171,7 @@ class Posterior(Density):
     def mean_rate(self, theta: FloatArray) -> FloatArray:
         """The pad's mean rate N/N_ref [Hz] at points theta, shape (..., conditions)."""
         # if every parameter of the chain is held, all points share one response
-        rate = self.scene.total_rate(self.space.touch(theta)) / self.scene.n_receptors
+        rate = self.scene.total_rate(self.space.touch(theta), self.space.modulus(theta)) / self.scene.n_receptors
         return np.broadcast_to(rate, (*theta.shape[:-1], rate.shape[-1]))
 
     def response_is_finite(self, theta: FloatArray) -> bool:

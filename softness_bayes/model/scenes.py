@@ -12,6 +12,7 @@ from softness_bayes.data import Fabrics
 from softness_bayes.errors import InputError
 from softness_bayes.parameters.choice import parameter_space
 from softness_bayes.parameters.declared import PARAMETERS
+from softness_bayes.parameters.fabric_moduli import FabricModuli
 from softness_bayes.touch.contact import Finger, Load
 from softness_bayes.touch.neuron.fixed_channels import Firing, FixedChannels
 from softness_bayes.touch.neuron.membrane import Channels, Membrane
@@ -109,6 +110,7 @@ def scene_of(
     discretisation: Discretisation = Discretisation(),
     noise: float = 0.0,
     finger: Finger = Finger(),
+    moduli: FabricModuli | None = None,
 ) -> Scene:
     """Compile the scene of some fabrics under some loads.
 
@@ -128,8 +130,10 @@ def scene_of(
         Strength of the membrane's white current, as `firing_of` takes it.
     finger
         The fingertip that touches.
+    moduli
+        Moduli of the fabrics, some of them not known exactly; by default the measured ones.
     """
-    modulus = fabrics.modulus(readings.fabric_modulus)
+    modulus = fabrics.modulus(readings.fabric_modulus) if moduli is None else np.array(moduli.middle)
     firing = firing_of(values, readings.membrane, noise, discretisation.rate_nodes)
     return Scene(
         modulus,
@@ -141,4 +145,5 @@ def scene_of(
         finger=finger,
         readings=readings,
         discretisation=discretisation,
+        modulus_range=None if moduli is None or moduli.known else moduli.extent,
     )

@@ -195,6 +195,55 @@ class Uniform(Law):
 
 
 @dataclass(frozen=True)
+class LogUniform(Law):
+    """Law whose logarithm is uniform between two bounds, log p = -log x - log(log(high / low)).
+
+    Raises
+    ------
+    InputError
+        If the bounds are not positive, finite and in increasing order.
+    """
+
+    low: float
+    high: float
+
+    def __post_init__(self) -> None:
+        _require_finite(self)
+        _require(self, "low", self.low > 0, "a positive number")
+        least = self.low * (1.0 + LEAST_WIDTH)
+        _require(self, "high", self.high >= least, f"a number from {least!r}")
+
+    @property
+    def support(self) -> tuple[float, float]:
+        """The bounds."""
+        return self.low, self.high
+
+    @property
+    def median(self) -> float:
+        """The geometric mean of the bounds."""
+        return math.sqrt(self.low) * math.sqrt(self.high)
+
+    @property
+    def _width(self) -> float:
+        return math.log(self.high) - math.log(self.low)
+
+    def log_density(self, x: ArrayLike) -> FloatArray:
+        """Return the log density at ``x``."""
+        x = np.asarray(x, float)
+        inside = (x >= self.low) & (x <= self.high)
+        return np.where(inside, -np.log(np.where(inside, x, 1.0)) - math.log(self._width), -np.inf)
+
+    def cumulative(self, x: ArrayLike) -> FloatArray:
+        """Return the probability up to ``x``."""
+        inside = np.clip(np.asarray(x, float), self.low, self.high)
+        return (np.log(inside) - math.log(self.low)) / self._width
+
+    def quantile(self, p: ArrayLike) -> FloatArray:
+        """Return the value at probability ``p``."""
+        return np.clip(self.low * np.exp(self._width * np.asarray(p, float)), self.low, self.high)
+
+
+@dataclass(frozen=True)
 class LogNormal(Law):
     """Law whose logarithm is normal, optionally truncated on both sides of its median.
 
@@ -302,7 +351,7 @@ class Laws:
 
 
 LAWS: Mapping[str, type] = MappingProxyType(
-    {"lognormal": LogNormal, "halfnormal": HalfNormal, "normal": Normal, "uniform": Uniform}
+    {"lognormal": LogNormal, "halfnormal": HalfNormal, "normal": Normal, "uniform": Uniform, "loguniform": LogUniform}
 )
 """Every law by its written name."""
 

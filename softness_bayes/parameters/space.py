@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from types import MappingProxyType
 from typing import Any
@@ -14,7 +14,9 @@ from numpy.typing import NDArray
 from softness_bayes.errors import InputError
 from softness_bayes.parameters.coordinates import Coordinate, Coordinates, coordinate_for
 from softness_bayes.parameters.declared import EVERY_PARAMETER, PARAMETERS, Parameter
-from softness_bayes.parameters.priors import Laws
+from softness_bayes.parameters.fabric_moduli import FABRIC_MODULUS, FabricModuli
+from softness_bayes.parameters.priors import Laws, Prior
+from softness_bayes.ranges import Range
 from softness_bayes.touch.neuron.membrane import Channels
 from softness_bayes.touch.neuron.surface import FiringSurface
 from softness_bayes.touch.parameters import TouchParameters
@@ -22,6 +24,8 @@ from softness_bayes.touch.parameters import TouchParameters
 FloatArray = NDArray[np.float64]
 
 _REDRAWS = 1000
+
+_MODULI = Range(1e-12, 1e15, "kPa")
 
 LEAST_ODDS = 0.01
 """Smallest alpha / rheobase - 1 in the coordinate of sigma_0, which would diverge otherwise."""
@@ -45,6 +49,8 @@ class ParameterSpace:
     rheobase: float | None = None
     """Rheobase at the centre of the channels' box, or of the held channels [µA/cm²]. If it is known, the coordinate of
     sigma_0 is the stress at which receptors begin to fire, which the data determine best."""
+    moduli: FabricModuli | None = None
+    """The fabrics' moduli, if some are sampled; their parameters are the last of `sampled`."""
     _coordinates: Coordinates = field(init=False, repr=False, compare=False)
     _laws: Laws = field(init=False, repr=False, compare=False)
 
@@ -57,7 +63,7 @@ class ParameterSpace:
 
     def __reduce__(self) -> tuple[type, tuple[Any, ...]]:
         # a mapping proxy cannot travel to a worker
-        return type(self), (self.sampled, dict(self.held), self.firing, dict(self.bent), self.rheobase)
+        return type(self), (self.sampled, dict(self.held), self.firing, dict(self.bent), self.rheobase, self.moduli)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -189,9 +195,36 @@ class ParameterSpace:
         """Return the parameters of the forward model in SI at points ``theta``."""
         return TouchParameters(*(self.value(n, theta) * PARAMETERS[n].si for n in TouchParameters._fields))
 
+    @property
+    def chain(self) -> tuple[Parameter, ...]:
+        """The sampled parameters without the fabrics' moduli."""
+        return self.sampled[: self.n_chain]
+
+    @property
+    def n_chain(self) -> int:
+        """Number of sampled parameters without the fabrics' moduli, which follow them."""
+        return self.dimension - (0 if self.moduli is None else len(self.moduli.uncertain))
+
+    def modulus(self, theta: FloatArray) -> FloatArray | None:
+        """Return E_fab [Pa] of every fabric at points ``theta``, shape (..., fabrics); None if all are known."""
+        return None if self.moduli is None else self.moduli.at(theta[..., self.n_chain :])
+
+    def with_moduli(self, moduli: FabricModuli) -> ParameterSpace:
+        """Return the space with the moduli that are not known exactly among the sampled parameters."""
+        if moduli.known:
+            return self
+        extra = tuple(_modulus_parameter(moduli.names[k], moduli.laws[k]) for k in moduli.uncertain)
+        return replace(self, sampled=(*self.sampled, *extra), moduli=moduli)
+
     @cached_property
     def _place(self) -> dict[str, int]:
         return {p.name: k for k, p in enumerate(self.sampled)}
+
+
+def _modulus_parameter(fabric: str, law: Prior | None) -> Parameter:
+    assert law is not None
+    name, symbol = f"{FABRIC_MODULUS}[{fabric}]", r"$E_{fab}$"
+    return Parameter(name, symbol, "kPa", f"effective modulus of {fabric}", law, si=1e3, range=_MODULI)
 
 
 def _draw(parameter: Parameter, rng: np.random.Generator, size: int) -> FloatArray:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from softness_bayes.arviz_bridge import SAMPLE_DIMS
 from softness_bayes.checking.check_table import doubts
 from softness_bayes.checking.exactness import Exactness, compare_likelihoods
 from softness_bayes.checking.levelled import DOUBTFUL
@@ -227,7 +228,8 @@ def exactness_of(result: Result) -> Exactness:
     stats, draws = result.group("sample_stats"), result.group("posterior")
     difference = stats["exact_difference"].values
     compared = np.isfinite(difference)
-    names = tuple(str(name) for name in result.group("log_prior"))
+    sampled = result.group("log_prior").items()
+    names = tuple(str(name) for name, density in sampled if density.dims == SAMPLE_DIMS)
     theta = np.stack([draws[name].values[compared] for name in names], axis=-1)
     return compare_likelihoods(names, theta, np.zeros(int(compared.sum())), difference[compared])
 

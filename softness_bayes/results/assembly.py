@@ -118,7 +118,7 @@ def assembled(
 
 def numerical_error(draws: RatedDraws) -> float:
     """Return the largest numerical error of the response over some draws, relative to each one's peak."""
-    return float(draws.scene.error(draws.touch(draws.subset(ERROR_DRAWS).theta)).max())
+    return float(draws.scene.error(*draws.touches(draws.subset(ERROR_DRAWS).theta)).max())
 
 
 def summary_of(draws: RatedDraws, exactness: Exactness) -> pd.DataFrame:
@@ -211,9 +211,9 @@ def _condition_names(experiment: Experiment) -> list[str]:
 
 
 def _firing_error(draws: RatedDraws) -> float:
-    """Return a bound of the error in a draw's peak response that the measured error of the rate curves causes."""
-    touch = draws.touch(draws.subset(ERROR_DRAWS).theta)
-    response = draws.scene.respond(touch)
+    """Return a bound of what the measured error of the rate curves does to a draw's peak response."""
+    touch, modulus = draws.touches(draws.subset(ERROR_DRAWS).theta)
+    response = draws.scene.respond(touch, modulus)
     peak = response.total_rate.max(axis=-1)
     hertz = draws.scene.firing.curves(touch).error.hertz
     fires = peak > 0
@@ -223,7 +223,7 @@ def _firing_error(draws: RatedDraws) -> float:
 def _silence(draws: RatedDraws) -> Silence:
     """Return how often the model is silent, and how often the contact leaves Hertz's range."""
     prior = draws.posterior.mean_rate(draws.prior)
-    beyond = draws.scene.beyond_hertz(draws.touch(draws.subset(CURVES).theta))
+    beyond = draws.scene.beyond_hertz(*draws.touches(draws.subset(CURVES).theta))
     return Silence(
         prior_silent_everywhere=float((prior == 0).all(axis=-1).mean()),
         prior_silent_conditions=float((prior == 0).mean()),

@@ -9,10 +9,12 @@ from numpy.typing import NDArray
 
 from softness_bayes import arviz_bridge
 from softness_bayes.checking.check_table import LOO_PIT, PARETO_K
+from softness_bayes.checking.fabric_moduli import MODULUS_LAW, UNCERTAIN
 from softness_bayes.checking.quantities import LooPit
 from softness_bayes.data.columns import EFFECTIVE_MODULUS, POISSON_RATIO
 from softness_bayes.data.ratings import LOAD_COLUMNS
 from softness_bayes.parameters.declared import EVERY_PARAMETER
+from softness_bayes.parameters.fabric_moduli import FabricModuli
 from softness_bayes.parameters.space import ParameterSpace
 from softness_bayes.results.draws import RatedDraws
 from softness_bayes.results.groups import Variable
@@ -25,12 +27,21 @@ def held_parameters(space: ParameterSpace) -> dict[str, Variable]:
     return {n: Variable(np.array(value), units=EVERY_PARAMETER[n].unit) for n, value in space.held.items()}
 
 
+def _modulus_laws(space: ParameterSpace) -> dict[str, Variable]:
+    """Return the laws of the moduli that are not known exactly [kPa], in their written form."""
+    if space.moduli is None:
+        return {}
+    laws = np.array([str(space.moduli.laws[k]) for k in space.moduli.uncertain])
+    return {MODULUS_LAW: Variable(laws, (UNCERTAIN,))}
+
+
 def constant_group(draws: RatedDraws, pit: LooPit) -> dict[str, Variable]:
     """Return the held parameters, the fabrics, the loads, and the participant, fabric and load of each rating."""
     ratings, fabrics = draws.experiment.ratings, draws.experiment.fabrics
-    modulus = fabrics.modulus(draws.scene.readings.fabric_modulus) / EFFECTIVE_MODULUS.factor
+    modulus = draws.scene.fabric_modulus / EFFECTIVE_MODULUS.factor
     return {
         **held_parameters(draws.posterior.space),
+        **_modulus_laws(draws.posterior.space),
         "finger_radius_mm": Variable(np.array(draws.scene.finger.radius * 1e3), units="mm"),
         LOO_PIT: Variable(pit.value, ("rating_row",)),
         PARETO_K: Variable(pit.pareto_k, ("rating_row",)),
@@ -59,8 +70,14 @@ def coordinates(draws: RatedDraws, grid: Scene) -> dict[str, NDArray[Any]]:
         arviz_bridge.ENSEMBLE: draws.kept.ensemble,
         "participant": np.array(ratings.participants),
         "fabric": np.array(ratings.fabrics),
+        **({} if (moduli := draws.posterior.space.moduli) is None else {UNCERTAIN: _uncertain(moduli)}),
         "load": np.array([str(load) for load in ratings.loads]),
         "rating_row": ratings.rows,
         "e_fab_kpa": grid.modulus[:points] * 1e-3,
         **({} if compression is None else plate_coordinates(compression)),
     }
+
+
+def _uncertain(moduli: FabricModuli) -> NDArray[Any]:
+    """Return the names of the fabrics whose modulus is sampled."""
+    return np.array([moduli.names[k] for k in moduli.uncertain])

@@ -110,6 +110,10 @@ class RatedDraws:
         """Return the chain's parameters at theta, held ones repeated to the shape of sampled ones."""
         return TouchParameters(*(np.broadcast_to(v, theta.shape[:-1]) for v in self.posterior.space.touch(theta)))
 
+    def touches(self, theta: Array) -> tuple[TouchParameters, Array | None]:
+        """Return the arguments of a scene's functions at theta: the chain's parameters, and moduli where not known."""
+        return self.touch(theta), self.posterior.space.modulus(theta)
+
 
 def draws_of(
     experiment: Experiment, posterior: Posterior, kept: Chains, theta: Array, rng: np.random.Generator

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from softness_bayes import arviz_bridge
+from softness_bayes.checking.fabric_moduli import UNCERTAIN
 from softness_bayes.checking.inflection import Inflection
 from softness_bayes.model.posterior import Density
+from softness_bayes.parameters.fabric_moduli import FABRIC_MODULUS
 from softness_bayes.parameters.space import ParameterSpace
 from softness_bayes.sampler.chains import Chains
 
@@ -51,8 +53,16 @@ def merged(*parts: Groups) -> Groups:
 
 
 def named(space: ParameterSpace, theta: Array) -> dict[str, Variable]:
-    """Return points theta (..., dimension) by the names of the parameters."""
-    return {p.name: Variable(theta[..., k], units=p.unit) for k, p in enumerate(space.sampled)}
+    """Return points theta (..., dimension) by the names of the parameters; sampled moduli are one variable."""
+    return _by_name(space, theta, [p.unit for p in space.sampled])
+
+
+def _by_name(space: ParameterSpace, values: Array, units: Sequence[str]) -> dict[str, Variable]:
+    chain = range(space.n_chain)
+    found = {space.names[k]: Variable(values[..., k], units=units[k]) for k in chain}
+    if space.moduli is not None:
+        found[FABRIC_MODULUS] = Variable(values[..., space.n_chain :], (UNCERTAIN,), units[-1])
+    return found
 
 
 def sampled_groups(density: Density, kept: Chains, theta: Array, data: str) -> Groups:
@@ -74,7 +84,7 @@ def sampled_groups(density: Density, kept: Chains, theta: Array, data: str) -> G
     return {
         "posterior": named(density.space, theta),
         "sample_stats": {"lp": Variable(height), "acceptance_rate": Variable(acceptance)},
-        "log_prior": {name: Variable(log_prior[..., k]) for k, name in enumerate(density.names)},
+        "log_prior": _by_name(density.space, log_prior, [""] * density.space.dimension),
         "log_likelihood": {data: Variable(height - log_prior.sum(axis=-1))},
     }
 

@@ -12,14 +12,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from softness_bayes import arviz_bridge
+from softness_bayes.checking.fabric_moduli import UNCERTAIN, modulus_sentences
 from softness_bayes.checking.inflection import Curves, Inflection
 from softness_bayes.checking.turning_points import turning_table
 from softness_bayes.errors import InputError
 from softness_bayes.files.outputs import write_outputs
-from softness_bayes.files.run_files import POSTERIOR, RUN, SUMMARY, TABLES
+from softness_bayes.files.run_files import MODULI, POSTERIOR, RUN, SUMMARY, TABLES
 from softness_bayes.files.spreadsheet import csv_of
 from softness_bayes.likelihood.scales import Scale
 from softness_bayes.parameters.declared import PARAMETERS
+from softness_bayes.parameters.fabric_moduli import FABRIC_MODULUS
 from softness_bayes.provenance import Provenance
 from softness_bayes.results.result_file import SUMMARY_TABLE, read, sealed
 from softness_bayes.touch.contact import Finger, Force, Indentation, Load
@@ -146,7 +148,8 @@ class Result:
         """Return what the data determine and what they leave open, a sentence each: parameters, then combinations."""
         from softness_bayes.checking.identifiability import direction_sentences, information_sentences
 
-        return (*information_sentences(self.table), *direction_sentences(self.tables["directions"]))
+        moduli = modulus_sentences(self.tables[MODULI]) if MODULI in self.tables else ()
+        return (*information_sentences(self.table), *direction_sentences(self.tables["directions"]), *moduli)
 
     def checked(self) -> tuple[str, ...]:
         """Return what the predictive checks found, a sentence each: turning points, then everything else.
@@ -174,9 +177,19 @@ class Result:
         columns = {str(name): self.group("posterior")[name].values.T.ravel() for name in names}
         total = next(iter(columns.values())).size
         pick = np.arange(total) if size is None or size >= total else np.linspace(0, total - 1, size).astype(int)
+        columns |= self._moduli(total)
         held = self.group("constant_data")
         constant = {str(name): held[name].values for name in held.data_vars if name in PARAMETERS}
         return {**constant, **{name: column[pick] for name, column in columns.items()}}
+
+    def _moduli(self, total: int) -> dict[str, Array]:
+        """Return the draws of every sampled modulus [kPa] by its name, in the order of those of `values`."""
+        posterior = self.group("posterior")
+        if FABRIC_MODULUS not in posterior:
+            return {}
+        drawn, names = posterior[FABRIC_MODULUS].values, posterior[UNCERTAIN].values
+        flat = drawn.swapaxes(0, 1).reshape(total, -1)
+        return {f"{FABRIC_MODULUS}[{name}]": flat[:, k] for k, name in enumerate(names)}
 
     def curves(self) -> Curves:
         """Return the response against E_fab that the run stored, draw by draw."""
@@ -282,6 +295,11 @@ class Result:
             poisson_ratio=constant["poisson_ratio"].values,
             digest=self.provenance.rating_data.digest_fabrics,
         )
+
+    @property
+    def moduli(self) -> pd.DataFrame | None:
+        """What the ratings say of each modulus that was not known exactly; None if all were (see `modulus_table`)."""
+        return self.tables[MODULI].copy() if MODULI in self.tables else None
 
     @property
     def plot(self) -> Plots:

@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
-from softness_bayes.data import Compression, Experiment, Ratings
+from softness_bayes.checking.fabric_moduli import MODULUS_LAW, UNCERTAIN
+from softness_bayes.data import Compression, Experiment, Fabrics, Ratings
 from softness_bayes.defaults import ACCURACY
 from softness_bayes.model.fingers import values_of
 from softness_bayes.model.options import ModelOptions
 from softness_bayes.parameters.declared import EVERY_PARAMETER
+from softness_bayes.parameters.fabric_moduli import UNKNOWN_MODULUS
+from softness_bayes.parameters.priors import LogNormal, LogUniform, Prior, parse_prior
 from softness_bayes.results.result import Result
 from softness_bayes.touch.scene import Discretisation
 
@@ -23,7 +28,7 @@ def experiment_of(result: Result) -> Experiment:
     """
     loads, constant, found = result.loads, result.group("constant_data"), result.provenance.rating_data
     rating = result.group("observed_data")["rating"]
-    fabrics = result.fabrics
+    fabrics = _fabrics_of(result)
     ratings = Ratings(
         tuple(str(name) for name in result.group("log_likelihood_participant")["participant"].values),
         fabrics.names,
@@ -37,6 +42,35 @@ def experiment_of(result: Result) -> Experiment:
         digest=found.digest_ratings,
     )
     return Experiment(ratings, fabrics, (), _compression_of(result) if result.has_compression else None)
+
+
+def _unknown_of(result: Result) -> Prior:
+    """Return the law of unknown moduli that a run was asked for."""
+    return parse_prior(result.provenance.asked.options.get("unknown_modulus", str(UNKNOWN_MODULUS)))
+
+
+def _fabrics_of(result: Result) -> Fabrics:
+    """Return the fabrics of a result, with the errors of their moduli."""
+    constant, fabrics = result.group("constant_data"), result.fabrics
+    if MODULUS_LAW not in constant:
+        return fabrics
+    measured, cv, low, high = fabrics.effective_modulus.copy(), *np.full((3, len(fabrics)), np.nan)
+    for name, text in zip(constant[UNCERTAIN].values, constant[MODULUS_LAW].values, strict=True):
+        k, law = fabrics.names.index(str(name)), parse_prior(str(text))
+        if law == _unknown_of(result):
+            measured[k] = np.nan
+        elif isinstance(law, LogUniform):
+            measured[k], low[k], high[k] = np.nan, law.low * 1e3, law.high * 1e3
+        else:
+            assert isinstance(law, LogNormal)
+            cv[k] = np.sqrt(np.expm1(law.sd_log**2))
+    return replace(
+        fabrics,
+        effective_modulus=measured,
+        effective_modulus_cv=cv,
+        effective_modulus_low=low,
+        effective_modulus_high=high,
+    )
 
 
 def _compression_of(result: Result) -> Compression:
@@ -69,6 +103,8 @@ def options_of(result: Result) -> ModelOptions:
         direction=taken.direction,
         scale=result.scale,
         finger=result.finger,
+        modulus_cv=asked.get("modulus_cv"),
+        unknown_modulus=_unknown_of(result),
         discretisation=Discretisation(**asked["discretisation"]),
         accuracy=asked.get("accuracy") or ACCURACY,
         noise=found.rating_model.noise,

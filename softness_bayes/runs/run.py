@@ -9,11 +9,13 @@ import numpy as np
 
 from softness_bayes import arviz_bridge
 from softness_bayes.checking.check_table import check_table
+from softness_bayes.checking.fabric_moduli import modulus_table
 from softness_bayes.checking.identifiability import direction_table, information_table
 from softness_bayes.checkpoints.checkpoint import Checkpoint
 from softness_bayes.checkpoints.identity import identity, require_density
 from softness_bayes.data import Compression, Experiment
 from softness_bayes.files.command_line import storable
+from softness_bayes.files.run_files import MODULI
 from softness_bayes.likelihood.directions import direction_named
 from softness_bayes.model.build import ExperimentModel, build
 from softness_bayes.model.options import ModelOptions
@@ -90,7 +92,7 @@ def requested(density: Density, request: Request) -> dict[str, Any]:
     model, run = request
     return {
         **attributes_of(Asked(SCHEMA, storable(run.command), request.record(), run.seed, model.prior_set)),
-        **family_of(PRIOR, {parameter.name: parameter.prior for parameter in density.space.sampled}),
+        **family_of(PRIOR, {one.name: one.prior for one in density.space.chain}),
         **family_of(READING, model.readings.names),
         **versions(),
     }
@@ -196,4 +198,6 @@ def sample_model(
             run.exact_reweight,
         )
     tables = {"directions": direction_table(tree), "predictive_checks": check_table(tree)}
+    if (moduli := modulus_table(tree)) is not None:
+        tables[MODULI] = moduli
     return Result(tree, summary.join(information_table(tree)), tables)

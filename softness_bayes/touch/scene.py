@@ -72,6 +72,8 @@ class Scene:
         are all pairs, load by load.
     finger, readings, discretisation
         Geometry, readings and resolution.
+    modulus_range
+        Moduli [Pa] that the stress fields shall cover beside those of the fabrics, for calls with other moduli.
 
     Raises
     ------
@@ -91,6 +93,7 @@ class Scene:
         finger: Finger = Finger(),
         readings: Readings = Readings(),
         discretisation: Discretisation = Discretisation(),
+        modulus_range: tuple[float, float] | None = None,
     ) -> None:
         moduli, poisson = np.broadcast_arrays(
             np.atleast_1d(np.asarray(fabric_modulus, float)), np.asarray(fabric_poisson, float)
@@ -105,6 +108,7 @@ class Scene:
         self.fabric, self.load = _indices(fabric, moduli.size, "fabric"), _indices(load, len(loads), "load")
         if self.fabric.size == 0 or self.fabric.shape != self.load.shape:
             raise InputError("scene: expected one fabric and one load index for each of at least one condition")
+        self._moduli, self._poissons, self.modulus_range = moduli, poisson, modulus_range
         self.loads, self.firing = tuple(loads), firing
         self.finger, self.readings, self.discretisation = finger, readings, discretisation
         self.modulus, self.poisson = _frozen(moduli[self.fabric]), _frozen(poisson[self.fabric])
@@ -132,8 +136,11 @@ class Scene:
 
     def _field(self, load: Load) -> StressField:
         softness, least = 1.0 - self.finger.poisson_ratio**2, self.modulus.argmin()
-        high = min(float((self.modulus / (1.0 - self.poisson**2)).max()), STIFFEST_SKIN_MODULUS / softness)
-        fabric = (1.0 - self.poisson[least] ** 2) / self.modulus[least]
+        soft, stiff = self.modulus_range or (np.inf, 0.0)
+        stiff /= 1.0 - float(self.poisson.max()) ** 2
+        stiff = max(float((self.modulus / (1.0 - self.poisson**2)).max()), stiff)
+        high = min(stiff, STIFFEST_SKIN_MODULUS / softness)
+        fabric = (1.0 - self.poisson[least] ** 2) / min(self.modulus[least], soft)
         low = float(1.0 / (softness / LEAST_SKIN_MODULUS + fabric))
         d, moduli = self.discretisation, (min(low, 0.5 * high), high)
         made = _stress_field(load, self.finger, self.readings, moduli, d.field_source or d.field_tolerance)
@@ -145,17 +152,24 @@ class Scene:
         return self.fabric.size
 
     @property
+    def fabric_modulus(self) -> Array:
+        """E_fab [Pa] of each fabric, shape (fabrics,)."""
+        return self._moduli
+
+    @property
     def n_receptors(self) -> float:
         """Expected number of receptors on the pad (N_ref of the rating model is one spike per second for each)."""
         return self.count.total
 
-    def total_rate(self, parameters: TouchParameters) -> Array:
+    def total_rate(self, parameters: TouchParameters, modulus: Array | None = None) -> Array:
         """Return the total rate [spikes/s] of every condition for a batch of parameter vectors.
 
         Parameters
         ----------
         parameters
             Arrays of one batch shape (...), or scalars.
+        modulus
+            E_fab [Pa] of each fabric in place of the scene's own, positive, shape (..., fabrics).
 
         Returns
         -------
@@ -172,12 +186,12 @@ class Scene:
         Where a load has more than `MANY` fabrics the rates are interpolated between fabrics (`Family`), with an error
         of the order of the stress fields' tolerance; `respond` evaluates every fabric.
         """
-        if self._once is not None:
+        if self._once is not None and modulus is None:
             once, place = self._once
             return once.total_rate(parameters)[..., place]
-        if max(columns.size for columns in self._columns) > MANY:
+        if max(columns.size for columns in self._columns) > MANY and modulus is None:
             return self._interpolated_rate(parameters)
-        shape, chunks = self._chunks(parameters)
+        shape, chunks = self._chunks(parameters, modulus)
         rates = [self._sums(chunk, contact, intervals=False)[0].rate for chunk, contact in chunks]
         return np.concatenate(rates).reshape(*shape, self.n_conditions)
 
@@ -191,12 +205,12 @@ class Scene:
             found[:, columns] = family.total_rate(flat, curve, self._population, self.finger, chunk)
         return found.reshape(*shape, self.n_conditions)
 
-    def respond(self, parameters: TouchParameters) -> Response:
+    def respond(self, parameters: TouchParameters, modulus: Array | None = None) -> Response:
         """Return all fields of every condition's response, for a batch of parameter vectors.
 
         Parameters and errors as in `total_rate`.
         """
-        shape, chunks = self._chunks(parameters)
+        shape, chunks = self._chunks(parameters, modulus)
         parts = []
         for chunk, touch in chunks:
             sums, peak = self._sums(chunk, touch, intervals=True)
@@ -208,9 +222,9 @@ class Scene:
         )
         return Response(rate, responding, mean_rate, mean_interval, peak, Contact(*contact_fields))
 
-    def contact(self, parameters: TouchParameters) -> Contact:
-        """Return the state of the contact alone, fields of shape (..., conditions)."""
-        shape, chunks = self._chunks(parameters)
+    def contact(self, parameters: TouchParameters, modulus: Array | None = None) -> Contact:
+        """Return the state of the contact alone, fields of shape (..., conditions); parameters as in `total_rate`."""
+        shape, chunks = self._chunks(parameters, modulus)
         fields = zip(*(contact for _, contact in chunks), strict=True)
         return Contact(*(np.concatenate(part).reshape(*shape, self.n_conditions) for part in fields))
 
@@ -224,8 +238,7 @@ class Scene:
             d = self.discretisation
             nodes, saturation, tolerance = d.nodes + 12, d.saturation + 8.0, 1e-2 * d.field_tolerance
             finer = replace(d, nodes=nodes, saturation=saturation, field_tolerance=tolerance, field_source=None)
-            conditions = np.arange(self.n_conditions)
-            self._finer = self._with(self.modulus, self.poisson, conditions, self.load, finer)
+            self._finer = self._with(self._moduli, self._poissons, self.fabric, self.load, finer)
         return self._finer
 
     def exact(self) -> Scene:
@@ -240,16 +253,16 @@ class Scene:
         """Largest measured error of the tables of the stress fields, on their tolerance's scale."""
         return max(field.reached for field in self._fields)
 
-    def error(self, parameters: TouchParameters) -> Array:
+    def error(self, parameters: TouchParameters, modulus: Array | None = None) -> Array:
         """Return the numerical error of each vector's response relative to its largest, shape (...).
 
         It is the largest difference from the same scene at a finer resolution, plus the error of that scene's stress
         fields, which both scenes might share.
         """
         finer = self.refined()
-        fine = finer.total_rate(parameters)
+        fine = finer.total_rate(parameters, modulus)
         peak = fine.max(axis=-1)
-        difference = np.abs(self.total_rate(parameters) - fine).max(axis=-1)
+        difference = np.abs(self.total_rate(parameters, modulus) - fine).max(axis=-1)
         return difference / np.where(peak > 0, peak, 1.0) + finer.field_error
 
     def take(self, conditions: ArrayLike, contact_centre: tuple[float, float] | None = None) -> Scene:
@@ -327,25 +340,37 @@ class Scene:
             finger=self.finger,
             readings=self.readings,
             discretisation=discretisation,
+            modulus_range=self.modulus_range,
         )
 
-    def beyond_hertz(self, parameters: TouchParameters) -> BeyondHertz:
+    def beyond_hertz(self, parameters: TouchParameters, modulus: Array | None = None) -> BeyondHertz:
         """Return the shares of draws × conditions whose contact leaves the range of Hertz's geometry."""
-        radius = self.contact(parameters).radius / self.finger.radius
+        radius = self.contact(parameters, modulus).radius / self.finger.radius
         return BeyondHertz(float((radius > 0.5).mean()), float((radius >= 1.0).mean()))
 
-    def _chunks(self, parameters: TouchParameters) -> tuple[tuple[int, ...], Iterator[tuple[TouchParameters, Contact]]]:
+    def _chunks(
+        self, parameters: TouchParameters, modulus: Array | None
+    ) -> tuple[tuple[int, ...], Iterator[tuple[TouchParameters, Contact]]]:
+        if modulus is not None:
+            shape = np.broadcast_shapes(*(np.shape(value) for value in parameters), modulus.shape[:-1])
+            parameters = TouchParameters(*(np.broadcast_to(value, shape) for value in parameters))
+            modulus = np.broadcast_to(modulus, (*shape, modulus.shape[-1])).reshape(-1, modulus.shape[-1])
         shape, flat = checked_rows(parameters)
         rows = max(1, CHUNK // (self.n_conditions * self.discretisation.nodes))
         # one after another, so that the memory of a chunk is free before the next
-        starts = range(0, max(flat[0].size, 1), rows)
-        chunks = (TouchParameters(*(value[start : start + rows] for value in flat)) for start in starts)
-        return shape, ((chunk, self._contact(chunk)) for chunk in chunks)
+        parts = (slice(start, start + rows) for start in range(0, max(flat[0].size, 1), rows))
+        chunks = ((TouchParameters(*(value[k] for value in flat)), k) for k in parts)
+        return shape, ((chunk, self._contact(chunk, None if modulus is None else modulus[k])) for chunk, k in chunks)
 
-    def _contact(self, parameters: TouchParameters) -> Contact:
-        b, m = parameters.b[:, None], parameters.m[:, None]
-        skin = skin_modulus(self._log_scale, self._skin_power, self._log_k, b, m)
-        reduced = reduced_modulus(skin, self.modulus, self.poisson, self.finger)
+    def _contact(self, parameters: TouchParameters, modulus: Array | None) -> Contact:
+        b, m, log_k = parameters.b[:, None], parameters.m[:, None], self._log_k
+        if modulus is None:
+            modulus = self.modulus
+        else:
+            modulus = modulus[:, self.fabric]
+            log_k = log_k - np.log(modulus / self.modulus)
+        skin = skin_modulus(self._log_scale, self._skin_power, log_k, b, m)
+        reduced = reduced_modulus(skin, modulus, self.poisson, self.finger)
         closure = np.empty((3, *reduced.shape))
         for columns, field in zip(self._columns, self._fields, strict=True):
             closure[:, :, columns] = field.load.close(reduced[:, columns], self.finger)

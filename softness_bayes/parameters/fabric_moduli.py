@@ -1,0 +1,127 @@
+"""Effective moduli of fabrics that are not known exactly: the law of each, as a sampled parameter (model.md 1)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from softness_bayes.data.columns import EFFECTIVE_MODULUS, RELATIVE_ERRORS
+from softness_bayes.data.fabrics import Fabrics, log_sd
+from softness_bayes.errors import InputError
+from softness_bayes.parameters.priors import LEAST_WIDTH, LogNormal, LogUniform, Prior
+from softness_bayes.touch.contact import FabricModulus
+
+FloatArray = NDArray[np.float64]
+
+UNKNOWN_MODULUS = LogNormal(100, 2)
+"""Law of a modulus of which nothing is known [kPa]: 90 % of it lies from 4 to 2700 kPa, which holds most cloth."""
+
+FABRIC_MODULUS = "fabric_modulus"
+"""Name of the sampled moduli in files; one of them is `FABRIC_MODULUS`[fabric]."""
+
+
+@dataclass(frozen=True)
+class FabricModuli:
+    """Effective modulus of every fabric: its middle, and its law where it is not known exactly.
+
+    Parameters
+    ----------
+    names
+        The fabrics.
+    middle
+        Measured modulus, or the median of the law [Pa], of each fabric.
+    laws
+        Law of each modulus [kPa]; None where it is known exactly.
+    """
+
+    names: tuple[str, ...]
+    middle: tuple[float, ...]
+    laws: tuple[Prior | None, ...]
+
+    @classmethod
+    def of(
+        cls, fabrics: Fabrics, reading: FabricModulus, cv: float | None = None, unknown: Prior = UNKNOWN_MODULUS
+    ) -> Self:
+        """Return the moduli of some fabrics.
+
+        A measured modulus E with relative standard error c is log-normal with median E and sd(log E)² = log(1 + c²). A
+        bracket is uniform in the logarithm.
+
+        Parameters
+        ----------
+        fabrics
+            The measured properties and their errors.
+        reading
+            Formula of the rigidity from tensile modulus and thickness.
+        cv
+            Relative standard error of measured moduli without one of their own; None or 0 if these are exact.
+        unknown
+            Law of moduli of which nothing is known [kPa].
+
+        Raises
+        ------
+        InputError
+            If a modulus or the error is out of range.
+        """
+        if cv is not None:
+            RELATIVE_ERRORS.require("modulus_cv", cv)
+        middle = fabrics.modulus(reading, unknown=unknown.median * EFFECTIVE_MODULUS.factor)
+        own = fabrics.modulus_cv()
+        errors = log_sd(np.where(np.isnan(own), cv or 0.0, own))
+        low, high = (
+            side / EFFECTIVE_MODULUS.factor for side in (fabrics.effective_modulus_low, fabrics.effective_modulus_high)
+        )
+        laws: list[Prior | None] = []
+        for k, basis in enumerate(fabrics.basis):
+            if not basis:
+                laws.append(unknown)
+            elif np.isfinite(low[k]) and np.isnan(fabrics.effective_modulus[k]):
+                laws.append(LogUniform(float(low[k]), float(high[k])))
+            elif errors[k] > LEAST_WIDTH:
+                laws.append(LogNormal(float(middle[k] / EFFECTIVE_MODULUS.factor), float(errors[k])))
+            else:
+                laws.append(None)
+        return cls(fabrics.names, tuple(middle.tolist()), tuple(laws))
+
+    @property
+    def uncertain(self) -> tuple[int, ...]:
+        """Indices of the fabrics whose modulus is not known exactly."""
+        return tuple(k for k, law in enumerate(self.laws) if law is not None)
+
+    @property
+    def known(self) -> bool:
+        """True if every modulus is known exactly."""
+        return not self.uncertain
+
+    @property
+    def extent(self) -> tuple[float, float]:
+        """Smallest and largest modulus [Pa] that a run usually meets, four standard deviations of each law away."""
+        ends = [(middle, middle) for middle in self.middle]
+        for k in self.uncertain:
+            law = self.laws[k]
+            assert law is not None
+            low, high = (np.asarray(law.quantile([3e-5, 1.0 - 3e-5])) * EFFECTIVE_MODULUS.factor).tolist()
+            ends[k] = low, high
+        return min(low for low, _ in ends), max(high for _, high in ends)
+
+    def at(self, sampled: FloatArray) -> FloatArray:
+        """Return E_fab [Pa] of every fabric, shape (..., fabrics), at sampled moduli [kPa], (..., uncertain)."""
+        found = np.empty((*sampled.shape[:-1], len(self.middle)))
+        found[...] = self.middle
+        found[..., list(self.uncertain)] = sampled * EFFECTIVE_MODULUS.factor
+        return found
+
+
+def require_law(name: str, law: Prior) -> None:
+    """Refuse a law of a modulus that allows negative values.
+
+    Raises
+    ------
+    InputError
+        Naming the law.
+    """
+    if law.support[0] < 0 or not law.median > 0:
+        raise InputError(f"{name}: {law} allows moduli below 0, expected a law above 0 [kPa], as {UNKNOWN_MODULUS}")
