@@ -126,6 +126,10 @@ class ResidualChecks:
     exponent_check: str = ""
     exponent_p_value: float = np.nan
     exponent_deviation: float = np.nan
+    modulus_check: str = ""
+    modulus_p_value: float = np.nan
+    modulus_deviation: float = np.nan
+    modulus_noticed: float = np.nan
 
 
 @dataclass(frozen=True)

@@ -102,6 +102,8 @@ PROCESSES = Count(1, 256)
 """Processes side by side."""
 ACCURACIES = Range(1e-6, 1e-2)
 """Bounds of the response's numerical error, relative to its peak."""
+RELATIVE_ERRORS = Range(0.0, 3.0)
+"""Standard errors of a measured quantity relative to its value; 0 is exact."""
 NOISES = Range(0.0, 100.0, "µA/cm² √ms")
 """Strengths of the membranes' white current."""
 TYPICAL_RATINGS = Range(1e-300, 1e300)

@@ -149,14 +149,14 @@ def _model_of_forces(model: ModelChoice) -> ModelChoice:
 def _evaluated(data: Experiment | Compression, options: ModelOptions) -> bool:
     """Evaluate and print a model without sampled parameters; return False for any other model."""
     from softness_bayes.data import Compression
-    from softness_bayes.model.build import build, build_skin, space_of
+    from softness_bayes.model.build import build, build_skin, moduli_of, space_of
     from softness_bayes.runs.evaluation import evaluate
 
     said = [f"note: {note}" for note in data.notes]
     if isinstance(data, Compression):
         skin = build_skin(data, options).posterior
         found = None if skin.space.sampled else evaluate(skin)
-    elif space_of(data, options).sampled:
+    elif space_of(data, options).sampled or not moduli_of(data, options).known:
         found = None
     else:
         model = build(data, options)
@@ -281,7 +281,6 @@ class _Bar:
 
 def _report(result: Result, out: Path, times: str = "") -> None:
     """Print summary, turning points, checks and verdict, the time taken, and the conclusion in three lines."""
-    from softness_bayes.checking.identifiability import direction_sentences, information_sentences
     from softness_bayes.checking.misfit import fit_of
     from softness_bayes.report.conclusion import conclude, facts_of
 
@@ -295,7 +294,7 @@ def _report(result: Result, out: Path, times: str = "") -> None:
     shown.insert(list(shown).index("prior_sd") + 1, "sd/prior_sd", summary["sd"] / summary["prior_sd"])
     click.echo(shown.to_string(float_format=lambda x: f"{x:.4g}", na_rep="–"))
     click.echo()
-    for sentence in (*information_sentences(summary), *direction_sentences(result.tables["directions"])):
+    for sentence in result.learnt():
         click.echo(sentence)
     if result.has_compression:
         click.echo(f"\n{found.plate.force_check}")
@@ -341,6 +340,7 @@ def _report_ratings(result: Result, fit: Fit) -> None:
         fit.sentence,
         *check_sentences(result.tables["predictive_checks"]),
         *([] if fit.choice.against_data else [residuals.exponent_check, residuals.fabric_check]),
+        *([] if fit.choice.against_data else result.said_of_moduli()),
     ):
         click.echo(sentence)
     click.echo(

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from decimal import Decimal
 
 from softness_bayes.errors import quoted
-from softness_bayes.ranges import ANY, Range
+from softness_bayes.ranges import ANY, RELATIVE_ERRORS, Range
 from softness_bayes.touch.contact import FORCES, INDENTATIONS
 
 _NUMBER = re.compile(r"([+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+))(?:[eE]([+-]?[0-9]{1,9}))?")
@@ -90,9 +90,6 @@ THICKNESS = Column("thickness_mm", "thickness", "mm", power=-3, range=_POSITIVE)
 POISSON_RATIO = Column("poisson_ratio", "Poisson ratio", "", range=Range(-1.0, 0.5, above=True))
 BENDING_RIGIDITY = Column("bending_rigidity_n_m", "bending rigidity", "N m", range=_POSITIVE)
 EFFECTIVE_MODULUS = Column("effective_modulus_kpa", "effective modulus", "kPa", power=3, range=_POSITIVE)
-
-RELATIVE_ERRORS = Range(0.0, 3.0)
-"""Standard errors of a measured property relative to its value; 0 is exact."""
 
 TENSILE_MODULUS_CV = Column("tensile_modulus_cv", "relative error of the tensile modulus", "", range=RELATIVE_ERRORS)
 THICKNESS_CV = Column("thickness_cv", "relative error of the thickness", "", range=RELATIVE_ERRORS)

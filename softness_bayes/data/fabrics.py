@@ -18,7 +18,6 @@ from softness_bayes.data.columns import (
     EFFECTIVE_MODULUS_LOW,
     MODULUS_SOURCES,
     POISSON_RATIO,
-    RELATIVE_ERRORS,
     STANDARD_ERRORS,
     TENSILE_MODULUS,
     TENSILE_MODULUS_CV,
@@ -29,6 +28,7 @@ from softness_bayes.data.columns import (
 from softness_bayes.data.names import alike_notes, listing, natural
 from softness_bayes.data.tables import FloatArray, Table, check_renames, read_only, read_table
 from softness_bayes.errors import InputError, quoted
+from softness_bayes.ranges import RELATIVE_ERRORS
 from softness_bayes.touch.contact import PLATE_LENGTH, PRINTED_RIGIDITY, FabricModulus
 
 USUAL_POISSON_RATIO = 0.3

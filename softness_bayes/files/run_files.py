@@ -13,10 +13,14 @@ CHECKPOINT, MANIFEST, LOCK = "checkpoint", "manifest.json", "lock"
 MODULI = "fabric_moduli"
 """The table of moduli that were not known exactly, if there are any."""
 
+MODULUS_ERRORS = "modulus_errors"
+"""The table of what errors of the moduli that are taken as exact would do, if there are any."""
+
 TABLES: Mapping[str, str | list[str]] = {
     "directions": "direction",
     "predictive_checks": ["law", "quantity"],
     MODULI: "fabric",
+    MODULUS_ERRORS: "quantity",
 }
 """Further tables of a result by the name of their file, with the columns that identify a row."""
 

@@ -6,13 +6,13 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
 from typing import Any, Self
 
-from softness_bayes.data.columns import RELATIVE_ERRORS
 from softness_bayes.defaults import ACCURACY, NOISE, PRIOR_SET
 from softness_bayes.likelihood.directions import RatingDirection, direction_named
 from softness_bayes.likelihood.scales import MAGNITUDE, RATING_SCALES, Scale
 from softness_bayes.model.fingers import finger_of, values_of
 from softness_bayes.parameters.fabric_moduli import UNKNOWN_MODULUS, require_law
 from softness_bayes.parameters.priors import Prior, parse_prior
+from softness_bayes.ranges import RELATIVE_ERRORS
 from softness_bayes.touch.contact import Finger
 from softness_bayes.touch.readings import MENDED, Readings
 from softness_bayes.touch.scene import Discretisation

@@ -171,7 +171,9 @@ class Posterior(Density):
     def mean_rate(self, theta: FloatArray) -> FloatArray:
         """The pad's mean rate N/N_ref [Hz] at points theta, shape (..., conditions)."""
         # if every parameter of the chain is held, all points share one response
-        rate = self.scene.total_rate(self.space.touch(theta), self.space.modulus(theta)) / self.scene.n_receptors
+        touch, modulus = self.space.touch(theta), self.space.modulus(theta)
+        total = self.scene.total_rate(touch) if modulus is None else self.scene.total_rate(touch, modulus)
+        rate = total / self.scene.n_receptors
         return np.broadcast_to(rate, (*theta.shape[:-1], rate.shape[-1]))
 
     def response_is_finite(self, theta: FloatArray) -> bool:

@@ -8,10 +8,11 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from softness_bayes.data.columns import EFFECTIVE_MODULUS, RELATIVE_ERRORS
+from softness_bayes.data.columns import EFFECTIVE_MODULUS
 from softness_bayes.data.fabrics import Fabrics, log_sd
 from softness_bayes.errors import InputError
 from softness_bayes.parameters.priors import LEAST_WIDTH, LogNormal, LogUniform, Prior
+from softness_bayes.ranges import RELATIVE_ERRORS
 from softness_bayes.touch.contact import FabricModulus
 
 FloatArray = NDArray[np.float64]

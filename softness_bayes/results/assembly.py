@@ -13,6 +13,7 @@ from softness_bayes.checking.checks import check_fabrics
 from softness_bayes.checking.exactness import Exactness
 from softness_bayes.checking.force_exponent import check_exponent
 from softness_bayes.checking.inflection import LEAST_DROP, curve_scene
+from softness_bayes.checking.modulus_errors import STEP, check_moduli
 from softness_bayes.checking.quantities import check_exponents, loo_pit
 from softness_bayes.data import Experiment
 from softness_bayes.model.posterior import Posterior
@@ -27,10 +28,12 @@ from softness_bayes.results.draws import (
     REPLICATES,
     REWEIGHT_DRAWS,
     RatedDraws,
+    Subset,
     draws_of,
 )
 from softness_bayes.results.exact import begin_comparison, exactness_stats
 from softness_bayes.results.groups import Groups, Variable, evenly, merged, sampled_groups, tree_of
+from softness_bayes.results.modulus_shifts import modulus_shifts
 from softness_bayes.results.plate import plate_attributes, plate_groups
 from softness_bayes.results.predictions import illustration_groups, prediction_group, turning_groups
 from softness_bayes.results.replicates import Replicates, draw_replicates, predictive_groups, prior_groups
@@ -54,6 +57,8 @@ class Assembled(NamedTuple):
 
     tree: xr.DataTree
     summary: pd.DataFrame
+    modulus_errors: pd.DataFrame | None
+    """What errors of the moduli that are taken as exact would do; None if none is."""
 
 
 def assembled(
@@ -113,7 +118,8 @@ def assembled(
         {**coordinates(draws, grid), **axes},
         {**attributes, **levels, **found},
     )
-    return Assembled(_with_picks(tree, draws), summary_of(draws, exactness))
+    shifts = modulus_shifts(draws, groups["inflection"])
+    return Assembled(_with_picks(tree, draws), summary_of(draws, exactness), shifts)
 
 
 def numerical_error(draws: RatedDraws) -> float:
@@ -178,6 +184,7 @@ def _checks(draws: RatedDraws, error: float, exactness: Exactness) -> dict[str, 
     few = draws.subset(REPLICATES)
     check = check_fabrics(draws.ratings, few.mean_rate, few.parameters, few.effects)
     exponents = check_exponents(draws.ratings, few.mean_rate, few.parameters, few.effects)
+    moduli = check_moduli(draws.ratings, few.mean_rate, _slope(draws, few), few.parameters, few.effects)
     residuals = ResidualChecks(
         fabric_check=check.sentence(_condition_names(draws.experiment)),
         fabric_p_value=check.p_value,
@@ -188,6 +195,10 @@ def _checks(draws: RatedDraws, error: float, exactness: Exactness) -> dict[str, 
         exponent_check=exponents.sentence,
         exponent_p_value=exponents.p_value,
         exponent_deviation=exponents.deviation,
+        modulus_check=moduli.sentence(draws.posterior.space.moduli is None),
+        modulus_p_value=moduli.p_value,
+        modulus_deviation=moduli.deviation,
+        modulus_noticed=moduli.noticed,
     )
     errors = NumericalErrors(
         numerical_error=error,
@@ -201,6 +212,15 @@ def _checks(draws: RatedDraws, error: float, exactness: Exactness) -> dict[str, 
         exact_reweight=draws.log_weight is not None,
     )
     return attributes_of(errors, residuals, _silence(draws))
+
+
+def _slope(draws: RatedDraws, few: Subset) -> Array:
+    """Return the derivative of the additive rating with respect to each fabric's log modulus, (draws, conditions)."""
+    lower, higher = (
+        draws.ratings.drive_at(rate, few.mean_rate, few.parameters)
+        for rate in draws.rates_of_other_moduli(few.theta, STEP)
+    )
+    return (higher - lower) / (2.0 * STEP)
 
 
 def _condition_names(experiment: Experiment) -> list[str]:

@@ -60,15 +60,18 @@ def prediction_group(draws: RatedDraws, grid: Scene, error: float) -> dict[str, 
     }
 
 
-def turning_groups(draws: RatedDraws, error: float) -> Groups:
-    """Return where the response turns over in many draws of posterior and prior; arguments as `prediction_group`."""
+def turning_draws(draws: RatedDraws) -> Array:
+    """Return the points theta of the group `inflection`, shape (chains, draws, dimension)."""
     if draws.log_weight is not None:
-        theta = draws.subset(REWEIGHT_DRAWS).theta[None]
-    else:
-        every = -(-draws.theta.shape[0] * draws.theta.shape[1] // TURNING)
-        theta = draws.theta[:, ::-1][:, ::every][:, ::-1]
+        return draws.subset(REWEIGHT_DRAWS).theta[None]
+    every = -(-draws.theta.shape[0] * draws.theta.shape[1] // TURNING)
+    return draws.theta[:, ::-1][:, ::every][:, ::-1]
+
+
+def turning_groups(draws: RatedDraws, error: float) -> Groups:
+    """Return where the response turns over in many draws, and in those of the prior; arguments as `prediction_group`."""
     found: Groups = {}
-    for group, points in {"inflection": theta, "prior_inflection": draws.prior[None]}.items():
+    for group, points in {"inflection": turning_draws(draws), "prior_inflection": draws.prior[None]}.items():
         flat = points.reshape(-1, points.shape[-1])
         found[group] = turning_variables(turning_points(draws.scene, draws.touch(flat), error), points.shape[:2])
     return found

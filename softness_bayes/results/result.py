@@ -14,10 +14,11 @@ from numpy.typing import NDArray
 from softness_bayes import arviz_bridge
 from softness_bayes.checking.fabric_moduli import UNCERTAIN, modulus_sentences
 from softness_bayes.checking.inflection import Curves, Inflection
+from softness_bayes.checking.modulus_errors import shift_sentences
 from softness_bayes.checking.turning_points import turning_table
 from softness_bayes.errors import InputError
 from softness_bayes.files.outputs import write_outputs
-from softness_bayes.files.run_files import MODULI, POSTERIOR, RUN, SUMMARY, TABLES
+from softness_bayes.files.run_files import MODULI, MODULUS_ERRORS, POSTERIOR, RUN, SUMMARY, TABLES
 from softness_bayes.files.spreadsheet import csv_of
 from softness_bayes.likelihood.scales import Scale
 from softness_bayes.parameters.declared import PARAMETERS
@@ -295,6 +296,18 @@ class Result:
             poisson_ratio=constant["poisson_ratio"].values,
             digest=self.provenance.rating_data.digest_fabrics,
         )
+
+    @property
+    def moduli_assumed(self) -> bool:
+        """True if moduli were taken as exact although nobody said that they are."""
+        asked = self.provenance.asked.options.get("modulus_cv")
+        return self.has_ratings and asked is None and MODULI not in self.tables
+
+    def said_of_moduli(self) -> tuple[str, ...]:
+        """Return what the ratings say of errors of the moduli, and what these would do to the conclusions."""
+        check = self.provenance.residuals.modulus_check
+        shifts = shift_sentences(self.tables[MODULUS_ERRORS]) if MODULUS_ERRORS in self.tables else []
+        return (*([check] if check else []), *shifts)
 
     @property
     def moduli(self) -> pd.DataFrame | None:

@@ -15,7 +15,7 @@ from softness_bayes.checkpoints.checkpoint import Checkpoint
 from softness_bayes.checkpoints.identity import identity, require_density
 from softness_bayes.data import Compression, Experiment
 from softness_bayes.files.command_line import storable
-from softness_bayes.files.run_files import MODULI
+from softness_bayes.files.run_files import MODULI, MODULUS_ERRORS
 from softness_bayes.likelihood.directions import direction_named
 from softness_bayes.model.build import ExperimentModel, build
 from softness_bayes.model.options import ModelOptions
@@ -187,7 +187,7 @@ def sample_model(
     with run.settings.workers(posterior) as workers:
         state = walked(experiment, posterior, request, progress, checkpoint, workers)
         sampled, rng = sampled_of(state), rng_after(run)
-        tree, summary = assembled(
+        tree, summary, shifts = assembled(
             experiment,
             posterior,
             sampled.chains,
@@ -200,4 +200,6 @@ def sample_model(
     tables = {"directions": direction_table(tree), "predictive_checks": check_table(tree)}
     if (moduli := modulus_table(tree)) is not None:
         tables[MODULI] = moduli
+    if shifts is not None:
+        tables[MODULUS_ERRORS] = shifts
     return Result(tree, summary.join(information_table(tree)), tables)

@@ -13,7 +13,7 @@ from softness_bayes.cli.options.values import Number, Verb, finite, named
 from softness_bayes.defaults import ACCURACY, PRIOR_SET
 from softness_bayes.likelihood.directions import RATING_DIRECTIONS, RISES, direction_named
 from softness_bayes.likelihood.scales import MAGNITUDE, RATING_SCALES
-from softness_bayes.ranges import ACCURACIES
+from softness_bayes.ranges import ACCURACIES, RELATIVE_ERRORS
 
 if TYPE_CHECKING:
     from softness_bayes.model.options import ModelOptions
@@ -143,6 +143,39 @@ finger = click.option(
 )
 """Gives a verb `finger`, name -> number, from which `model.fingers.finger_of` makes a `Finger`."""
 
+
+def _law(ctx: click.Context, param: click.Parameter, text: str | None) -> Prior | None:
+    from softness_bayes.parameters.fabric_moduli import require_law
+
+    if text is None:
+        return None
+    try:
+        law = _prior(text)
+        require_law("law of unknown moduli", law)
+    except ValueError as error:
+        raise click.BadParameter(str(error)) from None
+    return law
+
+
+modulus_cv = click.option(
+    "--modulus-cv",
+    "modulus_cv",
+    type=Number(RELATIVE_ERRORS),
+    metavar="X",
+    help="Relative standard error of the fabrics' moduli that have none in their table, as in 0.15; 0 says that they "
+    "are exact.",
+)
+"""Gives a verb `modulus_cv`, a number or None."""
+
+unknown_modulus = click.option(
+    "--unknown-modulus",
+    "unknown_modulus",
+    callback=_law,
+    metavar="PRIOR",
+    help="Prior of the moduli of fabrics that have none in their table [kPa]; lognormal(100,2) by default.",
+)
+"""Gives a verb `unknown_modulus`, a `Prior` or None."""
+
 accuracy = click.option(
     "--accuracy",
     type=Number(ACCURACIES),
@@ -199,11 +232,14 @@ class ModelChoice:
     """A name, or `AUTO`."""
     accuracy: float
     finger: Mapping[str, float]
+    modulus_cv: float | None
+    unknown_modulus: Prior | None
 
     def options(self, **others: Any) -> ModelOptions:
         """Return the options of this model and `others`; its resolution is not chosen yet."""
         from softness_bayes.model.fingers import finger_of
         from softness_bayes.model.options import ModelOptions
+        from softness_bayes.parameters.fabric_moduli import UNKNOWN_MODULUS
 
         return ModelOptions(
             fix=self.fixed,
@@ -213,6 +249,8 @@ class ModelChoice:
             direction=None if self.direction == AUTO else direction_named(self.direction),
             accuracy=self.accuracy,
             finger=finger_of(self.finger),
+            modulus_cv=self.modulus_cv,
+            unknown_modulus=self.unknown_modulus or UNKNOWN_MODULUS,
             **others,
         )
 
@@ -226,6 +264,8 @@ def model_choice(verb: Verb) -> Verb:
     @readings
     @_DIRECTION_OF_DATA
     @finger
+    @modulus_cv
+    @unknown_modulus
     @accuracy
     @functools.wraps(verb)
     def wrapped(
@@ -235,10 +275,12 @@ def model_choice(verb: Verb) -> Verb:
         choice: ReadingChoice,
         direction: str,
         finger: dict[str, float],
+        modulus_cv: float | None,
+        unknown_modulus: Prior | None,
         accuracy: float,
         **others: Any,
     ) -> Any:
-        model = ModelChoice(fixed, priors, prior_set, choice, direction, accuracy, finger)
+        model = ModelChoice(fixed, priors, prior_set, choice, direction, accuracy, finger, modulus_cv, unknown_modulus)
         return verb(model=model, **others)
 
     return wrapped

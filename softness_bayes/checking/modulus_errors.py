@@ -1,0 +1,250 @@
+"""Errors of the fabrics' moduli: whether the ratings show them, and what they would do to the conclusions.
+
+Both follow from the slope of the response in the logarithm of a fabric's modulus. If moduli are wrong, mean ratings
+deviate along that slope, by the same relative error under every load. To first order, an error of a modulus moves the
+posterior mean of a quantity by its posterior covariance with the slope of the log-likelihood.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import chdtrc, chdtri
+
+from softness_bayes.checking.checks import NEEDED, NOTICED
+from softness_bayes.likelihood.contract import Effects, Likelihood, Parameters
+from softness_bayes.likelihood.pieces import part_of, pieces
+from softness_bayes.sampler.jackknife import jackknife
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+Array = NDArray[np.float64]
+
+STEP = 0.05
+"""Change of the log modulus over which slopes are taken, a third of what laboratories usually err by."""
+
+ERRORS = (0.05, 0.10, 0.20)
+"""Relative errors of the moduli whose consequences are stated."""
+
+DIRECTIONS = 24
+"""Fabrics that are moved one at a time; with more of them, all are moved at once in as many random directions."""
+
+FLAT = 1e-6
+"""Slope of the (log) rating in the log modulus below which a condition says nothing of the modulus."""
+
+CLEAR = 2.0
+"""Monte-Carlo standard errors above which a shift is stated."""
+
+
+class ModulusCheck(NamedTuple):
+    """Comparison of the mean ratings' deviations along the slope of the response with noise."""
+
+    p_value: float
+    """Probability that replicated ratings deviate at least as much; NaN where no condition has a slope."""
+    deviation: float
+    """Relative error of the moduli that the excess amounts to."""
+    noticed: float
+    """About the relative error that would be noticed in `NOTICED` of all tables."""
+
+    def sentence(self, exact: bool) -> str:
+        """Return one line for the user; `exact` says whether moduli were taken as exact."""
+        if not np.isfinite(self.p_value):
+            return "moduli: where no receptor fires the ratings say nothing of errors of the moduli"
+        beyond = "" if exact else " beyond the errors that were given"
+        if self.p_value >= NEEDED:
+            return (
+                f"moduli: the ratings show no errors of the moduli{beyond} (p = {self.p_value:.2g}; errors of about "
+                f"{self.noticed:.0%} would be noticed in {NOTICED:.0%} of such tables)"
+            )
+        remedy = f"add --modulus-cv {self.deviation:.2f}, or the errors of your measurement as a column"
+        return (
+            f"moduli: mean ratings deviate as if moduli were wrong by about {self.deviation:.0%}{beyond} (p = "
+            f"{self.p_value:.2g}); {remedy if exact else 'they may be larger than was said, or the response differs'}"
+        )
+
+
+def check_moduli(
+    observation: Likelihood, mean_rate: Array, slope: Array, parameters: Parameters, effects: Effects
+) -> ModulusCheck:
+    """Compare the residuals along the slope of the response in the log modulus with what the model replicates.
+
+    The discrepancy is T = sum over fabrics of (sum_c n_c d_c r_c)² / sum_c n_c d_c², over the conditions c of a fabric,
+    with mean residuals r_c, numbers n_c and slopes d_c, given a draw of all parameters and effects. T / varsigma² of
+    replicated ratings follows a chi-squared law with one degree of freedom for each fabric that has a slope. The fit
+    absorbs some of the errors, so that the p-value errs towards silence.
+
+    Parameters
+    ----------
+    observation
+        The ratings.
+    mean_rate
+        N/N_ref [Hz], shape (draws, conditions).
+    slope
+        Derivative of `Likelihood.drive` in each condition with respect to its fabric's log modulus, likewise.
+    parameters, effects
+        Draws of the rating model's parameters, shape (draws,), and of the effects given them.
+    """
+    design, model = observation.design, observation.model
+    count = np.bincount(design.condition, minlength=design.n_conditions).astype(float)
+    member = (design.condition[:, None] == np.arange(count.size)) / np.maximum(count, 1.0)
+    mean = np.empty(mean_rate.shape)
+    for k in pieces(len(mean_rate), design.n_rows):
+        mean[k] = observation.residual(mean_rate[k], part_of(parameters, k), part_of(effects, k)) @ member
+    spread = np.broadcast_to(model.error_sd(parameters), mean.shape[:1])
+    fabric = design.fabric[:, None] == np.arange(design.n_fabrics)
+    weight = (count * slope**2) @ fabric
+    steep = weight > count.sum() / design.n_fabrics * FLAT**2
+    along = np.where(steep, (count * slope * mean) @ fabric, 0.0)
+    squares = np.divide(along**2, weight, out=np.zeros_like(weight), where=steep).sum(axis=1)
+    freedom = steep.sum(axis=1)
+    judged = freedom > 0
+    if not judged.any():
+        return ModulusCheck(np.nan, np.nan, np.nan)
+    squares, freedom, variance = squares[judged], freedom[judged], spread[judged] ** 2
+    information = np.where(steep, weight, 0.0).sum(axis=1)[judged]
+    excess = (squares - freedom * variance) / information
+    scale = chdtri(freedom, NEEDED) / chdtri(freedom, NOTICED)
+    return ModulusCheck(
+        float(chdtrc(freedom, squares / variance).mean()),
+        float(np.sqrt(max(np.median(excess), 0.0))),
+        float(np.median(np.sqrt((scale - 1.0) * freedom * variance / information))),
+    )
+
+
+def directions(fabrics: NDArray[np.intp], total: int) -> tuple[Array, float]:
+    """Return directions in which log moduli are moved, and the number of fabrics that each one stands for.
+
+    Parameters
+    ----------
+    fabrics
+        Fabrics whose moduli may be wrong.
+    total
+        Number of all fabrics.
+
+    Returns
+    -------
+    signs : ndarray, shape (directions, fabrics)
+        1, -1 or 0. Sums over directions of squared derivatives, times the second number, are sums over fabrics: random
+        signs make the derivatives of different fabrics cancel on average (Hutchinson).
+    share : float
+    """
+    if fabrics.size <= DIRECTIONS:
+        return np.eye(total)[fabrics], 1.0
+    signs = np.zeros((DIRECTIONS, total))
+    signs[:, fabrics] = np.random.default_rng(0).choice([-1.0, 1.0], (DIRECTIONS, fabrics.size))
+    return signs, 1.0 / DIRECTIONS
+
+
+def scores(
+    observation: Likelihood, rates: tuple[Array, Array], parameters: Parameters, signs: Array, step: float = STEP
+) -> Array:
+    """Return derivatives of the log-likelihood along directions of the log moduli, shape (draws, directions).
+
+    Parameters
+    ----------
+    observation
+        The ratings.
+    rates
+        N/N_ref [Hz] with all log moduli lower and higher by `step`, each of shape (draws, conditions).
+    parameters
+        Draws of the rating model's parameters.
+    signs
+        From `directions`.
+    """
+    lower, higher = rates
+    middle = 0.5 * (lower + higher)
+    found = []
+    for sign in signs[:, observation.design.fabric]:
+        up, down = (np.where(sign == 0, middle, np.where(sign * side > 0, higher, lower)) for side in (1.0, -1.0))
+        difference = observation.log_likelihood(up, parameters) - observation.log_likelihood(down, parameters)
+        found.append(difference / (2.0 * step))
+    return np.stack(found, axis=-1)
+
+
+class Shift(NamedTuple):
+    """How far independent relative errors of all moduli would move a posterior mean, to first order."""
+
+    sd: float
+    """Standard deviation of the shift, in posterior standard deviations of the quantity and per unit error."""
+    mcse: float
+    """Monte-Carlo standard error of that."""
+
+
+def posterior_shift(quantity: Array, score: Array, share: float = 1.0) -> Shift:
+    """Return how far errors of the moduli would move the posterior mean of a quantity.
+
+    d E[q] / d log E_f = Cov(q, d log L / d log E_f) over the posterior. Squares of covariances that are noise add up
+    over fabrics; what the noise adds is subtracted.
+
+    Parameters
+    ----------
+    quantity
+        Draws in order of the chains, shape (draws,); draws with NaN are left out.
+    score, share
+        From `scores` and `directions`.
+    """
+    known = np.isfinite(quantity)
+    if known.sum() < 2 or not quantity[known].std() > 0:
+        return Shift(np.nan, np.nan)
+    q, s = quantity[known], score[known]
+    unit = (q - q.mean()) / q.std()
+
+    def covariance(kept: NDArray[np.bool_]) -> Array:
+        chosen = unit[kept]
+        return np.asarray((chosen - chosen.mean()) @ (s[kept] - s[kept].mean(axis=0)) / chosen.size)
+
+    each = covariance(np.ones(unit.size, dtype=bool))
+    error = jackknife(covariance, unit.size)
+    squared = share * ((each**2).sum() - (error**2).sum())
+    # delta method, and the noise of squares of noise
+    noise = share * np.sqrt((4.0 * each**2 * error**2 + 2.0 * error**4).sum())
+    sd = float(np.sqrt(max(squared, 0.0)))
+    return Shift(sd, float(noise / (2.0 * sd)) if sd > 0 else float(np.sqrt(noise)))
+
+
+def shift_table(names: Sequence[str], shifts: Sequence[Shift]) -> pd.DataFrame:
+    """Return what errors of the moduli would do to each quantity.
+
+    Returns
+    -------
+    DataFrame
+        A row per quantity: shift_5, shift_10 and shift_20, standard deviation of the shift of its posterior mean, in
+        posterior standard deviations, if all moduli that are taken as exact had independent errors of 5, 10 and 20 %,
+        to first order; each with its Monte-Carlo error, NAME_mcse.
+    """
+    import pandas as pd
+
+    rows = []
+    for one in shifts:
+        row = {}
+        for error in ERRORS:
+            row[f"shift_{100 * error:.0f}"] = error * one.sd
+            row[f"shift_{100 * error:.0f}_mcse"] = error * one.mcse
+        rows.append(row)
+    return pd.DataFrame(rows, index=pd.Index([*names], name="quantity"))
+
+
+def shift_sentences(table: pd.DataFrame) -> list[str]:
+    """Say how far conclusions would move if moduli that are taken as exact were wrong.
+
+    Parameters
+    ----------
+    table
+        From `shift_table`; quantities whose Monte-Carlo error is as large are left out.
+    """
+    columns = [f"shift_{100 * error:.0f}" for error in ERRORS]
+    clear = table[table[columns[0]] >= CLEAR * table[f"{columns[0]}_mcse"]]
+    if clear.empty:
+        return []
+    said = [
+        f"if the moduli were wrong by {', '.join(f'{error:.0%}' for error in ERRORS[:-1])} or {ERRORS[-1]:.0%} "
+        "(independent errors), posterior means would move, to first order, by about"
+    ]
+    for name, row in clear.iterrows():
+        moved = ", ".join(f"{row[column]:.2g} ± {row[f'{column}_mcse']:.1g}" for column in columns)
+        said.append(f"  {name}: {moved} of its posterior standard deviation")
+    return said

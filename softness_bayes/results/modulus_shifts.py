@@ -1,0 +1,54 @@
+"""Shifts of a run's conclusions by errors of the moduli that it takes as exact, to first order."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from softness_bayes.checking.modulus_errors import STEP, directions, posterior_shift, scores, shift_table
+from softness_bayes.results.draws import RatedDraws
+from softness_bayes.results.groups import Variable, evenly
+from softness_bayes.results.predictions import turning_draws
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+SHIFT_DRAWS = 1000
+"""Posterior draws from which the shifts are estimated."""
+
+SHIFTED = ("b", "m", "sigma_0", "gamma")
+"""Parameters whose shifts are stated, if they are sampled."""
+
+
+def modulus_shifts(draws: RatedDraws, inflection: Mapping[str, Variable]) -> pd.DataFrame | None:
+    """Return the table of `shift_table` for the skin, the receptors' threshold, gamma and the turning points.
+
+    Parameters
+    ----------
+    draws
+        The draws of the run.
+    inflection
+        The group of that name, of the points of `turning_draws`.
+
+    Returns
+    -------
+    DataFrame or None
+        None if no modulus is taken as exact.
+    """
+    space, design = draws.posterior.space, draws.ratings.design
+    exact = np.setdiff1d(np.arange(design.n_fabrics), () if space.moduli is None else space.moduli.uncertain)
+    if not exact.size:
+        return None
+    points = turning_draws(draws)
+    index = evenly(points.shape, SHIFT_DRAWS)
+    theta = points[index]
+    signs, share = directions(exact.astype(np.intp), design.n_fabrics)
+    rates = draws.rates_of_other_moduli(theta, STEP)
+    score = scores(draws.ratings, rates, draws.posterior.rating_parameters(theta), signs)
+    quantities = {name: np.log(theta[:, space.names.index(name)]) for name in SHIFTED if name in space.names}
+    modulus = inflection["inflection_e_fab_kpa"].values[index]
+    for load, where in zip(draws.experiment.ratings.loads, modulus.T, strict=True):
+        quantities[f"turning point at {load}"] = np.log(where)
+    return shift_table([*quantities], [posterior_shift(values, score, share) for values in quantities.values()])
