@@ -69,7 +69,7 @@ def turning_draws(draws: RatedDraws) -> Array:
 
 
 def turning_groups(draws: RatedDraws, error: float) -> Groups:
-    """Return where the response turns over in many draws, and in those of the prior; arguments as `prediction_group`."""
+    """Return where the response turns over in many draws of posterior and prior; arguments as `prediction_group`."""
     found: Groups = {}
     for group, points in {"inflection": turning_draws(draws), "prior_inflection": draws.prior[None]}.items():
         flat = points.reshape(-1, points.shape[-1])
