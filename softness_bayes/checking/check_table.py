@@ -46,6 +46,7 @@ LOO_PIT, PARETO_K = "loo_pit", "loo_pareto_k"
 
 CONDITIONS, FABRICS = "deviations of mean ratings", "fabrics' own deviations"
 EXPONENTS, PIT = "participants' own exponents", "LOO-PIT"
+ALONG = "deviations along the response's slope"
 """Checks of residuals at draws of the posterior, beside the test quantities."""
 
 PIT_POINTS = np.arange(1, 100) / 100
@@ -106,6 +107,7 @@ def check_table(tree: xr.DataTree) -> pd.DataFrame:
         (CONDITIONS, of.condition_deviation, of.condition_p_value),
         (FABRICS, of.fabric_deviation, of.fabric_p_value),
         (EXPONENTS, of.exponent_deviation, of.exponent_p_value),
+        (ALONG, of.modulus_deviation, of.modulus_p_value),
     ):
         rows.append(
             _row("posterior", name, "same", ALL, ALL, ALL, QuantityCheck(deviation, np.nan, np.nan, np.nan, p_value))
@@ -198,7 +200,7 @@ def doubts(table: pd.DataFrame) -> list[str]:
         if rows.empty:
             continue
         # these p-values are one-sided by construction
-        one_sided = name in (CONDITIONS, FABRICS, EXPONENTS, PIT)
+        one_sided = name in (CONDITIONS, FABRICS, EXPONENTS, ALONG, PIT)
         p_values = rows["p_value"] if one_sided else rows["p_value"].map(_two_sided)
         if p_values.min() < DOUBTFUL / len(rows):
             worst = rows.iloc[int(np.argmin(p_values))]

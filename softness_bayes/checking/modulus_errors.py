@@ -228,6 +228,23 @@ def shift_table(names: Sequence[str], shifts: Sequence[Shift]) -> pd.DataFrame:
     return pd.DataFrame(rows, index=pd.Index([*names], name="quantity"))
 
 
+class MovedMost(NamedTuple):
+    """The quantity that errors of 10 % of the moduli would move most."""
+
+    name: str
+    shift: float
+    """Standard deviation of the shift of its posterior mean, in posterior standard deviations."""
+
+
+def moved_most(table: pd.DataFrame) -> MovedMost | None:
+    """Return the quantity of a `shift_table` that errors would move most; None where no shift exceeds its noise."""
+    clear = table[table["shift_10"] >= CLEAR * table["shift_10_mcse"]]
+    if clear.empty:
+        return None
+    most = int(clear["shift_10"].to_numpy().argmax())
+    return MovedMost(str(clear.index[most]), float(clear["shift_10"].iloc[most]))
+
+
 def shift_sentences(table: pd.DataFrame) -> list[str]:
     """Say how far conclusions would move if moduli that are taken as exact were wrong.
 

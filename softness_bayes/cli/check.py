@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from softness_bayes.data import Compression, Experiment
+    from softness_bayes.parameters.fabric_moduli import FabricModuli
 
 
 @click.command()
@@ -30,10 +31,13 @@ def command(files: DataFiles, scale: str, choice: ReadingChoice) -> None:
     force_n; indentor, if other rows are to be left out. Errors name file, row, column and value. E_fab is
     shown in the reading that is asked for. With ratings it is also said whether they rise or fall with stiffness.
     """
+    import numpy as np
+
     from softness_bayes.data import Compression
     from softness_bayes.likelihood.scales import RATING_SCALES
     from softness_bayes.model.build import choose_direction
     from softness_bayes.model.options import ModelOptions
+    from softness_bayes.parameters.fabric_moduli import FabricModuli
 
     fabric_modulus = choice.resolve().fabric_modulus
     experiment = files.read()
@@ -42,9 +46,17 @@ def command(files: DataFiles, scale: str, choice: ReadingChoice) -> None:
         for note in experiment.notes:
             click.echo(f"note: {note}")
         return
-    modulus = experiment.fabrics.modulus(fabric_modulus) / 1e3
-    for line in (*_summary(experiment, modulus), "", *_fabric_table(experiment, modulus)):
+    moduli = FabricModuli.of(experiment.fabrics, fabric_modulus)
+    modulus = np.array(moduli.middle) / 1e3
+    for line in (*_summary(experiment, modulus), "", *_fabric_table(experiment, moduli)):
         click.echo(line)
+    if exact := len(moduli.laws) - len(moduli.uncertain):
+        click.echo(
+            f"warning: {'the' if moduli.known else exact} moduli are given without errors. A run that takes measured "
+            "moduli as exact has intervals that are too narrow. Add a column effective_modulus_cv (or thickness_cv, "
+            "tensile_modulus_cv, bending_rigidity_cv), or give the run --modulus-cv 0.15; --modulus-cv 0 says that "
+            "they are exact"
+        )
     if experiment.compression is not None:
         click.echo()
         _show_compression(experiment.compression)
@@ -102,22 +114,27 @@ def _summary(experiment: Experiment, modulus: NDArray[np.float64]) -> list[str]:
     return [f"{name:14}{text}" for name, text in lines.items()]
 
 
-def _fabric_table(experiment: Experiment, moduli: NDArray[np.float64]) -> list[str]:
-    """Return a table of the fabrics: modulus, what it is from, Poisson ratio, number of ratings."""
+def _fabric_table(experiment: Experiment, moduli: FabricModuli) -> list[str]:
+    """Return a table of the fabrics: modulus, its 90 % limits, what it is from, Poisson ratio, number of ratings."""
     import numpy as np
 
     ratings, fabrics = experiment.ratings, experiment.fabrics
     width = max(map(len, ("fabric", *fabrics.names)))
-    lines = [f"{'fabric':{width}}  E_fab (kPa)  Poisson ratio  ratings  modulus from"]
-    for name, modulus, poisson, count, basis in zip(
+    lines = [f"{'fabric':{width}}  E_fab (kPa)  {'90 % limits':>18}  Poisson ratio  ratings  modulus from"]
+    for name, modulus, law, poisson, count, basis in zip(
         fabrics.names,
-        moduli,
+        moduli.middle,
+        moduli.laws,
         fabrics.poisson_ratio,
         np.bincount(ratings.fabric),
         fabrics.basis,
         strict=True,
     ):
-        lines.append(f"{name:{width}}  {modulus:11.4g}  {poisson:13g}  {count:7}  {basis}")
+        low, high = (np.nan, np.nan) if law is None else np.asarray(law.quantile([0.05, 0.95])).tolist()
+        limits = "no error given" if law is None else f"{low:.3g} to {high:.3g}"
+        lines.append(
+            f"{name:{width}}  {modulus / 1e3:11.4g}  {limits:>18}  {poisson:13g}  {count:7}  {basis or 'unknown'}"
+        )
     return lines
 
 

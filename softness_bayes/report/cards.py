@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 
 from softness_bayes.checking.check_table import unreproduced_sentence
 from softness_bayes.checking.identifiability import information_sentences
+from softness_bayes.checking.levelled import DOUBTFUL
 from softness_bayes.report.findings import (
     Agreement,
     Convergence,
@@ -15,6 +16,7 @@ from softness_bayes.report.findings import (
     FastModel,
     Finding,
     Information,
+    InputErrors,
     NeedsRatings,
     OtherChecks,
     PlateForces,
@@ -30,6 +32,7 @@ QUESTIONS: Mapping[type[Finding], str] = MappingProxyType(
         FastModel: "Are the fast model's numbers exact enough?",
         TurningPoints: "Does the model reproduce the turning point (maximum), where the ratings can tell?",
         OtherChecks: "Does it reproduce everything else that was checked?",
+        InputErrors: "Would errors of the fabrics' moduli change the conclusions?",
         Information: "Which parameters did the data inform?",
         PlateForces: "Does the skin reproduce the plate's forces?",
     }
@@ -88,6 +91,8 @@ def _told(finding: Finding) -> tuple[str, list[str]]:
         case OtherChecks():
             told = [unreproduced_sentence(finding.unreproduced), *finding.remarks]
             return "Nothing else amiss" if good else "Not everything", [*map(sentence, told)]
+        case InputErrors():
+            return _inputs(finding), [*map(sentence, finding.remarks)]
         case Information():
             told = [*information_sentences(finding.summary), *finding.remarks]
             return f"{finding.informed} of {len(finding.summary)}", [*map(sentence, told)]
@@ -107,6 +112,14 @@ def _agreement(finding: Agreement) -> tuple[str, list[str]]:
         return "No: the readout runs against the data" if against else "No: a flat line through them", details
     answers = {Standing.GOOD: "Yes", Standing.DOUBTFUL: "In part", Standing.NEUTRAL: "Not judged"}
     return answers[finding.outcome], [*details, sentence(fit.choice.sentence)]
+
+
+def _inputs(finding: InputErrors) -> str:
+    if finding.p_value < DOUBTFUL:
+        return "The ratings show errors"
+    if finding.sensitive:
+        return "They would: moduli are taken as exact"
+    return "Hardly" if finding.assumed else "They are accounted for"
 
 
 def _errors(finding: FastModel) -> list[str]:

@@ -9,11 +9,12 @@ import numpy as np
 from softness_bayes.checking.check_table import doubts
 from softness_bayes.checking.levelled import DOUBTFUL
 from softness_bayes.checking.misfit import MOSTLY_SILENT, fit_of
+from softness_bayes.checking.modulus_errors import MovedMost
 from softness_bayes.checking.reproduction import inflection_reproduced
 from softness_bayes.checking.sensitivity import INFORMED
 from softness_bayes.likelihood.directions import FALLS, RISES
 from softness_bayes.parameters.declared import PARAMETERS
-from softness_bayes.report.findings import exactness_of
+from softness_bayes.report.findings import exactness_of, input_errors_of
 from softness_bayes.results.result import Result
 
 LIKELY = 0.9
@@ -67,6 +68,8 @@ class Facts(NamedTuple):
     """Parameters of a run without ratings; empty for one with ratings."""
     fabrics: tuple[float, float] = (np.nan, np.nan)
     """Range of E_fab of the rated fabrics [kPa]."""
+    moved: MovedMost | None = None
+    """What errors of moduli that are merely assumed to be exact would move most, if it matters."""
 
     @property
     def failed(self) -> bool:
@@ -115,6 +118,7 @@ def facts_of(result: Result) -> Facts:
         tuple(doubts(checks)),
         _turns(result),
         fabrics=(float(modulus.min()) / 1e3, float(modulus.max()) / 1e3),
+        moved=inputs.largest if (inputs := input_errors_of(result)) is not None and inputs.sensitive else None,
     )
 
 
@@ -146,6 +150,12 @@ def _trust(facts: Facts) -> str:
         return f"In part: the chains have converged, but the model does not reproduce {_listed(failed)}."
     if facts.silent:
         return "With care: the chains have converged, but most of the posterior predicts that no receptor fires."
+    if facts.moved is not None:
+        return (
+            "With care: the chains have converged, and no check found a difference between model and data, but the "
+            f"fabrics' moduli are taken as exact. Errors of 10 % would move {facts.moved.name} by about "
+            f"{facts.moved.shift:.2g} posterior standard deviations."
+        )
     return "Yes: the chains have converged, and no check found a difference between model and data."
 
 
@@ -198,6 +208,11 @@ def _next(facts: Facts, directory: str | None) -> str:
         return "repeat the run with --exact-reweight."
     if facts.contradicted or facts.unreproduced:
         return _after_a_failed_check(facts)
+    if facts.moved is not None:
+        return (
+            "if the moduli were measured with errors, repeat the run with these (--modulus-cv 0.1, or a column "
+            "effective_modulus_cv); --modulus-cv 0 says that they are exact."
+        )
     help_ = _helpful(facts)
     steps = [f"read the page that 'softness-bayes report {directory}' writes"] if directory else []
     return f"{'; '.join([*steps, *([help_] if help_ else [])]) or 'nothing is left to do'}."

@@ -14,12 +14,18 @@ from softness_bayes.checking.check_table import doubts
 from softness_bayes.checking.exactness import Exactness, compare_likelihoods
 from softness_bayes.checking.levelled import DOUBTFUL
 from softness_bayes.checking.misfit import Fit, fit_of
+from softness_bayes.checking.modulus_errors import MovedMost, moved_most
 from softness_bayes.checking.reproduction import Reproduction, inflection_reproduced
 from softness_bayes.checking.sensitivity import INFORMED
+from softness_bayes.files.run_files import MODULUS_ERRORS
 from softness_bayes.results.result import Result
 
 if TYPE_CHECKING:
     import pandas as pd
+
+MATTERS = 0.5
+"""Shift of a posterior mean, in posterior standard deviations, from which errors of 10 % of the moduli matter: 90 %
+intervals that are off by as much hold the truth in 86 %."""
 
 MOSTLY = 0.5
 """Share of the differences between fabrics from which the response is said to explain them."""
@@ -157,6 +163,30 @@ class OtherChecks(Finding):
 
 
 @dataclass(frozen=True)
+class InputErrors(Finding):
+    """Dependence of the conclusions on errors of the fabrics' moduli."""
+
+    assumed: bool
+    """Whether moduli were taken as exact although nobody said that they are."""
+    p_value: float
+    """Of the check whether mean ratings deviate as wrong moduli would have it."""
+    largest: MovedMost | None
+    """What errors of the moduli would move most; None where nothing is moved beyond Monte-Carlo error."""
+    remarks: tuple[str, ...]
+    """What the run said."""
+
+    @property
+    def sensitive(self) -> bool:
+        """True if moduli were assumed to be exact and usual errors would change conclusions."""
+        return self.assumed and self.largest is not None and self.largest.shift >= MATTERS
+
+    @property
+    def outcome(self) -> Standing:
+        """Good if the ratings show no errors, and conclusions do not rest on the assumption that there are none."""
+        return Standing.DOUBTFUL if self.sensitive or self.p_value < DOUBTFUL else Standing.GOOD
+
+
+@dataclass(frozen=True)
 class Information(Finding):
     """Parameters that the data informed."""
 
@@ -234,6 +264,16 @@ def exactness_of(result: Result) -> Exactness:
     return compare_likelihoods(names, theta, np.zeros(int(compared.sum())), difference[compared])
 
 
+def input_errors_of(result: Result) -> InputErrors | None:
+    """Return what errors of the moduli would do; None for a result of an earlier version, which did not ask."""
+    residuals = result.provenance.residuals
+    if not residuals.modulus_check:
+        return None
+    table = result.tables.get(MODULUS_ERRORS)
+    largest = None if table is None else moved_most(table)
+    return InputErrors(result.moduli_assumed, residuals.modulus_p_value, largest, result.said_of_moduli())
+
+
 def _doubted(finding: Finding, why: Doubt) -> Finding:
     """Put a finding in doubt; the first doubt stays."""
     return finding if finding.doubt is not None else replace(finding, doubt=why)
@@ -260,6 +300,7 @@ def _of_ratings(result: Result) -> list[Finding]:
         ),
         TurningPoints(tuple(inflection_reproduced(checks)), result.inflection()),
         OtherChecks(tuple(doubts(checks)), (residuals.exponent_check, residuals.fabric_check)),
+        *([] if (inputs := input_errors_of(result)) is None else [inputs]),
     ]
 
 
