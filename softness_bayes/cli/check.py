@@ -36,8 +36,8 @@ def command(files: DataFiles, scale: str, choice: ReadingChoice) -> None:
     from softness_bayes.data import Compression
     from softness_bayes.likelihood.scales import RATING_SCALES
     from softness_bayes.model.build import choose_direction
+    from softness_bayes.model.fabric_moduli import fabric_moduli
     from softness_bayes.model.options import ModelOptions
-    from softness_bayes.parameters.fabric_moduli import FabricModuli
 
     fabric_modulus = choice.resolve().fabric_modulus
     experiment = files.read()
@@ -46,7 +46,7 @@ def command(files: DataFiles, scale: str, choice: ReadingChoice) -> None:
         for note in experiment.notes:
             click.echo(f"note: {note}")
         return
-    moduli = FabricModuli.of(experiment.fabrics, fabric_modulus)
+    moduli = fabric_moduli(experiment.fabrics, fabric_modulus)
     modulus = np.array(moduli.middle) / 1e3
     for line in (*_summary(experiment, modulus), "", *_fabric_table(experiment, moduli)):
         click.echo(line)

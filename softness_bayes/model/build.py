@@ -14,6 +14,7 @@ from softness_bayes.likelihood.design import Design
 from softness_bayes.likelihood.models import rating_model
 from softness_bayes.likelihood.plate import CompressionForces
 from softness_bayes.likelihood.ratings import RatingParameters
+from softness_bayes.model.fabric_moduli import fabric_moduli
 from softness_bayes.model.options import ModelOptions
 from softness_bayes.model.posterior import Density, Posterior
 from softness_bayes.model.resolution import prior_draws, resolution_for
@@ -178,7 +179,7 @@ def space_of(experiment: Experiment, options: ModelOptions) -> ParameterSpace:
 def moduli_of(experiment: Experiment, options: ModelOptions) -> FabricModuli:
     """Return the fabrics' effective moduli, and the laws of those that are not known exactly."""
     reading = options.readings.fabric_modulus
-    return FabricModuli.of(experiment.fabrics, reading, options.modulus_cv, options.unknown_modulus)
+    return fabric_moduli(experiment.fabrics, reading, options.modulus_cv, options.unknown_modulus)
 
 
 def design_of(experiment: Experiment) -> Design:

@@ -3,22 +3,20 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from softness_bayes.data.columns import EFFECTIVE_MODULUS
-from softness_bayes.data.fabrics import Fabrics, log_sd
 from softness_bayes.errors import InputError
-from softness_bayes.parameters.priors import LEAST_WIDTH, LogNormal, LogUniform, Prior
-from softness_bayes.ranges import RELATIVE_ERRORS
-from softness_bayes.touch.contact import FabricModulus
+from softness_bayes.parameters.priors import LogNormal, Prior
 
 FloatArray = NDArray[np.float64]
 
 UNKNOWN_MODULUS = LogNormal(100, 2)
 """Law of a modulus of which nothing is known [kPa]: 90 % of it lies from 4 to 2700 kPa, which holds most cloth."""
+
+KPA = 1e3
+"""Pascals in the unit of the laws."""
 
 FABRIC_MODULUS = "fabric_modulus"
 """Name of the sampled moduli in files; one of them is `FABRIC_MODULUS`[fabric]."""
@@ -42,51 +40,6 @@ class FabricModuli:
     middle: tuple[float, ...]
     laws: tuple[Prior | None, ...]
 
-    @classmethod
-    def of(
-        cls, fabrics: Fabrics, reading: FabricModulus, cv: float | None = None, unknown: Prior = UNKNOWN_MODULUS
-    ) -> Self:
-        """Return the moduli of some fabrics.
-
-        A measured modulus E with relative standard error c is log-normal with median E and sd(log E)² = log(1 + c²). A
-        bracket is uniform in the logarithm.
-
-        Parameters
-        ----------
-        fabrics
-            The measured properties and their errors.
-        reading
-            Formula of the rigidity from tensile modulus and thickness.
-        cv
-            Relative standard error of measured moduli without one of their own; None or 0 if these are exact.
-        unknown
-            Law of moduli of which nothing is known [kPa].
-
-        Raises
-        ------
-        InputError
-            If a modulus or the error is out of range.
-        """
-        if cv is not None:
-            RELATIVE_ERRORS.require("modulus_cv", cv)
-        middle = fabrics.modulus(reading, unknown=unknown.median * EFFECTIVE_MODULUS.factor)
-        own = fabrics.modulus_cv()
-        errors = log_sd(np.where(np.isnan(own), cv or 0.0, own))
-        low, high = (
-            side / EFFECTIVE_MODULUS.factor for side in (fabrics.effective_modulus_low, fabrics.effective_modulus_high)
-        )
-        laws: list[Prior | None] = []
-        for k, basis in enumerate(fabrics.basis):
-            if not basis:
-                laws.append(unknown)
-            elif np.isfinite(low[k]) and np.isnan(fabrics.effective_modulus[k]):
-                laws.append(LogUniform(float(low[k]), float(high[k])))
-            elif errors[k] > LEAST_WIDTH:
-                laws.append(LogNormal(float(middle[k] / EFFECTIVE_MODULUS.factor), float(errors[k])))
-            else:
-                laws.append(None)
-        return cls(fabrics.names, tuple(middle.tolist()), tuple(laws))
-
     @property
     def uncertain(self) -> tuple[int, ...]:
         """Indices of the fabrics whose modulus is not known exactly."""
@@ -104,7 +57,7 @@ class FabricModuli:
         for k in self.uncertain:
             law = self.laws[k]
             assert law is not None
-            low, high = (np.asarray(law.quantile([3e-5, 1.0 - 3e-5])) * EFFECTIVE_MODULUS.factor).tolist()
+            low, high = (np.asarray(law.quantile([3e-5, 1.0 - 3e-5])) * KPA).tolist()
             ends[k] = low, high
         return min(low for low, _ in ends), max(high for _, high in ends)
 
@@ -112,7 +65,7 @@ class FabricModuli:
         """Return E_fab [Pa] of every fabric, shape (..., fabrics), at sampled moduli [kPa], (..., uncertain)."""
         found = np.empty((*sampled.shape[:-1], len(self.middle)))
         found[...] = self.middle
-        found[..., list(self.uncertain)] = sampled * EFFECTIVE_MODULUS.factor
+        found[..., list(self.uncertain)] = sampled * KPA
         return found
 
 
