@@ -75,7 +75,7 @@ def check_moduli(
     The discrepancy is T = sum over fabrics of (sum_c n_c d_c r_c)² / sum_c n_c d_c², over the conditions c of a fabric,
     with mean residuals r_c, numbers n_c and slopes d_c, given a draw of all parameters and effects. T / varsigma² of
     replicated ratings follows a chi-squared law with one degree of freedom for each fabric that has a slope. The fit
-    absorbs some of the errors, so that the p-value errs towards silence.
+    absorbs some of the errors, so that the p-value errs towards silence; the sizes that are stated allow for that.
 
     Parameters
     ----------
@@ -105,7 +105,8 @@ def check_moduli(
     if not judged.any():
         return ModulusCheck(np.nan, np.nan, np.nan)
     squares, freedom, variance = squares[judged], freedom[judged], spread[judged] ** 2
-    information = np.where(steep, weight, 0.0).sum(axis=1)[judged]
+    left = _left_by_the_fit(mean, count, slope, fabric, float(np.mean(spread**2)))
+    information = left * np.where(steep, weight, 0.0).sum(axis=1)[judged]
     excess = (squares - freedom * variance) / information
     scale = chdtri(freedom, NEEDED) / chdtri(freedom, NOTICED)
     return ModulusCheck(
@@ -113,6 +114,21 @@ def check_moduli(
         float(np.sqrt(max(np.median(excess), 0.0))),
         float(np.median(np.sqrt((scale - 1.0) * freedom * variance / information))),
     )
+
+
+def _left_by_the_fit(mean: Array, count: Array, slope: Array, fabric: NDArray[np.bool_], variance: float) -> float:
+    """Return the share of the sum of squares of wrong moduli that stays in the residuals after the fit.
+
+    Near the posterior the fit is linear: it takes up H r of deviations r of the conditions, H = V N / varsigma², with V
+    the posterior covariance of the conditions' expectations and N their numbers of ratings.
+    """
+    hat = np.cov(mean, rowvar=False) * count / variance
+    errors = slope.mean(axis=0)[:, None] * fabric
+    weighted = errors * count[:, None]
+    size = (weighted * errors).sum(axis=0)
+    moved = weighted.T @ (errors - hat @ errors)
+    known = size > 0
+    return float(np.clip(((moved**2).sum(axis=1)[known] / size[known]).sum() / size.sum(), 1e-6, 1.0))
 
 
 def directions(fabrics: NDArray[np.intp], total: int) -> tuple[Array, float]:

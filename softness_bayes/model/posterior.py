@@ -62,6 +62,11 @@ class Density:
         """Names of the sampled parameters."""
         return self.space.names
 
+    @property
+    def n_linear(self) -> int:
+        """Number of the fabrics' moduli, the last coordinates: near their laws, they follow the others linearly."""
+        return self.space.dimension - self.space.n_chain
+
     def natural(self, z: FloatArray) -> FloatArray:
         """Points theta [natural units] at sampler coordinates ``z``."""
         return self.space.natural(z)

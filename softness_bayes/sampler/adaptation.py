@@ -58,7 +58,7 @@ class TriangularMap:
         return float(np.linalg.slogdet(self.axes)[1] + np.log(self.scale).sum())
 
     @classmethod
-    def fit(cls, draws: FloatArray, effective: float) -> TriangularMap:
+    def fit(cls, draws: FloatArray, effective: float, linear: int = 0) -> TriangularMap:
         """Return the map learnt from draws.
 
         Parameters
@@ -67,18 +67,24 @@ class TriangularMap:
             Points z, shape (draws, dimension).
         effective
             Effective sample size of the draws; with fewer draws the fitted curvature is shrunk more.
+        linear
+            Number of last coordinates that follow the others in straight lines; they come last in the order too.
         """
-        centre = draws.mean(axis=0)
-        size, vectors = np.linalg.eigh(np.atleast_2d(np.cov(draws, rowvar=False)))
-        axes = vectors * np.sqrt(np.maximum(size, max(size[-1] * 1e-12, _LEAST_VARIANCE)))
+        centre, curved = draws.mean(axis=0), draws.shape[-1] - linear
+        covariance = np.atleast_2d(np.cov(draws, rowvar=False))
+        axes = np.diag(np.sqrt(np.maximum(covariance.diagonal(), _LEAST_VARIANCE)))
+        size, vectors = np.linalg.eigh(covariance[:curved, :curved])
+        axes[:curved, :curved] = vectors * np.sqrt(np.maximum(size, max(size[-1] * 1e-12, _LEAST_VARIANCE)))
         t = np.linalg.solve(axes, (draws - centre).T).T
-        bends = _Bends(t, effective)
+        bends = _Bends(t[:, :curved], effective)
         order = bends.order()
+        fitted = [bends.fit(order[k], order[:k])[0] for k in range(curved)]
+        order += range(curved, centre.size)
         t = t[:, order]
-        fitted = tuple(bends.fit(order[k], order[:k])[0] for k in range(centre.size))
-        spread = (t - _bent(t, fitted)).std(axis=0)
+        fitted += [_straight(t, k) for k in range(curved, centre.size)]
+        spread = (t - _bent(t, tuple(fitted))).std(axis=0)
         # the width along an axis on which no walker moved is unknown
-        return cls(centre, axes[:, order], np.where(spread > 0, spread, 1.0), fitted)
+        return cls(centre, axes[:, order], np.where(spread > 0, spread, 1.0), tuple(fitted))
 
     def forward(self, y: FloatArray) -> FloatArray:
         """Return points z at map coordinates ``y``, both of shape (..., dimension)."""
@@ -109,7 +115,7 @@ class Mapped:
         return self.target(self.map.forward(y))
 
 
-def learn(walks: FloatArray, log_density: FloatArray, tau: float) -> TriangularMap:
+def learn(walks: FloatArray, log_density: FloatArray, tau: float, linear: int = 0) -> TriangularMap:
     """Learn a map from a pilot walk.
 
     Parameters
@@ -120,13 +126,15 @@ def learn(walks: FloatArray, log_density: FloatArray, tau: float) -> TriangularM
         Their log density, shape (...).
     tau
         Steps of the walk for one independent draw.
+    linear
+        As `TriangularMap.fit` takes it.
     """
     draws, height = walks.reshape(-1, walks.shape[-1]), log_density.ravel()
     # walkers still on their way from a bad start would stretch the map; their density is too low for a normal law
     # if all are on their way, as with very precise data, the upper half is used
     low = min(height.max() - max(20.0, 4.0 * draws.shape[-1]), float(np.median(height)))
     draws = draws[height >= low]
-    return TriangularMap.fit(draws, len(draws) / tau)
+    return TriangularMap.fit(draws, len(draws) / tau, linear)
 
 
 class _Bends:
@@ -172,6 +180,15 @@ class _Bends:
             gains = [self.fit(k, [other for other in left if other != k])[1] for k in left]
             order.append(left.pop(int(np.argmax(gains))))
         return order[::-1]
+
+
+def _straight(t: FloatArray, k: int) -> FloatArray:
+    """Return the coefficients of t_k on the features of the earlier coordinates, of which only linear ones count."""
+    bend = np.zeros(_count(k))
+    terms = [0, *(_count(j) for j in range(k))]
+    linear = np.column_stack([np.ones(len(t)), np.clip(t[:, :k], -_REACH, _REACH)])
+    bend[terms] = np.linalg.lstsq(linear, t[:, k], rcond=None)[0]
+    return bend
 
 
 def _features(t: FloatArray) -> FloatArray:

@@ -32,7 +32,7 @@ def labels(modes: Sequence[TriangularMap], z: FloatArray) -> Labels:
 
 
 def learn_modes(
-    modes: Sequence[TriangularMap], walks: FloatArray, log_density: FloatArray, tau: float
+    modes: Sequence[TriangularMap], walks: FloatArray, log_density: FloatArray, tau: float, linear: int = 0
 ) -> tuple[TriangularMap, ...]:
     """Learn a map of each mode from a pilot walk, the mode with most draws first.
 
@@ -40,7 +40,7 @@ def learn_modes(
     ----------
     modes
         Maps of the modes so far.
-    walks, log_density, tau
+    walks, log_density, tau, linear
         As `adaptation.learn` takes them.
 
     Returns
@@ -51,17 +51,19 @@ def learn_modes(
     draws, height = walks.reshape(-1, walks.shape[-1]), log_density.ravel()
     found = list(modes)
     while len(found) > 1:
-        found, label = _mapped(found, draws, height, tau)
+        found, label = _mapped(found, draws, height, tau, linear)
         if (pair := _overlapping(found, label, draws)) is None:
             sizes = np.bincount(label, minlength=len(found))
             return tuple(found[k] for k in np.argsort(-sizes, kind="stable"))
         both = np.isin(label, pair)
-        found = [mode for k, mode in enumerate(found) if k not in pair] + [learn(draws[both], height[both], tau)]
-    return (learn(draws, height, tau),)
+        found = [mode for k, mode in enumerate(found) if k not in pair] + [
+            learn(draws[both], height[both], tau, linear)
+        ]
+    return (learn(draws, height, tau, linear),)
 
 
 def _mapped(
-    modes: list[TriangularMap], draws: FloatArray, height: FloatArray, tau: float
+    modes: list[TriangularMap], draws: FloatArray, height: FloatArray, tau: float, linear: int
 ) -> tuple[list[TriangularMap], Labels]:
     """Fit maps and assign draws in turns until few draws change their mode."""
     label = labels(modes, draws)
@@ -69,7 +71,7 @@ def _mapped(
         own = [label == k for k in range(len(modes))]
         enough = _FEWEST * draws.shape[-1]
         modes = [
-            learn(draws[mine], height[mine], tau) if len(np.unique(height[mine])) >= enough else mode
+            learn(draws[mine], height[mine], tau, linear) if len(np.unique(height[mine])) >= enough else mode
             for mode, mine in zip(modes, own, strict=True)
         ]
         before, label = label, labels(modes, draws)

@@ -156,3 +156,10 @@ MOVES: Moves = (
 emcee's snooker move is not among them: up to emcee 3.1.6 its acceptance takes half of the Jacobian's exponent,
 which narrows what it samples (`tests/sampler/test_invariance.py` shows both).
 """
+
+MANY_DIMENSIONS = 20
+"""Number of dimensions above which `MANY_DIMENSIONS_MOVES` are taken."""
+
+MANY_DIMENSIONS_MOVES: Moves = ((Student(20.0), MOVES[0][1]), *MOVES[1:])
+"""As `MOVES`, with lighter tails: in 25 dimensions proposals of 5 degrees of freedom are mostly too far out, and a run
+takes twice as many steps."""

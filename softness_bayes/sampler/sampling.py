@@ -28,13 +28,24 @@ from softness_bayes.sampler.adaptation import Mapped, TriangularMap
 from softness_bayes.sampler.chains import Chains, Segment
 from softness_bayes.sampler.diagnostics import Verdict
 from softness_bayes.sampler.first_state import place_walkers, watched
-from softness_bayes.sampler.moves import FIRST_MOVES, MOVES, Mode, Moves, leaping
+from softness_bayes.sampler.moves import (
+    FIRST_MOVES,
+    MANY_DIMENSIONS,
+    MANY_DIMENSIONS_MOVES,
+    MOVES,
+    Mode,
+    Moves,
+    leaping,
+)
 from softness_bayes.sampler.schedule import Schedule
 from softness_bayes.sampler.starts import Target
 from softness_bayes.sampler.state import EnsembleState, RunState
 from softness_bayes.sampler.workers import Workers, available_processors
 
 FloatArray = NDArray[np.float64]
+
+MANY_WALKERS = 80
+"""Walkers of an ensemble, four for each dimension, above which there need only be as many as the moves ask for."""
 
 PATIENCE = 2.0
 """Time [s] between reports of an ensemble, which limits the loss if the run is killed."""
@@ -91,20 +102,22 @@ class Settings(Schedule):
             If the number asked for is odd or below twice the dimension plus two.
         """
         if self.walkers is None:
-            return max(20, 4 * dimension)
+            return max(20, min(4 * dimension, max(MANY_WALKERS, 2 * dimension + 2)))
         if self.walkers % 2 or self.walkers < max(8, 2 * dimension + 2):
             least = max(8, 2 * dimension + 2)
             raise InputError(f"sampling: walkers is {self.walkers}, expected an even number from {least}")
         return self.walkers
 
+    def moves_for(self, dimension: int) -> Moves:
+        """Return the moves after the first stage, with proposals that suit the dimension where none were asked for."""
+        return MANY_DIMENSIONS_MOVES if self.moves is MOVES and dimension > MANY_DIMENSIONS else self.moves
+
     def description(self, dimension: int) -> dict[str, str]:
         """Return the settings that affect the draws, by name; limits and processes do not."""
         named = ("ensembles", "round_steps", "stored", "optima", "pilot", "relearning", "slow", "growing", "goal")
         plain = {name: getattr(self, name) for name in named}
-        moves = {
-            name: " + ".join(f"{share:g} {proposal}" for proposal, share in getattr(self, name))
-            for name in ("first_moves", "moves")
-        }
+        made = {"first_moves": self.first_moves, "moves": self.moves_for(dimension)}
+        moves = {name: " + ".join(f"{share:g} {proposal}" for proposal, share in of) for name, of in made.items()}
         return {"walkers": str(self.walkers_for(dimension)), **{n: str(v) for n, v in plain.items()}, **moves}
 
 
@@ -225,7 +238,7 @@ def walk(
                 raise NumericalError(f"stopped after {state.steps} steps: {said}")
             if state.ended:
                 return
-            state = settings.relearned(state)
+            state = settings.relearned(target, state)
             size = settings.next_steps(state, PATIENCE * pace)
             since = time.monotonic()
             state = _advance(workers, settings, state, size)
@@ -274,7 +287,8 @@ def progress_of(state: RunState, settings: Settings) -> Progress:
 def _advance(workers: Workers, settings: Settings, state: RunState, steps: int) -> RunState:
     """Walk all ensembles."""
     first = state.phase == 0 and bool(settings.pilot)
-    moves = settings.first_moves if first else settings.moves
+    dimension = state.ensembles[0].coordinates.shape[-1]
+    moves = settings.first_moves if first else settings.moves_for(dimension)
     tasks = [(advance, one, steps, moves, state.map, state.stride, state.modes) for one in state.ensembles]
     walked, found = watched(workers, tasks)
     ensembles, segments = zip(*walked, strict=True)

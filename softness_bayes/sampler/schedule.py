@@ -16,7 +16,7 @@ from softness_bayes.sampler.autocorrelation import autocorrelation_time
 from softness_bayes.sampler.chains import Segment
 from softness_bayes.sampler.diagnostics import LOG_POSTERIOR, Goal, Verdict, look
 from softness_bayes.sampler.modes import labels, learn_modes
-from softness_bayes.sampler.starts import Target
+from softness_bayes.sampler.starts import Target, linear_coordinates
 from softness_bayes.sampler.state import RunState
 
 
@@ -68,7 +68,7 @@ class Schedule:
         """Steps before the first convergence check."""
         return 3 * self.round_steps
 
-    def relearned(self, state: RunState) -> RunState:
+    def relearned(self, target: Target, state: RunState) -> RunState:
         """Return the state to continue from: with a new map and no draws if the last check found the walk slow.
 
         The decision depends on the draws, not on limits: a run that ended here makes it when it is continued.
@@ -79,7 +79,7 @@ class Schedule:
         growing = self.growing < found.tau_change < math.inf and found.lengths < self.goal.lengths
         if found.lengths >= self.slow and not growing:
             return state
-        return replace(_learn(state), stride=1, due=2 * state.steps, before=None, verdict=None)
+        return replace(_learn(target, state), stride=1, due=2 * state.steps, before=None, verdict=None)
 
     def in_pilot(self, state: RunState) -> bool:
         """Return whether a run is still in its pilot walk, whose draws do not count."""
@@ -98,7 +98,7 @@ class Schedule:
             Whether its time limit is reached.
         """
         while self.in_pilot(state) and state.steps == self.pilot[state.phase]:
-            state = _learn(state)
+            state = _learn(target, state)
         if self.in_pilot(state) or not state.steps:
             return state
         while (
@@ -154,14 +154,14 @@ def _look(target: Target, state: RunState, goal: Goal) -> Verdict:
     return look(names, values, chains.stride, float(chains.accepted.mean()), state.before, goal, inside, state.starts)
 
 
-def _learn(state: RunState) -> RunState:
+def _learn(target: Target, state: RunState) -> RunState:
     """End a stage of the pilot: learn a map, or one of each mode, from its second half, and drop its draws."""
     segments = [Segment.join(part) for part in state.parts]
     stored = state.steps // state.stride
     late = np.stack([segment.coordinates[stored // 2 :] for segment in segments])
     height = np.stack([segment.log_density[stored // 2 :] for segment in segments])
     tau = autocorrelation_time(np.moveaxis(late, -1, 1)).max()
-    modes = learn_modes(state.modes, late, height, min(float(tau), stored))
+    modes = learn_modes(state.modes, late, height, min(float(tau), stored), linear_coordinates(target))
     learnt = modes[0]
     moved = tuple(
         one._replace(coordinates=learnt.inverse(state.map.forward(one.coordinates))) for one in state.ensembles

@@ -53,6 +53,14 @@ class Target(Protocol):
         """Draw dispersed points of finite density at which searches for optima may start, shape (size, dimension)."""
 
 
+def linear_coordinates(target: Target) -> int:
+    """Return how many last coordinates a target says to follow the others nearly in straight lines; 0 if it does not.
+
+    A map learns fewer coefficients for these (`adaptation.TriangularMap.fit`).
+    """
+    return int(getattr(target, "n_linear", 0))
+
+
 class Optimum(NamedTuple):
     """A local maximum of a density and its width."""
 
