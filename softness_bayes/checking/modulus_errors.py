@@ -182,7 +182,7 @@ def scores(
 
 
 class Shift(NamedTuple):
-    """How far independent relative errors of all moduli would move a posterior mean, to first order."""
+    """Shift of a posterior mean by independent relative errors of all moduli, to first order."""
 
     sd: float
     """Standard deviation of the shift, in posterior standard deviations of the quantity and per unit error."""
@@ -207,14 +207,13 @@ def posterior_shift(quantity: Array, score: Array, share: float = 1.0) -> Shift:
     if known.sum() < 2 or not quantity[known].std() > 0:
         return Shift(np.nan, np.nan)
     q, s = quantity[known], score[known]
-    unit = (q - q.mean()) / q.std()
 
     def covariance(kept: NDArray[np.bool_]) -> Array:
-        chosen = unit[kept]
-        return np.asarray((chosen - chosen.mean()) @ (s[kept] - s[kept].mean(axis=0)) / chosen.size)
+        chosen = q[kept] - q[kept].mean()
+        return np.asarray(chosen @ (s[kept] - s[kept].mean(axis=0)) / chosen.size / chosen.std())
 
-    each = covariance(np.ones(unit.size, dtype=bool))
-    error = jackknife(covariance, unit.size)
+    each = covariance(np.ones(q.size, dtype=bool))
+    error = jackknife(covariance, q.size)
     squared = share * ((each**2).sum() - (error**2).sum())
     # delta method, and the noise of squares of noise
     noise = share * np.sqrt((4.0 * each**2 * error**2 + 2.0 * error**4).sum())

@@ -311,7 +311,7 @@ class Result:
 
     @property
     def moduli(self) -> pd.DataFrame | None:
-        """What the ratings say of each modulus that was not known exactly; None if all were (see `modulus_table`)."""
+        """Posterior of each modulus that was not known exactly; None if all were (see `modulus_table`)."""
         return self.tables[MODULI].copy() if MODULI in self.tables else None
 
     @property

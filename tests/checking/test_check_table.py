@@ -31,6 +31,7 @@ def test_the_table_has_every_quantity_under_both_laws(rng):
         "deviations of mean ratings",
         "fabrics' own deviations",
         "participants' own exponents",
+        "deviations along the response's slope",
         "LOO-PIT",
         FALL,
     }

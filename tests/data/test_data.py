@@ -318,7 +318,8 @@ FABRIC_FAULTS = [
         "1,1",
         "1,",
         "fabric 'felt': expected effective_modulus_kpa, or bending_rigidity_n_m, "
-        "or both tensile_modulus_mpa and thickness_mm",
+        "or both tensile_modulus_mpa and thickness_mm, "
+        "or both effective_modulus_low_kpa and effective_modulus_high_kpa",
     ),
 ]
 

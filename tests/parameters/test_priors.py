@@ -84,7 +84,7 @@ def test_written_form_is_the_documented_one():
     assert in_short(LogNormal(1.05, 0.03, 0.1)) == str(LogNormal(1.05, 0.03, 0.1))
     assert str(LogNormal(1.05, 0.03, 0.1)) == "lognormal(1.05,0.03,0.1)"
     assert parse_prior(" LogNormal( 1e2 , .5 ) ") == LogNormal(100, 0.5)
-    assert set(LAWS) == {"lognormal", "halfnormal", "normal", "uniform"}
+    assert set(LAWS) == {"lognormal", "halfnormal", "normal", "uniform", "loguniform"}
 
 
 def test_median_is_the_median():

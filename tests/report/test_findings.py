@@ -13,6 +13,7 @@ from softness_bayes.checking.direction import Choice, Evidence
 from softness_bayes.checking.exactness import compare_likelihoods
 from softness_bayes.checking.flatness import Explained
 from softness_bayes.checking.misfit import Fit
+from softness_bayes.checking.modulus_errors import MovedMost
 from softness_bayes.checking.reproduction import Reproduction
 from softness_bayes.checking.trend import Correlation, Trend
 from softness_bayes.likelihood.directions import FALLS, RISES
@@ -24,6 +25,7 @@ from softness_bayes.report.findings import (
     FastModel,
     Finding,
     Information,
+    InputErrors,
     NeedsRatings,
     OtherChecks,
     PlateForces,
@@ -82,6 +84,11 @@ CASES = [
     (turning(False), BAD, "Not under 1 mm"),
     (OtherChecks((), ("participants: fine", "fabrics: fine")), GOOD, "Nothing else amiss"),
     (OtherChecks(("nothing else",), ("participants: fine",)), DOUBTFUL, "Not everything"),
+    (InputErrors(True, 0.4, MovedMost("b", 1.5), ("moduli: fine",)), DOUBTFUL, "They would: moduli are taken as exact"),
+    (InputErrors(True, 0.4, MovedMost("b", 0.1), ("moduli: fine",)), GOOD, "Hardly"),
+    (InputErrors(True, 0.4, None, ("moduli: fine",)), GOOD, "Hardly"),
+    (InputErrors(False, 0.4, MovedMost("b", 1.5), ("moduli: fine",)), GOOD, "They are accounted for"),
+    (InputErrors(False, 1e-3, None, ("moduli: off",)), DOUBTFUL, "The ratings show errors"),
     (Information(SUMMARY), NEUTRAL, "1 of 2"),
     (PlateForces(2.2, 0.4, "forces"), GOOD, "Yes"),
     (PlateForces(2.2, 1e-3, "forces"), BAD, "No"),

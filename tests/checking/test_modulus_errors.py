@@ -1,0 +1,177 @@
+"""Errors of moduli: their check against replicates of the model, and first-order shifts against exact ones."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from softness_bayes.checking.modulus_errors import (
+    DIRECTIONS,
+    ModulusCheck,
+    Shift,
+    check_moduli,
+    directions,
+    moved_most,
+    posterior_shift,
+    scores,
+    shift_sentences,
+    shift_table,
+)
+from softness_bayes.likelihood.design import Design
+from softness_bayes.likelihood.magnitude import RatingModel
+from softness_bayes.likelihood.ratings import RatingParameters
+from softness_bayes.sampler.jackknife import GROUPS
+
+FABRICS, LOADS, PEOPLE = 8, 3, 20
+DESIGN = Design(
+    np.tile(np.arange(FABRICS * LOADS), PEOPLE),
+    np.repeat(np.arange(PEOPLE), FABRICS * LOADS),
+    np.repeat(np.arange(FABRICS), LOADS),
+    PEOPLE,
+)
+TRUTH = RatingParameters(gamma=1.0, tau=0.3, varsigma=0.3)
+
+
+def rated(rng, off=0.0):
+    """Ratings of a response with slope 0.5 in the log modulus, and draws of a posterior in which only mu is free."""
+    model, slope = RatingModel(), np.full(DESIGN.n_conditions, 0.5)
+    rate = np.exp(rng.normal(0.0, 0.7, DESIGN.n_conditions)) * 20.0
+    wrong = off * rng.standard_normal(FABRICS)[DESIGN.fabric]
+    drive = model.drive(DESIGN, rate, TRUTH) + slope * wrong
+    effects = model.draw_effects(rng, TRUTH, (), PEOPLE, FABRICS, {"mu": 3.0})
+    observation = model.observe(model.draw_ratings(rng, DESIGN, drive, TRUTH, effects), DESIGN)
+    draws = 100
+    rates, slopes = np.tile(rate, (draws, 1)), np.tile(slope, (draws, 1))
+    parameters = RatingParameters(*(np.full(draws, value) for value in TRUTH))
+    return observation, rates, slopes, parameters, observation.draw_effects(rng, rates, parameters)
+
+
+def test_the_check_is_silent_without_errors_and_sees_them_where_it_says(rng):
+    found = {off: [check_moduli(*rated(rng, off)) for _ in range(60)] for off in (0.0, 0.15, 0.4)}
+    p_values = {off: np.array([one.p_value for one in each]) for off, each in found.items()}
+    assert (p_values[0.0] < 0.05).mean() < 0.12  # conservative, with 60 tables
+    assert (p_values[0.4] < 0.05).mean() > 0.9
+    # the power that it states: errors as large as those are noticed in about 80 %
+    noticed = np.median([one.noticed for one in found[0.0]])
+    power = np.mean([check_moduli(*rated(rng, noticed)).p_value < 0.05 for _ in range(100)])
+    assert 0.65 < power < 0.95
+    # and the size that it states
+    assert_allclose(np.median([one.deviation for one in found[0.4]]), 0.4, rtol=0.25)
+    assert np.median([one.deviation for one in found[0.0]]) < 0.07
+
+
+def test_a_fit_that_takes_errors_up_is_said_to_see_less(rng):
+    """Draws of a model in which every condition is free leave little of the errors in the residuals."""
+    observation, rates, slopes, parameters, effects = rated(rng, 0.4)
+    plain = check_moduli(observation, rates, slopes, parameters, effects)
+    residual = observation.residual(rates, parameters, effects)
+    own = np.stack([residual[:, DESIGN.condition == c].mean(axis=1) for c in range(DESIGN.n_conditions)], axis=-1)
+    free = rates * np.exp(own + TRUTH.varsigma / np.sqrt(PEOPLE) * rng.standard_normal(rates.shape))
+    flexible = check_moduli(observation, free, slopes, parameters, effects)
+    assert plain.p_value < 1e-3 < flexible.p_value
+    assert flexible.noticed > 2 * plain.noticed
+
+
+def test_silent_conditions_say_nothing(rng):
+    observation, rates, slopes, parameters, effects = rated(rng)
+    found = check_moduli(observation, rates, 0.0 * slopes, parameters, effects)
+    assert np.isnan(found.p_value)
+    assert "say nothing" in found.sentence(True)
+
+
+@pytest.mark.parametrize(
+    ("check", "exact", "said"),
+    [
+        (ModulusCheck(0.4, 0.0, 0.07), True, "no errors of the moduli (p = 0.4; errors of about 7% would be noticed"),
+        (ModulusCheck(0.4, 0.0, 0.07), False, "beyond the errors that were given"),
+        (ModulusCheck(1e-3, 0.14, 0.07), True, "--modulus-cv 0.14"),
+        (ModulusCheck(1e-3, 0.14, 0.07), False, "larger than was said"),
+    ],
+)
+def test_sentences_of_the_check(check, exact, said):
+    assert said in check.sentence(exact)
+
+
+# shifts
+
+
+def normal_toy(rng, draws, fabrics=6):
+    """Draws of q ~ N(0, 1) with a score 2 q + noise for fabric 0, 1 q + noise for fabric 1, else noise."""
+    q = rng.standard_normal(draws)
+    loading = np.zeros(fabrics)
+    loading[:2] = 2.0, 1.0
+    return q, q[:, None] * loading + rng.standard_normal((draws, fabrics)), float(np.hypot(2.0, 1.0))
+
+
+def test_the_shift_is_that_of_a_normal_posterior_within_its_error(rng):
+    found, true = [], 0.0
+    for _ in range(50):
+        q, score, true = normal_toy(rng, 1000)
+        found.append(posterior_shift(q, score))
+    sd, error = np.array(found).T
+    assert abs(sd.mean() - true) < 4 * sd.std() / np.sqrt(sd.size)
+    assert 0.6 < error.mean() / sd.std() < 1.6
+
+
+def test_no_shift_stays_within_its_error(rng):
+    found = [posterior_shift(rng.standard_normal(1000), rng.standard_normal((1000, 24))) for _ in range(40)]
+    assert np.mean([one.sd >= 2 * one.mcse for one in found]) < 0.15
+    # a negative control: without subtracting what noise adds, every one would be
+    q, s = rng.standard_normal(1000), rng.standard_normal((1000, 24))
+    assert np.sqrt(((q @ s / 1000) ** 2).sum()) > 2 * posterior_shift(q, s).mcse
+
+
+def test_draws_without_a_turning_point_are_left_out(rng):
+    q, score, true = normal_toy(rng, 4000)
+    some = np.where(rng.random(q.size) < 0.3, np.nan, q)
+    assert_allclose(posterior_shift(some, score).sd, true, rtol=0.15)
+    for nothing in (np.full(100, np.nan), np.ones(100)):
+        assert np.isnan(posterior_shift(nothing, score[:100]).sd)
+
+
+def test_the_shift_is_the_movement_of_a_linear_fit(rng):
+    """Log ratings linear in theta: refitting with wrong moduli moves the mean by what the draws foretell."""
+    n, k, sd = 200, 2, 0.3
+    x, d = rng.standard_normal((n, k)), rng.standard_normal((n, 3))
+    theta = np.array([1.0, -0.5])
+    y = x @ theta + sd * rng.standard_normal(n)
+    precision = x.T @ x / sd**2 + np.eye(k)
+    mean, covariance = np.linalg.solve(precision, x.T @ y / sd**2), np.linalg.inv(precision)
+    draws = rng.multivariate_normal(mean, covariance, 20_000)
+    score = (y - draws @ x.T) @ d / sd**2  # of shifts d of the expectation
+    # an error of the inputs moves the data's expectation by -d, and the fit by the regression of that
+    exact = np.linalg.solve(precision, x.T @ d / sd**2) / np.sqrt(covariance.diagonal())[:, None]
+    for j in range(k):
+        assert_allclose(posterior_shift(draws[:, j], score).sd, np.linalg.norm(exact[j]), rtol=0.05)
+
+
+def test_scores_are_derivatives_of_the_likelihood(rng):
+    observation, rates, _, parameters, _ = rated(rng)
+    step, signs = 1e-4, directions(np.arange(FABRICS), FABRICS)[0]
+    found = scores(observation, (rates * np.exp(-step), rates * np.exp(step)), parameters, signs, step)
+    for f in range(FABRICS):
+        own = np.where(DESIGN.fabric == f, 1.0, 0.0)
+        up, down = (observation.log_likelihood(rates * np.exp(side * step * own), parameters) for side in (1, -1))
+        assert_allclose(found[:, f], (up - down) / (2 * step), rtol=1e-3, atol=1e-4)
+
+
+def test_many_fabrics_are_moved_at_once(rng):
+    total = 400
+    signs, share = directions(np.arange(total), total)
+    assert signs.shape == (DIRECTIONS, total)
+    covariances = rng.standard_normal(total)
+    assert_allclose(share * ((signs @ covariances) ** 2).sum(), (covariances**2).sum(), rtol=0.9)
+    few, one = directions(np.array([3, 5]), 8)
+    assert one == 1.0
+    assert few.tolist() == [[float(k == f) for k in range(8)] for f in (3, 5)]
+
+
+def test_what_is_not_clear_is_not_said():
+    table = shift_table(["b", "m"], [Shift(15.0, 1.0), Shift(3.0, 2.9)])
+    assert_allclose(table.loc["b", ["shift_5", "shift_10", "shift_20"]].to_numpy(float), [0.75, 1.5, 3.0])
+    said = shift_sentences(table)
+    assert len(said) == 2
+    assert "b: 0.75 ± 0.05, 1.5 ± 0.1, 3 ± 0.2" in said[1]
+    assert moved_most(table) == ("b", 1.5)
+    assert shift_sentences(table.loc[["m"]]) == []
+    assert moved_most(table.loc[["m"]]) is None
+    assert GROUPS > 2
