@@ -20,7 +20,13 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 
-def prediction_table(fabrics: Fabrics, scene: Scene, parameters: TouchParameters, prob: float = 0.9) -> pd.DataFrame:
+def prediction_table(
+    fabrics: Fabrics,
+    scene: Scene,
+    parameters: TouchParameters,
+    prob: float = 0.9,
+    modulus: Array | None = None,
+) -> pd.DataFrame:
     """Return the prediction for every condition of a scene.
 
     Parameters
@@ -33,6 +39,8 @@ def prediction_table(fabrics: Fabrics, scene: Scene, parameters: TouchParameters
         One parameter vector, or a batch of draws of shape (draws,).
     prob
         Credible mass of the columns `_low` and `_high`, which only a batch has.
+    modulus
+        E_fab [Pa] of each fabric at each draw, shape (draws, fabrics), where it is not the scene's.
 
     Returns
     -------
@@ -44,9 +52,10 @@ def prediction_table(fabrics: Fabrics, scene: Scene, parameters: TouchParameters
     """
     import pandas as pd
 
-    response = scene.respond(parameters)
+    response = scene.respond(parameters, modulus)
+    touched = scene.modulus if modulus is None else modulus[:, scene.fabric]
     columns: dict[str, object] = {"fabric": [fabrics.names[i] for i in scene.fabric]}
-    for name, values in _quantities(response, scene).items():
+    for name, values in _quantities(response, touched).items():
         if values.ndim == 1:
             columns[name] = values
         else:
@@ -68,12 +77,12 @@ def drawn_parameters(values: Mapping[str, ArrayLike]) -> TouchParameters:
     return TouchParameters(*np.broadcast_arrays(*touch_parameters(values), batch)[:-1])
 
 
-def _quantities(response: Response, scene: Scene) -> dict[str, Array]:
+def _quantities(response: Response, modulus: Array) -> dict[str, Array]:
     contact = response.contact
     return {
         "indentation_mm": contact.indentation * 1e3,
         "force_n": contact.force,
-        "e_fab_kpa": np.broadcast_to(scene.modulus * 1e-3, contact.force.shape),
+        "e_fab_kpa": np.broadcast_to(modulus * 1e-3, contact.force.shape),
         "e_skin_kpa": contact.skin_modulus * 1e-3,
         "contact_radius_mm": contact.radius * 1e3,
         "peak_stress_kpa": response.peak_stress * 1e-3,

@@ -192,6 +192,16 @@ class Result:
         flat = drawn.swapaxes(0, 1).reshape(total, -1)
         return {f"{FABRIC_MODULUS}[{name}]": flat[:, k] for k, name in enumerate(names)}
 
+    def _moduli_of(self, values: Mapping[str, Array]) -> Array | None:
+        """Return E_fab [Pa] of every fabric at draws from `values`, (draws, fabrics); None if all are known."""
+        measured, names = self.fabrics.effective_modulus, self.fabrics.names
+        drawn = {name: values.get(f"{FABRIC_MODULUS}[{name}]") for name in names}
+        if all(one is None for one in drawn.values()):
+            return None
+        size = max(one.size for one in drawn.values() if one is not None)
+        each = zip(drawn.values(), measured, strict=True)
+        return np.stack([np.full(size, known) if one is None else one * 1e3 for one, known in each], axis=-1)
+
     def curves(self) -> Curves:
         """Return the response against E_fab that the run stored, draw by draw."""
         self._require_ratings()
@@ -251,7 +261,8 @@ class Result:
         Parameters
         ----------
         fabrics
-            What is touched; by default the fabrics of the data, by their moduli.
+            What is touched; by default the fabrics of the data, by their moduli, which are those of the posterior where
+            they were not known exactly.
         loads
             How; by default the loads of the data.
         draws
@@ -272,10 +283,11 @@ class Result:
         from softness_bayes.model.scenes import scene_of
 
         pressed, named = self.loads if loads is None else tuple(loads), self.values(draws)
+        own = self._moduli_of(named) if fabrics is None else None
         fabrics = self.fabrics if fabrics is None else fabrics
         noise = self.provenance.rating_model.noise
         scene = scene_of(fabrics, pressed, named, self.readings, noise=noise, finger=self.finger)
-        return prediction_table(fabrics, scene, drawn_parameters(named))
+        return prediction_table(fabrics, scene, drawn_parameters(named), modulus=own)
 
     @property
     def fabrics(self) -> Fabrics:

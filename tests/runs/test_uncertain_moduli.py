@@ -1,0 +1,146 @@
+"""Runs on moduli that are not known exactly, from the data to the files, the report and the command line."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+
+from softness_bayes.errors import InputError
+from softness_bayes.model.build import build
+from softness_bayes.parameters.priors import LogNormal
+from softness_bayes.report.conclusion import conclude, facts_of
+from softness_bayes.report.page import report_page
+from softness_bayes.results.result import Result
+from softness_bayes.runs.from_result import experiment_of, options_of
+from softness_bayes.runs.run import sample
+from support.command_line import FIXED, QUICK, call
+from support.paths import DATA
+from support.report_runs import CLOTH, OPTIONS, experiment, quickly
+
+NAMES = tuple(f"fabric_modulus[{name}]" for name in CLOTH.names)
+
+
+def rated(**errors):
+    """Ratings whose first fabric has an error of its own, the second none, the third a bracket, the last nothing."""
+    made, none = experiment(), np.full(4, np.nan)
+    fabrics = replace(
+        CLOTH,
+        effective_modulus=np.array([*CLOTH.effective_modulus[:2], np.nan, np.nan]),
+        effective_modulus_cv=np.array([0.2, *none[1:]]),
+        effective_modulus_low=np.array([*none[:2], 2e5, np.nan]),
+        effective_modulus_high=np.array([*none[:2], 8e5, np.nan]),
+    )
+    return made._replace(fabrics=fabrics, **errors)
+
+
+@pytest.fixture(scope="module")
+def result():
+    unknown = LogNormal(150, 1.5)
+    with quickly():
+        return sample(rated(), **OPTIONS, unknown_modulus=unknown)
+
+
+def test_a_result_holds_the_moduli_that_were_not_known(result):
+    posterior = result.group("posterior")
+    assert posterior["fabric_modulus"].dims == ("chain", "draw", "uncertain_fabric")
+    assert posterior["uncertain_fabric"].values.tolist() == [CLOTH.names[k] for k in (0, 2, 3)]
+    laws = result.group("constant_data")["fabric_modulus_law"].values.tolist()
+    assert [law.partition("(")[0] for law in laws] == ["lognormal", "loguniform", "lognormal"]
+    assert laws[2] == "lognormal(150,1.5)"
+    table = result.moduli
+    drawn = posterior["fabric_modulus"].values.reshape(-1, 3)
+    assert_allclose(table["median"], np.median(drawn, axis=0))
+    assert_allclose(table.loc[CLOTH.names[2], "law_median"], 400.0)
+    assert (drawn[:, 1] >= 200).all()
+    assert (drawn[:, 1] <= 800).all()
+    # the parameters' priors are those of parameters alone
+    assert not [name for name in result.provenance.priors if "modulus" in name]
+    assert {*NAMES} - {NAMES[1]} <= {*result.summary().index}
+
+
+def test_its_data_and_model_come_back_from_the_file(result, tmp_path):
+    result.save(tmp_path / "run")
+    again = Result.load(tmp_path / "run")
+    assert (tmp_path / "run" / "fabric_moduli.csv").is_file()
+    assert (tmp_path / "run" / "modulus_errors.csv").is_file()  # of the one fabric that is taken as exact
+    with quickly():
+        one, other = (build(each, options_of(again)).posterior for each in (experiment_of(again), rated()))
+    assert one.names == other.names
+    values = again.values(20)
+    theta = np.stack([values[name] for name in one.names], axis=-1)
+    assert_allclose(one.log_likelihood(theta), other.log_likelihood(theta), rtol=1e-9)
+    assert_allclose(one.log_prior(theta), other.log_prior(theta), rtol=1e-9)
+    kept = again.group("log_likelihood")["ratings"].values.T.ravel()
+    whole = np.stack([again.values()[name] for name in one.names], axis=-1)
+    assert_allclose(one.log_likelihood(whole), kept, rtol=1e-6)
+
+
+def test_predictions_of_its_fabrics_are_at_their_posterior_moduli(result):
+    table = result.predict(draws=40).set_index("fabric")
+    rows = table[table["indentation_mm"].round(6) == 2.0]
+    assert rows.loc[CLOTH.names[1], "e_fab_kpa_low"] == pytest.approx(20.0)
+    assert rows.loc[CLOTH.names[2], "e_fab_kpa_low"] < rows.loc[CLOTH.names[2], "e_fab_kpa_high"]
+    assert_allclose(rows.loc[CLOTH.names[2], "e_fab_kpa"], np.median(result.values(40)[NAMES[2]]), rtol=1e-9)
+
+
+def test_sentences_and_page_say_what_became_of_the_moduli(result):
+    assert any(line.startswith("fabric moduli: the ratings narrow") for line in result.learnt())
+    assert any(line.startswith("moduli: ") for line in result.said_of_moduli())
+    assert not result.moduli_assumed
+    assert "Would errors of the fabrics" in report_page(result)
+
+
+def test_moduli_that_are_merely_assumed_to_be_exact_are_never_beyond_doubt(report_run):
+    result = report_run("ratings")
+    assert result.moduli is None
+    assert result.moduli_assumed
+    assert {"b", "turning point at 2 mm"} <= {*result.tables["modulus_errors"].index}
+    facts = facts_of(result)._replace(converged=True, unreproduced=(), turns=())
+    if facts.moved is not None:
+        assert conclude(facts).trust.startswith("With care")
+    with quickly():
+        said = sample(experiment(), **OPTIONS, modulus_cv=0.0)
+    assert not said.moduli_assumed
+    assert facts_of(said).moved is None
+    # the same draws: only what is said of them differs
+    assert_array_equal(said.group("posterior")["b"].values, result.group("posterior")["b"].values)
+
+
+def test_the_command_line_samples_and_resumes_with_errors(tmp_path, brief_pilot):
+    home = tmp_path / "run"
+    ended = call("sample", "--data", DATA / "ratings.csv", "--modulus-cv", "0.15", *QUICK, *FIXED, "--out", home)
+    assert ended.returncode == 3
+    assert "fabric moduli: the ratings narrow" in ended.stdout
+    options = json.loads(str(Result.load(home).attributes["options"]))
+    assert options["modulus_cv"] == 0.15
+    more = call("resume", home, "--more-steps", "20")
+    assert more.returncode == 3
+    assert Result.load(home).provenance.ending.steps == 40
+
+
+@pytest.mark.parametrize(
+    ("typed", "problem"),
+    [
+        (["--modulus-cv", "-1"], "expected"),
+        (["--modulus-cv", "nan"], "expected"),
+        (["--unknown-modulus", "normal(0,1)"], "below 0"),
+        (["--unknown-modulus", "thick"], "expected"),
+    ],
+)
+def test_impossible_errors_are_refused(tmp_path, typed, problem):
+    ended = call("sample", "--data", DATA / "ratings.csv", *typed, "--out", tmp_path / "run")
+    assert ended.returncode == 2
+    assert problem in ended.stderr
+    assert not (tmp_path / "run").exists()
+
+
+def test_check_says_which_moduli_have_no_errors():
+    ended = call("check", "--data", DATA / "ratings.csv")
+    assert "the moduli are given without errors" in ended.stdout
+
+
+def test_a_table_of_unknown_fabrics_alone_is_refused():
+    with pytest.raises(InputError, match="expected effective_modulus_kpa"):
+        replace(CLOTH, effective_modulus=np.full(4, np.nan))
