@@ -74,7 +74,7 @@ class TriangularMap:
         covariance = np.atleast_2d(np.cov(draws, rowvar=False))
         axes = np.diag(np.sqrt(np.maximum(covariance.diagonal(), _LEAST_VARIANCE)))
         size, vectors = np.linalg.eigh(covariance[:curved, :curved])
-        axes[:curved, :curved] = vectors * np.sqrt(np.maximum(size, max(size[-1] * 1e-12, _LEAST_VARIANCE)))
+        axes[:curved, :curved] = vectors * np.sqrt(np.maximum(size, max(size.max(initial=0.0) * 1e-12, _LEAST_VARIANCE)))
         t = np.linalg.solve(axes, (draws - centre).T).T
         bends = _Bends(t[:, :curved], effective)
         order = bends.order()

@@ -4,10 +4,12 @@ import pickle
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 from scipy import stats
 
 from softness_bayes.sampler.adaptation import Mapped, TriangularMap, learn
-from softness_bayes.sampler.moves import Student
+from softness_bayes.sampler.moves import MANY_DIMENSIONS, MOVES, Stretch, Student
+from softness_bayes.sampler.sampling import Settings
 
 
 def bent_draws(rng, size):
@@ -153,3 +155,35 @@ def test_student_proposals_have_the_density_they_claim():
     assert stats.kstest(new[:, 0], stats.t(5).cdf).pvalue > 1e-3
     # the squared length over the dimension follows Fisher's law only if the coordinates share one spread
     assert stats.kstest((new**2).sum(1) / 3, stats.f(3, 5).cdf).pvalue > 1e-3
+
+
+def test_last_coordinates_may_follow_in_straight_lines(rng):
+    """A bent ridge of the first two, and three that lean on them: the map finds both, with few coefficients."""
+    x = rng.standard_normal((20_000, 2))
+    bent = np.column_stack([x[:, 0], x[:, 1] + 0.4 * (x[:, 0] ** 2 - 1.0)])
+    lean = rng.standard_normal((2, 3))
+    last = bent @ lean + 0.2 * rng.standard_normal((len(x), 3))
+    draws = np.column_stack([bent, last])
+    found = TriangularMap.fit(draws, len(draws), linear=3)
+    y = found.inverse(draws)
+    assert_allclose(np.cov(y, rowvar=False), np.eye(5), atol=0.05)
+    assert_allclose(found.forward(y), draws, atol=1e-9)
+    # coefficients of squares, products and cubes stay zero for the last three
+    for k, bend in enumerate(found.bends[2:], start=2):
+        assert np.count_nonzero(bend) <= 1 + k
+    # the bend of the first two is found as without the others
+    alone = TriangularMap.fit(bent, len(draws))
+    assert_allclose(np.abs(y[:, :2]), np.abs(alone.inverse(bent)), atol=1e-6)
+    # a negative control: with all five in straight lines the bend stays
+    straight = TriangularMap.fit(draws, len(draws), linear=5).inverse(draws)
+    assert abs(np.corrcoef(straight[:, 1], straight[:, 0] ** 2)[0, 1]) > 0.3
+
+
+def test_many_dimensions_have_proposals_and_walkers_of_their_own():
+    settings = Settings()
+    assert settings.moves_for(MANY_DIMENSIONS) is MOVES
+    assert settings.moves_for(MANY_DIMENSIONS + 1)[0][0].freedom == 20.0
+    own = ((Stretch(), 1.0),)
+    assert Settings(moves=own).moves_for(40) is own
+    assert [settings.walkers_for(d) for d in (3, 14, 20, 26, 60)] == [20, 56, 80, 80, 122]
+    assert "freedom=20" in settings.description(26)["moves"]
