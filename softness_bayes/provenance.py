@@ -128,8 +128,6 @@ class ResidualChecks:
     exponent_deviation: float = np.nan
     modulus_check: str = ""
     modulus_p_value: float = np.nan
-    modulus_deviation: float = np.nan
-    modulus_noticed: float = np.nan
 
 
 @dataclass(frozen=True)

@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import chdtrc, chdtri
+from scipy.special import chdtrc
 
-from softness_bayes.checking.checks import NEEDED, NOTICED
+from softness_bayes.checking.checks import NEEDED
 from softness_bayes.likelihood.contract import Effects, Likelihood, Parameters
 from softness_bayes.likelihood.pieces import part_of, pieces
 from softness_bayes.sampler.jackknife import jackknife
@@ -45,24 +45,20 @@ class ModulusCheck(NamedTuple):
 
     p_value: float
     """Probability that replicated ratings deviate at least as much; NaN where no condition has a slope."""
-    deviation: float
-    """Relative error of the moduli that the excess amounts to."""
-    noticed: float
-    """About the relative error that would be noticed in `NOTICED` of all tables."""
 
     def sentence(self, exact: bool) -> str:
         """Return one line for the user; `exact` says whether moduli were taken as exact."""
         if not np.isfinite(self.p_value):
             return "moduli: where no receptor fires the ratings say nothing of errors of the moduli"
-        beyond = "" if exact else " beyond the errors that were given"
+        beyond = "" if exact else " beyond those that were given"
         if self.p_value >= NEEDED:
             return (
-                f"moduli: the ratings show no errors of the moduli{beyond} (p = {self.p_value:.2g}; errors of about "
-                f"{self.noticed:.0%} would be noticed in {NOTICED:.0%} of such tables)"
+                f"moduli: the ratings show no errors{beyond} (p = {self.p_value:.2g}), which is no proof that there "
+                "are none: the fit takes up most of what wrong moduli do"
             )
-        remedy = f"add --modulus-cv {self.deviation:.2f}, or the errors of your measurement as a column"
+        remedy = "give the errors of your measurement (--modulus-cv 0.15, or a column effective_modulus_cv)"
         return (
-            f"moduli: mean ratings deviate as if moduli were wrong by about {self.deviation:.0%}{beyond} (p = "
+            f"moduli: mean ratings deviate along the response as if moduli were wrong{beyond} (p = "
             f"{self.p_value:.2g}); {remedy if exact else 'they may be larger than was said, or the response differs'}"
         )
 
@@ -75,7 +71,7 @@ def check_moduli(
     The discrepancy is T = sum over fabrics of (sum_c n_c d_c r_c)² / sum_c n_c d_c², over the conditions c of a fabric,
     with mean residuals r_c, numbers n_c and slopes d_c, given a draw of all parameters and effects. T / varsigma² of
     replicated ratings follows a chi-squared law with one degree of freedom for each fabric that has a slope. The fit
-    absorbs some of the errors, so that the p-value errs towards silence; the sizes that are stated allow for that.
+    takes up most of what wrong moduli do, so that the p-value errs towards silence.
 
     Parameters
     ----------
@@ -103,32 +99,8 @@ def check_moduli(
     freedom = steep.sum(axis=1)
     judged = freedom > 0
     if not judged.any():
-        return ModulusCheck(np.nan, np.nan, np.nan)
-    squares, freedom, variance = squares[judged], freedom[judged], spread[judged] ** 2
-    left = _left_by_the_fit(mean, count, slope, fabric, float(np.mean(spread**2)))
-    information = left * np.where(steep, weight, 0.0).sum(axis=1)[judged]
-    excess = (squares - freedom * variance) / information
-    scale = chdtri(freedom, NEEDED) / chdtri(freedom, NOTICED)
-    return ModulusCheck(
-        float(chdtrc(freedom, squares / variance).mean()),
-        float(np.sqrt(max(np.median(excess), 0.0))),
-        float(np.median(np.sqrt((scale - 1.0) * freedom * variance / information))),
-    )
-
-
-def _left_by_the_fit(mean: Array, count: Array, slope: Array, fabric: NDArray[np.bool_], variance: float) -> float:
-    """Return the share of the sum of squares of wrong moduli that stays in the residuals after the fit.
-
-    Near the posterior the fit is linear: it takes up H r of deviations r of the conditions, H = V N / varsigma², with V
-    the posterior covariance of the conditions' expectations and N their numbers of ratings.
-    """
-    hat = np.cov(mean, rowvar=False) * count / variance
-    errors = slope.mean(axis=0)[:, None] * fabric
-    weighted = errors * count[:, None]
-    size = (weighted * errors).sum(axis=0)
-    moved = weighted.T @ (errors - hat @ errors)
-    known = size > 0
-    return float(np.clip(((moved**2).sum(axis=1)[known] / size[known]).sum() / size.sum(), 1e-6, 1.0))
+        return ModulusCheck(np.nan)
+    return ModulusCheck(float(chdtrc(freedom[judged], squares[judged] / spread[judged] ** 2).mean()))
 
 
 def directions(fabrics: NDArray[np.intp], total: int) -> tuple[Array, float]:

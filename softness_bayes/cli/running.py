@@ -83,4 +83,5 @@ def record_of(files: DataFiles, directory: Path) -> dict[str, Any]:
         "indentation_mm": files.indentation_mm,
         "force_n": files.force_n,
         "decimal": files.decimal,
+        **({"drop_zeros": True} if files.drop_zeros else {}),
     }

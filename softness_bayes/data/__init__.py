@@ -76,6 +76,7 @@ def read_experiment(
     force_n: float | None = None,
     compression_path: str | Path | None = None,
     decimal: str | None = None,
+    drop_zeros: bool = False,
 ) -> Experiment:
     """Read ratings and their fabrics.
 
@@ -95,6 +96,8 @@ def read_experiment(
         CSV file of compression data, whose columns are those of `Compression.read`.
     decimal
         Decimal mark of all files, "," or ".". By default it is found in each file; an ambiguous file raises an error.
+    drop_zeros
+        Whether to leave out ratings of 0.
 
     Raises
     ------
@@ -108,7 +111,7 @@ def read_experiment(
     check_renames(columns, table, fabric_table, *([] if plate_table is None else [plate_table]))
     compression = None if plate_table is None else Compression.from_table(plate_table)
     fabrics = Fabrics.from_table(fabric_table, repeated=fabric_table is table)
-    ratings = Ratings.from_table(table, fabrics, indentation_mm, force_n)
+    ratings = Ratings.from_table(table, fabrics, indentation_mm, force_n, drop_zeros)
     rated = set(ratings.fabrics)
     unrated = [name for name in fabrics.names if name not in rated]
     if unrated:

@@ -200,16 +200,21 @@ class Ratings:
         fabrics: Fabrics | None = None,
         indentation_mm: float | None = None,
         force_n: float | None = None,
+        drop_zeros: bool = False,
     ) -> Ratings:
-        """Return the ratings of a table; the arguments are those of `read`."""
+        """Return the ratings of a table, without those of 0 if asked for; other arguments as of `read`."""
         table.require(RATING.name)
         filed = table.numbers(RATING)
-        rated = np.flatnonzero(~np.isnan(filed))
+        kept = ~np.isnan(filed)
+        zeros = int((filed == 0).sum()) if drop_zeros else 0
+        rated = np.flatnonzero(kept & (filed != 0) if drop_zeros else kept)
         if not rated.size:
             raise InputError(f"{table.path}: column {table.titles[RATING.name]!r}: there is no rating in any row")
         notes = [*table.notes]
-        if rated.size < len(table):
-            notes.append(f"{len(table) - rated.size} of {len(table)} ratings are missing")
+        if missing := int((~kept).sum()):
+            notes.append(f"{missing} of {len(table)} ratings are missing")
+        if zeros:
+            notes.append(f"{zeros} ratings of 0 are left out, which favours what is rated higher")
         table = table.take(rated)
         wrong = np.flatnonzero(filed[rated] <= 0)
         if "participant" in table:

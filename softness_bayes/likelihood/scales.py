@@ -125,7 +125,8 @@ def _require_positive(table: Filed) -> None:
         raise InputError(
             f"{table.source}: row {table.rows[i]}, column {table.rating_column!r}: expected a magnitude "
             f"estimate above 0, got {found} ({wrong.size} of {table.rating.size} ratings are zero "
-            "or negative and have no logarithm); leave the cell of a missing rating empty; if these are "
+            "or negative and have no logarithm); leave the cell of a missing rating empty; "
+            "--drop-zeros leaves out ratings of 0; if these are "
             f"z-scores, say so with --ratings {STANDARDISED.name}"
         )
 

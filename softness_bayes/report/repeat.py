@@ -10,13 +10,14 @@ from typing import NamedTuple
 from softness_bayes.files.command_line import storable
 from softness_bayes.model.fingers import values_of
 from softness_bayes.model.options import ModelOptions
+from softness_bayes.parameters.fabric_moduli import UNKNOWN_MODULUS
 from softness_bayes.results.request import Request
 from softness_bayes.results.result import Result
 from softness_bayes.touch.readings import MENDED
 
 PROGRAM = "softness-bayes"
 
-DATA_FLAGS = ("--data", "--fabrics", "--compression", "--column", "--indentation-mm", "--force-n")
+DATA_FLAGS = ("--data", "--fabrics", "--compression", "--column", "--indentation-mm", "--force-n", "--decimal")
 """Options of `sample` about the files of the data, which only the recorded command line knows."""
 
 PATHS = (
@@ -90,6 +91,7 @@ def _pairs(words: list[str]) -> list[tuple[str, str]]:
 def _data(result: Result, begun: list[str]) -> tuple[list[str], list[str]]:
     """Return the options that name the data, and notes on them."""
     typed = [word for flag, value in _pairs(begun) if flag in DATA_FLAGS for word in (flag, value)]
+    typed += ["--drop-zeros"] if "--drop-zeros" in begun else []
     if typed:
         return typed, [PATHS]
     names = [("--data", "RATINGS.csv"), ("--fabrics", "FABRICS.csv")] if result.has_ratings else []
@@ -106,6 +108,8 @@ def _model(options: ModelOptions) -> list[str]:
             words += ["--reading", f"{place}={name}"]
     for name, number in values_of(options.finger).items():
         words += ["--finger", f"{name}={number!r}"]
+    words += [] if options.modulus_cv is None else ["--modulus-cv", repr(float(options.modulus_cv))]
+    words += [] if options.unknown_modulus == UNKNOWN_MODULUS else ["--unknown-modulus", str(options.unknown_modulus)]
     words += ["--priors", options.prior_set]
     for name, prior in options.priors.items():
         words += ["--prior", f"{name}={prior}"]

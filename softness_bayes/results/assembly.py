@@ -197,8 +197,6 @@ def _checks(draws: RatedDraws, error: float, exactness: Exactness) -> dict[str, 
         exponent_deviation=exponents.deviation,
         modulus_check=moduli.sentence(draws.posterior.space.moduli is None),
         modulus_p_value=moduli.p_value,
-        modulus_deviation=moduli.deviation,
-        modulus_noticed=moduli.noticed,
     )
     errors = NumericalErrors(
         numerical_error=error,

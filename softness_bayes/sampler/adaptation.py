@@ -74,11 +74,16 @@ class TriangularMap:
         covariance = np.atleast_2d(np.cov(draws, rowvar=False))
         axes = np.diag(np.sqrt(np.maximum(covariance.diagonal(), _LEAST_VARIANCE)))
         size, vectors = np.linalg.eigh(covariance[:curved, :curved])
-        axes[:curved, :curved] = vectors * np.sqrt(np.maximum(size, max(size.max(initial=0.0) * 1e-12, _LEAST_VARIANCE)))
+        axes[:curved, :curved] = vectors * np.sqrt(
+            np.maximum(size, max(size.max(initial=0.0) * 1e-12, _LEAST_VARIANCE))
+        )
         t = np.linalg.solve(axes, (draws - centre).T).T
-        bends = _Bends(t[:, :curved], effective)
-        order = bends.order()
-        fitted = [bends.fit(order[k], order[:k])[0] for k in range(curved)]
+        order: list[int] = []
+        fitted: list[FloatArray] = []
+        if curved:
+            bends = _Bends(t[:, :curved], effective)
+            order = bends.order()
+            fitted = [bends.fit(order[k], order[:k])[0] for k in range(curved)]
         order += range(curved, centre.size)
         t = t[:, order]
         fitted += [_straight(t, k) for k in range(curved, centre.size)]

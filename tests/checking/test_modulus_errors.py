@@ -45,18 +45,11 @@ def rated(rng, off=0.0):
     return observation, rates, slopes, parameters, observation.draw_effects(rng, rates, parameters)
 
 
-def test_the_check_is_silent_without_errors_and_sees_them_where_it_says(rng):
-    found = {off: [check_moduli(*rated(rng, off)) for _ in range(60)] for off in (0.0, 0.15, 0.4)}
+def test_the_check_is_silent_without_errors_and_sees_large_ones(rng):
+    found = {off: [check_moduli(*rated(rng, off)) for _ in range(60)] for off in (0.0, 0.4)}
     p_values = {off: np.array([one.p_value for one in each]) for off, each in found.items()}
     assert (p_values[0.0] < 0.05).mean() < 0.12  # conservative, with 60 tables
     assert (p_values[0.4] < 0.05).mean() > 0.9
-    # the power that it states: errors as large as those are noticed in about 80 %
-    noticed = np.median([one.noticed for one in found[0.0]])
-    power = np.mean([check_moduli(*rated(rng, noticed)).p_value < 0.05 for _ in range(100)])
-    assert 0.65 < power < 0.95
-    # and the size that it states
-    assert_allclose(np.median([one.deviation for one in found[0.4]]), 0.4, rtol=0.25)
-    assert np.median([one.deviation for one in found[0.0]]) < 0.07
 
 
 def test_a_fit_that_takes_errors_up_is_said_to_see_less(rng):
@@ -68,7 +61,6 @@ def test_a_fit_that_takes_errors_up_is_said_to_see_less(rng):
     free = rates * np.exp(own + TRUTH.varsigma / np.sqrt(PEOPLE) * rng.standard_normal(rates.shape))
     flexible = check_moduli(observation, free, slopes, parameters, effects)
     assert plain.p_value < 1e-3 < flexible.p_value
-    assert flexible.noticed > 2 * plain.noticed
 
 
 def test_silent_conditions_say_nothing(rng):
@@ -79,16 +71,16 @@ def test_silent_conditions_say_nothing(rng):
 
 
 @pytest.mark.parametrize(
-    ("check", "exact", "said"),
+    ("p_value", "exact", "said"),
     [
-        (ModulusCheck(0.4, 0.0, 0.07), True, "no errors of the moduli (p = 0.4; errors of about 7% would be noticed"),
-        (ModulusCheck(0.4, 0.0, 0.07), False, "beyond the errors that were given"),
-        (ModulusCheck(1e-3, 0.14, 0.07), True, "--modulus-cv 0.14"),
-        (ModulusCheck(1e-3, 0.14, 0.07), False, "larger than was said"),
+        (0.4, True, "show no errors (p = 0.4), which is no proof"),
+        (0.4, False, "no errors beyond those that were given"),
+        (1e-3, True, "--modulus-cv"),
+        (1e-3, False, "larger than was said"),
     ],
 )
-def test_sentences_of_the_check(check, exact, said):
-    assert said in check.sentence(exact)
+def test_sentences_of_the_check(p_value, exact, said):
+    assert said in ModulusCheck(p_value).sentence(exact)
 
 
 # shifts

@@ -78,6 +78,7 @@ class DataFiles:
     force_n: float | None
     compression: Path | None
     decimal: str | None = None
+    drop_zeros: bool = False
 
     @property
     def paths(self) -> tuple[Path, ...]:
@@ -108,12 +109,14 @@ class DataFiles:
                 force_n=self.force_n,
                 compression_path=self.compression,
                 decimal=self.decimal,
+                drop_zeros=self.drop_zeros,
             )
         if self.compression is None:
             raise click.UsageError("no data: give ratings with --data, a plate's forces with --compression, or both")
-        if not self.fabrics is self.indentation_mm is self.force_n is None:
+        if not self.fabrics is self.indentation_mm is self.force_n is None or self.drop_zeros:
             raise InputError(
-                "--fabrics, --indentation-mm and --force-n are for ratings: give --data, or leave them out"
+                "--fabrics, --indentation-mm, --force-n and --drop-zeros are for ratings: give --data, or leave them "
+                "out"
             )
         return Compression.read(self.compression, columns=self.columns, decimal=self.decimal)
 
@@ -133,6 +136,7 @@ def data_files(verb: Verb) -> Verb:
     @column
     @decimal
     @load_options(False, " of all ratings, where the table has no column for it.")
+    @click.option("--drop-zeros", is_flag=True, help="Leave out ratings of 0, which magnitude estimates cannot have.")
     @functools.wraps(verb)
     def wrapped(
         data: Path | None,
@@ -142,9 +146,10 @@ def data_files(verb: Verb) -> Verb:
         indentation_mm: float | None,
         force_n: float | None,
         compression: Path | None,
+        drop_zeros: bool,
         **others: Any,
     ) -> Any:
-        files = DataFiles(data, fabrics, columns, indentation_mm, force_n, compression, decimal)
+        files = DataFiles(data, fabrics, columns, indentation_mm, force_n, compression, decimal, drop_zeros)
         return verb(files=files, **others)
 
     return wrapped
