@@ -182,10 +182,13 @@ def posterior_shift(quantity: Array, score: Array, share: float = 1.0) -> Shift:
 
     def covariance(kept: NDArray[np.bool_]) -> Array:
         chosen = q[kept] - q[kept].mean()
-        return np.asarray(chosen @ (s[kept] - s[kept].mean(axis=0)) / chosen.size / chosen.std())
+        spread = chosen.std() or np.nan  # draws that are all the same have no shift to speak of
+        return np.asarray(chosen @ (s[kept] - s[kept].mean(axis=0)) / chosen.size / spread)
 
     each = covariance(np.ones(q.size, dtype=bool))
     error = jackknife(covariance, q.size)
+    if not np.isfinite(error).all():
+        return Shift(np.nan, np.nan)
     squared = share * ((each**2).sum() - (error**2).sum())
     # delta method, and the noise of squares of noise
     noise = share * np.sqrt((4.0 * each**2 * error**2 + 2.0 * error**4).sum())

@@ -116,8 +116,9 @@ def test_draws_without_a_turning_point_are_left_out(rng):
     q, score, true = normal_toy(rng, 4000)
     some = np.where(rng.random(q.size) < 0.3, np.nan, q)
     assert_allclose(posterior_shift(some, score).sd, true, rtol=0.15)
-    for nothing in (np.full(100, np.nan), np.ones(100)):
-        assert np.isnan(posterior_shift(nothing, score[:100]).sd)
+    alone = np.where(np.arange(100) == 3, 1.0, 0.0)  # one group of draws has all the spread
+    for nothing in (np.full(100, np.nan), np.ones(100), alone, q[:30]):
+        assert np.isnan(posterior_shift(nothing, score[: nothing.size]).sd)
 
 
 def test_the_shift_is_the_movement_of_a_linear_fit(rng):
