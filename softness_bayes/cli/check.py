@@ -120,7 +120,7 @@ def _fabric_table(experiment: Experiment, moduli: FabricModuli) -> list[str]:
 
     ratings, fabrics = experiment.ratings, experiment.fabrics
     width = max(map(len, ("fabric", *fabrics.names)))
-    lines = [f"{'fabric':{width}}  E_fab (kPa)  {'90 % limits':>18}  Poisson ratio  ratings  modulus from"]
+    lines = [f"{'fabric':{width}}  E_fab (kPa)  Poisson ratio  ratings  modulus from"]
     for name, modulus, law, poisson, count, basis in zip(
         fabrics.names,
         moduli.middle,
@@ -130,11 +130,9 @@ def _fabric_table(experiment: Experiment, moduli: FabricModuli) -> list[str]:
         fabrics.basis,
         strict=True,
     ):
-        low, high = (np.nan, np.nan) if law is None else np.asarray(law.quantile([0.05, 0.95])).tolist()
-        limits = "no error given" if law is None else f"{low:.3g} to {high:.3g}"
-        lines.append(
-            f"{name:{width}}  {modulus / 1e3:11.4g}  {limits:>18}  {poisson:13g}  {count:7}  {basis or 'unknown'}"
-        )
+        limits = "" if law is None else "; 90 % limits {:.3g} to {:.3g} kPa".format(*law.quantile([0.05, 0.95]))
+        source = basis or "nothing: it is unknown"
+        lines.append(f"{name:{width}}  {modulus / 1e3:11.4g}  {poisson:13g}  {count:7}  {source}{limits}")
     return lines
 
 

@@ -143,7 +143,7 @@ def test_a_run_that_has_not_converged_ends_with_3_and_its_files(alone):
     assert done.returncode == 3, done.stderr
     assert "Traceback" not in done.stderr
     written = {path.name for path in (directory / "results").iterdir()}
-    tables = {"summary.csv", "directions.csv", "predictive_checks.csv"}
+    tables = {"summary.csv", "directions.csv", "predictive_checks.csv", "modulus_errors.csv"}
     assert written == {".softness-bayes.json", "checkpoint", "posterior.nc", *tables}
     assert "determined by the data" in done.stdout
     assert "eps is held at 0.1 Hz: all intervals take it as known" in done.stdout

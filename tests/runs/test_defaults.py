@@ -13,6 +13,7 @@ from softness_bayes.cli.sample import command as sample_verb
 from softness_bayes.likelihood.scales import MAGNITUDE
 from softness_bayes.model import build as building
 from softness_bayes.model.options import ModelOptions
+from softness_bayes.parameters.fabric_moduli import UNKNOWN_MODULUS
 from softness_bayes.results.request import Request, RunOptions
 from softness_bayes.results.result import Result
 from softness_bayes.touch.contact import Finger
@@ -20,7 +21,12 @@ from softness_bayes.touch.scene import Discretisation
 from support.command_line import HELD, few_ratings
 from support.report_runs import quickly
 
-IN_WORDS = {"direction": ("auto", None), "scale": ("magnitude", MAGNITUDE), "finger": ({}, Finger())}
+IN_WORDS = {
+    "direction": ("auto", None),
+    "scale": ("magnitude", MAGNITUDE),
+    "finger": ({}, Finger()),
+    "unknown_modulus": (None, UNKNOWN_MODULUS),
+}
 """Defaults that a word, or none, stands for at the command line, and what they are in Python."""
 
 NAMES = {"fixed": "fix", "max_time": "max_seconds"}

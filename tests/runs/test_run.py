@@ -207,6 +207,8 @@ def test_the_options_in_the_file_are_those_of_the_run(result, options):
         readings=CLASSICAL,
         direction=INVERSE,
         finger=Finger(radius=7e-3, contact_centre=(11e-3, 9e-3)),
+        modulus_cv=0.15,
+        unknown_modulus=LogNormal(50, 1.5),
         discretisation=scene.Discretisation(8, 9.0, 1e-5),
         max_seconds=math.inf,
         processes=3,
@@ -434,6 +436,7 @@ def test_a_result_reads_back_identically(result, directory):
     assert sorted(path.name for path in directory.iterdir()) == [
         ".softness-bayes.json",
         "directions.csv",
+        "modulus_errors.csv",
         "posterior.nc",
         "predictive_checks.csv",
         "summary.csv",
