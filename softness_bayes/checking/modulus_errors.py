@@ -36,6 +36,10 @@ DIRECTIONS = 24
 FLAT = 1e-6
 """Slope of the (log) rating in the log modulus below which a condition says nothing of the modulus."""
 
+LINEAR = 1.0
+"""Shift, in posterior standard deviations, up to which first order is a guide: a posterior that is left by more than
+its own width is met by others of its ridges, and moves less than foretold."""
+
 CLEAR = 2.0
 """Monte-Carlo standard errors above which a shift is stated."""
 
@@ -249,9 +253,14 @@ def shift_sentences(table: pd.DataFrame) -> list[str]:
         return []
     said = [
         f"if the moduli were wrong by {', '.join(f'{error:.0%}' for error in ERRORS[:-1])} or {ERRORS[-1]:.0%} "
-        "(independent errors), posterior means would move, to first order, by about"
+        "(independent errors), posterior means would move, to first order, by these numbers of posterior standard "
+        f"deviations (beyond {LINEAR:g} first order is no guide to the size: declare the errors and see)"
     ]
     for name, row in clear.iterrows():
-        moved = ", ".join(f"{row[column]:.2g} ± {row[f'{column}_mcse']:.1g}" for column in columns)
-        said.append(f"  {name}: {moved} of its posterior standard deviation")
+        moved = ", ".join(_moved(row[column], row[f"{column}_mcse"]) for column in columns)
+        said.append(f"  {name}: {moved}")
     return said
+
+
+def _moved(shift: float, error: float) -> str:
+    return f"{shift:.2g} ± {error:.1g}" if shift <= LINEAR else f"more than {LINEAR:g}"

@@ -9,7 +9,7 @@ import numpy as np
 from softness_bayes.checking.check_table import doubts
 from softness_bayes.checking.levelled import DOUBTFUL
 from softness_bayes.checking.misfit import MOSTLY_SILENT, fit_of
-from softness_bayes.checking.modulus_errors import MovedMost
+from softness_bayes.checking.modulus_errors import LINEAR, MovedMost
 from softness_bayes.checking.reproduction import inflection_reproduced
 from softness_bayes.checking.sensitivity import INFORMED
 from softness_bayes.likelihood.directions import FALLS, RISES
@@ -153,10 +153,15 @@ def _trust(facts: Facts) -> str:
     if facts.moved is not None:
         return (
             "With care: the chains have converged, and no check found a difference between model and data, but the "
-            f"fabrics' moduli are taken as exact. Errors of 10 % would move {facts.moved.name} by about "
-            f"{facts.moved.shift:.2g} posterior standard deviations."
+            f"fabrics' moduli are taken as exact. Errors of 10 % would move {facts.moved.name} by "
+            f"{_by(facts.moved.shift)}."
         )
     return "Yes: the chains have converged, and no check found a difference between model and data."
+
+
+def _by(shift: float) -> str:
+    """Return a shift to first order, in posterior standard deviations, as far as that is a guide."""
+    return f"about {shift:.2g} posterior standard deviations" if shift <= LINEAR else "more than its posterior sd"
 
 
 def _learnt(facts: Facts) -> str:
