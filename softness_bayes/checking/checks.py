@@ -90,6 +90,30 @@ class FabricCheck(NamedTuple):
         return f"without an effect per fabric the intervals are too narrow{remedy}{alone}"
 
 
+def mean_residuals(
+    observation: Likelihood, mean_rate: Array, parameters: Parameters, effects: Effects
+) -> tuple[Array, Array]:
+    """Return the number of ratings of each condition, and their mean residual at every draw, 0 where there are none.
+
+    Parameters
+    ----------
+    observation, mean_rate, parameters, effects
+        As `check_fabrics` takes them.
+
+    Returns
+    -------
+    count : ndarray, shape (conditions,)
+    mean : ndarray, shape (draws, conditions)
+    """
+    design = observation.design
+    count = np.bincount(design.condition, minlength=design.n_conditions).astype(float)
+    member = (design.condition[:, None] == np.arange(count.size)) / np.maximum(count, 1.0)
+    mean = np.empty((len(mean_rate), count.size))
+    for k in pieces(len(mean_rate), design.n_rows):
+        mean[k] = observation.residual(mean_rate[k], part_of(parameters, k), part_of(effects, k)) @ member
+    return count, mean
+
+
 def check_fabrics(observation: Likelihood, mean_rate: Array, parameters: Parameters, effects: Effects) -> FabricCheck:
     """Compare the residuals' spread between fabrics, and between conditions, with what the model replicates.
 
@@ -109,13 +133,9 @@ def check_fabrics(observation: Likelihood, mean_rate: Array, parameters: Paramet
         Draws of the rating model's parameters, shape (draws,), and of the effects given them.
     """
     design, model = observation.design, observation.model
-    count = np.bincount(design.condition, minlength=design.n_conditions).astype(float)
+    count, mean = mean_residuals(observation, mean_rate, parameters, effects)
     rated = np.flatnonzero(count > 0)
-    count = count[rated]
-    member = (design.condition[:, None] == rated) / count
-    mean = np.empty((len(mean_rate), rated.size))
-    for k in pieces(len(mean_rate), design.n_rows):
-        mean[k] = observation.residual(mean_rate[k], part_of(parameters, k), part_of(effects, k)) @ member
+    count, mean = count[rated], mean[:, rated]
     spread = np.broadcast_to(model.error_sd(parameters), mean.shape[:1])
     fabrics, fabric = np.unique(design.fabric[rated], return_inverse=True)
     member = (fabric[:, None] == np.arange(fabrics.size)) * count[:, None]

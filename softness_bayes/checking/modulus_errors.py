@@ -14,9 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtrc
 
-from softness_bayes.checking.checks import NEEDED
+from softness_bayes.checking.checks import NEEDED, mean_residuals
 from softness_bayes.likelihood.contract import Effects, Likelihood, Parameters
-from softness_bayes.likelihood.pieces import part_of, pieces
 from softness_bayes.sampler.jackknife import jackknife
 
 if TYPE_CHECKING:
@@ -89,11 +88,7 @@ def check_moduli(
         Draws of the rating model's parameters, shape (draws,), and of the effects given them.
     """
     design, model = observation.design, observation.model
-    count = np.bincount(design.condition, minlength=design.n_conditions).astype(float)
-    member = (design.condition[:, None] == np.arange(count.size)) / np.maximum(count, 1.0)
-    mean = np.empty(mean_rate.shape)
-    for k in pieces(len(mean_rate), design.n_rows):
-        mean[k] = observation.residual(mean_rate[k], part_of(parameters, k), part_of(effects, k)) @ member
+    count, mean = mean_residuals(observation, mean_rate, parameters, effects)
     spread = np.broadcast_to(model.error_sd(parameters), mean.shape[:1])
     fabric = design.fabric[:, None] == np.arange(design.n_fabrics)
     weight = (count * slope**2) @ fabric
@@ -108,7 +103,7 @@ def check_moduli(
 
 
 def directions(fabrics: NDArray[np.intp], total: int) -> tuple[Array, float]:
-    """Return directions in which log moduli are moved, and the number of fabrics that each one stands for.
+    """Return directions in which log moduli are moved, and the weight of each in a sum over fabrics.
 
     Parameters
     ----------
@@ -120,9 +115,10 @@ def directions(fabrics: NDArray[np.intp], total: int) -> tuple[Array, float]:
     Returns
     -------
     signs : ndarray, shape (directions, fabrics)
-        1, -1 or 0. Sums over directions of squared derivatives, times the second number, are sums over fabrics: random
+        1, -1 or 0. Sums over directions of squared derivatives, times the weight, are sums over fabrics: random
         signs make the derivatives of different fabrics cancel on average (Hutchinson).
     share : float
+        The weight.
     """
     if fabrics.size <= DIRECTIONS:
         return np.eye(total)[fabrics], 1.0
@@ -216,10 +212,14 @@ def shift_table(names: Sequence[str], shifts: Sequence[Shift]) -> pd.DataFrame:
     for one in shifts:
         row = {}
         for error in ERRORS:
-            row[f"shift_{100 * error:.0f}"] = error * one.sd
-            row[f"shift_{100 * error:.0f}_mcse"] = error * one.mcse
+            row[_column(error)] = error * one.sd
+            row[f"{_column(error)}_mcse"] = error * one.mcse
         rows.append(row)
     return pd.DataFrame(rows, index=pd.Index([*names], name="quantity"))
+
+
+def _column(error: float) -> str:
+    return f"shift_{100 * error:.0f}"
 
 
 class MovedMost(NamedTuple):
@@ -247,7 +247,7 @@ def shift_sentences(table: pd.DataFrame) -> list[str]:
     table
         From `shift_table`; quantities whose Monte-Carlo error is as large are left out.
     """
-    columns = [f"shift_{100 * error:.0f}" for error in ERRORS]
+    columns = [_column(error) for error in ERRORS]
     clear = table[table[columns[0]] >= CLEAR * table[f"{columns[0]}_mcse"]]
     if clear.empty:
         return []

@@ -131,10 +131,3 @@ NUMBERS: Mapping[str, Column] = {
 MODULUS_SOURCES = (EFFECTIVE_MODULUS, EFFECTIVE_MODULUS_LOW, BENDING_RIGIDITY, TENSILE_MODULUS)
 """Sources of a fabric's modulus; the first available one is used. A least modulus needs a largest one, and a tensile
 modulus a thickness."""
-STANDARD_ERRORS: Mapping[Column, tuple[Column, Column]] = {
-    TENSILE_MODULUS: (TENSILE_MODULUS_CV, TENSILE_MODULUS_SD),
-    THICKNESS: (THICKNESS_CV, THICKNESS_SD),
-    BENDING_RIGIDITY: (BENDING_RIGIDITY_CV, BENDING_RIGIDITY_SD),
-    EFFECTIVE_MODULUS: (EFFECTIVE_MODULUS_CV, EFFECTIVE_MODULUS_SD),
-}
-"""Columns of a property's standard error, relative to its value and in its unit; a row gives one of them at most."""

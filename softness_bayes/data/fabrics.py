@@ -12,17 +12,20 @@ import numpy as np
 from softness_bayes.data.columns import (
     BENDING_RIGIDITY,
     BENDING_RIGIDITY_CV,
+    BENDING_RIGIDITY_SD,
     EFFECTIVE_MODULUS,
     EFFECTIVE_MODULUS_CV,
     EFFECTIVE_MODULUS_HIGH,
     EFFECTIVE_MODULUS_LOW,
+    EFFECTIVE_MODULUS_SD,
     MODULUS_SOURCES,
     POISSON_RATIO,
-    STANDARD_ERRORS,
     TENSILE_MODULUS,
     TENSILE_MODULUS_CV,
+    TENSILE_MODULUS_SD,
     THICKNESS,
     THICKNESS_CV,
+    THICKNESS_SD,
     Column,
 )
 from softness_bayes.data.names import alike_notes, listing, natural
@@ -49,6 +52,14 @@ PROPERTIES: Mapping[str, Column] = {
 }
 """Field of `Fabrics` -> its column."""
 
+
+STANDARD_ERRORS: Mapping[str, Column] = {
+    "tensile_modulus": TENSILE_MODULUS_SD,
+    "thickness": THICKNESS_SD,
+    "bending_rigidity": BENDING_RIGIDITY_SD,
+    "effective_modulus": EFFECTIVE_MODULUS_SD,
+}
+"""Property of `Fabrics` -> the column of its standard error in the property's unit; NAME_cv is the relative one."""
 
 _EXPECTED = (
     f"expected {EFFECTIVE_MODULUS.name}, or {BENDING_RIGIDITY.name}, or both {TENSILE_MODULUS.name} and "
@@ -265,10 +276,8 @@ class Fabrics:
             filed = table.numbers(column)
             properties[name] = np.array([_agreed(table, column, filed, own) for own in rows.values()])
         notes = [f"{table.path.name}: {note}" for note in (*table.notes, *alike_notes("fabric", rows))]
-        for column, (relative, absolute) in STANDARD_ERRORS.items():
-            name = next(name for name, one in PROPERTIES.items() if one is relative)
-            value = properties[next(name for name, one in PROPERTIES.items() if one is column)]
-            properties[name] = _relative(table, rows, value, properties[name], column, relative, absolute)
+        for name in STANDARD_ERRORS:
+            properties[f"{name}_cv"] = _relative_errors(table, rows, name, properties[name], properties[f"{name}_cv"])
         usual = np.isnan(properties["poisson_ratio"]).sum()
         if usual:
             notes.append(
@@ -293,36 +302,32 @@ def log_sd(cv: FloatArray) -> FloatArray:
     return np.sqrt(np.log1p(np.asarray(cv, float) ** 2))
 
 
-def _relative(
-    table: Table,
-    rows: Mapping[str, list[int]],
-    value: FloatArray,
-    cv: FloatArray,
-    column: Column,
-    relative: Column,
-    absolute: Column,
+def _relative_errors(
+    table: Table, rows: Mapping[str, list[int]], name: str, value: FloatArray, cv: FloatArray
 ) -> FloatArray:
-    """Return the relative errors of a property; one of them is given as it is or in the unit of the property.
+    """Return the relative errors of a property by its name, each given as that (`cv`) or in the property's unit.
 
     Raises
     ------
     InputError
         If a row has both, an error without a value, or an error that is too large.
     """
+    column, relative, absolute = PROPERTIES[name], PROPERTIES[f"{name}_cv"], STANDARD_ERRORS[name]
     filed = table.numbers(absolute)
     found = np.array(cv)
     for k, own in enumerate(rows.values()):
         sd, i = _agreed(table, absolute, filed, own), own[0]
-        if not np.isnan(sd):
-            if not np.isnan(cv[k]):
-                raise table.error(i, absolute.name, f"expected this or {relative.name}, but not both")
+        in_units, as_ratio = not np.isnan(sd), not np.isnan(cv[k])
+        given = absolute if in_units else relative
+        if in_units and as_ratio:
+            raise table.error(i, given.name, f"expected this or {relative.name}, but not both")
+        if (in_units or as_ratio) and np.isnan(value[k]):
+            raise table.error(i, given.name, f"an error of {column.name}, which has no value in this row")
+        if in_units:
             found[k] = sd / value[k]
-        name = absolute.name if not np.isnan(sd) else relative.name
-        if not np.isnan(sd if not np.isnan(sd) else cv[k]) and np.isnan(value[k]):
-            raise table.error(i, name, f"an error of {column.name}, which has no value in this row")
-        if not np.isnan(sd) and not relative.holds(found[k]):
-            limit = f"expected at most {RELATIVE_ERRORS.high:g} times the value, got {quoted(table.cells[name][i])}"
-            raise table.error(i, name, limit)
+            if not relative.holds(found[k]):
+                limit = f"expected at most {RELATIVE_ERRORS.high:g} times the value"
+                raise table.error(i, given.name, f"{limit}, got {quoted(table.cells[given.name][i])}")
     return found
 
 

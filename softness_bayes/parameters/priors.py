@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from functools import cached_property
 from types import MappingProxyType
@@ -288,7 +288,7 @@ class LogNormal(Law):
         x = np.asarray(x, float)
         low, high = self.support
         inside = (x > 0) & (x >= low) & (x <= high) & (x < math.inf)
-        return _log_normal(x, inside, *self.constants)
+        return log_normal_density(x, inside, *self.constants)
 
     @property
     def constants(self) -> tuple[float, float, float]:
@@ -318,36 +318,6 @@ class LogNormal(Law):
 
     def _standardised(self, log_x: FloatArray) -> FloatArray:
         return (log_x - math.log(self.median)) / self.sd_log
-
-
-class Laws:
-    """Independent laws of the last axis of an array, their log-normal ones in one call.
-
-    Parameters
-    ----------
-    priors
-        One law for each place.
-    largest
-        Largest value of each place, at which its law is cut.
-    """
-
-    def __init__(self, priors: Sequence[Prior], largest: Sequence[float]) -> None:
-        supports = np.array([prior.support for prior in priors]).reshape(-1, 2)
-        self._low, self._high = supports[:, 0], np.minimum(supports[:, 1], largest)
-        alike = [k for k, prior in enumerate(priors) if isinstance(prior, LogNormal)]
-        self._alike = np.array(alike, dtype=int)
-        constants = [prior.constants for prior in priors if isinstance(prior, LogNormal)]
-        self._constants = tuple(np.array(constants).reshape(-1, 3).T)
-        self._others = [(k, prior) for k, prior in enumerate(priors) if not isinstance(prior, LogNormal)]
-
-    def log_density(self, x: FloatArray) -> FloatArray:
-        """Return log densities at ``x``, both of shape (..., places); -inf outside the open interval of a support."""
-        inside = (x > self._low) & (x < self._high)
-        density = np.empty(x.shape)
-        density[..., self._alike] = _log_normal(x[..., self._alike], inside[..., self._alike], *self._constants)
-        for k, prior in self._others:
-            density[..., k] = np.where(inside[..., k], prior.log_density(x[..., k]), -np.inf)
-        return density
 
 
 LAWS: Mapping[str, type] = MappingProxyType(
@@ -398,7 +368,7 @@ def _written(number: float) -> str:
     return repr(float(number)).removesuffix(".0")
 
 
-def _log_normal(
+def log_normal_density(
     x: FloatArray,
     inside: NDArray[np.bool_],
     log_median: float | FloatArray,

@@ -16,6 +16,7 @@ from softness_bayes.checking.inflection import LEAST_DROP, curve_scene
 from softness_bayes.checking.modulus_errors import STEP, check_moduli
 from softness_bayes.checking.quantities import check_exponents, loo_pit
 from softness_bayes.data import Experiment
+from softness_bayes.model.other_moduli import drive_slope
 from softness_bayes.model.posterior import Posterior
 from softness_bayes.parameters.declared import PARAMETERS
 from softness_bayes.parameters.space import ParameterSpace
@@ -28,7 +29,6 @@ from softness_bayes.results.draws import (
     REPLICATES,
     REWEIGHT_DRAWS,
     RatedDraws,
-    Subset,
     draws_of,
 )
 from softness_bayes.results.exact import begin_comparison, exactness_stats
@@ -184,7 +184,8 @@ def _checks(draws: RatedDraws, error: float, exactness: Exactness) -> dict[str, 
     few = draws.subset(REPLICATES)
     check = check_fabrics(draws.ratings, few.mean_rate, few.parameters, few.effects)
     exponents = check_exponents(draws.ratings, few.mean_rate, few.parameters, few.effects)
-    moduli = check_moduli(draws.ratings, few.mean_rate, _slope(draws, few), few.parameters, few.effects)
+    slope = drive_slope(draws.posterior, few.theta, few.mean_rate, few.parameters, STEP)
+    moduli = check_moduli(draws.ratings, few.mean_rate, slope, few.parameters, few.effects)
     residuals = ResidualChecks(
         fabric_check=check.sentence(_condition_names(draws.experiment)),
         fabric_p_value=check.p_value,
@@ -210,15 +211,6 @@ def _checks(draws: RatedDraws, error: float, exactness: Exactness) -> dict[str, 
         exact_reweight=draws.log_weight is not None,
     )
     return attributes_of(errors, residuals, _silence(draws))
-
-
-def _slope(draws: RatedDraws, few: Subset) -> Array:
-    """Return the derivative of the additive rating with respect to each fabric's log modulus, (draws, conditions)."""
-    lower, higher = (
-        draws.ratings.drive_at(rate, few.mean_rate, few.parameters)
-        for rate in draws.rates_of_other_moduli(few.theta, STEP)
-    )
-    return (higher - lower) / (2.0 * STEP)
 
 
 def _condition_names(experiment: Experiment) -> list[str]:

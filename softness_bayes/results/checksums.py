@@ -80,8 +80,7 @@ def _bytes_of(value: Any) -> bytes:
     if array.dtype.kind not in "biufc":
         return json.dumps([str(text) for text in array.ravel()]).encode()
     if array.dtype.kind == "f":
-        array = np.where(
-            np.isnan(array), np.array(np.nan, array.dtype), array
-        )  # NaN has many forms: one stands for all
+        # NaN has many forms: one stands for all
+        array = np.where(np.isnan(array), np.array(np.nan, array.dtype), array)
     array = np.ascontiguousarray(array, array.dtype.newbyteorder("<"))
     return array.dtype.str.encode() + array.tobytes()

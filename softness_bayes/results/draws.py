@@ -110,13 +110,6 @@ class RatedDraws:
         """Return the chain's parameters at theta, held ones repeated to the shape of sampled ones."""
         return TouchParameters(*(np.broadcast_to(v, theta.shape[:-1]) for v in self.posterior.space.touch(theta)))
 
-    def rates_of_other_moduli(self, theta: Array, step: float) -> tuple[Array, Array]:
-        """Return N/N_ref [Hz] at theta (draws, dimension), all log moduli lower and higher by a step."""
-        touch, modulus = self.touches(theta)
-        middle = self.scene.fabric_modulus[None] if modulus is None else modulus
-        lower, higher = (self.scene.total_rate(touch, middle * np.exp(side * step)) for side in (-1.0, 1.0))
-        return lower / self.scene.n_receptors, higher / self.scene.n_receptors
-
     def touches(self, theta: Array) -> tuple[TouchParameters, Array | None]:
         """Return the arguments of a scene's functions at theta: the chain's parameters, and moduli where not known."""
         return self.touch(theta), self.posterior.space.modulus(theta)

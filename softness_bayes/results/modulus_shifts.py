@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from softness_bayes.checking.modulus_errors import STEP, directions, posterior_shift, scores, shift_table
+from softness_bayes.model.other_moduli import rates_of_other_moduli
 from softness_bayes.results.draws import RatedDraws
 from softness_bayes.results.groups import Variable, evenly
 from softness_bayes.results.predictions import turning_draws
@@ -45,7 +46,7 @@ def modulus_shifts(draws: RatedDraws, inflection: Mapping[str, Variable]) -> pd.
     index = evenly(points.shape, SHIFT_DRAWS)
     theta = points[index]
     signs, share = directions(exact.astype(np.intp), design.n_fabrics)
-    rates = draws.rates_of_other_moduli(theta, STEP)
+    rates = rates_of_other_moduli(draws.posterior, theta, STEP)
     score = scores(draws.ratings, rates, draws.posterior.rating_parameters(theta), signs)
     quantities = {name: np.log(theta[:, space.names.index(name)]) for name in SHIFTED if name in space.names}
     modulus = inflection["inflection_e_fab_kpa"].values[index]

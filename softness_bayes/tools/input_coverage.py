@@ -26,6 +26,7 @@ from softness_bayes.data import Experiment, Fabrics, Ratings
 from softness_bayes.data.fabrics import log_sd
 from softness_bayes.model.build import ExperimentModel, build
 from softness_bayes.model.options import ModelOptions
+from softness_bayes.model.other_moduli import drive_slope
 from softness_bayes.model.scenes import touch_parameters
 from softness_bayes.model.simulation import simulate_ratings
 from softness_bayes.sampler.sampling import Settings, sample_until
@@ -104,18 +105,11 @@ def _quantities(model: ExperimentModel, theta: Array, truth: Mapping[str, float]
 
 def _checks(model: ExperimentModel, theta: Array, rng: np.random.Generator) -> dict[str, float]:
     """Return what the checks of residuals find."""
-    posterior, scene = model.posterior, model.scene
-    rate, parameters, space = posterior.mean_rate(theta), posterior.rating_parameters(theta), posterior.space
+    posterior = model.posterior
+    rate, parameters = posterior.mean_rate(theta), posterior.rating_parameters(theta)
     effects = posterior.observation.draw_effects(rng, rate, parameters)
-    middle = scene.fabric_modulus[None] if space.modulus(theta) is None else space.modulus(theta)
-    assert middle is not None
-    drives = [
-        posterior.observation.drive_at(
-            scene.total_rate(space.touch(theta), middle * np.exp(side * STEP)) / scene.n_receptors, rate, parameters
-        )
-        for side in (-1.0, 1.0)
-    ]
-    found = check_moduli(posterior.observation, rate, (drives[1] - drives[0]) / (2.0 * STEP), parameters, effects)
+    slope = drive_slope(posterior, theta, rate, parameters, STEP)
+    found = check_moduli(posterior.observation, rate, slope, parameters, effects)
     fabrics = check_fabrics(posterior.observation, rate, parameters, effects)
     p_value = min(fabrics.p_value, fabrics.condition_p_value)
     return {"modulus_p": found.p_value, "fabric_p": p_value}

@@ -1,0 +1,50 @@
+"""Responses and drives with the fabrics' moduli changed, for checks of what errors of the moduli do."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from softness_bayes.likelihood.ratings import RatingParameters
+from softness_bayes.model.posterior import Posterior
+from softness_bayes.touch.scene import Scene
+
+Array = NDArray[np.float64]
+
+
+def rates_of_other_moduli(posterior: Posterior, theta: Array, step: float) -> tuple[Array, Array]:
+    """Return N/N_ref [Hz] at theta (draws, dimension), all log moduli lower and higher by a step.
+
+    Each is of shape (draws, conditions).
+
+    Raises
+    ------
+    TypeError
+        If the posterior is not that of a compiled scene.
+    """
+    scene, touch, modulus = posterior.scene, posterior.space.touch(theta), posterior.space.modulus(theta)
+    if not isinstance(scene, Scene):
+        raise TypeError("only a compiled scene answers for other moduli")
+    if modulus is None:
+        modulus = np.broadcast_to(scene.fabric_modulus, (len(theta), scene.fabric_modulus.size))
+    lower, higher = (scene.total_rate(touch, modulus * np.exp(side * step)) for side in (-1.0, 1.0))
+    return lower / scene.n_receptors, higher / scene.n_receptors
+
+
+def drive_slope(
+    posterior: Posterior, theta: Array, mean_rate: Array, parameters: RatingParameters, step: float
+) -> Array:
+    """Return the derivative of `Likelihood.drive` with respect to each fabric's log modulus, (draws, conditions).
+
+    Parameters
+    ----------
+    posterior, theta, step
+        As `rates_of_other_moduli` takes them; the derivative is the secant over a step to either side.
+    mean_rate, parameters
+        N/N_ref [Hz] and parameters of the rating model at theta.
+    """
+    lower, higher = (
+        posterior.observation.drive_at(other, mean_rate, parameters)
+        for other in rates_of_other_moduli(posterior, theta, step)
+    )
+    return (higher - lower) / (2.0 * step)
