@@ -15,8 +15,7 @@ from softness_bayes.results import request as request_module
 from softness_bayes.sampler.sampling import Settings
 from softness_bayes.touch.neuron import fixed_channels, noise, spikes
 from softness_bayes.touch.neuron.firing import CurveError, RateCurve
-from softness_bayes.touch.neuron.membrane import HODGKIN_HUXLEY, Channels
-from softness_bayes.touch.neuron.onset import onset
+from softness_bayes.touch.neuron.onset import Onset
 from softness_bayes.touch.parameters import TouchParameters
 from support.longest import LONGEST
 from support.once import Kept, made_once
@@ -99,9 +98,26 @@ def few_pictures():
 
 
 @pytest.fixture(scope="session")
-def born_onset(once):
-    """The onset of Hodgkin's and Huxley's own membrane, a fold of orbits: found by a search of ten seconds, once."""
-    return once("born-onset", onset, Channels(1.0, 1.0, 1.0, 1.0), HODGKIN_HUXLEY)
+def births(once):
+    """Three channel vectors of Hodgkin's and Huxley's membrane, its own first, and their onsets: folds of orbits."""
+    from support import onsets
+
+    return once("births", onsets.births)
+
+
+@pytest.fixture(scope="session")
+def born_onset(births):
+    """The onset of Hodgkin's and Huxley's own membrane, a fold of orbits."""
+    _, begin = births
+    return Onset(*(x[0] for x in begin))
+
+
+@pytest.fixture(scope="session")
+def corner_onset(once):
+    """The onset of `support.onsets.CORNER`, a jump."""
+    from support import onsets
+
+    return once("corner-onset", onsets.corner_onset)
 
 
 @pytest.fixture(scope="session")

@@ -15,6 +15,7 @@ from softness_bayes.touch.neuron.rate import firing_rate
 from softness_bayes.touch.neuron.surface import FiringSurface
 from softness_bayes.touch.scene import Scene
 from support.fake_scene import fake_posterior
+from support.onsets import CORNER
 
 NAMES = ("x", "y")
 
@@ -75,20 +76,18 @@ def test_a_weighted_summary_is_that_of_the_exact_law() -> None:
     assert moved["mcse_mean"] > table["mcse_mean"].iloc[0]
 
 
-def test_curves_of_many_channels_go_through_exact_rates(monkeypatch: pytest.MonkeyPatch) -> None:
-    corner = Channels(0.945, 1.276, 0.9, 1.35)
-    channels = Channels(*np.array([PAPER_CHANNELS, Channels(1.0, 1.2, 1.05, 1.6), corner]).T)
+def test_curves_of_many_channels_go_through_exact_rates(corner_onset: Onset, monkeypatch: pytest.MonkeyPatch) -> None:
+    channels = Channels(*np.array([PAPER_CHANNELS, Channels(1.0, 1.2, 1.05, 1.6), CORNER]).T)
     limit = np.array([21.0, 30.0, 25.0])
-    # the corner's own curve begins where the batch's does: the search for that takes long
-    begin = onset(channels, CONNOR_STEVENS)
+    # the search for the corner's onset takes long
+    begin = Onset(*map(np.append, onset(Channels(*(c[:2] for c in channels)), CONNOR_STEVENS), corner_onset))
     monkeypatch.setattr(
         firing, "onset", lambda some, *_, **__: begin if np.ndim(some.c_K) else Onset(*(x[2] for x in begin))
     )
     curves = exact_curves(channels, CONNOR_STEVENS, limit)
-    for i in range(3):
-        current = np.linspace(float(curves.rheobase[i]) + 0.01, limit[i], 7)
-        exact = firing_rate(current, Channels(*(c[i] for c in channels)))
-        np.testing.assert_allclose(curves.take(i).rate(current), exact, atol=5e-3)
+    current = np.linspace(curves.rheobase + 0.01, limit, 7, axis=-1)
+    exact = firing_rate(current, Channels(*(c[:, None] for c in channels)))
+    np.testing.assert_allclose(curves.rate(current), exact, atol=5e-3)
 
 
 def test_surface_and_exact_rates_give_one_response() -> None:

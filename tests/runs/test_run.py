@@ -24,7 +24,7 @@ from softness_bayes.model.options import ModelOptions
 from softness_bayes.model.scenes import usual_values
 from softness_bayes.model.simulation import simulate_ratings
 from softness_bayes.parameters.priors import HalfNormal, LogNormal
-from softness_bayes.results import request
+from softness_bayes.results import pictures, request
 from softness_bayes.results.request import Request, RunOptions
 from softness_bayes.results.result import Result
 from softness_bayes.results.result_file import SCHEMA
@@ -33,6 +33,7 @@ from softness_bayes.sampler.sampling import Settings
 from softness_bayes.touch import scene
 from softness_bayes.touch.contact import Finger, Force, Indentation
 from softness_bayes.touch.neuron import firing, fixed_channels
+from softness_bayes.touch.neuron.firing import CurveError, RateCurve
 from softness_bayes.touch.neuron.onset import Onset
 from softness_bayes.touch.neuron.surface import FiringSurface
 from softness_bayes.touch.readings import CLASSICAL, MENDED
@@ -53,6 +54,7 @@ PRIORS = {
     "eps": lognorm(1, scale=0.1),
 }
 PARTICIPANTS, ROWS, MISSING = 5, 32, 8
+QUICK = Discretisation(8, 9.0, 1e-4)
 TURNING = {f"inflection_{name}" for name in ("outcome", "e_fab_kpa", "ratio", "force_n", "drop", "inside")}
 
 
@@ -77,7 +79,7 @@ def experiment():
 def options():
     command = "softness-bayes sample --data x"
     return Request(
-        ModelOptions(fix=HELD, discretisation=scene.Discretisation()),
+        ModelOptions(fix=HELD, discretisation=QUICK),
         RunOptions(max_steps=200, processes=1, seed=3, command=command),
     )
 
@@ -191,7 +193,7 @@ def test_provenance(result):
     assert found["verdict"].startswith("Not converged after 200 steps of 4 x 28 walkers")
     assert 0 < found["numerical_error"] < 1e-3
     assert "accuracy" in found
-    assert found["discretisation"] == str(scene.Discretisation())
+    assert found["discretisation"] == str(QUICK)
     assert "held_eps" not in found
     assert result.group("constant_data")["finger_radius_mm"] == 8
 
@@ -544,7 +546,7 @@ def test_equal_seeds_equal_draws_whatever_the_processes(experiment):
     runs = {
         key: sample(
             experiment,
-            ModelOptions(fix=fix, discretisation=Discretisation()),
+            ModelOptions(fix=fix, discretisation=QUICK),
             RunOptions(max_steps=30, processes=processes, seed=seed),
         )
         for key, processes, seed in (("one", 1, 5), ("two", 2, 5), ("other", 1, 6))
@@ -647,7 +649,9 @@ def test_the_result_says_whether_it_is_exact_enough(result):
 
 
 def test_under_noise_the_result_says_what_rates_it_was_compared_with(experiment, options, result, monkeypatch):
-    monkeypatch.setattr(fixed_channels, "noisy_curve", lambda noise, *curve: fixed_channels.exact_curve(*curve))
+    curve = RateCurve(np.array(18.0), np.array(0.0), np.array([14.0, 4.0]), 60.0, CurveError(0.01, 1e-5, 1e-4))
+    monkeypatch.setattr(fixed_channels, "noisy_curve", lambda *_: curve)
+    monkeypatch.setattr(pictures, "spike_times", lambda *_: np.empty(0))
     noisy = sample(experiment, *options, noise=1.0, max_steps=4)
     assert "against the same noise-averaged firing rates and a finer quadrature" in noisy.attributes["exactness"]
     assert "against exact firing rates and a finer quadrature" in result.attributes["exactness"]

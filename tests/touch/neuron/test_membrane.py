@@ -29,9 +29,8 @@ from softness_bayes.touch.neuron.onset import Onset, onset, rheobase
 from softness_bayes.touch.neuron.rate import firing_rate
 from softness_bayes.touch.neuron.rosenbrock import step, travel
 from softness_bayes.touch.neuron.vector_field import Cells
+from support.onsets import CORNER, HODGKIN_HUXLEY_OWN
 from support.paths import REFERENCE
-
-CORNER = Channels(0.945, 1.276, 0.9, 1.35)
 
 every_membrane = pytest.mark.parametrize("membrane", MEMBRANES.values(), ids=MEMBRANES.keys())
 
@@ -300,11 +299,11 @@ def test_continuation_agrees_with_waiting() -> None:
 def test_rates_broadcast() -> None:
     current = np.array([10.0, 20.3, 30.0])
     channels = PAPER_CHANNELS._replace(c_Na=np.array([[1.05], [1.0]]))
-    together = firing_rate(current, channels)
+    together = firing_rate(current, channels, tolerance=1e-6)
     assert together.shape == (2, 3)
     for i in range(2):
         for j in range(3):
-            one = firing_rate(current[j], PAPER_CHANNELS._replace(c_Na=channels.c_Na[i, 0]))
+            one = firing_rate(current[j], PAPER_CHANNELS._replace(c_Na=channels.c_Na[i, 0]), tolerance=1e-6)
             assert one.shape == ()
             assert together[i, j] == pytest.approx(one, rel=1e-9)
     assert firing_rate(np.zeros((0, 4))).shape == (0, 4)
@@ -342,8 +341,8 @@ def test_rheobase_at_a_fold() -> None:
     assert several[1, 0] > begin.rheobase
 
 
-def test_rheobase_above_a_fold_that_is_not_followed_by_firing() -> None:
-    begin = onset(CORNER)
+def test_rheobase_above_a_fold_that_is_not_followed_by_firing(corner_onset: Onset) -> None:
+    begin = corner_onset
     assert begin.rheobase == pytest.approx(16.98716, abs=2e-5)
     assert begin.rheobase > fold(_one(CORNER), CONNOR_STEVENS).current[0] + 0.4
     assert 8.0 < begin.rate < 9.0
@@ -355,7 +354,7 @@ def test_rheobase_above_a_fold_that_is_not_followed_by_firing() -> None:
 
 
 def test_rheobase_at_a_fold_of_orbits(born_onset: Onset) -> None:
-    _require_birth(born_onset, HODGKIN_HUXLEY, Channels(1.0, 1.0, 1.0, 1.0), 6.2603, 50.33)
+    _require_birth(born_onset, HODGKIN_HUXLEY, HODGKIN_HUXLEY_OWN, 6.2603, 50.33)
 
 
 @pytest.mark.slow
