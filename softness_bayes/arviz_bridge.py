@@ -190,13 +190,12 @@ def write_netcdf(tree: xarray.DataTree, path: str | os.PathLike[str]) -> None:
 
 def read_netcdf(path: str | os.PathLike[str]) -> xarray.DataTree:
     """Return a result, read into memory and with its file closed."""
-    import h5py
     import xarray
 
-    with h5py.File(path, "r") as file:
+    with _opened(path) as file:
         dict(file.attrs)  # with damaged attributes h5netcdf fails halfway, and again when the object is deleted
-    with xarray.open_datatree(path, engine="h5netcdf") as tree:
-        return tree.load()
+        with xarray.open_datatree(file, engine="h5netcdf") as tree:
+            return tree.load()
 
 
 def for_arviz(tree: xarray.DataTree) -> Any:
@@ -205,6 +204,25 @@ def for_arviz(tree: xarray.DataTree) -> Any:
         return tree
     groups = {name: child.to_dataset() for name, child in tree.children.items()}
     return _arviz().InferenceData(attrs=dict(tree.attrs), **groups)
+
+
+def _opened(path: str | os.PathLike[str]) -> Any:
+    """Open an HDF5 file that looks up each of its objects once: h5netcdf asks for every one dozens of times."""
+    import h5py
+
+    class LookedUpOnce(h5py.File):
+        def __init__(self) -> None:
+            super().__init__(path, "r")
+            self._found: dict[str, Any] = {}
+
+        def __getitem__(self, name: Any) -> Any:
+            if not isinstance(name, str):
+                return super().__getitem__(name)
+            if name not in self._found:
+                self._found[name] = super().__getitem__(name)
+            return self._found[name]
+
+    return LookedUpOnce()
 
 
 def _is_storable(value: Any) -> bool:

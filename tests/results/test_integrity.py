@@ -293,7 +293,7 @@ def test_options_that_lack_something_are_refused(runs):
             read(found)
 
 
-def test_no_verb_ends_in_a_traceback(runs, tmp_path):
+def test_no_verb_ends_in_a_traceback(runs, tmp_path, few_pictures):
     whole, other = tmp_path / "whole", tmp_path / "run"
     for directory in (whole, other):
         shutil.copytree(runs / "ratings", directory)
