@@ -65,13 +65,13 @@ def drawn(directory, seed):
 
 @pytest.fixture(scope="module")
 def pairs(tmp_path_factory):
-    """Runs of three seeds from both faces, and how often the direction was looked for in one of them."""
+    """Runs of two seeds from both faces, and how often the direction was looked for in one of them."""
     directory = tmp_path_factory.mktemp("faces")
     few_ratings(directory)
     asked, choose = [], building.choose_direction
     with quickly(), pytest.MonkeyPatch.context() as patch:
         patch.setattr(building, "choose_direction", lambda *given: asked.append(1) or choose(*given))
-        found = {seed: drawn(directory, seed) for seed in (0, 1, 7)}
+        found = {seed: drawn(directory, seed) for seed in (0, 7)}
     return found, len(asked)
 
 
@@ -88,7 +88,7 @@ def test_both_faces_draw_the_same(pairs):
         assert python.pop("command") == ""
         assert command == python
     # negative control: another seed is another run
-    (first, _), (second, _), _ = pairs[0].values()
+    (first, _), (second, _) = pairs[0].values()
     assert not first.tree["posterior"].identical(second.tree["posterior"])
 
 
