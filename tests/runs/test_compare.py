@@ -35,8 +35,8 @@ from softness_bayes.sampler.diagnostics import Goal
 from softness_bayes.sampler.sampling import Settings
 from softness_bayes.touch.contact import Indentation
 from softness_bayes.touch.readings import MENDED
-from softness_bayes.touch.scene import Discretisation
 from support.command_line import call, refused
+from support.report_runs import COARSE
 
 CLOTH = Fabrics(
     ("gauze", "lawn", "drill", "felt"),
@@ -149,7 +149,7 @@ def experiment():
 @pytest.fixture(scope="module")
 def results(experiment):
     """The model that made the ratings, it with a skin hardly any stiffer, and the opposite direction."""
-    options = {"fix": HELD, "max_steps": 120, "processes": 1, "discretisation": Discretisation()}
+    options = {"fix": HELD, "max_steps": 120, "processes": 1, "discretisation": COARSE}
     return {
         "right": sample(experiment, **options),
         "as good": sample(experiment, **options | {"fix": HELD | {"b": 100.5}}),
@@ -224,7 +224,7 @@ def test_the_sum_over_ratings_is_that_of_their_densities_as_filed(results, exper
 
 def test_a_fabric_left_out_by_hand(results, experiment):
     """p(y_k | y_-k) = p(y) / p(y_-k), both integrated on a grid over the two sampled parameters."""
-    posterior = build(experiment, ModelOptions(fix=HELD, discretisation=Discretisation())).posterior
+    posterior = build(experiment, ModelOptions(fix=HELD, discretisation=COARSE)).posterior
     assert posterior.names == ("gamma", "varsigma")
     axes = np.linspace(0.4, 1.6, 61), np.linspace(0.2, 0.5, 61)
     theta = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 2)
@@ -308,7 +308,7 @@ def test_the_largest_error_judges(results, experiment):
 
 def test_a_condition_left_out_by_hand(results, experiment):
     """As a fabric left out, on a grid: by weights, and anew where no weight is trusted."""
-    posterior = build(experiment, ModelOptions(fix=HELD, discretisation=Discretisation())).posterior
+    posterior = build(experiment, ModelOptions(fix=HELD, discretisation=COARSE)).posterior
     axes = np.linspace(0.4, 1.6, 61), np.linspace(0.2, 0.5, 61)
     theta = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 2)
     prior, whole = posterior.log_prior(theta), posterior.log_likelihood(theta)
@@ -323,7 +323,7 @@ def test_a_condition_left_out_by_hand(results, experiment):
 
 def test_what_is_not_comparable_is_refused(results, experiment):
     right = results["right"]
-    quick = {"fix": HELD, "max_steps": 2, "processes": 1, "discretisation": Discretisation()}
+    quick = {"fix": HELD, "max_steps": 2, "processes": 1, "discretisation": COARSE}
     with pytest.raises(InputError, match="expected at least two"):
         compare({"a": right})
     other = sample(experiment._replace(ratings=dataclasses.replace(made(2), digest="d2")), **quick)

@@ -38,6 +38,7 @@ from softness_bayes.touch.neuron.onset import Onset
 from softness_bayes.touch.neuron.surface import FiringSurface
 from softness_bayes.touch.readings import CLASSICAL, MENDED
 from softness_bayes.touch.scene import Discretisation
+from support.report_runs import COARSE
 
 CLOTH = Fabrics(("felt", "lawn", "drill", "gauze"), effective_modulus=np.array([8e4, 2e4, 4e5, 2e5]))
 LOADS = (Indentation(2e-3), Force(1.5))
@@ -54,7 +55,6 @@ PRIORS = {
     "eps": lognorm(1, scale=0.1),
 }
 PARTICIPANTS, ROWS, MISSING = 5, 32, 8
-QUICK = Discretisation(8, 9.0, 1e-4)
 TURNING = {f"inflection_{name}" for name in ("outcome", "e_fab_kpa", "ratio", "force_n", "drop", "inside")}
 
 
@@ -79,7 +79,7 @@ def experiment():
 def options():
     command = "softness-bayes sample --data x"
     return Request(
-        ModelOptions(fix=HELD, discretisation=QUICK),
+        ModelOptions(fix=HELD, discretisation=COARSE),
         RunOptions(max_steps=200, processes=1, seed=3, command=command),
     )
 
@@ -193,7 +193,7 @@ def test_provenance(result):
     assert found["verdict"].startswith("Not converged after 200 steps of 4 x 28 walkers")
     assert 0 < found["numerical_error"] < 1e-3
     assert "accuracy" in found
-    assert found["discretisation"] == str(QUICK)
+    assert found["discretisation"] == str(COARSE)
     assert "held_eps" not in found
     assert result.group("constant_data")["finger_radius_mm"] == 8
 
@@ -546,7 +546,7 @@ def test_equal_seeds_equal_draws_whatever_the_processes(experiment):
     runs = {
         key: sample(
             experiment,
-            ModelOptions(fix=fix, discretisation=QUICK),
+            ModelOptions(fix=fix, discretisation=COARSE),
             RunOptions(max_steps=30, processes=processes, seed=seed),
         )
         for key, processes, seed in (("one", 1, 5), ("two", 2, 5), ("other", 1, 6))

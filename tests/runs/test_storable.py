@@ -26,6 +26,7 @@ from softness_bayes.runs.plate import sample_skin
 from softness_bayes.runs.run import requested, sample
 from softness_bayes.sampler.serial import as_json
 from softness_bayes.touch.readings import MENDED
+from support.command_line import call
 from support.paths import DATA
 from support.report_runs import OPTIONS, experiment, quickly
 
@@ -129,7 +130,7 @@ def test_names_of_files_need_not_be_utf8(tmp_path):
     done = command("sample", "--compression", FOREIGN, "--out", out, *begun, cwd=tmp_path)
     assert done.returncode == 3, done.stderr
     assert b"written to r\xe9sults" in done.stdout
-    done = command("report", out, cwd=tmp_path)
+    done = call("report", out, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     page = (tmp_path / out / "report.html").read_text()
     assert r"caf\xe9" in page

@@ -15,7 +15,7 @@ from softness_bayes.report.page import report_page
 from softness_bayes.results.result import Result
 from softness_bayes.runs.from_result import experiment_of, options_of
 from softness_bayes.runs.run import sample
-from support.command_line import FIXED, QUICK, call
+from support.command_line import FIXED, QUICK, call, few_ratings
 from support.paths import DATA
 from support.report_runs import CLOTH, OPTIONS, experiment, quickly
 
@@ -110,7 +110,8 @@ def test_moduli_that_are_merely_assumed_to_be_exact_are_never_beyond_doubt(repor
 
 def test_the_command_line_samples_and_resumes_with_errors(tmp_path, brief_pilot):
     home = tmp_path / "run"
-    ended = call("sample", "--data", DATA / "ratings.csv", "--modulus-cv", "0.15", *QUICK, *FIXED, "--out", home)
+    few_ratings(tmp_path)
+    ended = call("sample", "--data", tmp_path / "ratings.csv", "--modulus-cv", "0.15", *QUICK, *FIXED, "--out", home)
     assert ended.returncode == 3
     assert "fabric moduli: the ratings narrow" in ended.stdout
     options = json.loads(str(Result.load(home).attributes["options"]))
