@@ -19,32 +19,37 @@ from support.modules import MODULES
 from support.pages import in_the_code, text_of
 
 ROOMS = re.findall(r"^\| \[([a-z_.]+)\]\(\.\./([a-z_/.]+)\)", text_of("architecture.md"), re.M)
-IMPORTS = imports()
 MEDIAN = touch_parameters(usual_values(MENDED))
 
 
-def test_the_page_lists_every_room():
-    assert sorted(name for name, _ in ROOMS) == sorted(IMPORTS)
+@pytest.fixture(scope="module")
+def imported():
+    """The rooms that each room imports, read from every module."""
+    return imports()
+
+
+def test_the_page_lists_every_room(imported):
+    assert sorted(name for name, _ in ROOMS) == sorted(imported)
     for name, file in ROOMS:
         path = name.replace(".", "/")
         assert file in (f"{path}.py", f"{path}/__init__.py")
         assert (PACKAGE / file).is_file()
 
 
-def test_every_module_is_in_a_room():
+def test_every_module_is_in_a_room(imported):
     for name in MODULES.keys() - {"__main__"}:
-        assert name in IMPORTS or name.rpartition(".")[0] in IMPORTS
+        assert name in imported or name.rpartition(".")[0] in imported
 
 
-def test_the_list_goes_from_the_bottom_up():
+def test_the_list_goes_from_the_bottom_up(imported):
     """As the test of the layers: a room imports rooms that stand before it."""
     order = [name for name, _ in ROOMS]
-    for name, others in IMPORTS.items():
+    for name, others in imported.items():
         assert all(order.index(other) < order.index(name) for other in others), name
 
 
-def test_the_drawing_is_of_these_imports():
-    assert FILE.read_text(encoding="utf-8") == drawing(IMPORTS), "run python -m softness_bayes.tools.rooms"
+def test_the_drawing_is_of_these_imports(imported):
+    assert FILE.read_text(encoding="utf-8") == drawing(imported), "run python -m softness_bayes.tools.rooms"
 
 
 def test_a_drawing_of_four_rooms():
@@ -57,14 +62,14 @@ def test_a_drawing_of_four_rooms():
     assert drawing(four).count("<text") == 4
 
 
-def test_a_changed_import_is_noticed():
+def test_a_changed_import_is_noticed(imported):
     """Negative control."""
-    assert drawing({**IMPORTS, "errors": frozenset(), "ranges": frozenset()}) != drawing(IMPORTS)
+    assert drawing({**imported, "errors": frozenset(), "ranges": frozenset()}) != drawing(imported)
 
 
 @pytest.mark.parametrize("page", ["architecture.md", "extending.md"])
-def test_every_name_on_the_page_is_in_the_code(page):
-    first = "|".join({name.partition(".")[0] for name in IMPORTS})
+def test_every_name_on_the_page_is_in_the_code(page, imported):
+    first = "|".join({name.partition(".")[0] for name in imported})
     names = re.findall(rf"`((?:{first})(?:\.\w+)+)`", text_of(page))
     assert len(names) > 10
     for name in names:
