@@ -104,6 +104,8 @@ ACCURACIES = Range(1e-6, 1e-2)
 """Bounds of the response's numerical error, relative to its peak."""
 RELATIVE_ERRORS = Range(0.0, 3.0)
 """Standard errors of a measured quantity relative to its value; 0 is exact."""
+LOAD_ERRORS = Range(0.0, 0.3)
+"""Standard errors of a load relative to its stated value; beyond, three loads no longer tell what the error does."""
 NOISES = Range(0.0, 100.0, "µA/cm² √ms")
 """Strengths of the membranes' white current."""
 TYPICAL_RATINGS = Range(1e-300, 1e300)

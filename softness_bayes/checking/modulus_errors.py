@@ -137,7 +137,7 @@ def scores(
     observation
         The ratings.
     rates
-        N/N_ref [Hz] with all log moduli lower and higher by `step`, each of shape (draws, conditions).
+        N/N_ref [Hz] with all log moduli lower and higher by `step`, each of shape (draws, columns).
     parameters
         Draws of the rating model's parameters.
     signs
@@ -146,7 +146,7 @@ def scores(
     lower, higher = rates
     middle = 0.5 * (lower + higher)
     found = []
-    for sign in signs[:, observation.design.fabric]:
+    for sign in signs[:, observation.fabric_of_rate]:
         up, down = (np.where(sign == 0, middle, np.where(sign * side > 0, higher, lower)) for side in (1.0, -1.0))
         difference = observation.log_likelihood(up, parameters) - observation.log_likelihood(down, parameters)
         found.append(difference / (2.0 * step))

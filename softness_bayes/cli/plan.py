@@ -30,6 +30,7 @@ def command(files: DataFiles, model: ModelChoice, scale: str) -> None:
     from softness_bayes.model.build import build
     from softness_bayes.model.cost import BATCH, ladder, left_out, seconds
     from softness_bayes.model.resolution import DRAWS, prior_draws
+    from softness_bayes.touch.scene import Scene
 
     data = files.read()
     if isinstance(data, Compression):
@@ -39,7 +40,8 @@ def command(files: DataFiles, model: ModelChoice, scale: str) -> None:
     assert chosen is not None, "the command line asks for an accuracy"
     d = chosen.discretisation
     settings = ladder(chosen, draws)
-    cost = seconds(scene, draws.parameters)
+    cost, others = seconds(scene, draws.parameters), built.posterior.other_loads
+    cost += seconds(others, draws.parameters) if isinstance(others, Scene) else 0.0
     click.echo(
         f"accuracy {model.accuracy:g}, {scene.n_conditions} conditions, errors over {DRAWS} draws of the prior\n"
     )

@@ -16,6 +16,7 @@ from softness_bayes.cli.options.model import (
     accuracy,
     direction,
     finger,
+    load_cv,
     prior_set,
     rating_scale,
     readings,
@@ -42,6 +43,7 @@ RATINGS, FABRICS, COMPRESSION, TRUTH = "ratings.csv", "fabrics.csv", "compressio
 @prior_set
 @readings
 @finger
+@load_cv
 @click.option("--participants", type=whole(PARTICIPANTS), default=30, show_default=True, help="Number of raters.")
 @click.option(
     "--missing",
@@ -75,6 +77,7 @@ def command(
     prior_set: str,
     choice: ReadingChoice,
     finger: dict[str, float],
+    load_cv: float | None,
     participants: int,
     missing: float,
     typical_rating: float | None,
@@ -91,7 +94,8 @@ def command(
 
     Every participant rates every fabric under every load once. Writes ratings.csv (with the fabrics'
     columns), fabrics.csv and truth.json, which holds the parameters behind them; with --fingers also
-    compression.csv, the forces of a rigid flat plate on fingers of the same skin.
+    compression.csv, the forces of a rigid flat plate on fingers of the same skin. With --load-cv every rating's
+    load errs by itself, and ratings.csv states the error.
     """
     import numpy as np
 
@@ -123,11 +127,13 @@ def command(
         slope,
         _resolution(fabrics, loads, usual, chosen, touching, accuracy),
         touching,
+        load_cv or 0.0,
     )
     contents = {RATINGS: ratings_csv(simulation.ratings, fabrics), FABRICS: fabrics_csv(fabrics)}
     story = _truth(simulation, fabrics.names, loads)
     story |= {"seed": seed, "readings": chosen.names, "ratings": scale, "direction": direction}
     story |= {"finger": finger} if finger else {}
+    story |= {"load_cv": load_cv} if load_cv else {}
     story |= {"version": __version__, "simulated": True}
     pressed = ""
     if fingers:

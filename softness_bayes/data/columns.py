@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from decimal import Decimal
 
 from softness_bayes.errors import quoted
-from softness_bayes.ranges import ANY, RELATIVE_ERRORS, Range
+from softness_bayes.ranges import ANY, LOAD_ERRORS, RELATIVE_ERRORS, Range
 from softness_bayes.touch.contact import FORCES, INDENTATIONS
 
 _NUMBER = re.compile(r"([+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+))(?:[eE]([+-]?[0-9]{1,9}))?")
@@ -84,6 +84,7 @@ _NOT_NEGATIVE = Range(0.0)
 
 INDENTATION = Column("indentation_mm", "indentation", "mm", power=-3, range=INDENTATIONS)
 FORCE = Column("force_n", "force", "N", range=FORCES)
+LOAD_CV = Column("load_cv", "relative error of the load", "", range=LOAD_ERRORS)
 RATING = Column("rating", "rating", "")
 TENSILE_MODULUS = Column("tensile_modulus_mpa", "tensile modulus", "MPa", power=6, range=_POSITIVE)
 THICKNESS = Column("thickness_mm", "thickness", "mm", power=-3, range=_POSITIVE)
@@ -109,6 +110,7 @@ NUMBERS: Mapping[str, Column] = {
     for column in (
         INDENTATION,
         FORCE,
+        LOAD_CV,
         RATING,
         TENSILE_MODULUS,
         THICKNESS,

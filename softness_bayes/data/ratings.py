@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from operator import attrgetter
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -11,8 +11,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from softness_bayes.data.columns import FORCE, INDENTATION, RATING, Column
-from softness_bayes.data.fabrics import Fabrics
+from softness_bayes.data.columns import FORCE, INDENTATION, LOAD_CV, RATING, Column
+from softness_bayes.data.fabrics import Fabrics, log_sd
 from softness_bayes.data.names import alike_notes, guess, natural
 from softness_bayes.data.tables import (
     FloatArray,
@@ -111,16 +111,32 @@ class Ratings:
     notes: tuple[str, ...] = ()
     not_positive: str = ""
     """The first rating that is zero or negative, as written in the file."""
+    load_cv: FloatArray = field(default_factory=lambda: np.empty(0))
+    """Relative standard error (n,) of each rating's load, NaN where the table has none; by default all NaN."""
 
     def __post_init__(self) -> None:
-        arrays = {"participant": int, "fabric": int, "load": int, "rating": float, "rows": int}
+        if not np.size(self.load_cv):
+            object.__setattr__(self, "load_cv", np.full(np.shape(self.rating), np.nan))
+        arrays = {"participant": int, "fabric": int, "load": int, "rating": float, "rows": int, "load_cv": float}
         for name, kind in arrays.items():
             object.__setattr__(self, name, read_only(getattr(self, name), kind))
         if len({getattr(self, name).shape for name in arrays}) > 1:
             raise InputError(f"{self.source}: {', '.join(arrays)} differ in length")
+        for value in self.load_cv[~np.isnan(self.load_cv)].tolist():
+            LOAD_CV.range.require(f"{self.source}: {LOAD_CV.name}", value)
 
     def __len__(self) -> int:
         return len(self.rating)
+
+    def load_log_sd(self, cv: float | None = None) -> FloatArray:
+        """Return the standard deviation (n,) of each rating's log load, log-normal about the stated one.
+
+        Parameters
+        ----------
+        cv
+            Relative standard error of the loads that have none of their own; None or 0 if these are exact.
+        """
+        return log_sd(np.where(np.isnan(self.load_cv), cv or 0.0, self.load_cv))
 
     @property
     def conditions(self) -> Conditions:
@@ -169,7 +185,7 @@ class Ratings:
         """Read a long table of ratings.
 
         Columns: `participant` (if missing, all rows are of one participant), `fabric`, `rating` (empty if
-        missing), `indentation_mm` or `force_n` (exactly one in each row), and optionally `trial`.
+        missing), `indentation_mm` or `force_n` (exactly one in each row), and optionally `load_cv` and `trial`.
 
         Parameters
         ----------
@@ -246,6 +262,7 @@ class Ratings:
             digest=table.digest,
             notes=tuple(f"{table.path.name}: {note}" for note in notes),
             not_positive=table.cells[RATING.name][wrong[0]] if wrong.size else "",
+            load_cv=table.numbers(LOAD_CV) if LOAD_CV.name in table else np.full(len(table), np.nan),
         )
 
 

@@ -15,7 +15,7 @@ from typing import Any, ClassVar, Protocol, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from softness_bayes.likelihood.design import Design
+from softness_bayes.likelihood.design import Design, IndexArray
 from softness_bayes.likelihood.error_laws import ErrorLaw
 from softness_bayes.likelihood.scales import Scale
 from softness_bayes.parameters.priors import Prior
@@ -77,6 +77,11 @@ class Likelihood(ABC):
     values: FloatArray
     """Observations as filed, shape (rows,)."""
 
+    @property
+    def fabric_of_rate(self) -> IndexArray:
+        """Fabric of each column of the mean rates, shape (columns,): usually one column for each condition."""
+        return self.design.fabric
+
     @abstractmethod
     def with_values(self, values: ArrayLike) -> Self:
         """Return the likelihood of other observations of the same rows."""
@@ -92,7 +97,8 @@ class Likelihood(ABC):
         Parameters
         ----------
         mean_rate
-            N/N_ref of each condition [Hz], shape (..., conditions); models without receptors use its batch
+            N/N_ref of each condition [Hz], shape (..., conditions), followed by those under other loads where the
+            stated ones have errors (`load_errors.LoadErrors`); models without receptors use its batch
             shape alone, as that of `NO_RESPONSE`. Here and elsewhere it is broadcast with the parameters'.
         parameters
             From `Model.take`, of batch shape (...).
@@ -144,9 +150,17 @@ class Likelihood(ABC):
 
     @abstractmethod
     def replicate(
-        self, rng: np.random.Generator, drive: FloatArray, parameters: Parameters, effects: Effects
+        self,
+        rng: np.random.Generator,
+        drive: FloatArray,
+        parameters: Parameters,
+        effects: Effects,
+        mean_rate: FloatArray | None = None,
     ) -> FloatArray:
-        """Return a simulated observation for every row [as filed], shape (..., rows), where `drive` is."""
+        """Return a simulated observation for every row [as filed], shape (..., rows), where `drive` is.
+
+        Where the errors depend on the response, they are those at `mean_rate`, which must be given then.
+        """
 
     @abstractmethod
     def residual(self, mean_rate: FloatArray, parameters: Parameters, effects: Effects) -> FloatArray:

@@ -9,10 +9,12 @@ from softness_bayes.errors import InputError
 from softness_bayes.likelihood.contract import Likelihood
 from softness_bayes.likelihood.directions import RISES, RatingDirection
 from softness_bayes.likelihood.error_laws import NORMAL, ErrorLaw
+from softness_bayes.likelihood.load_errors import LoadErrors
 from softness_bayes.likelihood.magnitude import LogRatings, RatingModel
 from softness_bayes.likelihood.plate import CompressionForces
-from softness_bayes.likelihood.ratings import RatingsModel
+from softness_bayes.likelihood.ratings import RatingsLikelihood, RatingsModel
 from softness_bayes.likelihood.scales import MAGNITUDE, STANDARDISED, Scale
+from softness_bayes.likelihood.uncertain_loads import UncertainLoads
 from softness_bayes.likelihood.z_scores import StandardisedModel, StandardisedRatings
 
 RATING_MODELS: Mapping[tuple[Scale, ErrorLaw], Callable[[RatingDirection], RatingsModel]] = MappingProxyType(
@@ -20,7 +22,10 @@ RATING_MODELS: Mapping[tuple[Scale, ErrorLaw], Callable[[RatingDirection], Ratin
 )
 """Makes the observation model of a direction, by the scale of the ratings and the law of their errors."""
 
-LIKELIHOODS: tuple[type[Likelihood], ...] = (LogRatings, StandardisedRatings, CompressionForces)
+UNDER_UNCERTAIN_LOADS: Mapping[Scale, Callable[..., RatingsLikelihood]] = MappingProxyType({MAGNITUDE: UncertainLoads})
+"""The likelihood of ratings whose loads have errors, by their scale, where there is one."""
+
+LIKELIHOODS: tuple[type[Likelihood], ...] = (LogRatings, UncertainLoads, StandardisedRatings, CompressionForces)
 """Every likelihood; each goes through the tests of the contract."""
 
 
@@ -36,3 +41,20 @@ def rating_model(scale: Scale, direction: RatingDirection = RISES, error: ErrorL
         known = ", ".join(f"{one.name} with {law.name} errors" for one, law in RATING_MODELS)
         raise InputError(f"ratings: no model of {scale.name} with {error.name} errors; expected one of {known}")
     return RATING_MODELS[scale, error](direction)
+
+
+def under_uncertain_loads(observed: RatingsLikelihood, errors: LoadErrors) -> RatingsLikelihood:
+    """Return the likelihood of ratings if their loads have errors.
+
+    Raises
+    ------
+    InputError
+        If there is none for the scale of the ratings.
+    """
+    model = observed.model
+    if model.scale not in UNDER_UNCERTAIN_LOADS:
+        known = ", ".join(scale.name for scale in UNDER_UNCERTAIN_LOADS)
+        raise InputError(
+            f"ratings: errors of loads (load_cv) are not modelled for {model.scale.name} ratings, only for {known}"
+        )
+    return UNDER_UNCERTAIN_LOADS[model.scale](observed.values, observed.design, model, errors)

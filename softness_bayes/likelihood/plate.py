@@ -252,7 +252,12 @@ class CompressionForces(Likelihood):
         return FingerEffects(blank.log_b + tau_b**2 * pulled[..., 0], blank.m + tau_m**2 * pulled[..., 1])
 
     def replicate(
-        self, rng: np.random.Generator, drive: Array, parameters: SkinParameters, effects: FingerEffects
+        self,
+        rng: np.random.Generator,
+        drive: Array,
+        parameters: SkinParameters,
+        effects: FingerEffects,
+        mean_rate: Array | None = None,
     ) -> Array:
         """Return a force [N] for every row, shape (..., rows)."""
         expected = drive + self._own(effects)

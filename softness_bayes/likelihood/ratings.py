@@ -148,7 +148,12 @@ class RatingsLikelihood(Likelihood):
         return self.model.with_new_participants(rng, parameters, effects)
 
     def replicate(
-        self, rng: np.random.Generator, drive: FloatArray, parameters: RatingParameters, effects: Effects
+        self,
+        rng: np.random.Generator,
+        drive: FloatArray,
+        parameters: RatingParameters,
+        effects: Effects,
+        mean_rate: FloatArray | None = None,
     ) -> FloatArray:
         """Return one rating for every row, shape (..., rows)."""
         return np.asarray(self.model.draw_ratings(rng, self.design, drive, parameters, effects))

@@ -11,11 +11,13 @@ from softness_bayes.checking import direction
 from softness_bayes.checking.quantities import Layout
 from softness_bayes.data import Compression, Experiment
 from softness_bayes.likelihood.design import Design
-from softness_bayes.likelihood.models import rating_model
+from softness_bayes.likelihood.load_errors import LoadErrors
+from softness_bayes.likelihood.models import rating_model, under_uncertain_loads
 from softness_bayes.likelihood.plate import CompressionForces
 from softness_bayes.likelihood.ratings import RatingParameters
 from softness_bayes.model.fabric_moduli import fabric_moduli
 from softness_bayes.model.options import ModelOptions
+from softness_bayes.model.other_loads import beside
 from softness_bayes.model.posterior import Density, Posterior
 from softness_bayes.model.resolution import prior_draws, resolution_for
 from softness_bayes.model.scenes import scene_of
@@ -115,8 +117,13 @@ def build(experiment: Experiment, options: ModelOptions = ModelOptions()) -> Exp
     observation = rating_model(options.scale, chosen.direction).observe(
         experiment.ratings.rating, design_of(experiment)
     )
+    log_sd, others = experiment.ratings.load_log_sd(options.load_cv), None
+    if log_sd.any():
+        uncertain = LoadErrors.of(observation.design, log_sd)
+        observation = under_uncertain_loads(observation, uncertain)
+        others = scene.under(*beside(experiment.ratings, uncertain))
     plates = () if experiment.compression is None else (forces_of(experiment.compression, options),)
-    posterior = Posterior(_bent(space, scene).with_moduli(moduli), (observation, *plates), scene)
+    posterior = Posterior(_bent(space, scene).with_moduli(moduli), (observation, *plates), scene, others)
     return ExperimentModel(experiment, options, posterior, scene, chosen, resolution)
 
 

@@ -12,7 +12,7 @@ from softness_bayes.likelihood.scales import MAGNITUDE, RATING_SCALES, Scale
 from softness_bayes.model.fingers import finger_of, values_of
 from softness_bayes.parameters.fabric_moduli import UNKNOWN_MODULUS, require_law
 from softness_bayes.parameters.priors import Prior, parse_prior
-from softness_bayes.ranges import RELATIVE_ERRORS
+from softness_bayes.ranges import LOAD_ERRORS, RELATIVE_ERRORS
 from softness_bayes.touch.contact import Finger
 from softness_bayes.touch.readings import MENDED, Readings
 from softness_bayes.touch.scene import Discretisation
@@ -40,6 +40,9 @@ class ModelOptions:
         takes them as exact too, and the run says what that may cost.
     unknown_modulus
         Law of the moduli of fabrics of which nothing is known [kPa].
+    load_cv
+        Relative standard error of the loads of ratings that have none of their own in the table; 0 or None if they are
+        exact.
     noise
         Strength of the membranes' white current [µA/cm² sqrt(ms)]; needs fixed channel multipliers.
     accuracy
@@ -60,6 +63,7 @@ class ModelOptions:
     finger: Finger = Finger()
     modulus_cv: float | None = None
     unknown_modulus: Prior = UNKNOWN_MODULUS
+    load_cv: float | None = None
     noise: float = NOISE
     accuracy: float = ACCURACY
     discretisation: Discretisation | None = None
@@ -69,6 +73,8 @@ class ModelOptions:
         if self.modulus_cv is not None:
             RELATIVE_ERRORS.require("modulus_cv", self.modulus_cv)
         require_law("unknown_modulus", self.unknown_modulus)
+        if self.load_cv is not None:
+            LOAD_ERRORS.require("load_cv", self.load_cv)
 
     def decide(self, **found: Any) -> Self:
         """Return the options with some that were open decided, by name."""
@@ -93,6 +99,7 @@ class ModelOptions:
             **({"finger": values_of(self.finger)} if self.finger != Finger() else {}),
             **({} if self.modulus_cv is None else {"modulus_cv": self.modulus_cv}),
             **({"unknown_modulus": str(self.unknown_modulus)} if self.unknown_modulus != UNKNOWN_MODULUS else {}),
+            **({} if self.load_cv is None else {"load_cv": self.load_cv}),
             "noise": self.noise,
             "accuracy": self.kept_accuracy,
             "discretisation": None if self.discretisation is None else asdict(self.discretisation),
@@ -123,6 +130,7 @@ class ModelOptions:
             finger=finger_of(record.get("finger", {})),
             modulus_cv=record.get("modulus_cv"),
             unknown_modulus=parse_prior(record.get("unknown_modulus", str(UNKNOWN_MODULUS))),
+            load_cv=record.get("load_cv"),
             noise=record["noise"],
             accuracy=ACCURACY if accuracy is None else accuracy,
             discretisation=None if discretisation is None else Discretisation(**discretisation),
@@ -136,6 +144,7 @@ class ModelOptions:
             "direction": "of the data" if self.direction is None else self.direction.name,
             "scale of the ratings": self.scale.name,
             **({"finger": str(self.finger)} if self.finger != Finger() else {}),
+            **({"load_cv": str(self.load_cv)} if self.load_cv else {}),
             "noise": str(self.noise),
             "discretisation": str(self.discretisation),
         }

@@ -15,7 +15,7 @@ Array = NDArray[np.float64]
 def rates_of_other_moduli(posterior: Posterior, theta: Array, step: float) -> tuple[Array, Array]:
     """Return N/N_ref [Hz] at theta (draws, dimension), all log moduli lower and higher by a step.
 
-    Each is of shape (draws, conditions).
+    Each is as `Posterior.mean_rate` returns it, shape (draws, columns).
 
     Raises
     ------
@@ -27,8 +27,8 @@ def rates_of_other_moduli(posterior: Posterior, theta: Array, step: float) -> tu
         raise TypeError("only a compiled scene answers for other moduli")
     if modulus is None:
         modulus = np.broadcast_to(scene.fabric_modulus, (len(theta), scene.fabric_modulus.size))
-    lower, higher = (scene.total_rate(touch, modulus * np.exp(side * step)) for side in (-1.0, 1.0))
-    return lower / scene.n_receptors, higher / scene.n_receptors
+    lower, higher = (posterior.mean_rate_of(touch, modulus * np.exp(side * step)) for side in (-1.0, 1.0))
+    return lower, higher
 
 
 def drive_slope(
@@ -43,8 +43,9 @@ def drive_slope(
     mean_rate, parameters
         N/N_ref [Hz] and parameters of the rating model at theta.
     """
+    observation = posterior.observation
     lower, higher = (
-        posterior.observation.drive_at(other, mean_rate, parameters)
+        observation.drive_at(other[..., : observation.design.n_conditions], mean_rate, parameters)
         for other in rates_of_other_moduli(posterior, theta, step)
     )
     return (higher - lower) / (2.0 * step)

@@ -169,17 +169,37 @@ class Density:
 
 @dataclass(frozen=True)
 class Posterior(Density):
-    """The posterior given ratings, and any other data."""
+    """The posterior given ratings, and any other data.
+
+    Parameters
+    ----------
+    scene
+        The forward model of the rated conditions.
+    other_loads
+        That of the same fabrics under further loads, where the stated ones have errors (`load_errors.LoadErrors`).
+    """
 
     scene: ForwardModel
+    other_loads: ForwardModel | None = None
+
+    @property
+    def scenes(self) -> tuple[ForwardModel, ...]:
+        """The forward models of all columns of the mean rates."""
+        return (self.scene,) if self.other_loads is None else (self.scene, self.other_loads)
 
     def mean_rate(self, theta: FloatArray) -> FloatArray:
-        """The pad's mean rate N/N_ref [Hz] at points theta, shape (..., conditions)."""
+        """The pad's mean rate N/N_ref [Hz] at points theta, shape (..., conditions), then under any other loads."""
         # if every parameter of the chain is held, all points share one response
-        touch, modulus = self.space.touch(theta), self.space.modulus(theta)
-        total = self.scene.total_rate(touch) if modulus is None else self.scene.total_rate(touch, modulus)
-        rate = total / self.scene.n_receptors
+        rate = self.mean_rate_of(self.space.touch(theta), self.space.modulus(theta))
         return np.broadcast_to(rate, (*theta.shape[:-1], rate.shape[-1]))
+
+    def mean_rate_of(self, touch: TouchParameters, modulus: FloatArray | None) -> FloatArray:
+        """As `mean_rate`, at parameters of the chain and moduli of the fabrics [Pa] if not the scene's."""
+        rates = [
+            (scene.total_rate(touch) if modulus is None else scene.total_rate(touch, modulus)) / scene.n_receptors
+            for scene in self.scenes
+        ]
+        return rates[0] if len(rates) == 1 else np.concatenate(rates, axis=-1)
 
     def response_is_finite(self, theta: FloatArray) -> bool:
         """Return whether the forward model is finite at one point theta, shape (dimension,)."""
@@ -207,12 +227,12 @@ class Posterior(Density):
         """
         found: list[FloatArray] = []
         some: list[FloatArray] = []
-        conditions = self.mean_rate(self.space.median).shape[-1]
+        conditions = self.observation.design.n_conditions
         needed = min(LEAST_FIRING, conditions)
         for width, attempts in _WIDTHS:
             for _ in range(attempts):
                 theta = self._drawn(rng, size, width)
-                fires = (self.mean_rate(theta) > 0).sum(axis=-1)
+                fires = (self.mean_rate(theta)[..., :conditions] > 0).sum(axis=-1)
                 found.extend(theta[fires >= needed])
                 some.extend(theta[(fires > 0) & (fires < needed)])
                 if len(found) >= size:

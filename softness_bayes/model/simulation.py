@@ -8,22 +8,29 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.interpolate import PchipInterpolator
 
 from softness_bayes.data import Compression, Fabrics, Ratings
+from softness_bayes.data.fabrics import log_sd
 from softness_bayes.errors import InputError
 from softness_bayes.likelihood.contract import NO_RESPONSE, Model
 from softness_bayes.likelihood.design import Design
 from softness_bayes.likelihood.directions import RISES, RatingDirection
-from softness_bayes.likelihood.models import rating_model
+from softness_bayes.likelihood.models import UNDER_UNCERTAIN_LOADS, rating_model
 from softness_bayes.likelihood.plate import CompressionForces, SkinParameters
 from softness_bayes.likelihood.ratings import RatingParameters
 from softness_bayes.likelihood.scales import LARGEST_LOG_RATING, MAGNITUDE, Scale
+from softness_bayes.model.other_loads import scaled
 from softness_bayes.model.scenes import scene_of, touch_parameters
 from softness_bayes.parameters.declared import EVERY_PARAMETER
-from softness_bayes.ranges import FINGERS, PARTICIPANTS, SIMULATED_RATINGS, SLOPES
+from softness_bayes.ranges import FINGERS, LOAD_ERRORS, PARTICIPANTS, SIMULATED_RATINGS, SLOPES
 from softness_bayes.touch.contact import Finger, Load
+from softness_bayes.touch.parameters import TouchParameters
 from softness_bayes.touch.readings import MENDED, Readings
-from softness_bayes.touch.scene import Discretisation
+from softness_bayes.touch.scene import Discretisation, Scene
+
+LOAD_NODES = 17
+"""Loads at which responses are computed where simulated loads have errors."""
 
 
 class Simulation(NamedTuple):
@@ -52,6 +59,7 @@ def simulate_ratings(
     slope: float | None = None,
     discretisation: Discretisation = Discretisation(),
     finger: Finger = Finger(),
+    load_cv: float = 0.0,
 ) -> Simulation:
     """Let simulated participants rate every fabric under every load once.
 
@@ -81,14 +89,20 @@ def simulate_ratings(
         Resolution of the scene.
     finger
         The fingertip that touches.
+    load_cv
+        Relative standard error of every rating's load, which is log-normal about the stated one; the response is that
+        of the load that was held.
 
     Raises
     ------
     InputError
-        If the number of participants or of ratings, the share of gaps, mu or the slope is out of range, or mu or
-        slope is given for the other scale.
+        If the number of participants or of ratings, the share of gaps, mu, the slope or the error of the loads is out
+        of range, mu or slope is given for the other scale, or an error of loads for a scale that has none.
     """
     _require_ranges(participants, participants * len(fabrics) * len(loads), missing, mu)
+    LOAD_ERRORS.require("simulate: load_cv", load_cv)
+    if load_cv and scale not in UNDER_UNCERTAIN_LOADS:
+        raise InputError(f"simulate: load_cv is {load_cv}, expected none for {scale.name} ratings")
     model = rating_model(scale, direction)
     levels = _levels(model, scale, mu, slope)
     scene = scene_of(fabrics, loads, values, readings, discretisation=discretisation, finger=finger)
@@ -103,17 +117,51 @@ def simulate_ratings(
     parameters = RatingParameters.among(values)
     drive = model.drive(design, rate / scene.n_receptors, parameters)
     effects = model.draw_effects(rng, parameters, (), participants, design.n_fabrics, levels)
-    filed = _rounded(model.draw_ratings(rng, design, drive, parameters, effects))
+    touched = design
+    if load_cv:
+        factor = np.exp(float(log_sd(np.array(load_cv))) * rng.standard_normal(design.n_rows))
+        held = _rates_of_held(scene, touch_parameters(values), design.condition, np.log(factor)) / scene.n_receptors
+        drive = model.drive_at(held, design, rate / scene.n_receptors, parameters)
+        # every row is a condition of its own
+        rows = np.arange(design.n_rows)
+        touched = Design(rows, design.participant, design.fabric[design.condition], participants)
+    filed = _rounded(model.draw_ratings(rng, touched, drive, parameters, effects))
     filed[rng.random(filed.size) < missing] = np.nan
     # conditions run load by load
     table = filed.reshape(participants, len(loads), len(fabrics)).transpose(0, 2, 1)
     ratings = Ratings.crossed(_numbered("P", participants), fabrics.names, loads, table)
+    if load_cv:
+        ratings = replace(ratings, load_cv=np.full(len(ratings), load_cv))
     drawn = model.named_effects(effects)
     effect, _ = drawn.get("participant_effect", (np.zeros(participants), ()))
     absent = set(RatingParameters._fields) - set(model.needs)
     truth = {name: value for name, value in values.items() if name not in absent}
     truth |= {name: float(value) for name, (value, axes) in drawn.items() if not axes}
     return Simulation(ratings, truth, effect, rate.reshape(len(loads), len(fabrics)).T)
+
+
+def _rates_of_held(
+    scene: Scene, parameters: TouchParameters, condition: NDArray[np.intp], log_factor: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return the response [spikes/s] of each rating at the load that was held, shape (rows,).
+
+    Parameters
+    ----------
+    scene
+        All conditions at their stated loads.
+    condition, log_factor
+        Condition of each rating, and log of its load over the stated one; the response is interpolated between
+        `LOAD_NODES` loads over the range of these.
+    """
+    reach = np.abs(log_factor).max()
+    nodes = np.linspace(-reach, reach, LOAD_NODES)
+    loads = tuple(scaled(load, float(np.exp(step))) for load in scene.loads for step in nodes)
+    fabric, load = np.repeat(scene.fabric, LOAD_NODES), scene.load[:, None] * LOAD_NODES + np.arange(LOAD_NODES)
+    rates = scene.under(loads, fabric, load.ravel()).total_rate(parameters).reshape(-1, LOAD_NODES)
+    found = np.empty(condition.size)
+    for k, of_load in enumerate(rates):
+        found[condition == k] = PchipInterpolator(nodes, of_load)(log_factor[condition == k])
+    return found
 
 
 def _require_ranges(participants: int, ratings: int, missing: float, mu: float | None) -> None:

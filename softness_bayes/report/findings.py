@@ -164,7 +164,7 @@ class OtherChecks(Finding):
 
 @dataclass(frozen=True)
 class InputErrors(Finding):
-    """Dependence of the conclusions on errors of the fabrics' moduli."""
+    """Dependence of the conclusions on errors of the fabrics' moduli, and whether loads were taken as exact."""
 
     assumed: bool
     """Whether moduli were taken as exact although nobody said that they are."""
@@ -271,7 +271,9 @@ def input_errors_of(result: Result) -> InputErrors | None:
         return None
     table = result.tables.get(MODULUS_ERRORS)
     largest = None if table is None else moved_most(table)
-    return InputErrors(result.moduli_assumed, residuals.modulus_p_value, largest, result.said_of_moduli())
+    return InputErrors(
+        result.moduli_assumed, residuals.modulus_p_value, largest, (*result.said_of_moduli(), result.said_of_loads())
+    )
 
 
 def _doubted(finding: Finding, why: Doubt) -> Finding:

@@ -232,13 +232,14 @@ def _firing_error(draws: RatedDraws) -> float:
 
 def _silence(draws: RatedDraws) -> Silence:
     """Return how often the model is silent, and how often the contact leaves Hertz's range."""
-    prior = draws.posterior.mean_rate(draws.prior)
+    stated = slice(draws.scene.n_conditions)
+    prior, posterior = draws.posterior.mean_rate(draws.prior)[..., stated], draws.mean_rate[..., stated]
     beyond = draws.scene.beyond_hertz(*draws.touches(draws.subset(CURVES).theta))
     return Silence(
         prior_silent_everywhere=float((prior == 0).all(axis=-1).mean()),
         prior_silent_conditions=float((prior == 0).mean()),
-        posterior_silent_everywhere=float((draws.mean_rate == 0).all(axis=-1).mean()),
-        posterior_silent_conditions=float((draws.mean_rate == 0).mean()),
+        posterior_silent_everywhere=float((posterior == 0).all(axis=-1).mean()),
+        posterior_silent_conditions=float((posterior == 0).mean()),
         contact_beyond_half_radius=beyond.questionable,
         contact_beyond_radius=beyond.meaningless,
     )

@@ -11,7 +11,7 @@ from softness_bayes import arviz_bridge
 from softness_bayes.checking.check_table import LOO_PIT, PARETO_K
 from softness_bayes.checking.fabric_moduli import MODULUS_LAW, UNCERTAIN
 from softness_bayes.checking.quantities import LooPit
-from softness_bayes.data.columns import EFFECTIVE_MODULUS, POISSON_RATIO
+from softness_bayes.data.columns import EFFECTIVE_MODULUS, LOAD_CV, POISSON_RATIO
 from softness_bayes.data.ratings import LOAD_COLUMNS
 from softness_bayes.parameters.declared import EVERY_PARAMETER
 from softness_bayes.parameters.fabric_moduli import FabricModuli
@@ -55,6 +55,7 @@ def constant_group(draws: RatedDraws, pit: LooPit) -> dict[str, Variable]:
             )
             for column, kind, value in LOAD_COLUMNS
         },
+        **({} if np.isnan(ratings.load_cv).all() else {LOAD_CV.name: Variable(ratings.load_cv, ("rating_row",))}),
         **{
             f"{what}_index": Variable(getattr(ratings, what), ("rating_row",))
             for what in ("participant", "fabric", "load")

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from softness_bayes.checking.exactness import EXACT_RATES, SAME_RATES, Exactness, compare_likelihoods
-from softness_bayes.model.posterior import Posterior
+from softness_bayes.model.posterior import ForwardModel, Posterior
 from softness_bayes.results.draws import REWEIGHT_DRAWS
 from softness_bayes.results.groups import Variable, evenly
 from softness_bayes.sampler.workers import Workers
@@ -26,7 +26,8 @@ EXACT_PARTS = 4
 
 def exact_log_likelihood(posterior: Posterior, theta: Array) -> Array:
     """Return the log-likelihood at points theta with exact firing rates and a finer quadrature, shape (points,)."""
-    return replace(posterior, scene=_scene(posterior).exact()).log_likelihood(theta)
+    others = None if posterior.other_loads is None else _compiled(posterior.other_loads).exact()
+    return replace(posterior, scene=_scene(posterior).exact(), other_loads=others).log_likelihood(theta)
 
 
 def begin_comparison(posterior: Posterior, theta: Array, workers: Workers, reweight: bool) -> Callable[[], Exactness]:
@@ -79,6 +80,10 @@ def exactness_stats(exactness: Exactness, shape: tuple[int, ...]) -> dict[str, V
 
 
 def _scene(posterior: Posterior) -> Scene:
-    if not isinstance(posterior.scene, Scene):
+    return _compiled(posterior.scene)
+
+
+def _compiled(scene: ForwardModel) -> Scene:
+    if not isinstance(scene, Scene):
         raise TypeError("the exact likelihood is that of a compiled scene")
-    return posterior.scene
+    return scene

@@ -62,9 +62,9 @@ def draw_replicates(rng: np.random.Generator, draws: RatedDraws) -> Replicates:
     few, ratings = draws.subset(REPLICATES), draws.ratings
     drive = ratings.drive(few.mean_rate, few.parameters)
     twin = copy.deepcopy(rng)
-    again = _rated(rng, draws, drive, few.parameters, few.effects)
+    again = _rated(rng, draws, drive, few.mean_rate, few.parameters, few.effects)
     strangers = ratings.with_new_participants(rng, few.parameters, few.effects)
-    anew = _rated(rng, draws, drive, few.parameters, strangers)
+    anew = _rated(rng, draws, drive, few.mean_rate, few.parameters, strangers)
     level = _levelled_rated(twin, draws, few)
     prior = _prior_rated(rng, draws)
     plate = _plate(rng, draws, few)
@@ -115,27 +115,32 @@ def _layout(draws: RatedDraws) -> Layout:
 
 
 def _rated(
-    rng: np.random.Generator, draws: RatedDraws, drive: Array, parameters: RatingParameters, effects: Any
+    rng: np.random.Generator,
+    draws: RatedDraws,
+    drive: Array,
+    mean_rate: Array,
+    parameters: RatingParameters,
+    effects: Any,
 ) -> Array:
     """Return a rating for every row at every draw, drawn a few draws at a time."""
     made = np.empty((len(drive), draws.ratings.design.n_rows))
     for k in pieces(*made.shape):
         some = part_of(parameters, k), part_of(effects, k)
-        made[k] = draws.ratings.replicate(rng, drive[k], *some)
+        made[k] = draws.ratings.replicate(rng, drive[k], *some, mean_rate[k])
     return made
 
 
 def _levelled_rated(rng: np.random.Generator, draws: RatedDraws, few: Subset) -> Array:
-    level = levelled(_layout(draws), few.mean_rate)
+    level = levelled(_layout(draws), few.mean_rate[..., : draws.scene.n_conditions])
     drive = draws.ratings.drive_at(level, few.mean_rate, few.parameters)
-    return _rated(rng, draws, drive, few.parameters, few.effects)
+    return _rated(rng, draws, drive, few.mean_rate, few.parameters, few.effects)
 
 
 def _prior_rated(rng: np.random.Generator, draws: RatedDraws) -> Array:
     ratings, theta = draws.ratings, draws.prior[:REPLICATES]
     rate, parameters = draws.posterior.mean_rate(theta), draws.posterior.rating_parameters(theta)
     effects = ratings.new_effects(rng, parameters, theta.shape[:1])
-    return _rated(rng, draws, ratings.drive(rate, parameters), parameters, effects)
+    return _rated(rng, draws, ratings.drive(rate, parameters), rate, parameters, effects)
 
 
 def _plate(rng: np.random.Generator, draws: RatedDraws, few: Subset) -> PlateReplicates | None:

@@ -16,6 +16,7 @@ from softness_bayes.checking.fabric_moduli import UNCERTAIN, modulus_sentences
 from softness_bayes.checking.inflection import Curves, Inflection
 from softness_bayes.checking.modulus_errors import shift_sentences
 from softness_bayes.checking.turning_points import turning_table
+from softness_bayes.data.columns import LOAD_CV
 from softness_bayes.errors import InputError
 from softness_bayes.files.outputs import write_outputs
 from softness_bayes.files.run_files import MODULI, MODULUS_ERRORS, POSTERIOR, RUN, SUMMARY, TABLES
@@ -320,6 +321,38 @@ class Result:
         check = self.provenance.residuals.modulus_check
         shifts = shift_sentences(self.tables[MODULUS_ERRORS]) if MODULUS_ERRORS in self.tables else []
         return (*([check] if check else []), *shifts)
+
+    @property
+    def load_cv(self) -> NDArray[np.float64]:
+        """Relative standard error of each rating's load, as the run took it; 0 where it was taken as exact.
+
+        Raises
+        ------
+        InputError
+            If the run had no ratings.
+        """
+        self._require_ratings()
+        constant, asked = self.group("constant_data"), self.provenance.asked.options.get("load_cv")
+        every = np.full(constant["load_index"].size, np.nan)
+        own = constant[LOAD_CV.name].values if LOAD_CV.name in constant else every
+        return np.where(np.isnan(own), asked or 0.0, own)
+
+    def said_of_loads(self) -> str:
+        """Return in one sentence whether loads were taken as exact."""
+        cv = self.load_cv
+        if cv.any():
+            low, high = cv[cv > 0].min(), cv.max()
+            size = f"{high:.3g}" if low == high else f"{low:.3g} to {high:.3g}"
+            return (
+                f"loads: relative errors of {size}, independent for each rating, are accounted for in "
+                f"{(cv > 0).sum()} of {cv.size} ratings"
+            )
+        if self.provenance.asked.options.get("load_cv") is None and LOAD_CV.name not in self.group("constant_data"):
+            return (
+                "loads: taken as exact, because no errors were given (--load-cv 0.05, or a column load_cv); any errors "
+                "count as noise of the ratings, alike under every touch"
+            )
+        return "loads: exact, as was said"
 
     @property
     def moduli(self) -> pd.DataFrame | None:

@@ -8,6 +8,7 @@ import numpy as np
 
 from softness_bayes.checking.fabric_moduli import MODULUS_LAW, UNCERTAIN
 from softness_bayes.data import Compression, Experiment, Fabrics, Ratings
+from softness_bayes.data.columns import LOAD_CV
 from softness_bayes.defaults import ACCURACY
 from softness_bayes.model.fingers import values_of
 from softness_bayes.model.options import ModelOptions
@@ -40,6 +41,7 @@ def experiment_of(result: Result) -> Experiment:
         rows=rating["rating_row"].values,
         n_missing=found.missing_ratings,
         digest=found.digest_ratings,
+        load_cv=constant[LOAD_CV.name].values if LOAD_CV.name in constant else np.empty(0),
     )
     return Experiment(ratings, fabrics, (), _compression_of(result) if result.has_compression else None)
 
@@ -104,6 +106,7 @@ def options_of(result: Result) -> ModelOptions:
         scale=result.scale,
         finger=result.finger,
         modulus_cv=asked.get("modulus_cv"),
+        load_cv=asked.get("load_cv"),
         unknown_modulus=_unknown_of(result),
         discretisation=Discretisation(**asked["discretisation"]),
         accuracy=asked.get("accuracy") or ACCURACY,
@@ -129,5 +132,6 @@ def _model(result: Result) -> dict[str, str]:
         **{name: str(prior) for name, prior in options.priors.items()},
         **{name: f"{np.format_float_positional(value, 6, trim='-')}" for name, value in options.fix.items()},
         **{name: f"{value:g}" for name, value in values_of(options.finger).items()},
+        **({"load_cv": f"{options.load_cv:g}"} if options.load_cv else {}),
         **({"compression": result.provenance.plate.digest_compression[:8]} if result.has_compression else {}),
     }

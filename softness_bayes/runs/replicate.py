@@ -72,7 +72,7 @@ def _simulate(
     """Return ratings made at a point of the prior, and their effects as a batch of one."""
     parameters, rate = posterior.rating_parameters(theta), posterior.mean_rate(theta)
     effects = observation.new_effects(rng, parameters, ())
-    ratings = observation.replicate(rng, observation.drive(rate, parameters), parameters, effects)
+    ratings = observation.replicate(rng, observation.drive(rate, parameters), parameters, effects, rate)
     return observation.with_values(ratings), type(effects)(*(each[None] for each in effects))
 
 

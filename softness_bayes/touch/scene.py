@@ -322,6 +322,10 @@ class Scene:
         poisson = np.full(modulus.size, np.median(self.poisson))
         return self._with(modulus, poisson, None, None, self.discretisation)
 
+    def under(self, loads: Sequence[Load], fabric: ArrayLike, load: ArrayLike) -> Scene:
+        """Return the scene of the same fabrics in other conditions: indices of their fabrics and of these loads."""
+        return self._with(self._moduli, self._poissons, fabric, load, self.discretisation, loads)
+
     def _with(
         self,
         modulus: Array,
@@ -329,11 +333,12 @@ class Scene:
         fabric: ArrayLike | None,
         load: ArrayLike | None,
         discretisation: Discretisation,
+        loads: Sequence[Load] | None = None,
     ) -> Scene:
         return Scene(
             modulus,
             poisson,
-            self.loads,
+            self.loads if loads is None else loads,
             self.firing,
             fabric,
             load,

@@ -85,14 +85,16 @@ def call(*typed):
 
 @pytest.fixture(scope="module")
 def everything(tmp_path_factory):
-    """A run on ratings and forces, with effects of fabrics, and errors of the moduli of two fabrics."""
+    """A run on ratings and forces, with effects of fabrics, and errors of the moduli of two fabrics and of a load."""
     made = simulate_compression(np.random.default_rng(4), usual_values(MENDED, n_fingers=4), fingers=4)
     held = HELD | {"tau_b": 0.3, "tau_m": 0.5, "varsigma_f": 0.1}  # few parameters make a quick run
     options = OPTIONS | {"fix": held, "priors": {"omega": HalfNormal(0.5)}}
     with quickly():
         rated = experiment()
         fabrics = replace(rated.fabrics, effective_modulus_cv=np.array([0.1, 0.2, np.nan, np.nan]))
-        result = sample(rated._replace(fabrics=fabrics, compression=made.compression), **options)
+        ratings = replace(rated.ratings, load_cv=np.where(rated.ratings.load == 0, 0.05, np.nan))
+        given = rated._replace(ratings=ratings, fabrics=fabrics, compression=made.compression)
+        result = sample(given, **options)
     return run_of(result, tmp_path_factory.mktemp("everything"), "rc")
 
 

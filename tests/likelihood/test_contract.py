@@ -5,7 +5,7 @@ its parameters, and its law written out.
 """
 
 import ast
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -23,11 +23,13 @@ from softness_bayes.likelihood.design import Design
 from softness_bayes.likelihood.directions import FALLS, RISES
 from softness_bayes.likelihood.error_laws import NORMAL, ErrorLaw
 from softness_bayes.likelihood.group_conditionals import block_log_likelihood
+from softness_bayes.likelihood.load_errors import LoadErrors
 from softness_bayes.likelihood.magnitude import LogRatings, RatingModel
 from softness_bayes.likelihood.models import LIKELIHOODS, RATING_MODELS, rating_model
 from softness_bayes.likelihood.plate import CompressionForces, SkinParameters
 from softness_bayes.likelihood.ratings import RatingParameters
 from softness_bayes.likelihood.scales import MAGNITUDE, RATING_SCALES, scale_named
+from softness_bayes.likelihood.uncertain_loads import UncertainLoads
 from softness_bayes.likelihood.z_scores import StandardisedModel, StandardisedRatings
 from softness_bayes.touch.plate import plate_line
 
@@ -57,6 +59,31 @@ def dense_ratings(y, rate, p):
     fabric, person = DESIGN.fabric[DESIGN.condition], DESIGN.participant
     covariance = 9.0 + p.tau**2 * (person[:, None] == person) + p.omega**2 * (fabric[:, None] == fabric)
     law = multivariate_normal(np.log(20.0) - p.gamma * (x - x.mean()), covariance + p.varsigma**2 * np.eye(ROWS))
+    return law.logpdf(np.log(y)) - np.log(y).sum()
+
+
+LOAD_SD = np.array([0.1, 0.1, 0.0, 0.2, 0.1, 0.0, 0.2])
+"""Of the log loads of the rows: six touches, of which four have errors."""
+TOUCHES = LoadErrors.of(DESIGN, LOAD_SD)
+BESIDE = np.array([[0.0, 2.0, 15.0, 28.0], [3.0, 3.0, 8.0, 0.5], [0.2, 0.0, 6.0, 36.0]])
+
+
+def dense_uncertain(y, rate, p):
+    """Log ratings as one dense normal vector, whose variances and means are those over three loads."""
+    drive = -p.gamma * (np.log(rate + p.eps) - np.log(rate[:CONDITIONS] + p.eps)[DESIGN.condition].mean())
+    fabric, person = DESIGN.fabric[DESIGN.condition], DESIGN.participant
+    mean, variance = np.empty(ROWS), np.empty(ROWS)
+    # the touches with errors, in order: (condition, error) = (0, 0.1), (1, 0.1), (3, 0.2), (4, 0.1)
+    place = {(0, 0.1): 0, (1, 0.1): 1, (3, 0.2): 2, (4, 0.1): 3}
+    for row, touch in enumerate(zip(DESIGN.condition.tolist(), LOAD_SD.tolist(), strict=True)):
+        nodes = [drive[touch[0]]] * 3
+        if touch in place:
+            low = CONDITIONS + place[touch]
+            nodes = [drive[low], drive[touch[0]], drive[low + 4]]
+        mean[row] = np.average(nodes, weights=[1, 4, 1])
+        variance[row] = np.average((nodes - mean[row]) ** 2, weights=[1, 4, 1])
+    covariance = 9.0 + p.tau**2 * (person[:, None] == person) + p.omega**2 * (fabric[:, None] == fabric)
+    law = multivariate_normal(np.log(20.0) + mean, covariance + np.diag(p.varsigma**2 + variance))
     return law.logpdf(np.log(y)) - np.log(y).sum()
 
 
@@ -100,6 +127,12 @@ PRESSED = SkinParameters(
 )
 CASES = {
     LogRatings: Case(LogRatings(20.0 * np.exp(NOISE), DESIGN, RatingModel(FALLS)), RATES, RATED, dense_ratings),
+    UncertainLoads: Case(
+        UncertainLoads(20.0 * np.exp(NOISE), DESIGN, RatingModel(FALLS), TOUCHES),
+        np.concatenate([RATES, BESIDE, BESIDE * 1.4], axis=1),
+        RATED,
+        dense_uncertain,
+    ),
     StandardisedRatings: Case(StandardisedRatings(NOISE, DESIGN, StandardisedModel(RISES)), RATES, SCORED, dense_line),
     CompressionForces: Case(
         CompressionForces(DEPTH, 0.3 * np.exp(0.4 * NOISE), FINGER, 3), np.empty((3, 0)), PRESSED, dense_forces
@@ -181,6 +214,8 @@ def shuffled(y, order, people):
     if hasattr(y, "indentation"):
         return type(y)(y.indentation[order], y.values[order], people[y.finger[order]], y.n_fingers)
     design = Design(y.design.condition[order], people[y.design.participant[order]], y.design.fabric, 3)
+    if hasattr(y, "errors"):
+        return type(y)(y.values[order], design, y.model, replace(y.errors, of_row=y.errors.of_row[order]))
     return type(y)(y.values[order], design, y.model)
 
 
@@ -198,7 +233,7 @@ def replicates_fit_the_density(case):
     y, rng = case.observed, np.random.default_rng(5)
     rate, points = many(case)
     effects = y.new_effects(rng, points, (DRAWS,))
-    made = y.replicate(rng, y.drive(rate, points), points, effects)
+    made = y.replicate(rng, y.drive(rate, points), points, effects, rate)
     first, point = case.at(slice(0, 1))
     name = next(n for n in ("varsigma", "varsigma_f") if n in y.model.needs)
     other = point._replace(**{name: 0.9 * getattr(point, name)})
@@ -213,7 +248,7 @@ def replicates_have_uniform_places(case):
     """Each row of a replicated table lies uniformly in its law given the other rows."""
     y, rng = case.observed, np.random.default_rng(6)
     rate, points = many(case)
-    made = y.replicate(rng, y.drive(rate, points), points, y.new_effects(rng, points, (DRAWS,)))[:400]
+    made = y.replicate(rng, y.drive(rate, points), points, y.new_effects(rng, points, (DRAWS,)), rate)[:400]
     first, point = case.at(slice(0, 1))
     places = np.array([y.with_values(values).below_loo(first, point)[0] for values in made])
     for row in range(ROWS):
@@ -225,7 +260,7 @@ def residuals_are_errors(case):
     y, rng = case.observed, np.random.default_rng(7)
     rate, points = many(case)
     effects = y.new_effects(rng, points, (DRAWS,))
-    made = y.replicate(rng, y.drive(rate, points), points, effects)
+    made = y.replicate(rng, y.drive(rate, points), points, effects, rate)
     first, point = case.at(slice(0, 1))
     residual = np.empty((800, ROWS))
     for k in range(len(residual)):
@@ -240,7 +275,7 @@ def effects_are_drawn_given_the_data(case):
     y, rng = case.observed, np.random.default_rng(8)
     rate, points = many(case)
     before = y.new_effects(rng, points, (DRAWS,))
-    made = y.replicate(rng, y.drive(rate, points), points, before)
+    made = y.replicate(rng, y.drive(rate, points), points, before, rate)
     first, point = case.at(slice(0, 1))
     after = [y.with_values(values).draw_effects(rng, first, point) for values in made[:500]]
     for k, name in enumerate(type(before)._fields):
@@ -336,7 +371,7 @@ class Ordered(LogRatings):
 class Noisy(LogRatings):
     """Replicates with more noise than the density has."""
 
-    def replicate(self, rng, drive, parameters, effects):
+    def replicate(self, rng, drive, parameters, effects, mean_rate=None):
         return super().replicate(rng, drive, parameters._replace(varsigma=2.0 * parameters.varsigma), effects)
 
 

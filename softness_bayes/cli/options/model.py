@@ -13,7 +13,7 @@ from softness_bayes.cli.options.values import Number, Verb, finite, named
 from softness_bayes.defaults import ACCURACY, PRIOR_SET
 from softness_bayes.likelihood.directions import RATING_DIRECTIONS, RISES, direction_named
 from softness_bayes.likelihood.scales import MAGNITUDE, RATING_SCALES
-from softness_bayes.ranges import ACCURACIES, RELATIVE_ERRORS
+from softness_bayes.ranges import ACCURACIES, LOAD_ERRORS, RELATIVE_ERRORS
 
 if TYPE_CHECKING:
     from softness_bayes.model.options import ModelOptions
@@ -176,6 +176,16 @@ unknown_modulus = click.option(
 )
 """Gives a verb `unknown_modulus`, a `Prior` or None."""
 
+load_cv = click.option(
+    "--load-cv",
+    "load_cv",
+    type=Number(LOAD_ERRORS),
+    metavar="X",
+    help="Relative standard error of the loads of ratings that have none in the table, as in 0.05, independent for "
+    "each rating; 0 says that they are exact.",
+)
+"""Gives a verb `load_cv`, a number or None."""
+
 accuracy = click.option(
     "--accuracy",
     type=Number(ACCURACIES),
@@ -234,6 +244,7 @@ class ModelChoice:
     finger: Mapping[str, float]
     modulus_cv: float | None
     unknown_modulus: Prior | None
+    load_cv: float | None
 
     def options(self, **others: Any) -> ModelOptions:
         """Return the options of this model and `others`; its resolution is not chosen yet."""
@@ -251,6 +262,7 @@ class ModelChoice:
             finger=finger_of(self.finger),
             modulus_cv=self.modulus_cv,
             unknown_modulus=self.unknown_modulus or UNKNOWN_MODULUS,
+            load_cv=self.load_cv,
             **others,
         )
 
@@ -266,6 +278,7 @@ def model_choice(verb: Verb) -> Verb:
     @finger
     @modulus_cv
     @unknown_modulus
+    @load_cv
     @accuracy
     @functools.wraps(verb)
     def wrapped(
@@ -277,10 +290,13 @@ def model_choice(verb: Verb) -> Verb:
         finger: dict[str, float],
         modulus_cv: float | None,
         unknown_modulus: Prior | None,
+        load_cv: float | None,
         accuracy: float,
         **others: Any,
     ) -> Any:
-        model = ModelChoice(fixed, priors, prior_set, choice, direction, accuracy, finger, modulus_cv, unknown_modulus)
+        model = ModelChoice(
+            fixed, priors, prior_set, choice, direction, accuracy, finger, modulus_cv, unknown_modulus, load_cv
+        )
         return verb(model=model, **others)
 
     return wrapped

@@ -1,0 +1,78 @@
+"""Errors of the loads of ratings: the distinct touches, and the loads at which their responses are needed.
+
+The load of a rating is log-normal about the stated one, independently of all others. A response's mean and variance
+over that law come from three loads, the nodes of a Gauss-Hermite rule: the stated one, and one on either side.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from softness_bayes.errors import InputError
+from softness_bayes.likelihood.design import Design, IndexArray
+
+FloatArray = NDArray[np.float64]
+
+NODE = float(np.sqrt(3.0))
+"""Distance of the outer nodes from the stated load, in standard deviations of its logarithm."""
+
+OUTER = 1.0 / 6.0
+"""Weight of each outer node; that of the stated load is 2/3."""
+
+
+@dataclass(frozen=True)
+class LoadErrors:
+    """Touches, the distinct pairs of a condition and an error of its load, and the responses that each one needs.
+
+    The mean rates of a scene are followed by those under the lower load of each uncertain touch, then by those under
+    the higher one.
+
+    Parameters
+    ----------
+    condition, log_sd
+        Condition of each touch, and standard deviation of its log load, shape (touches,).
+    of_row
+        Touch of each rating, shape (rows,).
+    n_conditions
+        Number of conditions.
+    """
+
+    condition: IndexArray
+    log_sd: FloatArray
+    of_row: IndexArray
+    n_conditions: int
+
+    @classmethod
+    def of(cls, design: Design, log_sd: ArrayLike) -> LoadErrors:
+        """Return the touches of ratings with these standard deviations of their log loads, shape (rows,).
+
+        Raises
+        ------
+        InputError
+            If one is negative or not finite.
+        """
+        spread = np.broadcast_to(np.asarray(log_sd, float), design.condition.shape)
+        if not (np.isfinite(spread) & (spread >= 0)).all():
+            raise InputError("load errors: expected finite standard deviations from 0 on")
+        pairs, of_row = np.unique(np.column_stack([design.condition, spread]), axis=0, return_inverse=True)
+        return cls(pairs[:, 0].astype(np.intp), pairs[:, 1], of_row.reshape(-1), design.n_conditions)
+
+    @property
+    def uncertain(self) -> IndexArray:
+        """The touches whose loads have errors."""
+        return np.flatnonzero(self.log_sd > 0)
+
+    @property
+    def columns(self) -> IndexArray:
+        """Column of the mean rates of each touch under the lower, the stated and the higher load, (touches, 3)."""
+        found, uncertain = np.repeat(self.condition[:, None], 3, axis=1), self.uncertain
+        for side in (0, 1):
+            found[uncertain, 2 * side] = self.n_conditions + side * uncertain.size + np.arange(uncertain.size)
+        return found
+
+    def without(self, rows: NDArray[np.bool_]) -> LoadErrors:
+        """Return the same touches of the other rows."""
+        return LoadErrors(self.condition, self.log_sd, self.of_row[~rows], self.n_conditions)

@@ -1,0 +1,147 @@
+"""Magnitude estimates of touches whose loads are known up to an error (model.md 9).
+
+What the errors of the loads do to a rating's logarithm is taken as normal, with the mean and the variance that the
+response has over the load's law.
+"""
+
+from __future__ import annotations
+
+from typing import Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from softness_bayes.likelihood.design import Design, IndexArray
+from softness_bayes.likelihood.load_errors import OUTER, LoadErrors
+from softness_bayes.likelihood.magnitude import LogRatings, RatingModel
+from softness_bayes.likelihood.random_effects import Effects, LeaveOneOut, Spreads
+from softness_bayes.likelihood.ratings import RatingParameters
+from softness_bayes.likelihood.weighted_effects import Law, WeightedEffects, law_of
+
+FloatArray = NDArray[np.float64]
+
+
+class UncertainLoads(LogRatings):
+    """Positive ratings under a `RatingModel`, with mu, participants, fabrics and the loads' errors integrated out.
+
+    Parameters
+    ----------
+    ratings, design, model, over
+        As of `LogRatings`.
+    errors
+        The errors of the loads. Mean rates are those of the conditions, and under the loads that `LoadErrors` says.
+    """
+
+    def __init__(
+        self,
+        ratings: ArrayLike,
+        design: Design,
+        model: RatingModel,
+        errors: LoadErrors,
+        over: Design | None = None,
+    ) -> None:
+        super().__init__(ratings, design, model, over)
+        self.errors, self._columns = errors, errors.columns
+        touches = Design(errors.of_row, design.participant, design.fabric[errors.condition], design.n_participants)
+        level = float(np.log(model.centre)), model.spread
+        self._weighted = WeightedEffects(touches, self._log, *level, design.n_fabrics)
+
+    def with_values(self, values: ArrayLike) -> Self:
+        """Return the likelihood of other ratings of the same rows."""
+        return type(self)(values, self.design, self.model, self.errors, self._over)
+
+    def without(self, rows: NDArray[np.bool_]) -> Self:
+        """Return the other ratings, with x still centred over all rows."""
+        errors = self.errors.without(rows)
+        return type(self)(self.values[~rows], self.design.without(rows), self.model, errors, self._over)
+
+    @property
+    def fabric_of_rate(self) -> IndexArray:
+        """Fabric of each column of the mean rates."""
+        fabric = self.design.fabric
+        return np.concatenate([fabric, *[fabric[self.errors.condition[self.errors.uncertain]]] * 2])
+
+    def drive(self, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
+        """Return the response's contribution in each condition at its stated load, shape (..., conditions)."""
+        return super().drive_at(self._stated(mean_rate), self._stated(mean_rate), parameters)
+
+    def drive_at(self, elsewhere: FloatArray, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
+        """Return `drive` at other mean rates [Hz], shape (..., k)."""
+        return super().drive_at(elsewhere, self._stated(mean_rate), parameters)
+
+    def predictor(self, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
+        """Return log(N/N_ref + eps) at the stated loads, shape (..., conditions)."""
+        return super().predictor(self._stated(mean_rate), parameters)
+
+    def moments(self, mean_rate: FloatArray, parameters: RatingParameters) -> tuple[FloatArray, FloatArray]:
+        """Return mean and variance of the drive over the law of each touch's load, each (..., touches)."""
+        lower, stated, higher = np.moveaxis(self.drive_at(mean_rate, mean_rate, parameters)[..., self._columns], -1, 0)
+        up, down = higher - stated, lower - stated
+        shift = OUTER * (up + down)
+        return stated + shift, OUTER * ((up - shift) ** 2 + (down - shift) ** 2) + (1.0 - 2.0 * OUTER) * shift**2
+
+    def log_likelihood(self, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
+        """Log density of all ratings together, shape (...)."""
+        return self._weighted.log_density(self._law(mean_rate, parameters)) - self._log.sum()
+
+    def leave_one_out(self, mean_rate: FloatArray, parameters: RatingParameters) -> LeaveOneOut:
+        """The normal law of each log rating given all the others, arrays of shape (..., rows)."""
+        return self._weighted.leave_one_out(self._law(mean_rate, parameters))
+
+    def log_likelihood_participants(self, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
+        """Log density of all ratings of each participant given everybody else's, shape (draws, participants)."""
+        density = self._weighted.log_density_participants(self._law(mean_rate, parameters))
+        return density - np.bincount(self.design.participant, self._log, self.design.n_participants)
+
+    def draw_effects(self, rng: np.random.Generator, mean_rate: FloatArray, parameters: RatingParameters) -> Effects:
+        """Exact draws of mu, participants and fabrics given the ratings, one for each point of the batch."""
+        return self._weighted.draw_effects(rng, self._law(mean_rate, parameters))
+
+    def residual(self, mean_rate: FloatArray, parameters: RatingParameters, effects: Effects) -> FloatArray:
+        """Return the residual of each log rating given the effects, shape (..., rows), in units that checks share.
+
+        It is multiplied by varsigma over the row's own standard deviation, so that varsigma is the standard deviation
+        of all of them.
+        """
+        mean, variance = self.moments(mean_rate, parameters)
+        row, design = self.errors.of_row, self.design
+        expected = effects.mu[..., None] + mean[..., row] + effects.participant[..., design.participant]
+        expected = expected + effects.fabric[..., design.fabric[design.condition]]
+        own = self.model.error_sd(parameters)[..., None]
+        scaled = (self._log - expected) * (own / np.sqrt(own**2 + variance))[..., row]
+        return self.model.error.normal_scores(scaled, parameters)
+
+    def replicate(
+        self,
+        rng: np.random.Generator,
+        drive: FloatArray,
+        parameters: RatingParameters,
+        effects: Effects,
+        mean_rate: FloatArray | None = None,
+    ) -> FloatArray:
+        """Return one rating for every row, shape (..., rows), spread by errors of the loads at these mean rates.
+
+        Raises
+        ------
+        TypeError
+            Without mean rates.
+        """
+        if mean_rate is None:
+            raise TypeError("errors of loads spread ratings by the response: expected mean rates")
+        mean, variance = self.moments(mean_rate, parameters)
+        row, design = self.errors.of_row, self.design
+        bend = (mean - self.drive(mean_rate, parameters)[..., self.errors.condition])[..., row]
+        log_rating = effects.mu[..., None] + (drive + effects.fabric[..., design.fabric])[..., design.condition]
+        log_rating = log_rating + bend + effects.participant[..., design.participant]
+        sd = np.sqrt(self.model.error_sd(parameters)[..., None] ** 2 + variance)
+        noise = self.model.error.draw(rng, log_rating.shape, parameters)
+        return np.asarray(self.model.scale.natural(log_rating + sd[..., row] * noise))
+
+    def _stated(self, mean_rate: FloatArray) -> FloatArray:
+        """Return the mean rates under the stated loads."""
+        return mean_rate[..., : self.design.n_conditions]
+
+    def _law(self, mean_rate: FloatArray, parameters: RatingParameters) -> Law:
+        mean, variance = self.moments(mean_rate, parameters)
+        spreads = Spreads(parameters.tau, parameters.varsigma, parameters.omega)
+        return law_of(mean, variance + np.asarray(parameters.varsigma, float)[..., None] ** 2, spreads)

@@ -1,0 +1,247 @@
+"""Loads with errors: their law, the likelihood that integrates them, and simulated ones.
+
+The oracle is quadrature over every rating's own load, with exact responses there, the mean and the participants.
+"""
+
+import pickle
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+from scipy.special import logsumexp
+from scipy.stats import norm
+
+from softness_bayes.checking.modulus_errors import scores
+from softness_bayes.data import Experiment, Fabrics
+from softness_bayes.errors import InputError
+from softness_bayes.likelihood.load_errors import NODE, LoadErrors
+from softness_bayes.likelihood.scales import STANDARDISED
+from softness_bayes.model.build import build
+from softness_bayes.model.options import ModelOptions
+from softness_bayes.model.other_loads import beside, scaled
+from softness_bayes.model.other_moduli import drive_slope, rates_of_other_moduli
+from softness_bayes.model.scenes import scene_of, touch_parameters, usual_values
+from softness_bayes.model.simulation import simulate_ratings
+from softness_bayes.parameters.declared import PARAMETERS
+from softness_bayes.parameters.priors import HalfNormal
+from softness_bayes.results.exact import exact_log_likelihood
+from softness_bayes.touch.contact import Force, Indentation
+from softness_bayes.touch.readings import MENDED
+from softness_bayes.touch.scene import Discretisation
+
+FINE, COARSE = Discretisation(16, 14.0, 1e-6), Discretisation(10, 10.0, 1e-5)
+LOADS = (Indentation(2e-3), Force(1.5))
+CLOTH = Fabrics(("a", "b", "c"), effective_modulus=np.array([40.0, 160.0, 500.0]) * 1e3)
+
+
+def made(cloth=CLOTH, participants=4, seed=3, loads=LOADS, **changed):
+    values = usual_values(MENDED, given=changed.pop("given", None))
+    rng = np.random.default_rng(seed)
+    simulation = simulate_ratings(rng, cloth, loads, values, participants=participants, **changed)
+    return Experiment(simulation.ratings, cloth, ())
+
+
+def held(*free):
+    usual = usual_values(MENDED)
+    return {name: usual[name] for name in PARAMETERS if name not in free and name != "omega"}
+
+
+def with_cv(experiment, load_cv):
+    return experiment._replace(ratings=replace(experiment.ratings, load_cv=load_cv))
+
+
+# the law and the loads that it asks for
+
+
+def test_the_error_of_a_load_is_that_of_its_row_or_else_of_all():
+    ratings = replace(made().ratings, load_cv=np.append([0.1, 0.0], np.full(22, np.nan)))
+    assert_allclose(ratings.load_log_sd(0.05)[:3] ** 2, np.log1p([0.01, 0.0, 0.0025]))
+    assert_allclose(ratings.load_log_sd()[1:], 0.0)
+    drawn = np.exp(ratings.load_log_sd()[0] * np.random.default_rng(0).standard_normal(200_000))
+    assert_allclose(drawn.std() / drawn.mean(), 0.1, rtol=0.01)
+
+
+def test_touches_and_the_loads_beside_them():
+    experiment = made(participants=2)
+    conditions = experiment.ratings.conditions
+    log_sd = np.where(conditions.load[conditions.of_rating] == 1, 0.1, 0.0)
+    log_sd[0] = 0.2
+    posterior = build(experiment, ModelOptions(fix=held("gamma"), discretisation=FINE)).posterior
+    errors = LoadErrors.of(posterior.observation.design, log_sd)
+    assert_allclose(np.stack([errors.condition, errors.log_sd], 1)[errors.of_row, 0], conditions.of_rating)
+    assert_allclose(errors.log_sd[errors.of_row], log_sd)
+    touched = beside(experiment.ratings, errors)
+    columns = errors.columns - errors.n_conditions
+    for touch, (condition, sd) in enumerate(zip(errors.condition, errors.log_sd, strict=True)):
+        assert errors.columns[touch, 1] == condition
+        for side in (0, 2) if sd else ():
+            k = columns[touch, side]
+            assert touched.fabric[k] == conditions.fabric[condition]
+            stated = experiment.ratings.loads[conditions.load[condition]]
+            assert touched.loads[touched.load[k]] == scaled(stated, float(np.exp((side - 1) * NODE * sd)))
+    with pytest.raises(InputError, match="from 0 on"):
+        LoadErrors.of(posterior.observation.design, -log_sd)
+
+
+@pytest.mark.parametrize("load_cv", [-0.1, 0.31, np.nan])
+def test_impossible_errors_are_refused(load_cv):
+    with pytest.raises(InputError, match="load_cv"):
+        ModelOptions(load_cv=load_cv)
+    if not np.isnan(load_cv):
+        with pytest.raises(InputError, match="load_cv"):
+            replace(made().ratings, load_cv=np.full(24, load_cv))
+    with pytest.raises(InputError, match="load_cv"):
+        made(load_cv=load_cv)
+
+
+def test_z_scores_have_no_errors_of_loads():
+    experiment = made(scale=STANDARDISED)
+    with pytest.raises(InputError, match=r"load_cv.* not modelled for standardised ratings"):
+        build(experiment, ModelOptions(load_cv=0.05, scale=STANDARDISED))
+    with pytest.raises(InputError, match="load_cv"):
+        made(scale=STANDARDISED, load_cv=0.05)
+    build(experiment, ModelOptions(load_cv=0.0, scale=STANDARDISED, discretisation=FINE))
+
+
+# the posterior
+
+
+def test_vanishing_errors_give_the_likelihood_of_exact_loads():
+    options = ModelOptions(fix=held("b", "gamma", "varsigma"), discretisation=FINE, priors={"omega": HalfNormal(0.5)})
+    experiment = made()
+    known = build(experiment, options).posterior
+    assert known.other_loads is None
+    nearly = build(experiment, replace(options, load_cv=1e-8)).posterior
+    theta = known.space.draw_prior(np.random.default_rng(1), 20)
+    assert_allclose(nearly.log_likelihood(theta), known.log_likelihood(theta), rtol=1e-10)
+    # errors of 0 are none at all
+    for other in (replace(options, load_cv=0.0), replace(options, load_cv=None)):
+        assert_array_equal(build(experiment, other).posterior.log_likelihood(theta), known.log_likelihood(theta))
+    none = build(with_cv(experiment, np.zeros(24)), replace(options, load_cv=0.1)).posterior
+    assert_array_equal(none.log_likelihood(theta), known.log_likelihood(theta))
+    apart = build(experiment, replace(options, load_cv=0.1)).posterior.log_likelihood(theta)
+    assert np.abs(apart - known.log_likelihood(theta)).max() > 0.1
+
+
+def oracle(posterior, experiment, cv, gamma, tau, varsigma):
+    """Log density of log ratings of two raters: quadrature over loads, mean and levels."""
+    node, weight = np.polynomial.hermite_e.hermegauss(15)
+    log_sd, values = np.sqrt(np.log1p(cv**2)), held() | {"gamma": gamma}
+    observation, design, conditions = posterior.observation, posterior.observation.design, experiment.ratings.conditions
+    loads = tuple(scaled(load, float(np.exp(log_sd * step))) for load in experiment.ratings.loads for step in node)
+    scene = scene_of(experiment.fabrics, loads, values, MENDED, discretisation=COARSE)
+    rate = scene.total_rate(touch_parameters(values)) / scene.n_receptors
+    x = np.log(rate.reshape(len(experiment.ratings.loads), node.size, -1) + values["eps"])
+    x = gamma * x[conditions.load, :, conditions.fabric]
+    x = x - x[:, node.size // 2] @ design.weight
+    level = np.linspace(-7.0, 7.0, 1201)
+    log = np.log(experiment.ratings.rating) - np.log(observation.model.centre)
+    one = norm.logpdf(log[:, None, None] - level[:, None] - x[design.condition][:, None, :], 0.0, varsigma)
+    alone = logsumexp(one, axis=-1, b=weight / weight.sum())
+    total = norm.logpdf(level, 0.0, observation.model.spread)
+    step = level[1] - level[0]
+    of_level = norm.logpdf(level[:, None] - level, 0.0, tau)  # of mu + s given mu
+    for person in range(2):
+        total = total + logsumexp(alone[design.participant == person].sum(axis=0)[:, None] + of_level, axis=0)
+        total = total + np.log(step)
+    return logsumexp(total) + np.log(step) - log.sum() - log.size * np.log(observation.model.centre)
+
+
+@pytest.mark.parametrize(("cv", "bound"), [(0.02, 0.03), (0.05, 0.12), (0.1, 0.25)])
+def test_two_fabrics_and_two_raters_agree_with_quadrature(cv, bound):
+    cloth = Fabrics(("a", "b"), effective_modulus=np.array([90.0, 300.0]) * 1e3)
+    experiment = made(cloth, participants=2, seed=5, loads=LOADS[:1], load_cv=cv, given={"varsigma": 0.05})
+    options = ModelOptions(fix=held("gamma") | {"tau": 0.4, "varsigma": 0.05}, discretisation=COARSE)
+    posterior = build(experiment, options).posterior
+    ignored = build(with_cv(experiment, np.empty(0)), options).posterior
+    for gamma in (0.7, 1.3):
+        theta = np.array([gamma])
+        expected = oracle(posterior, experiment, cv, gamma, 0.4, 0.05)
+        assert abs(float(posterior.log_likelihood(theta)) - expected) < bound
+    # the last gamma is where the errors matter most
+    assert abs(float(ignored.log_likelihood(theta)) - expected) > 5 * bound
+
+
+def test_omitted_errors_of_loads_end_up_in_varsigma():
+    """One laboratory of loads with errors, all but varsigma known: its posterior on a grid."""
+    steep = Fabrics(("a", "b", "c", "d"), effective_modulus=np.array([60.0, 120.0, 250.0, 500.0]) * 1e3)
+    experiment = made(steep, participants=30, loads=(Indentation(2e-3),), load_cv=0.1, given={"varsigma": 0.1})
+    options = ModelOptions(fix=held("varsigma"), discretisation=FINE)
+    grid = np.linspace(0.02, 0.6, 400)
+
+    def interval(experiment):
+        density = build(experiment, options).posterior.log_likelihood(grid[:, None])
+        share = np.cumsum(np.exp(density - density.max()))
+        return grid[np.searchsorted(share / share[-1], [0.005, 0.995])]
+
+    low, high = interval(experiment)
+    assert low < 0.1 < high
+    assert interval(with_cv(experiment, np.empty(0)))[0] > 0.1
+
+
+def test_errors_of_loads_and_of_moduli_go_together():
+    cloth = replace(CLOTH, effective_modulus_cv=np.array([0.1, np.nan, 0.2]))
+    experiment = made()._replace(fabrics=cloth)
+    options = ModelOptions(fix=held("gamma"), discretisation=FINE, load_cv=0.05)
+    posterior = build(experiment, options).posterior
+    theta = posterior.space.draw_prior(np.random.default_rng(0), 5)
+    a, c = theta[0, 1:] * 1e3
+    moved = Fabrics(CLOTH.names, effective_modulus=np.array([a, CLOTH.effective_modulus[1], c]))
+    other = build(experiment._replace(fabrics=moved), options).posterior
+    assert_allclose(posterior.log_likelihood(theta)[0], other.log_likelihood(theta[0, :1]), rtol=1e-4)
+    again = pickle.loads(pickle.dumps(posterior))
+    assert_allclose(again.log_likelihood(theta), posterior.log_likelihood(theta), rtol=1e-12)
+
+
+def test_the_exact_likelihood_has_the_same_errors():
+    options = ModelOptions(fix=held("b", "gamma"), discretisation=COARSE, load_cv=0.2)
+    posterior = build(made(), options).posterior
+    theta = posterior.space.draw_prior(np.random.default_rng(2), 4)
+    assert_allclose(exact_log_likelihood(posterior, theta), posterior.log_likelihood(theta), atol=0.02)
+    bare = replace(posterior, terms=build(made(), replace(options, load_cv=None)).posterior.terms, other_loads=None)
+    assert np.abs(exact_log_likelihood(bare, theta) - posterior.log_likelihood(theta)).max() > 0.05
+
+
+def test_checks_of_moduli_answer_at_every_load():
+    options = ModelOptions(fix=held("b", "gamma"), discretisation=COARSE, load_cv=0.05)
+    posterior = build(made(), options).posterior
+    theta = posterior.space.draw_prior(np.random.default_rng(3), 3)
+    rate, parameters = posterior.mean_rate(theta), posterior.rating_parameters(theta)
+    slope = drive_slope(posterior, theta, rate, parameters, 0.01)
+    assert slope.shape == (3, posterior.observation.design.n_conditions)
+    signs, rates = np.eye(3), rates_of_other_moduli(posterior, theta, 1e-3)
+    found = scores(posterior.observation, rates, parameters, signs, 1e-3)
+    # by hand: each fabric's modulus moved in a scene compiled for it
+    for k in range(3):
+        sides = []
+        for side in (-1.0, 1.0):
+            moduli = CLOTH.effective_modulus * np.exp(side * 1e-3 * signs[k])
+            moved = made()._replace(fabrics=replace(CLOTH, effective_modulus=moduli))
+            sides.append(build(moved, options).posterior.log_likelihood(theta))
+        assert_allclose(found[:, k], (sides[1] - sides[0]) / 2e-3, rtol=0.05, atol=0.1)
+
+
+# simulated ones
+
+
+def test_simulated_loads_err_one_by_one_through_the_whole_chain():
+    few = {"tau": 1e-6, "varsigma": 1e-4}
+    drawn = made(participants=400, load_cv=0.1, given=few, loads=LOADS[1:])
+    ratings = drawn.ratings
+    assert_array_equal(ratings.load_cv, np.full(len(ratings), 0.1))
+    log = np.log(ratings.rating).reshape(400, 3)
+    values = usual_values(MENDED, given=few)
+    node = np.linspace(-3.5, 3.5, 701)
+    loads = [scaled(LOADS[1], float(np.exp(np.sqrt(np.log1p(0.01)) * step))) for step in node[::50]]
+    scene = scene_of(CLOTH, tuple(loads), values, MENDED, discretisation=FINE)
+    rate = scene.total_rate(touch_parameters(values)).reshape(len(loads), 3) / scene.n_receptors
+    x = np.stack([np.interp(node, node[::50], np.log(r + values["eps"])) for r in rate.T], axis=-1)
+    weight = norm.pdf(node) / norm.pdf(node).sum()
+    mean = weight @ x
+    sd = np.sqrt(weight @ (x - mean) ** 2)
+    assert_allclose(log.std(axis=0), values["gamma"] * sd, rtol=0.1)
+    assert abs(np.corrcoef(log.T)[0, 1]) < 0.2  # each rating has an error of its own
+    exact = made(participants=3, seed=4)
+    assert_array_equal(made(participants=3, seed=4, load_cv=0.0).ratings.rating, exact.ratings.rating)
+    assert np.isnan(exact.ratings.load_cv).all()
