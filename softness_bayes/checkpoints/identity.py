@@ -51,7 +51,7 @@ def _digests(data: Experiment | Compression) -> dict[str, str]:
     sources = [text for source in fabrics.cells().values() for text in source]
     return {
         "ratings": _digest(ratings.rating, *touched, np.array([str(load) for load in ratings.loads])),
-        **({} if np.isnan(ratings.load_cv).all() else {"errors of loads": _digest(ratings.load_cv)}),
+        **({} if ratings.load_cv is None else {"errors of loads": _digest(ratings.load_cv)}),
         "fabrics": _digest(np.array(sources)),
         **({} if data.compression is None else _digests(data.compression)),
     }

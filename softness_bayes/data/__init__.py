@@ -8,8 +8,6 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-import numpy as np
-
 from softness_bayes.data.columns import (
     FORCE,
     INDENTATION,
@@ -165,7 +163,7 @@ def ratings_csv(ratings: Ratings, fabrics: Fabrics | None = None) -> str:
         filled = [column.write(value(load)) if isinstance(load, kind) else "" for load in touches]
         if any(filled):
             columns[column.name] = filled
-    if not np.isnan(ratings.load_cv).all():
+    if ratings.load_cv is not None:
         columns[LOAD_CV.name] = [LOAD_CV.write(value) for value in ratings.load_cv]
     columns[RATING.name] = [RATING.write(value) for value in ratings.rating]
     if fabrics is not None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from operator import attrgetter
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -111,19 +111,19 @@ class Ratings:
     notes: tuple[str, ...] = ()
     not_positive: str = ""
     """The first rating that is zero or negative, as written in the file."""
-    load_cv: FloatArray = field(default_factory=lambda: np.empty(0))
-    """Relative standard error (n,) of each rating's load, NaN where the table has none; by default all NaN."""
+    load_cv: FloatArray | None = None
+    """Relative standard error (n,) of each rating's load, NaN where a row has none; None if the table has none."""
 
     def __post_init__(self) -> None:
-        if not np.size(self.load_cv):
-            object.__setattr__(self, "load_cv", np.full(np.shape(self.rating), np.nan))
-        arrays = {"participant": int, "fabric": int, "load": int, "rating": float, "rows": int, "load_cv": float}
+        arrays = {"participant": int, "fabric": int, "load": int, "rating": float, "rows": int}
+        arrays |= {} if self.load_cv is None else {"load_cv": float}
         for name, kind in arrays.items():
             object.__setattr__(self, name, read_only(getattr(self, name), kind))
         if len({getattr(self, name).shape for name in arrays}) > 1:
             raise InputError(f"{self.source}: {', '.join(arrays)} differ in length")
-        for value in self.load_cv[~np.isnan(self.load_cv)].tolist():
-            LOAD_CV.range.require(f"{self.source}: {LOAD_CV.name}", value)
+        if self.load_cv is not None:
+            for value in self.load_cv[~np.isnan(self.load_cv)].tolist():
+                LOAD_CV.range.require(f"{self.source}: {LOAD_CV.name}", value)
 
     def __len__(self) -> int:
         return len(self.rating)
@@ -136,7 +136,8 @@ class Ratings:
         cv
             Relative standard error of the loads that have none of their own; None or 0 if these are exact.
         """
-        return log_sd(np.where(np.isnan(self.load_cv), cv or 0.0, self.load_cv))
+        own = np.full(len(self), np.nan) if self.load_cv is None else self.load_cv
+        return log_sd(np.where(np.isnan(own), cv or 0.0, own))
 
     @property
     def conditions(self) -> Conditions:
@@ -262,7 +263,7 @@ class Ratings:
             digest=table.digest,
             notes=tuple(f"{table.path.name}: {note}" for note in notes),
             not_positive=table.cells[RATING.name][wrong[0]] if wrong.size else "",
-            load_cv=table.numbers(LOAD_CV) if LOAD_CV.name in table else np.full(len(table), np.nan),
+            load_cv=table.numbers(LOAD_CV) if LOAD_CV.name in table else None,
         )
 
 

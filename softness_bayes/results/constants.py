@@ -55,7 +55,7 @@ def constant_group(draws: RatedDraws, pit: LooPit) -> dict[str, Variable]:
             )
             for column, kind, value in LOAD_COLUMNS
         },
-        **({} if np.isnan(ratings.load_cv).all() else {LOAD_CV.name: Variable(ratings.load_cv, ("rating_row",))}),
+        **({} if ratings.load_cv is None else {LOAD_CV.name: Variable(ratings.load_cv, ("rating_row",))}),
         **{
             f"{what}_index": Variable(getattr(ratings, what), ("rating_row",))
             for what in ("participant", "fabric", "load")

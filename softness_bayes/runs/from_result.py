@@ -41,7 +41,7 @@ def experiment_of(result: Result) -> Experiment:
         rows=rating["rating_row"].values,
         n_missing=found.missing_ratings,
         digest=found.digest_ratings,
-        load_cv=constant[LOAD_CV.name].values if LOAD_CV.name in constant else np.empty(0),
+        load_cv=constant[LOAD_CV.name].values if LOAD_CV.name in constant else None,
     )
     return Experiment(ratings, fabrics, (), _compression_of(result) if result.has_compression else None)
 
