@@ -75,22 +75,31 @@ PRINTED_PRESSURE = Pressure("printed", _printed_amplitude, _printed_decay)
 class Kernel:
     """A reading of the stress at depth z and distance rho due to pressure at distance s (model.md 5).
 
-    `influence(rho, s, z)` returns the stresses (sigma_x, sigma_z, tau_xz) per unit pressure and
-    length [1/m]; `centre(rho, z)` is the s at which the influence peaks; `two_sided` is true if s
-    runs over [-a, a] (a line), false if over [0, a] (rings).
+    `vertical(rho, s, z)` returns the stress sigma_z per unit pressure and length [1/m], and `plane` the stresses
+    (sigma_x, sigma_z, tau_xz), None where the kernel does not give them; `centre(rho, z)` is the s at which the
+    influence peaks; `two_sided` is true if s runs over [-a, a] (a line), false if over [0, a] (rings).
     """
 
     name: str
-    influence: Callable[[Array, Array, float], tuple[Array, Array, Array]]
+    vertical: Callable[[Array, Array, float], Array]
+    plane: Callable[[Array, Array, float], tuple[Array, Array, Array]] | None
     centre: Callable[[Array, float], Array]
     two_sided: bool
     far_power: float
     """n, where the vertical stress falls like rho^-n far from the contact."""
 
 
-def _line_influence(rho: Array, s: Array, z: float) -> tuple[Array, Array, Array]:
+def _line_common(gap: Array, z: float) -> Array:
+    return 2.0 * z / np.pi / (gap**2 + z**2) ** 2
+
+
+def _line_vertical(rho: Array, s: Array, z: float) -> Array:
+    return _line_common(rho - s, z) * z**2
+
+
+def _line_plane(rho: Array, s: Array, z: float) -> tuple[Array, Array, Array]:
     gap = rho - s
-    common = 2.0 * z / np.pi / (gap**2 + z**2) ** 2
+    common = _line_common(gap, z)
     return common * gap**2, common * z**2, common * z * gap
 
 
@@ -98,9 +107,12 @@ def _line_centre(rho: Array, z: float) -> Array:
     return rho
 
 
-def _printed_influence(rho: Array, s: Array, z: float) -> tuple[Array, Array, Array]:
-    gap = rho - s
-    common = 2.0 * z / np.pi / ((np.hypot(rho, z) - s) ** 2 + z**2) ** 2
+def _printed_vertical(rho: Array, s: Array, z: float) -> Array:
+    return _line_common(np.hypot(rho, z) - s, z) * z**2
+
+
+def _printed_plane(rho: Array, s: Array, z: float) -> tuple[Array, Array, Array]:
+    gap, common = rho - s, _line_common(np.hypot(rho, z) - s, z)
     return common * gap**2, common * z**2, common * z * gap
 
 
@@ -108,38 +120,36 @@ def _printed_centre(rho: Array, z: float) -> Array:
     return np.hypot(rho, z)
 
 
-def _ring_influence(rho: Array, s: Array, z: float) -> tuple[Array, Array, Array]:
+def _ring_vertical(rho: Array, s: Array, z: float) -> Array:
     # the ring of radius s: 3 z³/(2 pi) s times the integral of d^-5 over its angle, by elliptic integrals
     near, far = (rho - s) ** 2 + z**2, (rho + s) ** 2 + z**2
     complement = near / far
     k, e = ellipkm1(complement), ellipe(1.0 - complement)
     angle = 4.0 / (3.0 * near**2 * far**1.5) * (2.0 * (near + far) * e - near * k)
-    vertical = 1.5 * z**3 / np.pi * s * angle
-    nothing = np.zeros_like(vertical)
-    return nothing, vertical, nothing
+    return 1.5 * z**3 / np.pi * s * angle
 
 
-LINE = Kernel("line", _line_influence, _line_centre, two_sided=True, far_power=4.0)
+LINE = Kernel("line", _line_vertical, _line_plane, _line_centre, two_sided=True, far_power=4.0)
 """Johnson's line load in the plane of the axis and the receptor."""
-PRINTED_KERNEL = Kernel("printed", _printed_influence, _printed_centre, two_sided=True, far_power=4.0)
+PRINTED_KERNEL = Kernel("printed", _printed_vertical, _printed_plane, _printed_centre, two_sided=True, far_power=4.0)
 """The line load with rho replaced by sqrt(rho² + z²) in the denominators, as the paper prints it."""
-AXISYMMETRIC = Kernel("axisymmetric", _ring_influence, _line_centre, two_sided=False, far_power=5.0)
+AXISYMMETRIC = Kernel("axisymmetric", _ring_vertical, None, _line_centre, two_sided=False, far_power=5.0)
 """Boussinesq's point loads summed over the contact disc."""
 
 
 @dataclass(frozen=True)
 class Component:
-    """A reading of the stress that drives the receptor, from (sigma_x, sigma_z, tau_xz)."""
+    """A reading of the stress that drives the receptor: of sigma_z alone, or of (sigma_x, sigma_z, tau_xz)."""
 
     name: str
-    select: Callable[[Array, Array, Array], Array]
+    select: Callable[..., Array]
     needs_plane: bool
     """Whether all three plane stresses enter, which the axisymmetric kernel does not give."""
     far_power: float | None
     """n, where the stress falls like rho^-n far from the contact; None if the kernel defines it."""
 
 
-def _vertical(sigma_x: Array, sigma_z: Array, tau_xz: Array) -> Array:
+def _vertical(sigma_z: Array) -> Array:
     return sigma_z
 
 
@@ -217,13 +227,17 @@ def unit_stress(
     cut = np.where(apart, np.minimum(0.5 * centre, edge), lower)
     scale = np.where(apart, pole.imag, np.minimum(pole.imag, width))
 
+    def influence(rho: Array, s: Array, z: float) -> tuple[Array, ...]:
+        if not component.needs_plane:
+            return (kernel.vertical(rho, s, z),)
+        assert kernel.plane is not None, "refused by Readings"
+        return kernel.plane(rho, s, z)
+
     def piece(of: NDArray[np.bool_] | slice, low: Array, high: Array, centre: Array, scale: Array) -> Array:
         phi, weight = _graded(low[of], high[of], centre[of], scale[of], density)
         own, sine = a[of][:, None], np.sin(phi)
         share = weight * own * np.cos(phi) ** 2 * np.exp(-q[of][:, None] * sine**2)
-        return np.array(
-            [np.einsum("ni,ni->n", share, part) for part in kernel.influence(rho[of][:, None], own * sine, depth)]
-        )
+        return np.array([np.einsum("ni,ni->n", share, part) for part in influence(rho[of][:, None], own * sine, depth)])
 
     stresses = piece(slice(None), cut, edge, centre, scale)
     stresses[:, apart] += piece(apart, lower, cut, np.zeros_like(edge), width)
