@@ -156,6 +156,7 @@ def turning_points(scene: Scene, parameters: TouchParameters, error: float, poin
         Number of grid points.
     """
     grid, fabrics = curve_scene(scene, points), (float(scene.modulus.min()), float(scene.modulus.max()))
+    parameters = TouchParameters(*np.broadcast_arrays(*parameters))
     draws = np.shape(parameters.b)[0]
     pieces = [
         find_inflection(

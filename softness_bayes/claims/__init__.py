@@ -13,6 +13,7 @@ from softness_bayes.data import Fabrics, Ratings
 from softness_bayes.errors import InputError
 from softness_bayes.model.scenes import firing_of
 from softness_bayes.parameters.choice import parameter_space
+from softness_bayes.parameters.declared import SHAPE_PARAMETERS
 from softness_bayes.parameters.priors import Prior
 from softness_bayes.parameters.space import ParameterSpace
 from softness_bayes.ranges import PRIOR_DRAWS
@@ -140,6 +141,8 @@ def evaluate_claims(
     PRIOR_DRAWS.require("claims: number of draws", draws)
     if freed := [name for name in PAPER_CHANNELS._fields if name in (priors or {})]:
         raise InputError(f"{', '.join(freed)}: channel multipliers are held; give a value instead of a prior")
+    if freed := [name for name in SHAPE_PARAMETERS if name in (priors or {})]:
+        raise InputError(f"{', '.join(freed)}: claims are judged on one finger of known shape; leave the prior out")
     held = {**PAPER_CHANNELS._asdict(), **(fix or {})}
     trials: list[Trial] = []
     firing: dict[Membrane, Firing] = {}

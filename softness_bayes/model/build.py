@@ -10,12 +10,14 @@ import numpy as np
 from softness_bayes.checking import direction
 from softness_bayes.checking.quantities import Layout
 from softness_bayes.data import Compression, Experiment
+from softness_bayes.errors import InputError
 from softness_bayes.likelihood.design import Design
 from softness_bayes.likelihood.load_errors import LoadErrors
 from softness_bayes.likelihood.models import rating_model, under_uncertain_loads
 from softness_bayes.likelihood.plate import CompressionForces
 from softness_bayes.likelihood.ratings import RatingParameters
 from softness_bayes.model.fabric_moduli import fabric_moduli
+from softness_bayes.model.fingers import box_of_priors, require_one_source
 from softness_bayes.model.options import ModelOptions
 from softness_bayes.model.other_loads import beside
 from softness_bayes.model.posterior import Density, Posterior
@@ -23,7 +25,7 @@ from softness_bayes.model.resolution import prior_draws, resolution_for
 from softness_bayes.model.scenes import scene_of
 from softness_bayes.parameters.choice import parameter_space
 from softness_bayes.parameters.coordinates import Bent, Scaled
-from softness_bayes.parameters.declared import PARAMETERS
+from softness_bayes.parameters.declared import PARAMETERS, SHAPE_PARAMETERS
 from softness_bayes.parameters.fabric_moduli import FabricModuli
 from softness_bayes.parameters.space import ParameterSpace
 from softness_bayes.touch import accuracy
@@ -140,7 +142,7 @@ def build_skin(compression: Compression, options: ModelOptions) -> SkinModel:
         priors=options.priors,
         prior_set=options.prior_set,
         skin_displacement=options.readings.skin_displacement,
-        absent=PARAMETERS.keys() - set(SKIN),
+        absent={*PARAMETERS, *SHAPE_PARAMETERS} - set(SKIN),
         n_fingers=len(compression.participants),
     )
     posterior = Density(space, (forces_of(compression, options),))
@@ -170,7 +172,19 @@ def choose_direction(experiment: Experiment, options: ModelOptions) -> direction
 
 
 def space_of(experiment: Experiment, options: ModelOptions) -> ParameterSpace:
-    """Return the parameters of an experiment's model, in coordinates not bent yet."""
+    """Return the parameters of an experiment's model, in coordinates not bent yet.
+
+    Raises
+    ------
+    InputError
+        If the options name what does not exist, or a finger that varies where it cannot.
+    """
+    require_one_source(options.priors, options.finger)
+    if experiment.compression is not None and "radius" in options.priors:
+        raise InputError(
+            "radius is given a prior, but the forces of compression data are those of one known radius: leave out the "
+            "prior or the compression data"
+        )
     return parameter_space(
         fix=options.fix,
         priors=options.priors,
@@ -225,6 +239,7 @@ def _compiler(
             options.noise,
             options.finger,
             moduli,
+            box_of_priors(space.sampled, options.finger),
         )
 
     return compiled

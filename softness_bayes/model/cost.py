@@ -62,7 +62,7 @@ def seconds(scene: Scene, parameters: TouchParameters, batch: int = BATCH, repea
 
 def left_out(model: ExperimentModel) -> tuple[str, ...]:
     """Return the computations that a model's evaluation saves, with the reasons."""
-    scene, held = model.scene, model.posterior.space.held
+    scene = model.scene
     n, loads = scene.n_conditions, np.unique(scene.load).size
     said = [
         "receptors that do not fire: the integral runs from the peak of the stress to where firing starts, and ends "
@@ -74,6 +74,6 @@ def left_out(model: ExperimentModel) -> tuple[str, ...]:
         said.append(f"{scene.n_repeated} of {n} conditions: their fabrics are others' equals under the same load")
     if isinstance(scene.firing, FixedChannels):
         said.append("c_Na, c_K, c_L, c_A: held, so that all parameter vectors share one rate curve")
-    if all(name in held for name in TouchParameters._fields):
+    if not {*TouchParameters._fields} & {*model.posterior.names}:
         said.append("the chain itself: all its parameters are held, so that there is one response for all vectors")
     return tuple(said)

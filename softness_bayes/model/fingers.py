@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from types import MappingProxyType
 from typing import Any
 
+import numpy as np
+from numpy.typing import ArrayLike
+
 from softness_bayes.errors import InputError
+from softness_bayes.parameters.declared import SHAPE_PARAMETERS, Parameter
 from softness_bayes.ranges import Range
-from softness_bayes.touch.contact import Finger
+from softness_bayes.touch.contact import Finger, FingerBox
 
 _MM = 1000.0
 """Millimetres in a metre; a quotient by it is the decimal number that was written, to the last bit."""
@@ -85,6 +89,45 @@ def finger_of(values: Mapping[str, float]) -> Finger:
 def values_of(finger: Finger) -> dict[str, float]:
     """Return the values by which a finger differs from the usual one: `finger_of` makes the finger of them."""
     return {name: value for name, value in _every(finger).items() if value != _every(Finger())[name]}
+
+
+def require_one_source(names: Iterable[str], finger: Finger) -> None:
+    """Refuse parameters with a prior of which the finger has a value of its own.
+
+    Raises
+    ------
+    InputError
+        Naming the parameter.
+    """
+    for name in names:
+        if name in SHAPE_PARAMETERS and getattr(finger, name) != getattr(Finger(), name):
+            raise InputError(f"{name} is given a prior, and a value by the finger ({name}_mm); choose one")
+
+
+def box_of_priors(sampled: Sequence[Parameter], finger: Finger) -> FingerBox | None:
+    """Return the radii and depths that a run usually meets, four standard deviations of each prior away.
+
+    Parameters
+    ----------
+    sampled
+        The sampled parameters. Without `SHAPE_PARAMETERS` among them there is one finger, and no box.
+    finger
+        What is not sampled.
+    """
+    ends = {p.name: np.asarray(p.prior.quantile(_TAILS)) * _MARGINS for p in sampled if p.name in SHAPE_PARAMETERS}
+    return box_of_values(ends, finger)
+
+
+_TAILS, _MARGINS = (3e-5, 1.0 - 3e-5), (0.999, 1.001)
+
+
+def box_of_values(values: Mapping[str, ArrayLike], finger: Finger) -> FingerBox | None:
+    """Return the box of the radii and depths among named values in natural units; None if there are none."""
+    ranges = {}
+    for name, parameter in SHAPE_PARAMETERS.items():
+        own = np.asarray(values[name], float) * parameter.si if name in values else np.array(getattr(finger, name))
+        ranges[name] = float(own.min()), float(own.max())
+    return FingerBox(**ranges) if SHAPE_PARAMETERS.keys() & values.keys() else None
 
 
 def _every(finger: Finger) -> dict[str, float]:

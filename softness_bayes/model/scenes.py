@@ -10,10 +10,11 @@ from numpy.typing import ArrayLike
 
 from softness_bayes.data import Fabrics
 from softness_bayes.errors import InputError
+from softness_bayes.model.fingers import box_of_values
 from softness_bayes.parameters.choice import parameter_space
-from softness_bayes.parameters.declared import PARAMETERS
+from softness_bayes.parameters.declared import EVERY_PARAMETER, SHAPE_PARAMETERS
 from softness_bayes.parameters.fabric_moduli import FabricModuli
-from softness_bayes.touch.contact import Finger, Load
+from softness_bayes.touch.contact import Finger, FingerBox, Load
 from softness_bayes.touch.neuron.fixed_channels import Firing, FixedChannels
 from softness_bayes.touch.neuron.membrane import Channels, Membrane
 from softness_bayes.touch.neuron.surface import FiringSurface
@@ -28,9 +29,11 @@ def touch_parameters(values: Mapping[str, ArrayLike]) -> TouchParameters:
     Parameters
     ----------
     values
-        Name -> number or array of one batch shape; names that the chain does not have are left out.
+        Name -> number or array of one batch shape; names that the chain does not have are left out. Without
+        `SHAPE_PARAMETERS` the finger is that of the scene.
     """
-    return TouchParameters(*(np.asarray(values[name], float) * PARAMETERS[name].si for name in TouchParameters._fields))
+    names = [name for name in TouchParameters._fields if name in values or name not in SHAPE_PARAMETERS]
+    return TouchParameters(**{n: np.asarray(values[n], float) * EVERY_PARAMETER[n].si for n in names})
 
 
 def usual_values(
@@ -111,6 +114,7 @@ def scene_of(
     noise: float = 0.0,
     finger: Finger = Finger(),
     moduli: FabricModuli | None = None,
+    finger_box: FingerBox | None = None,
 ) -> Scene:
     """Compile the scene of some fabrics under some loads.
 
@@ -120,6 +124,7 @@ def scene_of(
         What is touched, and how.
     values
         Named parameters that do not vary; with all channel multipliers among them, these are fixed in the scene.
+        If they have a radius or a depth of the receptors, the scene covers these fingers.
     readings
         Readings of the model.
     fabric, load
@@ -132,6 +137,8 @@ def scene_of(
         The fingertip that touches.
     moduli
         Moduli of the fabrics, some of them not known exactly; by default the measured ones.
+    finger_box
+        Radii and receptor depths that the scene covers; by default those among `values`.
     """
     modulus = fabrics.modulus(readings.fabric_modulus) if moduli is None else np.array(moduli.middle)
     firing = firing_of(values, readings.membrane, noise, discretisation.rate_nodes)
@@ -146,4 +153,5 @@ def scene_of(
         readings=readings,
         discretisation=discretisation,
         modulus_range=None if moduli is None or moduli.known else moduli.extent,
+        finger_box=finger_box or box_of_values(values, finger),
     )

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Collection, Iterable, Mapping, Set
 from dataclasses import replace
 
+import numpy as np
+
 from softness_bayes.errors import InputError
 from softness_bayes.parameters.declared import (
     EVERY_PARAMETER,
@@ -12,6 +14,7 @@ from softness_bayes.parameters.declared import (
     HELD,
     PARAMETERS,
     PRIOR_SETS,
+    SHAPE_PARAMETERS,
     Parameter,
 )
 from softness_bayes.parameters.priors import Prior
@@ -22,6 +25,9 @@ from softness_bayes.touch.neuron.surface import FiringSurface
 from softness_bayes.touch.neuron.surface_design import DESIGNS
 
 _ROUNDING = 1e-9
+
+CUT_OFF = 1e-3
+"""Largest share of a prior that may lie outside the range of a parameter whose priors are cut at both ends."""
 
 
 def parameter_space(
@@ -40,11 +46,12 @@ def parameter_space(
     Parameters
     ----------
     free
-        Parameters to sample that are `HELD` by default.
+        Parameters to sample that are `HELD` by default, and `SHAPE_PARAMETERS`.
     fix
         Parameters to hold, with their values in natural units.
     priors
-        Priors in place of the declared ones; a `HELD` parameter with a prior is freed.
+        Priors in place of the declared ones; a `HELD` parameter with a prior is freed, and so is one of
+        `SHAPE_PARAMETERS`. Otherwise these are absent: they have the finger's values.
     prior_set
         A name of `PRIOR_SETS`.
     skin_displacement
@@ -70,6 +77,7 @@ def parameter_space(
     freed = set(free) | set(priors)
     absent = {*absent, *(() if n_fingers else FINGER_PARAMETERS)}
     _require_free_to_choose(freed, fix, absent, prior_set)
+    absent |= SHAPE_PARAMETERS.keys() - freed
     forced = _not_identifiable(freed, n_participants, n_fingers, membrane)
     fix |= {name: value for name, value in forced.items() if name not in {*fix, *absent}}
     held = {name: value for name, value in HELD.items() if name not in (*freed, *absent)} | fix
@@ -100,6 +108,11 @@ def _require_free_to_choose(freed: Set[str], fix: Mapping[str, float], absent: C
     """Refuse parameters that the model does not have, those both held and sampled, and an unknown set of priors."""
     for name in (*fix, *freed):
         _declared(name)
+        if name in fix and name in SHAPE_PARAMETERS:
+            raise InputError(
+                f"{name} is held at the finger's value, which --finger {name}_mm=VALUE sets (in Python a Finger); give "
+                "it a prior to sample it"
+            )
         if name in absent:
             raise InputError(f"{name}: the model of these data has no such parameter; leave it out")
     if clash := sorted(freed & fix.keys()):
@@ -194,10 +207,18 @@ def _within_surface(
 
 
 def _suitable(parameter: Parameter, prior: Prior) -> Prior:
-    if prior.support[0] < 0:
+    if parameter.cut_below:
+        ends = parameter.range.low, parameter.range.high
+        inside = float(np.diff(prior.cumulative(ends))[0])
+        if inside < 1.0 - CUT_OFF:
+            raise InputError(
+                f"prior of {parameter.name}: {1.0 - inside:.2g} of {prior} lies outside {ends[0]:g} to {ends[1]:g} "
+                f"{parameter.unit}, where the model ends; expected a narrower one"
+            )
+    elif prior.support[0] < 0:
         raise InputError(
             f"prior of {parameter.name}: {prior} allows negative values, which {parameter.name} cannot take; "
             "expected lognormal, halfnormal or uniform above 0"
         )
     replace(parameter.range, unit=parameter.unit).require(f"prior of {parameter.name}: median of {prior}", prior.median)
-    return prior
+    return parameter.cut(prior)

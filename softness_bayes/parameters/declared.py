@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from types import MappingProxyType
 
-from softness_bayes.parameters.priors import HalfNormal, LogNormal, Prior
+from softness_bayes.parameters.priors import HalfNormal, LogNormal, Normal, Prior, Truncated, Uniform
 from softness_bayes.ranges import Range
 from softness_bayes.touch.contact import DISPLACEMENT, STRAIN, SkinDisplacement
 from softness_bayes.touch.neuron.fixed_channels import LARGEST_CURRENT
@@ -33,6 +33,8 @@ class Parameter:
         Default prior, in natural units.
     range
         Values at which it may be held, in natural units; every prior is cut at the upper end.
+    cut_below
+        Whether every prior is cut at the lower end too, so that laws with values below 0 may be given.
     """
 
     name: str
@@ -42,11 +44,16 @@ class Parameter:
     prior: Prior
     si: float = 1.0
     range: Range = _POSITIVE
+    cut_below: bool = False
 
     @property
     def largest(self) -> float:
         """Largest value that the model accepts, at which every prior is cut."""
         return self.range.high
+
+    def cut(self, prior: Prior) -> Prior:
+        """Return a prior cut at both ends of the range, if it is to be cut below."""
+        return Truncated(prior, self.range.low, self.range.high) if self.cut_below else prior
 
     def up_to(self, largest: float) -> Parameter:
         """Return the same parameter with another largest value."""
@@ -98,6 +105,28 @@ PARAMETERS: Mapping[str, Parameter] = MappingProxyType(
 )
 """Every parameter by name, in the order of files and tables."""
 
+SHAPE_PARAMETERS: Mapping[str, Parameter] = MappingProxyType(
+    {
+        parameter.name: parameter
+        for parameter in (
+            Parameter(
+                "radius", "$R$", "mm", "fingertip radius", Normal(8, 1), si=1e-3, range=Range(1, 100), cut_below=True
+            ),
+            Parameter(
+                "receptor_depth",
+                "$z$",
+                "mm",
+                "depth of the receptors",
+                Uniform(0.5, 0.9),
+                si=1e-3,
+                range=Range(0.05, 5),
+                cut_below=True,
+            ),
+        )
+    }
+)
+"""Parameters of the fingertip, which have the finger's values unless they are freed or given a prior."""
+
 FINGER_PARAMETERS: Mapping[str, Parameter] = MappingProxyType(
     {
         parameter.name: parameter
@@ -112,7 +141,7 @@ FINGER_PARAMETERS: Mapping[str, Parameter] = MappingProxyType(
 )
 """Parameters of compression data: spreads of fingers and of single forces about b and m."""
 
-EVERY_PARAMETER: Mapping[str, Parameter] = MappingProxyType({**PARAMETERS, **FINGER_PARAMETERS})
+EVERY_PARAMETER: Mapping[str, Parameter] = MappingProxyType({**PARAMETERS, **SHAPE_PARAMETERS, **FINGER_PARAMETERS})
 """All parameters that a run may sample, by name."""
 
 HELD: Mapping[str, float] = MappingProxyType({"omega": 0.0})

@@ -320,6 +320,48 @@ class LogNormal(Law):
         return (log_x - math.log(self.median)) / self.sd_log
 
 
+@dataclass(frozen=True)
+class Truncated(Law):
+    """Another law cut at two ends and normalised between them; its written form is that of the law."""
+
+    law: Prior
+    low: float
+    high: float
+
+    def __str__(self) -> str:
+        return str(self.law)
+
+    @property
+    def support(self) -> tuple[float, float]:
+        """Values that both the law and the ends allow."""
+        low, high = self.law.support
+        return max(low, self.low), min(high, self.high)
+
+    @property
+    def median(self) -> float:
+        """The median of the law."""
+        return self.law.median
+
+    @cached_property
+    def _ends(self) -> FloatArray:
+        return self.law.cumulative(np.array(self.support))
+
+    def log_density(self, x: ArrayLike) -> FloatArray:
+        """Return the log density at ``x``."""
+        x, (low, high) = np.asarray(x, float), self.support
+        inside = (x >= low) & (x <= high)
+        return np.where(inside, self.law.log_density(x) - math.log(self._ends[1] - self._ends[0]), -math.inf)
+
+    def cumulative(self, x: ArrayLike) -> FloatArray:
+        """Return the probability up to ``x``."""
+        return np.clip((self.law.cumulative(x) - self._ends[0]) / (self._ends[1] - self._ends[0]), 0.0, 1.0)
+
+    def quantile(self, p: ArrayLike) -> FloatArray:
+        """Return the value at probability ``p``."""
+        within = self._ends[0] + np.asarray(p, float) * (self._ends[1] - self._ends[0])
+        return np.clip(self.law.quantile(within), *self.support)
+
+
 LAWS: Mapping[str, type] = MappingProxyType(
     {"lognormal": LogNormal, "halfnormal": HalfNormal, "normal": Normal, "uniform": Uniform, "loguniform": LogUniform}
 )

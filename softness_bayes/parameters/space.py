@@ -194,7 +194,8 @@ class ParameterSpace:
 
     def touch(self, theta: FloatArray) -> TouchParameters:
         """Return the parameters of the forward model in SI at points ``theta``."""
-        return TouchParameters(*(self.value(n, theta) * PARAMETERS[n].si for n in TouchParameters._fields))
+        names = [n for n in TouchParameters._fields if n in PARAMETERS or n in self._place]
+        return TouchParameters(**{n: self.value(n, theta) * EVERY_PARAMETER[n].si for n in names})
 
     @property
     def chain(self) -> tuple[Parameter, ...]:

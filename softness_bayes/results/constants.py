@@ -42,7 +42,7 @@ def constant_group(draws: RatedDraws, pit: LooPit) -> dict[str, Variable]:
     return {
         **held_parameters(draws.posterior.space),
         **_modulus_laws(draws.posterior.space),
-        "finger_radius_mm": Variable(np.array(draws.scene.finger.radius * 1e3), units="mm"),
+        "finger_radius_mm": Variable(np.array(_finger_radius(draws) * 1e3), units="mm"),
         LOO_PIT: Variable(pit.value, ("rating_row",)),
         PARETO_K: Variable(pit.pareto_k, ("rating_row",)),
         EFFECTIVE_MODULUS.name: Variable(modulus, ("fabric",), EFFECTIVE_MODULUS.unit),
@@ -61,6 +61,12 @@ def constant_group(draws: RatedDraws, pit: LooPit) -> dict[str, Variable]:
             for what in ("participant", "fabric", "load")
         },
     }
+
+
+def _finger_radius(draws: RatedDraws) -> float:
+    """Return the finger's radius [m], the posterior median where it is sampled."""
+    sampled = np.asarray(draws.posterior.space.touch(draws.theta).radius)
+    return float(np.median(sampled)) if sampled.any() else draws.scene.finger.radius
 
 
 def coordinates(draws: RatedDraws, grid: Scene) -> dict[str, NDArray[Any]]:

@@ -95,6 +95,7 @@ def touch_illustration(
         finger=scene.finger,
         readings=scene.readings,
         discretisation=UNTABLED,
+        finger_box=scene.finger_box,
     )
     distance = kink_distances(scene.finger)[-1] * np.linspace(0.0, 1.0, DISTANCES) ** 1.5
     profiles, contact = touch_profiles(few, parameters, distance), few.contact(parameters)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -64,6 +64,61 @@ class Finger:
             )
 
 
+class Fingertip(Protocol):
+    """Shape of a fingertip: one number each (`Finger`), or arrays (`Fingertips`)."""
+
+    @property
+    def radius(self) -> float | Array:
+        """Fingertip radius R [m]."""
+
+    @property
+    def receptor_depth(self) -> float | Array:
+        """Depth z of the receptors [m]."""
+
+    @property
+    def poisson_ratio(self) -> float:
+        """Poisson ratio of the skin [-]."""
+
+
+class Fingertips(NamedTuple):
+    """The fingertips of a batch of parameter vectors, which differ in radius and depth alone."""
+
+    radius: Array
+    """Fingertip radius R [m], of a shape that broadcasts with what it is combined with."""
+    receptor_depth: Array
+    """Depth z of the receptors [m], of the same shape."""
+    poisson_ratio: float
+    """Poisson ratio of the skin [-]."""
+
+    def take(self, rows: NDArray[np.intp] | slice) -> Fingertips:
+        """Return the fingertips of some rows."""
+        return self._replace(radius=self.radius[rows], receptor_depth=self.receptor_depth[rows])
+
+
+@dataclass(frozen=True)
+class FingerBox:
+    """Range of radius and of receptor depth [m] that tables of stress fields cover, for fingers that vary.
+
+    Raises
+    ------
+    InputError
+        If a range is not one of positive lengths.
+    """
+
+    radius: tuple[float, float]
+    receptor_depth: tuple[float, float]
+
+    def __post_init__(self) -> None:
+        for name, (low, high) in (("radius", self.radius), ("receptor_depth", self.receptor_depth)):
+            if not 0 < low <= high < np.inf:
+                raise InputError(f"finger: {name} from {low} to {high} m, expected a range of positive lengths")
+
+    @property
+    def corners(self) -> tuple[Array, Array]:
+        """Radius and depth [m] at the four corners."""
+        return np.repeat(self.radius, 2), np.tile(self.receptor_depth, 2)
+
+
 @dataclass(frozen=True)
 class SkinDisplacement:
     """A reading of the skin's compression u at the contact centre (model.md 2).
@@ -108,11 +163,11 @@ class Indentation:
     def __str__(self) -> str:
         return f"{self.depth * 1e3:.12g} mm"
 
-    def compression(self, finger: Finger, displacement: SkinDisplacement) -> tuple[float, float]:
+    def compression(self, finger: Fingertip, displacement: SkinDisplacement) -> tuple[float | Array, float]:
         """Return (ln C, p) of `skin_modulus`: the contact radius is given, so p = 0."""
         return displacement.power * 0.5 * np.log(finger.radius * self.depth) - np.log(finger.radius), 0.0
 
-    def close(self, reduced_modulus: Array, finger: Finger) -> Closure:
+    def close(self, reduced_modulus: Array, finger: Fingertip) -> Closure:
         """Return contact radius, indentation and Hertz's force for E_star [Pa]."""
         radius = np.full_like(reduced_modulus, np.sqrt(finger.radius * self.depth))
         depth = np.full_like(reduced_modulus, self.depth)
@@ -131,13 +186,13 @@ class Force:
     def __str__(self) -> str:
         return f"{self.newton:.12g} N"
 
-    def compression(self, finger: Finger, displacement: SkinDisplacement) -> tuple[float, float]:
+    def compression(self, finger: Fingertip, displacement: SkinDisplacement) -> tuple[float | Array, float]:
         """Return (ln C, p) of `skin_modulus`: a³ = 3 R F / (4 E_star) makes p = power / 3."""
         softness = 1.0 - finger.poisson_ratio**2
         p = displacement.power / 3.0
         return p * np.log(0.75 * finger.radius * self.newton * softness) - np.log(finger.radius), p
 
-    def close(self, reduced_modulus: Array, finger: Finger) -> Closure:
+    def close(self, reduced_modulus: Array, finger: Fingertip) -> Closure:
         """Return contact radius, indentation and force for E_star [Pa]."""
         radius = np.cbrt(0.75 * finger.radius * self.newton / reduced_modulus)
         return Closure(radius, radius**2 / finger.radius, np.full_like(reduced_modulus, self.newton))
@@ -169,7 +224,7 @@ class Contact(NamedTuple):
     """Hertz's force F [N]."""
 
 
-def hertz_force(reduced_modulus: Array, radius: Array, finger: Finger) -> Array:
+def hertz_force(reduced_modulus: Array, radius: Array, finger: Fingertip) -> Array:
     """Return F = 4 E_star a³ / (3 R) [N] (model.md 3)."""
     return 4.0 * reduced_modulus * radius**3 / (3.0 * finger.radius)
 

@@ -22,8 +22,9 @@ import numpy as np
 from numpy.polynomial import chebyshev
 from numpy.typing import NDArray
 
-from softness_bayes.touch.contact import Finger, skin_modulus
-from softness_bayes.touch.field import StressField, profiles
+from softness_bayes.touch.contact import Fingertip, Fingertips, SkinDisplacement, skin_modulus
+from softness_bayes.touch.field import StressField
+from softness_bayes.touch.finger_field import FingerField, profiles
 from softness_bayes.touch.neuron.firing import RateCurve
 from softness_bayes.touch.parameters import TouchParameters
 from softness_bayes.touch.population import Drive, Population
@@ -131,16 +132,16 @@ class Family:
         The load's stress field.
     log_k
         ln k of each fabric, shape (fabrics,); repetitions cost nothing.
-    compression
-        (ln C, p) of the load's `compression`.
+    displacement
+        The reading of the skin's compression.
     """
 
-    def __init__(self, field: StressField, log_k: Array, compression: tuple[float, float]) -> None:
-        self.field, self.compression = field, compression
+    def __init__(self, field: StressField | FingerField, log_k: Array, displacement: SkinDisplacement) -> None:
+        self.field, self.displacement = field, displacement
         self.at, self._of = np.unique(log_k, return_inverse=True)
 
     def total_rate(
-        self, parameters: TouchParameters, curve: RateCurve, population: Population, finger: Finger, chunk: int
+        self, parameters: TouchParameters, curve: RateCurve, population: Population, finger: Fingertip, chunk: int
     ) -> Array:
         """Return the total rates [spikes/s], shape (batch, fabrics).
 
@@ -150,12 +151,14 @@ class Family:
             Arrays of shape (batch,).
         curve
             Their rate curves, of batch shape (batch,) or ().
-        population, finger
+        population
             The pad.
+        finger
+            The finger that touches; `Fingertips` have the shape (batch, 1).
         chunk
             Number of evaluations made at once.
         """
-        rows = max(chunk // NODES, 1)
+        rows, load = max(chunk // NODES, 1), self.field.load
 
         def evaluate(vector: Indices, log_k: Array) -> Array:
             blocks = np.split(np.arange(vector.size), np.arange(rows, vector.size, rows))
@@ -163,10 +166,12 @@ class Family:
 
         def part(vector: Indices, log_k: Array) -> Array:
             p = TouchParameters(*(value[vector] for value in parameters))
-            skin = skin_modulus(*self.compression, log_k, p.b[:, None], p.m[:, None])
+            own_finger = finger.take(vector) if isinstance(finger, Fingertips) else finger
+            compression = load.compression(own_finger, self.displacement)
+            skin = skin_modulus(*compression, log_k, p.b[:, None], p.m[:, None])
             reduced = 1.0 / ((1.0 - finger.poisson_ratio**2) * (1.0 / skin + np.exp(log_k)))
             columns = [np.arange(log_k.shape[1])]
-            profile = profiles([self.field], columns, reduced, self.field.load.close(reduced, finger).radius)
+            profile = profiles([self.field], columns, reduced, load.close(reduced, own_finger).radius, own_finger)
             own = curve.take(vector) if curve.rheobase.ndim else curve
             return population.sums(profile, Drive(p.alpha, p.beta, p.sigma_0, own)).rate
 

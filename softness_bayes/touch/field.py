@@ -20,14 +20,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.polynomial import chebyshev
 from numpy.typing import NDArray
-from scipy.interpolate import CubicSpline
 
 from softness_bayes.errors import InputError, NumericalError
 from softness_bayes.touch.contact import Finger, Load
+from softness_bayes.touch.inversion import Inversion, values_to_coefficients
 from softness_bayes.touch.neuron.polynomials import chebyshev_values, clenshaw
 from softness_bayes.touch.readings import Readings
 from softness_bayes.touch.receptors import kink_distances
-from softness_bayes.touch.stress import GAUSS_DENSITY, unit_stress
 
 Array = NDArray[np.float64]
 
@@ -41,9 +40,6 @@ layer near y = 1."""
 
 MODULUS_NODES = (24, 48, 96, 160)
 """Chebyshev nodes in ln(E_star + shift), likewise."""
-
-BLOCK = 4
-"""Moduli inverted at once: the arrays of more of them do not fit into the cache."""
 
 
 class Profile(NamedTuple):
@@ -100,18 +96,16 @@ class StressField:
         tolerance: float,
     ) -> None:
         self.load, self.finger, self.readings, self.tolerance = load, finger, readings, tolerance
-        self.density = GAUSS_DENSITY if tolerance < 1e-7 else 0.5 * GAUSS_DENSITY
         if not finger.receptor_depth > 0:
             raise InputError("finger: receptor_depth is 0, expected a positive depth for a stress field")
-        component, kernel = readings.stress_component, readings.stress_kernel
-        self.root = 2.0 / (component.far_power or kernel.far_power)
+        self._inversion = Inversion(finger.receptor_depth, float(kink_distances(finger)[-1]), readings, tolerance)
+        self.root = self._inversion.root
         low, high = modulus_range
         self.shift = self._shift(high)
         # if the family has a limit for soft fabrics, the table starts there, at E_star = 0
         self.log_range = np.log(self.shift) if self.shift > 0 else np.log(low), np.log(high + self.shift)
-        self.farthest = float(kink_distances(finger)[-1])
         moduli = np.geomspace(1e-3 * low, 1e3 * high, 13)
-        self.y_least = 0.95 * float(self._relative_root(np.full(13, self.farthest), moduli).min())
+        self.y_least = float(self._inversion.y_least(*self._touch(moduli)).min())
         self._fit()
 
     def _shift(self, high: float) -> float:
@@ -122,63 +116,21 @@ class StressField:
         decay = float(self.readings.pressure.decay(np.array(high), radius[1], self.finger))
         return high / decay if decay > 1e-3 else 1e3 * high
 
-    def _unit(self, rho: Array, modulus: Array) -> Array:
+    def _touch(self, modulus: Array) -> tuple[Array, Array]:
+        """Return contact radius [m] and decay at some reduced moduli."""
         radius = self.load.close(modulus, self.finger).radius
-        decay = self.readings.pressure.decay(modulus, radius, self.finger)
-        kernel, component = self.readings.stress_kernel, self.readings.stress_component
-        return unit_stress(rho, self.finger.receptor_depth, radius, decay, kernel, component, self.density)
-
-    def _relative_root(self, rho: Array, modulus: Array) -> Array:
-        return (self._unit(rho, modulus) / self._unit(np.zeros_like(modulus), modulus)) ** self.root
-
-    def _distance(self, y: Array, modulus: Array) -> Array:
-        """Invert the field: distances [m] at which it is y^(1/root) of its peak; (n, len(y)) from (n,)."""
-        modulus = modulus[:, None]
-        radius = self.load.close(modulus, self.finger).radius
-        depth = self.finger.receptor_depth
-        # from near the axis to where the field follows its power law, and finely across the edge of the contact
-        everywhere = np.geomspace(1e-4 * (depth + radius), 10.0 * (self.farthest + radius), 70, axis=-1)[:, 0]
-        edge = radius + depth * np.sinh(np.linspace(-1, 1, 51) * np.arcsinh(0.9 * radius / depth))
-        grid = np.sort(np.concatenate([everywhere, edge], axis=-1), axis=-1)
-        log_grid, known = np.log(grid), np.log(self._relative_root(grid, modulus))
-        log_y = np.log(y)
-        log_rho, slope = np.empty((modulus.size, y.size)), np.empty((modulus.size, y.size))
-        for row in range(modulus.size):
-            falling = np.concatenate([np.diff(known[row]) < -1e-13, [True]])
-            inverse = CubicSpline(known[row][falling][::-1], log_grid[row][falling][::-1])
-            log_rho[row], slope[row] = inverse(log_y), inverse(log_y, 1)
-        before = 0.0
-        for _ in range(12):  # Newton's method with the spline's slope: each step usually gains about three digits
-            excess = slope * (np.log(self._relative_root(np.exp(log_rho), modulus)) - log_y)
-            log_rho = log_rho - np.clip(excess, -1.0, 1.0)
-            found = float(np.abs(excess).max())
-            # the error shrinks by a similar factor at every step, estimated from two steps; ten times that is safe
-            shrinks = min(1.0, 10.0 * found / before) if before else 1.0
-            if found * shrinks < 1e-2 * self.tolerance:
-                break
-            before = found
-        return np.exp(log_rho)
+        return radius, self.readings.pressure.decay(modulus, radius, self.finger)
 
     def size(self, modulus: Array, radius: Array) -> Array:
         """Return the scale of Q [m²]: the sum of the squared depth and the squared width of the loaded patch."""
-        decay = self.readings.pressure.decay(modulus, radius, self.finger)
-        return self.finger.receptor_depth**2 + radius**2 / (1.0 + decay)
+        return self._inversion.size(radius, self.readings.pressure.decay(modulus, radius, self.finger))
 
     def exact_rows(self, modulus: Array) -> Array:
         """Compute [unit peak, coefficients of Q / size in T_k(y)] without the table, for moduli of shape (n,)."""
         return self._rows(modulus, self.shape_nodes)
 
     def _rows(self, modulus: Array, shape_nodes: int) -> Array:
-        x, coefficients = chebyshev.chebpts1(shape_nodes), _values_to_coefficients(shape_nodes).T
-        blocks = (self._exact(block, x) for block in np.array_split(modulus, -(-modulus.size // BLOCK)))
-        return np.concatenate([np.column_stack([peak, values @ coefficients]) for peak, values in blocks])
-
-    def _exact(self, modulus: Array, x: Array) -> tuple[Array, Array]:
-        """Return unit peaks (n,) and Q / size (n, len(x)), x being y scaled to [-1, 1]."""
-        y = 0.5 * (1 + self.y_least) + 0.5 * (1 - self.y_least) * x
-        size = self.size(modulus, self.load.close(modulus, self.finger).radius)
-        shape = self._distance(y, modulus) ** 2 * (y / (1 - y)) / size[:, None]
-        return self._unit(np.zeros_like(modulus), modulus), shape
+        return self._inversion.rows(*self._touch(modulus), shape_nodes, self.y_least)
 
     def _moduli(self, x: Array) -> Array:
         """Return the moduli [Pa] at points of the table's range scaled to [-1, 1]: the inverse of `scaled`."""
@@ -195,7 +147,7 @@ class StressField:
             rows = self._rows(self._moduli(chebyshev.chebpts1(order)), self.shape_nodes)
             largest = np.abs(rows[:, 1:]).sum(axis=1).max()
             scale = np.concatenate([[rows[:, 0].max()], np.full(self.shape_nodes, largest)])
-            table = _values_to_coefficients(order) @ rows
+            table = values_to_coefficients(order) @ rows
             size = np.abs(table) / scale
             by_modulus = size.max(axis=1)[::-1].cumsum()[::-1]
             if by_modulus[-4] <= self.tolerance:
@@ -216,7 +168,7 @@ class StressField:
     def _measure(self, peak_scale: float, shape_scale: float) -> float:
         """Return the largest difference between table and field at points that are not nodes of either series."""
         along, across = np.cos(np.pi * (np.arange(11) + 0.3) / 11), np.cos(np.pi * (np.arange(61) + 0.3) / 61)
-        peak, shape = self._exact(self._moduli(along), across)
+        peak, shape = self._inversion.values(*self._touch(self._moduli(along)), across, self.y_least)
         rows = chebyshev.chebvander(along, self.table.shape[0] - 1) @ self.table
         found = rows[:, 1:] @ chebyshev.chebvander(across, self.table.shape[1] - 2).T
         return float(max(np.abs(rows[:, 0] - peak).max() / peak_scale, np.abs(found - shape).max() / shape_scale))
@@ -275,10 +227,3 @@ def _cut(table: Array, size: Array, tolerance: float) -> Array:
     by_shape = size[:, 1:].max(axis=0)[::-1].cumsum()[::-1]
     keep_modulus, keep_shape = (max(int((sums > 0.5 * tolerance).sum()), 2) for sums in (by_modulus, by_shape))
     return np.ascontiguousarray(table[:keep_modulus, : 1 + keep_shape])
-
-
-def _values_to_coefficients(order: int) -> Array:
-    """Return the matrix from values at the Chebyshev nodes of the first kind to coefficients."""
-    matrix = np.asarray(chebyshev.chebvander(chebyshev.chebpts1(order), order - 1).T * (2.0 / order), float)
-    matrix[0] *= 0.5
-    return matrix

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from softness_bayes.touch.contact import Finger
+from softness_bayes.touch.contact import Finger, Fingertips
 from softness_bayes.touch.parameters import TouchParameters
 from softness_bayes.touch.receptors import CONSISTENT, Density, receptor_current
 from softness_bayes.touch.scene import Scene
@@ -49,9 +49,10 @@ def touch_profiles(scene: Scene, parameters: TouchParameters, distance: ArrayLik
         If a parameter is outside the range that the chain accepts.
     """
     r, contact = np.asarray(distance, float), scene.contact(parameters)
+    parameters = TouchParameters(*np.broadcast_arrays(*parameters))
     shares = np.array_split(np.arange(len(contact.radius)), -(-len(contact.radius) // DRAWS_AT_ONCE))
     parts = [
-        _profiles(scene, TouchParameters(*(np.asarray(v)[some] for v in parameters)), r, *touch)
+        _profiles(scene, TouchParameters(*(v[some] for v in parameters)), r, *touch)
         for some in shares
         for touch in [(contact.reduced_modulus[some, :, None], contact.radius[some, :, None])]
     ]
@@ -59,7 +60,9 @@ def touch_profiles(scene: Scene, parameters: TouchParameters, distance: ArrayLik
 
 
 def _profiles(scene: Scene, parameters: TouchParameters, r: Array, modulus: Array, radius: Array) -> Profiles:
-    readings, finger = scene.readings, scene.finger
+    readings, finger = scene.readings, scene.fingertip(parameters)
+    if isinstance(finger, Fingertips):
+        finger = finger._replace(radius=finger.radius[..., None], receptor_depth=finger.receptor_depth[..., None])
     pressure = readings.pressure(r, modulus, radius, finger)
     felt = stress(r, modulus, radius, finger, readings.pressure, readings.stress_kernel, readings.stress_component)
     alpha, beta, sigma_0 = (v[:, None, None] for v in (parameters.alpha, parameters.beta, parameters.sigma_0))

@@ -34,15 +34,20 @@ class TouchParameters(NamedTuple):
     """Multiplier of the leak conductance [-]."""
     c_A: Any
     """Multiplier of the A-current's conductance [-]."""
+    radius: Any = 0.0
+    """Fingertip radius [m]; 0 for that of the scene's finger."""
+    receptor_depth: Any = 0.0
+    """Depth of the receptors [m]; 0 for that of the scene's finger."""
 
 
 _POSITIVE = [TouchParameters._fields.index(name) for name in ("b", "alpha", "beta", *Channels._fields)]
+_FROM_ZERO = [TouchParameters._fields.index(name) for name in ("radius", "receptor_depth")]
 
 
 def checked_rows(parameters: TouchParameters) -> tuple[tuple[int, ...], TouchParameters]:
     """Check parameter vectors; return their batch shape, and the vectors as arrays of one axis."""
     shape, flat = rows_of(parameters)
-    if not (np.isfinite(flat).all() and (flat[_POSITIVE] > 0).all()):
+    if not (np.isfinite(flat).all() and (flat[_POSITIVE] > 0).all() and (flat[_FROM_ZERO] >= 0).all()):
         _refuse(flat)
     return shape, TouchParameters(*flat)
 
@@ -52,5 +57,6 @@ def _refuse(flat: Array) -> NoReturn:
     for name, value in zip(TouchParameters._fields, flat, strict=True):
         if not np.isfinite(value).all():
             raise InputError(f"parameters: {name} is not finite")
-    row = next(k for k in _POSITIVE if not (flat[k] > 0).all())
+    wrong = [k for k in _POSITIVE if not (flat[k] > 0).all()]
+    row = (wrong or [k for k in _FROM_ZERO if not (flat[k] >= 0).all()])[0]
     raise InputError(f"parameters: {TouchParameters._fields[row]} is {flat[row].min()}, expected a positive number")

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple, Protocol
 
@@ -95,7 +95,7 @@ def reference_response(
     scene
         Its fabrics, loads, finger and readings are used; its tables are not.
     parameters
-        Scalars.
+        Scalars; a radius or a depth among them replaces the finger's.
     law
         The firing rate. By default the reading's membrane is simulated, which takes about a
         millisecond for each quadrature node: ten seconds for 36 conditions at `rtol` 1e-5, against a
@@ -117,10 +117,12 @@ def reference_response(
         If an integral does not reach its tolerance.
     """
     value = {name: _scalar(name, given) for name, given in parameters._asdict().items()}
-    law = law or SimulatedRate(Channels(*parameters[-4:]), scene.readings.membrane)
+    law = law or SimulatedRate(Channels(*(value[name] for name in Channels._fields)), scene.readings.membrane)
     alpha, beta, sigma_0 = value["alpha"], value["beta"], value["sigma_0"]
-    contact = _contact(scene, value["b"], value["m"])
-    finger, readings = scene.finger, scene.readings
+    usual, readings = scene.finger, scene.readings
+    radius, depth = value["radius"] or usual.radius, value["receptor_depth"] or usual.receptor_depth
+    finger = replace(usual, radius=radius, receptor_depth=depth)
+    contact = _contact(scene, finger, value["b"], value["m"])
 
     def stress_at(rho: Array, condition: Indices) -> Array:
         state = contact.reduced_modulus[condition], contact.radius[condition]
@@ -177,13 +179,13 @@ def _scalar(name: str, value: ArrayLike) -> float:
     return float(array.item())
 
 
-def _contact(scene: Scene, b: float, m: float) -> Contact:
+def _contact(scene: Scene, finger: Finger, b: float, m: float) -> Contact:
     fields = np.empty((len(Contact._fields), scene.n_conditions))
     for index in np.unique(scene.load):
         held = scene.load == index
         load, displacement = scene.loads[index], scene.readings.skin_displacement
         fabric = scene.modulus[held], scene.poisson[held]
-        fields[:, held] = solve_contact(*fabric, load, b, m, scene.finger, displacement)
+        fields[:, held] = solve_contact(*fabric, load, b, m, finger, displacement)
     return Contact(*fields)
 
 

@@ -14,13 +14,17 @@ from softness_bayes.errors import InputError
 from softness_bayes.touch.contact import (
     Contact,
     Finger,
+    FingerBox,
+    Fingertip,
+    Fingertips,
     Load,
     log_compliance_ratio,
     reduced_modulus,
     skin_modulus,
 )
 from softness_bayes.touch.family import MANY, Family
-from softness_bayes.touch.field import Profile, StressField, profiles
+from softness_bayes.touch.field import Profile, StressField
+from softness_bayes.touch.finger_field import FingerField, profiles
 from softness_bayes.touch.neuron.fixed_channels import Firing
 from softness_bayes.touch.parameters import TouchParameters, checked_rows
 from softness_bayes.touch.population import Drive, Population, Sums
@@ -74,6 +78,9 @@ class Scene:
         Geometry, readings and resolution.
     modulus_range
         Moduli [Pa] that the stress fields shall cover beside those of the fabrics, for calls with other moduli.
+    finger_box
+        Radii and receptor depths that the stress fields shall cover, for parameter vectors with fingers of their own;
+        None if all have the scene's finger.
 
     Raises
     ------
@@ -94,6 +101,7 @@ class Scene:
         readings: Readings = Readings(),
         discretisation: Discretisation = Discretisation(),
         modulus_range: tuple[float, float] | None = None,
+        finger_box: FingerBox | None = None,
     ) -> None:
         moduli, poisson = np.broadcast_arrays(
             np.atleast_1d(np.asarray(fabric_modulus, float)), np.asarray(fabric_poisson, float)
@@ -109,7 +117,7 @@ class Scene:
         if self.fabric.size == 0 or self.fabric.shape != self.load.shape:
             raise InputError("scene: expected one fabric and one load index for each of at least one condition")
         self._moduli, self._poissons, self.modulus_range = moduli, poisson, modulus_range
-        self.loads, self.firing = tuple(loads), firing
+        self.loads, self.firing, self.finger_box = tuple(loads), firing, finger_box
         self.finger, self.readings, self.discretisation = finger, readings, discretisation
         self.modulus, self.poisson = _frozen(moduli[self.fabric]), _frozen(poisson[self.fabric])
         self._log_k = log_compliance_ratio(self.modulus, self.poisson, finger)
@@ -134,7 +142,16 @@ class Scene:
         """Number of conditions that repeat another's load and fabric; their total rate is not computed again."""
         return 0 if self._once is None else self.n_conditions - self._once[0].n_conditions
 
-    def _field(self, load: Load) -> StressField:
+    def _field(self, load: Load) -> StressField | FingerField:
+        d = self.discretisation
+        rest = self.readings, self._table_range, d.field_source or d.field_tolerance
+        if self.finger_box is None:
+            return _stress_field(load, self.finger, *rest).cut(d.field_tolerance)
+        return _finger_field(load, self.finger, self.finger_box, *rest).cut(d.field_tolerance)
+
+    @property
+    def _table_range(self) -> tuple[float, float]:
+        """Reduced moduli [Pa] that the stress fields cover."""
         softness, least = 1.0 - self.finger.poisson_ratio**2, self.modulus.argmin()
         soft, stiff = self.modulus_range or (np.inf, 0.0)
         stiff /= 1.0 - float(self.poisson.max()) ** 2
@@ -142,9 +159,26 @@ class Scene:
         high = min(stiff, STIFFEST_SKIN_MODULUS / softness)
         fabric = (1.0 - self.poisson[least] ** 2) / min(self.modulus[least], soft)
         low = float(1.0 / (softness / LEAST_SKIN_MODULUS + fabric))
-        d, moduli = self.discretisation, (min(low, 0.5 * high), high)
-        made = _stress_field(load, self.finger, self.readings, moduli, d.field_source or d.field_tolerance)
-        return made.cut(d.field_tolerance)
+        return min(low, 0.5 * high), high
+
+    def fingertip(self, parameters: TouchParameters) -> Fingertip:
+        """Return the finger that touches: the scene's, or one for each vector of a batch (n,), of shape (n, 1).
+
+        Raises
+        ------
+        InputError
+            If a vector has a finger of its own and the scene was compiled for one finger.
+        """
+        radius, depth = (np.asarray(value, float) for value in (parameters.radius, parameters.receptor_depth))
+        if self.finger_box is None:
+            if radius.any() or depth.any():
+                raise InputError(
+                    "scene: a radius or a receptor_depth is given, but the scene has one finger and no box"
+                )
+            return self.finger
+        given = (radius, self.finger.radius), (depth, self.finger.receptor_depth)
+        own = np.broadcast_arrays(*(np.where(value > 0, value, usual) for value, usual in given))
+        return Fingertips(own[0][..., None], own[1][..., None], self.finger.poisson_ratio)
 
     @property
     def n_conditions(self) -> int:
@@ -179,7 +213,8 @@ class Scene:
         Raises
         ------
         InputError
-            If a parameter is not finite, b, alpha or beta is not positive, or m is negative.
+            If a parameter is not finite, b, alpha or beta is not positive, m is negative, or a radius or a depth is
+            given to a scene of one finger.
 
         Notes
         -----
@@ -198,11 +233,11 @@ class Scene:
     def _interpolated_rate(self, parameters: TouchParameters) -> Array:
         shape, flat = checked_rows(parameters)
         found, curve = np.empty((flat.b.size, self.n_conditions)), self.firing.curves(flat)
+        finger = self.fingertip(flat)
         for columns, field in zip(self._columns, self._fields, strict=True):
-            compression = field.load.compression(self.finger, self.readings.skin_displacement)
-            family = Family(field, self._log_k[columns], compression)
+            family = Family(field, self._log_k[columns], self.readings.skin_displacement)
             chunk = CHUNK // self.discretisation.nodes
-            found[:, columns] = family.total_rate(flat, curve, self._population, self.finger, chunk)
+            found[:, columns] = family.total_rate(flat, curve, self._population, finger, chunk)
         return found.reshape(*shape, self.n_conditions)
 
     def respond(self, parameters: TouchParameters, modulus: Array | None = None) -> Response:
@@ -228,9 +263,19 @@ class Scene:
         fields = zip(*(contact for _, contact in chunks), strict=True)
         return Contact(*(np.concatenate(part).reshape(*shape, self.n_conditions) for part in fields))
 
-    def stress_profile(self, contact: Contact) -> Profile:
-        """Return the stress fields for states of the contact of shape (batch, conditions)."""
-        return profiles(self._fields, self._columns, contact.reduced_modulus, contact.radius)
+    def stress_profile(self, contact: Contact, finger: Fingertip | None = None) -> Profile:
+        """Return the stress fields for states of the contact of shape (batch, conditions).
+
+        Parameters
+        ----------
+        contact
+            As `contact` returns it.
+        finger
+            As `fingertip` returns it; by default the scene's finger.
+        """
+        if finger is None:
+            finger = self.finger
+        return profiles(self._fields, self._columns, contact.reduced_modulus, contact.radius, finger)
 
     def refined(self) -> Scene:
         """Return the same scene at a finer resolution, the reference for this scene's error; made once."""
@@ -346,11 +391,12 @@ class Scene:
             readings=self.readings,
             discretisation=discretisation,
             modulus_range=self.modulus_range,
+            finger_box=self.finger_box,
         )
 
     def beyond_hertz(self, parameters: TouchParameters, modulus: Array | None = None) -> BeyondHertz:
         """Return the shares of draws × conditions whose contact leaves the range of Hertz's geometry."""
-        radius = self.contact(parameters, modulus).radius / self.finger.radius
+        radius = self.contact(parameters, modulus).radius / self.fingertip(parameters).radius
         return BeyondHertz(float((radius > 0.5).mean()), float((radius >= 1.0).mean()))
 
     def _chunks(
@@ -374,21 +420,32 @@ class Scene:
         else:
             modulus = modulus[:, self.fabric]
             log_k = log_k - np.log(modulus / self.modulus)
-        skin = skin_modulus(self._log_scale, self._skin_power, log_k, b, m)
+        finger = self.fingertip(parameters)
+        skin = skin_modulus(self._log_scales(finger), self._skin_power, log_k, b, m)
         reduced = reduced_modulus(skin, modulus, self.poisson, self.finger)
         closure = np.empty((3, *reduced.shape))
         for columns, field in zip(self._columns, self._fields, strict=True):
-            closure[:, :, columns] = field.load.close(reduced[:, columns], self.finger)
+            closure[:, :, columns] = field.load.close(reduced[:, columns], finger)
         return Contact(skin, reduced, *closure)
+
+    def _log_scales(self, finger: Fingertip) -> Array:
+        """Return ln C of `skin_modulus`, shape (conditions,), or (batch, conditions) if fingers vary."""
+        if finger is self.finger:
+            return self._log_scale
+        found = np.empty((np.size(finger.radius), self.n_conditions))
+        for columns, field in zip(self._columns, self._fields, strict=True):
+            found[:, columns] = field.load.compression(finger, self.readings.skin_displacement)[0]
+        return found
 
     def _sums(self, parameters: TouchParameters, contact: Contact, intervals: bool) -> tuple[Sums, Array]:
         drive = Drive(parameters.alpha, parameters.beta, parameters.sigma_0, self.firing.curves(parameters))
-        profile = self.stress_profile(contact)
+        profile = self.stress_profile(contact, self.fingertip(parameters))
         return self._population.sums(profile, drive, intervals), profile.peak
 
 
 # the reference scene of an accuracy choice and the chosen scene share these fields, cut differently
 _stress_field = lru_cache(maxsize=64)(StressField)
+_finger_field = lru_cache(maxsize=64)(FingerField)
 
 
 def _frozen(values: ArrayLike) -> Array:

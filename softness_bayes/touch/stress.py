@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import ellipe, ellipkm1
 
-from softness_bayes.touch.contact import Finger, hertz_force
+from softness_bayes.touch.contact import Finger, Fingertip, hertz_force
 
 Array = NDArray[np.float64]
 
@@ -30,12 +30,12 @@ class Pressure:
     """
 
     name: str
-    amplitude: Callable[[Array, Array, Finger], Array]
+    amplitude: Callable[[Array, Array, Fingertip], Array]
     """Pressure at the centre [Pa] from E_star [Pa], a [m] and the finger."""
-    decay: Callable[[Array, Array, Finger], Array]
+    decay: Callable[[Array, Array, Fingertip], Array]
     """Dimensionless decay from the same."""
 
-    def __call__(self, r: ArrayLike, reduced_modulus: ArrayLike, radius: ArrayLike, finger: Finger) -> Array:
+    def __call__(self, r: ArrayLike, reduced_modulus: ArrayLike, radius: ArrayLike, finger: Fingertip) -> Array:
         """Return the pressure [Pa] at distance `r` [m] from the axis; 0 outside the contact."""
         modulus, a = np.asarray(reduced_modulus, float), np.asarray(radius, float)
         x2 = (np.asarray(r, float) / a) ** 2
@@ -43,23 +43,23 @@ class Pressure:
         return self.amplitude(modulus, a, finger) * inside
 
 
-def _hertz_amplitude(modulus: Array, a: Array, finger: Finger) -> Array:
+def _hertz_amplitude(modulus: Array, a: Array, finger: Fingertip) -> Array:
     return 2.0 * modulus * a / (np.pi * finger.radius)
 
 
-def _hertz_decay(modulus: Array, a: Array, finger: Finger) -> Array:
+def _hertz_decay(modulus: Array, a: Array, finger: Fingertip) -> Array:
     return 0.0 * modulus * a
 
 
-def _attenuated_decay(modulus: Array, a: Array, finger: Finger) -> Array:
+def _attenuated_decay(modulus: Array, a: Array, finger: Fingertip) -> Array:
     return hertz_force(modulus, a, finger) * a / ATTENUATION
 
 
-def _printed_amplitude(modulus: Array, a: Array, finger: Finger) -> Array:
+def _printed_amplitude(modulus: Array, a: Array, finger: Fingertip) -> Array:
     return 2.0 * modulus * a / finger.radius
 
 
-def _printed_decay(modulus: Array, a: Array, finger: Finger) -> Array:
+def _printed_decay(modulus: Array, a: Array, finger: Fingertip) -> Array:
     # numbers in mm-N-MPa, as the paper has them: F = 4 a⁴ E_star / 3 and r² F / (2.67 a)
     a_mm, modulus_mpa = a * 1e3, modulus * 1e-6
     return a_mm * (4.0 * a_mm**4 * modulus_mpa / 3.0) / 2.67
@@ -248,7 +248,7 @@ def stress(
     rho: ArrayLike,
     reduced_modulus: ArrayLike,
     radius: ArrayLike,
-    finger: Finger = Finger(),
+    finger: Fingertip = Finger(),
     pressure: Pressure = ATTENUATED,
     kernel: Kernel = LINE,
     component: Component = VERTICAL,
@@ -262,8 +262,13 @@ def stress(
     reduced_modulus, radius
         E_star [Pa] and contact radius a [m] of a `Contact`; all three broadcast.
     finger, pressure, kernel, component
-        Geometry (the depth is `finger.receptor_depth`) and readings (model.md 4-5).
+        Geometry (the depth is `finger.receptor_depth`, a number or an array that broadcasts) and readings
+        (model.md 4-5).
     """
     modulus, a = np.asarray(reduced_modulus, float), np.asarray(radius, float)
     amplitude, decay = pressure.amplitude(modulus, a, finger), pressure.decay(modulus, a, finger)
-    return amplitude * unit_stress(rho, finger.receptor_depth, a, decay, kernel, component)
+    depth = finger.receptor_depth
+    if np.ndim(depth):
+        # with the depth as the unit of length, one call serves all depths
+        return amplitude * unit_stress(np.asarray(rho, float) / depth, 1.0, a / depth, decay, kernel, component)
+    return amplitude * unit_stress(rho, float(depth), a, decay, kernel, component)

@@ -10,7 +10,7 @@ from scipy import stats
 from softness_bayes.errors import InputError
 from softness_bayes.parameters.choice import parameter_space
 from softness_bayes.parameters.coordinates import Bent, HalfLine, Interval, Line, Scaled, coordinate_for
-from softness_bayes.parameters.declared import HELD, PARAMETERS, PRIOR_SETS
+from softness_bayes.parameters.declared import HELD, PARAMETERS, PRIOR_SETS, SHAPE_PARAMETERS
 from softness_bayes.parameters.priors import HalfNormal, LogNormal, Normal, Uniform
 from softness_bayes.touch.contact import DISPLACEMENT, STRAIN
 from softness_bayes.touch.neuron.fixed_channels import LARGEST_CURRENT
@@ -26,7 +26,7 @@ def test_names_and_order_are_those_of_the_files():
     assert " ".join(PARAMETERS) == contract
     assert EVERYTHING.names == tuple(PARAMETERS)
     assert parameter_space().names == tuple(name for name in PARAMETERS if name != "omega")
-    assert set(TouchParameters._fields) < set(PARAMETERS)
+    assert set(TouchParameters._fields) < {*PARAMETERS, *SHAPE_PARAMETERS}
 
 
 def test_what_is_held_unless_it_is_freed():

@@ -139,7 +139,7 @@ finger = click.option(
     callback=named(finite, _require_finger),
     metavar="NAME=VALUE",
     help="Another finger, as in receptor_depth_mm=0.6: radius_mm, receptor_depth_mm, poisson_ratio, pad_length_mm, "
-    "pad_width_mm, contact_x_mm or contact_y_mm. Repeatable.",
+    "pad_width_mm, contact_x_mm or contact_y_mm. Repeatable. A --prior of radius or receptor_depth samples it instead.",
 )
 """Gives a verb `finger`, name -> number, from which `model.fingers.finger_of` makes a `Finger`."""
 

@@ -1,0 +1,122 @@
+"""Exact inverse of the stress field: the distance from the axis at which the stress has some value (model.md 5).
+
+With the depth as the unit of length the field depends on two numbers alone: the contact radius and the decay of the
+pressure. If the stress falls like rho^-n far away, then with y = (sigma / sigma_peak)^(2/n)
+
+    rho² = Q(y) (1 - y) / y
+
+and Q has no singularity at either end of y.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.polynomial import chebyshev
+from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
+
+from softness_bayes.touch.readings import Readings
+from softness_bayes.touch.stress import GAUSS_DENSITY, unit_stress
+
+Array = NDArray[np.float64]
+
+BLOCK = 4
+"""Contacts inverted at once: the arrays of more of them do not fit into the cache."""
+
+
+@dataclass(frozen=True)
+class Inversion:
+    """The stress field of any contact radius and decay, inverted by Newton's method.
+
+    Parameters
+    ----------
+    depth
+        Depth of the receptors [m].
+    farthest
+        Largest distance from the axis that matters [m].
+    readings
+        Readings of kernel and component.
+    tolerance
+        Error allowed in Q, relative to its largest.
+    """
+
+    depth: float
+    farthest: float
+    readings: Readings
+    tolerance: float
+
+    @property
+    def root(self) -> float:
+        """2/n, the power of sigma / sigma_peak that gives y."""
+        component, kernel = self.readings.stress_component, self.readings.stress_kernel
+        return 2.0 / (component.far_power or kernel.far_power)
+
+    def unit(self, rho: Array, radius: Array, decay: Array) -> Array:
+        """Return the stress at distances [m] under a pressure of amplitude 1; all broadcast."""
+        density = GAUSS_DENSITY if self.tolerance < 1e-7 else 0.5 * GAUSS_DENSITY
+        kernel, component = self.readings.stress_kernel, self.readings.stress_component
+        return unit_stress(rho, self.depth, radius, decay, kernel, component, density)
+
+    def y_least(self, radius: Array, decay: Array) -> Array:
+        """Return y at the farthest distance, with a margin, shape (n,)."""
+        return 0.95 * self._relative_root(np.full(radius.size, self.farthest), radius, decay)
+
+    def size(self, radius: Array, decay: Array) -> Array:
+        """Return the scale of Q [m²]: the sum of the squared depth and the squared width of the loaded patch."""
+        return self.depth**2 + radius**2 / (1.0 + decay)
+
+    def rows(self, radius: Array, decay: Array, shape_nodes: int, y_least: float) -> Array:
+        """Return [unit peak, coefficients of Q / size in T_k(y)] of contacts, shape (n, 1 + shape_nodes).
+
+        The coefficients are those of y scaled from [`y_least`, 1] to [-1, 1].
+        """
+        x, coefficients = chebyshev.chebpts1(shape_nodes), values_to_coefficients(shape_nodes).T
+        blocks = np.array_split(np.arange(radius.size), -(-radius.size // BLOCK))
+        values = (self.values(radius[block], decay[block], x, y_least) for block in blocks)
+        return np.concatenate([np.column_stack([peak, shape @ coefficients]) for peak, shape in values])
+
+    def values(self, radius: Array, decay: Array, x: Array, y_least: float) -> tuple[Array, Array]:
+        """Return unit peaks (n,) and Q / size (n, len(x)), x being y scaled to [-1, 1]."""
+        y = 0.5 * (1 + y_least) + 0.5 * (1 - y_least) * x
+        size = self.size(radius, decay)
+        shape = self._distance(y, radius, decay) ** 2 * (y / (1 - y)) / size[:, None]
+        return self.unit(np.zeros_like(radius), radius, decay), shape
+
+    def _relative_root(self, rho: Array, radius: Array, decay: Array) -> Array:
+        return (self.unit(rho, radius, decay) / self.unit(np.zeros_like(radius), radius, decay)) ** self.root
+
+    def _distance(self, y: Array, radius: Array, decay: Array) -> Array:
+        """Invert the field: distances [m] at which it is y^(1/root) of its peak; (n, len(y)) from (n,)."""
+        radius, decay = radius[:, None], decay[:, None]
+        depth = self.depth
+        # from near the axis to where the field follows its power law, and finely across the edge of the contact
+        everywhere = np.geomspace(1e-4 * (depth + radius), 10.0 * (self.farthest + radius), 70, axis=-1)[:, 0]
+        edge = radius + depth * np.sinh(np.linspace(-1, 1, 51) * np.arcsinh(0.9 * radius / depth))
+        grid = np.sort(np.concatenate([everywhere, edge], axis=-1), axis=-1)
+        log_grid, known = np.log(grid), np.log(self._relative_root(grid, radius, decay))
+        log_y = np.log(y)
+        log_rho, slope = np.empty((radius.size, y.size)), np.empty((radius.size, y.size))
+        for row in range(radius.size):
+            falling = np.concatenate([np.diff(known[row]) < -1e-13, [True]])
+            inverse = CubicSpline(known[row][falling][::-1], log_grid[row][falling][::-1])
+            log_rho[row], slope[row] = inverse(log_y), inverse(log_y, 1)
+        before = 0.0
+        for _ in range(12):  # Newton's method with the spline's slope: each step usually gains about three digits
+            excess = slope * (np.log(self._relative_root(np.exp(log_rho), radius, decay)) - log_y)
+            log_rho = log_rho - np.clip(excess, -1.0, 1.0)
+            found = float(np.abs(excess).max())
+            # the error shrinks by a similar factor at every step, estimated from two steps; ten times that is safe
+            shrinks = min(1.0, 10.0 * found / before) if before else 1.0
+            if found * shrinks < 1e-2 * self.tolerance:
+                break
+            before = found
+        return np.exp(log_rho)
+
+
+def values_to_coefficients(order: int) -> Array:
+    """Return the matrix from values at the Chebyshev nodes of the first kind to coefficients."""
+    matrix = np.asarray(chebyshev.chebvander(chebyshev.chebpts1(order), order - 1).T * (2.0 / order), float)
+    matrix[0] *= 0.5
+    return matrix

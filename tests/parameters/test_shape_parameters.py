@@ -1,0 +1,90 @@
+"""The finger's radius and the receptors' depth as parameters: absent unless freed, their laws cut at both ends."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+from scipy.integrate import quad
+
+from softness_bayes.errors import InputError
+from softness_bayes.model.fingers import box_of_priors, box_of_values
+from softness_bayes.parameters.choice import parameter_space
+from softness_bayes.parameters.declared import SHAPE_PARAMETERS
+from softness_bayes.parameters.priors import LogNormal, Normal, Truncated, Uniform
+from softness_bayes.touch.contact import Finger, FingerBox
+
+LAWS = {"radius": Normal(8, 0.5), "receptor_depth": Uniform(0.5, 0.9)}
+
+
+def test_they_are_absent_unless_they_are_freed(rng):
+    usual = parameter_space()
+    theta = usual.draw_prior(rng, 3)
+    assert not SHAPE_PARAMETERS.keys() & {*usual.names, *usual.held}
+    assert usual.touch(theta)[-2:] == (0.0, 0.0)
+    for free in (parameter_space(priors=LAWS), parameter_space(free=SHAPE_PARAMETERS)):
+        assert free.names == (*usual.names, "radius", "receptor_depth")
+        assert {p.unit for p in free.sampled[-2:]} == {"mm"}
+    touch = parameter_space(priors=LAWS).touch(np.column_stack([theta, np.full((3, 2), (8.0, 0.7))]))
+    assert_allclose(touch.radius, 8e-3)
+    assert_allclose(touch.receptor_depth, 0.7e-3)
+    assert_array_equal(touch[:-2], usual.touch(theta)[:-2])
+
+
+def test_each_may_be_freed_alone():
+    for name, law in LAWS.items():
+        space = parameter_space(priors={name: law})
+        assert space.names[-1] == name
+        assert str(space.sampled[-1].prior) == str(law)
+        assert len(space.names) == len(parameter_space().names) + 1
+
+
+def test_a_normal_law_is_cut_at_both_ends_of_the_range(rng):
+    space = parameter_space(priors={"radius": Normal(8, 2.2)})
+    theta = np.tile(space.median, (4, 1))
+    theta[:, -1] = 0.99, 1.01, 99.0, 100.5
+    density = space.log_prior(theta)[:, -1]
+    assert_array_equal(np.isfinite(density), [False, True, True, False])
+    drawn = space.draw_prior(rng, 4000)[:, -1]
+    assert 1 < drawn.min() < 2
+    assert_allclose(space.natural(space.coordinates(theta[1:3])), theta[1:3], rtol=1e-12)
+
+
+def test_a_cut_law_is_normalised_between_its_ends():
+    cut = Truncated(Normal(2, 1.5), 1.0, 4.0)
+    assert cut.support == (1.0, 4.0)
+    assert str(cut) == "normal(2,1.5)"
+    assert quad(lambda x: float(np.exp(cut.log_density(x))), 0.0, 5.0, points=[1.0, 4.0])[0] == pytest.approx(1.0)
+    p = np.linspace(0.0, 1.0, 9)
+    assert_allclose(cut.cumulative(cut.quantile(p)), p, atol=1e-12)
+    assert_array_equal(cut.cumulative([0.0, 9.0]), [0.0, 1.0])
+    assert Truncated(Uniform(2, 9), 1.0, 4.0).support == (2.0, 4.0)
+
+
+def test_laws_that_leave_the_range_are_refused():
+    with pytest.raises(InputError, match=r"prior of radius: 0\.081 of normal\(8,5\) lies outside 1 to 100 mm"):
+        parameter_space(priors={"radius": Normal(8, 5)})
+    with pytest.raises(InputError, match=r"prior of receptor_depth: .* lies outside 0\.05 to 5 mm"):
+        parameter_space(priors={"receptor_depth": Normal(-1, 0.1)})
+    with pytest.raises(InputError, match=r"prior of b: .* allows negative values"):
+        parameter_space(priors={"b": Normal(100, 1)})
+
+
+def test_a_value_to_hold_is_one_of_the_finger():
+    for name in SHAPE_PARAMETERS:
+        with pytest.raises(InputError, match=f"^{name} is held at the finger's value, which --finger {name}_mm=VALUE"):
+            parameter_space(fix={name: 0.8})
+    with pytest.raises(InputError, match="radius: the model of these data has no such parameter"):
+        parameter_space(priors=LAWS, absent=["radius"])
+
+
+def test_box_reaches_four_standard_deviations_and_the_ends_of_a_bounded_law():
+    finger = Finger(radius=7e-3, receptor_depth=0.6e-3)
+    assert box_of_priors(parameter_space().sampled, finger) is None
+    box = box_of_priors(parameter_space(priors=LAWS).sampled, finger)
+    assert_allclose(box.radius, (6e-3, 10e-3), rtol=5e-3)
+    assert box.receptor_depth[0] < 0.5e-3
+    assert box.receptor_depth[1] > 0.9e-3
+    alone = box_of_priors(parameter_space(priors={"receptor_depth": LogNormal(0.7, 0.1)}).sampled, finger)
+    assert alone.radius == (7e-3, 7e-3)
+    drawn = {"b": 1.0, "radius": np.array([8.5, 7.5, 8.0])}
+    assert box_of_values(drawn, finger) == FingerBox((7.5e-3, 8.5e-3), (0.6e-3, 0.6e-3))
+    assert box_of_values({"b": 1.0}, finger) is None
