@@ -128,6 +128,13 @@ class ResidualChecks:
     exponent_deviation: float = np.nan
     modulus_check: str = ""
     modulus_p_value: float = np.nan
+    finger_check: str = ""
+    finger_p_value: float = np.nan
+
+    @property
+    def sentences(self) -> tuple[str, ...]:
+        """Findings of the checks of exponents, fabrics and fingers; earlier versions did not check fingers."""
+        return tuple(said for said in (self.exponent_check, self.fabric_check, self.finger_check) if said)
 
 
 @dataclass(frozen=True)

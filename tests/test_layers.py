@@ -44,6 +44,7 @@ PROGRAMS = {
     "tools.benchmark_moves",
     "tools.doc_tables",
     "tools.firing_sample_build",
+    "tools.finger_coverage",
     "tools.input_coverage",
     "tools.rooms",
     "tools.surface_build",

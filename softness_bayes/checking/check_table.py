@@ -46,7 +46,7 @@ LOO_PIT, PARETO_K = "loo_pit", "loo_pareto_k"
 
 CONDITIONS, FABRICS = "deviations of mean ratings", "fabrics' own deviations"
 EXPONENTS, PIT = "participants' own exponents", "LOO-PIT"
-ALONG = "deviations along the response's slope"
+ALONG, FINGERS = "deviations along the response's slope", "raters' deviations along the skin's slope"
 """Checks of residuals at draws of the posterior, beside the test quantities."""
 
 PIT_POINTS = np.arange(1, 100) / 100
@@ -108,6 +108,7 @@ def check_table(tree: xr.DataTree) -> pd.DataFrame:
         (FABRICS, of.fabric_deviation, of.fabric_p_value),
         (EXPONENTS, of.exponent_deviation, of.exponent_p_value),
         (ALONG, np.nan, of.modulus_p_value),
+        *([(FINGERS, np.nan, of.finger_p_value)] if of.finger_check else []),
     ):
         rows.append(
             _row("posterior", name, "same", ALL, ALL, ALL, QuantityCheck(deviation, np.nan, np.nan, np.nan, p_value))

@@ -339,7 +339,7 @@ def _report_ratings(result: Result, fit: Fit) -> None:
     for sentence in (
         fit.sentence,
         *check_sentences(result.tables["predictive_checks"]),
-        *([] if fit.choice.against_data else [residuals.exponent_check, residuals.fabric_check]),
+        *([] if fit.choice.against_data else residuals.sentences),
         *([] if fit.choice.against_data else result.said_of_moduli()),
         *([result.said_of_loads()] if result.load_cv.any() else []),
     ):

@@ -106,7 +106,7 @@ def command(
     from softness_bayes.model.fingers import finger_of
     from softness_bayes.model.scenes import usual_values
     from softness_bayes.model.simulation import simulate_ratings
-    from softness_bayes.parameters.declared import FINGER_PARAMETERS
+    from softness_bayes.parameters.declared import PLATE_PARAMETERS
 
     made = [RATINGS, FABRICS, TRUTH, *([COMPRESSION] if fingers else [])]
     require_outputs(out, made, SIMULATE, force, [touches.fabrics])
@@ -117,7 +117,7 @@ def command(
         np.random.default_rng(seed),
         fabrics,
         loads,
-        {name: value for name, value in usual.items() if name not in FINGER_PARAMETERS},
+        {name: value for name, value in usual.items() if name not in PLATE_PARAMETERS},
         chosen,
         participants,
         missing,
@@ -138,7 +138,7 @@ def command(
     pressed = ""
     if fingers:
         contents[COMPRESSION], count, effects = _forces(seed, usual, chosen, fingers, touching)
-        story["truth"] |= {name: usual[name] for name in FINGER_PARAMETERS}
+        story["truth"] |= {name: usual[name] for name in PLATE_PARAMETERS}
         story |= effects
         pressed = f", and {count} forces on {fingers} fingers"
     write_outputs(out, {**contents, TRUTH: json.dumps(story, indent=1) + "\n"}, SIMULATE)

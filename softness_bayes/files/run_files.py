@@ -16,11 +16,15 @@ MODULI = "fabric_moduli"
 MODULUS_ERRORS = "modulus_errors"
 """The table of what errors of the moduli that are taken as exact would do, if there are any."""
 
+FINGERS = "rater_fingers"
+"""The table of raters' own fingers, if they differ."""
+
 TABLES: Mapping[str, str | list[str]] = {
     "directions": "direction",
     "predictive_checks": ["law", "quantity"],
     MODULI: "fabric",
     MODULUS_ERRORS: "quantity",
+    FINGERS: ["participant", "quantity"],
 }
 """Further tables of a result by the name of their file, with the columns that identify a row."""
 

@@ -98,8 +98,9 @@ class Likelihood(ABC):
         ----------
         mean_rate
             N/N_ref of each condition [Hz], shape (..., conditions), followed by those under other loads where the
-            stated ones have errors (`load_errors.LoadErrors`); models without receptors use its batch
-            shape alone, as that of `NO_RESPONSE`. Here and elsewhere it is broadcast with the parameters'.
+            stated ones have errors (`load_errors.LoadErrors`), or by those of raters' own fingers; models without
+            receptors use its batch shape alone, as that of `NO_RESPONSE`. Here and elsewhere it is broadcast with the
+            parameters'.
         parameters
             From `Model.take`, of batch shape (...).
         """
@@ -121,7 +122,7 @@ class Likelihood(ABC):
 
     @abstractmethod
     def drive(self, mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
-        """Return the additive number of each condition without effects, shape (..., conditions), in `Scale.unit`."""
+        """Return the additive number of each column of the mean rates without effects, in `Scale.unit`."""
 
     @abstractmethod
     def predictor(self, mean_rate: FloatArray, parameters: Parameters) -> FloatArray:

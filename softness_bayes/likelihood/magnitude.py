@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from typing import ClassVar
 
 import numpy as np
@@ -44,7 +45,7 @@ class RatingModel:
 
     scale: ClassVar[Scale] = MAGNITUDE
     error: ClassVar[ErrorLaw] = NORMAL
-    needs: ClassVar[tuple[str, ...]] = RatingParameters._fields
+    needs: ClassVar[tuple[str, ...]] = ("gamma", "tau", "varsigma", "omega", "eps")
     direction: RatingDirection = RISES
     centre: float = 20.0
     spread: float = 3.0
@@ -187,7 +188,10 @@ class LogRatings(RatingsLikelihood):
                 f"{self.values[wrong][0]}; magnitude estimates have no zeros or negatives"
             )
         self._log = self.model.scale.additive(self.values)
-        self._effects = RandomEffects(design, self._log, math.log(model.centre), model.spread)
+
+    @cached_property
+    def _effects(self) -> RandomEffects:
+        return RandomEffects(self.design, self._log, math.log(self.model.centre), self.model.spread)
 
     def log_likelihood(self, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
         """Log density of all ratings together.

@@ -9,6 +9,7 @@ from softness_bayes.errors import InputError
 from softness_bayes.likelihood.contract import Likelihood
 from softness_bayes.likelihood.directions import RISES, RatingDirection
 from softness_bayes.likelihood.error_laws import NORMAL, ErrorLaw
+from softness_bayes.likelihood.individual import IndividualRatings
 from softness_bayes.likelihood.load_errors import LoadErrors
 from softness_bayes.likelihood.magnitude import LogRatings, RatingModel
 from softness_bayes.likelihood.plate import CompressionForces
@@ -25,7 +26,13 @@ RATING_MODELS: Mapping[tuple[Scale, ErrorLaw], Callable[[RatingDirection], Ratin
 UNDER_UNCERTAIN_LOADS: Mapping[Scale, Callable[..., RatingsLikelihood]] = MappingProxyType({MAGNITUDE: UncertainLoads})
 """The likelihood of ratings whose loads have errors, by their scale, where there is one."""
 
-LIKELIHOODS: tuple[type[Likelihood], ...] = (LogRatings, UncertainLoads, StandardisedRatings, CompressionForces)
+LIKELIHOODS: tuple[type[Likelihood], ...] = (
+    LogRatings,
+    UncertainLoads,
+    IndividualRatings,
+    StandardisedRatings,
+    CompressionForces,
+)
 """Every likelihood; each goes through the tests of the contract."""
 
 

@@ -32,6 +32,12 @@ class RatingParameters(NamedTuple):
     """Standard deviation of fabrics' own deviations in the log [-]."""
     eps: ArrayLike = 0.1
     """Rate added to a silent fabric's [Hz]."""
+    tau_b: ArrayLike = 0.0
+    """Spread of raters' ln b [-]."""
+    tau_m: ArrayLike = 0.0
+    """Spread of raters' m, in its unit."""
+    tau_sigma: ArrayLike = 0.0
+    """Spread of raters' ln sigma_0 [-]."""
 
     @classmethod
     def among(cls, values: Mapping[str, ArrayLike]) -> RatingParameters:

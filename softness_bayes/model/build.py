@@ -12,12 +12,16 @@ from softness_bayes.checking.quantities import Layout
 from softness_bayes.data import Compression, Experiment
 from softness_bayes.errors import InputError
 from softness_bayes.likelihood.design import Design
+from softness_bayes.likelihood.directions import RISES, RatingDirection
+from softness_bayes.likelihood.individual import IndividualModel
 from softness_bayes.likelihood.load_errors import LoadErrors
 from softness_bayes.likelihood.models import rating_model, under_uncertain_loads
 from softness_bayes.likelihood.plate import CompressionForces
-from softness_bayes.likelihood.ratings import RatingParameters
+from softness_bayes.likelihood.ratings import RatingParameters, RatingsModel
+from softness_bayes.likelihood.scales import MAGNITUDE
 from softness_bayes.model.fabric_moduli import fabric_moduli
 from softness_bayes.model.fingers import box_of_priors, require_one_source
+from softness_bayes.model.individual import family_of, grid_of, spreads_of
 from softness_bayes.model.options import ModelOptions
 from softness_bayes.model.other_loads import beside
 from softness_bayes.model.posterior import Density, Posterior
@@ -25,7 +29,7 @@ from softness_bayes.model.resolution import prior_draws, resolution_for
 from softness_bayes.model.scenes import scene_of
 from softness_bayes.parameters.choice import parameter_space
 from softness_bayes.parameters.coordinates import Bent, Scaled
-from softness_bayes.parameters.declared import PARAMETERS, SHAPE_PARAMETERS
+from softness_bayes.parameters.declared import FINGER_PARAMETERS, PARAMETERS, SHAPE_PARAMETERS
 from softness_bayes.parameters.fabric_moduli import FabricModuli
 from softness_bayes.parameters.space import ParameterSpace
 from softness_bayes.touch import accuracy
@@ -102,9 +106,13 @@ def build(experiment: Experiment, options: ModelOptions = ModelOptions()) -> Exp
     Raises
     ------
     InputError
-        If a rating does not suit the scale, the options name what does not exist, or the model cannot reach the
-        accuracy.
+        If a rating does not suit the scale, the options name what does not exist, the model cannot reach the
+        accuracy, or raters' own fingers are asked for where there is one rater only.
     """
+    if options.individual and len(experiment.ratings.participants) < 2:
+        raise InputError("individual: there is one participant only, whose finger is the typical one; leave it out")
+    if options.individual and (freed := sorted(SHAPE_PARAMETERS.keys() & options.priors.keys())):
+        raise InputError(f"individual: raters' own fingers and a prior of {freed[0]} cannot be combined")
     chosen = choose_direction(experiment, options)
     if options.direction is None:
         options = options.decide(direction=chosen.direction)
@@ -116,16 +124,18 @@ def build(experiment: Experiment, options: ModelOptions = ModelOptions()) -> Exp
         options = options.decide(discretisation=resolution.discretisation)
     assert options.discretisation is not None
     scene = compiled(options.discretisation)
-    observation = rating_model(options.scale, chosen.direction).observe(
-        experiment.ratings.rating, design_of(experiment)
-    )
-    log_sd, others = experiment.ratings.load_log_sd(options.load_cv), None
+    observation = _model_of(options, chosen.direction).observe(experiment.ratings.rating, design_of(experiment))
+    log_sd, others, fingers = experiment.ratings.load_log_sd(options.load_cv), None, None
     if log_sd.any():
+        if options.individual:
+            raise InputError("individual: raters' own fingers and errors of loads (load_cv) cannot be combined")
         uncertain = LoadErrors.of(observation.design, log_sd)
         observation = under_uncertain_loads(observation, uncertain)
         others = scene.under(*beside(experiment.ratings, uncertain))
+    if options.individual:
+        fingers = family_of(scene, grid_of(options.individual))
     plates = () if experiment.compression is None else (forces_of(experiment.compression, options),)
-    posterior = Posterior(_bent(space, scene).with_moduli(moduli), (observation, *plates), scene, others)
+    posterior = Posterior(_bent(space, scene).with_moduli(moduli), (observation, *plates), scene, others, fingers)
     return ExperimentModel(experiment, options, posterior, scene, chosen, resolution)
 
 
@@ -191,10 +201,26 @@ def space_of(experiment: Experiment, options: ModelOptions) -> ParameterSpace:
         prior_set=options.prior_set,
         skin_displacement=options.readings.skin_displacement,
         n_participants=len(experiment.ratings.participants),
-        absent=set(RatingParameters._fields) - set(rating_model(options.scale).needs),
+        absent=set(RatingParameters._fields) - {*_model_of(options).needs, *FINGER_PARAMETERS},
         n_fingers=None if experiment.compression is None else len(experiment.compression.participants),
         membrane=options.readings.membrane,
+        spreads=spreads_of(options.individual),
     )
+
+
+def _model_of(options: ModelOptions, direction: RatingDirection = RISES) -> RatingsModel:
+    """Return the observation model of the ratings.
+
+    Raises
+    ------
+    InputError
+        If ratings of this scale have no model of raters' own fingers.
+    """
+    if not options.individual:
+        return rating_model(options.scale, direction)
+    if options.scale is not MAGNITUDE:
+        raise InputError(f"individual: raters' own fingers need magnitude estimates, not {options.scale.name} ratings")
+    return IndividualModel(direction, grid=grid_of(options.individual))
 
 
 def moduli_of(experiment: Experiment, options: ModelOptions) -> FabricModuli:

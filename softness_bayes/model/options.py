@@ -10,6 +10,7 @@ from softness_bayes.defaults import ACCURACY, NOISE, PRIOR_SET
 from softness_bayes.likelihood.directions import RatingDirection, direction_named
 from softness_bayes.likelihood.scales import MAGNITUDE, RATING_SCALES, Scale
 from softness_bayes.model.fingers import finger_of, values_of
+from softness_bayes.model.individual import require_individual
 from softness_bayes.parameters.fabric_moduli import UNKNOWN_MODULUS, require_law
 from softness_bayes.parameters.priors import Prior, parse_prior
 from softness_bayes.ranges import LOAD_ERRORS, RELATIVE_ERRORS
@@ -43,6 +44,9 @@ class ModelOptions:
     load_cv
         Relative standard error of the loads of ratings that have none of their own in the table; 0 or None if they are
         exact.
+    individual
+        What differs between raters' own fingers, some of b, m and sigma_0, each with a sampled spread; by default all
+        raters have the typical finger.
     noise
         Strength of the membranes' white current [µA/cm² sqrt(ms)]; needs fixed channel multipliers.
     accuracy
@@ -64,6 +68,7 @@ class ModelOptions:
     modulus_cv: float | None = None
     unknown_modulus: Prior = UNKNOWN_MODULUS
     load_cv: float | None = None
+    individual: tuple[str, ...] = ()
     noise: float = NOISE
     accuracy: float = ACCURACY
     discretisation: Discretisation | None = None
@@ -75,6 +80,7 @@ class ModelOptions:
         require_law("unknown_modulus", self.unknown_modulus)
         if self.load_cv is not None:
             LOAD_ERRORS.require("load_cv", self.load_cv)
+        require_individual(self.individual)
 
     def decide(self, **found: Any) -> Self:
         """Return the options with some that were open decided, by name."""
@@ -100,6 +106,7 @@ class ModelOptions:
             **({} if self.modulus_cv is None else {"modulus_cv": self.modulus_cv}),
             **({"unknown_modulus": str(self.unknown_modulus)} if self.unknown_modulus != UNKNOWN_MODULUS else {}),
             **({} if self.load_cv is None else {"load_cv": self.load_cv}),
+            **({"individual": list(self.individual)} if self.individual else {}),
             "noise": self.noise,
             "accuracy": self.kept_accuracy,
             "discretisation": None if self.discretisation is None else asdict(self.discretisation),
@@ -131,6 +138,7 @@ class ModelOptions:
             modulus_cv=record.get("modulus_cv"),
             unknown_modulus=parse_prior(record.get("unknown_modulus", str(UNKNOWN_MODULUS))),
             load_cv=record.get("load_cv"),
+            individual=tuple(record.get("individual", ())),
             noise=record["noise"],
             accuracy=ACCURACY if accuracy is None else accuracy,
             discretisation=None if discretisation is None else Discretisation(**discretisation),
@@ -145,6 +153,7 @@ class ModelOptions:
             "scale of the ratings": self.scale.name,
             **({"finger": str(self.finger)} if self.finger != Finger() else {}),
             **({"load_cv": str(self.load_cv)} if self.load_cv else {}),
+            **({"raters' own fingers": ", ".join(self.individual)} if self.individual else {}),
             "noise": str(self.noise),
             "discretisation": str(self.discretisation),
         }

@@ -13,21 +13,19 @@ Array = NDArray[np.float64]
 
 
 def rates_of_other_moduli(posterior: Posterior, theta: Array, step: float) -> tuple[Array, Array]:
-    """Return N/N_ref [Hz] at theta (draws, dimension), all log moduli lower and higher by a step.
-
-    Each is as `Posterior.mean_rate` returns it, shape (draws, columns).
+    """Return `Posterior.response` at theta (draws, dimension), all log moduli lower and higher by a step.
 
     Raises
     ------
     TypeError
         If the posterior is not that of a compiled scene.
     """
-    scene, touch, modulus = posterior.scene, posterior.space.touch(theta), posterior.space.modulus(theta)
+    scene, modulus = posterior.scene, posterior.space.modulus(theta)
     if not isinstance(scene, Scene):
         raise TypeError("only a compiled scene answers for other moduli")
     if modulus is None:
         modulus = np.broadcast_to(scene.fabric_modulus, (len(theta), scene.fabric_modulus.size))
-    lower, higher = (posterior.mean_rate_of(touch, modulus * np.exp(side * step)) for side in (-1.0, 1.0))
+    lower, higher = (posterior.response(theta, modulus * np.exp(side * step)) for side in (-1.0, 1.0))
     return lower, higher
 
 

@@ -10,11 +10,15 @@ from numpy.typing import NDArray
 
 from softness_bayes.errors import InputError, NumericalError
 from softness_bayes.likelihood.contract import Likelihood, Parameters
+from softness_bayes.likelihood.individual import IndividualRatings
 from softness_bayes.likelihood.plate import FORCES, CompressionForces, SkinParameters
 from softness_bayes.likelihood.ratings import RATINGS, RatingParameters, RatingsLikelihood
 from softness_bayes.parameters.declared import EVERY_PARAMETER
 from softness_bayes.parameters.space import ParameterSpace
+from softness_bayes.touch.finger_family import FingerFamily, Spreads
+from softness_bayes.touch.finger_grid import SPREAD_OF
 from softness_bayes.touch.parameters import TouchParameters
+from softness_bayes.touch.scene import Scene
 
 FloatArray = NDArray[np.float64]
 
@@ -87,14 +91,19 @@ class Density:
         """The pad's mean rate N/N_ref [Hz] at points theta, shape (..., conditions); without a scene, of none."""
         return np.empty((*theta.shape[:-1], 0))
 
+    def response(self, theta: FloatArray, modulus: FloatArray | None = None) -> FloatArray:
+        """The mean rates that the likelihoods take: `mean_rate`, followed by those of raters' own fingers, if any."""
+        return self.mean_rate(theta)
+
     def parameters_of(self, term: Likelihood, theta: FloatArray) -> Parameters:
         """Return the parameters of a term's model at points theta, in SI: numbers if held, arrays (...) if sampled."""
         values = self.space.values(theta)
-        return term.model.take({name: values[name] * EVERY_PARAMETER[name].si for name in term.model.needs})
+        known = (name for name in term.model.needs if name in values)
+        return term.model.take({name: values[name] * EVERY_PARAMETER[name].si for name in known})
 
     def data_density(self, theta: FloatArray) -> FloatArray:
         """Log density of the data at points theta, as the model computes it."""
-        rate = self.mean_rate(theta)
+        rate = self.response(theta)
         return sum((term.log_likelihood(rate, self.parameters_of(term, theta)) for term in self.terms), np.zeros(()))
 
     def log_likelihood(self, theta: FloatArray) -> FloatArray:
@@ -177,14 +186,18 @@ class Posterior(Density):
         The forward model of the rated conditions.
     other_loads
         That of the same fabrics under further loads, where the stated ones have errors (`load_errors.LoadErrors`).
+    fingers
+        The fingers that raters may have, over which the likelihood of the ratings integrates; None if all have the
+        typical one.
     """
 
     scene: ForwardModel
     other_loads: ForwardModel | None = None
+    fingers: FingerFamily | None = None
 
     @property
     def scenes(self) -> tuple[ForwardModel, ...]:
-        """The forward models of all columns of the mean rates."""
+        """The forward models of all columns of the mean rates of the typical finger."""
         return (self.scene,) if self.other_loads is None else (self.scene, self.other_loads)
 
     def mean_rate(self, theta: FloatArray) -> FloatArray:
@@ -192,6 +205,29 @@ class Posterior(Density):
         # if every parameter of the chain is held, all points share one response
         rate = self.mean_rate_of(self.space.touch(theta), self.space.modulus(theta))
         return np.broadcast_to(rate, (*theta.shape[:-1], rate.shape[-1]))
+
+    def response(self, theta: FloatArray, modulus: FloatArray | None = None) -> FloatArray:
+        """The mean rates of the typical finger as `mean_rate`, and then of each of `fingers`, in every condition.
+
+        Parameters
+        ----------
+        theta
+            Points, shape (..., dimension).
+        modulus
+            E_fab [Pa] of each fabric, shape (..., fabrics), in place of the moduli at theta.
+
+        Returns
+        -------
+        ndarray, shape (..., columns)
+        """
+        touch, known = self.space.touch(theta), self.space.modulus(theta) if modulus is None else modulus
+        rates = [self.mean_rate_of(touch, known)]
+        if self.fingers is not None:
+            spreads = {name: self.space.value(SPREAD_OF[name], theta) for name in self.fingers.grid.names}
+            own = self.fingers.total_rate(touch, Spreads(**spreads), known) / self.scene.n_receptors
+            rates.append(own.reshape(*own.shape[:-2], -1))
+        rates = [np.broadcast_to(rate, (*theta.shape[:-1], rate.shape[-1])) for rate in rates]
+        return rates[0] if len(rates) == 1 else np.concatenate(rates, axis=-1)
 
     def mean_rate_of(self, touch: TouchParameters, modulus: FloatArray | None) -> FloatArray:
         """As `mean_rate`, at parameters of the chain and moduli of the fabrics [Pa] if not the scene's."""
@@ -203,7 +239,14 @@ class Posterior(Density):
 
     def response_is_finite(self, theta: FloatArray) -> bool:
         """Return whether the forward model is finite at one point theta, shape (dimension,)."""
-        return bool(np.isfinite(self.mean_rate(theta)).all())
+        return bool(np.isfinite(self.response(theta)).all())
+
+    def with_scene(self, scene: Scene, others: Scene | None, fingers: FingerFamily | None) -> Posterior:
+        """Return the posterior with other forward models, and raters' fingers on another grid."""
+        of = self
+        if fingers is not None:
+            of = self.with_term(cast(IndividualRatings, self.observation).with_grid(fingers.grid))
+        return replace(of, scene=scene, other_loads=others, fingers=fingers)
 
     @property
     def observation(self) -> RatingsLikelihood:

@@ -13,6 +13,7 @@ from softness_bayes.parameters.declared import (
     FINGER_PARAMETERS,
     HELD,
     PARAMETERS,
+    PLATE_PARAMETERS,
     PRIOR_SETS,
     SHAPE_PARAMETERS,
     Parameter,
@@ -40,6 +41,7 @@ def parameter_space(
     absent: Collection[str] = (),
     n_fingers: int | None = None,
     membrane: Membrane = CONNOR_STEVENS,
+    spreads: Collection[str] = (),
 ) -> ParameterSpace:
     """Return the space of the sampled parameters with their priors, and the values of the held ones.
 
@@ -61,11 +63,13 @@ def parameter_space(
     absent
         Parameters that the model at hand does not have: neither sampled nor held.
     n_fingers
-        Fingers of the compression data; without any there are no `FINGER_PARAMETERS`. With one finger, the
+        Fingers of the compression data; without any there are no `PLATE_PARAMETERS`. With one finger, the
         spreads between fingers are not identifiable beside b and m and are held at 0.
     membrane
         Reading of the membrane, whose firing-rate surface limits alpha and the channel multipliers. The multiplier of
         a channel that it does not have is held.
+    spreads
+        The `FINGER_PARAMETERS` of ratings: spreads of raters' own fingers.
 
     Raises
     ------
@@ -75,7 +79,7 @@ def parameter_space(
     """
     fix, priors = dict(fix or {}), dict(priors or {})
     freed = set(free) | set(priors)
-    absent = {*absent, *(() if n_fingers else FINGER_PARAMETERS)}
+    absent = {*absent, *(FINGER_PARAMETERS.keys() - {*(PLATE_PARAMETERS if n_fingers else ()), *spreads})}
     _require_free_to_choose(freed, fix, absent, prior_set)
     absent |= SHAPE_PARAMETERS.keys() - freed
     forced = _not_identifiable(freed, n_participants, n_fingers, membrane)

@@ -134,12 +134,18 @@ FINGER_PARAMETERS: Mapping[str, Parameter] = MappingProxyType(
             Parameter("tau_b", r"$\tau_b$", "–", "spread of fingers' log b", HalfNormal(0.5), range=_SPREAD),
             Parameter("tau_m", r"$\tau_m$", "–", "spread of fingers' m", HalfNormal(1), range=_FROM_ZERO),
             Parameter(
+                "tau_sigma", r"$\tau_\sigma$", "–", "spread of fingers' log sigma_0", HalfNormal(0.3), range=_SPREAD
+            ),
+            Parameter(
                 "varsigma_f", r"$\varsigma_F$", "–", "spread of a finger's log forces", HalfNormal(0.3), range=_NOISE
             ),
         )
     }
 )
-"""Parameters of compression data: spreads of fingers and of single forces about b and m."""
+"""Parameters of fingers that differ, and of compression data: spreads of fingers and of single forces."""
+
+PLATE_PARAMETERS = ("tau_b", "tau_m", "varsigma_f")
+"""Those of them that compression data have."""
 
 EVERY_PARAMETER: Mapping[str, Parameter] = MappingProxyType({**PARAMETERS, **SHAPE_PARAMETERS, **FINGER_PARAMETERS})
 """All parameters that a run may sample, by name."""

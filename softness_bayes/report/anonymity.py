@@ -43,6 +43,8 @@ def renamed(result: Result, names: Mapping[str, str]) -> Result:
     tables = dict(result.tables)
     for label, table in tables.items():
         for what in PEOPLE:
+            if what in table.index.names:
+                tables[label] = table = table.rename(index=dict(names), level=what)
             if what in table:
                 told = [names.get(str(name), name) for name in table[what]]
                 tables[label] = table = table.assign(**{what: told})

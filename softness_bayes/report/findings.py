@@ -301,7 +301,7 @@ def _of_ratings(result: Result) -> list[Finding]:
             errors.exact_reweight,
         ),
         TurningPoints(tuple(inflection_reproduced(checks)), result.inflection()),
-        OtherChecks(tuple(doubts(checks)), (residuals.exponent_check, residuals.fabric_check)),
+        OtherChecks(tuple(doubts(checks)), residuals.sentences),
         *([] if (inputs := input_errors_of(result)) is None else [inputs]),
     ]
 

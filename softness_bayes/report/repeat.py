@@ -108,6 +108,7 @@ def _model(options: ModelOptions) -> list[str]:
             words += ["--reading", f"{place}={name}"]
     for name, number in values_of(options.finger).items():
         words += ["--finger", f"{name}={number!r}"]
+    words += ["--individual", ",".join(options.individual)] if options.individual else []
     words += [] if options.modulus_cv is None else ["--modulus-cv", repr(float(options.modulus_cv))]
     words += [] if options.unknown_modulus == UNKNOWN_MODULUS else ["--unknown-modulus", str(options.unknown_modulus)]
     words += [] if options.load_cv is None else ["--load-cv", repr(float(options.load_cv))]

@@ -11,11 +11,14 @@ from numpy.typing import NDArray
 
 from softness_bayes.checking.checks import check_fabrics
 from softness_bayes.checking.exactness import Exactness
+from softness_bayes.checking.finger_check import STEP as SKIN_STEP
+from softness_bayes.checking.finger_check import check_fingers
 from softness_bayes.checking.force_exponent import check_exponent
 from softness_bayes.checking.inflection import LEAST_DROP, curve_scene
 from softness_bayes.checking.modulus_errors import STEP, check_moduli
 from softness_bayes.checking.quantities import check_exponents, loo_pit
 from softness_bayes.data import Experiment
+from softness_bayes.model.other_fingers import skin_slope
 from softness_bayes.model.other_moduli import drive_slope
 from softness_bayes.model.posterior import Posterior
 from softness_bayes.parameters.declared import PARAMETERS
@@ -186,6 +189,8 @@ def _checks(draws: RatedDraws, error: float, exactness: Exactness) -> dict[str, 
     exponents = check_exponents(draws.ratings, few.mean_rate, few.parameters, few.effects)
     slope = drive_slope(draws.posterior, few.theta, few.mean_rate, few.parameters, STEP)
     moduli = check_moduli(draws.ratings, few.mean_rate, slope, few.parameters, few.effects)
+    skin = skin_slope(draws.posterior, few.theta, few.parameters, SKIN_STEP)
+    fingers = check_fingers(draws.ratings, few.mean_rate, skin, few.parameters, few.effects)
     residuals = ResidualChecks(
         fabric_check=check.sentence(_condition_names(draws.experiment)),
         fabric_p_value=check.p_value,
@@ -198,6 +203,8 @@ def _checks(draws: RatedDraws, error: float, exactness: Exactness) -> dict[str, 
         exponent_deviation=exponents.deviation,
         modulus_check=moduli.sentence(draws.posterior.space.moduli is None),
         modulus_p_value=moduli.p_value,
+        finger_check=fingers.sentence(draws.posterior.fingers is not None),
+        finger_p_value=fingers.p_value,
     )
     errors = NumericalErrors(
         numerical_error=error,

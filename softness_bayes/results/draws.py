@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from softness_bayes.checking.exactness import resample
 from softness_bayes.data import Experiment
+from softness_bayes.likelihood.pieces import pieces
 from softness_bayes.likelihood.ratings import RatingParameters, RatingsLikelihood, RatingsModel
 from softness_bayes.model.posterior import Posterior
 from softness_bayes.results.groups import evenly
@@ -101,7 +102,7 @@ class RatedDraws:
         index = self.picked(size)
         return Subset(
             self.theta[index],
-            self.mean_rate[index],
+            self.posterior.response(self.theta[index]) if self.posterior.fingers else self.mean_rate[index],
             self.posterior.rating_parameters(self.theta[index]),
             type(self.effects)(*(effect[index] for effect in self.effects)),
         )
@@ -129,6 +130,20 @@ def draws_of(
     if not isinstance(scene, Scene):
         raise TypeError("a result is assembled from a compiled scene")
     mean_rate = posterior.mean_rate(theta)
-    effects = ratings.draw_effects(rng, mean_rate, posterior.rating_parameters(theta))
+    effects = _effects(posterior, theta, mean_rate, rng)
     prior = posterior.space.draw_prior(rng, PRIOR_DRAWS)
     return RatedDraws(experiment, posterior, scene, ratings, kept, theta, mean_rate, effects, prior)
+
+
+def _effects(posterior: Posterior, theta: Array, mean_rate: Array, rng: np.random.Generator) -> Any:
+    """Return effects drawn given each point; of raters with own fingers piece by piece, their responses being large."""
+    ratings = posterior.observation
+    if posterior.fingers is None:
+        return ratings.draw_effects(rng, mean_rate, posterior.rating_parameters(theta))
+    flat = theta.reshape(-1, theta.shape[-1])
+    width = posterior.fingers.grid.size * (mean_rate.shape[-1] + ratings.design.n_participants)
+    parts = []
+    for k in pieces(len(flat), width):
+        parts.append(ratings.draw_effects(rng, posterior.response(flat[k]), posterior.rating_parameters(flat[k])))
+    joined = (np.concatenate(each) for each in zip(*parts, strict=True))
+    return type(parts[0])(*(each.reshape(*theta.shape[:-1], *each.shape[1:]) for each in joined))

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from softness_bayes.checking.exactness import EXACT_RATES, SAME_RATES, Exactness, compare_likelihoods
+from softness_bayes.model.individual import finer_family_of
 from softness_bayes.model.posterior import ForwardModel, Posterior
 from softness_bayes.results.draws import REWEIGHT_DRAWS
 from softness_bayes.results.groups import Variable, evenly
@@ -26,8 +26,10 @@ EXACT_PARTS = 4
 
 def exact_log_likelihood(posterior: Posterior, theta: Array) -> Array:
     """Return the log-likelihood at points theta with exact firing rates and a finer quadrature, shape (points,)."""
+    exact, fingers = _scene(posterior).exact(), posterior.fingers
+    finer = None if fingers is None else finer_family_of(exact, fingers.grid.finer())
     others = None if posterior.other_loads is None else _compiled(posterior.other_loads).exact()
-    return replace(posterior, scene=_scene(posterior).exact(), other_loads=others).log_likelihood(theta)
+    return posterior.with_scene(exact, others, finer).log_likelihood(theta)
 
 
 def begin_comparison(posterior: Posterior, theta: Array, workers: Workers, reweight: bool) -> Callable[[], Exactness]:

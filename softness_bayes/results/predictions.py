@@ -51,7 +51,8 @@ def prediction_group(draws: RatedDraws, grid: Scene, error: float) -> dict[str, 
         "contact_force_n": (curves.force, "N"),
     }
     along = ("load", "e_fab_kpa")
-    rated = model.typical(few.effects, ratings.drive(few.mean_rate, few.parameters))
+    typical = ratings.drive(few.mean_rate, few.parameters)[..., : ratings.design.n_conditions]
+    rated = model.typical(few.effects, typical)
     return {
         TYPICAL: Variable(rated[None], ("condition",)),
         **{n: Variable(v[None].astype(np.float32), along, unit) for n, (v, unit) in lines.items()},

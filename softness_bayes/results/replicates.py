@@ -131,14 +131,20 @@ def _rated(
 
 
 def _levelled_rated(rng: np.random.Generator, draws: RatedDraws, few: Subset) -> Array:
-    level = levelled(_layout(draws), few.mean_rate[..., : draws.scene.n_conditions])
+    width = draws.scene.n_conditions
+    if draws.posterior.fingers is None:
+        level = levelled(_layout(draws), few.mean_rate[..., :width])
+    else:
+        # each finger's response levels off at its own peak
+        fingers = few.mean_rate.reshape(len(few.mean_rate), -1, width)
+        level = levelled(_layout(draws), fingers).reshape(few.mean_rate.shape)
     drive = draws.ratings.drive_at(level, few.mean_rate, few.parameters)
     return _rated(rng, draws, drive, few.mean_rate, few.parameters, few.effects)
 
 
 def _prior_rated(rng: np.random.Generator, draws: RatedDraws) -> Array:
     ratings, theta = draws.ratings, draws.prior[:REPLICATES]
-    rate, parameters = draws.posterior.mean_rate(theta), draws.posterior.rating_parameters(theta)
+    rate, parameters = draws.posterior.response(theta), draws.posterior.rating_parameters(theta)
     effects = ratings.new_effects(rng, parameters, theta.shape[:1])
     return _rated(rng, draws, ratings.drive(rate, parameters), rate, parameters, effects)
 

@@ -15,11 +15,12 @@ from softness_bayes import arviz_bridge
 from softness_bayes.checking.fabric_moduli import UNCERTAIN, modulus_sentences
 from softness_bayes.checking.inflection import Curves, Inflection
 from softness_bayes.checking.modulus_errors import shift_sentences
+from softness_bayes.checking.rater_fingers import finger_sentences
 from softness_bayes.checking.turning_points import turning_table
 from softness_bayes.data.columns import LOAD_CV
 from softness_bayes.errors import InputError
 from softness_bayes.files.outputs import write_outputs
-from softness_bayes.files.run_files import MODULI, MODULUS_ERRORS, POSTERIOR, RUN, SUMMARY, TABLES
+from softness_bayes.files.run_files import FINGERS, MODULI, MODULUS_ERRORS, POSTERIOR, RUN, SUMMARY, TABLES
 from softness_bayes.files.spreadsheet import csv_of
 from softness_bayes.likelihood.scales import Scale
 from softness_bayes.parameters.declared import PARAMETERS
@@ -150,8 +151,9 @@ class Result:
         """Return what the data determine and what they leave open, a sentence each: parameters, then combinations."""
         from softness_bayes.checking.identifiability import direction_sentences, information_sentences
 
-        moduli = modulus_sentences(self.tables[MODULI]) if MODULI in self.tables else ()
-        return (*information_sentences(self.table), *direction_sentences(self.tables["directions"]), *moduli)
+        kinds = {MODULI: modulus_sentences, FINGERS: finger_sentences}
+        latent = (line for name, say in kinds.items() if name in self.tables for line in say(self.tables[name]))
+        return (*information_sentences(self.table), *direction_sentences(self.tables["directions"]), *latent)
 
     def checked(self) -> tuple[str, ...]:
         """Return what the predictive checks found, a sentence each: turning points, then everything else.
@@ -358,6 +360,11 @@ class Result:
     def moduli(self) -> pd.DataFrame | None:
         """Posterior of each modulus that was not known exactly; None if all were (see `modulus_table`)."""
         return self.tables[MODULI].copy() if MODULI in self.tables else None
+
+    @property
+    def fingers(self) -> pd.DataFrame | None:
+        """Posterior of raters' own fingers; None if all raters have the typical one (see `finger_table`)."""
+        return self.tables[FINGERS].copy() if FINGERS in self.tables else None
 
     @property
     def plot(self) -> Plots:

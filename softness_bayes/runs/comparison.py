@@ -105,7 +105,7 @@ def _by_condition(result: Result, settings: Settings, progress: Callable[[str], 
     observation = posterior.observation
     values = result.values(_WEIGHTED)
     theta = np.stack([values[name] for name in posterior.names], axis=-1)
-    at = posterior.mean_rate(theta), posterior.rating_parameters(theta)
+    at = posterior.response(theta), posterior.rating_parameters(theta)
     left = leave_by_weights(block_log_likelihood(observation, *at, conditions.of_rating))
     density, shape, unfinished = left.log_density.copy(), left.pareto_k.copy(), 0
     for k in np.flatnonzero(shape > _limit(left.draws)).tolist():
@@ -128,7 +128,7 @@ def _anew(
     sampled = sample_until(rest, settings, np.random.SeedSequence(seed[0], spawn_key=seed[1:]))
     kept = sampled.chains.kept(sampled.verdict.burn_in, _DRAWS)
     theta = posterior.natural(kept.coordinates).reshape(-1, posterior.space.dimension)
-    at = posterior.mean_rate(theta), posterior.rating_parameters(theta)
+    at = posterior.response(theta), posterior.rating_parameters(theta)
     density = block_log_likelihood(observation, *at, rows.astype(np.intp))[:, 1]
     return float(logsumexp(density) - np.log(density.size)), sampled.verdict.converged
 

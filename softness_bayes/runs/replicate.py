@@ -57,7 +57,7 @@ def replicate(
     fitted = posterior.with_term(assume(observation))
     sampled = sample_until(fitted, settings, walk)
     draws = fitted.natural(independent(sampled, DRAWS, rng))
-    effects = observation.draw_effects(rng, fitted.mean_rate(draws), fitted.rating_parameters(draws))
+    effects = observation.draw_effects(rng, fitted.response(draws), fitted.rating_parameters(draws))
     true = quantities(fitted, theta[None], true_effects)
     among = quantities(fitted, draws, effects)
     truth = np.concatenate([*true.values()])
@@ -70,7 +70,7 @@ def _simulate(
     observation: Likelihood, posterior: Posterior, theta: FloatArray, rng: np.random.Generator
 ) -> tuple[Likelihood, Effects]:
     """Return ratings made at a point of the prior, and their effects as a batch of one."""
-    parameters, rate = posterior.rating_parameters(theta), posterior.mean_rate(theta)
+    parameters, rate = posterior.rating_parameters(theta), posterior.response(theta)
     effects = observation.new_effects(rng, parameters, ())
     ratings = observation.replicate(rng, observation.drive(rate, parameters), parameters, effects, rate)
     return observation.with_values(ratings), type(effects)(*(each[None] for each in effects))

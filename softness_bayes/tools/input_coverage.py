@@ -9,7 +9,6 @@ and keeps those that it has: a second call goes on where the first one ended.
 from __future__ import annotations
 
 import argparse
-import csv
 import json
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
@@ -20,19 +19,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from softness_bayes.checking.checks import check_fabrics
-from softness_bayes.checking.inflection import curve_scene, find_inflection, response_curves, turning_points
 from softness_bayes.checking.modulus_errors import STEP, check_moduli
 from softness_bayes.data import Experiment, Fabrics, Ratings
 from softness_bayes.data.fabrics import log_sd
 from softness_bayes.model.build import ExperimentModel, build
 from softness_bayes.model.options import ModelOptions
 from softness_bayes.model.other_moduli import drive_slope
-from softness_bayes.model.scenes import touch_parameters
 from softness_bayes.model.simulation import simulate_ratings
-from softness_bayes.sampler.sampling import Settings, sample_until
-from softness_bayes.touch.contact import Indentation
+from softness_bayes.tools.coverage import LOADS, compared, keep, sampled_draws
 from softness_bayes.touch.neuron.membrane import Channels
-from softness_bayes.touch.parameters import TouchParameters
 
 Array = NDArray[np.float64]
 
@@ -41,10 +36,6 @@ ERROR = 0.15
 
 CASES: Mapping[str, float | None] = {"true moduli": 0.0, "taken as exact": 0.0, "errors declared": ERROR}
 """What is said of the moduli's errors in each fit."""
-
-LOADS = (Indentation(1e-3), Indentation(2e-3), Indentation(3e-3))
-DRAWS = 1000
-"""Draws of the posterior that quantiles, turning points and checks are of."""
 
 COLUMNS = ("lab", "case", "quantity", "below", "z", "steps", "converged", "modulus_p", "fabric_p")
 """`below`: share of draws below the truth; `z`: posterior mean minus truth, in posterior standard deviations."""
@@ -70,43 +61,16 @@ def fitted(number: int, case: str, folder: Path) -> Iterator[dict[str, Any]]:
     held = {name: truth[name] for name in Channels._fields}
     experiment = Experiment(ratings, true if case == "true moduli" else measured, ())
     model = build(experiment, ModelOptions(fix=held, modulus_cv=CASES[case]))
-    sampled = sample_until(model.posterior, Settings(ensembles=2, processes=1), number)
-    kept = sampled.chains.kept(sampled.verdict.burn_in)
-    theta = model.posterior.natural(kept.coordinates).reshape(-1, model.posterior.space.dimension)
-    theta = theta[np.linspace(0, len(theta) - 1, DRAWS).astype(int)]
+    theta, verdict = sampled_draws(model, number)
     checks = _checks(model, theta, np.random.default_rng(number))
-    for name, (drawn, value) in _quantities(model, theta, truth).items():
-        known = drawn[np.isfinite(drawn)]
-        yield {
-            "lab": number,
-            "case": case,
-            "quantity": name,
-            "below": float((known < value).mean()) if known.size else np.nan,
-            "z": float((known.mean() - value) / known.std()) if known.size else np.nan,
-            "steps": sampled.verdict.steps,
-            "converged": int(sampled.verdict.converged),
-            **checks,
-        }
-
-
-def _quantities(model: ExperimentModel, theta: Array, truth: Mapping[str, float]) -> dict[str, tuple[Array, float]]:
-    """Return draws and truth of parameters and turning points, in logarithms."""
-    names = model.posterior.names
-    found = {n: (np.log(theta[:, names.index(n)]), float(np.log(truth[n]))) for n in ("b", "m", "sigma_0", "gamma")}
-    touch = TouchParameters(*(np.broadcast_to(v, len(theta)) for v in model.posterior.space.touch(theta)))
-    places = turning_points(model.scene, touch, 0.0).modulus
-    own = TouchParameters(*(np.atleast_1d(value) for value in touch_parameters(truth)))
-    true = find_inflection(response_curves(curve_scene(model.scene), own), 0.0, (0.0, np.inf)).modulus[0]
-    for k, load in enumerate(LOADS):
-        if np.isfinite(true[k]):
-            found[f"turning point at {load}"] = np.log(places[:, k]), float(np.log(true[k]))
-    return found
+    for found in compared(model, theta, truth):
+        yield {"lab": number, "case": case, **found, **verdict, **checks}
 
 
 def _checks(model: ExperimentModel, theta: Array, rng: np.random.Generator) -> dict[str, float]:
     """Return what the checks of residuals find."""
     posterior = model.posterior
-    rate, parameters = posterior.mean_rate(theta), posterior.rating_parameters(theta)
+    rate, parameters = posterior.response(theta), posterior.rating_parameters(theta)
     effects = posterior.observation.draw_effects(rng, rate, parameters)
     slope = drive_slope(posterior, theta, rate, parameters, STEP)
     found = check_moduli(posterior.observation, rate, slope, parameters, effects)
@@ -123,20 +87,8 @@ def main() -> None:
     parser.add_argument("--first", type=int, default=0, help="number of the first one")
     parser.add_argument("--data", type=Path, default=Path("data"), help="folder of fabrics.csv and truth.json")
     options = parser.parse_args()
-    done: set[tuple[int, str]] = set()
-    if options.file.is_file():
-        with options.file.open(encoding="utf-8", newline="") as file:
-            done = {(int(row["lab"]), row["case"]) for row in csv.DictReader(file)}
-    with options.file.open("a", encoding="utf-8", newline="") as file:
-        writer = csv.DictWriter(file, COLUMNS, lineterminator="\n")
-        if not done:
-            writer.writeheader()
-        for number in range(options.first, options.first + options.labs):
-            for case in CASES:
-                if (number, case) not in done:
-                    writer.writerows([*fitted(number, case, options.data)])
-                    file.flush()
-                    print(number, case, flush=True)
+    numbers = range(options.first, options.first + options.labs)
+    keep(options.file, COLUMNS, numbers, CASES, lambda number, case: fitted(number, case, options.data))
 
 
 if __name__ == "__main__":

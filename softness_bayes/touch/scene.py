@@ -125,9 +125,9 @@ class Scene:
         self._log_scale, self._skin_power = compression[self.load].T
         self.count = ReceptorCount(finger, readings.receptor_density)
         used = [index for index in range(len(self.loads)) if (self.load == index).any()]
-        self._columns = [np.flatnonzero(self.load == index) for index in used]
-        self._fields = [self._field(self.loads[index]) for index in used]
-        self._population = Population(self._fields[0].root, self.count, discretisation.nodes, discretisation.saturation)
+        self.columns = [np.flatnonzero(self.load == index) for index in used]
+        self.fields = [self._field(self.loads[index]) for index in used]
+        self.population = Population(self.fields[0].root, self.count, discretisation.nodes, discretisation.saturation)
         self._finer: Scene | None = None
         self._once = self._each_once()
 
@@ -224,7 +224,7 @@ class Scene:
         if self._once is not None and modulus is None:
             once, place = self._once
             return once.total_rate(parameters)[..., place]
-        if max(columns.size for columns in self._columns) > MANY and modulus is None:
+        if max(columns.size for columns in self.columns) > MANY and modulus is None:
             return self._interpolated_rate(parameters)
         shape, chunks = self._chunks(parameters, modulus)
         rates = [self._sums(chunk, contact, intervals=False)[0].rate for chunk, contact in chunks]
@@ -234,10 +234,10 @@ class Scene:
         shape, flat = checked_rows(parameters)
         found, curve = np.empty((flat.b.size, self.n_conditions)), self.firing.curves(flat)
         finger = self.fingertip(flat)
-        for columns, field in zip(self._columns, self._fields, strict=True):
+        for columns, field in zip(self.columns, self.fields, strict=True):
             family = Family(field, self._log_k[columns], self.readings.skin_displacement)
             chunk = CHUNK // self.discretisation.nodes
-            found[:, columns] = family.total_rate(flat, curve, self._population, finger, chunk)
+            found[:, columns] = family.total_rate(flat, curve, self.population, finger, chunk)
         return found.reshape(*shape, self.n_conditions)
 
     def respond(self, parameters: TouchParameters, modulus: Array | None = None) -> Response:
@@ -275,7 +275,7 @@ class Scene:
         """
         if finger is None:
             finger = self.finger
-        return profiles(self._fields, self._columns, contact.reduced_modulus, contact.radius, finger)
+        return profiles(self.fields, self.columns, contact.reduced_modulus, contact.radius, finger)
 
     def refined(self) -> Scene:
         """Return the same scene at a finer resolution, the reference for this scene's error; made once."""
@@ -296,7 +296,7 @@ class Scene:
     @property
     def field_error(self) -> float:
         """Largest measured error of the tables of the stress fields, on their tolerance's scale."""
-        return max(field.reached for field in self._fields)
+        return max(field.reached for field in self.fields)
 
     def error(self, parameters: TouchParameters, modulus: Array | None = None) -> Array:
         """Return the numerical error of each vector's response relative to its largest, shape (...).
@@ -336,11 +336,11 @@ class Scene:
         part.finger, part.count = finger, ReceptorCount(finger, self.readings.receptor_density)
         for name in ("fabric", "load", "modulus", "poisson", "_log_k", "_log_scale", "_skin_power"):
             setattr(part, name, getattr(self, name)[chosen])
-        places = [np.flatnonzero(np.isin(chosen, columns)) for columns in self._columns]
-        part._columns = [columns for columns in places if columns.size]
-        part._fields = [field for field, columns in zip(self._fields, places, strict=True) if columns.size]
+        places = [np.flatnonzero(np.isin(chosen, columns)) for columns in self.columns]
+        part.columns = [columns for columns in places if columns.size]
+        part.fields = [field for field, columns in zip(self.fields, places, strict=True) if columns.size]
         d = self.discretisation
-        part._population = Population(part._fields[0].root, part.count, d.nodes, d.saturation)
+        part.population = Population(part.fields[0].root, part.count, d.nodes, d.saturation)
         part._once = None
         return part
 
@@ -351,8 +351,8 @@ class Scene:
         """
         part, d = copy.copy(self), discretisation
         part.discretisation, part._once, part._finer = d, None, None
-        part._fields = [field.cut(d.field_tolerance) for field in self._fields]
-        part._population = Population(part._fields[0].root, self.count, d.nodes, d.saturation)
+        part.fields = [field.cut(d.field_tolerance) for field in self.fields]
+        part.population = Population(part.fields[0].root, self.count, d.nodes, d.saturation)
         return part
 
     def fired_by(self, firing: Firing) -> Scene:
@@ -424,7 +424,7 @@ class Scene:
         skin = skin_modulus(self._log_scales(finger), self._skin_power, log_k, b, m)
         reduced = reduced_modulus(skin, modulus, self.poisson, self.finger)
         closure = np.empty((3, *reduced.shape))
-        for columns, field in zip(self._columns, self._fields, strict=True):
+        for columns, field in zip(self.columns, self.fields, strict=True):
             closure[:, :, columns] = field.load.close(reduced[:, columns], finger)
         return Contact(skin, reduced, *closure)
 
@@ -433,14 +433,14 @@ class Scene:
         if finger is self.finger:
             return self._log_scale
         found = np.empty((np.size(finger.radius), self.n_conditions))
-        for columns, field in zip(self._columns, self._fields, strict=True):
+        for columns, field in zip(self.columns, self.fields, strict=True):
             found[:, columns] = field.load.compression(finger, self.readings.skin_displacement)[0]
         return found
 
     def _sums(self, parameters: TouchParameters, contact: Contact, intervals: bool) -> tuple[Sums, Array]:
         drive = Drive(parameters.alpha, parameters.beta, parameters.sigma_0, self.firing.curves(parameters))
         profile = self.stress_profile(contact, self.fingertip(parameters))
-        return self._population.sums(profile, drive, intervals), profile.peak
+        return self.population.sums(profile, drive, intervals), profile.peak
 
 
 # the reference scene of an accuracy choice and the chosen scene share these fields, cut differently

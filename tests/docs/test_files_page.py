@@ -23,6 +23,7 @@ from softness_bayes.cli.report import REPORT
 from softness_bayes.data import LABELS, NUMBERS
 from softness_bayes.files.listing import LISTING
 from softness_bayes.files.run_files import CHECKPOINT, FILES
+from softness_bayes.model import individual
 from softness_bayes.model.scenes import usual_values
 from softness_bayes.model.simulation import simulate_compression
 from softness_bayes.parameters.declared import EVERY_PARAMETER
@@ -34,6 +35,7 @@ from softness_bayes.runs import calibrate
 from softness_bayes.runs.comparison import compare
 from softness_bayes.runs.run import sample
 from softness_bayes.sampler.moves import MOVES
+from softness_bayes.touch.finger_grid import SPREAD_OF
 from softness_bayes.touch.readings import MENDED
 from support.pages import headings, in_the_code, numbers, plain, sections, table, tables
 from support.paths import DATA, ROOT
@@ -104,6 +106,15 @@ def z_scores(tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
+def own_fingers(tmp_path_factory):
+    """A run whose raters differ in everything that can differ, over a coarse grid."""
+    with quickly(), pytest.MonkeyPatch.context() as patch:
+        patch.setattr(individual, "NODES", {3: dict.fromkeys(SPREAD_OF, 3)})
+        result = sample(experiment(), **OPTIONS, individual=tuple(SPREAD_OF))
+    return run_of(result, tmp_path_factory.mktemp("fingers"), "r")
+
+
+@pytest.fixture(scope="module")
 def directory(tmp_path_factory, brief_pilot):
     """What the command line leaves of a run on forces alone."""
     home = tmp_path_factory.mktemp("forces") / "run"
@@ -113,9 +124,9 @@ def directory(tmp_path_factory, brief_pilot):
 
 
 @pytest.fixture(scope="module")
-def runs(everything, z_scores, directory):
+def runs(everything, z_scores, own_fingers, directory):
     forces = Run(Result.load(directory), arviz_bridge.read_netcdf(directory / FILES[0]), frozenset("c"))
-    return everything, z_scores, forces
+    return everything, z_scores, own_fingers, forces
 
 
 def column(rows, title) -> list[str]:

@@ -6,6 +6,7 @@ its parameters, and its law written out.
 
 import ast
 from dataclasses import dataclass, replace
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +24,7 @@ from softness_bayes.likelihood.design import Design
 from softness_bayes.likelihood.directions import FALLS, RISES
 from softness_bayes.likelihood.error_laws import NORMAL, ErrorLaw
 from softness_bayes.likelihood.group_conditionals import block_log_likelihood
+from softness_bayes.likelihood.individual import IndividualModel, IndividualRatings
 from softness_bayes.likelihood.load_errors import LoadErrors
 from softness_bayes.likelihood.magnitude import LogRatings, RatingModel
 from softness_bayes.likelihood.models import LIKELIHOODS, RATING_MODELS, rating_model
@@ -31,6 +33,7 @@ from softness_bayes.likelihood.ratings import RatingParameters
 from softness_bayes.likelihood.scales import MAGNITUDE, RATING_SCALES, scale_named
 from softness_bayes.likelihood.uncertain_loads import UncertainLoads
 from softness_bayes.likelihood.z_scores import StandardisedModel, StandardisedRatings
+from softness_bayes.touch.finger_grid import FingerGrid
 from softness_bayes.touch.plate import plate_line
 
 ROWS = 7
@@ -87,6 +90,22 @@ def dense_uncertain(y, rate, p):
     return law.logpdf(np.log(y)) - np.log(y).sum()
 
 
+GRID = FingerGrid({"b": 3})
+WIDE = np.concatenate([RATES, 2.0 * RATES, RATES + 4.0, RATES[:, ::-1]], axis=1)  # of the typical finger, and of three
+
+
+def dense_fingers(y, rate, p):
+    """Log ratings as dense normal vectors, summed over every assignment of fingers to raters."""
+    x = np.log(rate + p.eps)
+    person, terms = DESIGN.participant, []
+    covariance = 9.0 + p.tau**2 * (person[:, None] == person) + p.varsigma**2 * np.eye(ROWS)
+    for fingers in product(range(3), repeat=3):
+        own = x[(1 + np.array(fingers)[person]) * CONDITIONS + DESIGN.condition]
+        mean = np.log(20.0) + p.gamma * (own - x[DESIGN.condition].mean())
+        terms.append(GRID.log_weight[list(fingers)].sum() + multivariate_normal(mean, covariance).logpdf(np.log(y)))
+    return logsumexp(terms) - np.log(y).sum()
+
+
 def dense_line(y, rate, p):
     """z-scores as dense normal vectors, integrated over a slope that is not negative."""
     x = rate[DESIGN.condition]
@@ -116,8 +135,9 @@ RATED = RatingParameters(
     np.array([0.3, 0.5, 0.2]),
     np.array([0.4, 0.1, 0.2]),
     [0.1] * 3,
+    *[[0.0] * 3] * 3,
 )
-SCORED = RatingParameters(*[np.full(3, np.nan)] * 2, np.array([0.5, 0.9, 0.4]), *[np.full(3, np.nan)] * 2)
+SCORED = RatingParameters(*[np.full(3, np.nan)] * 2, np.array([0.5, 0.9, 0.4]), *[np.full(3, np.nan)] * 5)
 PRESSED = SkinParameters(
     np.array([8e3, 6e3, 1e4]),
     np.array([3.8, 3.0, 4.0]),
@@ -132,6 +152,12 @@ CASES = {
         np.concatenate([RATES, BESIDE, BESIDE * 1.4], axis=1),
         RATED,
         dense_uncertain,
+    ),
+    IndividualRatings: Case(
+        IndividualRatings(20.0 * np.exp(NOISE), DESIGN, IndividualModel(RISES, grid=GRID)),
+        WIDE,
+        RATED._replace(omega=[0.0] * 3, tau_b=np.array([0.2, 0.3, 0.4])),
+        dense_fingers,
     ),
     StandardisedRatings: Case(StandardisedRatings(NOISE, DESIGN, StandardisedModel(RISES)), RATES, SCORED, dense_line),
     CompressionForces: Case(
@@ -322,8 +348,10 @@ def test_members_and_shapes(kind):
     assert y.residual(case.rate, case.points, effects).shape == (3, ROWS)
     assert model.error_sd(case.points).shape == (3,)
     drive = y.drive(case.rate, case.points)
-    assert drive.shape == (3, y.design.n_conditions)
-    assert np.broadcast_shapes(y.predictor(case.rate, case.points).shape, drive.shape) == drive.shape
+    # behind those of the typical finger, the conditions of raters' own
+    assert drive.shape == (3, max(y.design.n_conditions, case.rate.shape[-1]))
+    typical = drive[:, : y.design.n_conditions]
+    assert np.broadcast_shapes(y.predictor(case.rate, case.points).shape, typical.shape) == typical.shape
     assert model.typical(effects, drive).shape == drive.shape
     shared = {name for name, (values, axes) in model.named_effects(effects).items() if not axes}
     assert shared == set(model.levels)

@@ -186,6 +186,28 @@ load_cv = click.option(
 )
 """Gives a verb `load_cv`, a number or None."""
 
+
+def _individual(context: click.Context, parameter: click.Parameter, text: str | None) -> tuple[str, ...]:
+    from softness_bayes.model.individual import require_individual
+
+    names = tuple(name.strip() for name in (text or "").split(",") if name.strip())
+    try:
+        require_individual(names)
+    except ValueError as error:
+        raise click.BadParameter(str(error)) from None
+    return names
+
+
+individual = click.option(
+    "--individual",
+    "individual",
+    callback=_individual,
+    metavar="NAMES",
+    help="What differs between raters' own fingers, as in b or b,sigma_0: some of b, m and sigma_0, each with a "
+    "sampled spread. By default all raters have the same finger.",
+)
+"""Gives a verb `individual`, a tuple of names."""
+
 accuracy = click.option(
     "--accuracy",
     type=Number(ACCURACIES),
@@ -245,6 +267,7 @@ class ModelChoice:
     modulus_cv: float | None
     unknown_modulus: Prior | None
     load_cv: float | None
+    individual: tuple[str, ...]
 
     def options(self, **others: Any) -> ModelOptions:
         """Return the options of this model and `others`; its resolution is not chosen yet."""
@@ -263,6 +286,7 @@ class ModelChoice:
             modulus_cv=self.modulus_cv,
             unknown_modulus=self.unknown_modulus or UNKNOWN_MODULUS,
             load_cv=self.load_cv,
+            individual=self.individual,
             **others,
         )
 
@@ -279,6 +303,7 @@ def model_choice(verb: Verb) -> Verb:
     @modulus_cv
     @unknown_modulus
     @load_cv
+    @individual
     @accuracy
     @functools.wraps(verb)
     def wrapped(
@@ -291,12 +316,12 @@ def model_choice(verb: Verb) -> Verb:
         modulus_cv: float | None,
         unknown_modulus: Prior | None,
         load_cv: float | None,
+        individual: tuple[str, ...],
         accuracy: float,
         **others: Any,
     ) -> Any:
-        model = ModelChoice(
-            fixed, priors, prior_set, choice, direction, accuracy, finger, modulus_cv, unknown_modulus, load_cv
-        )
+        inexact = modulus_cv, unknown_modulus, load_cv, individual
+        model = ModelChoice(fixed, priors, prior_set, choice, direction, accuracy, finger, *inexact)
         return verb(model=model, **others)
 
     return wrapped

@@ -1,0 +1,93 @@
+"""Posterior of raters' own fingers beside the population's, from the groups of a result."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from softness_bayes.parameters.declared import PARAMETERS
+from softness_bayes.touch.finger_grid import EFFECT_OF, SPREAD_OF
+
+if TYPE_CHECKING:
+    import pandas as pd
+    import xarray as xr
+
+Array = NDArray[np.float64]
+
+PROBABILITY = 0.9
+"""Share of the draws within the limits."""
+
+POPULATION = "population"
+"""Row of the table for a finger drawn from the population."""
+
+
+def finger_table(tree: xr.DataTree) -> pd.DataFrame | None:
+    """Return what the ratings say of each rater's finger; None if all raters have the typical one.
+
+    Parameters
+    ----------
+    tree
+        The groups of a result.
+
+    Returns
+    -------
+    DataFrame
+        For each quantity that differs between raters a row for the population (a finger drawn from it) and one for
+        each rater: participant and quantity (index); median, low and high (90 % limits) in the quantity's unit;
+        and ratio, the rater's median over that of the typical finger.
+    """
+    import pandas as pd
+
+    posterior = tree["posterior"].to_dataset()
+    names = [name for name, effect in EFFECT_OF.items() if effect in posterior]
+    if not names:
+        return None
+    people, rows = posterior["participant"].values.astype(str), []
+    rng = np.random.default_rng(0)
+    for name in names:
+        typical = _drawn(tree, posterior, name)
+        spread = _drawn(tree, posterior, SPREAD_OF[name])
+        anyone = spread * rng.standard_normal(np.broadcast_shapes(typical.shape, spread.shape))
+        own = posterior[EFFECT_OF[name]].values.reshape(-1, people.size)
+        columns = {POPULATION: anyone, **dict(zip(people.tolist(), own.T, strict=True))}
+        rows += [_row(who, name, typical, deviation) for who, deviation in columns.items()]
+    return pd.DataFrame(rows).set_index(["participant", "quantity"])
+
+
+def _drawn(tree: xr.DataTree, posterior: xr.Dataset, name: str) -> Array:
+    held = tree["constant_data"].to_dataset()
+    return np.ravel(posterior[name].values if name in posterior else held[name].values).astype(float)
+
+
+def _row(who: str, name: str, typical: Array, deviation: Array) -> dict[str, Any]:
+    # b and sigma_0 deviate in the logarithm, m in its own unit
+    value = np.maximum(typical + deviation, 0.0) if name == "m" else typical * np.exp(deviation)
+    tail = 0.5 * (1.0 - PROBABILITY)
+    low, median, high = np.quantile(value, [tail, 0.5, 1.0 - tail]).tolist()
+    middle = float(np.median(typical))
+    ratio = median / middle if middle > 0 else np.nan
+    return {"participant": who, "quantity": name, "median": median, "low": low, "high": high, "ratio": ratio}
+
+
+def finger_sentences(table: pd.DataFrame) -> list[str]:
+    """Say how far raters' fingers differ, without their names, which a report may hide.
+
+    Parameters
+    ----------
+    table
+        From `finger_table`.
+    """
+    said = []
+    for name, part in table.groupby(level="quantity", sort=False):
+        rows = part.droplevel("quantity")
+        anyone, raters = rows.loc[POPULATION], rows.drop(POPULATION)
+        unit = PARAMETERS[str(name)].unit
+        median = raters["median"]
+        said.append(
+            f"raters' own {name}: medians from {median.min():.3g} to {median.max():.3g}"
+            f"{'' if unit == '–' else f' {unit}'}; 90 % of new raters lie between {anyone['low']:.3g} and "
+            f"{anyone['high']:.3g}"
+        )
+    return said

@@ -1,0 +1,408 @@
+"""Magnitude estimates of raters with fingers of their own, integrated over a grid of fingers (model.md 9).
+
+Given its finger a rater's log ratings are those of `magnitude`, with the rater's own response. The finger is summed
+over a `FingerGrid`, with the rater's scale in closed form. Raters share mu, over which the product of their densities
+is integrated by the trapezoidal rule.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from typing import ClassVar, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.special import ndtr
+
+from softness_bayes.errors import InputError
+from softness_bayes.likelihood.contract import Effects
+from softness_bayes.likelihood.design import Design
+from softness_bayes.likelihood.magnitude import LogRatings, RatingModel
+from softness_bayes.likelihood.pieces import in_pieces
+from softness_bayes.likelihood.ratings import RatingParameters
+from softness_bayes.touch.finger_grid import EFFECT_OF, SPREAD_OF, FingerGrid
+
+FloatArray = NDArray[np.float64]
+
+MU_REACH, MU_STEP = 7.5, 0.8
+"""Extent of the nodes of mu to either side of its mean, in its standard deviations, and their largest distance in its
+standard deviations given the fingers."""
+
+FEW_RATERS = 20.0
+"""Further extent, divided by the number of raters: the product of few densities that are not normal, or from which a
+row is left out, may lie elsewhere."""
+
+MOST_MU_STEPS = 64
+"""Largest number of nodes of mu to either side of its mean."""
+
+_LOG_TWO_PI = math.log(2.0 * math.pi)
+_LEAST_VARIANCE = 1e-100
+_LARGEST_STEP = 80.0  # in the logarithm of a term from one node of mu to the next; such terms vanish at the centre
+
+
+class IndividualEffects(NamedTuple):
+    """Values of the common mean and of the raters' effects."""
+
+    mu: FloatArray
+    """Shape (...)."""
+    participant: FloatArray
+    """Deviations of log ratings, shape (..., participants)."""
+    finger: NDArray[np.intp]
+    """Each rater's finger, an index into `FingerGrid.z`, shape (..., participants)."""
+    deviation: FloatArray
+    """The finger's deviations from the typical one, shape (..., participants, quantities), as `FingerGrid.names`."""
+
+
+@dataclass(frozen=True)
+class IndividualModel(RatingModel):
+    """A `RatingModel` without fabrics' own deviations, whose raters have fingers of their own.
+
+    The response of finger j in condition c is in column (1 + j) conditions + c of the mean rates, behind those of the
+    typical finger, over which x is centred.
+
+    Parameters
+    ----------
+    grid
+        The fingers.
+    """
+
+    needs: ClassVar[tuple[str, ...]] = ("gamma", "tau", "varsigma", "eps", *SPREAD_OF.values())
+    grid: FingerGrid = field(default_factory=lambda: FingerGrid({"b": 3}))
+
+    def drive_at(
+        self, elsewhere: FloatArray, design: Design, mean_rate: FloatArray, parameters: RatingParameters
+    ) -> FloatArray:
+        """As `RatingModel.drive_at`, centred over the typical finger's response."""
+        return super().drive_at(elsewhere, design, mean_rate[..., : design.n_conditions], parameters)
+
+    def draw_effects(
+        self,
+        rng: np.random.Generator,
+        parameters: RatingParameters,
+        shape: tuple[int, ...],
+        n_participants: int,
+        n_fabrics: int,
+        levels: Mapping[str, ArrayLike] | None = None,
+    ) -> Effects:
+        """Effects of new raters of batch ``shape``, their fingers from the grid; mu from its prior unless given."""
+        mu = (levels or {}).get("mu")
+        if mu is None:
+            mu = math.log(self.centre) + self.spread * rng.standard_normal(shape)
+        level = np.array(np.broadcast_to(np.asarray(mu, float), shape))
+        return self._with_raters(rng, parameters, level, (*shape, n_participants))
+
+    def with_new_participants(
+        self, rng: np.random.Generator, parameters: RatingParameters, effects: Effects
+    ) -> Effects:
+        """These effects with as many raters drawn anew."""
+        return self._with_raters(rng, parameters, effects.mu, effects.participant.shape)
+
+    def _with_raters(
+        self, rng: np.random.Generator, parameters: RatingParameters, mu: FloatArray, shape: tuple[int, ...]
+    ) -> Effects:
+        participant = np.asarray(parameters.tau, float)[..., None] * rng.standard_normal(shape)
+        finger = rng.choice(self.grid.size, size=shape, p=np.exp(self.grid.log_weight))
+        return IndividualEffects(mu, participant, finger, self.deviation(finger, parameters))
+
+    def deviation(self, finger: NDArray[np.intp], parameters: RatingParameters) -> FloatArray:
+        """Return the deviations of fingers of the grid from the typical one, shape (..., participants, quantities)."""
+        spread = (np.asarray(getattr(parameters, SPREAD_OF[name]), float)[..., None] for name in self.grid.names)
+        parts = [tau * self.grid.z[name][finger] for name, tau in zip(self.grid.names, spread, strict=True)]
+        return np.stack(parts, axis=-1)
+
+    def draw_ratings(
+        self,
+        rng: np.random.Generator,
+        design: Design,
+        drive: FloatArray,
+        parameters: RatingParameters,
+        effects: Effects,
+    ) -> FloatArray:
+        """One rating for every row of a design, shape (..., rows), given the effects and `drive` of all fingers."""
+        log_rating = effects.mu[..., None] + effects.participant[..., design.participant]
+        log_rating = log_rating + _own(drive, design, effects.finger)
+        noise = self.error.draw(rng, log_rating.shape, parameters)
+        return self.scale.natural(log_rating + self.error_sd(parameters)[..., None] * noise)
+
+    def named_effects(self, effects: Effects) -> Mapping[str, tuple[FloatArray, tuple[str, ...]]]:
+        """Effects by their names in files, each with its axes beyond the batch's."""
+        own = {EFFECT_OF[name]: (effects.deviation[..., k], ("participant",)) for k, name in enumerate(self.grid.names)}
+        return {"mu": (effects.mu, ()), "participant_effect": (effects.participant, ("participant",)), **own}
+
+    def observe(self, ratings: ArrayLike, design: Design) -> IndividualRatings:
+        """Return the likelihood of these ratings under this model."""
+        return IndividualRatings(ratings, design, self)
+
+
+class _Law(NamedTuple):
+    """Raters' densities given the nodes of mu; raters without ratings are left out."""
+
+    log_term: FloatArray  # of each finger, without mu and constants, (..., fingers, raters)
+    gap: FloatArray  # mean log rating less the finger's mean drive, about the prior mean of mu, same shape
+    variance: FloatArray  # of that gap, (..., raters)
+    constant: FloatArray  # of each rater's log density, (..., raters)
+    centre: FloatArray  # mean of mu, (...)
+    step: FloatArray  # distance of its nodes, (...)
+    steps: int = 0  # nodes to either side of the mean
+
+
+class IndividualRatings(LogRatings):
+    """Positive ratings under an `IndividualModel`, with mu, raters' scales and raters' fingers integrated out.
+
+    Parameters and errors as `LogRatings`; mean rates have the columns that `IndividualModel` describes.
+    """
+
+    model: IndividualModel
+
+    def __init__(
+        self,
+        ratings: ArrayLike,
+        design: Design,
+        model: RatingModel,
+        over: Design | None = None,
+    ) -> None:
+        super().__init__(ratings, design, model, over)
+        self._centred = self._log - math.log(self.model.centre)
+        rows = design.cells.sum(axis=1)
+        self._raters = np.flatnonzero(rows)
+        self._rows = rows[self._raters]
+        self._place = np.full(rows.size, -1)
+        self._place[self._raters] = np.arange(self._raters.size)
+        self._cells = design.cells[self._raters]
+        self._shares = self._cells / self._rows[:, None]
+        means = np.bincount(design.participant, self._centred, rows.size)[self._raters] / self._rows
+        self._means = means
+        self._rater = self._place[design.participant]
+        self._deviation = self._centred - means[self._rater]
+        self._squares = np.bincount(self._rater, self._deviation**2, self._rows.size)
+        self._sums = np.zeros_like(self._cells)
+        np.add.at(self._sums, (self._rater, design.condition), self._deviation)
+
+    @property
+    def fabric_of_rate(self) -> NDArray[np.intp]:
+        """Fabric of each column of the mean rates."""
+        return np.tile(self.design.fabric, 1 + self.model.grid.size)
+
+    def with_grid(self, grid: FingerGrid) -> IndividualRatings:
+        """Return the likelihood of the same ratings over another grid of fingers."""
+        model = IndividualModel(self.model.direction, self.model.centre, self.model.spread, grid)
+        return type(self)(self.values, self.design, model, self._over)
+
+    def log_likelihood(self, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
+        """Log density of all ratings together, shape (...); arguments as `LogRatings.log_likelihood`."""
+        law = self._law(mean_rate, parameters)
+        log_raters = self._at_nodes(law)
+        found = _log_sum(self._log_prior(law) + log_raters.sum(axis=-1), axis=-1) + law.constant.sum(axis=-1)
+        return np.asarray(found - self._log.sum())
+
+    def log_likelihood_participants(self, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
+        """Log density of all ratings of each participant given everybody else's, shape (draws, participants)."""
+
+        def alone(mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
+            law = self._law(mean_rate, parameters)
+            found = np.zeros((*law.centre.shape, self.design.n_participants))
+            everyone = _log_sum(self._log_prior(law) + self._at_nodes(law).sum(axis=-1), axis=-1)
+            for k, rater in enumerate(self._raters):
+                # the others' own nodes: without this rater mu may lie elsewhere
+                term, gap, variance, constant = (np.delete(part, k, axis=-1) for part in law[:4])
+                rest = self._about_mu(_Law(term, gap, variance, constant, law.centre, law.step))
+                others = _log_sum(self._log_prior(rest) + self._at_nodes(rest).sum(axis=-1), axis=-1)
+                found[..., rater] = everyone + law.constant[..., k] - others
+            return found - np.bincount(self.design.participant, self._log, self.design.n_participants)
+
+        return in_pieces(alone, 3 * self._rows.size * self.model.grid.size, mean_rate, parameters)
+
+    def log_likelihood_loo(self, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
+        """Log density of each rating given all the others, shape (..., rows)."""
+
+        def alone(mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
+            total, density = [], []
+            for weight, score, sd in self._left_out(mean_rate, parameters):
+                total.append(_log_sum(weight, axis=-2))
+                density.append(_log_sum(weight - 0.5 * score**2, axis=-2) - np.log(sd))
+            ratio = _log_sum(np.array(density), axis=0) - _log_sum(np.array(total), axis=0)
+            return ratio - 0.5 * _LOG_TWO_PI - self._log
+
+        return in_pieces(alone, self._loo_width, mean_rate, parameters)
+
+    def below_loo(self, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
+        """Probability of a rating smaller than each one, given all the others, shape (..., rows)."""
+
+        def below(mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
+            parts = [(weight, ndtr(score)) for weight, score, _ in self._left_out(mean_rate, parameters)]
+            largest = np.max([weight.max(axis=-2) for weight, _ in parts], axis=0)[..., None, :]
+            total = sum(np.exp(weight - largest).sum(axis=-2) for weight, _ in parts)
+            return np.asarray(sum((np.exp(weight - largest) * share).sum(axis=-2) for weight, share in parts) / total)
+
+        return in_pieces(below, self._loo_width, mean_rate, parameters)
+
+    def predictor(self, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
+        """Return log(N/N_ref + eps) of the typical finger, shape (..., conditions)."""
+        return super().predictor(mean_rate[..., : self.design.n_conditions], parameters)
+
+    def draw_effects(self, rng: np.random.Generator, mean_rate: FloatArray, parameters: RatingParameters) -> Effects:
+        """Draws of mu, raters' fingers and scales given the ratings, one for each point of the batch.
+
+        Fingers are drawn given a node of mu, then mu and the scales exactly given the fingers.
+        """
+        law = self._law(mean_rate, parameters)
+        shape, people = law.centre.shape, self.design.n_participants
+        node = _draw(rng, self._log_prior(law) + self._at_nodes(law).sum(axis=-1))
+        mu = law.centre + (node - law.steps) * law.step
+        term = law.log_term - 0.5 * (law.gap - mu[..., None, None]) ** 2 / law.variance[..., None, :]
+        own = _draw(rng, np.swapaxes(term, -1, -2))
+        finger = rng.choice(self.model.grid.size, size=(*shape, people), p=np.exp(self.model.grid.log_weight))
+        finger[..., self._raters] = own
+        gap = np.take_along_axis(law.gap, own[..., None, :], axis=-2)[..., 0, :]
+        precision = (1.0 / law.variance).sum(axis=-1) + self.model.spread**-2
+        mu = (gap / law.variance).sum(axis=-1) / precision + rng.standard_normal(shape) / np.sqrt(precision)
+        tau, noise = (np.asarray(v, float)[..., None] ** 2 for v in (parameters.tau, parameters.varsigma))
+        participant = np.sqrt(tau) * rng.standard_normal((*shape, people))
+        expected = tau * (gap - mu[..., None]) / law.variance
+        width = np.sqrt(tau * noise / self._rows / law.variance)
+        participant[..., self._raters] = expected + width * rng.standard_normal(expected.shape)
+        deviation = self.model.deviation(finger, parameters)
+        return IndividualEffects(mu + math.log(self.model.centre), participant, finger, deviation)
+
+    def residual(self, mean_rate: FloatArray, parameters: RatingParameters, effects: Effects) -> FloatArray:
+        """Return the residual of each log rating given the effects, shape (..., rows)."""
+        own = _own(self.drive(mean_rate, parameters), self.design, effects.finger)
+        expected = effects.mu[..., None] + own + effects.participant[..., self.design.participant]
+        return self.model.error.normal_scores(self._log - expected, parameters)
+
+    @property
+    def _loo_width(self) -> int:
+        return 20 * self.design.n_rows * self.model.grid.size
+
+    def _drives(self, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
+        """Return the drive of every finger in every condition, shape (..., fingers, conditions)."""
+        width = self.design.n_conditions
+        if mean_rate.shape[-1] != width * (1 + self.model.grid.size):
+            raise InputError(
+                f"ratings: {mean_rate.shape[-1]} mean rates, expected those of {self.model.grid.size} fingers and the "
+                f"typical one in {width} conditions"
+            )
+        drive = self.drive(mean_rate, parameters)[..., width:]
+        return drive.reshape(*drive.shape[:-1], -1, width)
+
+    def _law(self, mean_rate: FloatArray, parameters: RatingParameters) -> _Law:
+        drive = self._drives(mean_rate, parameters)
+        row = np.maximum(np.asarray(parameters.varsigma, float) ** 2, _LEAST_VARIANCE)[..., None]
+        tau = np.asarray(parameters.tau, float)[..., None] ** 2
+        mean = drive @ self._shares.T
+        squares = self._squares - 2.0 * (drive @ self._sums.T) + (drive * drive) @ self._cells.T - self._rows * mean**2
+        log_term = self.model.grid.log_weight[:, None] - 0.5 * squares / row[..., None, :]
+        variance = row / self._rows + tau
+        determinant = (self._rows - 1.0) * np.log(row) + np.log(row + self._rows * tau)
+        constant = -0.5 * (self._rows * _LOG_TWO_PI + determinant)
+        shape = drive.shape[:-2]
+        variance, constant = (np.broadcast_to(v, (*shape, self._rows.size)) for v in (variance, constant))
+        return self._about_mu(_Law(log_term, self._means - mean, variance, constant, np.zeros(shape), np.zeros(shape)))
+
+    def _about_mu(self, law: _Law) -> _Law:
+        """Return the law with nodes of mu, taking each rater's density of mu as normal to place them."""
+        prior = np.full(law.centre.shape, self.model.spread**-2)
+        share = np.exp(law.log_term - law.log_term.max(axis=-2, keepdims=True))
+        share /= share.sum(axis=-2, keepdims=True)
+        mean = (share * law.gap).sum(axis=-2)
+        variance = law.variance + (share * (law.gap - mean[..., None, :]) ** 2).sum(axis=-2)
+        precision = prior + (1.0 / variance).sum(axis=-1)
+        narrow = prior + (1.0 / law.variance).sum(axis=-1)
+        ratio = float(np.sqrt(narrow / precision).max(initial=1.0))
+        reach = MU_REACH + FEW_RATERS / max(self._rows.size, 1)
+        steps = min(int(np.ceil(ratio * reach / MU_STEP)), MOST_MU_STEPS)
+        step = reach / steps * precision**-0.5
+        return law._replace(centre=(mean / variance).sum(axis=-1) / precision, step=step, steps=steps)
+
+    def _log_prior(self, law: _Law) -> FloatArray:
+        """Return log of (prior density of mu times the distance of nodes) at the nodes, shape (..., nodes)."""
+        step = law.step[..., None]
+        mu = law.centre[..., None] + np.arange(-law.steps, law.steps + 1) * step
+        spread = self.model.spread
+        return -0.5 * (mu / spread) ** 2 - math.log(spread) - 0.5 * _LOG_TWO_PI + np.log(step)
+
+    def _at_nodes(self, law: _Law) -> FloatArray:
+        """Return each rater's log density at the nodes of mu without its constant, shape (..., nodes, raters).
+
+        The term of a finger is exp of a quadratic in mu: from one node to the next it changes by a factor of its own,
+        times one that all fingers share.
+        """
+        gap = law.gap - law.centre[..., None, None]
+        inverse = 1.0 / law.variance[..., None, :]
+        exponent = law.log_term - 0.5 * gap * gap * inverse
+        largest = exponent.max(axis=-2, keepdims=True)
+        middle = np.exp(exponent - largest)
+        step = law.step[..., None, None]
+        change = np.clip(gap * (step * inverse), -_LARGEST_STEP, _LARGEST_STEP)
+        sums = np.empty((*law.centre.shape, 2 * law.steps + 1, law.variance.shape[-1]))
+        sums[..., law.steps, :] = middle.sum(axis=-2)
+        for side in (-1, 1):
+            factor, term = np.exp(side * change), middle.copy()
+            for k in range(1, law.steps + 1):
+                term *= factor
+                sums[..., law.steps + side * k, :] = term.sum(axis=-2)
+        shared = -0.5 * (np.arange(-law.steps, law.steps + 1)[:, None] * step) ** 2 * inverse
+        with np.errstate(divide="ignore"):
+            return np.log(sums) + shared + largest
+
+    def _left_out(
+        self, mean_rate: FloatArray, parameters: RatingParameters
+    ) -> Iterator[tuple[FloatArray, FloatArray, FloatArray]]:
+        """Yield, node by node of mu, what is said of each row by all others.
+
+        Log weight of each finger and score of the row under it, (..., fingers, rows), and the unit of the scores,
+        (..., rows).
+        """
+        at, condition = self._rater, self.design.condition
+        law = self._law(mean_rate, parameters)
+        drive = self._drives(mean_rate, parameters)
+        row = np.maximum(np.asarray(parameters.varsigma, float) ** 2, _LEAST_VARIANCE)[..., None]
+        tau = np.asarray(parameters.tau, float)[..., None] ** 2
+        log_raters = self._at_nodes(law)
+        joint = self._log_prior(law) + log_raters.sum(axis=-1)
+        rest = joint[..., None] - log_raters[..., at]  # of the other raters, (..., nodes, rows)
+        rows = self._rows[at]
+        left = np.maximum(rows - 1.0, 1.0)
+        # the rater's law without this row, finger by finger: (..., fingers, rows)
+        within = self._deviation - drive[..., condition] + (self._means[at] - law.gap[..., at])
+        gap = law.gap[..., at] - within / left
+        term = law.log_term[..., at] + 0.5 * within**2 * (rows / left) / row[..., None, :]
+        alone = rows == 1
+        variance = row / left + tau
+        gap = np.where(alone, 0.0, gap)
+        term = np.where(alone, self.model.grid.log_weight[:, None], term)
+        precision = np.where(alone, 0.0, 1.0 / variance)
+        # the row given finger, mu and the rater's other rows
+        shrunk = (tau * precision)[..., None, :]
+        sd = np.sqrt(row + tau * (1.0 - tau * precision))[..., None, :]
+        base = self._centred - drive[..., condition] - shrunk * gap
+        for q in range(2 * law.steps + 1):
+            mu = (law.centre + (q - law.steps) * law.step)[..., None, None]
+            weight = rest[..., q, None, :] + term - 0.5 * (gap - mu) ** 2 * precision[..., None, :]
+            yield weight, (base - mu * (1.0 - shrunk)) / sd, sd[..., 0, :]
+
+
+def _own(drive: FloatArray, design: Design, finger: NDArray[np.intp]) -> FloatArray:
+    """Return the drive of each row's rater in the row's condition, shape (..., rows)."""
+    column = (1 + finger[..., design.participant]) * design.n_conditions + design.condition
+    shape = np.broadcast_shapes(drive.shape[:-1], column.shape[:-1])
+    drive, column = (np.broadcast_to(v, (*shape, v.shape[-1])) for v in (drive, column))
+    return np.take_along_axis(drive, column, axis=-1)
+
+
+def _draw(rng: np.random.Generator, log_weight: FloatArray) -> NDArray[np.intp]:
+    """Return indices along the last axis drawn in proportion to weights, shape (...)."""
+    weight = np.exp(log_weight - log_weight.max(axis=-1, keepdims=True))
+    cumulative = np.cumsum(weight, axis=-1)
+    at = rng.random(log_weight.shape[:-1])[..., None] * cumulative[..., -1:]
+    return np.minimum((cumulative <= at).sum(axis=-1), log_weight.shape[-1] - 1)
+
+
+def _log_sum(values: FloatArray, axis: int) -> FloatArray:
+    largest = values.max(axis=axis, keepdims=True)
+    largest = np.where(np.isfinite(largest), largest, 0.0)
+    with np.errstate(divide="ignore"):
+        found = np.log(np.exp(values - largest).sum(axis=axis))
+    return np.asarray(found + np.squeeze(largest, axis=axis))

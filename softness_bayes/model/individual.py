@@ -1,0 +1,58 @@
+"""Raters with fingers of their own: what differs, and the grids that this is integrated over (model.md 9)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from types import MappingProxyType
+
+from softness_bayes.errors import InputError
+from softness_bayes.touch.finger_family import FingerFamily
+from softness_bayes.touch.finger_grid import SPREAD_OF, FingerGrid
+from softness_bayes.touch.scene import Scene
+
+NODES: Mapping[int, Mapping[str, int]] = MappingProxyType(
+    {
+        1: {"b": 33, "m": 17, "sigma_0": 33},
+        2: {"b": 25, "m": 9, "sigma_0": 25},
+        3: {"b": 21, "m": 7, "sigma_0": 21},
+    }
+)
+"""Nodes of each quantity, by the number of quantities that differ; `FingerGrid` says what their distance costs."""
+
+RESPONSE_NODES, SKIN_NODES = 20, 14
+"""Resolution of the fingers' responses; their error in log(N/N_ref + 0.1 Hz) stays near 1e-3 over the prior."""
+
+FINER_RESPONSE_NODES, FINER_SKIN_NODES = 40, 24
+"""The same for the reference of the exactness check."""
+
+
+def require_individual(names: Sequence[str]) -> None:
+    """Refuse names of what cannot differ between raters, and repetitions.
+
+    Raises
+    ------
+    InputError
+        Naming what is expected.
+    """
+    if len(set(names)) < len(names) or not SPREAD_OF.keys() >= set(names):
+        raise InputError(f"individual is {','.join(names)}, expected some of {', '.join(SPREAD_OF)}, each once")
+
+
+def spreads_of(names: Sequence[str]) -> tuple[str, ...]:
+    """Return the names of the spreads of what differs."""
+    return tuple(SPREAD_OF[name] for name in names)
+
+
+def grid_of(names: Sequence[str]) -> FingerGrid:
+    """Return the grid of fingers that raters' own are summed over."""
+    return FingerGrid({name: NODES[len(names)][name] for name in names})
+
+
+def family_of(scene: Scene, grid: FingerGrid) -> FingerFamily:
+    """Return the fingers of a grid that touch a scene, at the usual resolution."""
+    return FingerFamily(scene, grid, RESPONSE_NODES, SKIN_NODES)
+
+
+def finer_family_of(scene: Scene, grid: FingerGrid) -> FingerFamily:
+    """Return the same at the resolution of the reference."""
+    return FingerFamily(scene, grid, FINER_RESPONSE_NODES, FINER_SKIN_NODES)

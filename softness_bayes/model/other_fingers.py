@@ -1,0 +1,36 @@
+"""Drives with the skin's modulus changed, for the check of raters' own fingers."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from softness_bayes.likelihood.ratings import RatingParameters
+from softness_bayes.model.posterior import Posterior
+
+Array = NDArray[np.float64]
+
+
+def skin_slope(posterior: Posterior, theta: Array, parameters: RatingParameters, step: float) -> Array:
+    """Return the derivative of `Likelihood.drive` of the typical finger with respect to ln b, (draws, conditions).
+
+    Parameters
+    ----------
+    posterior, theta
+        The model, and draws (draws, dimension).
+    parameters
+        Parameters of the rating model at theta.
+    step
+        Change of ln b to either side, over which the secant is taken.
+    """
+    touch, modulus, scene = posterior.space.touch(theta), posterior.space.modulus(theta), posterior.scene
+    here = replace(posterior, fingers=None).response(theta)
+    drives = []
+    for side in (-1.0, 1.0):
+        other = touch._replace(b=touch.b * np.exp(side * step))
+        total = scene.total_rate(other) if modulus is None else scene.total_rate(other, modulus)
+        rate = np.broadcast_to(total / scene.n_receptors, here.shape)
+        drives.append(posterior.observation.drive_at(rate, here, parameters))
+    return np.asarray((drives[1] - drives[0]) / (2.0 * step))

@@ -1,0 +1,83 @@
+"""Common parts of the programs that count coverage in simulated laboratories."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from softness_bayes.checking.inflection import curve_scene, find_inflection, response_curves, turning_points
+from softness_bayes.model.build import ExperimentModel
+from softness_bayes.model.scenes import touch_parameters
+from softness_bayes.sampler.sampling import Settings, sample_until
+from softness_bayes.touch.contact import Indentation
+from softness_bayes.touch.parameters import TouchParameters
+
+Array = NDArray[np.float64]
+
+LOADS = (Indentation(1e-3), Indentation(2e-3), Indentation(3e-3))
+DRAWS = 1000
+"""Draws of the posterior that quantiles, turning points and checks are of."""
+
+PARAMETERS = ("b", "m", "sigma_0", "gamma", "tau_b", "tau_sigma")
+"""Parameters whose coverage is counted, where they are sampled."""
+
+
+def sampled_draws(model: ExperimentModel, seed: int) -> tuple[Array, dict[str, int]]:
+    """Return evenly spaced draws of a model's posterior, and how the walk ended."""
+    sampled = sample_until(model.posterior, Settings(ensembles=2, processes=1), seed)
+    kept = sampled.chains.kept(sampled.verdict.burn_in)
+    theta = model.posterior.natural(kept.coordinates).reshape(-1, model.posterior.space.dimension)
+    theta = theta[np.linspace(0, len(theta) - 1, DRAWS).astype(int)]
+    return theta, {"steps": sampled.verdict.steps, "converged": int(sampled.verdict.converged)}
+
+
+def compared(model: ExperimentModel, theta: Array, truth: Mapping[str, float]) -> Iterator[dict[str, Any]]:
+    """Yield the place of the truth among the draws, for each quantity."""
+    for name, (drawn, value) in _quantities(model, theta, truth).items():
+        known = drawn[np.isfinite(drawn)]
+        yield {
+            "quantity": name,
+            "below": float((known < value).mean()) if known.size else np.nan,
+            "z": float((known.mean() - value) / known.std()) if known.size else np.nan,
+        }
+
+
+def _quantities(model: ExperimentModel, theta: Array, truth: Mapping[str, float]) -> dict[str, tuple[Array, float]]:
+    """Return draws and truth of parameters and turning points, in logarithms."""
+    names = model.posterior.names
+    found = {n: (np.log(theta[:, names.index(n)]), float(np.log(truth[n]))) for n in PARAMETERS if n in names}
+    touch = TouchParameters(*(np.broadcast_to(v, len(theta)) for v in model.posterior.space.touch(theta)))
+    places = turning_points(model.scene, touch, 0.0).modulus
+    own = TouchParameters(*(np.atleast_1d(value) for value in touch_parameters(truth)))
+    true = find_inflection(response_curves(curve_scene(model.scene), own), 0.0, (0.0, np.inf)).modulus[0]
+    for k, load in enumerate(LOADS):
+        if np.isfinite(true[k]):
+            found[f"turning point at {load}"] = np.log(places[:, k]), float(np.log(true[k]))
+    return found
+
+
+def keep(
+    path: Path,
+    columns: Sequence[str],
+    labs: Iterable[int],
+    cases: Iterable[str],
+    fit: Callable[[int, str], Iterable[dict[str, Any]]],
+) -> None:
+    """Write the rows of all fits to a file, except those of fits that it holds."""
+    done: set[tuple[int, str]] = set()
+    if path.is_file():
+        with path.open(encoding="utf-8", newline="") as file:
+            done = {(int(row["lab"]), row["case"]) for row in csv.DictReader(file)}
+    with path.open("a", encoding="utf-8", newline="") as file:
+        writer = csv.DictWriter(file, columns, lineterminator="\n")
+        if not done:
+            writer.writeheader()
+        for number, case in ((number, case) for number in labs for case in cases):
+            if (number, case) not in done:
+                writer.writerows([*fit(number, case)])
+                file.flush()

@@ -1,0 +1,104 @@
+"""Coverage where raters' fingers differ: ``python -m softness_bayes.tools.finger_coverage FILE.csv [--labs N]``.
+
+Simulated laboratories rate the fabrics of `data/` with the truth of `data/truth.json`, but each rater has a finger of
+their own. Each table is fitted, with held channels, as if all had the typical finger, and with fingers of their own.
+The control is the same laboratory with the typical finger for all. The file gets a row per laboratory, case and
+quantity, and keeps those that it has.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from softness_bayes.checking.finger_check import STEP, check_fingers
+from softness_bayes.data import Experiment, Fabrics, Ratings
+from softness_bayes.model.build import ExperimentModel, build, design_of
+from softness_bayes.model.options import ModelOptions
+from softness_bayes.model.other_fingers import skin_slope
+from softness_bayes.model.scenes import scene_of, touch_parameters
+from softness_bayes.model.simulation import simulate_ratings
+from softness_bayes.tools.coverage import LOADS, compared, keep, sampled_draws
+from softness_bayes.touch.neuron.membrane import Channels
+from softness_bayes.touch.readings import MENDED
+
+Array = NDArray[np.float64]
+
+SPREADS: Mapping[str, float] = {"b": 0.3, "m": 0.15, "sigma_0": 0.2}
+"""Standard deviations of the logarithms of raters' own values, of those that differ."""
+
+CONTROL, TYPICAL, OWN = "typical fingers", "taken as typical", "own fingers"
+CASES = (CONTROL, TYPICAL, OWN)
+
+COLUMNS = ("lab", "case", "quantity", "below", "z", "steps", "converged", "finger_p")
+"""As in `input_coverage`; `finger_p` is the p-value of the check of fingers."""
+
+
+def laboratory(folder: Path, number: int, differ: tuple[str, ...]) -> tuple[Ratings, Fabrics, dict[str, float]]:
+    """Return ratings of raters whose fingers differ, the fabrics, and the parameters of the typical finger."""
+    fabrics = Fabrics.read(folder / "fabrics.csv")
+    truth: dict[str, float] = json.loads((folder / "truth.json").read_text(encoding="utf-8"))["truth"]
+    rng = np.random.default_rng((20261123, number))
+    table = simulate_ratings(rng, fabrics, LOADS, truth, mu=truth["mu"]).ratings
+    fabrics = fabrics.take(table.fabrics)
+    conditions, people = table.conditions, len(table.participants)
+    own = {**truth}
+    for name in differ:
+        own[name] = truth[name] * np.exp(SPREADS[name] * rng.standard_normal(people))  # type: ignore[assignment]
+    scene = scene_of(fabrics, table.loads, truth, MENDED, conditions.fabric, conditions.load)
+    at = touch_parameters(own)
+    rate = scene.total_rate(type(at)(*np.broadcast_arrays(*at, np.empty(people))[:-1])) / scene.n_receptors
+    typical = scene.total_rate(touch_parameters(truth)) / scene.n_receptors
+    x, centre = np.log(rate + truth["eps"]), np.log(typical + truth["eps"])
+    weight = design_of(Experiment(table, fabrics, ())).weight
+    scale = truth["mu"] + truth["tau"] * rng.standard_normal(people)
+    expected = scale[:, None] + truth["gamma"] * (x - centre @ weight)
+    log_rating = expected[table.participant, conditions.of_rating]
+    noise = truth["varsigma"] * rng.standard_normal(log_rating.size)
+    return replace(table, rating=np.exp(log_rating + noise)), fabrics, truth
+
+
+def fitted(number: int, case: str, folder: Path, differ: tuple[str, ...]) -> Iterator[dict[str, Any]]:
+    """Yield a row for each quantity of one fit."""
+    ratings, fabrics, truth = laboratory(folder, number, () if case == CONTROL else differ)
+    held = {name: truth[name] for name in Channels._fields}
+    model = build(Experiment(ratings, fabrics, ()), ModelOptions(fix=held, individual=differ if case == OWN else ()))
+    theta, verdict = sampled_draws(model, number)
+    p_value = _check(model, theta, np.random.default_rng(number))
+    spreads = {f"tau_{name}": SPREADS[name] for name in ("b",) if name in differ}
+    spreads |= {"tau_sigma": SPREADS["sigma_0"]} if "sigma_0" in differ else {}
+    for found in compared(model, theta, {**truth, **spreads}):
+        yield {"lab": number, "case": case, **found, **verdict, "finger_p": p_value}
+
+
+def _check(model: ExperimentModel, theta: Array, rng: np.random.Generator) -> float:
+    posterior, theta = model.posterior, theta[::4]
+    rate, parameters = posterior.response(theta), posterior.rating_parameters(theta)
+    effects = posterior.observation.draw_effects(rng, rate, parameters)
+    slope = skin_slope(posterior, theta, parameters, STEP)
+    return check_fingers(posterior.observation, rate, slope, parameters, effects).p_value
+
+
+def main() -> None:
+    """Fit the laboratories that the file lacks."""
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser.add_argument("file", type=Path, help="CSV file of the fits; what it holds is kept")
+    parser.add_argument("--labs", type=int, default=200, help="number of laboratories")
+    parser.add_argument("--first", type=int, default=0, help="number of the first one")
+    parser.add_argument("--differ", default="b", help="what differs between fingers, some of b,m,sigma_0")
+    parser.add_argument("--data", type=Path, default=Path("data"), help="folder of fabrics.csv and truth.json")
+    options = parser.parse_args()
+    differ = tuple(options.differ.split(","))
+    numbers = range(options.first, options.first + options.labs)
+    keep(options.file, COLUMNS, numbers, CASES, lambda number, case: fitted(number, case, options.data, differ))
+
+
+if __name__ == "__main__":
+    main()

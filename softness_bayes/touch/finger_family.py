@@ -1,0 +1,218 @@
+"""Responses of one scene to fingers of different skin and sensitivity (model.md 8).
+
+Under one load, skin and fabric act on the receptors through E_star alone. For one parameter vector the response to
+every fabric of every finger is therefore one function of E_star for each load. The skin's modulus at rest and its
+stiffening change E_star; the sensitivity of the receptors changes the function.
+
+Firing begins at the E_star at which the stress on the axis reaches the receptors' threshold. With
+ln E_star = (its value there) + t² the response is t² times a smooth function of t, which a short Chebyshev series
+through exact values represents. E_star itself is smooth in ln b and is interpolated too.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.polynomial import chebyshev
+from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
+
+from softness_bayes.errors import InputError
+from softness_bayes.touch.field import StressField
+from softness_bayes.touch.finger_field import profiles
+from softness_bayes.touch.finger_grid import FingerGrid
+from softness_bayes.touch.neuron.polynomials import clenshaw
+from softness_bayes.touch.parameters import TouchParameters, checked_rows
+from softness_bayes.touch.population import Drive
+from softness_bayes.touch.scene import Scene
+
+Array = NDArray[np.float64]
+
+RESPONSE_NODES = 16
+"""Exact responses that the series under each load goes through."""
+
+SKIN_NODES = 12
+"""Values of ln b at which the contact is solved for each fabric."""
+
+POINTS = 1 << 19
+"""Responses interpolated at once."""
+
+_THRESHOLD_NODES = 400  # of the spline that inverts the stress on the axis
+_SOFTEST = 1.0  # E_star [Pa] at which the spline begins where the table has no lower end
+
+
+class Spreads(NamedTuple):
+    """Spreads of fingers about the typical one, each of the batch shape (...); 0 for what all share."""
+
+    b: Any = 0.0
+    """Standard deviation of ln b."""
+    m: Any = 0.0
+    """Standard deviation of m, in its own unit."""
+    sigma_0: Any = 0.0
+    """Standard deviation of ln sigma_0."""
+
+
+class _Threshold:
+    """The E_star at which the stress on the axis reaches a value, under one load."""
+
+    def __init__(self, field: StressField) -> None:
+        low, high = (np.exp(end) - field.shift for end in field.log_range)
+        self.low, self.high = np.log(max(low, _SOFTEST)), np.log(high)
+        log_modulus = np.linspace(self.low, self.high, _THRESHOLD_NODES)
+        modulus = np.exp(log_modulus)[None]
+        columns = [np.arange(_THRESHOLD_NODES)]
+        radius = field.load.close(modulus, field.finger).radius
+        log_peak = np.log(profiles([field], columns, modulus, radius, field.finger).peak[0])
+        if not (np.diff(log_peak) > 0).all():
+            raise InputError(
+                f"raters' own fingers: the stress at the receptors does not rise with stiffness at {field.load} "
+                "under these readings; leave out 'individual'"
+            )
+        self._inverse, self._ends = CubicSpline(log_peak, log_modulus), (log_peak[0], log_peak[-1])
+
+    def __call__(self, stress: Array) -> Array:
+        """Return ln E_star [ln Pa]; the lower end of the table where receptors always fire, infinity if never."""
+        with np.errstate(divide="ignore"):
+            log_stress = np.log(np.maximum(stress, 0.0))
+        first, last = self._ends
+        found = self._inverse(np.clip(log_stress, first, last))
+        return np.where(log_stress >= last, np.inf, found)
+
+
+@dataclass(frozen=True)
+class FingerFamily:
+    """The fingers of a grid that touch the fabrics of a scene.
+
+    Parameters
+    ----------
+    scene
+        Fabrics and loads.
+    grid
+        The fingers, in standard deviations from the typical one.
+    response_nodes, skin_nodes
+        Resolution of the interpolation.
+
+    Raises
+    ------
+    InputError
+        If the stress at the receptors does not rise with E_star under a load, or the finger's shape is not known.
+    """
+
+    scene: Scene
+    grid: FingerGrid
+    response_nodes: int = RESPONSE_NODES
+    skin_nodes: int = SKIN_NODES
+
+    def __post_init__(self) -> None:
+        fields = [field for field in self.scene.fields if isinstance(field, StressField)]
+        if len(fields) < len(self.scene.fields):
+            raise InputError("raters' own fingers: expected a scene whose finger has a known radius and depth")
+        object.__setattr__(self, "_thresholds", [_Threshold(field) for field in fields])
+        reach = self.grid.reach
+        x = chebyshev.chebpts1(self.skin_nodes)
+        to_series = np.linalg.inv(chebyshev.chebvander(x, self.skin_nodes - 1))
+        fine = chebyshev.chebvander(self.grid.axis("b") / reach if reach else np.zeros(1), self.skin_nodes - 1)
+        # a finger that is everyone's needs no interpolation in b
+        own = "b" in self.grid.names
+        object.__setattr__(self, "_b", reach * x if own else np.zeros(1))
+        object.__setattr__(self, "_to_b", fine @ to_series if own else np.ones((1, 1)))
+        u = chebyshev.chebpts1(self.response_nodes)
+        object.__setattr__(self, "_u", u)
+        object.__setattr__(self, "_series", np.linalg.inv(chebyshev.chebvander(u, self.response_nodes - 1)))
+
+    def total_rate(self, parameters: TouchParameters, spreads: Spreads, modulus: Array | None = None) -> Array:
+        """Return the total rate [spikes/s] of every finger of the grid in every condition.
+
+        Parameters
+        ----------
+        parameters
+            Those of the typical finger, arrays of one batch shape (...), or scalars.
+        spreads
+            Spreads of fingers, of that shape.
+        modulus
+            E_fab [Pa] of each fabric in place of the scene's own, shape (..., fabrics).
+
+        Returns
+        -------
+        ndarray
+            Shape (..., fingers, conditions), the fingers in the order of `FingerGrid.z`.
+
+        Raises
+        ------
+        InputError
+            As `Scene.total_rate`.
+        """
+        batch = (np.shape(value) for value in (*parameters, *spreads))
+        shape = np.broadcast_shapes(*batch, () if modulus is None else modulus.shape[:-1])
+        parameters = TouchParameters(*(np.broadcast_to(value, shape) for value in parameters))
+        spread = Spreads(*(np.broadcast_to(np.asarray(value, float), shape).reshape(-1) for value in spreads))
+        _, flat = checked_rows(parameters)
+        if modulus is not None:
+            modulus = np.broadcast_to(modulus, (*shape, modulus.shape[-1])).reshape(-1, modulus.shape[-1])
+        size, width = self.grid.size, self.scene.n_conditions
+        found = np.empty((flat.b.size, size, width))
+        rows = max(1, POINTS // (size * width))
+        for start in range(0, flat.b.size, rows):
+            k = slice(start, start + rows)
+            part = TouchParameters(*(value[k] for value in flat))
+            few = Spreads(*(value[k] for value in spread))
+            found[k] = self._rates(part, few, None if modulus is None else modulus[k]).reshape(-1, size, width)
+        return found.reshape(*shape, size, width)
+
+    def _rates(self, p: TouchParameters, spread: Spreads, modulus: Array | None) -> Array:
+        """Return rates of shape (batch, sigma_0, b, m, conditions)."""
+        log_modulus = self._log_reduced(p, spread, modulus)
+        sigma_0 = p.sigma_0[:, None] * np.exp(np.multiply.outer(spread.sigma_0, self.grid.axis("sigma_0")))
+        found = np.empty((len(p.b), sigma_0.shape[1], *log_modulus.shape[1:]))
+        curve = self.scene.firing.curves(p)
+        rheobase = np.broadcast_to(np.reshape(curve.rheobase, (-1, 1)), (len(p.b), 1))
+        with np.errstate(divide="ignore", invalid="ignore"):
+            odds = p.alpha[:, None] / rheobase - 1.0
+            onset = np.where(odds > 0, sigma_0 - np.log(odds) / p.beta[:, None], np.inf)
+        tops = [log_modulus[..., columns].max(axis=(1, 2, 3)) for columns in self.scene.columns]
+        begins = np.stack([at(onset) for at in self._thresholds], axis=-1)  # type: ignore[attr-defined]
+        top = np.maximum(np.stack(tops, axis=-1)[:, None], begins)  # (batch, sigma_0, loads)
+        extent = np.sqrt(np.where(np.isfinite(begins), top - np.where(np.isfinite(begins), begins, 0.0), 0.0))
+        series = self._along(p, sigma_0, begins, extent)
+        for k, columns in enumerate(self.scene.columns):
+            start, far = begins[:, :, k, None, None, None], extent[:, :, k, None, None, None]
+            squared = log_modulus[:, None][..., columns] - start
+            silent = ~(squared > 0)
+            t = np.sqrt(np.where(silent, 0.0, squared))
+            x = np.divide(2.0 * t, far, out=np.ones_like(t), where=far > 0) - 1.0
+            rate = clenshaw(series[:, :, :, k, None, None, None], x) * t * t
+            rate[silent] = 0.0
+            found[..., columns] = np.maximum(rate, 0.0)
+        return found
+
+    def _log_reduced(self, p: TouchParameters, spread: Spreads, modulus: Array | None) -> Array:
+        """Return ln E_star of every finger in every condition, shape (batch, b, m, conditions)."""
+        b = p.b[:, None] * np.exp(np.multiply.outer(spread.b, self._b))  # type: ignore[attr-defined]
+        m = np.maximum(p.m[:, None] + np.multiply.outer(spread.m, self.grid.axis("m")), 0.0)
+        few = TouchParameters(*(value[:, None, None] for value in p))._replace(b=b[:, :, None], m=m[:, None, :])
+        few = TouchParameters(*np.broadcast_arrays(*few))
+        touched = None if modulus is None else modulus[:, None, None]
+        known = np.log(self.scene.contact(few, touched).reduced_modulus)
+        return np.einsum("jq,iqmc->ijmc", self._to_b, known, optimize=True)  # type: ignore[attr-defined]
+
+    def _along(self, p: TouchParameters, sigma_0: Array, begins: Array, extent: Array) -> Array:
+        """Return the series of (rate / t²) in t under every load, shape (nodes, batch, sigma_0, loads)."""
+        nodes, scene = self.response_nodes, self.scene
+        batch, sensitivities, loads = extent.shape
+        t = 0.5 * extent[..., None] * (self._u + 1.0)  # type: ignore[attr-defined]
+        log_modulus = np.where(np.isfinite(begins), begins, 0.0)[..., None] + t * t
+        reduced = np.exp(log_modulus).reshape(batch * sensitivities, loads * nodes)
+        columns = [np.arange(k * nodes, (k + 1) * nodes) for k in range(loads)]
+        radius = np.empty_like(reduced)
+        for field, where in zip(scene.fields, columns, strict=True):
+            radius[:, where] = field.load.close(reduced[:, where], scene.finger).radius
+        vector = np.repeat(np.arange(batch), sensitivities)
+        curve = scene.firing.curves(p)
+        own = curve.take(vector) if curve.rheobase.ndim else curve
+        drive = Drive(p.alpha[vector], p.beta[vector], sigma_0.reshape(-1), own)
+        rate = scene.population.sums(profiles(scene.fields, columns, reduced, radius, scene.finger), drive).rate
+        smooth = rate.reshape(batch, sensitivities, loads, nodes)
+        smooth = np.divide(smooth, t * t, out=np.zeros_like(smooth), where=t > 0)
+        return np.moveaxis(smooth @ self._series.T, -1, 0)  # type: ignore[attr-defined]
