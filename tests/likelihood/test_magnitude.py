@@ -124,7 +124,7 @@ def test_a_batch_is_its_points_one_by_one(direction):
     rates = rng.gamma(0.5, 20, (100, design.n_conditions))
     batch = LogRatings(ratings, design, model).log_likelihood(rates, points)
     for k in range(100):
-        point = RatingParameters(*(value[k] for value in points))
+        point = RatingParameters(*(np.broadcast_to(value, len(points.gamma))[k] for value in points))
         assert batch[k] == pytest.approx(dense_log_likelihood(ratings, design, rates[k], point, model), rel=1e-10)
 
 
@@ -192,7 +192,7 @@ def test_leave_one_out_of_a_batch_and_of_one_rating():
     batch = LogRatings(ratings, design).log_likelihood_loo(rates, points)
     assert batch.shape == (7, design.n_rows)
     for k in range(7):
-        point = RatingParameters(*(value[k] for value in points))
+        point = RatingParameters(*(np.broadcast_to(value, len(points.gamma))[k] for value in points))
         np.testing.assert_allclose(batch[k], dense_leave_one_out(ratings, design, rates[k], point), rtol=1e-8)
     alone = Design([0], [0], [0], 1)
     single = LogRatings([17.0], alone)

@@ -1,0 +1,143 @@
+"""Runs whose raters have fingers of their own, from the options to the files and the command line."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from scipy.special import logsumexp
+from scipy.stats import multivariate_normal
+
+from softness_bayes.checking.rater_fingers import POPULATION
+from softness_bayes.errors import InputError
+from softness_bayes.likelihood.scales import STANDARDISED
+from softness_bayes.model.build import build, design_of
+from softness_bayes.model.options import ModelOptions
+from softness_bayes.parameters.priors import HalfNormal, Normal
+from softness_bayes.report.page import report_page
+from softness_bayes.results.result import Result
+from softness_bayes.runs.from_result import experiment_of, options_of
+from softness_bayes.runs.run import sample
+from softness_bayes.touch.finger_family import FingerFamily
+from softness_bayes.touch.finger_grid import FingerGrid
+from support.command_line import call
+from support.paths import DATA
+from support.report_runs import OPTIONS, experiment, quickly
+
+
+@pytest.fixture(scope="module")
+def result():
+    with quickly():
+        return sample(experiment(), **OPTIONS, individual=("b",))
+
+
+def test_a_result_holds_the_raters_fingers(result):
+    posterior = result.group("posterior")
+    people = posterior["participant"].values.astype(str)
+    drawn = posterior["rater_log_b"].values
+    assert drawn.shape[-1] == people.size == 5
+    table = result.fingers
+    assert [*table.loc[(slice(None), "b"), :].index.get_level_values("participant")] == [POPULATION, *people]
+    own = posterior["b"].values[..., None] * np.exp(drawn)
+    assert_allclose(table.loc[(people[2], "b"), "median"], np.median(own[..., 2]))
+    assert (table["low"] < table["median"]).all()
+    assert (table["median"] < table["high"]).all()
+    assert "tau_b" in result.summary().index
+    assert any("raters' own b" in line for line in result.learnt())
+    assert result.provenance.residuals.finger_check.startswith("fingers:")
+
+
+def test_its_model_comes_back_from_the_file(result, tmp_path):
+    result.save(tmp_path / "run")
+    again = Result.load(tmp_path / "run")
+    assert (tmp_path / "run" / "rater_fingers.csv").is_file()
+    assert_allclose(again.fingers["median"], result.fingers["median"])
+    options = options_of(again)
+    assert options.individual == ("b",)
+    with quickly():
+        one, other = build(experiment_of(again), options).posterior, build(experiment(), options).posterior
+        theta = one.space.draw_prior(np.random.default_rng(0), 3)
+        assert_allclose(one.log_likelihood(theta), other.log_likelihood(theta), rtol=1e-8)
+    assert ModelOptions.from_record(options.record()).individual == ("b",)
+
+
+def test_a_report_hides_the_raters_names(result):
+    page = report_page(result)
+    assert "--individual b" in page
+
+
+def test_two_raters_and_two_fabrics_agree_with_quadrature():
+    """The likelihood against dense normal laws over a product of fine grids, the scene asked for each finger."""
+    whole = experiment()
+    with quickly():
+        options = ModelOptions(fix={**OPTIONS["fix"], "tau_b": 0.2}, individual=("b",))
+        model = build(whole, options)
+        posterior, design = model.posterior, design_of(whole)
+        few = (design.participant < 2) & (design.fabric[design.condition] < 2)
+        posterior = posterior.with_term(posterior.observation.without(~few))
+        grid = FingerGrid({"b": 129})
+        posterior = posterior.with_scene(model.scene, None, FingerFamily(model.scene, grid, 48, 30))
+        theta = posterior.space.draw_prior(np.random.default_rng(1), 200)
+        # of raters far beyond the grid, four standard deviations away, the two would differ
+        theta = theta[np.argsort(posterior.log_likelihood(theta))[-3:]]
+        found = posterior.log_likelihood(theta)
+        x = np.linspace(-7.0, 7.0, 401)
+        log_w, ratings = -0.5 * x**2 - logsumexp(-0.5 * x**2), np.log(whole.ratings.rating[few])
+        person, condition = design.participant[few], design.condition[few]
+        for k, point in enumerate(theta):
+            p, touch = posterior.rating_parameters(point), posterior.space.touch(point)
+            typical = np.log(posterior.mean_rate(point) + p.eps) @ design.weight
+            rows = type(touch)(*(np.broadcast_to(value, x.size) for value in touch))
+            rate = model.scene.total_rate(rows._replace(b=rows.b * np.exp(p.tau_b * x))) / model.scene.n_receptors
+            drive = posterior.observation.model.direction.sign * p.gamma * (np.log(rate + p.eps) - typical)
+            same = person[:, None] == person
+            law = multivariate_normal(cov=9.0 + p.tau**2 * same + p.varsigma**2 * np.eye(person.size))
+            mean = np.where(person == 0, drive[:, None, condition], drive[None, :, condition])
+            dense = law.logpdf(ratings - np.log(20.0) - mean) + log_w[:, None] + log_w
+            assert_allclose(found[k], logsumexp(dense) - ratings.sum(), rtol=0, atol=2e-4)
+
+
+def test_what_cannot_be_combined_is_refused():
+    made = experiment()
+    one = made._replace(
+        ratings=replace(
+            made.ratings,
+            participants=made.ratings.participants[:1],
+            participant=np.zeros_like(made.ratings.participant),
+        )
+    )
+    with quickly():
+        for of, options, message in (
+            (one, {}, "one participant only"),
+            (made, {"priors": {"omega": HalfNormal(0.3)}}, "omega: the model of these data has no such parameter"),
+            (made, {"priors": {"radius": Normal(8, 0.5)}}, "a prior of radius cannot be combined"),
+            (made, {"load_cv": 0.05}, "errors of loads .* cannot be combined"),
+            (experiment(standardised=True), {"scale": STANDARDISED}, "need magnitude estimates"),
+        ):
+            with pytest.raises(InputError, match=message):
+                build(of, ModelOptions(fix=OPTIONS["fix"], individual=("b",), **options))
+    with pytest.raises(InputError, match="expected some of b, m, sigma_0, each once"):
+        ModelOptions(individual=("b", "alpha"))
+    with pytest.raises(InputError, match="tau_b: the model of these data has no such parameter"), quickly():
+        build(made, ModelOptions(fix={**OPTIONS["fix"], "tau_b": 0.3}))
+
+
+def test_spreads_of_nothing_give_the_usual_likelihood():
+    plain = ModelOptions(fix=OPTIONS["fix"])
+    with quickly():
+        alike = build(experiment(), replace(plain, fix={**plain.fix, "tau_b": 0.0}, individual=("b",))).posterior
+        usual = build(experiment(), plain).posterior
+        theta = usual.space.draw_prior(np.random.default_rng(2), 20)
+        expected = usual.log_likelihood(theta)
+        repeated = np.concatenate([alike.mean_rate(theta)] * (1 + alike.fingers.grid.size), axis=-1)
+        found = alike.observation.log_likelihood(repeated, alike.rating_parameters(theta))
+        assert_allclose(found, expected, rtol=0, atol=1e-8)
+        # what is left is the error of the fingers' responses
+        assert_allclose(alike.log_likelihood(theta), expected, rtol=0, atol=0.05)
+
+
+def test_the_command_line_refuses_other_names(tmp_path):
+    refused = call("sample", "--data", DATA / "ratings.csv", "--individual", "b,alpha", "--out", tmp_path / "no")
+    assert refused.returncode == 2
+    assert "expected some of b, m, sigma_0" in refused.stderr
+    assert not (tmp_path / "no").exists()
