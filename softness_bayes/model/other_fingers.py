@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -26,11 +24,11 @@ def skin_slope(posterior: Posterior, theta: Array, parameters: RatingParameters,
         Change of ln b to either side, over which the secant is taken.
     """
     touch, modulus, scene = posterior.space.touch(theta), posterior.space.modulus(theta), posterior.scene
-    here = replace(posterior, fingers=None).response(theta)
+    here = posterior.mean_rate(theta)
     drives = []
     for side in (-1.0, 1.0):
         other = touch._replace(b=touch.b * np.exp(side * step))
         total = scene.total_rate(other) if modulus is None else scene.total_rate(other, modulus)
-        rate = np.broadcast_to(total / scene.n_receptors, here.shape)
+        rate = np.broadcast_to(total / scene.n_receptors, (*theta.shape[:-1], total.shape[-1]))
         drives.append(posterior.observation.drive_at(rate, here, parameters))
     return np.asarray((drives[1] - drives[0]) / (2.0 * step))
