@@ -270,7 +270,7 @@ class Posterior(Density):
         """
         found: list[FloatArray] = []
         some: list[FloatArray] = []
-        conditions = self.observation.design.n_conditions
+        conditions = replace(self, other_loads=None).mean_rate(self.space.median).shape[-1]
         needed = min(LEAST_FIRING, conditions)
         for width, attempts in _WIDTHS:
             for _ in range(attempts):

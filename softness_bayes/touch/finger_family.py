@@ -202,7 +202,9 @@ class FingerFamily:
         nodes, scene = self.response_nodes, self.scene
         batch, sensitivities, loads = extent.shape
         t = 0.5 * extent[..., None] * (self._u + 1.0)  # type: ignore[attr-defined]
-        log_modulus = np.where(np.isfinite(begins), begins, 0.0)[..., None] + t * t
+        # a load under which none fires takes any modulus of its table
+        anywhere = np.array([at.high for at in self._thresholds])  # type: ignore[attr-defined]
+        log_modulus = np.where(np.isfinite(begins), begins, anywhere)[..., None] + t * t
         reduced = np.exp(log_modulus).reshape(batch * sensitivities, loads * nodes)
         columns = [np.arange(k * nodes, (k + 1) * nodes) for k in range(loads)]
         radius = np.empty_like(reduced)

@@ -110,7 +110,7 @@ def own_fingers(tmp_path_factory):
     """A run whose raters differ in everything that can differ, over a coarse grid."""
     with quickly(), pytest.MonkeyPatch.context() as patch:
         patch.setattr(individual, "NODES", {3: dict.fromkeys(SPREAD_OF, 3)})
-        result = sample(experiment(), **OPTIONS, individual=tuple(SPREAD_OF))
+        result = sample(experiment(), **OPTIONS | {"max_steps": 20}, individual=tuple(SPREAD_OF))
     return run_of(result, tmp_path_factory.mktemp("fingers"), "r")
 
 

@@ -75,9 +75,9 @@ def test_two_raters_and_two_fabrics_agree_with_quadrature():
         posterior, design = model.posterior, design_of(whole)
         few = (design.participant < 2) & (design.fabric[design.condition] < 2)
         posterior = posterior.with_term(posterior.observation.without(~few))
-        grid = FingerGrid({"b": 129})
+        grid = FingerGrid({"b": 97})
         posterior = posterior.with_scene(model.scene, None, FingerFamily(model.scene, grid, 48, 30))
-        theta = posterior.space.draw_prior(np.random.default_rng(1), 200)
+        theta = posterior.space.draw_prior(np.random.default_rng(1), 40)
         # of raters far beyond the grid, four standard deviations away, the two would differ
         theta = theta[np.argsort(posterior.log_likelihood(theta))[-3:]]
         found = posterior.log_likelihood(theta)

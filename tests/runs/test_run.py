@@ -212,6 +212,7 @@ def test_the_options_in_the_file_are_those_of_the_run(result, options):
         modulus_cv=0.15,
         unknown_modulus=LogNormal(50, 1.5),
         load_cv=0.05,
+        individual=("b", "sigma_0"),
         discretisation=scene.Discretisation(8, 9.0, 1e-5),
         max_seconds=math.inf,
         processes=3,
