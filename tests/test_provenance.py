@@ -37,7 +37,9 @@ SECTIONS = {
     "rating_model": RatingModel(0.5, STANDARDISED, 1e-3, "12 nodes"),
     "rating_data": RatingData("abc", "def", 4),
     "errors": NumericalErrors(1e-4, 0.02, 1e-5, "Exact enough.", 0.01, 0.03, 0.99, 0.4, True),
-    "residuals": ResidualChecks("fabrics", 0.1, 0.2, 0.3, 0.4, 0.5, "participants", 0.6, 0.7, "moduli", 0.8),
+    "residuals": ResidualChecks(
+        "fabrics", 0.1, 0.2, 0.3, 0.4, 0.5, "participants", 0.6, 0.7, "moduli", 0.8, "fingers", 0.9
+    ),
     "silence": Silence(0.1, 0.2, 0.3, 0.4, 0.5, 0.6),
     "plate": PlateData("123", 2, "forces", 2.2, 2.0, 2.4, 0.5),
 }
