@@ -114,6 +114,34 @@ def mean_residuals(
     return count, mean
 
 
+def exceeded_along(along: Array, weight: Array, steep: NDArray[np.bool_], spread: Array) -> float:
+    """Return the probability that replicated ratings deviate at least as much along slopes, the mean over draws.
+
+    The sum of along² / weight over steep groups, in units of spread², has a chi-squared law with a degree of freedom
+    for each.
+
+    Parameters
+    ----------
+    along, weight
+        Residuals projected on each group's slopes, and the sum of the squares of these, shape (draws, groups).
+    steep
+        Whether a group has a slope, likewise.
+    spread
+        Standard deviation of single residuals, shape (draws,).
+
+    Returns
+    -------
+    float
+        NaN if no group has a slope in any draw.
+    """
+    squares = np.divide(along**2, weight, out=np.zeros_like(weight), where=steep).sum(axis=1)
+    freedom = steep.sum(axis=1)
+    judged = freedom > 0
+    if not judged.any():
+        return np.nan
+    return float(chdtrc(freedom[judged], squares[judged] / spread[judged] ** 2).mean())
+
+
 def check_fabrics(observation: Likelihood, mean_rate: Array, parameters: Parameters, effects: Effects) -> FabricCheck:
     """Compare the residuals' spread between fabrics, and between conditions, with what the model replicates.
 

@@ -10,9 +10,8 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import chdtrc
 
-from softness_bayes.checking.checks import NEEDED
+from softness_bayes.checking.checks import NEEDED, exceeded_along
 from softness_bayes.likelihood.contract import Effects, Likelihood, Parameters
 from softness_bayes.likelihood.pieces import part_of, pieces
 
@@ -84,9 +83,4 @@ def check_fingers(
         about = slope[k][:, design.condition] - mean[k][:, design.participant]
         along[k] = (residual * about) @ member
     spread = np.broadcast_to(observation.model.error_sd(parameters), len(slope))
-    total = np.divide(along**2, squares, out=np.zeros_like(squares), where=steep).sum(axis=1)
-    freedom = steep.sum(axis=1)
-    judged = freedom > 0
-    if not judged.any():
-        return FingerCheck(np.nan)
-    return FingerCheck(float(chdtrc(freedom[judged], total[judged] / spread[judged] ** 2).mean()))
+    return FingerCheck(exceeded_along(along, squares, steep, spread))

@@ -12,9 +12,8 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import chdtrc
 
-from softness_bayes.checking.checks import NEEDED, mean_residuals
+from softness_bayes.checking.checks import NEEDED, exceeded_along, mean_residuals
 from softness_bayes.likelihood.contract import Effects, Likelihood, Parameters
 from softness_bayes.sampler.jackknife import jackknife
 
@@ -94,12 +93,7 @@ def check_moduli(
     weight = (count * slope**2) @ fabric
     steep = weight > count.sum() / design.n_fabrics * FLAT**2
     along = np.where(steep, (count * slope * mean) @ fabric, 0.0)
-    squares = np.divide(along**2, weight, out=np.zeros_like(weight), where=steep).sum(axis=1)
-    freedom = steep.sum(axis=1)
-    judged = freedom > 0
-    if not judged.any():
-        return ModulusCheck(np.nan)
-    return ModulusCheck(float(chdtrc(freedom[judged], squares[judged] / spread[judged] ** 2).mean()))
+    return ModulusCheck(exceeded_along(along, weight, steep, spread))
 
 
 def directions(fabrics: NDArray[np.intp], total: int) -> tuple[Array, float]:

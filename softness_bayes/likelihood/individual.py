@@ -87,11 +87,8 @@ class IndividualModel(RatingModel):
         levels: Mapping[str, ArrayLike] | None = None,
     ) -> Effects:
         """Effects of new raters of batch ``shape``, their fingers from the grid; mu from its prior unless given."""
-        mu = (levels or {}).get("mu")
-        if mu is None:
-            mu = math.log(self.centre) + self.spread * rng.standard_normal(shape)
-        level = np.array(np.broadcast_to(np.asarray(mu, float), shape))
-        return self._with_raters(rng, parameters, level, (*shape, n_participants))
+        mu = self.draw_level(rng, shape, levels)
+        return self._with_raters(rng, parameters, mu, (*shape, n_participants))
 
     def with_new_participants(
         self, rng: np.random.Generator, parameters: RatingParameters, effects: Effects
@@ -123,8 +120,7 @@ class IndividualModel(RatingModel):
         """One rating for every row of a design, shape (..., rows), given the effects and `drive` of all fingers."""
         log_rating = effects.mu[..., None] + effects.participant[..., design.participant]
         log_rating = log_rating + _own(drive, design, effects.finger)
-        noise = self.error.draw(rng, log_rating.shape, parameters)
-        return self.scale.natural(log_rating + self.error_sd(parameters)[..., None] * noise)
+        return self.scatter(rng, log_rating, parameters)
 
     def named_effects(self, effects: Effects) -> Mapping[str, tuple[FloatArray, tuple[str, ...]]]:
         """Effects by their names in files, each with its axes beyond the batch's."""

@@ -100,13 +100,20 @@ class RatingModel:
         levels: Mapping[str, ArrayLike] | None = None,
     ) -> Effects:
         """Effects of new participants and new fabrics, of batch ``shape``; mu from its prior unless among `levels`."""
-        mu = (levels or {}).get("mu")
-        if mu is None:
-            mu = math.log(self.centre) + self.spread * rng.standard_normal(shape)
+        mu = self.draw_level(rng, shape, levels)
         tau, omega = (np.asarray(value, float)[..., None] for value in (parameters.tau, parameters.omega))
         participant = tau * rng.standard_normal((*shape, n_participants))
         fabric = omega * rng.standard_normal((*shape, n_fabrics))
-        return Effects(np.broadcast_to(np.asarray(mu, float), shape), participant, fabric)
+        return Effects(mu, participant, fabric)
+
+    def draw_level(
+        self, rng: np.random.Generator, shape: tuple[int, ...], levels: Mapping[str, ArrayLike] | None
+    ) -> FloatArray:
+        """Values of mu of batch ``shape``, from its prior unless among `levels`."""
+        mu = (levels or {}).get("mu")
+        if mu is None:
+            mu = math.log(self.centre) + self.spread * rng.standard_normal(shape)
+        return np.broadcast_to(np.asarray(mu, float), shape)
 
     def with_new_participants(
         self, rng: np.random.Generator, parameters: RatingParameters, effects: Effects
@@ -126,6 +133,10 @@ class RatingModel:
         """One rating for every row of a design, shape (..., rows), given the effects and `drive`."""
         log_rating = effects.mu[..., None] + (drive + effects.fabric[..., design.fabric])[..., design.condition]
         log_rating = log_rating + effects.participant[..., design.participant]
+        return self.scatter(rng, log_rating, parameters)
+
+    def scatter(self, rng: np.random.Generator, log_rating: FloatArray, parameters: RatingParameters) -> FloatArray:
+        """Ratings, shape (..., rows), whose logs scatter about their expectations."""
         noise = self.error.draw(rng, log_rating.shape, parameters)
         return self.scale.natural(log_rating + self.error_sd(parameters)[..., None] * noise)
 

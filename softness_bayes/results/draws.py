@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -99,6 +100,16 @@ class RatedDraws:
 
     def subset(self, size: int) -> Subset:
         """Return the draws at `picked`."""
+        if size not in self._subsets:
+            self._subsets[size] = self._subset(size)
+        return self._subsets[size]
+
+    @cached_property
+    def _subsets(self) -> dict[int, Subset]:
+        """Subsets by their size, each made once: responses of raters' own fingers take a second."""
+        return {}
+
+    def _subset(self, size: int) -> Subset:
         index = self.picked(size)
         return Subset(
             self.theta[index],

@@ -11,7 +11,6 @@ through exact values represents. E_star itself is smooth in ln b and is interpol
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -23,6 +22,7 @@ from softness_bayes.errors import InputError
 from softness_bayes.touch.field import StressField
 from softness_bayes.touch.finger_field import profiles
 from softness_bayes.touch.finger_grid import FingerGrid
+from softness_bayes.touch.neuron.firing import RateCurve
 from softness_bayes.touch.neuron.polynomials import clenshaw
 from softness_bayes.touch.parameters import TouchParameters, checked_rows
 from softness_bayes.touch.population import Drive
@@ -81,7 +81,6 @@ class _Threshold:
         return np.where(log_stress >= last, np.inf, found)
 
 
-@dataclass(frozen=True)
 class FingerFamily:
     """The fingers of a grid that touch the fabrics of a scene.
 
@@ -100,27 +99,21 @@ class FingerFamily:
         If the stress at the receptors does not rise with E_star under a load, or the finger's shape is not known.
     """
 
-    scene: Scene
-    grid: FingerGrid
-    response_nodes: int = RESPONSE_NODES
-    skin_nodes: int = SKIN_NODES
-
-    def __post_init__(self) -> None:
-        fields = [field for field in self.scene.fields if isinstance(field, StressField)]
-        if len(fields) < len(self.scene.fields):
+    def __init__(
+        self, scene: Scene, grid: FingerGrid, response_nodes: int = RESPONSE_NODES, skin_nodes: int = SKIN_NODES
+    ) -> None:
+        self.scene, self.grid = scene, grid
+        fields = [field for field in scene.fields if isinstance(field, StressField)]
+        if len(fields) < len(scene.fields):
             raise InputError("raters' own fingers: expected a scene whose finger has a known radius and depth")
-        object.__setattr__(self, "_thresholds", [_Threshold(field) for field in fields])
-        reach = self.grid.reach
-        x = chebyshev.chebpts1(self.skin_nodes)
-        to_series = np.linalg.inv(chebyshev.chebvander(x, self.skin_nodes - 1))
-        fine = chebyshev.chebvander(self.grid.axis("b") / reach if reach else np.zeros(1), self.skin_nodes - 1)
-        # a finger that is everyone's needs no interpolation in b
-        own = "b" in self.grid.names
-        object.__setattr__(self, "_b", reach * x if own else np.zeros(1))
-        object.__setattr__(self, "_to_b", fine @ to_series if own else np.ones((1, 1)))
-        u = chebyshev.chebpts1(self.response_nodes)
-        object.__setattr__(self, "_u", u)
-        object.__setattr__(self, "_series", np.linalg.inv(chebyshev.chebvander(u, self.response_nodes - 1)))
+        self._thresholds = [_Threshold(field) for field in fields]
+        self._b, self._to_b = np.zeros(1), np.ones((1, 1))
+        if "b" in grid.names:
+            x = chebyshev.chebpts1(skin_nodes)
+            fine = chebyshev.chebvander(grid.axis("b") / grid.reach, skin_nodes - 1)
+            self._b, self._to_b = grid.reach * x, fine @ np.linalg.inv(chebyshev.chebvander(x, skin_nodes - 1))
+        self._u = chebyshev.chebpts1(response_nodes)
+        self._series = np.linalg.inv(chebyshev.chebvander(self._u, response_nodes - 1))
 
     def total_rate(self, parameters: TouchParameters, spreads: Spreads, modulus: Array | None = None) -> Array:
         """Return the total rate [spikes/s] of every finger of the grid in every condition.
@@ -172,10 +165,10 @@ class FingerFamily:
             odds = p.alpha[:, None] / rheobase - 1.0
             onset = np.where(odds > 0, sigma_0 - np.log(odds) / p.beta[:, None], np.inf)
         tops = [log_modulus[..., columns].max(axis=(1, 2, 3)) for columns in self.scene.columns]
-        begins = np.stack([at(onset) for at in self._thresholds], axis=-1)  # type: ignore[attr-defined]
+        begins = np.stack([at(onset) for at in self._thresholds], axis=-1)
         top = np.maximum(np.stack(tops, axis=-1)[:, None], begins)  # (batch, sigma_0, loads)
         extent = np.sqrt(np.where(np.isfinite(begins), top - np.where(np.isfinite(begins), begins, 0.0), 0.0))
-        series = self._along(p, sigma_0, begins, extent)
+        series = self._along(p, curve, sigma_0, begins, extent)
         for k, columns in enumerate(self.scene.columns):
             start, far = begins[:, :, k, None, None, None], extent[:, :, k, None, None, None]
             squared = log_modulus[:, None][..., columns] - start
@@ -189,21 +182,21 @@ class FingerFamily:
 
     def _log_reduced(self, p: TouchParameters, spread: Spreads, modulus: Array | None) -> Array:
         """Return ln E_star of every finger in every condition, shape (batch, b, m, conditions)."""
-        b = p.b[:, None] * np.exp(np.multiply.outer(spread.b, self._b))  # type: ignore[attr-defined]
+        b = p.b[:, None] * np.exp(np.multiply.outer(spread.b, self._b))
         m = np.maximum(p.m[:, None] + np.multiply.outer(spread.m, self.grid.axis("m")), 0.0)
         few = TouchParameters(*(value[:, None, None] for value in p))._replace(b=b[:, :, None], m=m[:, None, :])
         few = TouchParameters(*np.broadcast_arrays(*few))
         touched = None if modulus is None else modulus[:, None, None]
         known = np.log(self.scene.contact(few, touched).reduced_modulus)
-        return np.einsum("jq,iqmc->ijmc", self._to_b, known, optimize=True)  # type: ignore[attr-defined]
+        return np.einsum("jq,iqmc->ijmc", self._to_b, known, optimize=True)
 
-    def _along(self, p: TouchParameters, sigma_0: Array, begins: Array, extent: Array) -> Array:
+    def _along(self, p: TouchParameters, curve: RateCurve, sigma_0: Array, begins: Array, extent: Array) -> Array:
         """Return the series of (rate / t²) in t under every load, shape (nodes, batch, sigma_0, loads)."""
-        nodes, scene = self.response_nodes, self.scene
+        nodes, scene = self._u.size, self.scene
         batch, sensitivities, loads = extent.shape
-        t = 0.5 * extent[..., None] * (self._u + 1.0)  # type: ignore[attr-defined]
+        t = 0.5 * extent[..., None] * (self._u + 1.0)
         # a load under which none fires takes any modulus of its table
-        anywhere = np.array([at.high for at in self._thresholds])  # type: ignore[attr-defined]
+        anywhere = np.array([at.high for at in self._thresholds])
         log_modulus = np.where(np.isfinite(begins), begins, anywhere)[..., None] + t * t
         reduced = np.exp(log_modulus).reshape(batch * sensitivities, loads * nodes)
         columns = [np.arange(k * nodes, (k + 1) * nodes) for k in range(loads)]
@@ -211,10 +204,9 @@ class FingerFamily:
         for field, where in zip(scene.fields, columns, strict=True):
             radius[:, where] = field.load.close(reduced[:, where], scene.finger).radius
         vector = np.repeat(np.arange(batch), sensitivities)
-        curve = scene.firing.curves(p)
         own = curve.take(vector) if curve.rheobase.ndim else curve
         drive = Drive(p.alpha[vector], p.beta[vector], sigma_0.reshape(-1), own)
         rate = scene.population.sums(profiles(scene.fields, columns, reduced, radius, scene.finger), drive).rate
         smooth = rate.reshape(batch, sensitivities, loads, nodes)
         smooth = np.divide(smooth, t * t, out=np.zeros_like(smooth), where=t > 0)
-        return np.moveaxis(smooth @ self._series.T, -1, 0)  # type: ignore[attr-defined]
+        return np.moveaxis(smooth @ self._series.T, -1, 0)
