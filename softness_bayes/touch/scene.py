@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
-from functools import lru_cache
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from softness_bayes.errors import InputError
+from softness_bayes.touch.conditions import checked_conditions, checked_fabrics, frozen, indices
 from softness_bayes.touch.contact import (
     Contact,
     Finger,
@@ -22,42 +22,22 @@ from softness_bayes.touch.contact import (
     reduced_modulus,
     skin_modulus,
 )
+from softness_bayes.touch.discretisation import Discretisation
 from softness_bayes.touch.family import MANY, Family
-from softness_bayes.touch.field import Profile, StressField
-from softness_bayes.touch.finger_field import FingerField, profiles
+from softness_bayes.touch.field import Profile
+from softness_bayes.touch.finger_field import profiles
 from softness_bayes.touch.neuron.fixed_channels import Firing
 from softness_bayes.touch.parameters import TouchParameters, checked_rows
 from softness_bayes.touch.population import Drive, Population, Sums
 from softness_bayes.touch.readings import Readings
 from softness_bayes.touch.receptors import ReceptorCount, kink_distances
 from softness_bayes.touch.response import BeyondHertz, Response
+from softness_bayes.touch.shared_fields import covered_moduli, field_of
 
 Array = NDArray[np.float64]
 
-LEAST_SKIN_MODULUS = 1e3
-"""Softest skin [Pa] in the tables of force-controlled loads; softer skin is computed without tables."""
-
-STIFFEST_SKIN_MODULUS = 1e7
-"""Stiffest skin [Pa] in the tables, a hundred times the median at rest; stiffer skin is computed without tables."""
-
 CHUNK = 1 << 16
 """Quadrature nodes evaluated at once: enough for array speed, few enough for the cache."""
-
-
-@dataclass(frozen=True)
-class Discretisation:
-    """Resolution of a scene; the defaults leave errors near 1e-5 of the peak response."""
-
-    nodes: int = 12
-    """Gauss nodes of the population integral for each condition."""
-    saturation: float = 12.0
-    """Extent of the integral along the sigmoid, in units of its exponent beyond the rheobase."""
-    field_tolerance: float = 3e-6
-    """Error allowed in the tabulated stress field."""
-    rate_nodes: int = 18
-    """Exact rates that the curve of held channels goes through."""
-    field_source: float | None = None
-    """Tolerance to which the stress field is made before it is cut to `field_tolerance`; by default the same."""
 
 
 class Scene:
@@ -103,30 +83,22 @@ class Scene:
         modulus_range: tuple[float, float] | None = None,
         finger_box: FingerBox | None = None,
     ) -> None:
-        moduli, poisson = np.broadcast_arrays(
-            np.atleast_1d(np.asarray(fabric_modulus, float)), np.asarray(fabric_poisson, float)
-        )
-        if not ((moduli > 0) & np.isfinite(moduli)).all():
-            raise InputError("scene: every fabric modulus must be positive and finite [Pa]")
-        if not ((poisson > -1) & (poisson <= 0.5)).all():
-            raise InputError("scene: every fabric's Poisson ratio must lie in (-1, 0.5]")
-        if fabric is None or load is None:
-            fabric = np.tile(np.arange(moduli.size), len(loads))
-            load = np.repeat(np.arange(len(loads)), moduli.size)
-        self.fabric, self.load = _indices(fabric, moduli.size, "fabric"), _indices(load, len(loads), "load")
-        if self.fabric.size == 0 or self.fabric.shape != self.load.shape:
-            raise InputError("scene: expected one fabric and one load index for each of at least one condition")
+        moduli, poisson = checked_fabrics(fabric_modulus, fabric_poisson)
+        self.fabric, self.load = checked_conditions(fabric, load, moduli.size, len(loads))
         self._moduli, self._poissons, self.modulus_range = moduli, poisson, modulus_range
         self.loads, self.firing, self.finger_box = tuple(loads), firing, finger_box
         self.finger, self.readings, self.discretisation = finger, readings, discretisation
-        self.modulus, self.poisson = _frozen(moduli[self.fabric]), _frozen(poisson[self.fabric])
+        self.modulus, self.poisson = frozen(moduli[self.fabric]), frozen(poisson[self.fabric])
         self._log_k = log_compliance_ratio(self.modulus, self.poisson, finger)
         compression = np.array([held.compression(finger, readings.skin_displacement) for held in loads])
         self._log_scale, self._skin_power = compression[self.load].T
         self.count = ReceptorCount(finger, readings.receptor_density)
         used = [index for index in range(len(self.loads)) if (self.load == index).any()]
         self.columns = [np.flatnonzero(self.load == index) for index in used]
-        self.fields = [self._field(self.loads[index]) for index in used]
+        covered = covered_moduli(self.modulus, self.poisson, finger, modulus_range)
+        self.fields = [
+            field_of(self.loads[index], finger, finger_box, readings, covered, discretisation) for index in used
+        ]
         self.population = Population(self.fields[0].root, self.count, discretisation.nodes, discretisation.saturation)
         self._finer: Scene | None = None
         self._once = self._each_once()
@@ -141,25 +113,6 @@ class Scene:
     def n_repeated(self) -> int:
         """Number of conditions that repeat another's load and fabric; their total rate is not computed again."""
         return 0 if self._once is None else self.n_conditions - self._once[0].n_conditions
-
-    def _field(self, load: Load) -> StressField | FingerField:
-        d = self.discretisation
-        rest = self.readings, self._table_range, d.field_source or d.field_tolerance
-        if self.finger_box is None:
-            return _stress_field(load, self.finger, *rest).cut(d.field_tolerance)
-        return _finger_field(load, self.finger, self.finger_box, *rest).cut(d.field_tolerance)
-
-    @property
-    def _table_range(self) -> tuple[float, float]:
-        """Reduced moduli [Pa] that the stress fields cover."""
-        softness, least = 1.0 - self.finger.poisson_ratio**2, self.modulus.argmin()
-        soft, stiff = self.modulus_range or (np.inf, 0.0)
-        stiff /= 1.0 - float(self.poisson.max()) ** 2
-        stiff = max(float((self.modulus / (1.0 - self.poisson**2)).max()), stiff)
-        high = min(stiff, STIFFEST_SKIN_MODULUS / softness)
-        fabric = (1.0 - self.poisson[least] ** 2) / min(self.modulus[least], soft)
-        low = float(1.0 / (softness / LEAST_SKIN_MODULUS + fabric))
-        return min(low, 0.5 * high), high
 
     def fingertip(self, parameters: TouchParameters) -> Fingertip:
         """Return the finger that touches: the scene's, or one for each vector of a batch (n,), of shape (n, 1).
@@ -329,7 +282,7 @@ class Scene:
         finger = replace(self.finger, contact_centre=contact_centre or self.finger.contact_centre)
         if kink_distances(finger)[-1] > kink_distances(self.finger)[-1]:
             raise InputError(f"scene: from {contact_centre} m the pad extends farther than the stress fields")
-        chosen, part = _indices(conditions, self.n_conditions, "condition"), copy.copy(self)
+        chosen, part = indices(conditions, self.n_conditions, "condition"), copy.copy(self)
         if not chosen.size:
             raise InputError("scene: expected at least one condition")
         part._finer = None
@@ -441,22 +394,3 @@ class Scene:
         drive = Drive(parameters.alpha, parameters.beta, parameters.sigma_0, self.firing.curves(parameters))
         profile = self.stress_profile(contact, self.fingertip(parameters))
         return self.population.sums(profile, drive, intervals), profile.peak
-
-
-# the reference scene of an accuracy choice and the chosen scene share these fields, cut differently
-_stress_field = lru_cache(maxsize=64)(StressField)
-_finger_field = lru_cache(maxsize=64)(FingerField)
-
-
-def _frozen(values: ArrayLike) -> Array:
-    array = np.array(values, dtype=float)
-    array.flags.writeable = False
-    return array
-
-
-def _indices(values: ArrayLike, size: int, what: str) -> NDArray[np.intp]:
-    array = np.array(values, dtype=np.intp)
-    if array.size and not ((array >= 0) & (array < size)).all():
-        raise InputError(f"scene: a {what} index lies outside 0 to {size - 1}")
-    array.flags.writeable = False
-    return array

@@ -1,0 +1,66 @@
+"""Fabrics and conditions of a scene, checked."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from softness_bayes.errors import InputError
+
+Array = NDArray[np.float64]
+
+
+def checked_fabrics(modulus: ArrayLike, poisson: ArrayLike) -> tuple[Array, Array]:
+    """Return E_fab [Pa] and nu_fab of each fabric, shape (fabrics,).
+
+    Raises
+    ------
+    InputError
+        If a modulus is not positive and finite or a Poisson ratio is outside (-1, 0.5].
+    """
+    moduli, ratios = np.broadcast_arrays(np.atleast_1d(np.asarray(modulus, float)), np.asarray(poisson, float))
+    if not ((moduli > 0) & np.isfinite(moduli)).all():
+        raise InputError("scene: every fabric modulus must be positive and finite [Pa]")
+    if not ((ratios > -1) & (ratios <= 0.5)).all():
+        raise InputError("scene: every fabric's Poisson ratio must lie in (-1, 0.5]")
+    return moduli, ratios
+
+
+def checked_conditions(
+    fabric: ArrayLike | None, load: ArrayLike | None, fabrics: int, loads: int
+) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Return each condition's fabric and load, shape (conditions,); all pairs, load by load, if one is None.
+
+    Raises
+    ------
+    InputError
+        If there is no condition, or an index points nowhere.
+    """
+    if fabric is None or load is None:
+        fabric, load = np.tile(np.arange(fabrics), loads), np.repeat(np.arange(loads), fabrics)
+    touched, held = indices(fabric, fabrics, "fabric"), indices(load, loads, "load")
+    if touched.size == 0 or touched.shape != held.shape:
+        raise InputError("scene: expected one fabric and one load index for each of at least one condition")
+    return touched, held
+
+
+def indices(values: ArrayLike, size: int, what: str) -> NDArray[np.intp]:
+    """Return indices as a read-only array.
+
+    Raises
+    ------
+    InputError
+        If one is outside 0 to size - 1.
+    """
+    array = np.array(values, dtype=np.intp)
+    if array.size and not ((array >= 0) & (array < size)).all():
+        raise InputError(f"scene: a {what} index lies outside 0 to {size - 1}")
+    array.flags.writeable = False
+    return array
+
+
+def frozen(values: ArrayLike) -> Array:
+    """Return a read-only copy."""
+    array = np.array(values, dtype=float)
+    array.flags.writeable = False
+    return array
