@@ -16,7 +16,7 @@ from softness_bayes.likelihood.directions import FALLS, RISES
 from softness_bayes.report import page
 from softness_bayes.report.cards import cards
 from softness_bayes.report.findings import Standing, findings
-from softness_bayes.runs.from_result import options_of
+from softness_bayes.results.from_result import options_of
 from softness_bayes.runs.run import sample
 from support import report_runs
 from support.made_ratings import LAY, PLAIN, STEEP, ratings, tree

@@ -11,10 +11,10 @@ import xarray as xr
 from softness_bayes import arviz_bridge
 from softness_bayes.errors import InputError
 from softness_bayes.results.checksums import CHECKSUMS
+from softness_bayes.results.from_result import experiment_of, options_of
 from softness_bayes.results.request import Request
 from softness_bayes.results.result import Result
 from softness_bayes.results.result_file import SCHEMA, TABLES
-from softness_bayes.runs.from_result import experiment_of, options_of
 from support.command_line import call, refused
 from support.paths import DATA
 

@@ -26,9 +26,9 @@ from softness_bayes.model.options import ModelOptions
 from softness_bayes.model.scenes import usual_values
 from softness_bayes.model.simulation import simulate_compression, simulate_ratings
 from softness_bayes.results import request
+from softness_bayes.results.from_result import differences, experiment_of, options_of
 from softness_bayes.results.result import Result
 from softness_bayes.runs.comparison import LEAVE, Leave, LeftOut, compare, leave_by_weights
-from softness_bayes.runs.from_result import differences, experiment_of, options_of
 from softness_bayes.runs.plate import sample_skin
 from softness_bayes.runs.run import sample
 from softness_bayes.sampler.diagnostics import Goal

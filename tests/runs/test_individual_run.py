@@ -15,8 +15,8 @@ from softness_bayes.model.build import build, design_of
 from softness_bayes.model.options import ModelOptions
 from softness_bayes.parameters.priors import HalfNormal, Normal
 from softness_bayes.report.page import report_page
+from softness_bayes.results.from_result import experiment_of, options_of
 from softness_bayes.results.result import Result
-from softness_bayes.runs.from_result import experiment_of, options_of
 from softness_bayes.runs.run import sample
 from softness_bayes.touch.finger_family import FingerFamily
 from softness_bayes.touch.finger_grid import FingerGrid

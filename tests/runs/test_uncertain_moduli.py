@@ -12,8 +12,8 @@ from softness_bayes.model.build import build
 from softness_bayes.parameters.priors import LogNormal
 from softness_bayes.report.conclusion import conclude, facts_of
 from softness_bayes.report.page import report_page
+from softness_bayes.results.from_result import experiment_of, options_of
 from softness_bayes.results.result import Result
-from softness_bayes.runs.from_result import experiment_of, options_of
 from softness_bayes.runs.run import sample
 from support.command_line import FIXED, QUICK, call, few_ratings
 from support.paths import DATA

@@ -15,11 +15,12 @@ from softness_bayes.model.options import ModelOptions
 from softness_bayes.parameters.declared import EVERY_PARAMETER
 from softness_bayes.parameters.fabric_moduli import UNKNOWN_MODULUS
 from softness_bayes.parameters.priors import LogNormal, LogUniform, Prior, parse_prior
-from softness_bayes.results.result import Result
+from softness_bayes.results.lookup import Named
+from softness_bayes.results.stored import Stored
 from softness_bayes.touch.scene import Discretisation
 
 
-def experiment_of(result: Result) -> Experiment:
+def experiment_of(result: Stored) -> Experiment:
     """Return the data that a result stores: ratings, fabrics by their moduli and compression data if any.
 
     Raises
@@ -46,12 +47,12 @@ def experiment_of(result: Result) -> Experiment:
     return Experiment(ratings, fabrics, (), _compression_of(result) if result.has_compression else None)
 
 
-def _unknown_of(result: Result) -> Prior:
+def _unknown_of(result: Stored) -> Prior:
     """Return the law of unknown moduli that a run was asked for."""
     return parse_prior(result.provenance.asked.options.get("unknown_modulus", str(UNKNOWN_MODULUS)))
 
 
-def _fabrics_of(result: Result) -> Fabrics:
+def _fabrics_of(result: Stored) -> Fabrics:
     """Return the fabrics of a result, with the errors of their moduli."""
     constant, fabrics = result.group("constant_data"), result.fabrics
     if MODULUS_LAW not in constant:
@@ -75,7 +76,7 @@ def _fabrics_of(result: Result) -> Fabrics:
     )
 
 
-def _compression_of(result: Result) -> Compression:
+def _compression_of(result: Stored) -> Compression:
     constant, force = result.group("constant_data"), result.group("observed_data")["plate_force_n"]
     found = result.provenance.plate
     return Compression(
@@ -89,10 +90,8 @@ def _compression_of(result: Result) -> Compression:
     )
 
 
-def options_of(result: Result) -> ModelOptions:
+def options_of(result: Stored) -> ModelOptions:
     """Return the model that a result was sampled from."""
-    from softness_bayes.results.lookup import Named
-
     found, constant = result.provenance, result.group("constant_data")
     asked = Named(found.asked.options, "option", f"{result.source}: attribute 'options'")
     taken, priors = found.direction, found.priors
@@ -116,7 +115,7 @@ def options_of(result: Result) -> ModelOptions:
     )
 
 
-def differences(results: dict[str, Result]) -> dict[str, str]:
+def differences(results: dict[str, Stored]) -> dict[str, str]:
     """Return, for each result, what sets its model apart: readings, scale, direction, priors and held values."""
     told = {label: _model(result) for label, result in results.items()}
     every = dict.fromkeys(key for model in told.values() for key in model)
@@ -124,7 +123,7 @@ def differences(results: dict[str, Result]) -> dict[str, str]:
     return {label: ", ".join(f"{key}={model.get(key, '–')}" for key in apart) for label, model in told.items()}
 
 
-def _model(result: Result) -> dict[str, str]:
+def _model(result: Stored) -> dict[str, str]:
     options = options_of(result)
     return {
         **options.readings.names,
