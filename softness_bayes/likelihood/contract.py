@@ -59,7 +59,10 @@ class Model(Protocol):
         """Return the median observation of a typical participant [as filed], shape (..., k), where `drive` is."""
 
     def named_effects(self, effects: Effects) -> Mapping[str, tuple[FloatArray, tuple[str, ...]]]:
-        """Return effects by their names in files, each with its axes beyond the batch's; shared effects have none."""
+        """Return effects by their names in files, each with its axes beyond the batch's; shared effects have none.
+
+        Those of fabrics add to the drive.
+        """
 
 
 class Likelihood(ABC):

@@ -96,6 +96,17 @@ class IndividualModel(RatingModel):
         """These effects with as many raters drawn anew."""
         return self._with_raters(rng, parameters, effects.mu, effects.participant.shape)
 
+    def for_others(
+        self,
+        rng: np.random.Generator,
+        parameters: RatingParameters,
+        effects: Effects,
+        n_participants: int,
+        fabric: NDArray[np.intp],
+    ) -> Effects:
+        """These effects for so many new raters, their fingers from the grid; fabrics have none."""
+        return self._with_raters(rng, parameters, effects.mu, (*np.shape(effects.mu), n_participants))
+
     def _with_raters(
         self, rng: np.random.Generator, parameters: RatingParameters, mu: FloatArray, shape: tuple[int, ...]
     ) -> Effects:

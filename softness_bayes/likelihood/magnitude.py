@@ -122,6 +122,19 @@ class RatingModel:
         tau = np.asarray(parameters.tau, float)[..., None]
         return effects._replace(participant=tau * rng.standard_normal(effects.participant.shape))
 
+    def for_others(
+        self,
+        rng: np.random.Generator,
+        parameters: RatingParameters,
+        effects: Effects,
+        n_participants: int,
+        fabric: NDArray[np.intp],
+    ) -> Effects:
+        """These effects for so many new participants, and for fabrics by their index, or new where it is -1."""
+        mu = np.asarray(effects.mu)
+        new = self.draw_effects(rng, parameters, mu.shape, n_participants, fabric.size, {"mu": mu})
+        return new._replace(fabric=np.where(fabric >= 0, effects.fabric[..., fabric], new.fabric))
+
     def draw_ratings(
         self,
         rng: np.random.Generator,

@@ -76,6 +76,24 @@ class RatingsModel(Model, Protocol):
     ) -> Effects:
         """Return these effects with as many participants drawn anew."""
 
+    def for_others(
+        self,
+        rng: np.random.Generator,
+        parameters: RatingParameters,
+        effects: Effects,
+        n_participants: int,
+        fabric: NDArray[np.intp],
+    ) -> Effects:
+        """Return these effects for so many new participants, and for other fabrics.
+
+        Parameters
+        ----------
+        rng, parameters, effects, n_participants
+            Effects are those of `Likelihood.draw_effects`; what all ratings share stays as it is.
+        fabric
+            Each fabric's index among those of `effects`, shape (fabrics,); a fabric of -1 is new, and drawn.
+        """
+
     def draw_ratings(
         self,
         rng: np.random.Generator,

@@ -97,6 +97,17 @@ class StandardisedModel:
         """Return the same line: z-scores have no effects of participants."""
         return effects
 
+    def for_others(
+        self,
+        rng: np.random.Generator,
+        parameters: RatingParameters,
+        effects: Line,
+        n_participants: int,
+        fabric: NDArray[np.intp],
+    ) -> Line:
+        """Return the same line: neither participants nor fabrics have effects of their own."""
+        return effects
+
     def draw_ratings(
         self,
         rng: np.random.Generator,

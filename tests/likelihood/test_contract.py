@@ -29,7 +29,7 @@ from softness_bayes.likelihood.load_errors import LoadErrors
 from softness_bayes.likelihood.magnitude import LogRatings, RatingModel
 from softness_bayes.likelihood.models import LIKELIHOODS, RATING_MODELS, rating_model
 from softness_bayes.likelihood.plate import CompressionForces, SkinParameters
-from softness_bayes.likelihood.ratings import RatingParameters
+from softness_bayes.likelihood.ratings import RatingParameters, RatingsLikelihood
 from softness_bayes.likelihood.scales import MAGNITUDE, RATING_SCALES, scale_named
 from softness_bayes.likelihood.uncertain_loads import UncertainLoads
 from softness_bayes.likelihood.z_scores import StandardisedModel, StandardisedRatings
@@ -359,6 +359,36 @@ def test_members_and_shapes(kind):
     assert all((model.named_effects(given)[name][0] == 0.25).all() for name in shared)
     values = model.scale.natural(model.scale.additive(y.values))
     assert_allclose(values, y.values, rtol=1e-12)
+
+
+RATED_BY = [kind for kind in LIKELIHOODS if issubclass(kind, RatingsLikelihood)]
+
+
+@pytest.mark.parametrize("kind", RATED_BY, **named(RATED_BY))
+def test_other_raters_and_fabrics_are_of_the_population(kind):
+    """New raters and fabrics have effects of the prior's law; known fabrics and what all share stay as they are."""
+    case, rng = CASES[kind], np.random.default_rng(9)
+    y, model = case.observed, case.observed.model
+    _, points = many(case)
+    before = y.new_effects(rng, points, (DRAWS,))
+    others = model.for_others(rng, points, before, 2, np.array([-1, 2, -1, 0]))
+    drawn, known = model.named_effects(others), model.named_effects(before)
+    for name, (values, axes) in known.items():
+        found = drawn[name][0]
+        if not axes:
+            assert_allclose(found, values, rtol=0, err_msg=name)
+        elif axes == ("fabric",):
+            assert_allclose(found[:, [1, 3]], values[:, [2, 0]], rtol=0)
+            assert all(kstest(found[:, k], values[:, 1]).pvalue > 1e-4 for k in (0, 2))
+            assert not (found[:, 0] == found[:, 2]).any()
+        else:
+            assert found.shape == (DRAWS, 2), name
+            assert kstest(found[:, 1], values[:, 0]).pvalue > 1e-4, name
+    # a rating for each new touch: both raters, four fabrics under one load, as many fingers as there are
+    touches = Design(np.tile(np.arange(4), 2), np.repeat([0, 1], 4), np.arange(4), 2)
+    fingers = 1 + model.grid.size if hasattr(model, "grid") else 1
+    drive = y.drive_at(np.ones((DRAWS, 4 * fingers)), many(case)[0], points)
+    assert model.draw_ratings(rng, touches, drive, points, others).shape == (DRAWS, 8)
 
 
 class Shared(LogRatings):
