@@ -9,6 +9,9 @@ from typing import NamedTuple
 MARKS = (",", ".")
 """The possible decimal marks."""
 
+_SPACES = re.compile("[\u00a0\u2009\u202f'\u2019]")
+_SPACED = re.compile(rf"[+-]?[0-9]{{1,3}}(?:{_SPACES.pattern}[0-9]{{3}})+(?:[.,][0-9]+)?")
+
 
 class Cell(NamedTuple):
     """A number as written in a file, and its place."""
@@ -31,22 +34,32 @@ class Reading(NamedTuple):
     """Assumption about an ambiguous number."""
     unclear: Cell | None = None
     """A number that may have decimals or grouped thousands, if no other number decides."""
+    grouped: bool = False
+    """Whether the other mark groups thousands, as a number shows that cannot be read otherwise."""
 
 
-def decimal_mark(columns: Iterable[Sequence[Cell]]) -> Reading:
-    """Find the decimal mark of a table whose cells are not separated by commas.
+def decimal_mark(columns: Iterable[Sequence[Cell]], between_commas: bool = False) -> Reading:
+    """Find the decimal mark of a table, and whether the other mark groups thousands.
 
     Three digits behind a comma may be decimals or thousands, as in 1,234. A number that can only have
-    decimals, such as 0,82, decides for the whole table. So does a column in which every number has a point and
-    three digits, as programs write them; a column that mixes these with whole numbers does not decide.
+    decimals, such as 0,82, decides for the whole table, as does one that can only have grouped thousands, such as
+    1,234.5 or 1,234,567. So does a column in which every number has a point and three digits, as programs write
+    them; a column that mixes these with whole numbers does not decide.
 
     Parameters
     ----------
     columns
         The columns of numbers, without their missing cells.
+    between_commas
+        Whether commas separate the cells, so that decimals have a point.
     """
-    columns = [list(cells) for cells in columns]
+    columns = [[cell._replace(text=_unspaced(cell.text)) for cell in cells] for cells in columns]
     every = [cell for cells in columns for cell in cells]
+    for mark in (".",) if between_commas else MARKS:
+        if (shown := _thousands_shown(every, mark)) is not None:
+            return shown
+    if between_commas:
+        return Reading(".")
     if commas := [cell for cell in every if _marked(",").fullmatch(cell.text)]:
         deciding = next((cell for cell in commas if not _grouped(",").fullmatch(cell.text)), None)
         unclear = next((cell for cell in commas if _grouped(",").fullmatch(cell.text)), None)
@@ -69,15 +82,46 @@ def decimal_mark(columns: Iterable[Sequence[Cell]]) -> Reading:
     return Reading(".")
 
 
+def _thousands_shown(cells: Sequence[Cell], mark: str) -> Reading | None:
+    """Return the reading of `mark` if a number has thousands grouped by the other mark and none contradicts."""
+    other = MARKS[mark == ","]
+    shows = next((cell for cell in cells if _thousands(mark).fullmatch(cell.text)), None)
+    if shows is None or any(
+        _thousands(other).fullmatch(cell.text)
+        or (_marked(other).fullmatch(cell.text) and not _grouped(other).fullmatch(cell.text))
+        for cell in cells
+    ):
+        return None
+    assumed = next((cell for cell in cells if _grouped(other).fullmatch(cell.text)), None)
+    note = (
+        ""
+        if assumed is None
+        else (
+            f"{assumed.place}: {assumed.text} is read as {assumed.text.replace(other, '')}, because {shows.text} in "
+            f"{shows.place} has grouped thousands; --decimal {other} reads it otherwise"
+        )
+    )
+    return Reading(mark, note, grouped=True)
+
+
 def plain(text: str, mark: str, declared: bool) -> str:
-    """Return a number with a decimal point and no grouped thousands, which are allowed only if the mark is declared.
+    """Return a number with a decimal point and no grouped thousands.
+
+    Parameters
+    ----------
+    text
+        The number as written.
+    mark
+        Its decimal mark.
+    declared
+        Whether the other mark is known to group thousands. No-break or thin spaces and apostrophes always do.
 
     Raises
     ------
     ValueError
         If the number is not written with this mark; the message says what was expected.
     """
-    other = MARKS[mark == ","]
+    other, text = MARKS[mark == ","], _unspaced(text)
     if other in text and mark != other:
         groups = re.compile(rf"([+-]?[0-9]{{1,3}}(?:\{other}[0-9]{{3}})+)(\{mark}[0-9]*)?")
         if declared and groups.fullmatch(text):
@@ -85,6 +129,18 @@ def plain(text: str, mark: str, declared: bool) -> str:
         elif mark == ",":
             raise ValueError("expected a decimal comma, as elsewhere in this file")
     return text.replace(mark, ".")
+
+
+def _unspaced(text: str) -> str:
+    """Return a number without the spaces (other than plain ones) or apostrophes that group its thousands."""
+    return _SPACES.sub("", text) if _SPACED.fullmatch(text) else text
+
+
+def _thousands(mark: str) -> re.Pattern[str]:
+    """Return the pattern of numbers that can only have decimals behind `mark` and thousands grouped by the other."""
+    other = MARKS[mark == ","]
+    groups = rf"[+-]?[1-9][0-9]{{0,2}}(?:\{other}[0-9]{{3}})"
+    return re.compile(rf"{groups}+\{mark}[0-9]+|{groups}{{2,}}")
 
 
 def _marked(mark: str) -> re.Pattern[str]:

@@ -27,6 +27,7 @@ MISSING = frozenset({"", "na", "n/a", "nan", "null", "none"})
 """Texts for a missing number, in any case. Only an empty name is missing: NA may be initials."""
 
 _CONTROL = re.compile("[\x00-\x08\x0e-\x1f]")
+_JAPANESE = re.compile("[\u3041-\u30fe\u4e00-\u9fff]{2}")
 _END = "\x1f"  # end mark behind the last row, a character that occurs in no table
 
 
@@ -43,8 +44,8 @@ class Table:
     rows: IntArray
     """Line of each row in the file; the header is line 1."""
     decimal: str
-    declared: bool
-    """Whether the user declared the decimal mark, which allows grouped thousands."""
+    grouped: bool
+    """Whether the other mark may group thousands: the user named the decimal mark, or a number shows it."""
     notes: tuple[str, ...]
 
     def __len__(self) -> int:
@@ -85,14 +86,14 @@ class Table:
             if text.casefold() in MISSING:
                 continue
             try:
-                number = plain(text, self.decimal, self.declared)
+                number = plain(text, self.decimal, self.grouped)
             except ValueError as error:
                 raise self.error(i, column.name, f"{error}, got {quoted(text)}") from None
             try:
                 values[i] = column.parse(number, text)
             except ValueError as error:
                 remedy = "; if commas are decimal marks, add --decimal , and if they group thousands, --decimal ."
-                remedy = "" if self.declared or "," not in text else remedy
+                remedy = "" if self.grouped or "," not in text else remedy
                 raise self.error(i, column.name, f"{error}{remedy}") from None
         return values
 
@@ -101,8 +102,9 @@ def read_table(path: str | Path, renames: Mapping[str, str], decimal: str | None
     """Read the known columns of a CSV file.
 
     Understood are commas, semicolons and tabs between cells; decimal commas where commas do not
-    separate cells; UTF-8 with or without a byte-order mark, UTF-16 with one, and Latin-1; quoted
-    cells; blank lines. Names of columns may differ in case. Other columns are left out, with a note.
+    separate cells; grouped thousands where they cannot be decimals; UTF-8 with or without a byte-order mark,
+    UTF-16 with one, and Latin-1; quoted cells; blank lines. Names of columns may differ in case. Other columns
+    are left out, with a note.
 
     Parameters
     ----------
@@ -143,8 +145,8 @@ def read_table(path: str | Path, renames: Mapping[str, str], decimal: str | None
         notes.append(f"unused columns: {listing(unused)}")
     titles = {name: header[j] for name, j in at.items()}
     reading = Reading(decimal or ".")
-    if decimal is None and separator != ",":
-        reading = _found_mark(path, cells, titles, rows)
+    if decimal is None:
+        reading = _found_mark(path, cells, titles, rows, between_commas=separator == ",")
     if reading.note:
         notes.append(reading.note)
     return Table(
@@ -154,7 +156,7 @@ def read_table(path: str | Path, renames: Mapping[str, str], decimal: str | None
         titles=titles,
         rows=np.array(rows, dtype=np.intp),
         decimal=reading.mark,
-        declared=decimal is not None,
+        grouped=decimal is not None or reading.grouped,
         notes=tuple(notes),
     )
 
@@ -189,6 +191,11 @@ def _decode(path: Path, content: bytes) -> tuple[str, list[str]]:
     except UnicodeDecodeError as error:
         if wide:
             raise InputError(f"{path}: {error.reason} in UTF-16, expected a table saved as CSV") from None
+        if _is_shift_jis(content):
+            line = 1 + content.count(b"\n", 0, error.start)
+            raise InputError(
+                f"{path}: row {line}: the text is encoded in Shift-JIS, expected UTF-8; save the table as 'CSV UTF-8'"
+            ) from None
         text = content.decode("latin-1")
         notes.append("not UTF-8: read as Latin-1")
     if control := _CONTROL.search(text):
@@ -199,6 +206,20 @@ def _decode(path: Path, content: bytes) -> tuple[str, list[str]]:
     if not text.strip():
         raise InputError(f"{path}: the file is empty, expected a header and rows")
     return text.replace("\r\n", "\n").replace("\r", "\n"), notes
+
+
+def _is_shift_jis(content: bytes) -> bool:
+    """Return whether bytes that are not UTF-8 are Japanese text in Shift-JIS.
+
+    Latin-1 has letters where Shift-JIS has second bytes, and typographic quotes of Windows where it has first ones:
+    two Japanese characters side by side, one of them of two bytes beyond ASCII, do not occur in it.
+    """
+    try:
+        text = content.decode("cp932")
+    except UnicodeDecodeError:
+        return False
+    pairs = (match[0].encode("cp932") for match in _JAPANESE.finditer(text))
+    return any(max(pair[1], pair[3]) >= 0x80 and min(pair[0], pair[2]) < 0xA0 for pair in pairs)
 
 
 def _separator(text: str) -> str:
@@ -219,7 +240,11 @@ def _places(header: Sequence[str], renames: Mapping[str, str]) -> dict[str, int]
 
 
 def _found_mark(
-    path: Path, cells: Mapping[str, Sequence[str]], titles: Mapping[str, str], rows: Sequence[int]
+    path: Path,
+    cells: Mapping[str, Sequence[str]],
+    titles: Mapping[str, str],
+    rows: Sequence[int],
+    between_commas: bool,
 ) -> Reading:
     """Return the decimal mark that the numbers of a table show.
 
@@ -229,7 +254,8 @@ def _found_mark(
         If they do not decide between two.
     """
     numbers = [[Cell(t, titles[n], r) for t, r in zip(cells[n], rows, strict=True)] for n in NUMBERS if n in cells]
-    reading = decimal_mark([c for c in column if c.text.casefold() not in MISSING] for column in numbers)
+    filled = [[c for c in column if c.text.casefold() not in MISSING] for column in numbers]
+    reading = decimal_mark(filled, between_commas)
     if reading.unclear is not None:
         raise InputError(_unclear(path, reading.unclear))
     return reading

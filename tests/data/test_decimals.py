@@ -230,3 +230,78 @@ def test_a_long_name_or_title_is_quoted_in_a_line(tmp_path, header):
     with pytest.raises(InputError) as caught:
         Fabrics.read(path)
     assert len(str(caught.value)) < len(str(path)) + 350
+
+
+# thousands that cannot be decimals
+
+
+@pytest.mark.parametrize("separator", [";", "\t", ","])
+@pytest.mark.parametrize(
+    ("ratings", "found"),
+    [
+        (["1,234.5", "12"], [1234.5, 12]),
+        (["1,234,567", "0.5"], [1234567, 0.5]),
+        (["1\u00a0234", "1\u202f234.5"], [1234, 1234.5]),
+        (["1'234", "1\u2019234.25"], [1234, 1234.25]),
+        (["1,234", "2,345.5"], [1234, 2345.5]),
+    ],
+)
+def test_thousands_that_cannot_be_decimals_are_read(tmp_path, ratings, found, separator):
+    read = Ratings.read(table(tmp_path, ratings, separator))
+    assert read.rating.tolist() == found
+    assert len(read.notes) == (ratings[0] == "1,234")
+    if read.notes:
+        assert "1,234 is read as 1234, because 2,345.5 in row 3" in read.notes[0]
+
+
+@pytest.mark.parametrize(
+    ("ratings", "found"),
+    [
+        (["1.234,5", "12"], [1234.5, 12]),
+        (["1.234.567", "0,5"], [1234567, 0.5]),
+        (["1.234", "2.345,5"], [1234, 2345.5]),
+        (["1\u00a0234,567", "3"], [1234.567, 3]),
+    ],
+)
+def test_points_group_thousands_where_a_number_shows_it(tmp_path, ratings, found):
+    assert Ratings.read(table(tmp_path, ratings)).rating.tolist() == found
+
+
+@pytest.mark.parametrize(
+    ("ratings", "named"),
+    [
+        (["1,234.5", "0,5"], "row 2, column 'rating': expected"),  # one has a decimal point, the other a comma
+        (["1.234,5", "0.5"], "row 2, column 'rating': expected"),
+        (["1,23,456", "5"], "row 2, column 'rating': expected a finite number, got '1,23,456'"),
+        (["1 234", "5"], "row 2, column 'rating': expected a finite number, got '1 234'"),  # perhaps two numbers
+    ],
+)
+def test_thousands_that_contradict_are_refused_with_their_place(tmp_path, ratings, named):
+    with pytest.raises(InputError, match=named):
+        Ratings.read(table(tmp_path, ratings))
+
+
+# encodings
+
+
+JAPANESE = "被験者,布,押し込み量 [mm],柔らかさ\n山田,綿,1,5\n"
+LATIN = "participant,fabric,indentation_mm,rating\nP1,{},1,5\n"
+
+
+def test_shift_jis_is_named_as_an_encoding(tmp_path):
+    path = tmp_path / "ratings.csv"
+    for text, row in ((JAPANESE, 1), (LATIN.format("木綿"), 2), (LATIN.format("ポリエステル"), 2)):
+        path.write_bytes(text.encode("cp932"))
+        with pytest.raises(InputError, match=f"row {row}: the text is encoded in Shift-JIS, expected UTF-8"):
+            Ratings.read(path)
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["Größe", "soie à jour", "l\u2019épais", "Young\u2019s", "\u201ca\u201d", "ÄÖÜ", "façonné", "\u0153uvré", "€5"],
+)
+def test_western_text_is_not_taken_for_shift_jis(tmp_path, name):
+    path = tmp_path / "ratings.csv"
+    path.write_bytes(LATIN.format(name).encode("cp1252"))
+    (note,) = Ratings.read(path).notes
+    assert "read as Latin-1" in note
