@@ -21,6 +21,7 @@ from softness_bayes.data.columns import (
 )
 from softness_bayes.data.compression import Compression
 from softness_bayes.data.fabrics import USUAL_POISSON_RATIO, Fabrics
+from softness_bayes.data.headers import FABRICS, LOADED, PRESSED, RATED, together
 from softness_bayes.data.names import listing
 from softness_bayes.data.ratings import LOAD_COLUMNS, Conditions, LoadColumn, Ratings, loads_of
 from softness_bayes.data.tables import Table, check_renames, read_table
@@ -106,9 +107,12 @@ def read_experiment(
         Naming file, row, column and value.
     """
     columns = columns or {}
-    table = read_table(ratings_path, columns, decimal)
+    sought = RATED if indentation_mm is force_n is None else LOADED
+    if fabrics_path is None and not _beside(ratings_path).is_file():
+        sought = together(sought, FABRICS)
+    table = read_table(ratings_path, sought, columns, decimal)
     fabric_table, notes = _fabric_table(table, fabrics_path, columns, decimal)
-    plate_table = None if compression_path is None else read_table(compression_path, columns, decimal)
+    plate_table = None if compression_path is None else read_table(compression_path, PRESSED, columns, decimal)
     check_renames(columns, table, fabric_table, *([] if plate_table is None else [plate_table]))
     compression = None if plate_table is None else Compression.from_table(plate_table)
     fabrics = Fabrics.from_table(fabric_table, repeated=fabric_table is table)
@@ -126,19 +130,26 @@ def read_experiment(
     )
 
 
+def _beside(ratings_path: str | Path) -> Path:
+    """Return the place of a fabric table beside the ratings."""
+    return Path(ratings_path).parent / FABRICS_BESIDE
+
+
 def _fabric_table(
     ratings: Table, path: str | Path | None, columns: Mapping[str, str], decimal: str | None
 ) -> tuple[Table, list[str]]:
     """Return the table that holds the fabrics' properties, and notes about the choice of it."""
     own = [column.name for column in MODULUS_SOURCES if column.name in ratings]
-    beside = ratings.path.with_name(FABRICS_BESIDE)
+    beside = _beside(ratings.path)
     if path is not None:
         unused = f"{ratings.path.name}: {listing(own)} not used, the fabrics are those of {path}"
-        return read_table(path, columns, decimal), [unused] if own else []
+        return read_table(path, FABRICS, columns, decimal), [unused] if own else []
     if own:
         return ratings, []
     if beside.is_file():
-        return read_table(beside, columns, decimal), [f"the fabrics are those of {beside}, found beside the ratings"]
+        return read_table(beside, FABRICS, columns, decimal), [
+            f"the fabrics are those of {beside}, found beside the ratings"
+        ]
     raise InputError(
         f"{ratings.path}: the fabrics have no properties: name their table with --fabrics, put a "
         f"{FABRICS_BESIDE} beside the ratings, or give these a column of "

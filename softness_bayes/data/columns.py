@@ -6,13 +6,15 @@ import math
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
-from decimal import Decimal
+from decimal import MAX_EMAX, MIN_EMIN, Context, Decimal
 
+from softness_bayes.data.units import UNITS, Unit, unit_named
 from softness_bayes.errors import quoted
 from softness_bayes.ranges import ANY, LOAD_ERRORS, RELATIVE_ERRORS, Range
 from softness_bayes.touch.contact import FORCES, INDENTATIONS
 
 _NUMBER = re.compile(r"([+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+))(?:[eE]([+-]?[0-9]{1,9}))?")
+_EXACT = Context(prec=60, Emax=MAX_EMAX, Emin=MIN_EMIN)
 
 
 @dataclass(frozen=True)
@@ -49,16 +51,31 @@ class Column:
         return f"{self.label} ({self.unit})" if self.unit else self.label
 
     @property
-    def expected(self) -> str:
-        """The allowed values, in words."""
-        return str(self.range.within(10.0**-self.power))
+    def quantity(self) -> str:
+        """The quantity that is measured, as in `units.UNITS`; a ratio if the column has no unit."""
+        return next((quantity for quantity in UNITS if self.unit and unit_named(self.unit, quantity)), "ratio")
+
+    def expected(self, unit: Unit | None = None) -> str:
+        """Return the allowed values in words, in the column's unit or another one."""
+        if unit is None:
+            return str(self.range.within(10.0**-self.power))
+        return str(self.range.within(1.0 / float(unit.factor), unit.name))
 
     def holds(self, value: float) -> bool:
         """Return whether `value` [SI] is allowed in the column."""
         return self.range.holds(value)
 
-    def parse(self, text: str, filed: str | None = None) -> float:
-        """Return the value [SI] of a number with a decimal point; messages quote the text in the file, `filed`.
+    def parse(self, text: str, filed: str | None = None, unit: Unit | None = None) -> float:
+        """Return the value [SI] of a number with a decimal point.
+
+        Parameters
+        ----------
+        text
+            The number.
+        filed
+            The text in the file, which messages quote.
+        unit
+            Unit of the number, if it is not the column's own.
 
         Raises
         ------
@@ -66,9 +83,14 @@ class Column:
             If the text is not a number or out of range; the message says what was expected.
         """
         match = _NUMBER.fullmatch(text)
-        value = float(f"{match[1]}e{int(match[2] or 0) + self.power}") if match else math.nan
+        if not match:
+            value = math.nan
+        elif unit is None:
+            value = float(f"{match[1]}e{int(match[2] or 0) + self.power}")
+        else:
+            value = float(_EXACT.multiply(Decimal(text), unit.factor))
         if not self.holds(value):
-            raise ValueError(f"expected {self.expected}, got {quoted(text if filed is None else filed)}")
+            raise ValueError(f"expected {self.expected(unit)}, got {quoted(text if filed is None else filed)}")
         return value
 
     def write(self, value: float) -> str:

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from softness_bayes.data.columns import FORCE, INDENTATION, Column
+from softness_bayes.data.headers import PRESSED
 from softness_bayes.data.names import alike_notes, natural
 from softness_bayes.data.tables import FloatArray, IntArray, Table, check_renames, read_only, read_table
 from softness_bayes.errors import InputError
@@ -87,7 +88,7 @@ class Compression:
         InputError
             Naming file, row, column and value.
         """
-        table = read_table(path, columns or {}, decimal)
+        table = read_table(path, PRESSED, columns or {}, decimal)
         check_renames(columns or {}, table)
         return cls.from_table(table)
 
@@ -113,9 +114,8 @@ class Compression:
             for column, value in ((FORCE, force[i]), (INDENTATION, depth[i])):
                 if not column.holds(value):
                     found = table.cells[column.name][i]
-                    raise table.error(
-                        i, column.name, f"expected {column.expected} where there is a force, got {found!r}"
-                    )
+                    expected = column.expected(table.units.get(column.name))
+                    raise table.error(i, column.name, f"expected {expected} where there is a force, got {found!r}")
         zero, missing = int((force == 0).sum()), int(np.isnan(force).sum())
         if missing:
             notes.append(f"{table.path.name}: {missing} forces are missing")

@@ -28,6 +28,7 @@ from softness_bayes.data.columns import (
     THICKNESS_SD,
     Column,
 )
+from softness_bayes.data.headers import FABRICS
 from softness_bayes.data.names import alike_notes, listing, natural
 from softness_bayes.data.tables import FloatArray, Table, check_renames, read_only, read_table
 from softness_bayes.errors import InputError, quoted
@@ -128,7 +129,7 @@ class Fabrics:
                 values = np.where(np.isnan(values), USUAL_POISSON_RATIO, values)
             for i, value in enumerate(values):
                 if not (np.isnan(value) or column.holds(value)):
-                    raise InputError(f"{self._place(i)}: {name} is {value}, expected {column.expected}")
+                    raise InputError(f"{self._place(i)}: {name} is {value}, expected {column.expected()}")
             object.__setattr__(self, name, read_only(values, float))
         for i, basis in enumerate(self.basis):
             self._require_bracket(i)
@@ -258,7 +259,7 @@ class Fabrics:
         InputError
             Naming file, row, column and value.
         """
-        table = read_table(path, columns or {}, decimal)
+        table = read_table(path, FABRICS, columns or {}, decimal)
         check_renames(columns or {}, table)
         return cls.from_table(table)
 

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 
 from softness_bayes.data.columns import FORCE, INDENTATION, LOAD_CV, RATING, Column
 from softness_bayes.data.fabrics import Fabrics, log_sd
+from softness_bayes.data.headers import LOADED, RATED
 from softness_bayes.data.names import alike_notes, guess, natural
 from softness_bayes.data.tables import (
     FloatArray,
@@ -206,7 +207,8 @@ class Ratings:
         InputError
             Naming file, row, column and value.
         """
-        table = read_table(path, columns or {}, decimal)
+        sought = RATED if indentation_mm is force_n is None else LOADED
+        table = read_table(path, sought, columns or {}, decimal)
         check_renames(columns or {}, table)
         return cls.from_table(table, fabrics, indentation_mm, force_n)
 
@@ -293,6 +295,7 @@ def _loads_in(table: Table, indentation_mm: float | None, force_n: float | None)
             raise InputError(
                 f"{table.path}: no load column ({INDENTATION.name} or {FORCE.name}); give the load of all "
                 "ratings by one of --indentation-mm and --force-n, or name its column with --column"
+                f"{''.join(f'; {note}' for note in table.notes)}"
             )
         return list(given) * len(table)
     if given:

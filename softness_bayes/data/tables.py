@@ -16,7 +16,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from softness_bayes.data.columns import LABELS, NUMBERS, Column
 from softness_bayes.data.decimals import MARKS, Cell, Reading, decimal_mark, plain
+from softness_bayes.data.headers import Sought, understood
 from softness_bayes.data.names import guess, listing, natural
+from softness_bayes.data.units import Unit
 from softness_bayes.errors import InputError, quoted
 from softness_bayes.files.spreadsheet import unescaped
 
@@ -41,6 +43,8 @@ class Table:
     cells: Mapping[str, Sequence[str]]
     titles: Mapping[str, str]
     """Standard name of a column -> its name in the file's header."""
+    units: Mapping[str, Unit]
+    """Standard name of a column -> its unit, where that is not the one in the standard name."""
     rows: IntArray
     """Line of each row in the file; the header is line 1."""
     decimal: str
@@ -90,7 +94,7 @@ class Table:
             except ValueError as error:
                 raise self.error(i, column.name, f"{error}, got {quoted(text)}") from None
             try:
-                values[i] = column.parse(number, text)
+                values[i] = column.parse(number, text, self.units.get(column.name))
             except ValueError as error:
                 remedy = "; if commas are decimal marks, add --decimal , and if they group thousands, --decimal ."
                 remedy = "" if self.grouped or "," not in text else remedy
@@ -98,7 +102,7 @@ class Table:
         return values
 
 
-def read_table(path: str | Path, renames: Mapping[str, str], decimal: str | None = None) -> Table:
+def read_table(path: str | Path, sought: Sought, renames: Mapping[str, str], decimal: str | None = None) -> Table:
     """Read the known columns of a CSV file.
 
     Understood are commas, semicolons and tabs between cells; decimal commas where commas do not
@@ -110,6 +114,8 @@ def read_table(path: str | Path, renames: Mapping[str, str], decimal: str | None
     ----------
     path
         The file.
+    sought
+        The columns that may have other names and units than the standard ones; notes say which do.
     renames
         Name of a column here -> its name in the file; those that the file lacks are ignored
         (`check_renames` refuses those that no file has).
@@ -132,8 +138,9 @@ def read_table(path: str | Path, renames: Mapping[str, str], decimal: str | None
         raise InputError(f"{path}: {error.strerror}") from None
     text, notes = _decode(path, content)
     separator = _separator(text)
-    header, body, rows, padded = _records(path, text, separator)
-    at = _places(header, renames)
+    header, body, rows, first, padded = _records(path, text, separator)
+    at, units, found = understood(header, renames, sought, f"{path}: row {first}")
+    notes += found
     cells = {name: [record[j] for record in body] for name, j in at.items()}
     for name in (name for name in LABELS if name in at):
         total = Counter(cells[name])
@@ -154,6 +161,7 @@ def read_table(path: str | Path, renames: Mapping[str, str], decimal: str | None
         digest=hashlib.sha256(content).hexdigest(),
         cells=cells,
         titles=titles,
+        units=units,
         rows=np.array(rows, dtype=np.intp),
         decimal=reading.mark,
         grouped=decimal is not None or reading.grouped,
@@ -228,17 +236,6 @@ def _separator(text: str) -> str:
     return max(",;\t", key=header.count)
 
 
-def _places(header: Sequence[str], renames: Mapping[str, str]) -> dict[str, int]:
-    """Return where the known columns are: standard name -> index in the header; a renamed title comes first."""
-    where = {title.casefold(): j for j, title in enumerate(header) if title}
-    at: dict[str, int] = {}
-    for name in (*LABELS, *NUMBERS):
-        for title in (renames.get(name, name).casefold(), name):
-            if title in where:
-                at.setdefault(name, where[title])
-    return at
-
-
 def _found_mark(
     path: Path,
     cells: Mapping[str, Sequence[str]],
@@ -272,8 +269,8 @@ def _unclear(path: Path, cell: Cell) -> str:
 
 def _records(
     path: Path, text: str, separator: str
-) -> tuple[list[str], list[list[str]], list[int], Counter[tuple[int, str]]]:
-    """Return the header, the non-blank rows, their lines, and the number of cells with spaces at their ends.
+) -> tuple[list[str], list[list[str]], list[int], int, Counter[tuple[int, str]]]:
+    """Return header, non-blank rows, their lines, the header's line, and the number of cells with spaces at their ends.
 
     That number is by column and by the cell's text without the spaces.
     """
@@ -297,7 +294,7 @@ def _records(
         beyond = [cell for cell in record[used:] if cell]
         if beyond:
             raise InputError(f"{path}: row {row}: {quoted(beyond[-1])} stands beyond the {used} columns of the header")
-    return header[:used], [[*record[:used], *[""] * (used - len(record))] for record in body], rows[1:], padded
+    return header[:used], [[*record[:used], *[""] * (used - len(record))] for record in body], rows[1:], rows[0], padded
 
 
 def _rows(path: Path, text: str, separator: str) -> Iterator[tuple[list[str], int]]:

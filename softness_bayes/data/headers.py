@@ -1,0 +1,205 @@
+"""Headers of tables: which column holds what, and in which unit."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+from softness_bayes.data.columns import (
+    BENDING_RIGIDITY,
+    EFFECTIVE_MODULUS,
+    EFFECTIVE_MODULUS_HIGH,
+    EFFECTIVE_MODULUS_LOW,
+    FORCE,
+    INDENTATION,
+    LABELS,
+    LOAD_CV,
+    NUMBERS,
+    RATING,
+    TENSILE_MODULUS,
+    THICKNESS,
+    Column,
+)
+from softness_bayes.data.names import listing
+from softness_bayes.data.synonyms import SYNONYMS, key
+from softness_bayes.data.units import Spelt, Unit, is_unit, names_of, title_and_unit, unit_named
+from softness_bayes.errors import InputError, quoted
+
+
+class Sought(NamedTuple):
+    """The columns that a table may have by other names.
+
+    A column by its own name, or by that of `--column`, comes first. Tables that have all they need by these names
+    are read as if nothing else were in them.
+    """
+
+    names: frozenset[str]
+    either: tuple[tuple[frozenset[str], ...], ...] = ()
+    """Groups of columns of which one set is enough: with that, the others of the group are not sought."""
+
+    def without(self, present: Mapping[str, int]) -> list[str]:
+        """Return the columns to look for beside those that are there, in the order of declaration."""
+        enough = [group for group in self.either if any(names <= present.keys() for names in group)]
+        done = {name for group in enough for names in group for name in names}
+        return [n for n in (*LABELS, *NUMBERS) if n in self.names and n not in present and n not in done]
+
+
+_LOADS = (frozenset({INDENTATION.name}), frozenset({FORCE.name}))
+_MODULI = (
+    frozenset({EFFECTIVE_MODULUS.name}),
+    frozenset({EFFECTIVE_MODULUS_LOW.name, EFFECTIVE_MODULUS_HIGH.name}),
+    frozenset({BENDING_RIGIDITY.name}),
+    frozenset({TENSILE_MODULUS.name, THICKNESS.name}),
+)
+_OF_RATINGS = frozenset({"participant", "fabric", "trial", RATING.name, LOAD_CV.name})
+_OF_FABRICS = frozenset(NUMBERS) - {RATING.name, LOAD_CV.name, INDENTATION.name, FORCE.name}
+
+LOADED = Sought(_OF_RATINGS)
+"""Ratings whose load is given beside the table."""
+RATED = Sought(_OF_RATINGS | frozenset().union(*_LOADS), (_LOADS,))
+"""Ratings, with a load in each row."""
+FABRICS = Sought(_OF_FABRICS | {"fabric"}, (_MODULI,))
+"""Fabrics."""
+PRESSED = Sought(frozenset({"participant", "indentor", INDENTATION.name, FORCE.name}))
+"""Forces of a rigid plate."""
+
+
+def together(one: Sought, other: Sought) -> Sought:
+    """Return the columns of a table that holds what two tables may hold."""
+    return Sought(one.names | other.names, one.either + other.either)
+
+
+class Header(NamedTuple):
+    """The columns of a table that are known, and their units."""
+
+    at: dict[str, int]
+    """Standard name -> index of the column."""
+    units: dict[str, Unit]
+    """Standard name -> unit of the column, where it is not the one in the standard name."""
+    notes: list[str]
+
+
+def understood(titles: Sequence[str], renames: Mapping[str, str], sought: Sought, where: str) -> Header:
+    """Find the columns of a table by their own names, those that the user gave, and those in `synonyms.SYNONYMS`.
+
+    Parameters
+    ----------
+    titles
+        The header's cells; distinct, in any case, where they are not empty.
+    renames
+        Name of a column here -> its name in the file; those that the file lacks are ignored.
+    sought
+        What is looked for by other names.
+    where
+        The header's place, for messages.
+
+    Raises
+    ------
+    InputError
+        If two columns may be the same one, or a unit is not one of the column's quantity.
+    """
+    found = Header(_places(titles, renames), {}, [])
+    for name, j in found.at.items():
+        if titles[j].casefold() != name and (spelt := title_and_unit(titles[j])[1]) is not None:
+            _take_unit(found, name, titles[j], spelt, where)
+    _seek(found, titles, sought, where)
+    return found
+
+
+def _places(titles: Sequence[str], renames: Mapping[str, str]) -> dict[str, int]:
+    """Return where columns are by their own names or the user's, of which a user's comes first."""
+    where = {title.casefold(): j for j, title in enumerate(titles) if title}
+    at: dict[str, int] = {}
+    for name in (*LABELS, *NUMBERS):
+        for title in (renames.get(name, name).casefold(), name):
+            if title in where:
+                at.setdefault(name, where[title])
+    return at
+
+
+def _quantity(name: str) -> str:
+    """Return what a column measures, empty for names and ratings: what stands in their brackets is a remark."""
+    return "" if name in LABELS or name == RATING.name else NUMBERS[name].quantity
+
+
+def _take_unit(found: Header, name: str, title: str, spelt: Spelt, where: str) -> None:
+    """Note the unit of a column that the user named, or refuse one of another quantity."""
+    quantity, text = _quantity(name), spelt.text
+    if not quantity or not text:
+        return
+    if unit := unit_named(text, quantity):
+        _convert(found, NUMBERS[name], title, unit, f"column {quoted(title)}: ")
+    elif not spelt.bracketed and len(text) < 2:
+        return  # a word of one letter need not be a unit
+    elif is_unit(text) or not text.replace(" ", "").isalpha() or "[" in title:
+        raise InputError(
+            f"{where}, column {quoted(title)}: {name} has the unit {quoted(text)} in the header, expected one of "
+            f"{names_of(quantity)}"
+        )
+    else:
+        found.notes.append(
+            f"column {quoted(title)}: {quoted(text)} is no unit, so values are taken as they are for {name}"
+        )
+
+
+def _convert(found: Header, column: Column, title: str, unit: Unit, lead: str) -> None:
+    """Note that a column is in another unit."""
+    own = unit_named(column.unit or "1", column.quantity)
+    assert own is not None
+    if unit.factor != own.factor:
+        found.units[column.name] = unit
+        ratio = float(unit.factor / own.factor)
+        found.notes.append(f"{lead}converted, 1 {unit.name} = {ratio:.9g} {column.unit}".rstrip())
+
+
+def _seek(found: Header, titles: Sequence[str], sought: Sought, where: str) -> None:
+    """Add the columns that have other names, one for each that is missing.
+
+    Raises
+    ------
+    InputError
+        If there are several for one.
+    """
+    parts = {j: title_and_unit(title) for j, title in enumerate(titles) if title and j not in found.at.values()}
+    for name in sought.without(found.at):
+        names = {key(title) for title in (title_and_unit(name)[0], name, *SYNONYMS.get(name, ()))}
+        near = [j for j, (stem, _) in parts.items() if key(stem) in names or key(titles[j]) in names]
+        fitting = [j for j in near if _fits(name, *parts[j], title=titles[j], names=names)]
+        if len(fitting) > 1:
+            ways = " or ".join(f"--column {name}={quoted(titles[j])}" for j in fitting[:4])
+            raise InputError(
+                f"{where}: columns {listing([quoted(titles[j]) for j in fitting])} may each be {name!r}; {ways} decides"
+            )
+        for j in fitting:
+            found.at[name] = j
+            lead = f"column {quoted(titles[j])} is read as {name}"
+            before = len(found.notes)
+            spelt = parts[j][1]
+            if _quantity(name) and spelt is not None and (unit := unit_named(spelt.text, _quantity(name))):
+                _convert(found, NUMBERS[name], titles[j], unit, f"{lead}, ")
+            if len(found.notes) == before:
+                found.notes.append(lead)
+        found.notes.extend(
+            f"column {quoted(titles[j])} is not read{', it has no unit known here' if _quantity(name) else ''}; "
+            f"--column {name}={quoted(titles[j])} takes it as {name}"
+            for j in near
+            if not fitting
+        )
+
+
+def _fits(name: str, stem: str, spelt: Spelt | None, *, title: str, names: set[str]) -> bool:
+    """Return whether a title is a name of a column, with a unit that the column may have."""
+    quantity = _quantity(name)
+    if spelt is None and quantity in ("", "ratio"):
+        return True
+    if not quantity:
+        return key(title) in names or _is_scale(spelt)
+    if spelt is None or key(stem) not in names:
+        return False
+    return unit_named(spelt.text, quantity) is not None
+
+
+def _is_scale(spelt: Spelt | None) -> bool:
+    """Return whether a remark in brackets is the extent of a scale, such as 1-10."""
+    return spelt is not None and re.fullmatch(r"[0-9]+\s*(?:-|–|…|\.\.\.?|to)\s*[0-9]+", spelt.text) is not None

@@ -1,0 +1,248 @@
+"""Titles of columns from elsewhere: units in headers, names in several languages, and what is refused."""
+
+from fractions import Fraction
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from softness_bayes.cli import main
+from softness_bayes.data import Compression, Fabrics, Ratings, read_experiment
+from softness_bayes.data.columns import LABELS, NUMBERS
+from softness_bayes.data.synonyms import SYNONYMS, key
+from softness_bayes.data.units import UNITS, title_and_unit, unit_named
+from softness_bayes.errors import InputError
+from softness_bayes.touch.contact import Force, Indentation
+
+
+@pytest.fixture
+def file(tmp_path):
+    def write(text, name="table.csv"):
+        path = tmp_path / name
+        path.write_text(text, encoding="utf-8")
+        return path
+
+    return write
+
+
+def ratings(file, load, value="1", **options):
+    return Ratings.read(file(f"participant,fabric,{load},rating\nP1,a,{value},5\n"), **options)
+
+
+def cloth(file, title, value, **options):
+    return Fabrics.read(file(f"fabric,{title}\na,{value}\n", "fabrics.csv"), **options)
+
+
+# units
+
+
+@pytest.mark.parametrize(
+    ("title", "value", "load"),
+    [
+        ("Indentation [mm]", "2", Indentation(0.002)),
+        ("indentation (µm)", "1500", Indentation(0.0015)),
+        ("Indentation （mm）", "2", Indentation(0.002)),
+        ("depth_um", "700", Indentation(0.0007)),
+        ('"depth, cm"', "0.3", Indentation(0.003)),
+        ("depth / mm", "3", Indentation(0.003)),
+        ("Depth in mm", "3", Indentation(0.003)),
+        ("Depth [in]", "0.1", Indentation(0.00254)),
+        ("押し込み量 [mm]", "1", Indentation(0.001)),
+        ("Eindringtiefe (mm)", "1", Indentation(0.001)),
+        ("force_gf", "100", Force(0.980665)),
+        ("force_mN", "250", Force(0.25)),
+        ("Contact force [g]", "100", Force(0.980665)),
+        ("Normalkraft (N)", "1.5", Force(1.5)),
+    ],
+)
+def test_loads_are_read_in_the_unit_of_their_header(file, title, value, load):
+    read = ratings(file, title, value)
+    assert read.loads == (load,)
+    (note,) = read.notes
+    assert "is read as indentation_mm" in note or "is read as force_n" in note
+    converted = not any(unit in title for unit in ("mm", "(N)"))
+    assert ("converted, 1 " in note) == converted
+
+
+@pytest.mark.parametrize(
+    ("title", "value", "field", "found"),
+    [
+        ("E (MPa)", "2.5", "tensile_modulus", 2.5e6),
+        ("Young's modulus [GPa]", "0.25", "tensile_modulus", 2.5e8),
+        ("E-Modul (N/mm²)", "3", "tensile_modulus", 3e6),
+        ("youngs_modulus_Pa", "821000", "tensile_modulus", 821e3),
+        ("thickness [µm]", "250", "thickness", 250e-6),
+        ("thickness_um", "250", "thickness", 250e-6),
+        ("Dicke [mm]", "0.25", "thickness", 250e-6),
+        ("厚さ(mm)", "0.25", "thickness", 250e-6),
+    ],
+)
+def test_properties_are_read_in_the_unit_of_their_header(file, title, value, field, found):
+    rest = "thickness_mm,0.3" if field == "tensile_modulus" else "tensile_modulus_mpa,2"
+    name, other = rest.split(",")
+    read = cloth(file, f"{title},{name}", f"{value},{other}")
+    assert getattr(read, field).tolist() == [found]
+
+
+@pytest.mark.parametrize("title", ["B (gf·cm²/cm)", "B (gf.cm2/cm)", "B [gf cm^2/cm]", "Bending rigidity [gf*cm²/cm]"])
+def test_kawabata_rigidities_are_converted_and_said(file, title):
+    for columns in ({}, {"bending_rigidity_n_m": title}):
+        read = cloth(file, title, "0.1", columns=columns)
+        assert read.bending_rigidity.tolist() == [9.80665e-6]
+        np.testing.assert_allclose(read.modulus(), [9806.65], rtol=1e-14)
+        assert any("converted, 1 gf·cm²/cm = 9.80665e-05 N m" in note for note in read.notes)
+
+
+def test_a_header_unit_beside_a_rename_is_converted_or_refused(file):
+    columns = {"thickness_mm": "Thickness [µm]"}
+    read = cloth(file, "Thickness [µm],tensile_modulus_mpa", "250,2", columns=columns)
+    assert read.thickness.tolist() == [250e-6]
+    assert "fabrics.csv: column 'Thickness [µm]': converted, 1 µm = 0.001 mm" in read.notes
+    for unit in ("N", "furlong", "gf.cm2/cm"):
+        title = f"Thickness [{unit}]"
+        with pytest.raises(InputError, match=r"row 1, column 'Thickness \[.*\]': thickness_mm has the unit '.*' in"):
+            cloth(file, f"{title},tensile_modulus_mpa", "250,2", columns={"thickness_mm": title})
+    read = cloth(file, "Thickness (KES),tensile_modulus_mpa", "0.2,2", columns={"thickness_mm": "Thickness (KES)"})
+    assert read.thickness.tolist() == [0.2e-3]
+    assert any("'KES' is no unit, so values are taken as they are for thickness_mm" in note for note in read.notes)
+
+
+def test_percentages_of_errors_are_converted(file):
+    read = cloth(file, "effective_modulus_kpa,effective modulus cv (%)", "10,15")
+    assert read.effective_modulus_cv.tolist() == [0.15]
+
+
+def test_values_beyond_the_range_are_named_in_the_unit_of_the_file(file):
+    with pytest.raises(InputError, match=r"row 2, column 'depth_um': expected a number from .* µm, got '0'"):
+        ratings(file, "depth_um", "0")
+
+
+def test_factors_are_exact():
+    inch, pound = Fraction("0.0254"), Fraction("4.4482216152605")
+    psi = unit_named("psi", "pressure")
+    assert abs(Fraction(psi.factor) / (pound / inch**2) - 1) < Fraction(1, 10**40)
+    gram = Fraction("9.80665e-3")
+    for text, exact in (("gf·cm²/cm", gram / 100), ("mg·cm", gram / 10**5), ("gf.cm2/cm", gram / 100)):
+        assert Fraction(unit_named(text, "rigidity").factor) == exact
+    for quantity, units in UNITS.items():
+        spelt = [text for texts in units.values() for text in texts]
+        assert len(set(spelt)) == len(spelt)
+        for texts in units.values():
+            assert {unit_named(text, quantity).name for text in texts} == {texts[0]}
+    assert unit_named("mpa", "pressure").name == "MPa"
+    assert unit_named("nm", "length").name == "nm"
+    assert unit_named("Nm", "rigidity").name == "N·m"
+
+
+def test_values_keep_every_digit_in_another_unit():
+    depth = NUMBERS["indentation_mm"]
+    rng = np.random.default_rng(2)
+    for value in rng.uniform(10, 3000, 200).tolist():
+        assert depth.parse(repr(value), unit=unit_named("µm", "length")) == float(f"{value!r}e-6")
+
+
+@pytest.mark.parametrize("title", ["E_bar", "depth_in", "trial 1", "m", "E" * 3000, "(" * 150 + " " * 40])
+def test_words_that_are_no_units(title):
+    assert title_and_unit(title)[1] is None
+
+
+# names
+
+
+def test_every_name_stands_for_one_column():
+    assert set(SYNONYMS) <= {*LABELS, *NUMBERS}
+    standard = {key(title_and_unit(name)[0]): name for name in (*LABELS, *NUMBERS)}
+    owner: dict[str, str] = {}
+    for name, others in SYNONYMS.items():
+        for other in others:
+            assert owner.setdefault(key(other), name) == name, other
+            assert standard.get(key(other), name) == name, other
+
+
+@pytest.mark.parametrize(
+    "header",
+    [
+        "subject;material;softness;Indentation [mm]",
+        "Versuchsperson;Stoff;Weichheit;Eindringtiefe [mm]",
+        "被験者;布;柔らかさ;押し込み量 (mm)",
+        "Sujet;Tissu;Douceur;Profondeur [mm]",
+        "Participant ID;Fabric name;Magnitude estimate;indentation depth (mm)",
+        "subject_id;sample;Rating (0-100);depth_mm",
+    ],
+)
+def test_tables_in_several_languages_are_read_and_every_name_is_said(file, header):
+    read = Ratings.read(file(f"{header}\n01;b;5;1\n1;a;6;2\n"))
+    assert read.participants == ("01", "1")
+    assert read.fabrics == ("a", "b")
+    assert read.rating.tolist() == [5, 6]
+    assert read.loads == (Indentation(0.001), Indentation(0.002))
+    assert [note.rpartition(" ")[2] for note in read.notes] == ["participant", "fabric", "indentation_mm", "rating"]
+
+
+def test_two_columns_that_may_be_the_same_are_refused_with_what_decides(file):
+    path = file("fabric,force_n,softness,magnitude\na,1,2,3\n")
+    with pytest.raises(InputError) as caught:
+        Ratings.read(path)
+    assert str(caught.value) == (
+        f"{path}: row 1: columns 'softness', 'magnitude' may each be 'rating'; --column rating='softness' or "
+        "--column rating='magnitude' decides"
+    )
+    assert Ratings.read(path, columns={"rating": "magnitude"}).rating.tolist() == [3]
+
+
+def test_the_proper_name_comes_first_and_other_columns_stay_unused(file):
+    read = Ratings.read(file("fabric,force_n,rating,softness,depth [mm],subject\na,1,2,9,1,P1\n"))
+    assert (read.rating.tolist(), read.loads, read.participants) == ([2], (Force(1.0),), ("P1",))
+    assert read.notes[1] == "table.csv: unused columns: softness, depth [mm]"
+
+
+def test_a_load_that_is_given_is_not_sought(file):
+    path = file("fabric,rating,depth [mm]\na,2,9\n")
+    assert Ratings.read(path, force_n=2.0).loads == (Force(2.0),)
+    experiment = read_experiment(path, file("fabric,effective_modulus_kpa\na,10\n", "cloth.csv"), force_n=2.0)
+    assert experiment.ratings.loads == (Force(2.0),)
+
+
+def test_a_title_without_a_unit_is_not_guessed(file):
+    with pytest.raises(InputError) as caught:
+        ratings(file, "Indentation")
+    assert "no load column" in str(caught.value)
+    assert str(caught.value).endswith(
+        "; column 'Indentation' is not read, it has no unit known here; --column indentation_mm='Indentation' takes it "
+        "as indentation_mm; unused columns: Indentation"
+    )
+    assert ratings(file, "Indentation", columns={"indentation_mm": "Indentation"}).loads == (Indentation(0.001),)
+
+
+def test_a_measured_modulus_by_its_own_name_leaves_others_unread(file):
+    read = cloth(file, "effective_modulus_kpa,B (gf.cm2/cm),E (MPa)", "10,0.1,2")
+    assert read.basis == ("effective_modulus_kpa",)
+    assert np.isnan(read.bending_rigidity).all()
+    assert any("unused columns" in note for note in read.notes)
+
+
+def test_properties_in_ratings_are_sought_where_there_is_no_other_table(file):
+    path = file("subject,fabric,force_n,rating,E (MPa),Dicke [mm]\nP1,a,1,2,3,0.4\n")
+    found = read_experiment(path).fabrics
+    assert (found.tensile_modulus.tolist(), found.thickness.tolist()) == ([3e6], [0.4e-3])
+    file("fabric,effective_modulus_kpa\na,10\n", "fabrics.csv")
+    assert read_experiment(path).fabrics.basis == ("effective_modulus_kpa",)
+
+
+def test_forces_of_a_plate_by_other_names(file):
+    path = file("subject,indenter,displacement_mm,force_N\n1,flat_plate,0.5,0.2\n1,point,0.5,0.1\n")
+    read = Compression.read(path)
+    assert (read.indentation.tolist(), read.force.tolist()) == ([0.0005], [0.2])
+
+
+def test_check_says_every_name_and_conversion(file):
+    path = file("Stoff;Weichheit;Kraft [gf];B (gf·cm²/cm)\na;5;100;0,1\nb;6;100;0,2\n")
+    done = CliRunner().invoke(main, ["check", "--data", str(path)])
+    assert done.exit_code == 0
+    for said in (
+        "note: table.csv: column 'Stoff' is read as fabric",
+        "note: table.csv: column 'Weichheit' is read as rating",
+        "note: table.csv: column 'Kraft [gf]' is read as force_n, converted, 1 gf = 0.00980665 N",
+        "note: table.csv: column 'B (gf·cm²/cm)' is read as bending_rigidity_n_m, converted, 1 gf·cm²/cm = 9.80665e-05",
+    ):
+        assert said in done.output
