@@ -88,6 +88,8 @@ class Count:
 
 PARTICIPANTS = Count(1, 10_000)
 """Simulated raters."""
+PANEL = Count(1, 10_000)
+"""New raters whose mean rating is predicted."""
 FINGERS = Count(0, 10_000)
 """Simulated fingers under a rigid flat plate."""
 SIMULATED_RATINGS = Count(1, 10_000_000)

@@ -28,7 +28,7 @@ VERBS: Mapping[str, str] = {
     "simulate": "Simulate ratings of fabrics from stated parameters.",
     "report": "Write one page about a finished run, to read, print or send.",
     "compare": "Rank finished runs by how well they predict what is left out.",
-    "predict": "Predict contact, stress and firing for fabrics under loads.",
+    "predict": "Predict contact, stress, firing and ratings for fabrics under loads.",
     "claims": "Say which of the paper's claims hold under which readings of its equations.",
     "bench": "Measure time and error of the forward model on this machine, beside other ways to compute it.",
     "calibrate": "Check the whole inference by simulation: whether posteriors hold the truth as often as they say.",

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -16,13 +17,19 @@ from softness_bayes.cli.options.model import (
     readings,
     set_values,
 )
+from softness_bayes.cli.options.run import seed
 from softness_bayes.cli.options.tables import Touches, touches
+from softness_bayes.cli.options.values import whole
 from softness_bayes.cli.running import reading
 from softness_bayes.errors import InputError
+from softness_bayes.ranges import PANEL
 
 if TYPE_CHECKING:
+    import pandas as pd
     from numpy.typing import ArrayLike
 
+    from softness_bayes.data import Fabrics
+    from softness_bayes.touch.contact import Load
     from softness_bayes.touch.parameters import TouchParameters
     from softness_bayes.touch.scene import Scene
 
@@ -44,8 +51,15 @@ DRAWS = 400
     type=click.Path(path_type=Path),
     metavar="DIR",
     help="A finished run: parameters are draws of its posterior, and each quantity gets its median and, as "
-    "NAME_low and NAME_high, the limits of its 90 % credible interval.",
+    "NAME_low and NAME_high, the limits of its 90 % credible interval. Ratings are predicted too.",
 )
+@click.option(
+    "--raters",
+    type=whole(PANEL),
+    metavar="N",
+    help="With --posterior: predict the mean rating of N new raters; by default of as many as rated.",
+)
+@seed
 @click.option(
     "--out",
     type=click.Path(path_type=Path, dir_okay=False),
@@ -61,46 +75,40 @@ def command(
     finger: dict[str, float],
     accuracy: float,
     posterior: Path | None,
+    raters: int | None,
+    seed: int,
     out: Path | None,
     force: bool,
 ) -> None:
-    """Predict contact, stress and firing for fabrics under loads.
+    """Predict contact, stress, firing and ratings for fabrics under loads.
 
     One row for each fabric and load. Parameters are the medians of their priors; --set changes single
-    ones, --posterior takes the draws of a run instead.
+    ones, --posterior takes the draws of a run instead. Ratings need a run: they are predicted for the typical rater,
+    for a new rater, and as the mean of several, with 50 and 90 % intervals. The last columns say where no receptor
+    fires, where the contact is too large for Hertz's geometry, and what lies beyond the fabrics and loads that were
+    rated.
     """
     from softness_bayes.files.outputs import require_outputs, write_outputs
     from softness_bayes.files.spreadsheet import csv_of
     from softness_bayes.model.fingers import finger_of
-    from softness_bayes.model.prediction import drawn_parameters, prediction_table
-    from softness_bayes.model.resolution import given_draws, scene_with_accuracy
+    from softness_bayes.model.prediction import prediction_table
     from softness_bayes.model.scenes import scene_of, touch_parameters, usual_values
 
     if out is not None:
         require_outputs(out.parent, [out.name], PREDICT, force, [touches.fabrics])
     fabrics, loads = touches.read()
-    named: Mapping[str, ArrayLike]
     if posterior is None:
+        if raters is not None:
+            raise InputError("--raters is for ratings, which only a run predicts: give --posterior, or leave it out")
         chosen = choice.resolve()
-        named, noise, touching = usual_values(chosen, prior_set, values), 0.0, finger_of(finger)
+        named = usual_values(chosen, prior_set, values)
+        parameters, compiled = touch_parameters(named), partial(scene_of, fabrics, loads, named, chosen)
+        scene = _accurate(partial(compiled, finger=finger_of(finger)), named, parameters, accuracy)
+        table = prediction_table(fabrics, scene, parameters)
     else:
         if values or finger or not choice.is_default or prior_set != "default":
             raise InputError("--posterior brings its own parameters, readings and finger: leave out --set and others")
-        with reading(posterior) as (result,):
-            if not result.has_ratings:
-                raise InputError(f"{posterior}: a run without ratings, which says nothing of the receptors; give --set")
-            chosen, named, noise = result.readings, result.values(DRAWS), result.provenance.rating_model.noise
-            touching = result.finger
-            drawn_parameters(named)
-    parameters = touch_parameters(named) if posterior is None else drawn_parameters(named)
-    scene, _ = scene_with_accuracy(
-        lambda discretisation: scene_of(
-            fabrics, loads, named, chosen, discretisation=discretisation, noise=noise, finger=touching
-        ),
-        given_draws(named, parameters),
-        accuracy,
-    )
-    table = prediction_table(fabrics, scene, parameters)
+        table, scene, parameters = _of_run(posterior, fabrics, loads, accuracy, raters, seed)
     text = csv_of(table, index=False)
     if out is None:
         click.echo(text, nl=False)
@@ -109,6 +117,45 @@ def command(
         click.echo(f"{out}: {len(table)} rows", err=True)
     if note := _geometry_note(scene, parameters, "of the rows" if posterior is None else "of rows and draws"):
         click.echo(f"note: {note}", err=True)
+
+
+def _of_run(
+    directory: Path, fabrics: Fabrics, loads: tuple[Load, ...], accuracy: float, raters: int | None, seed: int
+) -> tuple[pd.DataFrame, Scene, TouchParameters]:
+    """Return what a finished run predicts, the scene, and the draws.
+
+    Raises
+    ------
+    InputError
+        If there is no run, or it had no ratings.
+    """
+    import pandas as pd
+
+    from softness_bayes.model.prediction import drawn_parameters, prediction_table
+    from softness_bayes.model.scenes import scene_of
+    from softness_bayes.results.rating_table import rating_columns
+
+    with reading(directory) as (result,):
+        if not result.has_ratings:
+            raise InputError(f"{directory}: a run without ratings, which says nothing of the receptors; give --set")
+        named, noise = result.values(DRAWS), result.provenance.rating_model.noise
+        parameters = drawn_parameters(named)
+        compiled = partial(scene_of, fabrics, loads, named, result.readings, noise=noise, finger=result.finger)
+        scene = _accurate(compiled, named, parameters, accuracy)
+        ratings = rating_columns(result, fabrics, scene, DRAWS, raters, seed)
+        return pd.concat([prediction_table(fabrics, scene, parameters), ratings], axis=1), scene, parameters
+
+
+def _accurate(
+    compiled: Callable[..., Scene], named: Mapping[str, ArrayLike], parameters: TouchParameters, accuracy: float
+) -> Scene:
+    """Return the scene at the resolution that the accuracy needs."""
+    from softness_bayes.model.resolution import given_draws, scene_with_accuracy
+
+    scene, _ = scene_with_accuracy(
+        lambda discretisation: compiled(discretisation=discretisation), given_draws(named, parameters), accuracy
+    )
+    return scene
 
 
 def _geometry_note(scene: Scene, parameters: TouchParameters, of: str) -> str:

@@ -257,9 +257,14 @@ class Result:
         return turning_table(drawn, list(map(str, self.loads)), prior, None if ensemble is None else ensemble.values)
 
     def predict(
-        self, fabrics: Fabrics | None = None, loads: Sequence[Load] | None = None, draws: int = 400
+        self,
+        fabrics: Fabrics | None = None,
+        loads: Sequence[Load] | None = None,
+        draws: int = 400,
+        raters: int | None = None,
+        seed: int = 0,
     ) -> pd.DataFrame:
-        """Predict contact, stress and firing of fabrics under loads, with their credible limits.
+        """Predict contact, stress, firing and ratings of fabrics under loads, with their credible limits.
 
         Parameters
         ----------
@@ -270,27 +275,35 @@ class Result:
             How; by default the loads of the data.
         draws
             Posterior draws that median and limits are of.
+        raters
+            Number of new raters of whose ratings the mean is predicted; by default as many as rated.
+        seed
+            Seed of new raters and of the noise of their ratings.
 
         Returns
         -------
         DataFrame
-            As `prediction_table` gives it: a row per fabric and load, medians, with 5-95 % limits as NAME_low and
-            NAME_high.
+            A row per fabric and load: medians as `prediction_table` gives them, with 5-95 % limits as NAME_low and
+            NAME_high, then the ratings of `rating_columns`, and why they are what they are.
 
         Raises
         ------
         InputError
             If the run had no ratings, which say what the receptors do.
         """
+        import pandas as pd
+
         from softness_bayes.model.prediction import drawn_parameters, prediction_table
         from softness_bayes.model.scenes import scene_of
+        from softness_bayes.results.rating_table import rating_columns
 
         pressed, named = self.loads if loads is None else tuple(loads), self.values(draws)
         own = self._moduli_of(named) if fabrics is None else None
         fabrics = self.fabrics if fabrics is None else fabrics
         noise = self.provenance.rating_model.noise
         scene = scene_of(fabrics, pressed, named, self.readings, noise=noise, finger=self.finger)
-        return prediction_table(fabrics, scene, drawn_parameters(named), modulus=own)
+        touched = prediction_table(fabrics, scene, drawn_parameters(named), modulus=own)
+        return pd.concat([touched, rating_columns(self, fabrics, scene, draws, raters, seed)], axis=1)
 
     @property
     def fabrics(self) -> Fabrics:

@@ -300,16 +300,19 @@ def test_turning_points(everything):
 
 
 def columns_of(start) -> list[str]:
+    """Return the first column of the table of other commands that is led by some words."""
     (found,) = [t.rows for t in tables(PAGE) if t.section == "11" and t.lead.startswith(start)]
     return column(found, "column")
 
 
 def test_predictions(everything):
-    named = columns_of("`predict`")
+    touched, rated = columns_of("`predict`"), columns_of("From a posterior, ratings follow")
     with quickly():
         columns = [*everything.result.predict(draws=8).columns]
-    assert [name for name in columns if not name.endswith(("_low", "_high"))] == named
-    assert {*columns} - {*named} == {f"{name}_{end}" for name in named[1:-1] for end in ("low", "high")}
+    ends = ("_low", "_high", "_low_50", "_high_50")
+    assert [name for name in columns if not name.endswith(ends)] == [*touched, *rated]
+    limits = {f"{name}{end}" for name in touched[1:-1] for end in ends[:2]}
+    assert {*columns} - {*touched, *rated} == limits | {f"{name}{end}" for name in rated[:3] for end in ends}
 
 
 def test_comparison(everything):

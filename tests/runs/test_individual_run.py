@@ -61,6 +61,12 @@ def test_its_model_comes_back_from_the_file(result, tmp_path):
     assert ModelOptions.from_record(options.record()).individual == ("b",)
 
 
+def test_it_predicts_ratings_of_raters_with_fingers_of_their_own(result):
+    with quickly():
+        table = result.predict(draws=20)
+    assert (table["new_rater_rating_high"] > table["typical_rating_high"]).all()
+
+
 def test_a_report_hides_the_raters_names(result):
     page = report_page(result)
     assert "--individual b" in page

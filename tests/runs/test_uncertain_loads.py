@@ -47,6 +47,12 @@ def test_data_and_model_come_back_from_the_file(result, tmp_path):
     assert_allclose(one.log_likelihood(whole), kept, rtol=1e-6)
 
 
+def test_it_predicts_ratings(result):
+    with quickly():
+        table = result.predict(draws=20)
+    assert (table["new_rater_rating_high"] > table["typical_rating_high"]).all()
+
+
 def test_replicates_are_spread_as_the_model_says(result):
     """Replicated ratings given the draws' effects scatter by more than varsigma where the response has a slope."""
     assert np.isfinite(result.group("posterior_predictive")["rating"].values).all()

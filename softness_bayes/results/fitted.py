@@ -1,0 +1,81 @@
+"""The posterior of a finished run at some of its draws, for touches that need not have been rated."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from softness_bayes.data import Fabrics
+from softness_bayes.model.build import build
+from softness_bayes.model.fabric_moduli import fabric_moduli
+from softness_bayes.model.other_touches import OtherTouches
+from softness_bayes.model.posterior import Posterior
+from softness_bayes.parameters.fabric_moduli import FABRIC_MODULUS, KPA
+from softness_bayes.results.from_result import experiment_of, options_of
+from softness_bayes.results.stored import Stored
+from softness_bayes.touch.parameters import TouchParameters
+from softness_bayes.touch.scene import Scene
+
+Array = NDArray[np.float64]
+
+_SAME = 1e-6  # relative difference of moduli below which a fabric is the one that was rated
+
+
+class Fitted:
+    """The model of a finished run, made anew from what the run stores, and draws of its posterior.
+
+    Parameters
+    ----------
+    result
+        The run, on ratings.
+    draws
+        Number of draws, evenly spaced over the run.
+
+    Raises
+    ------
+    InputError
+        If the run had no ratings, or lacks what its model is made from.
+    """
+
+    def __init__(self, result: Stored, draws: int) -> None:
+        self.result = result
+        self.posterior: Posterior = build(experiment_of(result), options_of(result)).posterior
+        self.named = result.values(draws)
+        drawn = [self.named[name] for name in self.posterior.names]
+        self.theta = np.stack(np.broadcast_arrays(*drawn), axis=-1)
+
+    @property
+    def touch(self) -> TouchParameters:
+        """The chain's parameters at the draws [SI], each of shape (draws,)."""
+        values = self.posterior.space.touch(self.theta)
+        return TouchParameters(*(np.broadcast_to(value, len(self.theta)) for value in values))
+
+    def touches(self, fabrics: Fabrics, scene: Scene) -> OtherTouches:
+        """Return the touches of a scene of some fabrics, of which those of `known` were rated."""
+        return OtherTouches(self.posterior, scene, self.known(fabrics))
+
+    def known(self, fabrics: Fabrics) -> NDArray[np.intp]:
+        """Return each fabric's index among those that were rated, -1 where none has its name and its modulus."""
+        rated = self.result.fabrics
+        place = {name: k for k, name in enumerate(rated.names)}
+        index = np.array([place.get(name, -1) for name in fabrics.names], np.intp)
+        modulus = fabrics.modulus(self.result.readings.fabric_modulus)
+        same = np.isclose(modulus, rated.effective_modulus[index], rtol=_SAME, atol=0.0)
+        return np.where(same, index, -1)
+
+    def modulus(self, rng: np.random.Generator, fabrics: Fabrics) -> Array | None:
+        """Return E_fab [Pa] of each fabric at each draw, (draws, fabrics); None if all are known exactly.
+
+        Of fabrics that were rated it is that of the posterior; of others with errors of their own it is drawn.
+        """
+        moduli, size = fabric_moduli(fabrics, self.result.readings.fabric_modulus), len(self.theta)
+        drawn: dict[int, Array] = {k: law.draw(rng, size) for k, law in enumerate(moduli.laws) if law is not None}
+        for k, known in enumerate(self.known(fabrics)):
+            own = self.named.get(f"{FABRIC_MODULUS}[{fabrics.names[k]}]") if known >= 0 else None
+            drawn |= {} if own is None else {k: own}
+        if not drawn:
+            return None
+        found = np.tile(moduli.middle, (size, 1))
+        for k, values in drawn.items():
+            found[:, k] = values * KPA
+        return found

@@ -1,0 +1,72 @@
+"""Predicted ratings as columns of a table: of the typical rater, of a new one, and the mean of several."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from softness_bayes.data import Fabrics
+from softness_bayes.ranges import PANEL
+from softness_bayes.results.fitted import Fitted
+from softness_bayes.results.reasons import reasons
+from softness_bayes.results.stored import Stored
+from softness_bayes.touch.scene import Scene
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+Array = NDArray[np.float64]
+
+LIMITS = {"_low": 0.05, "_low_50": 0.25, "": 0.5, "_high_50": 0.75, "_high": 0.95}
+"""Suffix of a column -> its quantile."""
+
+
+def rating_columns(
+    result: Stored, fabrics: Fabrics, scene: Scene, draws: int = 400, raters: int | None = None, seed: int = 0
+) -> pd.DataFrame:
+    """Return the predicted ratings of every condition of a scene, and why each is what it is.
+
+    Parameters
+    ----------
+    result
+        A finished run on ratings.
+    fabrics, scene
+        The fabrics, and the scene of all of them under some loads.
+    draws
+        Posterior draws that median and limits are of.
+    raters
+        Number of new raters of whose ratings the mean is predicted; by default as many as rated.
+    seed
+        Seed of what is drawn given the draws.
+
+    Returns
+    -------
+    DataFrame
+        A row per condition: typical_rating, new_rater_rating and mean_rating, each with the limits of its 50 % and
+        90 % intervals beside it; raters; the fields of `reasons.Reasons`.
+
+    Raises
+    ------
+    InputError
+        If the number of raters is out of range, or the result lacks what its model is made from.
+    """
+    import pandas as pd
+
+    fitted, rng = Fitted(result, draws), np.random.default_rng(seed)
+    panel = fitted.posterior.observation.design.n_participants if raters is None else raters
+    PANEL.require("raters", panel)
+    modulus = fitted.modulus(rng, fabrics)
+    found = fitted.touches(fabrics, scene).ratings(rng, fitted.theta, panel, modulus)
+    new = found.new.reshape(-1, scene.n_conditions)
+    columns: dict[str, ArrayLike] = {}
+    for name, values in (("typical_rating", found.typical), ("new_rater_rating", new), ("mean_rating", found.mean)):
+        columns |= {f"{name}{end}": limit for end, limit in limits(values).items()}
+    columns["raters"] = np.full(scene.n_conditions, panel)
+    return pd.DataFrame(columns | reasons(fitted, scene, found.rate, modulus)._asdict())
+
+
+def limits(values: Array) -> dict[str, Array]:
+    """Return the quantiles of draws (draws, columns) by the suffixes of `LIMITS`."""
+    return dict(zip(LIMITS, np.quantile(values, list(LIMITS.values()), axis=0), strict=True))

@@ -1,0 +1,111 @@
+"""Reasons why a prediction is what it is: silence, Hertz's geometry, and the range of what was rated."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from softness_bayes.data.ratings import LOAD_COLUMNS
+from softness_bayes.parameters.fabric_moduli import KPA
+from softness_bayes.results.fitted import Fitted
+from softness_bayes.touch.contact import Force, Indentation
+from softness_bayes.touch.scene import Scene
+
+Array = NDArray[np.float64]
+
+NOTICED = 0.05
+"""Share of the draws from which on a remark says that something holds."""
+
+_SAME = 1e-6  # relative difference below which a value is at the end of a range
+_HELD = {Indentation: "indentation", Force: "force"}  # field of the contact that a load holds
+
+
+class Reasons(NamedTuple):
+    """Reasons for the predictions of some conditions, each of shape (conditions,)."""
+
+    p_silent: Array
+    """Share of the draws in which no receptor fires."""
+    p_beyond_half_radius: Array
+    """Share of the draws whose contact radius exceeds R/2, where Hertz's geometry is questionable."""
+    p_beyond_radius: Array
+    """Share of the draws whose contact radius is R or more, where it is meaningless."""
+    beyond_moduli: NDArray[np.str_]
+    """Whether E_fab lies `below` or `above` the moduli that were rated; else empty."""
+    beyond_loads: NDArray[np.str_]
+    """Whether the load lies `below` or `above` those of the ratings; else empty."""
+    remarks: NDArray[np.str_]
+    """The same in words."""
+
+
+def reasons(fitted: Fitted, scene: Scene, rate: Array, modulus: Array | None = None) -> Reasons:
+    """Return the reasons for predictions of the conditions of a scene.
+
+    A force is compared with the forces of the rated touches, an indentation with their indentations, in the median
+    over the draws where their loads held the other.
+
+    Parameters
+    ----------
+    fitted
+        The run.
+    scene, rate
+        The conditions, and their response at the draws, shape (draws, conditions).
+    modulus
+        E_fab [Pa] of each fabric at each draw, where it is not the scene's.
+    """
+    touch, rated = fitted.touch, fitted.posterior.scene
+    if not isinstance(rated, Scene):
+        raise TypeError("expected the posterior of a compiled scene")
+    own = fitted.posterior.space.modulus(fitted.theta)
+    extent = scene.contact(touch, modulus).radius / scene.fingertip(touch).radius
+    silent, half, whole = ((found.mean(axis=0)) for found in (rate == 0, extent > 0.5, extent >= 1.0))
+    asked = scene.modulus if modulus is None else np.median(modulus, axis=0)[scene.fabric]
+    moduli = _Span.of((rated.modulus if own is None else np.median(own, axis=0)) / KPA, "kPa")
+    beyond_moduli, contact = moduli.beyond(asked / KPA), rated.contact(touch, own)
+    beyond_loads, loads = np.full(scene.n_conditions, "", beyond_moduli.dtype), []
+    for k, load in enumerate(scene.loads):
+        entry = next(entry for entry in LOAD_COLUMNS if isinstance(load, entry.kind))
+        held = np.median(getattr(contact, _HELD[entry.kind]), axis=0)
+        loads.append(_Span.of(held / entry.column.factor, entry.column.unit))
+        beyond_loads[scene.load == k] = loads[k].beyond(np.array(entry.value(load) / entry.column.factor))
+    words = []
+    for k in range(scene.n_conditions):
+        said = [
+            f"no receptor fires in {silent[k]:.0%} of the draws" if silent[k] >= NOTICED else "",
+            _hertz(half[k], whole[k]),
+            f"E_fab {beyond_moduli[k]} those rated ({moduli})" if beyond_moduli[k] else "",
+            f"load {beyond_loads[k]} those rated ({loads[scene.load[k]]})" if beyond_loads[k] else "",
+        ]
+        words.append("; ".join(one for one in said if one))
+    return Reasons(silent, half, whole, beyond_moduli, beyond_loads, np.array(words, str))
+
+
+class _Span(NamedTuple):
+    """The range of what was rated."""
+
+    low: float
+    high: float
+    unit: str
+
+    @classmethod
+    def of(cls, values: Array, unit: str) -> _Span:
+        return cls(float(values.min()), float(values.max()), unit)
+
+    def beyond(self, values: Array) -> NDArray[np.str_]:
+        """Return where values lie below or above the range, in a word."""
+        return np.select(
+            [values < self.low * (1.0 - _SAME), values > self.high * (1.0 + _SAME)], ["below", "above"], ""
+        )
+
+    def __str__(self) -> str:
+        return f"{self.low:.3g} to {self.high:.3g} {self.unit}"
+
+
+def _hertz(questionable: float, meaningless: float) -> str:
+    """Say in how many draws the contact leaves Hertz's geometry."""
+    if meaningless >= NOTICED:
+        return f"contact radius above R, where Hertz's geometry is meaningless, in {meaningless:.0%} of the draws"
+    if questionable >= NOTICED:
+        return f"contact radius above R/2, where Hertz's geometry is questionable, in {questionable:.0%} of the draws"
+    return ""

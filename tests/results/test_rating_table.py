@@ -1,0 +1,146 @@
+"""Ratings that a finished run predicts, as a table: their columns, and the reasons that it gives for them."""
+
+import io
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+import pytest
+from numpy.testing import assert_allclose
+
+from softness_bayes.data import Fabrics
+from softness_bayes.errors import InputError
+from softness_bayes.likelihood.scales import MAGNITUDE
+from softness_bayes.results.fitted import Fitted
+from softness_bayes.touch.contact import Force, Indentation
+from support.command_line import call, refused
+from support.report_runs import CLOTH, LOADS, quickly
+
+NAMES = ("typical_rating", "new_rater_rating", "mean_rating")
+NEW = Fabrics(("gauze", "steel", "felt"), effective_modulus=np.array([1e3, 2e8, 1e5]))
+
+
+@pytest.fixture(scope="module")
+def result(report_run):
+    return report_run("ratings")
+
+
+@pytest.fixture(scope="module")
+def table(result):
+    with quickly():
+        return result.predict(draws=100)
+
+
+def test_bands_are_nested_and_widen_from_the_typical_rater_to_a_new_one(table):
+    for name in NAMES:
+        ends = table[[f"{name}{end}" for end in ("_low", "_low_50", "", "_high_50", "_high")]].to_numpy()
+        assert (np.diff(ends, axis=1) >= 0).all(), name
+        assert (ends > 0).all(), name
+    width = [np.log(table[f"{name}_high"] / table[f"{name}_low"]) for name in NAMES]
+    assert (width[0] < width[2]).all()
+    assert (width[2] < width[1]).all()
+    assert (table["raters"] == 5).all()
+    assert len(table) == len(CLOTH) * len(LOADS)
+
+
+def test_the_mean_is_of_as_many_raters_as_are_asked_for(result, table):
+    with quickly():
+        many = result.predict(draws=100, raters=200)
+        again = result.predict(draws=100)
+    width = [np.log(one["mean_rating_high"] / one["mean_rating_low"]) for one in (table, many)]
+    assert (width[1] < width[0]).all()
+    assert (many["raters"] == 200).all()
+    pd.testing.assert_frame_equal(again, table)
+    with quickly(), pytest.raises(InputError, match="raters is 0, expected a whole number from 1"):
+        result.predict(draws=10, raters=0)
+
+
+def test_what_was_rated_has_the_ratings_that_the_run_stores(result, table):
+    stored = np.median(result.group("predictions")["typical_rating_of_condition"].values[0], axis=0)
+    by_load = stored.reshape(len(CLOTH), len(LOADS)).T.ravel()
+    order = [result.fabrics.names.index(name) for name in table["fabric"][: len(CLOTH)]]
+    assert order == [*range(len(CLOTH))]
+    width = table["typical_rating_high"] / table["typical_rating_low"]
+    assert (np.abs(np.log(table["typical_rating"] / by_load)) < 0.5 * np.log(width) + 1e-6).all()
+    assert (table["beyond_moduli"] == "").all()
+    assert (table["beyond_loads"] == "").all()
+
+
+def test_reasons(result):
+    with quickly():
+        table = result.predict(NEW, [Indentation(2e-3), Indentation(7.9e-3), Force(1e-3)], draws=60)
+    rows = table.set_index(["fabric", "remarks"]).reset_index("remarks")
+    assert rows.loc["gauze", "beyond_moduli"].tolist() == ["below"] * 3
+    assert rows.loc["steel", "beyond_moduli"].tolist() == ["above"] * 3
+    assert rows.loc["felt", "beyond_moduli"].tolist() == [""] * 3
+    # the run had 2 mm and 1.5 N, under which fabrics yielded by more or by less
+    assert table["beyond_loads"].tolist()[3:] == ["above"] * 3 + ["below"] * 3
+    radius = np.sqrt(8.0 * 7.9)
+    assert_allclose(table["p_beyond_half_radius"][3:6], float(radius > 4.0))
+    assert_allclose(table["p_beyond_radius"][3:6], 0.0)
+    assert all("R/2, where Hertz's geometry is questionable, in 100%" in words for words in table["remarks"][3:6])
+    silent = table["total_rate_hz_high"] == 0
+    assert silent.any()
+    assert (table["p_silent"][silent] >= 0.95).all()
+    assert table["remarks"][silent].str.startswith("no receptor fires in").all()
+    # whatever is silent has the same rating
+    quiet = table.loc[table["p_silent"] == 1.0, "typical_rating"]
+    assert_allclose(quiet, quiet.iloc[0], rtol=1e-12)
+    assert "E_fab above those rated (20 to 400 kPa)" in rows.loc["steel", "remarks"].iloc[0]
+    assert "load below those rated (" in table["remarks"].iloc[-1]
+
+
+def test_fabrics_with_errors_are_less_certain(result):
+    given = Fabrics(("felt", "lint"), effective_modulus=np.array([1e5, 1e5]), effective_modulus_cv=np.array([0, 0.5]))
+    with quickly():
+        table = result.predict(given, [Force(1.5)], draws=200)
+        fitted = Fitted(result, 100)
+    width = np.log(table["typical_rating_high"] / table["typical_rating_low"])
+    assert width[1] > 1.1 * width[0]
+    assert_allclose(table["e_fab_kpa_low"], 100.0)  # the other columns are those of the modulus itself
+    drawn = fitted.modulus(np.random.default_rng(1), given)
+    assert_allclose(drawn[:, 0], 1e5)
+    assert 0.3 < np.log(drawn[:, 1]).std() < 0.65
+    # one of the same name is the rated one only if its modulus is the same
+    names = CLOTH.names[1:3]
+    other = Fabrics(names, effective_modulus=CLOTH.effective_modulus[1:3] * [1.0, 1.1])
+    assert fitted.known(other).tolist() == [result.fabrics.names.index(names[0]), -1]
+
+
+def test_z_scores(report_run):
+    with quickly():
+        table = report_run("z-scores").predict(draws=40)
+    assert (table["typical_rating_low"] < 0).any()
+    assert (table["mean_rating_low"] <= table["mean_rating"]).all()
+
+
+def test_forces_alone_say_nothing_of_ratings(report_run):
+    with pytest.raises(InputError, match="compression data alone"):
+        report_run("skin").predict()
+
+
+def test_the_command_line_predicts_ratings(result, table, tmp_path):
+    result.save(tmp_path / "run")
+    rows = zip(CLOTH.names, CLOTH.effective_modulus / 1e3, strict=True)
+    cells = [f'"{name}",{modulus}' for name, modulus in rows]
+    (tmp_path / "cloth.csv").write_text("\n".join(["fabric,effective_modulus_kpa", *cells]))
+    typed = ["predict", "--fabrics", tmp_path / "cloth.csv", "--indentation-mm", 2, "--force-n", 1.5]
+    with quickly():
+        done = call(*typed, "--posterior", tmp_path / "run", "--raters", 12)
+        refused(call(*typed, "--posterior", tmp_path / "run", "--raters", 0), "--raters")
+        refused(call(*typed, "--raters", 12), "--raters is for ratings, which only a run predicts")
+    assert done.returncode == 0, done.stderr
+    printed = pd.read_csv(io.StringIO(done.stdout), keep_default_na=False)
+    assert [*printed] == [*table]
+    assert (printed["raters"] == 12).all()
+    order = [CLOTH.names.index(name) for name in result.fabrics.names]
+    ours = printed["typical_rating"].to_numpy().reshape(2, -1)[:, order].ravel()
+    assert_allclose(ours, table["typical_rating"], rtol=0.2)
+    assert result.scale is MAGNITUDE
+
+
+def test_a_run_that_lacks_its_options_is_refused(result):
+    tree = result.tree.copy()
+    tree.attrs = {name: value for name, value in result.tree.attrs.items() if name != "options"}
+    with quickly(), pytest.raises(InputError, match="options"):
+        replace(result, tree=tree).predict(draws=10)
