@@ -123,7 +123,8 @@ def condition_means(layout: Layout, y: FloatArray, weights: FloatArray) -> Float
         w = weights[first : first + step]
         laplacian = (w @ cells)[..., None] * np.eye(size) - cells.T @ ((w / count)[..., None] * cells)
         # means are known up to a constant, which is removed; in a disconnected table, up to one for each part
-        ridge = 1.0 / size + 1e-9 * np.trace(laplacian, axis1=1, axis2=2)[:, None, None] * np.eye(size)
+        trace = np.trace(laplacian, axis1=1, axis2=2)[:, None, None]
+        ridge = 1.0 / size + 1e-9 * np.where(trace > 0, trace, 1.0) * np.eye(size)
         found[first : first + step] = np.linalg.solve(laplacian + ridge, (w @ within)[..., None])[..., 0]
     return found - found.mean(axis=-1, keepdims=True)
 

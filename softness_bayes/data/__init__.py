@@ -1,4 +1,4 @@
-"""Ratings and fabrics: read from CSV files, checked, converted to SI units, and written again."""
+"""Ratings and fabrics: read from tables, checked, converted to SI units, and written again."""
 
 from __future__ import annotations
 
@@ -25,6 +25,7 @@ from softness_bayes.data.headers import FABRICS, LOADED, PRESSED, RATED, togethe
 from softness_bayes.data.names import listing
 from softness_bayes.data.ratings import LOAD_COLUMNS, Conditions, LoadColumn, Ratings, loads_of
 from softness_bayes.data.tables import Table, check_renames, read_table
+from softness_bayes.data.workbooks import TableSource, has_sheet
 from softness_bayes.errors import InputError
 from softness_bayes.files.outputs import write_outputs
 from softness_bayes.files.spreadsheet import escaped
@@ -70,32 +71,33 @@ class Experiment(NamedTuple):
 
 
 def read_experiment(
-    ratings_path: str | Path,
-    fabrics_path: str | Path | None = None,
+    ratings_path: TableSource,
+    fabrics_path: TableSource | None = None,
     *,
     columns: Mapping[str, str] | None = None,
     indentation_mm: float | None = None,
     force_n: float | None = None,
-    compression_path: str | Path | None = None,
+    compression_path: TableSource | None = None,
     decimal: str | None = None,
     drop_zeros: bool = False,
 ) -> Experiment:
     """Read ratings and their fabrics.
 
-    The fabrics come from `fabrics_path`, or from columns of the ratings table itself, or from a
-    `fabrics.csv` beside it. Only rated fabrics are kept, in the order of their table (of their names, if
-    that is the table of ratings).
+    The fabrics come from `fabrics_path`, or from columns of the ratings table itself, or from another sheet of its
+    workbook, or from a `fabrics.csv` beside it. Only rated fabrics are kept, in the order of their table (of their
+    names, if that is the table of ratings).
 
     Parameters
     ----------
     ratings_path, fabrics_path
-        CSV files; their columns are those of `Ratings.read` and `Fabrics.read`.
+        Text files, Excel workbooks, Parquet files, or DataFrames; their columns are those of `Ratings.read` and
+        `Fabrics.read`.
     columns
         Name of a column here -> name in either file, where they differ.
     indentation_mm, force_n
         The load of every row [mm] or [N], if the table of ratings has no column for it.
     compression_path
-        CSV file of compression data, whose columns are those of `Compression.read`.
+        Table of compression data, whose columns are those of `Compression.read`.
     decimal
         Decimal mark of all files, "," or ".". By default it is found in each file; an ambiguous file raises an error.
     drop_zeros
@@ -107,11 +109,22 @@ def read_experiment(
         Naming file, row, column and value.
     """
     columns = columns or {}
+    elsewhere = _elsewhere(ratings_path, fabrics_path, columns)
     sought = RATED if indentation_mm is force_n is None else LOADED
-    if fabrics_path is None and not _beside(ratings_path).is_file():
-        sought = together(sought, FABRICS)
+    sought = together(sought, FABRICS) if elsewhere is None else sought
     table = read_table(ratings_path, sought, columns, decimal)
-    fabric_table, notes = _fabric_table(table, fabrics_path, columns, decimal)
+    notes: list[str] = []
+    fabric_table, own = table, [column.name for column in MODULUS_SOURCES if column.name in table]
+    if elsewhere is not None and not (own and fabrics_path is None):
+        fabric_table = read_table(elsewhere.source, FABRICS, columns, decimal)
+        unused = f"{table.label}: {listing(own)} not used, the fabrics are those of {fabric_table.place}"
+        notes += [unused] if own else elsewhere.notes(fabric_table)
+    elif not own:
+        raise InputError(
+            f"{table.place}: the fabrics have no properties: name their table with --fabrics, put a "
+            f"{FABRICS_BESIDE} beside the ratings, or give these a column of "
+            f"{', '.join(column.name for column in MODULUS_SOURCES)} (the last with {THICKNESS.name})"
+        )
     plate_table = None if compression_path is None else read_table(compression_path, PRESSED, columns, decimal)
     check_renames(columns, table, fabric_table, *([] if plate_table is None else [plate_table]))
     compression = None if plate_table is None else Compression.from_table(plate_table)
@@ -130,31 +143,28 @@ def read_experiment(
     )
 
 
-def _beside(ratings_path: str | Path) -> Path:
-    """Return the place of a fabric table beside the ratings."""
-    return Path(ratings_path).parent / FABRICS_BESIDE
+class _Elsewhere(NamedTuple):
+    """A table of fabrics that is not that of the ratings."""
+
+    source: TableSource
+    found: str = ""
+    """Where it was found, if nobody named it."""
+
+    def notes(self, table: Table) -> list[str]:
+        """Return the note that says where the fabrics are from."""
+        return [f"the fabrics are those of {table.place}, found {self.found}"] if self.found else []
 
 
-def _fabric_table(
-    ratings: Table, path: str | Path | None, columns: Mapping[str, str], decimal: str | None
-) -> tuple[Table, list[str]]:
-    """Return the table that holds the fabrics' properties, and notes about the choice of it."""
-    own = [column.name for column in MODULUS_SOURCES if column.name in ratings]
-    beside = _beside(ratings.path)
-    if path is not None:
-        unused = f"{ratings.path.name}: {listing(own)} not used, the fabrics are those of {path}"
-        return read_table(path, FABRICS, columns, decimal), [unused] if own else []
-    if own:
-        return ratings, []
-    if beside.is_file():
-        return read_table(beside, FABRICS, columns, decimal), [
-            f"the fabrics are those of {beside}, found beside the ratings"
-        ]
-    raise InputError(
-        f"{ratings.path}: the fabrics have no properties: name their table with --fabrics, put a "
-        f"{FABRICS_BESIDE} beside the ratings, or give these a column of "
-        f"{', '.join(column.name for column in MODULUS_SOURCES)} (the last with {THICKNESS.name})"
-    )
+def _elsewhere(ratings: TableSource, fabrics: TableSource | None, columns: Mapping[str, str]) -> _Elsewhere | None:
+    """Return the table of fabrics that was named, or is in another sheet of the ratings' workbook, or beside them."""
+    if fabrics is not None:
+        return _Elsewhere(fabrics)
+    if not isinstance(ratings, (str, Path)):
+        return None
+    if has_sheet(ratings, FABRICS, columns):
+        return _Elsewhere(ratings, "in the workbook of the ratings")
+    beside = Path(ratings).parent / FABRICS_BESIDE
+    return _Elsewhere(beside, "beside the ratings") if beside.is_file() else None
 
 
 def fabrics_csv(fabrics: Fabrics) -> str:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 
@@ -12,6 +11,7 @@ from softness_bayes.data.columns import FORCE, INDENTATION, Column
 from softness_bayes.data.headers import PRESSED
 from softness_bayes.data.names import alike_notes, natural
 from softness_bayes.data.tables import FloatArray, IntArray, Table, check_renames, read_only, read_table
+from softness_bayes.data.workbooks import TableSource
 from softness_bayes.errors import InputError
 
 FLAT_PLATE = ("flat_plate", "flat plate", "plate", "flat")
@@ -67,7 +67,7 @@ class Compression:
 
     @classmethod
     def read(
-        cls, path: str | Path, *, columns: Mapping[str, str] | None = None, decimal: str | None = None
+        cls, path: TableSource, *, columns: Mapping[str, str] | None = None, decimal: str | None = None
     ) -> Compression:
         """Read a table of forces, one row each.
 
@@ -77,7 +77,7 @@ class Compression:
         Parameters
         ----------
         path
-            CSV file.
+            Text file, Excel workbook, Parquet file, or DataFrame.
         columns
             Name above -> name in the file, where they differ.
         decimal
@@ -97,13 +97,11 @@ class Compression:
         """Return the rows of a table; its columns are those of `read`."""
         for name in ("participant", INDENTATION.name, FORCE.name):
             table.require(name)
-        notes = [f"{table.path.name}: {note}" for note in table.notes]
+        notes = [f"{table.label}: {note}" for note in table.notes]
         if "indentor" in table:
             flat = np.array([name.casefold() in FLAT_PLATE for name in table.labels("indentor")])
             if not flat.all():
-                notes.append(
-                    f"{table.path.name}: {(~flat).sum()} of {len(table)} rows are not of a flat plate, left out"
-                )
+                notes.append(f"{table.label}: {(~flat).sum()} of {len(table)} rows are not of a flat plate, left out")
             table = table.take(np.flatnonzero(flat))
         by, depth, force = table.labels("participant"), table.numbers(_INDENTATION), table.numbers(_FORCE)
         for i in range(len(table)):
@@ -118,15 +116,15 @@ class Compression:
                     raise table.error(i, column.name, f"expected {expected} where there is a force, got {found!r}")
         zero, missing = int((force == 0).sum()), int(np.isnan(force).sum())
         if missing:
-            notes.append(f"{table.path.name}: {missing} forces are missing")
+            notes.append(f"{table.label}: {missing} forces are missing")
         if zero:
-            notes.append(f"{table.path.name}: {zero} rows with a force of 0 dropped, which have no logarithm")
+            notes.append(f"{table.label}: {zero} rows with a force of 0 dropped, which have no logarithm")
         kept = np.flatnonzero(force > 0).tolist()
         if not kept:
-            raise InputError(f"{table.path}: no row with a force above 0 on a flat plate")
+            raise InputError(f"{table.place}: no row with a force above 0 on a flat plate")
         names = natural(by[i] for i in kept)
         place = {name: k for k, name in enumerate(names)}
-        notes += [f"{table.path.name}: {note}" for note in alike_notes("participant", names)]
+        notes += [f"{table.label}: {note}" for note in alike_notes("participant", names)]
         return cls(
             tuple(names),
             np.array([place[by[i]] for i in kept]),
@@ -134,7 +132,7 @@ class Compression:
             force[kept],
             table.rows[kept],
             n_zero=zero,
-            source=str(table.path),
+            source=table.place,
             digest=table.digest,
             notes=tuple(notes),
         )

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -31,6 +30,7 @@ from softness_bayes.data.columns import (
 from softness_bayes.data.headers import FABRICS
 from softness_bayes.data.names import alike_notes, listing, natural
 from softness_bayes.data.tables import FloatArray, Table, check_renames, read_only, read_table
+from softness_bayes.data.workbooks import TableSource
 from softness_bayes.errors import InputError, quoted
 from softness_bayes.ranges import RELATIVE_ERRORS
 from softness_bayes.touch.contact import PLATE_LENGTH, PRINTED_RIGIDITY, FabricModulus
@@ -237,7 +237,9 @@ class Fabrics:
         return f"{self.source}: {row}fabric {quoted(self.names[i])}"
 
     @classmethod
-    def read(cls, path: str | Path, *, columns: Mapping[str, str] | None = None, decimal: str | None = None) -> Fabrics:
+    def read(
+        cls, path: TableSource, *, columns: Mapping[str, str] | None = None, decimal: str | None = None
+    ) -> Fabrics:
         """Read a fabric table, one row per fabric.
 
         Columns: `fabric`; in each row `effective_modulus_kpa`, or `bending_rigidity_n_m`, or
@@ -248,7 +250,7 @@ class Fabrics:
         Parameters
         ----------
         path
-            CSV file.
+            Text file, Excel workbook, Parquet file, or DataFrame.
         columns
             Name above -> name in the file, where they differ.
         decimal
@@ -276,25 +278,25 @@ class Fabrics:
         for name, column in PROPERTIES.items():
             filed = table.numbers(column)
             properties[name] = np.array([_agreed(table, column, filed, own) for own in rows.values()])
-        notes = [f"{table.path.name}: {note}" for note in (*table.notes, *alike_notes("fabric", rows))]
+        notes = [f"{table.label}: {note}" for note in (*table.notes, *alike_notes("fabric", rows))]
         for name in STANDARD_ERRORS:
             properties[f"{name}_cv"] = _relative_errors(table, rows, name, properties[name], properties[f"{name}_cv"])
         usual = np.isnan(properties["poisson_ratio"]).sum()
         if usual:
             notes.append(
-                f"{table.path.name}: poisson_ratio {USUAL_POISSON_RATIO} is taken for {usual} of "
+                f"{table.label}: poisson_ratio {USUAL_POISSON_RATIO} is taken for {usual} of "
                 f"{len(rows)} fabrics, which have none"
             )
         first = tuple(int(table.rows[own[0]]) for own in rows.values())
         found = cls(
             tuple(rows),
             **properties,
-            source=str(table.path),
+            source=table.place,
             rows=first,
             digest=table.digest,
         )
         if unknown := [name for name, basis in zip(found.names, found.basis, strict=True) if not basis]:
-            notes.append(f"{table.path.name}: fabrics of unknown modulus: {listing(unknown)}")
+            notes.append(f"{table.label}: fabrics of unknown modulus: {listing(unknown)}")
         return replace(found, notes=tuple(notes))
 
 

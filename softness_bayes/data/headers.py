@@ -37,6 +37,10 @@ class Sought(NamedTuple):
     names: frozenset[str]
     either: tuple[tuple[frozenset[str], ...], ...] = ()
     """Groups of columns of which one set is enough: with that, the others of the group are not sought."""
+    sheet: str = "ratings"
+    """Name of the sheet in a workbook of several."""
+    marks: tuple[frozenset[str], ...] = (frozenset({RATING.name}),)
+    """Sets of columns of which one marks the sheet if none has its name."""
 
     def without(self, present: Mapping[str, int]) -> list[str]:
         """Return the columns to look for beside those that are there, in the order of declaration."""
@@ -59,15 +63,19 @@ LOADED = Sought(_OF_RATINGS)
 """Ratings whose load is given beside the table."""
 RATED = Sought(_OF_RATINGS | frozenset().union(*_LOADS), (_LOADS,))
 """Ratings, with a load in each row."""
-FABRICS = Sought(_OF_FABRICS | {"fabric"}, (_MODULI,))
+FABRICS = Sought(_OF_FABRICS | {"fabric"}, (_MODULI,), "fabrics", _MODULI)
 """Fabrics."""
-PRESSED = Sought(frozenset({"participant", "indentor", INDENTATION.name, FORCE.name}))
+PRESSED = Sought(
+    frozenset({"participant", "indentor", INDENTATION.name, FORCE.name}),
+    sheet="compression",
+    marks=(frozenset({INDENTATION.name, FORCE.name}),),
+)
 """Forces of a rigid plate."""
 
 
 def together(one: Sought, other: Sought) -> Sought:
-    """Return the columns of a table that holds what two tables may hold."""
-    return Sought(one.names | other.names, one.either + other.either)
+    """Return the columns of the first table if it may hold those of the second too."""
+    return one._replace(names=one.names | other.names, either=one.either + other.either)
 
 
 class Header(NamedTuple):

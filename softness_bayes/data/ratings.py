@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from operator import attrgetter
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -23,6 +22,7 @@ from softness_bayes.data.tables import (
     read_only,
     read_table,
 )
+from softness_bayes.data.workbooks import TableSource
 from softness_bayes.errors import InputError, quoted
 from softness_bayes.touch.contact import Force, Indentation, Load
 
@@ -176,7 +176,7 @@ class Ratings:
     @classmethod
     def read(
         cls,
-        path: str | Path,
+        path: TableSource,
         fabrics: Fabrics | None = None,
         *,
         columns: Mapping[str, str] | None = None,
@@ -192,7 +192,7 @@ class Ratings:
         Parameters
         ----------
         path
-            CSV file.
+            Text file, Excel workbook, Parquet file, or DataFrame.
         fabrics
             The known fabrics; by default all in the table.
         columns
@@ -228,7 +228,7 @@ class Ratings:
         zeros = int((filed == 0).sum()) if drop_zeros else 0
         rated = np.flatnonzero(kept & (filed != 0) if drop_zeros else kept)
         if not rated.size:
-            raise InputError(f"{table.path}: column {table.titles[RATING.name]!r}: there is no rating in any row")
+            raise InputError(f"{table.place}: column {table.titles[RATING.name]!r}: there is no rating in any row")
         notes = [*table.notes]
         if missing := int((~kept).sum()):
             notes.append(f"{missing} of {len(table)} ratings are missing")
@@ -260,10 +260,10 @@ class Ratings:
             rating=filed[rated],
             rows=table.rows,
             n_missing=len(filed) - rated.size,
-            source=str(table.path),
+            source=table.place,
             rating_column=table.titles[RATING.name],
             digest=table.digest,
-            notes=tuple(f"{table.path.name}: {note}" for note in notes),
+            notes=tuple(f"{table.label}: {note}" for note in notes),
             not_positive=table.cells[RATING.name][wrong[0]] if wrong.size else "",
             load_cv=table.numbers(LOAD_CV) if LOAD_CV.name in table else None,
         )
@@ -293,14 +293,14 @@ def _loads_in(table: Table, indentation_mm: float | None, force_n: float | None)
     if not filed:
         if len(given) != 1:
             raise InputError(
-                f"{table.path}: no load column ({INDENTATION.name} or {FORCE.name}); give the load of all "
+                f"{table.place}: no load column ({INDENTATION.name} or {FORCE.name}); give the load of all "
                 "ratings by one of --indentation-mm and --force-n, or name its column with --column"
                 f"{''.join(f'; {note}' for note in table.notes)}"
             )
         return list(given) * len(table)
     if given:
         raise InputError(
-            f"{table.path}: --indentation-mm and --force-n are for tables without a load column; this one "
+            f"{table.place}: --indentation-mm and --force-n are for tables without a load column; this one "
             f"has {' and '.join(repr(table.titles[entry.column.name]) for entry in filed)}"
         )
     touches: list[Load] = []

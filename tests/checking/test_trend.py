@@ -134,6 +134,12 @@ def test_nothing_to_correlate(rng):
     assert found.sign == 0
 
 
+def test_participants_of_one_condition_each_say_nothing(rng):
+    layout = layout_of(3, np.geomspace(1e3, 1e6, 3), keep=[0, 4, 8])
+    found = find_trend(layout, ratings_of(rng, layout, 1.0))
+    assert (found.sign, found.p_value) == (0, 1.0)
+
+
 def test_one_participant_has_no_interval(rng):
     layout = layout_of(1, np.geomspace(1e3, 1e6, 6))
     found = find_trend(layout, ratings_of(rng, layout, -0.4))

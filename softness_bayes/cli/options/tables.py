@@ -124,15 +124,18 @@ class DataFiles:
 def data_files(verb: Verb) -> Verb:
     """Give a verb the options that name an experiment; it receives `files`, a `DataFiles`."""
 
-    @click.option("--data", type=FILE, metavar="FILE", help="Table of ratings (CSV).")
+    @click.option("--data", type=FILE, metavar="FILE", help="Table of ratings (CSV, Excel or Parquet).")
     @click.option(
         "--compression",
         type=FILE,
         metavar="FILE",
-        help="Forces of a rigid flat plate on fingerpads (CSV: participant, indentation_mm, force_n), beside "
+        help="Forces of a rigid flat plate on fingerpads (participant, indentation_mm, force_n), beside "
         "ratings or alone.",
     )
-    @_fabrics(False, "Fabric table (CSV); by default columns of the ratings, or a fabrics.csv beside them.")
+    @_fabrics(
+        False,
+        "Fabric table; by default columns of the ratings, a sheet of their workbook, or a fabrics.csv beside them.",
+    )
     @column
     @decimal
     @load_options(False, " of all ratings, where the table has no column for it.")
@@ -184,7 +187,7 @@ class Touches:
 def touches(verb: Verb) -> Verb:
     """Give a verb the options that name fabrics and loads; it receives `touches`, a `Touches`."""
 
-    @_fabrics(True, "Fabric table (CSV).")
+    @_fabrics(True, "Fabric table (CSV, Excel or Parquet).")
     @column
     @decimal
     @load_options(True, " of the touch. Repeatable.")

@@ -1,0 +1,178 @@
+"""Sheets: rows of cells as they stand in a file, read from delimited text."""
+
+from __future__ import annotations
+
+import csv
+import hashlib
+import io
+import re
+from collections import Counter
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from softness_bayes.errors import InputError, quoted
+
+_CONTROL = re.compile("[\x00-\x08\x0e-\x1f]")
+_JAPANESE = re.compile("[\u3041-\u30fe\u4e00-\u9fff]{2}")
+_END = "\x1f"  # end mark behind the last row, a character that occurs in no table
+
+
+class Number(str):
+    """A number that the file holds as one, not as text: its decimal mark is a point."""
+
+
+@dataclass(frozen=True)
+class Sheet:
+    """A header and rows of stripped cells; blank rows are left out."""
+
+    place: str
+    """File, and sheet if there are several, for errors."""
+    label: str
+    """Name of the file, for notes."""
+    digest: str
+    """SHA-256 of the file's bytes."""
+    header: Sequence[str]
+    body: Sequence[Sequence[str]]
+    """Cells of each row, as many as the header has."""
+    rows: Sequence[int]
+    """Line of each row in the file."""
+    titled: str
+    """Place of the header: `place` and its row."""
+    padded: Counter[tuple[int, str]] = field(default_factory=Counter)
+    """Number of cells with spaces at their ends, by column and by text without the spaces."""
+    between_commas: bool = False
+    """Whether commas separate the cells."""
+    notes: tuple[str, ...] = ()
+
+
+def sheet_of(
+    lines: Iterable[tuple[Sequence[str], int]],
+    place: str,
+    label: str,
+    digest: str,
+    *,
+    between_commas: bool = False,
+    notes: Sequence[str] = (),
+) -> Sheet:
+    """Return the sheet of some rows of cells.
+
+    Parameters
+    ----------
+    lines
+        Cells of each row, and its line; the first row that is not blank is the header, whose line is -1 if it has none.
+    place, label, digest, between_commas, notes
+        As of `Sheet`.
+
+    Raises
+    ------
+    InputError
+        If there is no row below the header, two columns have the same title, or a row is longer than the header.
+    """
+    records: list[list[str]] = []
+    rows: list[int] = []
+    padded: Counter[tuple[int, str]] = Counter()
+    for record, line in lines:
+        cells = [cell if isinstance(cell, Number) else cell.strip() for cell in record]
+        padded.update((j, cell) for j, cell in enumerate(cells) if cell != record[j])
+        if any(cells):
+            records.append(cells)
+            rows.append(line)
+    header, body = records[0] if records else [], records[1:]
+    if not body:
+        raise InputError(f"{place}: there is no row below the header")
+    titled = f"{place}: header" if rows[0] < 0 else f"{place}: row {rows[0]}"
+    for title, count in Counter(title.casefold() for title in header if title).items():
+        if count > 1:
+            raise InputError(f"{titled}: {count} columns are called {quoted(title)}, expected one")
+    used = max((j + 1 for j, title in enumerate(header) if title), default=0)
+    for record, row in zip(body, rows[1:], strict=True):
+        beyond = [cell for cell in record[used:] if cell]
+        if beyond:
+            raise InputError(f"{place}: row {row}: {quoted(beyond[-1])} stands beyond the {used} columns of the header")
+    body = [[*record[:used], *[""] * (used - len(record))] for record in body]
+    return Sheet(place, label, digest, header[:used], body, rows[1:], titled, padded, between_commas, tuple(notes))
+
+
+def text_sheet(path: Path, content: bytes) -> Sheet:
+    """Return the sheet of a text file with commas, semicolons or tabs between cells.
+
+    Raises
+    ------
+    InputError
+        If it is not such a file; the message names file and row.
+    """
+    text, notes = _decode(path, content)
+    separator = _separator(text)
+    digest = hashlib.sha256(content).hexdigest()
+    lines = _rows(path, text, separator)
+    return sheet_of(lines, str(path), path.name, digest, between_commas=separator == ",", notes=notes)
+
+
+def _decode(path: Path, content: bytes) -> tuple[str, list[str]]:
+    """Return the text of a file, each newline one character, and notes."""
+    notes: list[str] = []
+    wide = content[:2] in (b"\xff\xfe", b"\xfe\xff")
+    try:
+        text = content.decode("utf-16" if wide else "utf-8-sig")
+    except UnicodeDecodeError as error:
+        if wide:
+            raise InputError(f"{path}: {error.reason} in UTF-16, expected a table saved as CSV") from None
+        if _is_shift_jis(content):
+            line = 1 + content.count(b"\n", 0, error.start)
+            raise InputError(
+                f"{path}: row {line}: the text is encoded in Shift-JIS, expected UTF-8; save the table as 'CSV UTF-8'"
+            ) from None
+        text = content.decode("latin-1")
+        notes.append("not UTF-8: read as Latin-1")
+    if control := _CONTROL.search(text):
+        line = 1 + text.count("\n", 0, control.start())
+        raise InputError(
+            f"{path}: not a text file, expected a table saved as CSV: control character {control[0]!r} in line {line}"
+        )
+    if not text.strip():
+        raise InputError(f"{path}: the file is empty, expected a header and rows")
+    return text.replace("\r\n", "\n").replace("\r", "\n"), notes
+
+
+def _is_shift_jis(content: bytes) -> bool:
+    """Return whether bytes that are not UTF-8 are Japanese text in Shift-JIS.
+
+    Latin-1 has letters where Shift-JIS has second bytes, and typographic quotes of Windows where it has first ones:
+    two Japanese characters side by side, one of them of two bytes beyond ASCII, do not occur in it.
+    """
+    try:
+        text = content.decode("cp932")
+    except UnicodeDecodeError:
+        return False
+    pairs = (match[0].encode("cp932") for match in _JAPANESE.finditer(text))
+    return any(max(pair[1], pair[3]) >= 0x80 and min(pair[0], pair[2]) < 0xA0 for pair in pairs)
+
+
+def _separator(text: str) -> str:
+    """Return the separator of the header's cells."""
+    header = re.sub(r'"[^"]*"', "", text.lstrip().partition("\n")[0])
+    return max(",;\t", key=header.count)
+
+
+def _rows(path: Path, text: str, separator: str) -> Iterator[tuple[list[str], int]]:
+    """Yield the cells of each row, as many as it has, and the line where it starts.
+
+    Raises
+    ------
+    InputError
+        If a quotation mark is never closed, or a cell is too long.
+    """
+    reader = csv.reader(io.StringIO(f"{text}\n{_END}"), delimiter=separator, skipinitialspace=True)
+    line, record = 1, [_END]
+    try:
+        for record in reader:
+            if record == [_END]:
+                return
+            if record and record[-1].endswith(_END):
+                break
+            yield record, line
+            line = reader.line_num + 1
+    except csv.Error as error:
+        raise InputError(f"{path}: row {line}: {error} (is a quotation mark never closed?)") from None
+    raise InputError(f"{path}: row {line}: a quotation mark is never closed")

@@ -1,0 +1,202 @@
+"""Tables of other programs as sheets: Excel workbooks, Parquet files and DataFrames."""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import os
+import re
+import warnings
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+from softness_bayes.data.headers import Sought, understood
+from softness_bayes.data.names import listing
+from softness_bayes.data.sheets import Number, Sheet, sheet_of, text_sheet
+from softness_bayes.data.synonyms import key
+from softness_bayes.errors import InputError, quoted
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    TableSource: TypeAlias = str | Path | pd.DataFrame
+else:
+    TableSource = object
+"""A file or a DataFrame."""
+
+INSTALL = "pip install 'softness-bayes[tables]'"
+"""Command that installs what reads workbooks and Parquet files."""
+
+_WORKBOOKS = (".xlsx", ".xlsm")
+_PARQUET = (".parquet", ".pq")
+_OTHERS = (".xls", ".xlsb", ".ods", ".numbers")
+_ZEROS = re.compile("0{2,}")
+
+
+def read_sheet(source: TableSource, sought: Sought, renames: Mapping[str, str]) -> Sheet:
+    """Return the sheet of a file or DataFrame that has the columns looked for.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read, or it is not clear which of its sheets is meant.
+    """
+    if not isinstance(source, (str, os.PathLike)):
+        return _frame_sheet(_require_frame(source), f"DataFrame of {sought.sheet}")
+    path = Path(source)
+    try:
+        content = path.read_bytes()
+    except OSError as error:
+        raise InputError(f"{path}: {error.strerror}") from None
+    suffix = path.suffix.casefold()
+    if suffix in _WORKBOOKS:
+        return _chosen(path, _workbook(path, content), sought, renames)
+    if suffix in _PARQUET:
+        return _parquet(path, content)
+    if suffix in _OTHERS:
+        raise InputError(
+            f"{path}: {suffix} files are not read, expected .csv, .xlsx or .parquet: save the table as one"
+        )
+    return text_sheet(path, content)
+
+
+def has_sheet(source: str | Path, sought: Sought, renames: Mapping[str, str]) -> bool:
+    """Return whether a workbook of several sheets has one for the columns looked for."""
+    path = Path(source)
+    if path.suffix.casefold() not in _WORKBOOKS or not path.is_file():
+        return False
+    sheets = _workbook(path, path.read_bytes())
+    return len(sheets) > 1 and len(_candidates(sheets, sought, renames)) == 1
+
+
+def _candidates(sheets: Mapping[str, Sheet], sought: Sought, renames: Mapping[str, str]) -> list[str]:
+    """Return the sheets with the name that is looked for, or with the columns that mark it."""
+    named = [name for name in sheets if key(name) == sought.sheet]
+    return named or [name for name, sheet in sheets.items() if _is_marked(sheet, sought, renames)]
+
+
+def _is_marked(sheet: Sheet, sought: Sought, renames: Mapping[str, str]) -> bool:
+    try:
+        at = understood(sheet.header, renames, sought, sheet.titled).at
+    except InputError:
+        return False
+    return any(names <= at.keys() for names in sought.marks)
+
+
+def _chosen(path: Path, sheets: Mapping[str, Sheet], sought: Sought, renames: Mapping[str, str]) -> Sheet:
+    """Return the one sheet of a workbook that is meant."""
+    if not sheets:
+        raise InputError(f"{path}: the workbook is empty, expected a header and rows")
+    chosen = list(sheets) if len(sheets) == 1 else _candidates(sheets, sought, renames)
+    if len(chosen) != 1:
+        raise InputError(
+            f"{path}: {len(chosen) or 'none'} of the sheets {listing([quoted(name) for name in sheets])} may hold the "
+            f"{sought.sheet}; call that one {sought.sheet!r}"
+        )
+    return sheets[chosen[0]]
+
+
+def _workbook(path: Path, content: bytes) -> dict[str, Sheet]:
+    """Return the sheets of a workbook that have cells, with the values of their formulas."""
+    try:
+        import openpyxl
+    except ImportError:
+        raise InputError(f"{path}: workbooks are read with openpyxl, which is not installed: {INSTALL}") from None
+    digest = hashlib.sha256(content).hexdigest()
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # styles and validations that openpyxl does not know
+            book = openpyxl.load_workbook(io.BytesIO(content), data_only=True)
+            cells = {
+                name: [[_excel_text(cell) for cell in row] for row in book[name].iter_rows()]
+                for name in (sheet.title for sheet in book.worksheets)
+            }
+    except Exception as error:  # damaged archives and XML end in errors of many kinds
+        raise InputError(f"{path}: not a workbook that can be read ({type(error).__name__})") from None
+    filled = {name: rows for name, rows in cells.items() if any(any(row) for row in rows)}
+    return {
+        name: sheet_of(
+            _numbered(rows, 1),
+            str(path) if len(filled) == 1 else f"{path}, sheet {name!r}",
+            path.name if len(filled) == 1 else f"{path.name}, sheet {name!r}",
+            digest,
+        )
+        for name, rows in filled.items()
+    }
+
+
+def _excel_text(cell: Any) -> str:
+    """Return a cell's text; whole numbers that are shown with zeros in front keep them."""
+    text = cell_text(cell.value)
+    if isinstance(cell.value, int) and _ZEROS.fullmatch(cell.number_format or ""):
+        return text.zfill(len(cell.number_format))
+    return text
+
+
+def _parquet(path: Path, content: bytes) -> Sheet:
+    """Return the sheet of a Parquet file."""
+    import pandas as pd
+
+    try:
+        frame = pd.read_parquet(io.BytesIO(content), engine="pyarrow")
+    except ImportError:
+        raise InputError(f"{path}: Parquet files are read with pyarrow, which is not installed: {INSTALL}") from None
+    except Exception as error:  # pyarrow has errors of many kinds
+        raise InputError(f"{path}: not a Parquet file that can be read ({type(error).__name__})") from None
+    return _frame_sheet(frame, str(path), path.name, hashlib.sha256(content).hexdigest())
+
+
+def _require_frame(source: object) -> pd.DataFrame:
+    import pandas as pd
+
+    if not isinstance(source, pd.DataFrame):
+        raise InputError(f"expected the path of a table or a pandas DataFrame, got {type(source).__name__}")
+    return source
+
+
+def _frame_sheet(frame: pd.DataFrame, place: str, label: str = "", digest: str = "") -> Sheet:
+    """Return the sheet of a DataFrame; rows are counted from 0, as `iloc` counts them.
+
+    Parameters
+    ----------
+    frame
+        The columns; a named index is one too.
+    place, label
+        As of `Sheet`.
+    digest
+        That of the file; by default that of the cells.
+    """
+    if frame.columns.nlevels > 1:
+        raise InputError(f"{place}: the columns have {frame.columns.nlevels} levels, expected one")
+    if any(name is not None for name in frame.index.names):
+        try:
+            frame = frame.reset_index()
+        except ValueError as error:
+            raise InputError(f"{place}: {error}, expected columns of different names") from None
+    header = [cell_text(title) for title in frame.columns]
+    columns = [[cell_text(value) for value in frame.iloc[:, j].to_numpy()] for j in range(frame.shape[1])]
+    body = list(zip(*columns, strict=True))
+    digest = (
+        digest or hashlib.sha256(repr((header, [[str(cell) for cell in row] for row in body])).encode()).hexdigest()
+    )
+    return sheet_of([(header, -1), *_numbered(body, 0)], place, label or place, digest)
+
+
+def _numbered(rows: Iterable[Sequence[str]], first: int) -> Iterator[tuple[Sequence[str], int]]:
+    return ((row, k) for k, row in enumerate(rows, first))
+
+
+def cell_text(value: Any) -> str:
+    """Return the text of a typed value: names as they are, numbers with all their digits, nothing if missing."""
+    import pandas as pd
+
+    if isinstance(value, str):
+        return value
+    if value is None or (pd.api.types.is_scalar(value) and pd.isna(value)):
+        return ""
+    if pd.api.types.is_bool(value):
+        return str(bool(value)).upper()
+    if pd.api.types.is_float(value) and float(value).is_integer() and abs(float(value)) < 2**53:
+        return Number(int(value))
+    return Number(value) if pd.api.types.is_number(value) else str(value)
