@@ -84,4 +84,5 @@ def record_of(files: DataFiles, directory: Path) -> dict[str, Any]:
         "force_n": files.force_n,
         "decimal": files.decimal,
         **({"drop_zeros": True} if files.drop_zeros else {}),
+        **({"wide": True} if files.wide else {}),
     }

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import io
 from collections.abc import Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
@@ -25,6 +26,7 @@ from softness_bayes.data.headers import FABRICS, LOADED, PRESSED, RATED, togethe
 from softness_bayes.data.names import listing
 from softness_bayes.data.ratings import LOAD_COLUMNS, Conditions, LoadColumn, Ratings, loads_of
 from softness_bayes.data.tables import Table, check_renames, read_table
+from softness_bayes.data.wide import Form
 from softness_bayes.data.workbooks import TableSource, has_sheet
 from softness_bayes.errors import InputError
 from softness_bayes.files.outputs import write_outputs
@@ -80,6 +82,7 @@ def read_experiment(
     compression_path: TableSource | None = None,
     decimal: str | None = None,
     drop_zeros: bool = False,
+    wide: bool = False,
 ) -> Experiment:
     """Read ratings and their fabrics.
 
@@ -102,6 +105,9 @@ def read_experiment(
         Decimal mark of all files, "," or ".". By default it is found in each file; an ambiguous file raises an error.
     drop_zeros
         Whether to leave out ratings of 0.
+    wide
+        Whether the table of ratings has one column for each fabric, or for each fabric under each load. By default the
+        titles tell.
 
     Raises
     ------
@@ -112,7 +118,8 @@ def read_experiment(
     elsewhere = _elsewhere(ratings_path, fabrics_path, columns)
     sought = RATED if indentation_mm is force_n is None else LOADED
     sought = together(sought, FABRICS) if elsewhere is None else sought
-    table = read_table(ratings_path, sought, columns, decimal)
+    known = None if elsewhere is None else partial(_names, elsewhere.source, columns, decimal)
+    table = read_table(ratings_path, sought, columns, decimal, Form(wide, known) if known else Form(wide))
     notes: list[str] = []
     fabric_table, own = table, [column.name for column in MODULUS_SOURCES if column.name in table]
     if elsewhere is not None and not (own and fabrics_path is None):
@@ -141,6 +148,11 @@ def read_experiment(
         tuple(dict.fromkeys((*ratings.notes, *fabrics.notes, *notes))),
         compression,
     )
+
+
+def _names(fabrics: TableSource, columns: Mapping[str, str], decimal: str | None) -> Sequence[str]:
+    """Return the names in a table of fabrics."""
+    return read_table(fabrics, FABRICS, columns, decimal).labels("fabric")
 
 
 class _Elsewhere(NamedTuple):

@@ -22,6 +22,7 @@ from softness_bayes.data.tables import (
     read_only,
     read_table,
 )
+from softness_bayes.data.wide import Form
 from softness_bayes.data.workbooks import TableSource
 from softness_bayes.errors import InputError, quoted
 from softness_bayes.touch.contact import Force, Indentation, Load
@@ -183,11 +184,13 @@ class Ratings:
         indentation_mm: float | None = None,
         force_n: float | None = None,
         decimal: str | None = None,
+        wide: bool = False,
     ) -> Ratings:
-        """Read a long table of ratings.
+        """Read a table of ratings.
 
         Columns: `participant` (if missing, all rows are of one participant), `fabric`, `rating` (empty if
-        missing), `indentation_mm` or `force_n` (exactly one in each row), and optionally `load_cv` and `trial`.
+        missing), `indentation_mm` or `force_n` (exactly one in each row), and optionally `load_cv` and `trial`. A wide
+        table has one column for each fabric instead, or for each fabric under each load (`cotton @ 2 mm`).
 
         Parameters
         ----------
@@ -201,6 +204,8 @@ class Ratings:
             The load of every row [mm] or [N], if the table has no column for it.
         decimal
             What stands before the decimals, "," or "."; left out, the file tells or is refused.
+        wide
+            Whether the table has one column for each fabric; left out, the titles tell.
 
         Raises
         ------
@@ -208,7 +213,8 @@ class Ratings:
             Naming file, row, column and value.
         """
         sought = RATED if indentation_mm is force_n is None else LOADED
-        table = read_table(path, sought, columns or {}, decimal)
+        form = Form(wide, lambda: None if fabrics is None else fabrics.names)
+        table = read_table(path, sought, columns or {}, decimal, form)
         check_renames(columns or {}, table)
         return cls.from_table(table, fabrics, indentation_mm, force_n)
 

@@ -44,6 +44,10 @@ class Sheet:
     between_commas: bool = False
     """Whether commas separate the cells."""
     notes: tuple[str, ...] = ()
+    columns: Sequence[str] = ()
+    """Title of the column that each row is from, if it was a wide table."""
+    made: tuple[str, ...] = ()
+    """Titles that a wide table did not have; errors name those of `columns`."""
 
 
 def sheet_of(

@@ -9,12 +9,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from softness_bayes.data.columns import LABELS, NUMBERS, Column
+from softness_bayes.data.columns import LABELS, NUMBERS, RATING, Column
 from softness_bayes.data.decimals import MARKS, Cell, Reading, decimal_mark, plain
 from softness_bayes.data.headers import Sought, understood
 from softness_bayes.data.names import guess, listing, natural
 from softness_bayes.data.sheets import Number, Sheet
 from softness_bayes.data.units import Unit
+from softness_bayes.data.wide import Form, lengthened
 from softness_bayes.data.workbooks import TableSource, read_sheet
 from softness_bayes.errors import InputError, quoted
 from softness_bayes.files.spreadsheet import unescaped
@@ -47,6 +48,10 @@ class Table:
     grouped: bool
     """Whether the other mark may group thousands: the user named the decimal mark, or a number shows it."""
     notes: tuple[str, ...]
+    columns: Sequence[str] = ()
+    """Title of the column that each row is from, if the file has one for each fabric."""
+    made: tuple[str, ...] = ()
+    """Standard names of the columns that such a file does not have."""
 
     def __len__(self) -> int:
         return len(self.rows)
@@ -56,19 +61,23 @@ class Table:
 
     def error(self, i: int, name: str, problem: str) -> InputError:
         """Return the error that names file, row and column of a cell."""
-        return InputError(f"{self.place}: row {self.rows[i]}, column {self.titles[name]!r}: {problem}")
+        title = self.columns[i] if name in self.made else self.titles[name]
+        return InputError(f"{self.place}: row {self.rows[i]}, column {title!r}: {problem}")
 
     def take(self, index: IntArray) -> Table:
         """Return the rows at `index`."""
         cells = {name: [texts[i] for i in index] for name, texts in self.cells.items()}
-        return replace(self, cells=cells, rows=self.rows[index])
+        columns = [self.columns[i] for i in index] if self.columns else ()
+        return replace(self, cells=cells, rows=self.rows[index], columns=columns)
 
     def require(self, name: str) -> None:
         """Raise an error for a table without the column `name`."""
         if name not in self:
+            maybe_wide = name == RATING.name and "fabric" not in self
+            remedy = ["a table with one column per fabric is read with --wide"] if maybe_wide else []
             raise InputError(
                 f"{self.place}: no column {name!r}, and no --column {name}=... says which it is; "
-                + "; ".join([f"known columns: {', '.join(self.titles) or 'none'}", *self.notes])
+                + "; ".join([f"known columns: {', '.join(self.titles) or 'none'}", *self.notes, *remedy])
             )
 
     def labels(self, name: str) -> Sequence[str]:
@@ -98,7 +107,13 @@ class Table:
         return values
 
 
-def read_table(source: TableSource, sought: Sought, renames: Mapping[str, str], decimal: str | None = None) -> Table:
+def read_table(
+    source: TableSource,
+    sought: Sought,
+    renames: Mapping[str, str],
+    decimal: str | None = None,
+    form: Form | None = None,
+) -> Table:
     """Read the known columns of a table.
 
     In text files commas, semicolons and tabs between cells are understood; decimal commas where commas do not
@@ -118,6 +133,8 @@ def read_table(source: TableSource, sought: Sought, renames: Mapping[str, str], 
     decimal
         What stands before the decimals of a number, "," or "."; the other one groups thousands. Left out, the
         numbers tell, or the table is refused.
+    form
+        Form of a table of ratings, which may be wide; notes say if it is.
 
     Raises
     ------
@@ -127,7 +144,8 @@ def read_table(source: TableSource, sought: Sought, renames: Mapping[str, str], 
     """
     if decimal not in (None, *MARKS):
         raise InputError(f"decimal is {decimal!r}, expected one of {', '.join(map(repr, MARKS))}")
-    return _table(read_sheet(source, sought, renames), sought, renames, decimal)
+    sheet = read_sheet(source, sought, renames)
+    return _table(sheet if form is None else lengthened(sheet, sought, renames, form), sought, renames, decimal)
 
 
 def _table(sheet: Sheet, sought: Sought, renames: Mapping[str, str], decimal: str | None) -> Table:
@@ -145,6 +163,8 @@ def _table(sheet: Sheet, sought: Sought, renames: Mapping[str, str], decimal: st
     if unused:
         notes.append(f"unused columns: {listing(unused)}")
     titles = {name: header[j] for name, j in at.items()}
+    if sheet.columns:
+        titles[RATING.name] = " … ".join(dict.fromkeys((sheet.columns[0], sheet.columns[-1])))
     reading = Reading(decimal or ".")
     if decimal is None:
         reading = _found_mark(sheet, cells, titles)
@@ -161,6 +181,8 @@ def _table(sheet: Sheet, sought: Sought, renames: Mapping[str, str], decimal: st
         decimal=reading.mark,
         grouped=decimal is not None or reading.grouped,
         notes=tuple(notes),
+        columns=sheet.columns,
+        made=sheet.made,
     )
 
 
@@ -194,9 +216,13 @@ def _found_mark(sheet: Sheet, cells: Mapping[str, Sequence[str]], titles: Mappin
         If they do not decide between two.
     """
     numbers = [
-        [Cell(t, titles[n], r) for t, r in zip(cells[n], sheet.rows, strict=True) if not isinstance(t, Number)]
-        for n in NUMBERS
-        if n in cells
+        [
+            Cell(text, sheet.columns[i] if name in sheet.made else titles[name], sheet.rows[i])
+            for i, text in enumerate(cells[name])
+            if not isinstance(text, Number)
+        ]
+        for name in NUMBERS
+        if name in cells
     ]
     filled = [[c for c in column if c.text.casefold() not in MISSING] for column in numbers]
     reading = decimal_mark(filled, sheet.between_commas)

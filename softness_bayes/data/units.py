@@ -77,7 +77,8 @@ UNITS: Mapping[str, Mapping[str, tuple[str, ...]]] = {
 
 Kawabata's system gives the rigidity of a strip per width, gf·cm²/cm; grams of a force are grams-force."""
 
-_LONGEST_TITLE = 200
+LONGEST_TITLE = 200
+"""Largest number of characters of a title that is searched for a unit."""
 _BRACKETS = re.compile(r"(.*?)\s*[\[(【〔]([^\])】〕]*)[\])】〕]")
 _BEHIND = re.compile(r"(.*\S)(?:\s*[,;]\s*|\s+in\s+|\s+/\s*)(\S.*)")
 _ONLY_BRACKETED = frozenset({"in", "bar", "1", "-", "–"})
@@ -126,7 +127,7 @@ def title_and_unit(title: str) -> tuple[str, Spelt | None]:
     A unit stands in brackets behind the title (`E (MPa)`, `depth [mm]`), behind a comma, a stroke or the word in
     (`depth, mm`), or as the last words (`depth_um`, `bending_N_m`). What stands in brackets need not be one.
     """
-    if len(title) > _LONGEST_TITLE:
+    if len(title) > LONGEST_TITLE:
         return title, None
     title = unicodedata.normalize("NFKC", title).strip()
     if match := _BRACKETS.fullmatch(title):

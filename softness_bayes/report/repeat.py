@@ -91,7 +91,7 @@ def _pairs(words: list[str]) -> list[tuple[str, str]]:
 def _data(result: Result, begun: list[str]) -> tuple[list[str], list[str]]:
     """Return the options that name the data, and notes on them."""
     typed = [word for flag, value in _pairs(begun) if flag in DATA_FLAGS for word in (flag, value)]
-    typed += ["--drop-zeros"] if "--drop-zeros" in begun else []
+    typed += [flag for flag in ("--drop-zeros", "--wide") if flag in begun]
     if typed:
         return typed, [PATHS]
     names = [("--data", "RATINGS.csv"), ("--fabrics", "FABRICS.csv")] if result.has_ratings else []

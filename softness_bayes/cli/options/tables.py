@@ -79,6 +79,7 @@ class DataFiles:
     compression: Path | None
     decimal: str | None = None
     drop_zeros: bool = False
+    wide: bool = False
 
     @property
     def paths(self) -> tuple[Path, ...]:
@@ -110,13 +111,14 @@ class DataFiles:
                 compression_path=self.compression,
                 decimal=self.decimal,
                 drop_zeros=self.drop_zeros,
+                wide=self.wide,
             )
         if self.compression is None:
             raise click.UsageError("no data: give ratings with --data, a plate's forces with --compression, or both")
-        if not self.fabrics is self.indentation_mm is self.force_n is None or self.drop_zeros:
+        if not self.fabrics is self.indentation_mm is self.force_n is None or self.drop_zeros or self.wide:
             raise InputError(
-                "--fabrics, --indentation-mm, --force-n and --drop-zeros are for ratings: give --data, or leave them "
-                "out"
+                "--fabrics, --indentation-mm, --force-n, --drop-zeros and --wide are for ratings: give --data, or "
+                "leave them out"
             )
         return Compression.read(self.compression, columns=self.columns, decimal=self.decimal)
 
@@ -140,6 +142,11 @@ def data_files(verb: Verb) -> Verb:
     @decimal
     @load_options(False, " of all ratings, where the table has no column for it.")
     @click.option("--drop-zeros", is_flag=True, help="Leave out ratings of 0, which magnitude estimates cannot have.")
+    @click.option(
+        "--wide",
+        is_flag=True,
+        help="Ratings have one column per fabric, or per fabric and load (cotton_2mm), if the titles do not tell.",
+    )
     @functools.wraps(verb)
     def wrapped(
         data: Path | None,
@@ -150,9 +157,10 @@ def data_files(verb: Verb) -> Verb:
         force_n: float | None,
         compression: Path | None,
         drop_zeros: bool,
+        wide: bool,
         **others: Any,
     ) -> Any:
-        files = DataFiles(data, fabrics, columns, indentation_mm, force_n, compression, decimal, drop_zeros)
+        files = DataFiles(data, fabrics, columns, indentation_mm, force_n, compression, decimal, drop_zeros, wide)
         return verb(files=files, **others)
 
     return wrapped

@@ -1,0 +1,134 @@
+"""Wide tables: the same ratings as the long form has, and what is refused."""
+
+import numpy as np
+import pandas as pd
+import pytest
+from click.testing import CliRunner
+
+from softness_bayes.cli import main
+from softness_bayes.data import Fabrics, Ratings, read_experiment
+from softness_bayes.errors import InputError
+from softness_bayes.likelihood.scales import MAGNITUDE
+from softness_bayes.touch.contact import Force, Indentation
+
+CLOTH = Fabrics(("voile", "denim", "felt"), effective_modulus=np.array([3e3, 100e3, 20e3]))
+FIELDS = ("participants", "fabrics", "loads", "n_missing")
+ARRAYS = ("participant", "fabric", "load", "rating")
+
+
+@pytest.fixture
+def file(tmp_path):
+    def write(text, name="ratings.csv"):
+        path = tmp_path / name
+        path.write_text(text, encoding="utf-8")
+        return path
+
+    return write
+
+
+def assert_same(read, long):
+    for name in FIELDS:
+        assert getattr(read, name) == getattr(long, name), name
+    for name in ARRAYS:
+        np.testing.assert_array_equal(getattr(read, name), getattr(long, name))
+
+
+def long_form(file, rows):
+    return Ratings.read(file("participant,fabric,indentation_mm,force_n,rating\n" + "\n".join(rows) + "\n", "long.csv"))
+
+
+@pytest.mark.parametrize(
+    "titles",
+    [
+        ["voile @ 1 mm", "voile @ 2.5 mm", "denim @ 1 mm"],
+        ["voile_1mm", "voile_2.5mm", "denim_1mm"],
+        ["voile (1000 µm)", "voile [2500 um]", "denim 1000um"],
+        ['"voile 1,0 mm"', '"voile, 2,5 mm"', '"denim / 1 mm"'],
+    ],
+)
+def test_a_column_per_fabric_and_load(file, titles):
+    text = f"participant,age,{','.join(titles)}\nP2,31,5,6,7\nP10,40,1e1,,8\n"
+    path = file(text)
+    read = Ratings.read(path)
+    rows = ["P2,voile,1,,5", "P2,voile,2.5,,6", "P2,denim,1,,7", "P10,voile,1,,10", "P10,voile,2.5,,", "P10,denim,1,,8"]
+    long = Ratings.read(
+        file("participant,fabric,indentation_mm,rating\n" + "\n".join(rows).replace(",,", ",") + "\n", "l.csv")
+    )
+    assert_same(read, long)
+    assert read.rows.tolist() == [2, 2, 2, 3, 3]
+    bare = ", ".join(title.strip('"') for title in titles)
+    assert f"ratings.csv: one column per fabric and load: {bare}" in read.notes
+    assert Ratings.read(path, CLOTH).fabrics == ("voile", "denim")
+    assert "ratings.csv: unused columns: age" in read.notes
+
+
+def test_forces_and_indentations_side_by_side(file):
+    read = Ratings.read(file("Versuchsperson;voile_1N;voile_2mm;denim_50gf\n01;5,5;6;7\n1;8;9;10\n"))
+    rows = ["01,voile,,1,5.5", "01,voile,2,,6", "01,denim,,0.4903325,7", "1,voile,,1,8", "1,voile,2,,9"]
+    assert_same(read, long_form(file, [*rows, "1,denim,,0.4903325,10"]))
+    assert read.loads == (Indentation(0.002), Force(0.4903325), Force(1.0))
+
+
+def test_a_column_per_fabric_with_loads_in_rows_or_given(file):
+    path = file("subject,indentation_mm,voile,denim\nP1,1,5,6\nP1,2,7,8\n")
+    rows = ["P1,voile,1,,5", "P1,denim,1,,6", "P1,voile,2,,7", "P1,denim,2,,8"]
+    for options in ({"wide": True}, {"fabrics": CLOTH.take(("denim", "voile"))}):
+        assert_same(Ratings.read(path, **options), long_form(file, rows))
+    given = Ratings.read(file("subject,voile,denim\nP1,5,6\n"), CLOTH, force_n=1.5)
+    assert (given.loads, given.fabrics) == ((Force(1.5),), ("voile", "denim"))
+    assert "a table with one column per fabric is read with --wide" in refusal(file("subject,voile,denim\nP1,5,6\n"))
+
+
+def refusal(*args, **options):
+    with pytest.raises(InputError) as caught:
+        Ratings.read(*args, **options)
+    return str(caught.value)
+
+
+def test_errors_name_the_column_of_the_file(file):
+    path = file("participant,voile_1mm,denim_1mm\nP1,5,six\n")
+    assert refusal(path) == f"{path}: row 2, column 'denim_1mm': expected a finite number, got 'six'"
+    path = file("participant;voile_1mm;denim_1mm\nP1;5;1,234\n")
+    assert refusal(path).startswith(f"{path}: row 2, column 'denim_1mm': '1,234' may be 1.234 or 1234")
+    path = file("participant,voile_1mm,denim_1mm\nP1,5,0\n")
+    with pytest.raises(InputError, match="row 2, column 'voile_1mm … denim_1mm': expected a magnitude estimate above"):
+        MAGNITUDE.require(Ratings.read(path))
+    path = file("participant,voile_1mm,denim\nP1,5,6\n")
+    assert "row 2, column 'denim': expected a load" in refusal(path, wide=True)
+
+
+def test_what_may_be_a_misspelt_fabric_is_refused(file):
+    path = file("participant,age,voile_1mm,demin_1mm,felt_1mm\nP1,30,5,6,7\n")
+    assert refusal(path, CLOTH) == (
+        f"{path}: row 1, column 'demin_1mm': 'demin' is not a known fabric (did you mean 'denim'?)"
+    )
+    path = file("participant,age,voile,demin,felt\nP1,30,5,6,7\n")
+    assert "column 'demin': 'demin' is not a known fabric (did you mean 'denim'?)" in refusal(path, CLOTH, force_n=1)
+    read = Ratings.read(file("participant,age,voile,denim\nP1,30,5,6\n"), CLOTH, force_n=1)
+    assert "ratings.csv: unused columns: age" in read.notes
+
+
+@pytest.mark.parametrize(
+    ("header", "options", "problem"),
+    [
+        ("participant,fabric,rating", {"wide": True}, "this one has a column 'fabric' for the fabric of each row"),
+        ("participant,x,y", {"wide": True, "fabrics": CLOTH}, "no column is called like a fabric, such as denim, felt"),
+        ("indentation_mm,voile_1mm,denim_1mm", {}, "loads stand in titles ('voile_1mm') and in 'indentation_mm'"),
+        ("participant,voile_9999mm,denim_9999mm", {}, "no column"),
+        ("participant,voile_1mm,denim_1mm", {"force_n": 1.0}, "are for tables without a load column"),
+    ],
+)
+def test_wide_tables_that_contradict_are_refused(file, header, options, problem):
+    assert problem in refusal(file(f"{header}\n1,2,3\n"), **options)
+
+
+def test_fabrics_that_are_beside_or_in_frames_make_a_table_wide(file):
+    cloth = file("fabric,effective_modulus_kpa\nvoile,3\ndenim,100\n", "fabrics.csv")
+    path = file("participant,voile,denim\nP1,5,6\nP2,5,7\n")
+    beside = read_experiment(path, force_n=1.0)
+    assert beside.ratings.rating.tolist() == [5, 6, 5, 7]
+    frames = read_experiment(pd.read_csv(path), pd.read_csv(cloth), force_n=1.0)
+    assert_same(frames.ratings, beside.ratings)
+    done = CliRunner().invoke(main, ["check", "--data", str(path), "--force-n", "1", "--wide"])
+    assert done.exit_code == 0
+    assert "note: ratings.csv: one column per fabric: voile, denim" in done.output
