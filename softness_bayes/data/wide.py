@@ -24,7 +24,7 @@ _LOADS = {"length": INDENTATION, "force": FORCE}
 
 
 class Form(NamedTuple):
-    """What is known about the form of a table of ratings."""
+    """The form of a table of ratings, as far as it is known."""
 
     wide: bool = False
     """Whether the user called it wide."""
