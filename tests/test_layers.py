@@ -46,6 +46,7 @@ PROGRAMS = {
     "tools.firing_sample_build",
     "tools.finger_coverage",
     "tools.input_coverage",
+    "tools.rating_coverage",
     "tools.rooms",
     "tools.surface_build",
 }

@@ -13,7 +13,7 @@ from softness_bayes.files.outputs import Survey, remove, survey, told
 from softness_bayes.files.run_files import CHECKPOINT, LOCK, MANIFEST, RUN
 from softness_bayes.files.whole import is_part
 
-OF_A_RUN = (RUN, "plot", "report")
+OF_A_RUN = (RUN, "plot", "report", "rank")
 """Commands whose files are removed together with a run that another one replaces."""
 
 _KEPT = re.compile(r"(?:piece|state)-([0-9]{7,})\.npz")

@@ -29,6 +29,7 @@ VERBS: Mapping[str, str] = {
     "report": "Write one page about a finished run, to read, print or send.",
     "compare": "Rank finished runs by how well they predict what is left out.",
     "predict": "Predict contact, stress, firing and ratings for fabrics under loads.",
+    "rank": "Rank fabrics by predicted softness, with the probability of each place and of each pair's order.",
     "claims": "Say which of the paper's claims hold under which readings of its equations.",
     "bench": "Measure time and error of the forward model on this machine, beside other ways to compute it.",
     "calibrate": "Check the whole inference by simulation: whether posteriors hold the truth as often as they say.",

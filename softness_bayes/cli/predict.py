@@ -95,7 +95,7 @@ def command(
     from softness_bayes.model.scenes import scene_of, touch_parameters, usual_values
 
     if out is not None:
-        require_outputs(out.parent, [out.name], PREDICT, force, [touches.fabrics])
+        require_outputs(out.parent, [out.name], PREDICT, force, touches.inputs)
     fabrics, loads = touches.read()
     if posterior is None:
         if raters is not None:

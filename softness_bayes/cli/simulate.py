@@ -109,7 +109,7 @@ def command(
     from softness_bayes.parameters.declared import PLATE_PARAMETERS
 
     made = [RATINGS, FABRICS, TRUTH, *([COMPRESSION] if fingers else [])]
-    require_outputs(out, made, SIMULATE, force, [touches.fabrics])
+    require_outputs(out, made, SIMULATE, force, touches.inputs)
     fabrics, loads = touches.read()
     chosen, touching = choice.resolve(), finger_of(finger)
     usual = usual_values(chosen, prior_set, values, fingers or None)

@@ -108,6 +108,7 @@ INDENTATION = Column("indentation_mm", "indentation", "mm", power=-3, range=INDE
 FORCE = Column("force_n", "force", "N", range=FORCES)
 LOAD_CV = Column("load_cv", "relative error of the load", "", range=LOAD_ERRORS)
 RATING = Column("rating", "rating", "")
+RANK = Column("rank", "rank", "", range=_POSITIVE)
 TENSILE_MODULUS = Column("tensile_modulus_mpa", "tensile modulus", "MPa", power=6, range=_POSITIVE)
 THICKNESS = Column("thickness_mm", "thickness", "mm", power=-3, range=_POSITIVE)
 POISSON_RATIO = Column("poisson_ratio", "Poisson ratio", "", range=Range(-1.0, 0.5, above=True))
@@ -134,6 +135,7 @@ NUMBERS: Mapping[str, Column] = {
         FORCE,
         LOAD_CV,
         RATING,
+        RANK,
         TENSILE_MODULUS,
         THICKNESS,
         POISSON_RATIO,

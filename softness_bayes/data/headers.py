@@ -16,6 +16,7 @@ from softness_bayes.data.columns import (
     LABELS,
     LOAD_CV,
     NUMBERS,
+    RANK,
     RATING,
     TENSILE_MODULUS,
     THICKNESS,
@@ -57,7 +58,7 @@ _MODULI = (
     frozenset({TENSILE_MODULUS.name, THICKNESS.name}),
 )
 _OF_RATINGS = frozenset({"participant", "fabric", "trial", RATING.name, LOAD_CV.name})
-_OF_FABRICS = frozenset(NUMBERS) - {RATING.name, LOAD_CV.name, INDENTATION.name, FORCE.name}
+_OF_FABRICS = frozenset(NUMBERS) - {RATING.name, RANK.name, LOAD_CV.name, INDENTATION.name, FORCE.name}
 
 LOADED = Sought(_OF_RATINGS)
 """Ratings whose load is given beside the table."""
@@ -71,6 +72,8 @@ PRESSED = Sought(
     marks=(frozenset({INDENTATION.name, FORCE.name}),),
 )
 """Forces of a rigid plate."""
+RANKED = Sought(frozenset({"fabric"}))
+"""An observed order of fabrics."""
 
 
 def together(one: Sought, other: Sought) -> Sought:

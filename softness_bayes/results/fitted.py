@@ -10,9 +10,11 @@ from softness_bayes.model.build import build
 from softness_bayes.model.fabric_moduli import fabric_moduli
 from softness_bayes.model.other_touches import OtherTouches
 from softness_bayes.model.posterior import Posterior
+from softness_bayes.model.scenes import scene_of
 from softness_bayes.parameters.fabric_moduli import FABRIC_MODULUS, KPA
 from softness_bayes.results.from_result import experiment_of, options_of
 from softness_bayes.results.stored import Stored
+from softness_bayes.touch.contact import Load
 from softness_bayes.touch.parameters import TouchParameters
 from softness_bayes.touch.scene import Scene
 
@@ -49,6 +51,12 @@ class Fitted:
         """The chain's parameters at the draws [SI], each of shape (draws,)."""
         values = self.posterior.space.touch(self.theta)
         return TouchParameters(*(np.broadcast_to(value, len(self.theta)) for value in values))
+
+    def scene(self, fabrics: Fabrics, loads: tuple[Load, ...]) -> Scene:
+        """Return the scene of some fabrics under some loads, with the finger and the readings of the run."""
+        result = self.result
+        noise = result.provenance.rating_model.noise
+        return scene_of(fabrics, loads, self.named, result.readings, noise=noise, finger=result.finger)
 
     def touches(self, fabrics: Fabrics, scene: Scene) -> OtherTouches:
         """Return the touches of a scene of some fabrics, of which those of `known` were rated."""

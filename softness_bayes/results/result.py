@@ -36,6 +36,7 @@ if TYPE_CHECKING:
 
     from softness_bayes.data import Fabrics
     from softness_bayes.plotting.plots import Plots
+    from softness_bayes.results.ranking import Ranking
 
 Array = NDArray[np.float64]
 
@@ -304,6 +305,22 @@ class Result:
         scene = scene_of(fabrics, pressed, named, self.readings, noise=noise, finger=self.finger)
         touched = prediction_table(fabrics, scene, drawn_parameters(named), modulus=own)
         return pd.concat([touched, rating_columns(self, fabrics, scene, draws, raters, seed)], axis=1)
+
+    def rank(
+        self, fabrics: Fabrics | None = None, loads: Sequence[Load] | None = None, draws: int = 400, seed: int = 0
+    ) -> Ranking:
+        """Rank fabrics by predicted softness; arguments and errors as `predict` has them.
+
+        Returns
+        -------
+        Ranking
+            The order under each load: its `table`, the probabilities of all places and pairs, and a `figure`.
+        """
+        from softness_bayes.results.ranking import rank
+
+        self._require_ratings()
+        pressed = self.loads if loads is None else tuple(loads)
+        return rank(self, self.fabrics if fabrics is None else fabrics, pressed, draws, seed)
 
     @property
     def fabrics(self) -> Fabrics:

@@ -16,7 +16,7 @@ import xarray as xr
 from softness_bayes import arviz_bridge, errors
 from softness_bayes.checking.ranks import DRAWS, Replicate
 from softness_bayes.checkpoints.manifest import FORMAT
-from softness_bayes.cli import VERBS, bench, claims, main
+from softness_bayes.cli import VERBS, bench, claims, main, rank
 from softness_bayes.cli.compare import COMPARISON
 from softness_bayes.cli.interrupts import SIGNALS
 from softness_bayes.cli.report import REPORT
@@ -169,6 +169,7 @@ def test_files_of_commands(tmp_path):
     assert {*rows["claims"]} == {*claims.MADE}
     assert {*rows["bench"]} == {*bench.MADE}
     assert rows["compare"] == [COMPARISON]
+    assert rows["rank"] == [*rank.MADE, rank.AGREEMENT, "--against"]
     assert rows["report"] == [REPORT]
     names = ("RANKS", "COVERAGE", "VERDICT", "MANIFEST")
     kept = {*(getattr(calibrate, name) for name in names), f"{calibrate.FIGURE}.png", f"{calibrate.REPLICATES}/"}
@@ -313,6 +314,20 @@ def test_predictions(everything):
     assert [name for name in columns if not name.endswith(ends)] == [*touched, *rated]
     limits = {f"{name}{end}" for name in touched[1:-1] for end in ends[:2]}
     assert {*columns} - {*touched, *rated} == limits | {f"{name}{end}" for name in rated[:3] for end in ends}
+
+
+def test_rankings(everything):
+    with quickly():
+        found = everything.result.rank(draws=8)
+    observed = {name: float(k) for k, name in enumerate(everything.result.fabrics.names)}
+    tables_of = {
+        rank.ORDER: found.table,
+        rank.PLACES: found.place_table,
+        rank.PAIRS: found.pair_table,
+        rank.AGREEMENT: found.against(observed),
+    }
+    for name, made in tables_of.items():
+        assert [*made.columns] == columns_of(f"`{name}` of `rank`"), name
 
 
 def test_comparison(everything):

@@ -61,6 +61,7 @@ WRITERS = {
         ["ratings.csv", "fabrics.csv", "truth.json", "compression.csv"],
     ),
     "predict": (TOUCH, True, ["table.csv"]),
+    "rank": (["RUN"], False, ["ranking.csv", "places.csv", "pairs.csv", "ranking.png", "ranking.pdf"]),
     "claims": (["--draws", "0"], False, ["claims.csv", "claims.md", "claims_loads.csv"]),
     "compare": (["one", "two"], False, ["compare.csv"]),
     "bench": (

@@ -15,6 +15,7 @@ from softness_bayes.errors import InputError
 
 if TYPE_CHECKING:
     from softness_bayes.data import Compression, Experiment, Fabrics
+    from softness_bayes.results.result import Result
     from softness_bayes.touch.contact import Load
 
 column = click.option(
@@ -170,11 +171,16 @@ def data_files(verb: Verb) -> Verb:
 class Touches:
     """Fabrics and the loads to touch them under, as asked for on the command line."""
 
-    fabrics: Path
+    fabrics: Path | None
     columns: Mapping[str, str]
     indentation_mm: tuple[float, ...]
     force_n: tuple[float, ...]
     decimal: str | None = None
+
+    @property
+    def inputs(self) -> list[Path]:
+        """The files that are read."""
+        return [] if self.fabrics is None else [self.fabrics]
 
     def read(self) -> tuple[Fabrics, tuple[Load, ...]]:
         """Return the fabrics and the distinct loads.
@@ -184,30 +190,59 @@ class Touches:
         InputError
             If no load was asked for.
         """
-        from softness_bayes.data import Fabrics, loads_of
-
-        loads = loads_of(self.indentation_mm, self.force_n)
+        fabrics, loads = self._fabrics(), self._loads()
+        if fabrics is None:
+            raise InputError("no fabrics: give --fabrics")
         if not loads:
             raise InputError("no load: give at least one --indentation-mm or --force-n")
-        return Fabrics.read(self.fabrics, columns=self.columns, decimal=self.decimal), loads
+        return fabrics, loads
+
+    def of_run(self, result: Result) -> tuple[Fabrics, tuple[Load, ...]]:
+        """Return the fabrics and the distinct loads, those of a run where none are asked for."""
+        return self._fabrics() or result.fabrics, self._loads() or result.loads
+
+    def _fabrics(self) -> Fabrics | None:
+        from softness_bayes.data import Fabrics
+
+        return None if self.fabrics is None else Fabrics.read(self.fabrics, columns=self.columns, decimal=self.decimal)
+
+    def _loads(self) -> tuple[Load, ...]:
+        from softness_bayes.data import loads_of
+
+        return loads_of(self.indentation_mm, self.force_n)
 
 
 def touches(verb: Verb) -> Verb:
     """Give a verb the options that name fabrics and loads; it receives `touches`, a `Touches`."""
+    return _touches(True, "Fabric table (CSV, Excel or Parquet).", " of the touch. Repeatable.")(verb)
 
-    @_fabrics(True, "Fabric table (CSV, Excel or Parquet).")
-    @column
-    @decimal
-    @load_options(True, " of the touch. Repeatable.")
-    @functools.wraps(verb)
-    def wrapped(
-        fabrics: Path,
-        columns: dict[str, str],
-        decimal: str | None,
-        indentation_mm: tuple[float, ...],
-        force_n: tuple[float, ...],
-        **others: Any,
-    ) -> Any:
-        return verb(touches=Touches(fabrics, columns, indentation_mm, force_n, decimal), **others)
 
-    return wrapped
+def touches_of_run(verb: Verb) -> Verb:
+    """Give a verb the same options, without which fabrics and loads are those of a run."""
+    return _touches(
+        False,
+        "Fabric table (CSV, Excel or Parquet); by default the fabrics of the run.",
+        " of the touch. Repeatable; by default as rated.",
+    )(verb)
+
+
+def _touches(required: bool, fabrics_help: str, load_help: str) -> Decorator:
+    def decorate(verb: Verb) -> Verb:
+        @_fabrics(required, fabrics_help)
+        @column
+        @decimal
+        @load_options(True, load_help)
+        @functools.wraps(verb)
+        def wrapped(
+            fabrics: Path | None,
+            columns: dict[str, str],
+            decimal: str | None,
+            indentation_mm: tuple[float, ...],
+            force_n: tuple[float, ...],
+            **others: Any,
+        ) -> Any:
+            return verb(touches=Touches(fabrics, columns, indentation_mm, force_n, decimal), **others)
+
+        return wrapped
+
+    return decorate

@@ -1,0 +1,147 @@
+"""Places of fabrics in the order of their softness, draw by draw: ties, pairs, and agreement with observed ranks."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Mapping
+from types import MappingProxyType
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from softness_bayes.errors import InputError
+
+Array = NDArray[np.float64]
+
+TIED = 0.5
+"""Share of the draws in which two fabrics have one rating, from which on they are said to tie."""
+
+FEWEST = 3
+"""Smallest number of fabrics whose order can be compared with an observed one."""
+
+
+class Places(NamedTuple):
+    """Places of some fabrics, 1 for the softest; equal ratings share their places equally."""
+
+    place: Array
+    """Place of each fabric in each draw, the mean of those that it shares, shape (draws, fabrics)."""
+    probability: Array
+    """Probability of each place, shape (fabrics, places): all rows and all columns sum to 1."""
+
+
+def places(rating: ArrayLike) -> Places:
+    """Return the places that draws of ratings, shape (draws, fabrics), put the fabrics in: the highest rating first."""
+    rating = np.asarray(rating, float)
+    draws, fabrics = rating.shape
+    order = np.argsort(-rating, axis=1, kind="stable")
+    ordered = np.take_along_axis(rating, order, axis=1)
+    begins = np.concatenate([np.ones((draws, 1), bool), np.diff(ordered, axis=1) != 0], axis=1)
+    at = np.arange(fabrics)
+    first = np.maximum.accumulate(np.where(begins, at, 0), axis=1)
+    ends = np.concatenate([begins[:, 1:], np.ones((draws, 1), bool)], axis=1)
+    last = np.minimum.accumulate(np.where(ends, at, fabrics)[:, ::-1], axis=1)[:, ::-1]
+    place = np.empty((draws, fabrics))
+    np.put_along_axis(place, order, 0.5 * (first + last) + 1.0, axis=1)
+    # each fabric's share of the places from the first to the last of its tie
+    steps, share = np.zeros((fabrics, fabrics + 1)), 1.0 / (draws * (last - first + 1.0))
+    np.add.at(steps, (order, first), share)
+    np.add.at(steps, (order, last + 1), -share)
+    return Places(place, np.clip(np.cumsum(steps[:, :-1], axis=1), 0.0, 1.0))
+
+
+class Pairs(NamedTuple):
+    """Probabilities of the order of each two fabrics, each of shape (fabrics, fabrics)."""
+
+    softer: Array
+    """That the fabric of the row has the higher rating than that of the column."""
+    tie: Array
+    """That both have the same."""
+
+
+def pairs(rating: ArrayLike) -> Pairs:
+    """Return the probabilities of the order of each two fabrics from draws of their ratings, (draws, fabrics)."""
+    rating = np.asarray(rating, float)
+    rows = [rating[:, k, None] for k in range(rating.shape[1])]
+    softer = np.array([(one > rating).mean(axis=0) for one in rows])
+    return Pairs(softer, np.array([(one == rating).mean(axis=0) for one in rows]))
+
+
+def ties(tie: Array, order: NDArray[np.intp]) -> NDArray[np.intp]:
+    """Return the number of each fabric's group of ties, shape (fabrics,); 0 for a fabric that ties with none.
+
+    Neighbours in the order are of one group if their probability of a tie is at least `TIED`.
+    """
+    found, group = np.zeros(order.size, np.intp), 0
+    for above, below in itertools.pairwise(order):
+        if tie[above, below] >= TIED:
+            group += not found[above]
+            found[above] = found[below] = group
+    return found
+
+
+class Agreement(NamedTuple):
+    """Agreement of a predicted order with an observed one; 1 for the same order, -1 for the opposite one."""
+
+    value: float
+    """Median over the draws."""
+    low: float
+    """5 % limit over the draws: what the posterior leaves open."""
+    high: float
+    """95 % limit."""
+    se: float
+    """Standard error of the value for other fabrics of this kind, by leaving out each in turn (jackknife)."""
+
+
+def _spearman(one: Array, other: Array) -> float:
+    """Return the correlation of two sets of ranks; NaN if one is constant."""
+    from scipy.stats import rankdata
+
+    if np.ptp(one) == 0 or np.ptp(other) == 0:
+        return float("nan")
+    return float(np.corrcoef(rankdata(one), rankdata(other))[0, 1])
+
+
+def _kendall(one: Array, other: Array) -> float:
+    """Return Kendall's tau-b; NaN if one is constant."""
+    from scipy.stats import kendalltau
+
+    if np.ptp(one) == 0 or np.ptp(other) == 0:
+        return float("nan")
+    return float(kendalltau(one, other).statistic)
+
+
+MEASURES: Mapping[str, Callable[[Array, Array], float]] = MappingProxyType({"spearman": _spearman, "kendall": _kendall})
+"""Measures of agreement of two orders, with ties."""
+
+
+def agreement(place: Array, observed: ArrayLike) -> dict[str, Agreement]:
+    """Return the agreement of places in draws, shape (draws, fabrics), with observed ranks, shape (fabrics,).
+
+    A draw in which all fabrics tie has none, and does not count.
+
+    Raises
+    ------
+    InputError
+        If there are fewer than `FEWEST` fabrics, or all observed ranks are the same.
+    """
+    observed = np.asarray(observed, float)
+    if observed.size < FEWEST or np.ptp(observed) == 0:
+        raise InputError(
+            f"rank: {observed.size} fabrics of {np.unique(observed).size} different observed ranks, "
+            f"expected {FEWEST} fabrics at least, and different ranks"
+        )
+    found, middle = {}, place.mean(axis=0)
+    for name, measure in MEASURES.items():
+        each = np.array([measure(one, observed) for one in place])
+        known = each[np.isfinite(each)]
+        value, low, high = np.quantile(known, [0.5, 0.05, 0.95]) if known.size else np.full(3, np.nan)
+        found[name] = Agreement(float(value), float(low), float(high), jackknife(measure, middle, observed))
+    return found
+
+
+def jackknife(measure: Callable[[Array, Array], float], one: Array, other: Array) -> float:
+    """Return the standard error of a measure of two rankings; NaN where it is not defined without some fabric."""
+    n = one.size
+    left = np.array([measure(np.delete(one, k), np.delete(other, k)) for k in range(n)])
+    return float(np.sqrt((n - 1) / n * ((left - left.mean()) ** 2).sum()))

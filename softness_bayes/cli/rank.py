@@ -1,0 +1,89 @@
+"""`softness-bayes rank`: fabrics in the order of their predicted softness."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from softness_bayes.cli.options.run import seed
+from softness_bayes.cli.options.tables import Touches, touches_of_run
+from softness_bayes.cli.options.values import FILE
+from softness_bayes.cli.running import reading
+from softness_bayes.errors import InputError
+
+if TYPE_CHECKING:
+    from softness_bayes.results.ranking import Ranking
+
+RANK, FORMATS = "rank", ("png", "pdf")
+ORDER, PLACES, PAIRS, AGREEMENT, FIGURE = "ranking.csv", "places.csv", "pairs.csv", "agreement.csv", "ranking"
+MADE = (ORDER, PLACES, PAIRS, *(f"{FIGURE}.{suffix}" for suffix in FORMATS))
+
+DRAWS = 400
+"""Posterior draws that probabilities are of."""
+
+SHOWN = 20
+"""Rows of an order that are printed: the first and the last ones of more."""
+
+
+@click.command()
+@click.argument("directory", type=FILE, metavar="DIR")
+@touches_of_run
+@click.option(
+    "--against",
+    type=FILE,
+    metavar="FILE",
+    help="Observed order to compare with (CSV): fabric, and rank (1: softest) or rating (higher: softer).",
+)
+@seed
+@click.option("--out", type=FILE, metavar="OUT", help=f"Directory to write to; by default DIR/{FIGURE}.")
+@click.option("--force", is_flag=True, help="Replace what 'rank' wrote there.")
+def command(directory: Path, touches: Touches, against: Path | None, seed: int, out: Path | None, force: bool) -> None:
+    """Rank fabrics by predicted softness: the higher the typical rater's rating, the softer.
+
+    Under each load every fabric gets the probability of each place, and every pair that of its order. Fabrics that
+    have the same rating in a draw, as all have under which no receptor fires, tie and share their places equally.
+    Reads what 'sample' left in DIR.
+    """
+    from softness_bayes.data.observed_order import read_order
+    from softness_bayes.files.outputs import require_outputs, write_outputs
+    from softness_bayes.files.spreadsheet import csv_of
+    from softness_bayes.plotting.style import files_of
+
+    target = (directory if directory.is_dir() else directory.parent) / FIGURE if out is None else out
+    inputs = [*touches.inputs, *([] if against is None else [against])]
+    require_outputs(target, (*MADE, *([] if against is None else [AGREEMENT])), RANK, force, inputs)
+    observed = None if against is None else read_order(against, touches.decimal)
+    with reading(directory) as (result,):
+        if not result.has_ratings:
+            raise InputError(f"{directory}: a run without ratings, which predicts none")
+        fabrics, loads = touches.of_run(result)
+        found = result.rank(fabrics, loads, DRAWS, seed)
+    agreement = None if observed is None else found.against(observed)
+    tables = {ORDER: found.table, PLACES: found.place_table, PAIRS: found.pair_table}
+    tables |= {} if agreement is None else {AGREEMENT: agreement}
+    contents: dict[str, bytes | str] = {name: csv_of(table, index=False) for name, table in tables.items()}
+    write_outputs(target, contents | files_of(found.figure(), FIGURE, FORMATS), RANK)
+    _show(found)
+    if observed is not None and agreement is not None:
+        left = len(observed) - int(agreement["fabrics"].iloc[0])
+        click.echo("agreement with the observed order (median and 5-95 % limits over the draws; se between fabrics):")
+        click.echo(agreement.to_string(index=False, float_format="{:.3f}".format, na_rep="–"))
+        if left:
+            click.echo(f"note: {left} of {len(observed)} fabrics of {against} are not among those ranked", err=True)
+    click.echo(f"written to {target}: {', '.join((*tables, *MADE[3:]))}", err=True)
+
+
+def _show(found: Ranking) -> None:
+    """Print the order under each load, long ones without their middle, and what ties."""
+    columns = ["order", "fabric", "e_fab_kpa", "typical_rating", "place_low", "place", "place_high", "tie", "p_silent"]
+    for one, (load, rows) in zip(found.loads, found.table.groupby("load", sort=False), strict=True):
+        click.echo(f"{load}, the softest first:")
+        parts = [rows] if len(rows) <= SHOWN else [rows.head(SHOWN // 2), rows.tail(SHOWN // 2)]
+        lines = [part[columns].to_string(index=False, float_format="{:.4g}".format) for part in parts]
+        click.echo("\n...\n".join(lines))
+        tied, silent = int((one.tie > 0).sum()), int((one.p_silent >= 0.5).sum())
+        if tied:
+            click.echo(f"{tied} of {len(rows)} fabrics tie with others; {silent} are silent in most draws")
+        click.echo()

@@ -1,0 +1,41 @@
+"""Observed order of fabrics, for comparison with the order that a model predicts."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from softness_bayes.data.columns import RANK, RATING
+from softness_bayes.data.headers import RANKED
+from softness_bayes.data.tables import read_table
+from softness_bayes.errors import InputError
+
+
+def read_order(path: str | Path, decimal: str | None = None) -> dict[str, float]:
+    """Return the rank of each fabric of a table, small for a soft one; of several rows their mean.
+
+    Parameters
+    ----------
+    path
+        CSV file with the columns `fabric`, and `rank` (1 for the softest) or `rating` (higher for softer).
+    decimal
+        What stands before the decimals, "," or "."; left out, the file tells or is refused.
+
+    Raises
+    ------
+    InputError
+        If a column or a cell is missing, or there are both ranks and ratings.
+    """
+    table = read_table(path, RANKED, {}, decimal)
+    table.require("fabric")
+    given = [column for column in (RANK, RATING) if column.name in table]
+    if len(given) != 1:
+        raise InputError(f"{table.path}: expected a column {RANK.name!r} or a column {RATING.name!r}, one of both")
+    (column,) = given
+    values = table.numbers(column)
+    if (empty := np.flatnonzero(np.isnan(values))).size:
+        raise table.error(int(empty[0]), column.name, "is empty")
+    labels = np.array(table.labels("fabric"))
+    sign = 1.0 if column is RANK else -1.0
+    return {str(name): sign * float(values[labels == name].mean()) for name in dict.fromkeys(labels.tolist())}

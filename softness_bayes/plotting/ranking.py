@@ -1,0 +1,169 @@
+"""Fabrics in the order of their predicted softness: the probability of each place, and their ratings."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from softness_bayes.errors import InputError
+from softness_bayes.likelihood.scales import Scale
+from softness_bayes.plotting.panels import number_ticks, title
+from softness_bayes.plotting.style import USUAL, Style
+from softness_bayes.touch.contact import Load
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+Array = NDArray[np.float64]
+
+NAMED = 40
+"""Largest number of fabrics that are all named; of more, about `SOME` are, at even distances."""
+
+SOME = 24
+WRITTEN = 16
+"""Largest number of fabrics whose probabilities are written into the cells."""
+
+LEAST_WRITTEN = 0.05
+LEAST_FRAMED, LEAST_SAID = 0.02, 0.16
+"""Shares of the fabrics from which on a tie is framed, and its number written into the frame."""
+
+_ROW, _SPARE = 0.16, 1.0  # height of a named row and of what is above and below [in]
+_LONGEST = 26  # letters of a name
+
+
+class Order(NamedTuple):
+    """What a panel shows of one load, every array in the order of the fabrics, the softest first."""
+
+    load: Load
+    fabrics: Sequence[str]
+    probability: Array
+    """Of each place, shape (fabrics, places)."""
+    rating: Array
+    """Low, middle and high rating, shape (3, fabrics)."""
+    silent: NDArray[np.bool_]
+    """Whether receptors are silent in most draws."""
+    tie: NDArray[np.intp]
+    """Number of the group of ties, 0 for none."""
+
+
+def ranking_figure(orders: Sequence[Order], scale: Scale, style: Style = USUAL) -> Figure:
+    """Draw a row of two panels per load: the probability of each fabric's place, and the predicted ratings.
+
+    The darker a cell, the more probable is the place; among few fabrics the percentage is written into it. Fabrics that
+    tie are framed; those whose receptors are silent are grey.
+
+    Parameters
+    ----------
+    orders
+        What is shown of each load.
+    scale
+        Scale of the ratings.
+    style
+        How it looks.
+
+    Returns
+    -------
+    Figure
+        Artists named ``places/1 mm`` (the cells), ``ties/1 mm/1`` (frames), ``rating/1 mm`` (points) and
+        ``band90/1 mm`` (lines), and ``silent/1 mm`` (points of silent fabrics).
+
+    Raises
+    ------
+    InputError
+        If there is nothing to show.
+    """
+    from matplotlib.figure import Figure
+
+    if not orders or not all(order.fabrics for order in orders):
+        raise InputError("figure: no fabrics in an order")
+    rows = max(min(len(order.fabrics), NAMED) for order in orders)
+    height = (_ROW * rows + _SPARE) * len(orders)
+    with style.applied():
+        figure = Figure(figsize=(style.page, max(height, 2.5)), layout="constrained")
+        cells = figure.subplots(len(orders), 2, sharey="row", squeeze=False, width_ratios=[3, 2])
+        for order, (left, right) in zip(orders, cells, strict=True):
+            _draw_places(left, order, style)
+            _draw_ratings(right, order, scale, style)
+            left.set_title(f"{title(order.load)}: probability of each place")
+            right.set_title("predicted rating, 90 % interval")
+        cells[-1][0].set_xlabel("place (1: softest)")
+        cells[-1][1].set_xlabel(scale.label)
+    return figure
+
+
+def _draw_places(axes: Axes, order: Order, style: Style) -> None:
+    """Draw the cells, the names and the frames about ties."""
+    from matplotlib.colors import LinearSegmentedColormap, to_hex
+    from matplotlib.patches import Rectangle
+    from matplotlib.ticker import MaxNLocator
+
+    count, gid = len(order.fabrics), str(order.load)
+    shades = LinearSegmentedColormap.from_list("places", ["#FFFFFF", to_hex(style.tint(style.posterior, 0.9))])
+    # by the root, so that a place of probability 0.1 is seen beside one of 1
+    shown = np.sqrt(order.probability)
+    extent = (0.5, count + 0.5, count + 0.5, 0.5)
+    cells = axes.imshow(
+        shown, cmap=shades, vmin=0.0, vmax=shown.max(), aspect="auto", extent=extent, interpolation="nearest"
+    )
+    cells.set_gid(f"places/{gid}")
+    at = named_rows(count)
+    axes.set_yticks(at + 1, [_short(order.fabrics[k]) for k in at])
+    for label, k in zip(axes.get_yticklabels(), at, strict=True):
+        label.set_color(style.absent if order.silent[k] else "black")
+    axes.tick_params(axis="y", length=0 if count <= NAMED else 3)
+    for number in range(1, int(order.tie.max(initial=0)) + 1):
+        (here,) = np.nonzero(order.tie == number)
+        size = here[-1] - here[0] + 1
+        if size < LEAST_FRAMED * count:
+            continue
+        frame = Rectangle((here[0] + 0.5, here[0] + 0.5), size, size, fill=False, color=style.absent, linewidth=0.8)
+        frame.set_gid(f"ties/{gid}/{number}")
+        axes.add_patch(frame)
+        if size >= LEAST_SAID * count:
+            words = f"{size} tie" + (", silent" if order.silent[here].all() else "")
+            middle = here[0] + 0.5 * (size + 1)
+            axes.text(middle, middle, words, ha="center", va="center", fontsize=style.small).set_gid(f"tie-words/{gid}")
+    if count <= WRITTEN:
+        tied = order.tie > 0
+        for k, place in zip(*np.nonzero(order.probability >= LEAST_WRITTEN), strict=True):
+            if not tied[k]:
+                share, dark = f"{100 * order.probability[k, place]:.0f}", shown[k, place] > 0.7
+                colour = "white" if dark else "black"
+                axes.text(place + 1, k + 1, share, ha="center", va="center", fontsize=style.small - 1, color=colour)
+    axes.xaxis.set_major_locator(MaxNLocator(integer=True))
+
+
+def _draw_ratings(axes: Axes, order: Order, scale: Scale, style: Style) -> None:
+    """Draw median and interval of every fabric's rating, silent ones apart."""
+    gid, y = str(order.load), np.arange(1, len(order.fabrics) + 1)
+    low, middle, high = np.clip(order.rating, *scale.drawn)
+    size = 3.0 if y.size <= NAMED else 1.2
+    lines = axes.hlines(
+        y, low, high, color=style.tint(style.posterior, 0.45), linewidth=1.5 if y.size <= NAMED else 0.5
+    )
+    lines.set_gid(f"band90/{gid}")
+    for what, here, colour in (("rating", ~order.silent, style.posterior), ("silent", order.silent, style.absent)):
+        if here.any():
+            (points,) = axes.plot(middle[here], y[here], "o", color=colour, markersize=size, gid=f"{what}/{gid}")
+            points.set(label="silent in most draws" if what == "silent" else "median")
+    axes.set(xscale=scale.axis, ylim=(y.size + 0.5, 0.5))
+    if scale.axis == "log":
+        number_ticks(axes.xaxis)
+    axes.tick_params(axis="y", left=False, labelleft=False)
+    if order.silent.any():
+        axes.legend(loc="best")
+
+
+def named_rows(count: int) -> NDArray[np.intp]:
+    """Return the rows whose fabrics are named: all, or some at even distances, the first and the last among them."""
+    return np.arange(count) if count <= NAMED else np.linspace(0, count - 1, SOME).round().astype(np.intp)
+
+
+def _short(name: str) -> str:
+    """Return a name that fits beside a panel, without what matplotlib takes for mathematics."""
+    short = name if len(name) <= _LONGEST else f"{name[: _LONGEST - 1]}…"
+    return short.replace("$", r"\$")

@@ -1,0 +1,204 @@
+"""Ranking of fabrics by predicted softness: places, pairs and ties under each load, as tables."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from softness_bayes.checking.places import Pairs, Places, agreement, pairs, places, ties
+from softness_bayes.data import Fabrics
+from softness_bayes.likelihood.scales import Scale
+from softness_bayes.plotting.style import USUAL, Style
+from softness_bayes.results.fitted import Fitted
+from softness_bayes.results.rating_table import limits
+from softness_bayes.results.reasons import reasons
+from softness_bayes.results.stored import Stored
+from softness_bayes.touch.contact import Load
+
+if TYPE_CHECKING:
+    import pandas as pd
+    from matplotlib.figure import Figure
+
+Array = NDArray[np.float64]
+
+SILENT = 0.5
+"""Share of the draws without a spike from which on a fabric is called silent."""
+
+
+class Ranked(NamedTuple):
+    """The order of the fabrics under one load, the softest first."""
+
+    load: Load
+    order: NDArray[np.intp]
+    """Index of the fabric at each place of the order, by mean place."""
+    places: Places
+    pairs: Pairs
+    tie: NDArray[np.intp]
+    """Number of each fabric's group of ties, 0 for none, shape (fabrics,)."""
+    typical: Array
+    """Draws of the typical rater's median rating, shape (draws, fabrics)."""
+    p_silent: Array
+    """Share of the draws in which no receptor fires, shape (fabrics,)."""
+    remarks: NDArray[np.str_]
+
+    @property
+    def p_softer(self) -> Array:
+        """Probability that each fabric of the order is softer than the next one, shape (fabrics - 1,)."""
+        return self.pairs.softer[self.order[:-1], self.order[1:]]
+
+
+@dataclass(frozen=True)
+class Ranking:
+    """Fabrics ranked by predicted softness.
+
+    Parameters
+    ----------
+    fabrics
+        Their names.
+    modulus
+        Their E_fab [Pa]; medians where it is not known exactly.
+    scale
+        The scale of the ratings.
+    loads
+        Their order under each load.
+    """
+
+    fabrics: tuple[str, ...]
+    modulus: Array
+    scale: Scale
+    loads: tuple[Ranked, ...]
+
+    @property
+    def table(self) -> pd.DataFrame:
+        """A row per load and fabric, the softest first (docs/files.md 11)."""
+        import pandas as pd
+
+        return pd.concat([self._rows(one) for one in self.loads], ignore_index=True)
+
+    def _rows(self, one: Ranked) -> pd.DataFrame:
+        import pandas as pd
+
+        rating, place, k = limits(one.typical), limits(one.places.place), one.order
+        columns = {
+            "load": str(one.load),
+            "order": np.arange(1, k.size + 1),
+            "fabric": [self.fabrics[i] for i in k],
+            "e_fab_kpa": self.modulus[k] / 1e3,
+            "typical_rating_low": rating["_low"][k],
+            "typical_rating": rating[""][k],
+            "typical_rating_high": rating["_high"][k],
+            "place_low": place["_low"][k],
+            "place": one.places.place.mean(axis=0)[k],
+            "place_high": place["_high"][k],
+            "p_softer_than_next": np.append(one.p_softer, np.nan),
+            "tie": [str(number) if number else "" for number in one.tie[k]],
+            "p_silent": one.p_silent[k],
+            "remarks": one.remarks[k],
+        }
+        return pd.DataFrame(columns)
+
+    @property
+    def place_table(self) -> pd.DataFrame:
+        """A row per load, fabric and place that it may have, with the probability."""
+        import pandas as pd
+
+        parts = []
+        for one in self.loads:
+            probability = one.places.probability[one.order]
+            # a sum of shares that cancel leaves a rounding error
+            row, place = np.nonzero(probability > 1e-9)
+            names = [self.fabrics[one.order[k]] for k in row]
+            found = {"load": str(one.load), "fabric": names, "place": place + 1, "probability": probability[row, place]}
+            parts.append(pd.DataFrame(found))
+        return pd.concat(parts, ignore_index=True)
+
+    @property
+    def pair_table(self) -> pd.DataFrame:
+        """A row per load and pair of fabrics, the softer one of the order first, with the probability of its order."""
+        import pandas as pd
+
+        names, parts = np.array(self.fabrics, object), []
+        for one in self.loads:
+            above, below = np.triu_indices(one.order.size, 1)
+            first, second = one.order[above], one.order[below]
+            found = {
+                "load": str(one.load),
+                "fabric": names[first],
+                "other": names[second],
+                "p_softer": one.pairs.softer[first, second],
+                "p_tie": one.pairs.tie[first, second],
+                "p_harder": one.pairs.softer[second, first],
+            }
+            parts.append(pd.DataFrame(found))
+        return pd.concat(parts, ignore_index=True)
+
+    def figure(self, style: Style = USUAL) -> Figure:
+        """Return the figure of places and ratings under each load."""
+        from softness_bayes.plotting.ranking import Order, ranking_figure
+
+        shown = []
+        for one in self.loads:
+            k, rating = one.order, limits(one.typical)
+            ends = np.stack([rating[end][k] for end in ("_low", "", "_high")])
+            names, silent = [self.fabrics[i] for i in k], one.p_silent[k] >= SILENT
+            shown.append(Order(one.load, names, one.places.probability[k], ends, silent, one.tie[k]))
+        return ranking_figure(shown, self.scale, style)
+
+    def against(self, observed: Mapping[str, float]) -> pd.DataFrame:
+        """Return the agreement with observed ranks by fabric (1 the softest): a row per load and measure.
+
+        Raises
+        ------
+        InputError
+            If there are too few fabrics that both have.
+        """
+        import pandas as pd
+
+        here = [k for k, name in enumerate(self.fabrics) if name in observed]
+        seen = np.array([observed[self.fabrics[k]] for k in here])
+        rows = []
+        for one in self.loads:
+            # places among the fabrics that both have
+            among = places(one.typical[:, here]).place if here else np.empty((1, 0))
+            for name, found in agreement(among, seen).items():
+                rows.append({"load": str(one.load), "measure": name, **found._asdict(), "fabrics": len(here)})
+        return pd.DataFrame(rows)
+
+
+def rank(result: Stored, fabrics: Fabrics, loads: tuple[Load, ...], draws: int = 400, seed: int = 0) -> Ranking:
+    """Rank fabrics by the rating of the typical rater that a finished run predicts, higher ratings being softer.
+
+    Parameters
+    ----------
+    result
+        The run, on ratings.
+    fabrics, loads
+        Fabrics that are ranked, under each load.
+    draws
+        Posterior draws that probabilities are of.
+    seed
+        Seed of what is drawn given the draws.
+
+    Raises
+    ------
+    InputError
+        If the run had no ratings, or lacks what its model is made from.
+    """
+    fitted, rng = Fitted(result, draws), np.random.default_rng(seed)
+    scene, modulus = fitted.scene(fabrics, loads), fitted.modulus(rng, fabrics)
+    found = fitted.touches(fabrics, scene).ratings(rng, fitted.theta, 0, modulus)
+    why = reasons(fitted, scene, found.rate, modulus)
+    ranked = []
+    for k, load in enumerate(loads):
+        here = np.flatnonzero(scene.load == k)
+        rating = found.typical[:, here]
+        put, two = places(rating), pairs(rating)
+        order = np.argsort(put.place.mean(axis=0), kind="stable")
+        tie = ties(two.tie, order)
+        ranked.append(Ranked(load, order, put, two, tie, rating, why.p_silent[here], why.remarks[here]))
+    middle = scene.fabric_modulus if modulus is None else np.median(modulus, axis=0)
+    return Ranking(fabrics.names, middle, result.scale, tuple(ranked))

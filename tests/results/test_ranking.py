@@ -1,0 +1,198 @@
+"""Rankings of a finished run: tables, the figure by its artists, the command line and the observed order."""
+
+import itertools
+
+import numpy as np
+import pandas as pd
+import pytest
+from numpy.testing import assert_allclose
+
+from softness_bayes.data import Fabrics
+from softness_bayes.data.observed_order import read_order
+from softness_bayes.errors import InputError
+from softness_bayes.likelihood.scales import MAGNITUDE
+from softness_bayes.plotting.ranking import NAMED, SOME, Order, named_rows, ranking_figure
+from softness_bayes.touch.contact import Indentation
+from support.command_line import call, refused
+from support.report_runs import CLOTH, LOADS, quickly
+
+NEW = Fabrics(tuple("abcdef"), effective_modulus=np.array([10.0, 20.0, 2e5, 3e5, 2e5, 4e4]))
+
+
+@pytest.fixture(scope="module")
+def result(report_run):
+    return report_run("ratings")
+
+
+@pytest.fixture(scope="module")
+def ranking(result):
+    with quickly():
+        return result.rank(NEW, LOADS, draws=100)
+
+
+@pytest.fixture(scope="module")
+def saved(result, tmp_path_factory):
+    """The run on the disk."""
+    home = tmp_path_factory.mktemp("saved") / "run"
+    result.save(home)
+    return home
+
+
+def artist(figure, gid):
+    return next(found for found in figure.findobj() if found.get_gid() == gid)
+
+
+def test_the_order_is_that_of_the_predicted_ratings(result, ranking):
+    with quickly():
+        predicted = result.predict(NEW, LOADS, draws=100)
+    table = ranking.table
+    assert len(table) == 2 * len(NEW)
+    for load, rows in table.groupby("load"):
+        assert rows["order"].tolist() == [*range(1, 7)]
+        assert (np.diff(rows["place"]) >= 0).all()
+        assert rows["place"].sum() == pytest.approx(21)
+        pressed = predicted["indentation_mm"].sub(2).abs() < 1e-9
+        at = predicted[pressed if load == "2 mm" else ~pressed].set_index("fabric")
+        # the run's rating is that of predict, up to what each draws given the data
+        assert_allclose(rows["typical_rating"], at["typical_rating"][rows["fabric"]], rtol=0.3)
+        assert_allclose(rows["p_silent"], at["p_silent"][rows["fabric"]])
+
+
+def test_fabrics_of_one_response_tie(ranking):
+    for load, rows in ranking.table.set_index("fabric").groupby("load"):
+        assert rows.loc["c", "tie"] == rows.loc["e", "tie"] != "", load
+        assert rows.loc["a", "tie"] == rows.loc["b", "tie"] != "", load  # both silent
+        assert rows.loc["a", "p_silent"] == 1.0
+        assert rows.loc["d", "tie"] == ""
+        assert_allclose(rows.loc["c", "place"], rows.loc["e", "place"])
+        assert "no receptor fires in 100% of the draws" in rows.loc["a", "remarks"]
+
+
+def test_places_and_pairs_agree_with_each_other(ranking):
+    place = ranking.place_table.pivot_table("probability", ["load", "fabric"], "place").fillna(0.0)
+    assert_allclose(place.sum(axis=1), 1.0)
+    assert_allclose(place.groupby("load").sum(), 1.0)
+    mean = (place * place.columns).sum(axis=1)
+    given = ranking.table.set_index(["load", "fabric"])["place"]
+    assert_allclose(mean, given[mean.index])
+    pairs = ranking.pair_table
+    assert len(pairs) == 2 * 15
+    assert_allclose(pairs[["p_softer", "p_tie", "p_harder"]].sum(axis=1), 1.0)
+    # a fabric's mean place is one more than the expected number of softer fabrics, ties counting half
+    softer = dict.fromkeys(given.index, 1.0)
+    for row in pairs.itertuples():
+        softer[row.load, row.other] += row.p_softer + 0.5 * row.p_tie
+        softer[row.load, row.fabric] += row.p_harder + 0.5 * row.p_tie
+    assert_allclose([softer[key] for key in given.index], given)
+    following = pairs.set_index(["load", "fabric", "other"])["p_softer"]
+    rows = ranking.table.iloc[:6]
+    said = [following["2 mm", one, other] for one, other in zip(rows["fabric"][:-1], rows["fabric"][1:], strict=True)]
+    assert_allclose(rows["p_softer_than_next"][:-1], said)
+
+
+def test_agreement_is_that_of_the_fabrics_in_both(ranking):
+    order = ranking.loads[0].order
+    observed = {NEW.names[k]: float(at) for at, k in enumerate(order)} | {"another": 99.0}
+    found = ranking.against(observed)
+    assert found["measure"].tolist() == ["spearman", "kendall"] * 2
+    assert (found["fabrics"] == 6).all()
+    assert (found["value"][:2] > 0.8).all()
+    assert (found["low"] <= found["high"]).all()
+    opposite = ranking.against({name: -rank for name, rank in observed.items()})
+    assert_allclose(opposite["value"], -found["value"])
+    with pytest.raises(InputError, match="0 fabrics of 0 different observed ranks, expected 3"):
+        ranking.against({"x": 1.0})
+
+
+def test_the_figure_shows_places_ratings_ties_and_silence(ranking):
+    figure = ranking.figure()
+    one = ranking.loads[0]
+    cells = artist(figure, "places/2 mm")
+    assert_allclose(np.asarray(cells.get_array()), np.sqrt(one.places.probability[one.order]))
+    names = [label.get_text() for label in cells.axes.get_yticklabels()]
+    assert names == [NEW.names[k] for k in one.order]
+    frames = [found for found in figure.findobj() if (found.get_gid() or "").startswith("ties/2 mm")]
+    assert len(frames) == 2
+    assert sorted(frame.get_width() for frame in frames) == sorted(np.unique(one.tie, return_counts=True)[1][1:])
+    quiet = artist(figure, "silent/2 mm")
+    rows = ranking.table.iloc[:6]
+    assert_allclose(quiet.get_xdata(), rows.loc[rows["p_silent"] >= 0.5, "typical_rating"])
+    heard = artist(figure, "rating/2 mm")
+    assert_allclose(heard.get_xdata(), rows.loc[rows["p_silent"] < 0.5, "typical_rating"])
+    ends = np.array([line[:, 0] for line in artist(figure, "band90/2 mm").get_segments()])
+    assert_allclose(ends, rows[["typical_rating_low", "typical_rating_high"]])
+
+
+@pytest.mark.parametrize("count", [3, 12, NAMED, 600])
+def test_names_in_the_figure_do_not_overlap(count):
+    probability = np.zeros((count, count))
+    half = count // 2
+    probability[np.arange(half), np.arange(half)] = 1.0
+    probability[half:, half:] = 1.0 / (count - half)
+    tie = np.repeat([0, 1], [half, count - half])
+    names = [f"cloth of a very long name $number {k}" for k in range(count)]
+    rating = np.linspace(3.0, 1.0, count) * np.array([0.9, 1.0, 1.1])[:, None]
+    order = Order(Indentation(1e-3), names, probability, rating, tie > 0, tie)
+    figure = ranking_figure([order], MAGNITUDE)
+    assert named_rows(count).size == (count if count <= NAMED else SOME)
+    figure.draw_without_rendering()
+    labels = artist(figure, "places/1 mm").axes.get_yticklabels()
+    boxes = [label.get_window_extent() for label in labels]
+    assert len(boxes) == named_rows(count).size
+    assert all(below.y1 <= above.y0 + 1 for above, below in itertools.pairwise(boxes))
+    assert all(box.x0 >= 0 for box in boxes)
+    words = artist(figure, "tie-words/1 mm").get_text()
+    assert words == f"{count - half} tie, silent"
+    with pytest.raises(InputError, match="no fabrics"):
+        ranking_figure([], MAGNITUDE)
+
+
+def test_observed_orders_are_read(tmp_path):
+    path = tmp_path / "seen.csv"
+    path.write_text("fabric,rank\nlawn,1\ndrill,3\nlawn,2\n")
+    assert read_order(path) == {"lawn": 1.5, "drill": 3.0}
+    path.write_text("Fabric;Rating\nlawn;1,5\ndrill;3\n")
+    assert read_order(path) == {"lawn": -1.5, "drill": -3.0}
+    for text, message in (
+        ("fabric,thickness_mm\nlawn,1\n", "expected a column 'rank' or a column 'rating'"),
+        ("fabric,rank,rating\nlawn,1,2\n", "one of both"),
+        ("fabric,rank\nlawn,\n", "row 2, column 'rank': is empty"),
+        ("fabric,rank\nlawn,0\n", "row 2, column 'rank': expected a finite number above 0"),
+        ("rank\n1\n", "fabric"),
+    ):
+        path.write_text(text)
+        with pytest.raises(InputError, match=message):
+            read_order(path)
+
+
+def test_the_command_line_ranks(result, saved, tmp_path):
+    seen = tmp_path / "seen.csv"
+    names = pd.DataFrame({"fabric": [*result.fabrics.names], "rating": [1.0, 2.0, 3.0, 4.0]})
+    names.to_csv(seen, index=False)
+    with quickly():
+        done = call("rank", saved, "--against", seen)
+        again = call("rank", saved, "--against", seen)
+    assert done.returncode == 0, done.stderr
+    assert "2 mm, the softest first:" in done.stdout
+    assert "1.5 N, the softest first:" in done.stdout
+    assert "spearman" in done.stdout
+    made = {"ranking.csv", "places.csv", "pairs.csv", "agreement.csv", "ranking.png", "ranking.pdf"}
+    assert {path.name for path in (saved / "ranking").iterdir()} == {".softness-bayes.json", *made}
+    refused(again, "ranking.csv", "--force")
+    table = pd.read_csv(saved / "ranking" / "ranking.csv")
+    assert table["load"].unique().tolist() == ["2 mm", "1.5 N"]
+    assert {*table["fabric"]} == {*CLOTH.names}
+
+
+def test_bad_input_is_refused(report_run, saved, tmp_path):
+    report_run("skin").save(tmp_path / "skin")
+    (tmp_path / "two.csv").write_text("fabric,rank\nlawn,1\ngauze,2\n")
+    out = ["--out", tmp_path / "new"]
+    with quickly():
+        refused(call("rank", tmp_path / "nowhere", *out), "nowhere")
+        refused(call("rank", tmp_path / "skin", *out), "a run without ratings")
+        refused(call("rank", saved, *out, "--fabrics", "none.csv"), "none.csv")
+        refused(call("rank", saved, *out, "--force-n", "-1"), "--force-n")
+        refused(call("rank", saved, *out, "--against", tmp_path / "none.csv"), "none.csv")
+        refused(call("rank", saved, *out, "--against", tmp_path / "two.csv"), "2 fabrics of 2 different")
+    assert not (tmp_path / "new").exists()
