@@ -34,7 +34,7 @@ SHOWN = 20
     "--against",
     type=FILE,
     metavar="FILE",
-    help="Observed order to compare with (CSV): fabric, and rank (1: softest) or rating (higher: softer).",
+    help="Observed order to compare with (a table): fabric, and rank (1: softest) or rating (higher: softer).",
 )
 @seed
 @click.option("--out", type=FILE, metavar="OUT", help=f"Directory to write to; by default DIR/{FIGURE}.")

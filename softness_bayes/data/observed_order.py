@@ -2,23 +2,22 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 
 from softness_bayes.data.columns import RANK, RATING
 from softness_bayes.data.headers import RANKED
 from softness_bayes.data.tables import read_table
+from softness_bayes.data.workbooks import TableSource
 from softness_bayes.errors import InputError
 
 
-def read_order(path: str | Path, decimal: str | None = None) -> dict[str, float]:
+def read_order(path: TableSource, decimal: str | None = None) -> dict[str, float]:
     """Return the rank of each fabric of a table, small for a soft one; of several rows their mean.
 
     Parameters
     ----------
     path
-        CSV file with the columns `fabric`, and `rank` (1 for the softest) or `rating` (higher for softer).
+        Table with the columns `fabric`, and `rank` (1 for the softest) or `rating` (higher for softer).
     decimal
         What stands before the decimals, "," or "."; left out, the file tells or is refused.
 
@@ -31,7 +30,7 @@ def read_order(path: str | Path, decimal: str | None = None) -> dict[str, float]
     table.require("fabric")
     given = [column for column in (RANK, RATING) if column.name in table]
     if len(given) != 1:
-        raise InputError(f"{table.path}: expected a column {RANK.name!r} or a column {RATING.name!r}, one of both")
+        raise InputError(f"{table.place}: expected a column {RANK.name!r} or a column {RATING.name!r}, one of both")
     (column,) = given
     values = table.numbers(column)
     if (empty := np.flatnonzero(np.isnan(values))).size:

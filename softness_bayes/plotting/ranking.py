@@ -36,7 +36,7 @@ _LONGEST = 26  # letters of a name
 
 
 class Order(NamedTuple):
-    """What a panel shows of one load, every array in the order of the fabrics, the softest first."""
+    """The fabrics under one load, every array in the order of the fabrics, the softest first."""
 
     load: Load
     fabrics: Sequence[str]
