@@ -236,7 +236,8 @@ def unit_stress(
     def piece(of: NDArray[np.bool_] | slice, low: Array, high: Array, centre: Array, scale: Array) -> Array:
         phi, weight = _graded(low[of], high[of], centre[of], scale[of], density)
         own, sine = a[of][:, None], np.sin(phi)
-        share = weight * own * np.cos(phi) ** 2 * np.exp(-q[of][:, None] * sine**2)
+        squared = sine**2
+        share = weight * own * (1.0 - squared) * np.exp(-q[of][:, None] * squared)
         return np.array([np.einsum("ni,ni->n", share, part) for part in influence(rho[of][:, None], own * sine, depth)])
 
     stresses = piece(slice(None), cut, edge, centre, scale)
