@@ -80,9 +80,9 @@ def one_membrane(once):
 
 @pytest.fixture(scope="module")
 def brief_pilot():
-    """Learn little in the pilot walk: for runs whose draws nobody judges."""
+    """Learn little in the pilot walk, and run two ensembles: for runs whose draws nobody judges."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(request_module, "Settings", functools.partial(Settings, pilot=(20, 20), optima=1))
+        patch.setattr(request_module, "Settings", functools.partial(Settings, pilot=(20, 20), optima=1, ensembles=2))
         yield
 
 

@@ -26,7 +26,7 @@ from support.full_disk import fill_disk
 from support.paths import ROOT
 
 STEPS = 350
-ASKED = [*FIXED, "--seed", "3", "--no-figures", "--max-steps", STEPS]
+ASKED = [*FIXED, "--seed", "3", "--no-figures", "--accuracy", "0.01", "--max-steps", STEPS]
 
 
 def begin(directory, *more):
@@ -36,7 +36,8 @@ def begin(directory, *more):
         "import signal; signal.signal(signal.SIGINT, signal.default_int_handler); "
         "from softness_bayes.cli import main; from softness_bayes.checkpoints import checkpoint; "
         "import functools; from softness_bayes.results import request; "
-        "request.Settings = functools.partial(request.Settings, pilot=(20, 20), optima=1); "  # as `brief_pilot`
+        # as `brief_pilot`
+        "request.Settings = functools.partial(request.Settings, pilot=(20, 20), optima=1, ensembles=2); "
         "checkpoint.INTERVAL = 0; "
         "main(prog_name='softness-bayes')"
     )

@@ -29,14 +29,19 @@ PROGRAM = (
     "{before}\n"
     "run()"
 )
-BRIEF_PILOT = (
+QUICKLY = (
+    "import sys\n"
+    f"sys.path.append({str(ROOT / 'tests')!r})\n"
+    "from support.report_runs import quickly\n"
+    "from softness_bayes.runs import calibrate\n"
     "import functools\n"
-    "from softness_bayes.results import request\n"
-    "request.Settings = functools.partial(request.Settings, pilot=(20, 20), optima=1)\n"
+    "calibrate.Settings = functools.partial(calibrate.Settings, pilot=(20,), optima=1)\n"
+    "made = quickly()\n"
+    "made.__enter__()\n"
 )
 """What comes before a run whose draws nobody judges."""
 ENVIRONMENT = os.environ | {"PYTHONPATH": str(ROOT), "PYTHONUTF8": "1"}
-SAMPLE = [*FIXED, "--seed", "3", "--processes", "2", "--max-steps", "300"]
+SAMPLE = [*FIXED, "--accuracy", "0.01", "--seed", "3", "--processes", "2", "--max-steps", "300"]
 
 
 def began(directory, *arguments, before=""):
@@ -139,7 +144,7 @@ def test_an_interrupt_ends_a_run_at_a_place(tmp_path, place):
     """The process interrupts itself where a stage begins; one that swallows the interrupt is ended all the same."""
     few_ratings(tmp_path)
     module, name = place.split(":")
-    before = BRIEF_PILOT + (
+    before = QUICKLY + (
         f"import {module} as module, os, time\n"
         "def stop(*_, **__):\n"
         "    try:\n"
@@ -149,6 +154,7 @@ def test_an_interrupt_ends_a_run_at_a_place(tmp_path, place):
         f"module.{name} = stop"
     )
     arguments = ["sample", "--data", "ratings.csv", "--out", "out", *FIXED, "--max-steps", "20", "--processes", "2"]
+    arguments += ["--accuracy", "0.01"]
     process = began(tmp_path, *arguments, before=before)
     _, said = process.communicate(timeout=120)
     assert process.returncode == 130, said
@@ -158,7 +164,8 @@ def test_an_interrupt_ends_a_run_at_a_place(tmp_path, place):
 
 
 def test_calibrate_ends_at_once_and_says_how_to_go_on(tmp_path):
-    process = began(tmp_path, "calibrate", *FIXED, "--replicates", "2000", "--processes", "2", "--out", "out")
+    brief = ["--accuracy", "0.01", "--max-steps", "20", "--replicates", "2000", "--processes", "2"]
+    process = began(tmp_path, "calibrate", *FIXED, *brief, "--out", "out", before=QUICKLY)
     folder = tmp_path / "out" / "replicates"
     while process.poll() is None and not list(folder.glob("*.json")):
         time.sleep(0.05)

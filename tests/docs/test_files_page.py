@@ -107,10 +107,12 @@ def z_scores(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def own_fingers(tmp_path_factory):
-    """A run whose raters differ in everything that can differ, over a coarse grid."""
+    """A run whose raters differ in everything that can differ, over a coarse grid of coarse responses."""
     with quickly(), pytest.MonkeyPatch.context() as patch:
         patch.setattr(individual, "NODES", {3: dict.fromkeys(SPREAD_OF, 3)})
-        result = sample(experiment(), **OPTIONS | {"max_steps": 20}, individual=tuple(SPREAD_OF))
+        for name in ("RESPONSE_NODES", "SKIN_NODES", "FINER_RESPONSE_NODES", "FINER_SKIN_NODES"):
+            patch.setattr(individual, name, 8)
+        result = sample(experiment(), **OPTIONS | {"max_steps": 10}, individual=tuple(SPREAD_OF))
     return run_of(result, tmp_path_factory.mktemp("fingers"), "r")
 
 

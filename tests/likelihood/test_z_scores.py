@@ -36,6 +36,7 @@ from softness_bayes.touch.scene import Discretisation
 from support.command_line import call, refused
 from support.coverage import BRIEF, ENOUGH, REPLICATES, Case, coverage_holds
 from support.paths import DATA
+from support.report_runs import COARSE
 
 
 def error(varsigma):
@@ -287,12 +288,12 @@ def test_names_of_scales_and_what_suits_them(values):
 @pytest.mark.parametrize("direction", RATING_DIRECTIONS.values(), ids=RATING_DIRECTIONS)
 def test_a_run_says_what_its_ratings_were_made_from(values, monkeypatch, scale, direction):
     """Each scale with each direction: parameters, replicates and the curve of a typical rating."""
-    monkeypatch.setattr(request, "Settings", functools.partial(Settings, pilot=(40,), optima=1))
+    monkeypatch.setattr(request, "Settings", functools.partial(Settings, pilot=(40,), optima=1, ensembles=2))
     given = values | {"sigma_0": 6.0, "alpha": 21.5, "gamma": 0.9, "tau": 0.3}
     rng = np.random.default_rng(6)
     ratings = simulate_ratings(rng, CLOTH, LOADS[1:], given, participants=15, direction=direction, scale=scale).ratings
     held = {name: given[name] for name in (*CHAIN, *(["tau"] if "tau" in rating_model(scale).needs else []))}
-    model = ModelOptions(fix=held, direction=direction, scale=scale, discretisation=Discretisation())
+    model = ModelOptions(fix=held, direction=direction, scale=scale, discretisation=COARSE)
     found = sample(Experiment(ratings, CLOTH, ()), model, max_steps=80, processes=1)
     truth = (
         {"gamma": 0.9, "varsigma": 0.4, "eps": 0.1, "mu": np.log(20)}
@@ -390,7 +391,7 @@ def coverage_posterior():
     rng = np.random.default_rng(0)
     some = simulate_ratings(rng, WEAVES, LOADS, usual_values(MENDED), participants=20, scale=STANDARDISED).ratings
     return build(
-        Experiment(some, WEAVES, ()), ModelOptions(fix=CHANNELS, scale=STANDARDISED, discretisation=Discretisation())
+        Experiment(some, WEAVES, ()), ModelOptions(fix=CHANNELS, scale=STANDARDISED, discretisation=COARSE)
     ).posterior
 
 

@@ -38,7 +38,9 @@ CLOTH = Fabrics(("a", "b", "c"), effective_modulus=np.array([40.0, 160.0, 500.0]
 def made(cloth=CLOTH, participants=4, seed=3, loads=LOADS, **changed):
     values = usual_values(MENDED, given=changed.pop("given", None))
     rng = np.random.default_rng(seed)
-    simulation = simulate_ratings(rng, cloth, loads, values, participants=participants, **changed)
+    simulation = simulate_ratings(
+        rng, cloth, loads, values, participants=participants, **{"discretisation": COARSE, **changed}
+    )
     return Experiment(simulation.ratings, cloth, ())
 
 

@@ -32,7 +32,7 @@ FINE = Discretisation(16, 14.5, 1e-6)
 
 
 @pytest.fixture(scope="module")
-def result():
+def result(few_pictures):
     with quickly():
         return sample(experiment(), **OPTIONS, priors=LAWS)
 
@@ -69,7 +69,8 @@ def test_a_saved_run_keeps_them(result, tmp_path):
     result.save(tmp_path / "run")
     again = Result.load(tmp_path / "run")
     assert_allclose(again.summary().loc["radius", "mean"], result.summary().loc["radius", "mean"])
-    assert_allclose(again.predict(draws=20)["total_rate_hz"], result.predict(draws=20)["total_rate_hz"])
+    # as many draws as above, whose stress fields are made
+    assert_allclose(again.predict(draws=2000)["total_rate_hz"], result.predict(draws=2000)["total_rate_hz"])
 
 
 def test_a_run_that_does_not_use_them_does_not_know_them(held_model):
@@ -95,7 +96,7 @@ def test_a_prior_of_tiny_width_gives_the_likelihood_of_the_held_finger(held_mode
 
 
 def test_the_exactness_check_has_the_fingers_of_the_draws(rng):
-    free = build(experiment(), ModelOptions(fix=HELD, discretisation=Discretisation(12, 12.0, 1e-5), priors=LAWS))
+    free = build(experiment(), ModelOptions(fix=HELD, discretisation=Discretisation(8, 9.0, 1e-4), priors=LAWS))
     posterior = free.posterior
     theta = np.repeat(posterior.space.median[None], 4, axis=0)
     theta[:, -2:] = [[7.4, 0.55], [8.6, 0.85], [8.0, 0.7], [7.0, 0.88]]

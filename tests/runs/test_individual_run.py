@@ -26,7 +26,7 @@ from support.report_runs import OPTIONS, experiment, quickly
 
 
 @pytest.fixture(scope="module")
-def result():
+def result(few_pictures):
     with quickly():
         return sample(experiment(), **OPTIONS, individual=("b",))
 

@@ -38,9 +38,9 @@ SAMPLED = ("b", "m", "tau_b", "tau_m", "varsigma_f")
 
 @pytest.fixture(scope="module", autouse=True)
 def quickly():
-    """Learn little in the pilot walk."""
+    """Learn little in the pilot walk, and run two ensembles."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(request, "Settings", functools.partial(Settings, pilot=(60, 60), optima=1))
+        patch.setattr(request, "Settings", functools.partial(Settings, pilot=(60, 60), optima=1, ensembles=2))
         yield
 
 

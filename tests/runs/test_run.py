@@ -80,7 +80,7 @@ def options():
     command = "softness-bayes sample --data x"
     return Request(
         ModelOptions(fix=HELD, discretisation=COARSE),
-        RunOptions(max_steps=200, processes=1, seed=3, command=command),
+        RunOptions(max_steps=100, processes=1, seed=3, command=command),
     )
 
 
@@ -190,7 +190,7 @@ def test_provenance(result):
     assert found["prior_b"] == "lognormal(100,0.5)"
     assert "prior_m" not in found
     assert found["converged"] == 0
-    assert found["verdict"].startswith("Not converged after 200 steps of 4 x 28 walkers")
+    assert found["verdict"].startswith("Not converged after 100 steps of 4 x 28 walkers")
     assert 0 < found["numerical_error"] < 1e-3
     assert "accuracy" in found
     assert found["discretisation"] == str(COARSE)
@@ -541,7 +541,8 @@ def test_a_directory_that_holds_something_is_refused(tmp_path):
 # what decides the draws
 
 
-def test_equal_seeds_equal_draws_whatever_the_processes(experiment):
+def test_equal_seeds_equal_draws_whatever_the_processes(experiment, monkeypatch):
+    monkeypatch.setattr(request, "Settings", functools.partial(Settings, pilot=(20,), optima=1, ensembles=2))
     fix = usual_values(MENDED) | {"sigma_0": 7.0}
     for name in ("gamma", "varsigma"):
         del fix[name]
@@ -549,7 +550,7 @@ def test_equal_seeds_equal_draws_whatever_the_processes(experiment):
         key: sample(
             experiment,
             ModelOptions(fix=fix, discretisation=COARSE),
-            RunOptions(max_steps=30, processes=processes, seed=seed),
+            RunOptions(max_steps=20, processes=processes, seed=seed),
         )
         for key, processes, seed in (("one", 1, 5), ("two", 2, 5), ("other", 1, 6))
     }

@@ -28,7 +28,7 @@ def rated() -> Experiment:
 
 
 @pytest.fixture(scope="module")
-def result():
+def result(few_pictures):
     with quickly():
         return sample(rated(), **OPTIONS, load_cv=0.05)
 

@@ -36,7 +36,7 @@ def rated(**errors):
 
 
 @pytest.fixture(scope="module")
-def result():
+def result(few_pictures):
     unknown = LogNormal(150, 1.5)
     with quickly():
         return sample(rated(), **OPTIONS, unknown_modulus=unknown)

@@ -41,12 +41,12 @@ OPTIONS = {
 
 @contextmanager
 def quickly() -> Iterator[None]:
-    """Learn little in the pilot walk, and let a curve and a train chosen by hand stand for the membrane's."""
+    """Run two ensembles after a short pilot walk; a curve and a train chosen by hand stand for the membrane's."""
     curve = RateCurve(
         np.array(18.0), np.array(0.0), np.array([14.0, 4.0, -0.8, 0.3]), 60.0, CurveError(0.01, 1e-5, 1e-4)
     )
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(request, "Settings", functools.partial(Settings, pilot=(20,), optima=1))
+        patch.setattr(request, "Settings", functools.partial(Settings, pilot=(20,), optima=1, ensembles=2))
         patch.setattr(fixed_channels, "exact_curve", lambda *_: curve)
         patch.setattr(pictures, "spike_times", lambda *_: np.array([12.0, 30.0, 48.0]))
         scenes.curve_of_held.cache_clear()  # no curve of the membrane itself, nor this one for whoever comes after
