@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from softness_bayes import arviz_bridge
-from softness_bayes.checking.fabric_moduli import UNCERTAIN, modulus_sentences
+from softness_bayes.checking.fabric_moduli import modulus_sentences
 from softness_bayes.checking.inflection import Curves, Inflection
 from softness_bayes.checking.modulus_errors import shift_sentences
 from softness_bayes.checking.rater_fingers import finger_sentences
@@ -23,11 +22,18 @@ from softness_bayes.files.outputs import write_outputs
 from softness_bayes.files.run_files import FINGERS, MODULI, MODULUS_ERRORS, POSTERIOR, RUN, SUMMARY, TABLES
 from softness_bayes.files.spreadsheet import csv_of
 from softness_bayes.likelihood.scales import Scale
-from softness_bayes.parameters.declared import PARAMETERS
-from softness_bayes.parameters.fabric_moduli import FABRIC_MODULUS
 from softness_bayes.provenance import Provenance
+from softness_bayes.results.read_back import (
+    curves_in,
+    fabrics_in,
+    loads_in,
+    moduli_at,
+    named_values,
+    turning_points_in,
+)
 from softness_bayes.results.result_file import SUMMARY_TABLE, read, sealed
-from softness_bayes.touch.contact import Finger, Force, Indentation, Load
+from softness_bayes.results.words import html_of, load_sentence
+from softness_bayes.touch.contact import Finger, Load
 from softness_bayes.touch.readings import Readings
 
 if TYPE_CHECKING:
@@ -138,11 +144,7 @@ class Result:
             If the run had no ratings, as for all that follows from the response.
         """
         self._require_ratings()
-        constant = self.group("constant_data")
-        return tuple(
-            Indentation(float(depth) * 1e-3) if np.isfinite(depth) else Force(float(newton))
-            for depth, newton in zip(constant["indentation_mm"].values, constant["force_n"].values, strict=True)
-        )
+        return loads_in(self.group("constant_data"))
 
     def summary(self) -> pd.DataFrame:
         """Return mean, spread, interval and sampling error of every parameter."""
@@ -177,65 +179,19 @@ class Result:
         size
             Number of draws, evenly spaced over the run; by default all.
         """
-        names = [name for name, variable in self.group("posterior").items() if variable.dims == ("chain", "draw")]
-        # draws of all chains side by side in time, so that evenly spaced ones cover the whole run
-        columns = {str(name): self.group("posterior")[name].values.T.ravel() for name in names}
-        total = next(iter(columns.values())).size
-        pick = np.arange(total) if size is None or size >= total else np.linspace(0, total - 1, size).astype(int)
-        columns |= self._moduli(total)
-        held = self.group("constant_data")
-        constant = {str(name): held[name].values for name in held.data_vars if name in PARAMETERS}
-        return {**constant, **{name: column[pick] for name, column in columns.items()}}
-
-    def _moduli(self, total: int) -> dict[str, Array]:
-        """Return the draws of every sampled modulus [kPa] by its name, in the order of those of `values`."""
-        posterior = self.group("posterior")
-        if FABRIC_MODULUS not in posterior:
-            return {}
-        drawn, names = posterior[FABRIC_MODULUS].values, posterior[UNCERTAIN].values
-        flat = drawn.swapaxes(0, 1).reshape(total, -1)
-        return {f"{FABRIC_MODULUS}[{name}]": flat[:, k] for k, name in enumerate(names)}
-
-    def _moduli_of(self, values: Mapping[str, Array]) -> Array | None:
-        """Return E_fab [Pa] of every fabric at draws from `values`, (draws, fabrics); None if all are known."""
-        measured, names = self.fabrics.effective_modulus, self.fabrics.names
-        drawn = {name: values.get(f"{FABRIC_MODULUS}[{name}]") for name in names}
-        if all(one is None for one in drawn.values()):
-            return None
-        size = max(one.size for one in drawn.values() if one is not None)
-        each = zip(drawn.values(), measured, strict=True)
-        return np.stack([np.full(size, known) if one is None else one * 1e3 for one, known in each], axis=-1)
+        return named_values(self.group("posterior"), self.group("constant_data"), size)
 
     def curves(self) -> Curves:
         """Return the response against E_fab that the run stored, draw by draw."""
         self._require_ratings()
-        stored = self.group("predictions").isel(chain=0)
-        return Curves(
-            stored["e_fab_kpa"].values * 1e3,
-            stored["total_rate"].values,
-            stored["e_skin_kpa"].values * 1e3,
-            stored["contact_force_n"].values,
-            stored["contact_radius_mm"].values * 1e-3,
-        )
+        return curves_in(self.group("predictions"))
 
     def inflections(self) -> Inflection:
         """Return where the response turns over (its maximum), draw by draw."""
-        draws = self._turning("inflection" if "inflection" in self.tree.children else "predictions")
+        self._require_ratings()
+        draws = turning_points_in(self.group("inflection" if "inflection" in self.tree.children else "predictions"))
         flat: list[Any] = [values.reshape(-1, values.shape[-1]) for values in draws]
         return Inflection(*flat)
-
-    def _turning(self, group: str) -> Inflection:
-        """Return turning points as a group stores them, every field of shape (chains, draws, loads)."""
-        self._require_ratings()
-        stored = self.group(group)
-        return Inflection(
-            stored["inflection_outcome"].values,
-            stored["inflection_e_fab_kpa"].values * 1e3,
-            stored["inflection_ratio"].values,
-            stored["inflection_force_n"].values,
-            stored["inflection_drop"].values,
-            stored["inflection_inside"].values.astype(bool),
-        )
 
     @property
     def least_drop(self) -> float:
@@ -251,9 +207,10 @@ class Result:
         force [N] and the drop beyond it, over the draws that have one, as NAME, NAME_low and NAME_high. Each of these
         has its Monte-Carlo standard error in COLUMN_mcse.
         """
+        self._require_ratings()
         if "inflection" not in self.tree.children:  # a result of an earlier version
-            return turning_table(self._turning("predictions"), list(map(str, self.loads)))
-        drawn, prior = self._turning("inflection"), self._turning("prior_inflection")
+            return turning_table(turning_points_in(self.group("predictions")), list(map(str, self.loads)))
+        drawn, prior = (turning_points_in(self.group(name)) for name in ("inflection", "prior_inflection"))
         ensemble = self.group("inflection").coords.get(arviz_bridge.ENSEMBLE)
         return turning_table(drawn, list(map(str, self.loads)), prior, None if ensemble is None else ensemble.values)
 
@@ -299,7 +256,7 @@ class Result:
         from softness_bayes.results.rating_table import rating_columns
 
         pressed, named = self.loads if loads is None else tuple(loads), self.values(draws)
-        own = self._moduli_of(named) if fabrics is None else None
+        own = moduli_at(named, self.fabrics) if fabrics is None else None
         fabrics = self.fabrics if fabrics is None else fabrics
         noise = self.provenance.rating_model.noise
         scene = scene_of(fabrics, pressed, named, self.readings, noise=noise, finger=self.finger)
@@ -331,16 +288,8 @@ class Result:
         InputError
             If the run had no ratings.
         """
-        from softness_bayes.data import Fabrics
-
         self._require_ratings()
-        constant = self.group("constant_data")
-        return Fabrics(
-            tuple(str(name) for name in constant["fabric"].values),
-            effective_modulus=constant["effective_modulus_kpa"].values * 1e3,
-            poisson_ratio=constant["poisson_ratio"].values,
-            digest=self.provenance.rating_data.digest_fabrics,
-        )
+        return fabrics_in(self.group("constant_data"), self.provenance.rating_data.digest_fabrics)
 
     @property
     def moduli_assumed(self) -> bool:
@@ -371,20 +320,8 @@ class Result:
 
     def said_of_loads(self) -> str:
         """Return in one sentence whether loads were taken as exact."""
-        cv = self.load_cv
-        if cv.any():
-            low, high = cv[cv > 0].min(), cv.max()
-            size = f"{high:.3g}" if low == high else f"{low:.3g} to {high:.3g}"
-            return (
-                f"loads: relative errors of {size}, independent for each rating, are accounted for in "
-                f"{(cv > 0).sum()} of {cv.size} ratings"
-            )
-        if self.provenance.asked.options.get("load_cv") is None and LOAD_CV.name not in self.group("constant_data"):
-            return (
-                "loads: taken as exact, because no errors were given (--load-cv 0.05, or a column load_cv); any errors "
-                "count as noise of the ratings, alike under every touch"
-            )
-        return "loads: exact, as was said"
+        given = self.provenance.asked.options.get("load_cv") is not None or LOAD_CV.name in self.group("constant_data")
+        return load_sentence(self.load_cv, given)
 
     @property
     def moduli(self) -> pd.DataFrame | None:
@@ -409,16 +346,11 @@ class Result:
 
         faults = [f"the fit has failed: {fault}" for fault in fit_of(self.tree).faults] if self.has_ratings else []
         said = [*faults, self.provenance.verdict]
-        verdict = "".join(f"<p><strong>{escape(line)}</strong></p>" for line in said)
         columns = ["p_interior", "prior_p_interior", "p_none", "p_silent"]
         columns += ["e_fab_kpa_low", "e_fab_kpa", "e_fab_kpa_high"]
         tables = {"where the response turns over": self.inflection()[columns]} if self.has_ratings else {}
         tables["parameters"] = self.summary()
-        shown = [
-            f"<p>{name}</p>{table.to_html(float_format='{:.4g}'.format, na_rep='–', border=0)}"
-            for name, table in tables.items()
-        ]
-        return "\n".join([verdict, *shown])
+        return html_of(said, tables)
 
     def save(self, directory: str | Path) -> None:
         """Write ``posterior.nc`` and the tables into a directory, all of them or none.

@@ -1,0 +1,48 @@
+"""Words of a result that belong to no single check: its loads, and what a notebook shows."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from html import escape
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+
+def load_sentence(cv: NDArray[np.float64], given: bool) -> str:
+    """Return in one sentence whether loads were taken as exact.
+
+    Parameters
+    ----------
+    cv
+        Relative standard error of each rating's load.
+    given
+        Whether anybody said how large these errors are.
+    """
+    if cv.any():
+        low, high = cv[cv > 0].min(), cv.max()
+        size = f"{high:.3g}" if low == high else f"{low:.3g} to {high:.3g}"
+        return (
+            f"loads: relative errors of {size}, independent for each rating, are accounted for in "
+            f"{(cv > 0).sum()} of {cv.size} ratings"
+        )
+    if given:
+        return "loads: exact, as was said"
+    return (
+        "loads: taken as exact, because no errors were given (--load-cv 0.05, or a column load_cv); any errors "
+        "count as noise of the ratings, alike under every touch"
+    )
+
+
+def html_of(said: Sequence[str], tables: Mapping[str, pd.DataFrame]) -> str:
+    """Return sentences in bold and tables below their titles, as a notebook shows them."""
+    lines = "".join(f"<p><strong>{escape(line)}</strong></p>" for line in said)
+    shown = [
+        f"<p>{title}</p>{table.to_html(float_format='{:.4g}'.format, na_rep='–', border=0)}"
+        for title, table in tables.items()
+    ]
+    return "\n".join([lines, *shown])
