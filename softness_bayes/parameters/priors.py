@@ -4,70 +4,27 @@ from __future__ import annotations
 
 import math
 import re
-from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from functools import cached_property
 from types import MappingProxyType
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import ndtr, ndtri
 
 from softness_bayes.errors import InputError
+from softness_bayes.parameters.law import LEAST_WIDTH, Law, Prior, name_of, require, require_finite
+from softness_bayes.parameters.law import NUMBERS as NUMBERS
+from softness_bayes.parameters.law import in_short as in_short
 from softness_bayes.ranges import Range
 
 FloatArray = NDArray[np.float64]
 
 _LOG_ROOT_TWO_PI = 0.5 * math.log(2.0 * math.pi)
 
-NUMBERS = Range(-1e100, 1e100)
-"""Range of the constants of a law, within which no computation overflows."""
-LEAST_WIDTH = 1e-6
-"""Smallest width of a law relative to its location; narrower laws are lost in rounding."""
 SD_LOGS = Range(LEAST_WIDTH, 5.0)
 """Standard deviations of the logarithm of a log-normal law; 5 is a factor of 150 up or down."""
-
-
-class Prior(Protocol):
-    """A prior of one real quantity; a new one is a frozen dataclass with these members, listed in `LAWS`."""
-
-    @property
-    def median(self) -> float:
-        """Median of the law; of a truncated one, the median before truncation."""
-
-    @property
-    def support(self) -> tuple[float, float]:
-        """Smallest and largest value with positive density."""
-
-    def log_density(self, x: ArrayLike) -> FloatArray:
-        """Return the log of the normalised density at ``x``, same shape; -inf outside the support."""
-
-    def cumulative(self, x: ArrayLike) -> FloatArray:
-        """Return the probability of a value up to ``x``, same shape."""
-
-    def quantile(self, p: ArrayLike) -> FloatArray:
-        """Return the value up to which the probability is ``p``, same shape: the inverse of `cumulative`."""
-
-    def draw(self, rng: np.random.Generator, size: int | tuple[int, ...]) -> FloatArray:
-        """Return independent draws of shape ``size``."""
-
-
-class Law(ABC):
-    """Base of all laws, with draws by inversion and the written form that `parse_prior` reads."""
-
-    @abstractmethod
-    def quantile(self, p: ArrayLike) -> FloatArray:
-        """Return the value up to which the probability is ``p``."""
-
-    def draw(self, rng: np.random.Generator, size: int | tuple[int, ...]) -> FloatArray:
-        """Return independent draws of shape ``size``."""
-        return self.quantile(rng.uniform(np.finfo(float).tiny, 1.0, size))
-
-    def __str__(self) -> str:
-        arguments = (getattr(self, field.name) for field in fields(self))  # type: ignore[arg-type]
-        return f"{_name_of(type(self))}({','.join(_written(a) for a in arguments if a is not None)})"
 
 
 @dataclass(frozen=True)
@@ -84,8 +41,8 @@ class Normal(Law):
     sd: float
 
     def __post_init__(self) -> None:
-        _require_finite(self)
-        _require(self, "sd", self.sd > LEAST_WIDTH * abs(self.mean), f"a number above {LEAST_WIDTH * abs(self.mean):g}")
+        require_finite(self)
+        require(self, "sd", self.sd > LEAST_WIDTH * abs(self.mean), f"a number above {LEAST_WIDTH * abs(self.mean):g}")
 
     @property
     def support(self) -> tuple[float, float]:
@@ -123,8 +80,8 @@ class HalfNormal(Law):
     scale: float
 
     def __post_init__(self) -> None:
-        _require_finite(self)
-        _require(self, "scale", self.scale > 0, "a positive number")
+        require_finite(self)
+        require(self, "scale", self.scale > 0, "a positive number")
 
     @property
     def support(self) -> tuple[float, float]:
@@ -165,10 +122,10 @@ class Uniform(Law):
     high: float
 
     def __post_init__(self) -> None:
-        _require_finite(self)
-        _require(self, "high", self.high > self.low, f"a number above {self.low:g}")
+        require_finite(self)
+        require(self, "high", self.high > self.low, f"a number above {self.low:g}")
         least = LEAST_WIDTH * max(abs(self.low), abs(self.high))
-        _require(self, "high", self.high - self.low >= least, f"a number at least {least:g} above {self.low:g}")
+        require(self, "high", self.high - self.low >= least, f"a number at least {least:g} above {self.low:g}")
 
     @property
     def support(self) -> tuple[float, float]:
@@ -208,10 +165,10 @@ class LogUniform(Law):
     high: float
 
     def __post_init__(self) -> None:
-        _require_finite(self)
-        _require(self, "low", self.low > 0, "a positive number")
+        require_finite(self)
+        require(self, "low", self.low > 0, "a positive number")
         least = self.low * (1.0 + LEAST_WIDTH)
-        _require(self, "high", self.high >= least, f"a number from {least!r}")
+        require(self, "high", self.high >= least, f"a number from {least!r}")
 
     @property
     def support(self) -> tuple[float, float]:
@@ -270,11 +227,11 @@ class LogNormal(Law):
     bound: float | None = None
 
     def __post_init__(self) -> None:
-        _require_finite(self)
-        _require(self, "median", self.median > 0, "a positive number")
-        _require(self, "sd_log", SD_LOGS.holds(self.sd_log), str(SD_LOGS))
+        require_finite(self)
+        require(self, "median", self.median > 0, "a positive number")
+        require(self, "sd_log", SD_LOGS.holds(self.sd_log), str(SD_LOGS))
         wide = self.bound is None or LEAST_WIDTH <= self.bound < 1
-        _require(self, "bound", wide, f"a fraction from {LEAST_WIDTH:g} to below 1")
+        require(self, "bound", wide, f"a fraction from {LEAST_WIDTH:g} to below 1")
 
     @property
     def support(self) -> tuple[float, float]:
@@ -391,23 +348,9 @@ def parse_prior(text: str) -> Prior:
     return prior
 
 
-def in_short(prior: Prior) -> str:
-    """Return a prior with its numbers to four digits; ``str`` gives all digits."""
-    numbers = (getattr(prior, field.name) for field in fields(prior))  # type: ignore[arg-type]
-    return f"{_name_of(type(prior))}({','.join(f'{a:.4g}' for a in numbers if a is not None)})"
-
-
 def _form(law: type) -> str:
     names = [f.name if f.default is not None else f"[{f.name}]" for f in fields(law)]
-    return f"{_name_of(law)}({', '.join(names)})"
-
-
-def _name_of(law: type) -> str:
-    return law.__name__.lower()
-
-
-def _written(number: float) -> str:
-    return repr(float(number)).removesuffix(".0")
+    return f"{name_of(law)}({', '.join(names)})"
 
 
 def log_normal_density(
@@ -426,14 +369,3 @@ def _standard_normal(deviate: FloatArray) -> FloatArray:
     # far in the tail the square overflows to inf and the density is rightly zero
     with np.errstate(over="ignore"):
         return -0.5 * deviate**2 - _LOG_ROOT_TWO_PI
-
-
-def _require_finite(prior: Law) -> None:
-    for field in fields(prior):  # type: ignore[arg-type]
-        value = getattr(prior, field.name)
-        _require(prior, field.name, value is None or NUMBERS.holds(value), str(NUMBERS))
-
-
-def _require(prior: Law, name: str, holds: bool, expected: str) -> None:
-    if not holds:
-        raise InputError(f"{_name_of(type(prior))}: {name} is {getattr(prior, name)}, expected {expected}")
