@@ -30,6 +30,7 @@ VERBS: Mapping[str, str] = {
     "compare": "Rank finished runs by how well they predict what is left out.",
     "predict": "Predict contact, stress, firing and ratings for fabrics under loads.",
     "rank": "Rank fabrics by predicted softness, with the probability of each place and of each pair's order.",
+    "target": "Find the effective modulus, and thickness or tensile modulus, that gives a wished rating.",
     "claims": "Say which of the paper's claims hold under which readings of its equations.",
     "bench": "Measure time and error of the forward model on this machine, beside other ways to compute it.",
     "calibrate": "Check the whole inference by simulation: whether posteriors hold the truth as often as they say.",

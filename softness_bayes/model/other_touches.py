@@ -51,12 +51,12 @@ class OtherTouches:
         Fabrics and loads that are touched, on the same finger.
     known
         Each fabric's index among those that were rated, shape (fabrics,); -1 for others, whose own deviations, if the
-        model has them, are drawn.
+        model has them, are drawn. None for fabrics without deviations of their own.
     """
 
     posterior: Posterior
     scene: Scene
-    known: IndexArray
+    known: IndexArray | None
 
     @cached_property
     def _beside(self) -> Posterior:
@@ -82,7 +82,8 @@ class OtherTouches:
         theta
             Draws of the posterior, shape (draws, dimension).
         raters
-            Number of new raters whose mean is asked for; 0 if it is the typical rater alone.
+            Number of new raters whose mean is asked for; 0 if it is the typical rater alone, as it must be without
+            deviations of fabrics.
         modulus
             E_fab [Pa] of each fabric at each draw, shape (draws, fabrics), where it is not the scene's.
         """
@@ -102,8 +103,9 @@ class OtherTouches:
         response = self._beside.response(theta[:, : self.posterior.space.n_chain], modulus)
         drive = observed.drive_at(response, rated, parameters)
         effects = observed.draw_effects(rng, rated, parameters)
-        others = model.for_others(rng, parameters, effects, 1, self.known)
-        own = _of_fabrics(model.named_effects(others))
+        fabrics = np.full(self.scene.fabric_modulus.size, -1) if self.known is None else self.known
+        others = model.for_others(rng, parameters, effects, 1, fabrics)
+        own = None if self.known is None else _of_fabrics(model.named_effects(others))
         stated = drive[..., :conditions]
         typical = model.typical(others, stated if own is None else stated + own[..., self.scene.fabric])
         design = Design(np.arange(conditions), np.zeros(conditions, np.intp), self.scene.fabric, 1)

@@ -43,6 +43,7 @@ if TYPE_CHECKING:
     from softness_bayes.data import Fabrics
     from softness_bayes.plotting.plots import Plots
     from softness_bayes.results.ranking import Ranking
+    from softness_bayes.results.target import Cloth, Target
 
 Array = NDArray[np.float64]
 
@@ -278,6 +279,36 @@ class Result:
         self._require_ratings()
         pressed = self.loads if loads is None else tuple(loads)
         return rank(self, self.fabrics if fabrics is None else fabrics, pressed, draws, seed)
+
+    def target(
+        self,
+        rating: float,
+        loads: Sequence[Load] | None = None,
+        cloth: Cloth | None = None,
+        draws: int = 400,
+        seed: int = 0,
+    ) -> Target:
+        """Find the fabrics that have a wished rating.
+
+        Parameters
+        ----------
+        rating
+            Rating of the typical rater, as the data have it.
+        loads, draws, seed
+            As `predict` has them.
+        cloth
+            What is given of the fabric: a tensile modulus, for which the thickness is found, or the other way round.
+
+        Returns
+        -------
+        Target
+            The effective moduli that give the rating, draw by draw, and their `table`.
+        """
+        from softness_bayes.results.target import ANY, target
+
+        self._require_ratings()
+        pressed = self.loads if loads is None else tuple(loads)
+        return target(self, rating, pressed, ANY if cloth is None else cloth, draws, seed)
 
     @property
     def fabrics(self) -> Fabrics:

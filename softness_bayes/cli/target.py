@@ -1,0 +1,122 @@
+"""`softness-bayes target`: the fabrics that have a wished rating."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from softness_bayes.cli.options.run import seed
+from softness_bayes.cli.options.tables import load_options
+from softness_bayes.cli.options.values import FILE
+from softness_bayes.cli.running import reading
+from softness_bayes.errors import InputError
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+TARGET = "target"
+
+DRAWS = 400
+"""Posterior draws for which the modulus is found."""
+
+_SOUGHT = (("thickness_mm", "thickness", "mm"), ("tensile_modulus_mpa", "tensile modulus", "MPa"))
+
+
+@click.command()
+@click.argument("directory", type=FILE, metavar="DIR")
+@click.option(
+    "--rating", type=float, required=True, metavar="X", help="Rating of the typical rater, as the data have it."
+)
+@load_options(True, " of the touch. Repeatable; by default as rated.")
+@click.option(
+    "--tensile-modulus-mpa",
+    type=float,
+    metavar="MPA",
+    help="Tensile modulus of the fabric, for which its thickness is found.",
+)
+@click.option(
+    "--thickness-mm",
+    type=float,
+    metavar="MM",
+    help="Thickness of the fabric, for which its tensile modulus is found.",
+)
+@click.option(
+    "--poisson-ratio",
+    type=float,
+    metavar="NU",
+    help="Poisson ratio of the fabric; by default the median of all rated.",
+)
+@seed
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path, dir_okay=False),
+    metavar="FILE",
+    help="CSV file to write; by default the table is printed.",
+)
+@click.option("--force", is_flag=True, help="Replace an --out that 'target' wrote.")
+def command(
+    directory: Path,
+    rating: float,
+    indentation_mm: tuple[float, ...],
+    force_n: tuple[float, ...],
+    tensile_modulus_mpa: float | None,
+    thickness_mm: float | None,
+    poisson_ratio: float | None,
+    seed: int,
+    out: Path | None,
+    force: bool,
+) -> None:
+    """Find the effective moduli that give a wished rating, and how probable it is that any does.
+
+    One row for each load and solution: where the response turns over, a softer and a stiffer fabric have the same
+    rating. Medians and limits are over the draws that have the solution. Moduli are searched from a tenth of the
+    smallest that was rated to ten times the largest. Reads what 'sample' left in DIR.
+    """
+    from softness_bayes.data import loads_of
+    from softness_bayes.data.columns import TENSILE_MODULUS, THICKNESS
+    from softness_bayes.files.outputs import require_outputs, write_outputs
+    from softness_bayes.files.spreadsheet import csv_of
+    from softness_bayes.results.target import Cloth
+
+    if out is not None:
+        require_outputs(out.parent, [out.name], TARGET, force)
+    given = ((TENSILE_MODULUS, tensile_modulus_mpa), (THICKNESS, thickness_mm))
+    tensile, thick = (None if value is None else value * column.factor for column, value in given)
+    cloth = Cloth(tensile, thick, poisson_ratio)
+    cloth.require()
+    loads = loads_of(indentation_mm, force_n)
+    with reading(directory) as (result,):
+        if not result.has_ratings:
+            raise InputError(f"{directory}: a run without ratings, which predicts none")
+        found = result.target(rating, loads or None, cloth, DRAWS, seed)
+    table = found.table
+    text = csv_of(table, index=False)
+    if out is None:
+        click.echo(text, nl=False)
+    else:
+        write_outputs(out.parent, {out.name: text}, TARGET)
+        click.echo(f"{out}: {len(table)} rows", err=True)
+    for load, rows in table.groupby("load", sort=False):
+        click.echo(f"{load}: {_said(rows)}", err=True)
+
+
+def _said(rows: pd.DataFrame) -> str:
+    """Say under one load whether the rating can be reached, and how."""
+    one = rows.iloc[0]
+    reach = f"a rating of {one['rating']:g} is reachable with probability {one['p_reachable']:.0%}"
+    span = f"the typical rater's ratings go from {one['least_rating']:.3g} to {one['largest_rating']:.3g}"
+    if not one["p_solution"]:
+        return f"{reach}: {span}"
+    ways = []
+    for _, row in rows.iterrows():
+        found = [f"E_fab {_interval(row, 'e_fab_kpa')} kPa"]
+        found += [f"{words} {_interval(row, name)} {unit}" for name, words, unit in _SOUGHT if name in rows]
+        said = f"where the rating {row['with_modulus']} with the modulus, in {row['p_solution']:.0%} of the draws"
+        ways.append(f"{', '.join(found)}, {said}")
+    return f"{reach}: {'; or '.join(ways)}"
+
+
+def _interval(row: pd.Series, name: str) -> str:
+    return f"{row[name]:.3g} ({row[f'{name}_low']:.3g} to {row[f'{name}_high']:.3g})"

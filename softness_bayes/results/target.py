@@ -1,0 +1,253 @@
+"""Fabrics of a wished rating: the effective moduli that give it, and thickness or tensile modulus of such a fabric."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from softness_bayes.checking.inflection import RANGE_FACTOR
+from softness_bayes.data import Fabrics
+from softness_bayes.data.columns import EFFECTIVE_MODULUS, POISSON_RATIO, TENSILE_MODULUS, THICKNESS, Column
+from softness_bayes.errors import InputError
+from softness_bayes.model.other_touches import OtherTouches
+from softness_bayes.parameters.fabric_moduli import KPA
+from softness_bayes.results.fitted import Fitted
+from softness_bayes.results.rating_table import limits
+from softness_bayes.results.reasons import reasons
+from softness_bayes.results.stored import Stored
+from softness_bayes.touch.contact import PLATE_LENGTH, FabricModulus, Load
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+Array = NDArray[np.float64]
+
+POINTS = 401
+"""Moduli of the curve that is inverted; between them it is a straight line in the logarithm."""
+
+BRANCHES = {True: "rises", False: "falls"}
+"""Whether the rating rises or falls with E_fab at a solution."""
+
+
+class Cloth(NamedTuple):
+    """What is given of the wished fabric."""
+
+    tensile_modulus: float | None = None
+    """E_ten [Pa], if the thickness is asked for."""
+    thickness: float | None = None
+    """h [m], if the tensile modulus is asked for."""
+    poisson_ratio: float | None = None
+    """nu_fab [-]; by default the median of the fabrics that were rated."""
+
+    def require(self) -> None:
+        """Raise an error for values out of range, or if nothing would be left to ask for.
+
+        Raises
+        ------
+        InputError
+            Naming the value.
+        """
+        for column, value in zip((TENSILE_MODULUS, THICKNESS, POISSON_RATIO), self, strict=True):
+            if value is not None and not column.holds(value):
+                shown = column.write(value) or "nan"
+                raise InputError(f"target: {column.name} is {shown}, expected {column.expected()}")
+        if self.tensile_modulus is not None and self.thickness is not None:
+            raise InputError(
+                f"target: {TENSILE_MODULUS.name} and {THICKNESS.name} are both given, which makes the modulus: "
+                "expected one, for which the other is found"
+            )
+
+    def sought(self, modulus: Array, poisson_ratio: float, reading: FabricModulus) -> tuple[Column, Array] | None:
+        """Return the column that is asked for beside E_fab, and its values [SI] for effective moduli [Pa]."""
+        rigidity, nu = modulus * PLATE_LENGTH**3, np.array(poisson_ratio)
+        if self.tensile_modulus is not None:
+            return THICKNESS, np.cbrt(rigidity / reading.rigidity(np.array(self.tensile_modulus), np.array(1.0), nu))
+        if self.thickness is not None:
+            return TENSILE_MODULUS, rigidity / reading.rigidity(np.array(1.0), np.array(self.thickness), nu)
+        return None
+
+
+ANY = Cloth()
+"""A fabric of which nothing is given."""
+
+
+class Solutions(NamedTuple):
+    """The moduli that give a rating under one load, draw by draw."""
+
+    load: Load
+    modulus: Mapping[tuple[bool, int], Array]
+    """E_fab [Pa] of each solution, shape (draws,), NaN where a draw does not have it; the key says whether the rating
+    rises with E_fab there, and which one of such solutions it is, from the softest on."""
+    least: Array
+    """Smallest rating over the range of moduli, shape (draws,)."""
+    largest: Array
+    """Largest one."""
+    remarks: Mapping[tuple[bool, int], str]
+    """As predictions at the median modulus of each solution have them."""
+
+    @property
+    def reachable(self) -> NDArray[np.bool_]:
+        """Whether a draw has a solution, shape (draws,)."""
+        none = np.zeros(self.least.size, bool)
+        return np.any([none, *(np.isfinite(found) for found in self.modulus.values())], axis=0)
+
+
+@dataclass(frozen=True)
+class Target:
+    """Fabrics of a wished rating.
+
+    Parameters
+    ----------
+    rating
+        The typical rater's rating that is wished [as filed].
+    span
+        Moduli that were searched, from and to [Pa].
+    rated
+        Moduli that were rated, from and to [Pa].
+    cloth, poisson_ratio, reading
+        What is given of the fabric, its Poisson ratio, and the reading of the rigidity.
+    loads
+        The solutions under each load.
+    """
+
+    rating: float
+    span: tuple[float, float]
+    rated: tuple[float, float]
+    cloth: Cloth
+    poisson_ratio: float
+    reading: FabricModulus
+    loads: tuple[Solutions, ...]
+
+    @property
+    def table(self) -> pd.DataFrame:
+        """A row per load and solution, the softest first; a load without one has a row too (docs/files.md 11)."""
+        import pandas as pd
+
+        return pd.DataFrame([row for one in self.loads for row in self._rows(one)])
+
+    def _rows(self, one: Solutions) -> list[dict[str, object]]:
+        wished, size = self.rating, one.least.size
+        shared = {
+            "load": str(one.load),
+            "rating": wished,
+            "p_reachable": float(one.reachable.mean()),
+            "p_too_high": float((one.largest < wished).mean()),
+            "p_too_low": float((one.least > wished).mean()),
+            "least_rating": float(np.median(one.least)),
+            "largest_rating": float(np.median(one.largest)),
+        }
+        found = {key: values[np.isfinite(values)] for key, values in one.modulus.items()}
+        rows: list[dict[str, object]] = []
+        for key in sorted(found, key=lambda key: float(np.median(found[key]))):
+            values = found[key]
+            inside = float(((values >= self.rated[0]) & (values <= self.rated[1])).mean())
+            row = {"with_modulus": BRANCHES[key[0]], "p_solution": values.size / size, "p_inside": inside}
+            rows.append({**shared, **row, **self._quantities(values), "remarks": one.remarks[key]})
+        if not rows:
+            words = f"no fabric of {self.span[0] / KPA:.3g} to {self.span[1] / KPA:.3g} kPa has this rating"
+            row = {"with_modulus": "", "p_solution": 0.0, "p_inside": np.nan}
+            rows.append({**shared, **row, **self._quantities(np.array([np.nan])), "remarks": words})
+        return rows
+
+    def _quantities(self, modulus: Array) -> dict[str, float]:
+        """Return the limits of E_fab, and of what else is asked for, in the units of their columns."""
+        sought = self.cloth.sought(modulus, self.poisson_ratio, self.reading)
+        columns = [(EFFECTIVE_MODULUS, modulus), *([] if sought is None else [sought])]
+        return {
+            f"{'e_fab_kpa' if column is EFFECTIVE_MODULUS else column.name}{end}": float(at[0]) / column.factor
+            for column, values in columns
+            for end, at in limits(values[:, None]).items()
+        }
+
+
+def target(
+    result: Stored, rating: float, loads: tuple[Load, ...], cloth: Cloth = ANY, draws: int = 400, seed: int = 0
+) -> Target:
+    """Find the fabrics of a wished rating of the typical rater, under each of some loads.
+
+    Moduli are searched from a tenth of the smallest that was rated to ten times the largest. Where the response turns
+    over, a softer and a stiffer fabric have the same rating: both are solutions. A fabric's own deviation, if the model
+    has them, is taken as 0.
+
+    Parameters
+    ----------
+    result
+        The run, on ratings.
+    rating
+        The wished rating [as filed].
+    loads
+        The loads.
+    cloth
+        What is given of the fabric.
+    draws
+        Posterior draws that solutions are found for.
+    seed
+        Seed of what is drawn given the draws.
+
+    Raises
+    ------
+    InputError
+        If the rating is not one of the run's scale, or a property of the fabric is out of range.
+    """
+    cloth.require()
+    with np.errstate(invalid="ignore", divide="ignore"):
+        wished = float(result.scale.additive(np.array(rating, float)))
+    if not np.isfinite(wished):
+        raise InputError(f"target: rating is {rating:g}, expected one of the run's scale: {result.scale.meaning}")
+    fitted, known = Fitted(result, draws), result.fabrics
+    rated = float(known.effective_modulus.min()), float(known.effective_modulus.max())
+    span = rated[0] / RANGE_FACTOR, rated[1] * RANGE_FACTOR
+    grid = np.geomspace(*span, POINTS)
+    nu = float(np.median(known.poisson_ratio)) if cloth.poisson_ratio is None else cloth.poisson_ratio
+    names = tuple(f"{modulus:.6g} Pa" for modulus in grid)
+    scene = fitted.scene(Fabrics(names, effective_modulus=grid, poisson_ratio=np.full(POINTS, nu)), loads)
+    found = OtherTouches(fitted.posterior, scene, None).ratings(np.random.default_rng(seed), fitted.theta)
+    why = reasons(fitted, scene, found.rate)
+    solved = []
+    for k, load in enumerate(loads):
+        here = np.flatnonzero(scene.load == k)
+        curve = found.typical[:, here]
+        moduli = solutions(np.log(grid), result.scale.additive(curve) - wished)
+        near = {key: int(np.abs(np.log(grid / np.nanmedian(values))).argmin()) for key, values in moduli.items()}
+        remarks = {key: str(why.remarks[here[at]]) for key, at in near.items()}
+        solved.append(Solutions(load, moduli, curve.min(axis=1), curve.max(axis=1), remarks))
+    return Target(rating, span, rated, cloth, nu, result.readings.fabric_modulus, tuple(solved))
+
+
+def solutions(log_modulus: Array, beyond: Array) -> dict[tuple[bool, int], Array]:
+    """Return where curves cross 0, draw by draw.
+
+    Parameters
+    ----------
+    log_modulus
+        Grid of ln E_fab, shape (points,).
+    beyond
+        Additive ratings less the wished one, shape (draws, points).
+
+    Returns
+    -------
+    dict
+        E_fab of each crossing, shape (draws,), NaN where a draw has no such crossing; the keys say whether the curve
+        rises there, and the number of the crossing among those that do, from 0.
+    """
+    above = beyond > 0
+    draw, left = np.nonzero(above[:, 1:] != above[:, :-1])
+    low, high = beyond[draw, left], beyond[draw, left + 1]
+    share = low / (low - high)
+    place = np.exp(log_modulus[left] + share * (log_modulus[left + 1] - log_modulus[left]))
+    rises = high > low
+    found: dict[tuple[bool, int], Array] = {}
+    for direction in (True, False):
+        of, at = draw[rises == direction], place[rises == direction]
+        # crossings of one draw follow each other from the softest on
+        first = np.searchsorted(of, of, side="left")
+        number = np.arange(of.size) - first
+        for k in range(int(number.max(initial=-1)) + 1):
+            values = np.full(len(beyond), np.nan)
+            values[of[number == k]] = at[number == k]
+            found[direction, k] = values
+    return found

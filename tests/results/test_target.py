@@ -1,0 +1,156 @@
+"""Fabrics of a wished rating: both solutions of a curve that turns over, and what cannot be reached."""
+
+import io
+
+import numpy as np
+import pandas as pd
+import pytest
+from numpy.testing import assert_allclose
+
+from softness_bayes.data import Fabrics
+from softness_bayes.errors import InputError
+from softness_bayes.model.other_touches import OtherTouches
+from softness_bayes.results.fitted import Fitted
+from softness_bayes.results.target import Cloth, solutions
+from softness_bayes.touch.contact import Force
+from softness_bayes.touch.readings import ALTERNATIVES
+from support.command_line import call, refused
+from support.report_runs import LOADS, quickly
+
+GRID = np.linspace(0.0, np.pi, 1001)
+
+
+@pytest.fixture(scope="module")
+def result(report_run):
+    return report_run("ratings")
+
+
+@pytest.fixture(scope="module")
+def wished(result):
+    """A rating that some draws reach under both loads."""
+    return float(np.median(result.group("predictions")["typical_rating"].values.max(axis=-1)) * 0.8)
+
+
+@pytest.fixture(scope="module")
+def found(result, wished):
+    with quickly():
+        return result.target(wished, draws=80)
+
+
+def test_a_curve_that_turns_over_has_two_solutions():
+    curves = np.stack([np.sin(GRID) - 0.5, np.sin(GRID) - 2.0, -np.cos(GRID), -np.sin(GRID) + 0.5])
+    moduli = solutions(GRID, curves)
+    assert {*moduli} == {(True, 0), (False, 0)}
+    none = np.nan
+    assert_allclose(np.log(moduli[True, 0]), [np.pi / 6, none, np.pi / 2, 5 * np.pi / 6], atol=1e-6)
+    assert_allclose(np.log(moduli[False, 0]), [5 * np.pi / 6, none, none, np.pi / 6], atol=1e-6)
+
+
+def test_further_crossings_are_numbered_from_the_softest_on():
+    moduli = solutions(GRID, np.sin(4 * GRID)[None] - 0.5)
+    assert {*moduli} == {(True, 0), (False, 0), (True, 1), (False, 1)}
+    places = [np.log(moduli[key])[0] for key in ((True, 0), (False, 0), (True, 1), (False, 1))]
+    assert_allclose(places, np.array([1, 5, 13, 17]) * np.pi / 24, atol=1e-5)
+    # a level stretch at the wished value is no solution, and where it ends is one
+    level = np.clip(GRID - 1.0, 0.0, None)
+    assert_allclose(np.log(solutions(GRID, level[None])[True, 0]), 1.0, atol=GRID[1])
+    assert solutions(GRID, np.zeros((2, GRID.size))) == {}
+
+
+def test_solutions_have_the_wished_rating_draw_by_draw(result, wished, found):
+    with quickly():
+        fitted = Fitted(result, 80)
+        for one in found.loads:
+            assert one.modulus, one.load
+            for key, modulus in one.modulus.items():
+                known = np.isfinite(modulus)
+                asked = np.where(known, modulus, np.nanmedian(modulus))[:, None]
+                cloth = Fabrics(("wished",), effective_modulus=np.median(asked), poisson_ratio=found.poisson_ratio)
+                scene = fitted.scene(cloth, (one.load,))
+                again = OtherTouches(fitted.posterior, scene, None)
+                # the same generator draws the same effects
+                rating = again.ratings(np.random.default_rng(0), fitted.theta, modulus=asked).typical[:, 0]
+                assert_allclose(rating[known], wished, rtol=5e-3, err_msg=str((one.load, key)))
+
+
+def test_probabilities_of_the_three_cases_sum_to_one(result, wished, found):
+    table = found.table
+    assert_allclose(table["p_reachable"] + table["p_too_high"] + table["p_too_low"], 1.0)
+    assert (table["least_rating"] < table["largest_rating"]).all()
+    assert (table["p_solution"] <= table["p_reachable"]).all()
+    assert (table["e_fab_kpa_low"] <= table["e_fab_kpa"]).all()
+    for _, rows in table.groupby("load"):
+        assert rows["e_fab_kpa"].is_monotonic_increasing
+    with quickly():
+        never = result.target(1e6 * wished, loads=[Force(1.0)], draws=20).table
+        below = result.target(1e-6 * wished, loads=[Force(1.0)], draws=20).table
+    assert never["p_too_high"].tolist() == below["p_too_low"].tolist() == [1.0]
+    assert never["p_solution"].tolist() == [0.0]
+    assert never["e_fab_kpa"].isna().all()
+    assert never["remarks"][0] == "no fabric of 2 to 4e+03 kPa has this rating"
+
+
+@pytest.mark.parametrize("reading", ALTERNATIVES["fabric_modulus"].values(), ids=lambda reading: reading.name)
+def test_thickness_and_tensile_modulus_make_the_modulus(reading):
+    modulus = np.array([3e3, 2e5])
+    column, thickness = Cloth(tensile_modulus=4e6).sought(modulus, 0.25, reading)
+    assert column.name == "thickness_mm"
+    same = {"poisson_ratio": np.array([0.25] * 2)}
+    made = Fabrics(("a", "b"), tensile_modulus=np.array([4e6] * 2), thickness=thickness, **same)
+    assert_allclose(made.modulus(reading), modulus)
+    column, tensile = Cloth(thickness=3e-4).sought(modulus, 0.25, reading)
+    assert column.name == "tensile_modulus_mpa"
+    made = Fabrics(("a", "b"), tensile_modulus=tensile, thickness=np.array([3e-4] * 2), **same)
+    assert_allclose(made.modulus(reading), modulus)
+    assert Cloth().sought(modulus, 0.25, reading) is None
+
+
+def test_the_table_has_what_is_asked_for(result, wished, found):
+    with quickly():
+        thick = result.target(wished, cloth=Cloth(tensile_modulus=4e6, poisson_ratio=0.1), draws=80)
+    table = thick.table
+    modulus = 4e6 * (table["thickness_mm"] * 1e-3) ** 3 / (12 * (1 - 0.1)) / 1e-9 / 1e3
+    assert_allclose(modulus, table["e_fab_kpa"], rtol=0.02)  # medians between two draws
+    assert thick.poisson_ratio == 0.1
+    assert "thickness_mm" not in found.table
+    assert found.poisson_ratio == pytest.approx(0.3)
+
+
+def test_z_scores_may_be_negative(report_run):
+    with quickly():
+        table = report_run("z-scores").target(-0.2, draws=20).table
+    assert_allclose(table["p_reachable"] + table["p_too_high"] + table["p_too_low"], 1.0)
+
+
+def test_the_command_line_finds_targets(result, wished, report_run, tmp_path):
+    run = tmp_path / "run"
+    result.save(run)
+    report_run("skin").save(tmp_path / "skin")
+    with quickly():
+        done = call("target", run, "--rating", wished, "--tensile-modulus-mpa", 4)
+        filed = call("target", run, "--rating", 1e9, "--force-n", 1, "--out", tmp_path / "table.csv")
+        refused(call("target", run, "--rating", 0), "rating is 0, expected one of the run's scale: magnitude")
+        refused(call("target", run), "--rating")
+        refused(call("target", run, "--rating", "nan"), "rating is nan")
+        refused(
+            call("target", run, "--rating", 9, "--thickness-mm", -1), "thickness_mm is -1, expected a finite number"
+        )
+        refused(call("target", run, "--rating", 9, "--poisson-ratio", 2), "poisson_ratio is 2")
+        both = ["--thickness-mm", 1, "--tensile-modulus-mpa", 4]
+        refused(call("target", run, "--rating", 9, *both), "are both given")
+        refused(call("target", tmp_path / "skin", "--rating", 9), "a run without ratings")
+        refused(call("target", tmp_path / "nowhere", "--rating", 9), "nowhere")
+    assert done.returncode == 0, done.stderr
+    printed = pd.read_csv(io.StringIO(done.stdout))
+    assert printed["load"].unique().tolist() == [str(load) for load in LOADS]
+    assert "thickness_mm" in printed
+    assert "is reachable with probability" in done.stderr
+    assert "thickness " in done.stderr
+    assert filed.returncode == 0, filed.stderr
+    assert "the typical rater's ratings go from" in filed.stderr
+    assert pd.read_csv(tmp_path / "table.csv")["p_reachable"].tolist() == [0.0]
+
+
+def test_what_is_no_rating_is_refused(result):
+    with pytest.raises(InputError, match="rating is -1, expected one of the run's scale: magnitude estimates, above 0"):
+        result.target(-1.0)
