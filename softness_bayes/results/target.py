@@ -34,7 +34,7 @@ BRANCHES = {True: "rises", False: "falls"}
 
 
 class Cloth(NamedTuple):
-    """What is given of the wished fabric."""
+    """Given properties of the wished fabric."""
 
     tensile_modulus: float | None = None
     """E_ten [Pa], if the thickness is asked for."""
@@ -91,7 +91,7 @@ class Solutions(NamedTuple):
 
     @property
     def reachable(self) -> NDArray[np.bool_]:
-        """Whether a draw has a solution, shape (draws,)."""
+        """Draws that have a solution, true or false, shape (draws,)."""
         none = np.zeros(self.least.size, bool)
         return np.any([none, *(np.isfinite(found) for found in self.modulus.values())], axis=0)
 
