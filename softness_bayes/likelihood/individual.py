@@ -20,26 +20,15 @@ from softness_bayes.errors import InputError
 from softness_bayes.likelihood.contract import Effects
 from softness_bayes.likelihood.design import Design
 from softness_bayes.likelihood.magnitude import LogRatings, RatingModel
+from softness_bayes.likelihood.mu_nodes import RaterLaw, about_mu, at_nodes, log_prior, log_sum
 from softness_bayes.likelihood.pieces import in_pieces
 from softness_bayes.likelihood.ratings import RatingParameters
 from softness_bayes.touch.finger_grid import EFFECT_OF, SPREAD_OF, FingerGrid
 
 FloatArray = NDArray[np.float64]
 
-MU_REACH, MU_STEP = 7.5, 0.8
-"""Extent of the nodes of mu to either side of its mean, in its standard deviations, and their largest distance in its
-standard deviations given the fingers."""
-
-FEW_RATERS = 20.0
-"""Further extent, divided by the number of raters: the product of few densities that are not normal, or from which a
-row is left out, may lie elsewhere."""
-
-MOST_MU_STEPS = 64
-"""Largest number of nodes of mu to either side of its mean."""
-
 _LOG_TWO_PI = math.log(2.0 * math.pi)
 _LEAST_VARIANCE = 1e-100
-_LARGEST_STEP = 80.0  # in the logarithm of a term from one node of mu to the next; such terms vanish at the centre
 
 
 class IndividualEffects(NamedTuple):
@@ -143,18 +132,6 @@ class IndividualModel(RatingModel):
         return IndividualRatings(ratings, design, self)
 
 
-class _Law(NamedTuple):
-    """Raters' densities given the nodes of mu; raters without ratings are left out."""
-
-    log_term: FloatArray  # of each finger, without mu and constants, (..., fingers, raters)
-    gap: FloatArray  # mean log rating less the finger's mean drive, about the prior mean of mu, same shape
-    variance: FloatArray  # of that gap, (..., raters)
-    constant: FloatArray  # of each rater's log density, (..., raters)
-    centre: FloatArray  # mean of mu, (...)
-    step: FloatArray  # distance of its nodes, (...)
-    steps: int = 0  # nodes to either side of the mean
-
-
 class IndividualRatings(LogRatings):
     """Positive ratings under an `IndividualModel`, with mu, raters' scales and raters' fingers integrated out.
 
@@ -200,8 +177,7 @@ class IndividualRatings(LogRatings):
     def log_likelihood(self, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
         """Log density of all ratings together, shape (...); arguments as `LogRatings.log_likelihood`."""
         law = self._law(mean_rate, parameters)
-        log_raters = self._at_nodes(law)
-        found = _log_sum(self._log_prior(law) + log_raters.sum(axis=-1), axis=-1) + law.constant.sum(axis=-1)
+        found = log_sum(self._at_mu(law), axis=-1) + law.constant.sum(axis=-1)
         return np.asarray(found - self._log.sum())
 
     def log_likelihood_participants(self, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
@@ -210,12 +186,12 @@ class IndividualRatings(LogRatings):
         def alone(mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
             law = self._law(mean_rate, parameters)
             found = np.zeros((*law.centre.shape, self.design.n_participants))
-            everyone = _log_sum(self._log_prior(law) + self._at_nodes(law).sum(axis=-1), axis=-1)
+            everyone = log_sum(self._at_mu(law), axis=-1)
             for k, rater in enumerate(self._raters):
                 # the others' own nodes: without this rater mu may lie elsewhere
                 term, gap, variance, constant = (np.delete(part, k, axis=-1) for part in law[:4])
-                rest = self._about_mu(_Law(term, gap, variance, constant, law.centre, law.step))
-                others = _log_sum(self._log_prior(rest) + self._at_nodes(rest).sum(axis=-1), axis=-1)
+                rest = self._placed(RaterLaw(term, gap, variance, constant, law.centre, law.step))
+                others = log_sum(self._at_mu(rest), axis=-1)
                 found[..., rater] = everyone + law.constant[..., k] - others
             return found - np.bincount(self.design.participant, self._log, self.design.n_participants)
 
@@ -227,9 +203,9 @@ class IndividualRatings(LogRatings):
         def alone(mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
             total, density = [], []
             for weight, score, sd in self._left_out(mean_rate, parameters):
-                total.append(_log_sum(weight, axis=-2))
-                density.append(_log_sum(weight - 0.5 * score**2, axis=-2) - np.log(sd))
-            ratio = _log_sum(np.array(density), axis=0) - _log_sum(np.array(total), axis=0)
+                total.append(log_sum(weight, axis=-2))
+                density.append(log_sum(weight - 0.5 * score**2, axis=-2) - np.log(sd))
+            ratio = log_sum(np.array(density), axis=0) - log_sum(np.array(total), axis=0)
             return ratio - 0.5 * _LOG_TWO_PI - self._log
 
         return in_pieces(alone, self._loo_width, mean_rate, parameters)
@@ -256,7 +232,7 @@ class IndividualRatings(LogRatings):
         """
         law = self._law(mean_rate, parameters)
         shape, people = law.centre.shape, self.design.n_participants
-        node = _draw(rng, self._log_prior(law) + self._at_nodes(law).sum(axis=-1))
+        node = _draw(rng, self._at_mu(law))
         mu = law.centre + (node - law.steps) * law.step
         term = law.log_term - 0.5 * (law.gap - mu[..., None, None]) ** 2 / law.variance[..., None, :]
         own = _draw(rng, np.swapaxes(term, -1, -2))
@@ -294,7 +270,7 @@ class IndividualRatings(LogRatings):
         drive = self.drive(mean_rate, parameters)[..., width:]
         return drive.reshape(*drive.shape[:-1], -1, width)
 
-    def _law(self, mean_rate: FloatArray, parameters: RatingParameters) -> _Law:
+    def _law(self, mean_rate: FloatArray, parameters: RatingParameters) -> RaterLaw:
         drive = self._drives(mean_rate, parameters)
         row = np.maximum(np.asarray(parameters.varsigma, float) ** 2, _LEAST_VARIANCE)[..., None]
         tau = np.asarray(parameters.tau, float)[..., None] ** 2
@@ -306,53 +282,17 @@ class IndividualRatings(LogRatings):
         constant = -0.5 * (self._rows * _LOG_TWO_PI + determinant)
         shape = drive.shape[:-2]
         variance, constant = (np.broadcast_to(v, (*shape, self._rows.size)) for v in (variance, constant))
-        return self._about_mu(_Law(log_term, self._means - mean, variance, constant, np.zeros(shape), np.zeros(shape)))
+        return self._placed(
+            RaterLaw(log_term, self._means - mean, variance, constant, np.zeros(shape), np.zeros(shape))
+        )
 
-    def _about_mu(self, law: _Law) -> _Law:
-        """Return the law with nodes of mu, taking each rater's density of mu as normal to place them."""
-        prior = np.full(law.centre.shape, self.model.spread**-2)
-        share = np.exp(law.log_term - law.log_term.max(axis=-2, keepdims=True))
-        share /= share.sum(axis=-2, keepdims=True)
-        mean = (share * law.gap).sum(axis=-2)
-        variance = law.variance + (share * (law.gap - mean[..., None, :]) ** 2).sum(axis=-2)
-        precision = prior + (1.0 / variance).sum(axis=-1)
-        narrow = prior + (1.0 / law.variance).sum(axis=-1)
-        ratio = float(np.sqrt(narrow / precision).max(initial=1.0))
-        reach = MU_REACH + FEW_RATERS / max(self._rows.size, 1)
-        steps = min(int(np.ceil(ratio * reach / MU_STEP)), MOST_MU_STEPS)
-        step = reach / steps * precision**-0.5
-        return law._replace(centre=(mean / variance).sum(axis=-1) / precision, step=step, steps=steps)
+    def _placed(self, law: RaterLaw) -> RaterLaw:
+        """Return the law with nodes of mu."""
+        return about_mu(law, self.model.spread, self._rows.size)
 
-    def _log_prior(self, law: _Law) -> FloatArray:
-        """Return log of (prior density of mu times the distance of nodes) at the nodes, shape (..., nodes)."""
-        step = law.step[..., None]
-        mu = law.centre[..., None] + np.arange(-law.steps, law.steps + 1) * step
-        spread = self.model.spread
-        return -0.5 * (mu / spread) ** 2 - math.log(spread) - 0.5 * _LOG_TWO_PI + np.log(step)
-
-    def _at_nodes(self, law: _Law) -> FloatArray:
-        """Return each rater's log density at the nodes of mu without its constant, shape (..., nodes, raters).
-
-        The term of a finger is exp of a quadratic in mu: from one node to the next it changes by a factor of its own,
-        times one that all fingers share.
-        """
-        gap = law.gap - law.centre[..., None, None]
-        inverse = 1.0 / law.variance[..., None, :]
-        exponent = law.log_term - 0.5 * gap * gap * inverse
-        largest = exponent.max(axis=-2, keepdims=True)
-        middle = np.exp(exponent - largest)
-        step = law.step[..., None, None]
-        change = np.clip(gap * (step * inverse), -_LARGEST_STEP, _LARGEST_STEP)
-        sums = np.empty((*law.centre.shape, 2 * law.steps + 1, law.variance.shape[-1]))
-        sums[..., law.steps, :] = middle.sum(axis=-2)
-        for side in (-1, 1):
-            factor, term = np.exp(side * change), middle.copy()
-            for k in range(1, law.steps + 1):
-                term *= factor
-                sums[..., law.steps + side * k, :] = term.sum(axis=-2)
-        shared = -0.5 * (np.arange(-law.steps, law.steps + 1)[:, None] * step) ** 2 * inverse
-        with np.errstate(divide="ignore"):
-            return np.log(sums) + shared + largest
+    def _at_mu(self, law: RaterLaw) -> FloatArray:
+        """Return log of (density of mu and of all ratings, times the distance of nodes) at the nodes of mu."""
+        return log_prior(law, self.model.spread) + at_nodes(law).sum(axis=-1)
 
     def _left_out(
         self, mean_rate: FloatArray, parameters: RatingParameters
@@ -367,8 +307,8 @@ class IndividualRatings(LogRatings):
         drive = self._drives(mean_rate, parameters)
         row = np.maximum(np.asarray(parameters.varsigma, float) ** 2, _LEAST_VARIANCE)[..., None]
         tau = np.asarray(parameters.tau, float)[..., None] ** 2
-        log_raters = self._at_nodes(law)
-        joint = self._log_prior(law) + log_raters.sum(axis=-1)
+        log_raters = at_nodes(law)
+        joint = log_prior(law, self.model.spread) + log_raters.sum(axis=-1)
         rest = joint[..., None] - log_raters[..., at]  # of the other raters, (..., nodes, rows)
         rows = self._rows[at]
         left = np.maximum(rows - 1.0, 1.0)
@@ -405,11 +345,3 @@ def _draw(rng: np.random.Generator, log_weight: FloatArray) -> NDArray[np.intp]:
     cumulative = np.cumsum(weight, axis=-1)
     at = rng.random(log_weight.shape[:-1])[..., None] * cumulative[..., -1:]
     return np.minimum((cumulative <= at).sum(axis=-1), log_weight.shape[-1] - 1)
-
-
-def _log_sum(values: FloatArray, axis: int) -> FloatArray:
-    largest = values.max(axis=axis, keepdims=True)
-    largest = np.where(np.isfinite(largest), largest, 0.0)
-    with np.errstate(divide="ignore"):
-        found = np.log(np.exp(values - largest).sum(axis=axis))
-    return np.asarray(found + np.squeeze(largest, axis=axis))

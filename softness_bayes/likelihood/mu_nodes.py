@@ -1,0 +1,111 @@
+"""Densities of raters at nodes of the mean log rating that they share.
+
+Given mu raters are independent. Each rater's density is a sum over fingers of exponentials of quadratics in mu; their
+product is integrated over mu by the trapezoidal rule.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+
+MU_REACH, MU_STEP = 7.5, 0.8
+"""Extent of the nodes of mu to either side of its mean, in its standard deviations, and their largest distance in its
+standard deviations given the fingers."""
+
+FEW_RATERS = 20.0
+"""Further extent, divided by the number of raters: the product of few densities that are not normal, or from which a
+row is left out, may lie elsewhere."""
+
+MOST_MU_STEPS = 64
+"""Largest number of nodes of mu to either side of its mean."""
+
+_LOG_TWO_PI = math.log(2.0 * math.pi)
+_LARGEST_STEP = 80.0  # in the logarithm of a term from one node of mu to the next; such terms vanish at the centre
+
+
+class RaterLaw(NamedTuple):
+    """Raters' densities given the nodes of mu; raters without ratings are left out."""
+
+    log_term: FloatArray  # of each finger, without mu and constants, (..., fingers, raters)
+    gap: FloatArray  # mean log rating less the finger's mean drive, about the prior mean of mu, same shape
+    variance: FloatArray  # of that gap, (..., raters)
+    constant: FloatArray  # of each rater's log density, (..., raters)
+    centre: FloatArray  # mean of mu, (...)
+    step: FloatArray  # distance of its nodes, (...)
+    steps: int = 0  # nodes to either side of the mean
+
+
+def about_mu(law: RaterLaw, spread: float, raters: int) -> RaterLaw:
+    """Return the law with nodes of mu, taking each rater's density of mu as normal to place them.
+
+    Parameters
+    ----------
+    law
+        The raters' densities.
+    spread
+        Prior standard deviation of mu.
+    raters
+        Number of raters of the whole table, also where the law leaves one out.
+    """
+    prior = np.full(law.centre.shape, spread**-2)
+    share = np.exp(law.log_term - law.log_term.max(axis=-2, keepdims=True))
+    share /= share.sum(axis=-2, keepdims=True)
+    mean = (share * law.gap).sum(axis=-2)
+    variance = law.variance + (share * (law.gap - mean[..., None, :]) ** 2).sum(axis=-2)
+    precision = prior + (1.0 / variance).sum(axis=-1)
+    narrow = prior + (1.0 / law.variance).sum(axis=-1)
+    ratio = float(np.sqrt(narrow / precision).max(initial=1.0))
+    reach = MU_REACH + FEW_RATERS / max(raters, 1)
+    steps = min(int(np.ceil(ratio * reach / MU_STEP)), MOST_MU_STEPS)
+    step = reach / steps * precision**-0.5
+    return law._replace(centre=(mean / variance).sum(axis=-1) / precision, step=step, steps=steps)
+
+
+def log_prior(law: RaterLaw, spread: float) -> FloatArray:
+    """Return log of (prior density of mu times the distance of nodes) at the nodes, shape (..., nodes).
+
+    The prior is centred and normal, of the given standard deviation.
+    """
+    step = law.step[..., None]
+    mu = law.centre[..., None] + np.arange(-law.steps, law.steps + 1) * step
+    return -0.5 * (mu / spread) ** 2 - math.log(spread) - 0.5 * _LOG_TWO_PI + np.log(step)
+
+
+def at_nodes(law: RaterLaw) -> FloatArray:
+    """Return each rater's log density at the nodes of mu without its constant, shape (..., nodes, raters).
+
+    The term of a finger is exp of a quadratic in mu: from one node to the next it changes by a factor of its own,
+    times one that all fingers share.
+    """
+    gap = law.gap - law.centre[..., None, None]
+    inverse = 1.0 / law.variance[..., None, :]
+    exponent = law.log_term - 0.5 * gap * gap * inverse
+    largest = exponent.max(axis=-2, keepdims=True)
+    middle = np.exp(exponent - largest)
+    step = law.step[..., None, None]
+    change = np.clip(gap * (step * inverse), -_LARGEST_STEP, _LARGEST_STEP)
+    sums = np.empty((*law.centre.shape, 2 * law.steps + 1, law.variance.shape[-1]))
+    sums[..., law.steps, :] = middle.sum(axis=-2)
+    for side in (-1, 1):
+        factor, term = np.exp(side * change), middle.copy()
+        for k in range(1, law.steps + 1):
+            term *= factor
+            sums[..., law.steps + side * k, :] = term.sum(axis=-2)
+    shared = -0.5 * (np.arange(-law.steps, law.steps + 1)[:, None] * step) ** 2 * inverse
+    with np.errstate(divide="ignore"):
+        return np.log(sums) + shared + largest
+
+
+def log_sum(values: FloatArray, axis: int) -> FloatArray:
+    """Return the log of the sum of exponentials along an axis."""
+    largest = values.max(axis=axis, keepdims=True)
+    largest = np.where(np.isfinite(largest), largest, 0.0)
+    with np.errstate(divide="ignore"):
+        found = np.log(np.exp(values - largest).sum(axis=axis))
+    return np.asarray(found + np.squeeze(largest, axis=axis))
