@@ -90,7 +90,7 @@ def command(
     with reading(directory) as (result,):
         if not result.has_ratings:
             raise InputError(f"{directory}: a run without ratings, which predicts none")
-        found = result.target(rating, loads or None, cloth, DRAWS, seed)
+        found = result.target(rating, loads or None, *cloth, draws=DRAWS, seed=seed)
     table = found.table
     text = csv_of(table, index=False)
     if out is None:

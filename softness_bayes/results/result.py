@@ -43,7 +43,7 @@ if TYPE_CHECKING:
     from softness_bayes.data import Fabrics
     from softness_bayes.plotting.plots import Plots
     from softness_bayes.results.ranking import Ranking
-    from softness_bayes.results.target import Cloth, Target
+    from softness_bayes.results.target import Target
 
 Array = NDArray[np.float64]
 
@@ -284,7 +284,9 @@ class Result:
         self,
         rating: float,
         loads: Sequence[Load] | None = None,
-        cloth: Cloth | None = None,
+        tensile_modulus: float | None = None,
+        thickness: float | None = None,
+        poisson_ratio: float | None = None,
         draws: int = 400,
         seed: int = 0,
     ) -> Target:
@@ -296,19 +298,28 @@ class Result:
             Rating of the typical rater, as the data have it.
         loads, draws, seed
             As `predict` has them.
-        cloth
-            What is given of the fabric: a tensile modulus, for which the thickness is found, or the other way round.
+        tensile_modulus
+            E_ten of the fabric [Pa], for which its thickness is found too.
+        thickness
+            h of the fabric [m], for which its tensile modulus is found too.
+        poisson_ratio
+            nu_fab of the fabric [-]; by default the median of those rated.
 
         Returns
         -------
         Target
             The effective moduli that give the rating, draw by draw, and their `table`.
+
+        Raises
+        ------
+        InputError
+            If the rating is not one of the run's scale, or a property is out of range.
         """
-        from softness_bayes.results.target import ANY, target
+        from softness_bayes.results.target import Cloth, target
 
         self._require_ratings()
         pressed = self.loads if loads is None else tuple(loads)
-        return target(self, rating, pressed, ANY if cloth is None else cloth, draws, seed)
+        return target(self, rating, pressed, Cloth(tensile_modulus, thickness, poisson_ratio), draws, seed)
 
     @property
     def fabrics(self) -> Fabrics:

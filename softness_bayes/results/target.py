@@ -71,10 +71,6 @@ class Cloth(NamedTuple):
         return None
 
 
-ANY = Cloth()
-"""A fabric of which nothing is given."""
-
-
 class Solutions(NamedTuple):
     """The moduli that give a rating under one load, draw by draw."""
 
@@ -165,7 +161,7 @@ class Target:
 
 
 def target(
-    result: Stored, rating: float, loads: tuple[Load, ...], cloth: Cloth = ANY, draws: int = 400, seed: int = 0
+    result: Stored, rating: float, loads: tuple[Load, ...], cloth: Cloth, draws: int = 400, seed: int = 0
 ) -> Target:
     """Find the fabrics of a wished rating of the typical rater, under each of some loads.
 

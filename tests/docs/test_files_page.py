@@ -31,7 +31,6 @@ from softness_bayes.parameters.priors import HalfNormal
 from softness_bayes.plotting.figures import FIGURES
 from softness_bayes.results.result import Result
 from softness_bayes.results.result_file import SCHEMA
-from softness_bayes.results.target import Cloth
 from softness_bayes.runs import calibrate
 from softness_bayes.runs.comparison import compare
 from softness_bayes.runs.run import sample
@@ -337,8 +336,8 @@ def test_targets(everything):
     named = columns_of("`target`, one row per load and solution")
     found = set()
     with quickly():
-        for cloth in (Cloth(tensile_modulus=5e6), Cloth(thickness=1e-3)):
-            found |= {*everything.result.target(20.0, cloth=cloth, draws=8).table.columns}
+        for given in ({"tensile_modulus": 5e6}, {"thickness": 1e-3}):
+            found |= {*everything.result.target(20.0, **given, draws=8).table.columns}
     limited = named[named.index("e_fab_kpa") : -1]
     ends = ("_low", "_high", "_low_50", "_high_50")
     assert found == {*named} | {f"{name}{end}" for name in limited for end in ends}

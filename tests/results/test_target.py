@@ -107,7 +107,7 @@ def test_thickness_and_tensile_modulus_make_the_modulus(reading):
 
 def test_the_table_has_what_is_asked_for(result, wished, found):
     with quickly():
-        thick = result.target(wished, cloth=Cloth(tensile_modulus=4e6, poisson_ratio=0.1), draws=80)
+        thick = result.target(wished, tensile_modulus=4e6, poisson_ratio=0.1, draws=80)
     drawn = [values[np.isfinite(values)] for one in thick.loads for values in one.modulus.values()]
     thickness = np.sort([np.median(np.cbrt(12 * (1 - 0.1) * values * 1e-9 / 4e6)) for values in drawn]) * 1e3
     assert_allclose(np.sort(thick.table["thickness_mm"]), thickness, rtol=1e-9)
