@@ -14,11 +14,12 @@ from hypothesis.extra import numpy as hnp
 from scipy import integrate
 
 from softness_bayes.data import Fabrics, Ratings, write_fabrics, write_ratings
+from softness_bayes.data.columns import BEARABLE, FINGERTIP
 from softness_bayes.likelihood.design import Design
 from softness_bayes.likelihood.directions import INVERSE, SOFTNESS
 from softness_bayes.likelihood.magnitude import LogRatings, RatingModel, RatingParameters
 from softness_bayes.parameters.priors import HalfNormal, LogNormal, Normal, Uniform
-from softness_bayes.touch.contact import FORCES, INDENTATIONS, Force, Indentation
+from softness_bayes.touch.contact import Force, Indentation
 from softness_bayes.touch.parameters import TouchParameters
 from softness_bayes.touch.readings import Readings
 from softness_bayes.touch.scene import Discretisation, Scene
@@ -301,7 +302,7 @@ NAMES = (
     .filter(bool)
 )
 POSITIVE = st.floats(min_value=0.0, exclude_min=True, allow_infinity=False)
-DEPTHS, NEWTONS = (st.floats(among.low, among.high) for among in (INDENTATIONS, FORCES))
+DEPTHS, NEWTONS = (st.floats(among.low, among.high) for among in (FINGERTIP, BEARABLE))
 FINITE = st.floats(allow_nan=False, allow_infinity=False)
 
 

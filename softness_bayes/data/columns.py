@@ -32,6 +32,8 @@ class Column:
         multiplying, so that a value written and read again keeps every bit.
     range
         Allowed values [SI].
+    reason
+        Why there are no larger ones.
     """
 
     name: str
@@ -39,6 +41,7 @@ class Column:
     unit: str
     power: int = 0
     range: Range = ANY
+    reason: str = ""
 
     @property
     def factor(self) -> float:
@@ -57,9 +60,9 @@ class Column:
 
     def expected(self, unit: Unit | None = None) -> str:
         """Return the allowed values in words, in the column's unit or another one."""
-        if unit is None:
-            return str(self.range.within(10.0**-self.power))
-        return str(self.range.within(1.0 / float(unit.factor), unit.name))
+        own = Unit("", Decimal(1).scaleb(self.power)) if unit is None else unit
+        allowed = str(self.range.within(1.0 / float(own.factor), own.name))
+        return f"{allowed} ({self.reason})" if self.reason else allowed
 
     def holds(self, value: float) -> bool:
         """Return whether `value` [SI] is allowed in the column."""
@@ -104,8 +107,15 @@ class Column:
 _POSITIVE = Range(0.0, above=True)
 _NOT_NEGATIVE = Range(0.0)
 
-INDENTATION = Column("indentation_mm", "indentation", "mm", power=-3, range=INDENTATIONS)
-FORCE = Column("force_n", "force", "N", range=FORCES)
+FINGERTIP = Range(INDENTATIONS.low, 8e-3, "m")
+"""Indentations of a fingertip, whose radius is 8 mm."""
+BEARABLE = Range(FORCES.low, 1e2, "N")
+"""Forces that a finger bears."""
+
+INDENTATION = Column(
+    "indentation_mm", "indentation", "mm", power=-3, range=FINGERTIP, reason="a fingertip's radius is 8 mm"
+)
+FORCE = Column("force_n", "force", "N", range=BEARABLE, reason="a finger bears no more")
 LOAD_CV = Column("load_cv", "relative error of the load", "", range=LOAD_ERRORS)
 RATING = Column("rating", "rating", "")
 RANK = Column("rank", "rank", "", range=_POSITIVE)

@@ -29,6 +29,7 @@ from softness_bayes.data.columns import (
 )
 from softness_bayes.data.headers import FABRICS
 from softness_bayes.data.names import alike_notes, listing, natural
+from softness_bayes.data.plausible import CLOTH, cloth_notes
 from softness_bayes.data.tables import FloatArray, Table, check_renames, read_only, read_table
 from softness_bayes.data.workbooks import TableSource
 from softness_bayes.errors import InputError, quoted
@@ -297,7 +298,18 @@ class Fabrics:
         )
         if unknown := [name for name, basis in zip(found.names, found.basis, strict=True) if not basis]:
             notes.append(f"{table.label}: fabrics of unknown modulus: {listing(unknown)}")
+        notes += [f"{table.label}: {note}" for note in found._implausible()]
         return replace(found, notes=tuple(notes))
+
+    def _implausible(self) -> list[str]:
+        """Return notes on values that look wrong for cloth."""
+        try:
+            modulus = self.modulus(unknown=1.0)
+        except InputError:
+            return []  # a modulus beyond floating point is refused where it is used
+        known = np.array([bool(basis) for basis in self.basis])
+        measured = {name: getattr(self, name) for name in CLOTH}
+        return cloth_notes(self.names, measured, np.where(known, modulus, np.nan), self.basis)
 
 
 def log_sd(cv: FloatArray) -> FloatArray:

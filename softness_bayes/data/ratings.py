@@ -14,6 +14,7 @@ from softness_bayes.data.columns import FORCE, INDENTATION, LOAD_CV, RATING, Col
 from softness_bayes.data.fabrics import Fabrics, log_sd
 from softness_bayes.data.headers import LOADED, RATED
 from softness_bayes.data.names import alike_notes, guess, natural
+from softness_bayes.data.plausible import missing_codes
 from softness_bayes.data.tables import (
     FloatArray,
     IntArray,
@@ -230,6 +231,13 @@ class Ratings:
         """Return the ratings of a table, without those of 0 if asked for; other arguments as of `read`."""
         table.require(RATING.name)
         filed = table.numbers(RATING)
+        for i in missing_codes(table.cells[RATING.name], filed):
+            raise table.error(
+                i,
+                RATING.name,
+                f"{table.cells[RATING.name][i]} looks like a code for a missing rating, since no other one is near it; "
+                "leave the cell of a missing rating empty, or write a rating with decimals, as 999.0",
+            )
         kept = ~np.isnan(filed)
         zeros = int((filed == 0).sum()) if drop_zeros else 0
         rated = np.flatnonzero(kept & (filed != 0) if drop_zeros else kept)
@@ -242,6 +250,8 @@ class Ratings:
             notes.append(f"{zeros} ratings of 0 are left out, which favours what is rated higher")
         table = table.take(rated)
         wrong = np.flatnonzero(filed[rated] <= 0)
+        if rated.size > 2 and np.ptp(filed[rated]) == 0:
+            notes.append(f"looks wrong: all {rated.size} ratings are {filed[rated[0]]:g}, so they tell nothing")
         if "participant" in table:
             by = table.labels("participant")
         else:

@@ -167,7 +167,8 @@ def test_check_names_the_place_of_a_fault(files):
     assert done.returncode == 2
     assert done.stdout == ""
     assert done.stderr == (
-        f"error: {ratings}: row 3, column 'indentation_mm': expected a number from 1e-06 to 100, got 'one'\n"
+        f"error: {ratings}: row 3, column 'indentation_mm': expected a number from 1e-06 to 8 "
+        "(a fingertip's radius is 8 mm), got 'one'\n"
     )
 
 

@@ -282,9 +282,24 @@ RATING_FAULTS = [
         '"1,5"',
         "got '1,5'; if commas are decimal marks, add --decimal , and if they group thousands, --decimal .",
     ),
-    (3, "2.5", "0", "column 'indentation_mm': expected a number from 1e-06 to 100, got '0'"),
-    (3, "2.5", "-1", "column 'indentation_mm': expected a number from 1e-06 to 100, got '-1'"),
-    (3, "2.5", "1e-330", "column 'indentation_mm': expected a number from 1e-06 to 100, got '1e-330'"),
+    (
+        3,
+        "2.5",
+        "0",
+        "column 'indentation_mm': expected a number from 1e-06 to 8 (a fingertip's radius is 8 mm), got '0'",
+    ),
+    (
+        3,
+        "2.5",
+        "-1",
+        "column 'indentation_mm': expected a number from 1e-06 to 8 (a fingertip's radius is 8 mm), got '-1'",
+    ),
+    (
+        3,
+        "2.5",
+        "1e-330",
+        "column 'indentation_mm': expected a number from 1e-06 to 8 (a fingertip's radius is 8 mm), got '1e-330'",
+    ),
     (3, "2.5", "", "column 'indentation_mm': expected a load, got ''"),
     (3, "voile", "", "column 'fabric': expected a name, got ''"),
     (4, "P2", " ", "column 'participant': expected a name, got ''"),
@@ -371,7 +386,9 @@ def test_without_a_load_the_options_are_named(file):
         assert "--indentation-mm" in message
         assert "--force-n" in message
     assert "this one has 'indentation_mm'" in refusal(Ratings.read, file(RATINGS), force_n=1.0)
-    assert "force_n: expected a number from 1e-09 to 1000, got '-1.0'" in refusal(Ratings.read, path, force_n=-1)
+    assert "force_n: expected a number from 1e-09 to 100 (a finger bears no more), got '-1.0'" in refusal(
+        Ratings.read, path, force_n=-1
+    )
 
 
 @pytest.mark.parametrize("cells", ["1,2", ","])
@@ -510,7 +527,9 @@ def test_names_are_ordered_as_numbers_are_counted(file):
 
 def test_loads_are_distinct_and_ordered():
     assert loads_of([2, 0.7, 2], [0.5]) == (Indentation(0.0007), Indentation(0.002), Force(0.5))
-    assert "indentation_mm: expected a number from 1e-06 to 100, got 'nan'" in refusal(loads_of, [math.nan])
+    assert "indentation_mm: expected a number from 1e-06 to 8 (a fingertip's radius is 8 mm), got 'nan'" in refusal(
+        loads_of, [math.nan]
+    )
 
 
 @pytest.mark.parametrize("column", NUMBERS.values(), ids=str)

@@ -113,7 +113,9 @@ def test_percentages_of_errors_are_converted(file):
 
 
 def test_values_beyond_the_range_are_named_in_the_unit_of_the_file(file):
-    with pytest.raises(InputError, match=r"row 2, column 'depth_um': expected a number from .* µm, got '0'"):
+    with pytest.raises(
+        InputError, match=r"row 2, column 'depth_um': expected a number from 0.001 to 8000 µm \(.*\), got '0'"
+    ):
         ratings(file, "depth_um", "0")
 
 

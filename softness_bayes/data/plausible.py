@@ -1,0 +1,97 @@
+"""Values that can be written but hardly measured: what looks wrong in ratings and in fabrics."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from softness_bayes.data.columns import (
+    BENDING_RIGIDITY,
+    EFFECTIVE_MODULUS,
+    EFFECTIVE_MODULUS_LOW,
+    TENSILE_MODULUS,
+    THICKNESS,
+    Column,
+)
+from softness_bayes.data.names import listing
+from softness_bayes.data.tables import FloatArray
+from softness_bayes.ranges import Range
+
+CLOTH = {
+    "tensile_modulus": (TENSILE_MODULUS, Range(1e4, 2e9), "in kPa or Pa"),
+    "thickness": (THICKNESS, Range(2e-5, 2.5e-2), "in µm or m"),
+}
+"""Property of fabrics -> its column, values that cloth has [SI], and what may be wrong beyond."""
+MODULI = Range(1e1, 3e7)
+"""E_fab of cloth [Pa]: 618 measured fabrics have 0.3 to 300 kPa, stiff ones of the paper's kind some thousand."""
+USUAL_MODULI = Range(1e2, 5e6)
+"""Median E_fab of a set of fabrics [Pa]."""
+MISSING_CODES = frozenset({"99", "999", "9999", "99999", "-9", "-99", "-999", "-9999", "-99999"})
+"""Numbers that stand for a missing rating in many laboratories."""
+
+_UNITS = {
+    EFFECTIVE_MODULUS.name: "in Pa or MPa",
+    EFFECTIVE_MODULUS_LOW.name: "in Pa or MPa",
+    BENDING_RIGIDITY.name: "in gf·cm²/cm or µN·m",
+    TENSILE_MODULUS.name: "in other units than MPa and mm",
+}
+
+
+def cloth_notes(
+    names: Sequence[str], properties: Mapping[str, FloatArray], modulus: FloatArray, basis: Sequence[str]
+) -> list[str]:
+    """Return notes on properties that no cloth has, and on moduli far from those of any.
+
+    Parameters
+    ----------
+    names
+        The fabrics.
+    properties
+        Measured properties [SI], by their names in `CLOTH`; NaN where missing.
+    modulus
+        E_fab [Pa], NaN where it is unknown.
+    basis
+        The column that each modulus is from.
+    """
+    notes = []
+    for name, (column, usual, remedy) in CLOTH.items():
+        if note := _beyond(names, properties[name], column.name, column, usual):
+            notes.append(f"{note}: is {column.name} {remedy}?")
+    source = next(column for column in basis if column)
+    wrong = f"is {source} {_UNITS[source]}, or a unit a thousand times off?"
+    if note := _beyond(names, modulus, "E_fab", EFFECTIVE_MODULUS, MODULI):
+        notes.append(f"{note}: {wrong}")
+    elif not USUAL_MODULI.holds(median := float(np.exp(np.nanmedian(np.log(modulus))))):
+        expected = USUAL_MODULI.within(1 / EFFECTIVE_MODULUS.factor, EFFECTIVE_MODULUS.unit)
+        notes.append(f"looks wrong: the fabrics' median E_fab is {median / 1e3:.3g} kPa, expected {expected}: {wrong}")
+    return notes
+
+
+def _beyond(names: Sequence[str], values: FloatArray, what: str, column: Column, usual: Range) -> str:
+    """Return a note on the values that lie beyond the usual ones, empty if there are none."""
+    strange = [i for i, value in enumerate(values) if not np.isnan(value) and not usual.holds(value)]
+    if not strange:
+        return ""
+    shown = [f"{names[i]} {float(values[i]) / column.factor:.3g}" for i in strange]
+    expected = usual.within(1 / column.factor, column.unit)
+    return f"looks wrong: {what} of {len(strange)} of {len(names)} fabrics ({listing(shown, 3)}), expected {expected}"
+
+
+def missing_codes(texts: Sequence[str], values: FloatArray) -> list[int]:
+    """Return the ratings that are codes for missing ones, such as 999 or -99.
+
+    A code is ten times as far from 0 as every other rating, or the only negative number beside positive ones.
+
+    Parameters
+    ----------
+    texts, values
+        The ratings as written, and as numbers, NaN where there is none.
+    """
+    codes = [i for i, text in enumerate(texts) if text in MISSING_CODES and not np.isnan(values[i])]
+    others = np.delete(values, codes)
+    others = others[~np.isnan(others)]
+    if not others.size:
+        return []
+    largest = np.abs(others).max()
+    return [i for i in codes if abs(values[i]) >= 10.0 * largest or (values[i] < 0 <= others.min())]
