@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
+
+import numpy as np
 
 from softness_bayes.data.columns import (
     FORCE,
@@ -22,15 +24,17 @@ from softness_bayes.data.columns import (
 )
 from softness_bayes.data.compression import Compression
 from softness_bayes.data.fabrics import USUAL_POISSON_RATIO, Fabrics
-from softness_bayes.data.headers import FABRICS, LOADED, PRESSED, RATED, together
+from softness_bayes.data.faults import TableError, together
+from softness_bayes.data.headers import FABRICS, LOADED, PRESSED, RATED, either
 from softness_bayes.data.names import listing
 from softness_bayes.data.ratings import LOAD_COLUMNS, Conditions, LoadColumn, Ratings, loads_of
 from softness_bayes.data.tables import Table, check_renames, read_table
 from softness_bayes.data.wide import Form
 from softness_bayes.data.workbooks import TableSource, has_sheet
-from softness_bayes.errors import InputError
 from softness_bayes.files.outputs import write_outputs
 from softness_bayes.files.spreadsheet import escaped
+
+Read = TypeVar("Read")
 
 __all__ = [
     "LABELS",
@@ -117,7 +121,7 @@ def read_experiment(
     columns = columns or {}
     elsewhere = _elsewhere(ratings_path, fabrics_path, columns)
     sought = RATED if indentation_mm is force_n is None else LOADED
-    sought = together(sought, FABRICS) if elsewhere is None else sought
+    sought = either(sought, FABRICS) if elsewhere is None else sought
     known = None if elsewhere is None else partial(_names, elsewhere.source, columns, decimal)
     table = read_table(ratings_path, sought, columns, decimal, Form(wide, known) if known else Form(wide))
     notes: list[str] = []
@@ -127,16 +131,22 @@ def read_experiment(
         unused = f"{table.label}: {listing(own)} not used, the fabrics are those of {fabric_table.place}"
         notes += [unused] if own else elsewhere.notes(fabric_table)
     elif not own:
-        raise InputError(
-            f"{table.place}: the fabrics have no properties: name their table with --fabrics, put a "
+        table.faults.add_general(
+            "the fabrics have no properties: name their table with --fabrics, put a "
             f"{FABRICS_BESIDE} beside the ratings, or give these a column of "
             f"{', '.join(column.name for column in MODULUS_SOURCES)} (the last with {THICKNESS.name})"
         )
     plate_table = None if compression_path is None else read_table(compression_path, PRESSED, columns, decimal)
     check_renames(columns, table, fabric_table, *([] if plate_table is None else [plate_table]))
-    compression = None if plate_table is None else Compression.from_table(plate_table)
-    fabrics = Fabrics.from_table(fabric_table, repeated=fabric_table is table)
-    ratings = Ratings.from_table(table, fabrics, indentation_mm, force_n, drop_zeros)
+    faults: list[TableError] = []
+    compression = None if plate_table is None else _tried(faults, partial(Compression.from_table, plate_table))
+    fabrics = None
+    if own or fabric_table is not table:
+        fabrics = _tried(faults, partial(Fabrics.from_table, fabric_table, repeated=fabric_table is table))
+    cloth = fabrics or _unmeasured(fabric_table)
+    ratings = _tried(faults, partial(Ratings.from_table, table, cloth, indentation_mm, force_n, drop_zeros))
+    if faults or fabrics is None or ratings is None:
+        raise together(faults)
     rated = set(ratings.fabrics)
     unrated = [name for name in fabrics.names if name not in rated]
     if unrated:
@@ -148,6 +158,21 @@ def read_experiment(
         tuple(dict.fromkeys((*ratings.notes, *fabrics.notes, *notes))),
         compression,
     )
+
+
+def _tried(faults: list[TableError], read: Callable[[], Read]) -> Read | None:
+    """Return what is read, or None and add what is wrong with the table to others' faults."""
+    try:
+        return read()
+    except TableError as error:
+        faults.append(error)
+        return None
+
+
+def _unmeasured(table: Table) -> Fabrics | None:
+    """Return the fabrics of a table by their names alone, None if it has none; their moduli mean nothing."""
+    names = tuple(dict.fromkeys(table.cells.get("fabric", ())))
+    return Fabrics(names, effective_modulus=np.ones(len(names)), source=table.place) if names else None
 
 
 def _names(fabrics: TableSource, columns: Mapping[str, str], decimal: str | None) -> Sequence[str]:

@@ -95,8 +95,7 @@ class Compression:
     @classmethod
     def from_table(cls, table: Table) -> Compression:
         """Return the rows of a table; its columns are those of `read`."""
-        for name in ("participant", INDENTATION.name, FORCE.name):
-            table.require(name)
+        table.require("participant", INDENTATION.name, FORCE.name)
         notes = [f"{table.label}: {note}" for note in table.notes]
         if "indentor" in table:
             flat = np.array([name.casefold() in FLAT_PLATE for name in table.labels("indentor")])
@@ -106,14 +105,15 @@ class Compression:
         by, depth, force = table.labels("participant"), table.numbers(_INDENTATION), table.numbers(_FORCE)
         for i in range(len(table)):
             if force[i] < 0:
-                raise table.error(i, FORCE.name, f"expected 0 or a positive force, got {table.cells[FORCE.name][i]!r}")
+                table.fault(i, FORCE.name, f"expected 0 or a positive force, got {table.cells[FORCE.name][i]!r}")
             if not force[i] > 0:
                 continue
             for column, value in ((FORCE, force[i]), (INDENTATION, depth[i])):
                 if not column.holds(value):
                     found = table.cells[column.name][i]
                     expected = column.expected(table.units.get(column.name))
-                    raise table.error(i, column.name, f"expected {expected} where there is a force, got {found!r}")
+                    table.fault(i, column.name, f"expected {expected} where there is a force, got {found!r}")
+        table.check()
         zero, missing = int((force == 0).sum()), int(np.isnan(force).sum())
         if missing:
             notes.append(f"{table.label}: {missing} forces are missing")

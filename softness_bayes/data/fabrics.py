@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -27,6 +27,7 @@ from softness_bayes.data.columns import (
     THICKNESS_SD,
     Column,
 )
+from softness_bayes.data.faults import TableError
 from softness_bayes.data.headers import FABRICS
 from softness_bayes.data.names import alike_notes, listing, natural
 from softness_bayes.data.plausible import CLOTH, cloth_notes
@@ -132,23 +133,23 @@ class Fabrics:
                 if not (np.isnan(value) or column.holds(value)):
                     raise InputError(f"{self._place(i)}: {name} is {value}, expected {column.expected()}")
             object.__setattr__(self, name, read_only(values, float))
-        for i, basis in enumerate(self.basis):
-            self._require_bracket(i)
-            half = not (np.isnan(self.tensile_modulus[i]) and np.isnan(self.thickness[i]))
-            if not basis and (half or not any(self.basis)):
-                raise InputError(f"{self._place(i)}: {_EXPECTED}")
+        basis = self.basis
+        wrong = {i: self._wrong(i, basis) for i in range(len(self.names))}
+        if problems := [f"{self._spot(i)}: {problem}" for i, problem in wrong.items() if problem]:
+            raise TableError(self.source, problems)
 
-    def _require_bracket(self, i: int) -> None:
-        """Refuse half a bracket, one without a width, and one beside a measured modulus."""
+    def _wrong(self, i: int, basis: Sequence[str]) -> str:
+        """Return what is wrong with the properties of a fabric: a bracket, or too little for a modulus."""
+        half = not (np.isnan(self.tensile_modulus[i]) and np.isnan(self.thickness[i]))
         low, high = self.effective_modulus_low[i], self.effective_modulus_high[i]
-        if np.isnan(low) and np.isnan(high):
-            return
-        both = f"{EFFECTIVE_MODULUS_LOW.name} and {EFFECTIVE_MODULUS_HIGH.name}"
-        if not low < high:
-            low, high = (f"{value / EFFECTIVE_MODULUS.factor:g}" for value in (low, high))
-            raise InputError(f"{self._place(i)}: {both} are {low} and {high}, expected both, the first below the other")
-        if not np.isnan(self.effective_modulus[i]):
-            raise InputError(f"{self._place(i)}: expected {EFFECTIVE_MODULUS.name}, or {both}, but not all three")
+        if not (np.isnan(low) and np.isnan(high)):
+            both = f"{EFFECTIVE_MODULUS_LOW.name} and {EFFECTIVE_MODULUS_HIGH.name}"
+            if not low < high:
+                low, high = (f"{value / EFFECTIVE_MODULUS.factor:g}" for value in (low, high))
+                return f"{both} are {low} and {high}, expected both, the first below the other"
+            if not np.isnan(self.effective_modulus[i]):
+                return f"expected {EFFECTIVE_MODULUS.name}, or {both}, but not all three"
+        return _EXPECTED if not basis[i] and (half or not any(basis)) else ""
 
     def __len__(self) -> int:
         return len(self.names)
@@ -156,13 +157,7 @@ class Fabrics:
     @property
     def basis(self) -> tuple[str, ...]:
         """The column that each fabric's modulus comes from, empty if there is none."""
-        measured = (
-            ~np.isnan(self.effective_modulus),
-            ~np.isnan(self.effective_modulus_low),
-            ~np.isnan(self.bending_rigidity),
-            ~np.isnan(self.tensile_modulus) & ~np.isnan(self.thickness),
-        )
-        return tuple(np.select(measured, [column.name for column in MODULUS_SOURCES], "").tolist())
+        return _bases({name: getattr(self, name) for name in PROPERTIES})
 
     def modulus(
         self, reading: FabricModulus = PRINTED_RIGIDITY, length: float = PLATE_LENGTH, unknown: float | None = None
@@ -233,9 +228,12 @@ class Fabrics:
         }
         return {name: texts for name, texts in columns.items() if any(texts)}
 
-    def _place(self, i: int) -> str:
+    def _spot(self, i: int) -> str:
         row = f"row {self.rows[i]}, " if self.rows else ""
-        return f"{self.source}: {row}fabric {quoted(self.names[i])}"
+        return f"{row}fabric {quoted(self.names[i])}"
+
+    def _place(self, i: int) -> str:
+        return f"{self.source}: {self._spot(i)}"
 
     @classmethod
     def read(
@@ -273,8 +271,9 @@ class Fabrics:
         rows: dict[str, list[int]] = {name: [] for name in (natural(labels) if repeated else labels)}
         for i, name in enumerate(labels):
             if rows[name] and not repeated:
-                raise table.error(i, "fabric", f"{quoted(name)} stands in row {table.rows[rows[name][0]]} already")
-            rows[name].append(i)
+                table.fault(i, "fabric", f"{quoted(name)} stands in row {table.rows[rows[name][0]]} already")
+            else:
+                rows[name].append(i)
         properties: dict[str, Any] = {}
         for name, column in PROPERTIES.items():
             filed = table.numbers(column)
@@ -282,13 +281,16 @@ class Fabrics:
         notes = [f"{table.label}: {note}" for note in (*table.notes, *alike_notes("fabric", rows))]
         for name in STANDARD_ERRORS:
             properties[f"{name}_cv"] = _relative_errors(table, rows, name, properties[name], properties[f"{name}_cv"])
+        first = tuple(int(table.rows[own[0]]) for own in rows.values())
+        if table.faults:
+            _find_more_faults(table, rows, properties, first)
+            table.check()
         usual = np.isnan(properties["poisson_ratio"]).sum()
         if usual:
             notes.append(
                 f"{table.label}: poisson_ratio {USUAL_POISSON_RATIO} is taken for {usual} of "
                 f"{len(rows)} fabrics, which have none"
             )
-        first = tuple(int(table.rows[own[0]]) for own in rows.values())
         found = cls(
             tuple(rows),
             **properties,
@@ -312,6 +314,35 @@ class Fabrics:
         return cloth_notes(self.names, measured, np.where(known, modulus, np.nan), self.basis)
 
 
+def _bases(properties: Mapping[str, FloatArray]) -> tuple[str, ...]:
+    """Return the column that each fabric's modulus comes from, empty if there is none."""
+    given = {name: ~np.isnan(values) for name, values in properties.items()}
+    measured = (
+        given["effective_modulus"],
+        given["effective_modulus_low"],
+        given["bending_rigidity"],
+        given["tensile_modulus"] & given["thickness"],
+    )
+    return tuple(np.select(measured, [column.name for column in MODULUS_SOURCES], "").tolist())
+
+
+def _find_more_faults(
+    table: Table, rows: Mapping[str, list[int]], properties: Mapping[str, Any], first: Sequence[int]
+) -> None:
+    """Add what is wrong with the fabrics of a table in whose cells nothing is wrong."""
+    faulty = table.faults.rows
+    sound = [k for k, own in enumerate(rows.values()) if faulty.isdisjoint(table.rows[own].tolist())]
+    some = {name: values[sound] for name, values in properties.items()}
+    if not any(_bases(some)):
+        return
+    try:
+        names = list(rows)
+        Fabrics(tuple(names[k] for k in sound), **some, rows=tuple(first[k] for k in sound))
+    except TableError as error:
+        for problem in error.problems:
+            table.faults.add_general(problem)
+
+
 def log_sd(cv: FloatArray) -> FloatArray:
     """Return the standard deviation of the logarithm of a log-normal quantity with relative standard deviation cv."""
     return np.sqrt(np.log1p(np.asarray(cv, float) ** 2))
@@ -322,27 +353,26 @@ def _relative_errors(
 ) -> FloatArray:
     """Return the relative errors of a property by its name, each given as that (`cv`) or in the property's unit.
 
-    Raises
-    ------
-    InputError
-        If a row has both, an error without a value, or an error that is too large.
+    A row with both, an error without a value, or an error that is too large is a fault.
     """
     column, relative, absolute = PROPERTIES[name], PROPERTIES[f"{name}_cv"], STANDARD_ERRORS[name]
     filed = table.numbers(absolute)
     found = np.array(cv)
     for k, own in enumerate(rows.values()):
         sd, i = _agreed(table, absolute, filed, own), own[0]
+        if any(table.is_faulty(j, c.name) for j in own for c in (column, relative, absolute) if c.name in table):
+            continue
         in_units, as_ratio = not np.isnan(sd), not np.isnan(cv[k])
         given = absolute if in_units else relative
         if in_units and as_ratio:
-            raise table.error(i, given.name, f"expected this or {relative.name}, but not both")
-        if (in_units or as_ratio) and np.isnan(value[k]):
-            raise table.error(i, given.name, f"an error of {column.name}, which has no value in this row")
-        if in_units:
+            table.fault(i, given.name, f"expected this or {relative.name}, but not both")
+        elif (in_units or as_ratio) and np.isnan(value[k]):
+            table.fault(i, given.name, f"an error of {column.name}, which has no value in this row")
+        elif in_units:
             found[k] = sd / value[k]
             if not relative.holds(found[k]):
                 limit = f"expected at most {RELATIVE_ERRORS.high:g} times the value"
-                raise table.error(i, given.name, f"{limit}, got {quoted(table.cells[given.name][i])}")
+                table.fault(i, given.name, f"{limit}, got {quoted(table.cells[given.name][i])}")
     return found
 
 
@@ -353,7 +383,5 @@ def _agreed(table: Table, column: Column, filed: FloatArray, own: list[int]) -> 
         if filed[i] != filed[given[0]]:
             value, first = (table.cells[column.name][j] for j in (i, given[0]))
             fabric, row = table.cells["fabric"][i], table.rows[given[0]]
-            raise table.error(
-                i, column.name, f"{quoted(fabric)} has {quoted(value)} here and {quoted(first)} in row {row}"
-            )
+            table.fault(i, column.name, f"{quoted(fabric)} has {quoted(value)} here and {quoted(first)} in row {row}")
     return float(filed[given[0]]) if given else np.nan

@@ -76,7 +76,7 @@ RANKED = Sought(frozenset({"fabric"}))
 """An observed order of fabrics."""
 
 
-def together(one: Sought, other: Sought) -> Sought:
+def either(one: Sought, other: Sought) -> Sought:
     """Return the columns of the first table if it may hold those of the second too."""
     return one._replace(names=one.names | other.names, either=one.either + other.either)
 

@@ -33,8 +33,9 @@ def read_order(path: TableSource, decimal: str | None = None) -> dict[str, float
         raise InputError(f"{table.place}: expected a column {RANK.name!r} or a column {RATING.name!r}, one of both")
     (column,) = given
     values = table.numbers(column)
-    if (empty := np.flatnonzero(np.isnan(values))).size:
-        raise table.error(int(empty[0]), column.name, "is empty")
+    for i in np.flatnonzero(np.isnan(values)).tolist():
+        table.fault(i, column.name, "is empty")
     labels = np.array(table.labels("fabric"))
+    table.check()
     sign = 1.0 if column is RANK else -1.0
     return {str(name): sign * float(values[labels == name].mean()) for name in dict.fromkeys(labels.tolist())}

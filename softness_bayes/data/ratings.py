@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from operator import attrgetter
@@ -229,37 +230,44 @@ class Ratings:
         drop_zeros: bool = False,
     ) -> Ratings:
         """Return the ratings of a table, without those of 0 if asked for; other arguments as of `read`."""
-        table.require(RATING.name)
+        given = _given_load(table, indentation_mm, force_n)
+        table.require("fabric", RATING.name)
         filed = table.numbers(RATING)
-        for i in missing_codes(table.cells[RATING.name], filed):
-            raise table.error(
+        texts = table.cells[RATING.name]
+        for i in missing_codes(texts, filed):
+            table.fault(
                 i,
                 RATING.name,
-                f"{table.cells[RATING.name][i]} looks like a code for a missing rating, since no other one is near it; "
+                f"{texts[i]} looks like a code for a missing rating, since no other one is near it; "
                 "leave the cell of a missing rating empty, or write a rating with decimals, as 999.0",
             )
         kept = ~np.isnan(filed)
         zeros = int((filed == 0).sum()) if drop_zeros else 0
         rated = np.flatnonzero(kept & (filed != 0) if drop_zeros else kept)
-        if not rated.size:
-            raise InputError(f"{table.place}: column {table.titles[RATING.name]!r}: there is no rating in any row")
+        faulty = np.array([table.is_faulty(i, RATING.name) for i in range(len(table))])
+        if not (rated.size or faulty.any()):
+            table.faults.add_general(f"column {table.titles[RATING.name]!r}: there is no rating in any row")
         notes = [*table.notes]
         if missing := int((~kept).sum()):
             notes.append(f"{missing} of {len(table)} ratings are missing")
         if zeros:
             notes.append(f"{zeros} ratings of 0 are left out, which favours what is rated higher")
-        table = table.take(rated)
-        wrong = np.flatnonzero(filed[rated] <= 0)
-        if rated.size > 2 and np.ptp(filed[rated]) == 0:
-            notes.append(f"looks wrong: all {rated.size} ratings are {filed[rated[0]]:g}, so they tell nothing")
+        used = np.sort(np.concatenate([rated, np.flatnonzero(faulty & ~kept)]))  # the same rows, if nothing is wrong
+        table = table.take(used)
         if "participant" in table:
             by = table.labels("participant")
         else:
             by = [SOLE_PARTICIPANT] * len(table)
             notes.append("no column 'participant': all ratings are taken as those of one participant")
         what = _fabrics_in(table, fabrics)
-        touches = _loads_in(table, indentation_mm, force_n)
+        loads = _loads_in(table, given)
+        load_cv = table.numbers(LOAD_CV) if LOAD_CV.name in table else None
+        table.check()
+        touches = [load for load in loads if load is not None]
         notes += _repeats(table, by, what, touches)
+        wrong = np.flatnonzero(filed[rated] <= 0)
+        if rated.size > 2 and np.ptp(filed[rated]) == 0:
+            notes.append(f"looks wrong: all {rated.size} ratings are {filed[rated[0]]:g}, so they tell nothing")
 
         participants = natural(by)
         notes += alike_notes("participant", participants)
@@ -281,7 +289,7 @@ class Ratings:
             digest=table.digest,
             notes=tuple(f"{table.label}: {note}" for note in notes),
             not_positive=table.cells[RATING.name][wrong[0]] if wrong.size else "",
-            load_cv=table.numbers(LOAD_CV) if LOAD_CV.name in table else None,
+            load_cv=load_cv,
         )
 
 
@@ -291,43 +299,50 @@ def _index(values: Sequence[object], distinct: Sequence[object]) -> IntArray:
 
 
 def _fabrics_in(table: Table, fabrics: Fabrics | None) -> Sequence[str]:
-    """Return each row's fabric; an unknown one is an error."""
+    """Return each row's fabric; an unknown one is a fault of the first row that has it."""
     labels = table.labels("fabric")
     if fabrics is not None:
         known = set(fabrics.names)
-        for i, name in enumerate(labels):
-            if name not in known:
-                problem = f"{quoted(name)} is not a fabric of {fabrics.source}{guess(name, fabrics.names)}"
-                raise table.error(i, "fabric", problem)
+        rows = Counter(name for name in labels if name not in known)
+        for name, count in rows.items():
+            problem = f"{quoted(name)} is not a fabric of {fabrics.source}{guess(name, fabrics.names)}"
+            more = f", as in {count - 1} other rows" if count > 1 else ""
+            table.fault(labels.index(name), "fabric", f"{problem}{more}")
     return labels
 
 
-def _loads_in(table: Table, indentation_mm: float | None, force_n: float | None) -> list[Load]:
-    """Return each row's load, from its columns or one for all rows."""
-    filed = {entry: table.numbers(entry.column) for entry in LOAD_COLUMNS if entry.column.name in table}
+def _given_load(table: Table, indentation_mm: float | None, force_n: float | None) -> Load | None:
+    """Return the load that is given for all rows, None if a column has them; neither, or both, is a fault."""
+    filed = [entry.column.name for entry in LOAD_COLUMNS if entry.column.name in table]
     given = loads_of(*([] if value is None else [value] for value in (indentation_mm, force_n)))
-    if not filed:
-        if len(given) != 1:
-            raise InputError(
-                f"{table.place}: no load column ({INDENTATION.name} or {FORCE.name}); give the load of all "
-                "ratings by one of --indentation-mm and --force-n, or name its column with --column"
-                f"{''.join(f'; {note}' for note in table.notes)}"
-            )
-        return list(given) * len(table)
-    if given:
-        raise InputError(
-            f"{table.place}: --indentation-mm and --force-n are for tables without a load column; this one "
-            f"has {' and '.join(repr(table.titles[entry.column.name]) for entry in filed)}"
+    if not filed and len(given) != 1:
+        table.faults.add_general(
+            f"no load column ({INDENTATION.name} or {FORCE.name}); give the load of all "
+            "ratings by one of --indentation-mm and --force-n, or name its column with --column"
+            + "".join(f"; {note}" for note in table.notes if "fabric" in table and RATING.name in table)
         )
-    touches: list[Load] = []
+    elif filed and given:
+        table.faults.add_general(
+            "--indentation-mm and --force-n are for tables without a load column; this one "
+            f"has {' and '.join(repr(table.titles[name]) for name in filed)}"
+        )
+    return given[0] if given else None
+
+
+def _loads_in(table: Table, given: Load | None) -> list[Load | None]:
+    """Return each row's load, from its columns or the one given; a row without is a fault."""
+    filed = {entry: table.numbers(entry.column) for entry in LOAD_COLUMNS if entry.column.name in table}
+    if not filed:
+        return [given] * len(table)
+    touches: list[Load | None] = []
     for i in range(len(table)):
         values = {entry: float(values[i]) for entry, values in filed.items() if not np.isnan(values[i])}
-        if len(values) != 1:
+        if len(values) != 1 and not any(table.is_faulty(i, entry.column.name) for entry in filed):
             last = next(reversed(filed)).column.name
             found = " and ".join(quoted(table.cells[entry.column.name][i]) for entry in filed)
             expected = "a load" if len(filed) == 1 else "one load, an indentation or a force"
-            raise table.error(i, last, f"expected {expected}, got {found}")
-        touches += [entry.kind(value) for entry, value in values.items()]
+            table.fault(i, last, f"expected {expected}, got {found}")
+        touches.append(next((entry.kind(value) for entry, value in values.items()), None))
     return touches
 
 

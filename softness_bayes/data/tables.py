@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from softness_bayes.data.columns import LABELS, NUMBERS, RATING, Column
 from softness_bayes.data.decimals import MARKS, Cell, Reading, decimal_mark, plain
+from softness_bayes.data.faults import Faults, TableError
 from softness_bayes.data.headers import Sought, understood
 from softness_bayes.data.names import guess, listing, natural
 from softness_bayes.data.sheets import Number, Sheet
@@ -25,6 +26,8 @@ IntArray = NDArray[np.intp]
 
 MISSING = frozenset({"", "na", "n/a", "nan", "null", "none"})
 """Texts for a missing number, in any case. Only an empty name is missing: NA may be initials."""
+
+WIDE = "a table with one column per fabric is read with --wide"
 
 
 @dataclass(frozen=True)
@@ -52,6 +55,8 @@ class Table:
     """Title of the column that each row is from, if the file has one for each fabric."""
     made: tuple[str, ...] = ()
     """Standard names of the columns that such a file does not have."""
+    faults: Faults = field(default_factory=Faults)
+    """What is wrong in the table, as far as it has been looked at."""
 
     def __len__(self) -> int:
         return len(self.rows)
@@ -59,10 +64,21 @@ class Table:
     def __contains__(self, name: str) -> bool:
         return name in self.cells
 
-    def error(self, i: int, name: str, problem: str) -> InputError:
-        """Return the error that names file, row and column of a cell."""
-        title = self.columns[i] if name in self.made else self.titles[name]
-        return InputError(f"{self.place}: row {self.rows[i]}, column {title!r}: {problem}")
+    def fault(self, i: int, name: str, problem: str) -> None:
+        """Add the problem of a cell; `check` raises it."""
+        self.faults.add(int(self.rows[i]), self._title(i, name), problem)
+
+    def is_faulty(self, i: int, name: str) -> bool:
+        """Return whether a problem of the cell has been found."""
+        return (int(self.rows[i]), self._title(i, name)) in self.faults
+
+    def _title(self, i: int, name: str) -> str:
+        return self.columns[i] if name in self.made else self.titles[name]
+
+    def check(self) -> None:
+        """Raise the error that lists all problems found, if there are any."""
+        if self.faults:
+            raise TableError(self.place, self.faults.listed)
 
     def take(self, index: IntArray) -> Table:
         """Return the rows at `index`."""
@@ -70,40 +86,46 @@ class Table:
         columns = [self.columns[i] for i in index] if self.columns else ()
         return replace(self, cells=cells, rows=self.rows[index], columns=columns)
 
-    def require(self, name: str) -> None:
-        """Raise an error for a table without the column `name`."""
-        if name not in self:
-            maybe_wide = name == RATING.name and "fabric" not in self
-            remedy = ["a table with one column per fabric is read with --wide"] if maybe_wide else []
-            raise InputError(
-                f"{self.place}: no column {name!r}, and no --column {name}=... says which it is; "
-                + "; ".join([f"known columns: {', '.join(self.titles) or 'none'}", *self.notes, *remedy])
-            )
+    def require(self, *names: str) -> None:
+        """Raise an error for a table without one of the columns `names`, with all other problems found."""
+        if absent := [name for name in names if name not in self]:
+            remedy = [WIDE] if {"fabric", RATING.name} & set(absent) and RATING.name not in self else []
+            known = [f"known columns: {', '.join(self.titles) or 'none'}", *self.notes, *remedy]
+            if len(absent) == 1:
+                lack = f"no column {absent[0]!r}, and no --column {absent[0]}=... says which it is"
+            else:
+                ways = " ".join(f"--column {name}=..." for name in absent)
+                lack = f"no columns {' and '.join(map(repr, absent))}, and no {ways} says which they are"
+            self.faults.add_general("; ".join([lack, *known]))
+            self.check()
 
     def labels(self, name: str) -> Sequence[str]:
-        """Return a column of names; an empty one is an error."""
+        """Return a column of names; an empty one is a fault."""
         self.require(name)
         for i, text in enumerate(self.cells[name]):
             if not text:
-                raise self.error(i, name, "expected a name, got ''")
+                self.fault(i, name, "expected a name, got ''")
         return self.cells[name]
 
     def numbers(self, column: Column) -> FloatArray:
-        """Return a column of numbers [SI], NaN for a missing cell or column."""
+        """Return a column of numbers [SI], NaN for a missing cell or column, and for a fault."""
         values = np.full(len(self), np.nan)
+        advised = self.grouped
         for i, text in enumerate(self.cells.get(column.name, ())):
             if text.casefold() in MISSING:
                 continue
             try:
                 number = text if isinstance(text, Number) else plain(text, self.decimal, self.grouped)
             except ValueError as error:
-                raise self.error(i, column.name, f"{error}, got {quoted(text)}") from None
+                self.fault(i, column.name, f"{error}, got {quoted(text)}")
+                continue
             try:
                 values[i] = column.parse(number, text, self.units.get(column.name))
             except ValueError as error:
+                advise = not advised and "," in text
                 remedy = "; if commas are decimal marks, add --decimal , and if they group thousands, --decimal ."
-                remedy = "" if self.grouped or "," not in text else remedy
-                raise self.error(i, column.name, f"{error}{remedy}") from None
+                self.fault(i, column.name, f"{error}{remedy if advise else ''}")
+                advised = advised or advise
         return values
 
 

@@ -24,6 +24,7 @@ from softness_bayes.data import (
     ratings_csv,
     read_experiment,
 )
+from softness_bayes.data.faults import SHOWN
 from softness_bayes.errors import InputError
 from softness_bayes.model import build, resolution
 from softness_bayes.parameters.declared import EVERY_PARAMETER
@@ -130,7 +131,9 @@ def fuzz_tables(folder: Path, random: np.random.Generator, cases: int) -> int:
             read(path, reader_of(name, random), random)
             accepted += 1
         except InputError as refusal:
-            longest = max(longest, len(str(refusal)) - 3 * len(str(folder)))
+            lines = str(refusal).splitlines()
+            assert len(lines) <= 1 + SHOWN
+            longest = max(longest, *(len(line) - 3 * len(str(folder)) for line in lines))
         except Exception:  # pragma: no cover - what the test is there to find
             path.with_name("broke.csv").write_bytes(path.read_bytes())
             raise

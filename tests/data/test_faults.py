@@ -1,0 +1,145 @@
+"""Problems of tables: all of them in one message, each once, and none that follows from another."""
+
+import pytest
+from click.testing import CliRunner
+
+from softness_bayes.cli import main
+from softness_bayes.data import Compression, Fabrics, Ratings, read_experiment
+from softness_bayes.errors import InputError
+
+HEADER = "participant,fabric,indentation_mm,rating\n"
+CLOTH = "fabric,tensile_modulus_mpa,thickness_mm\nvoile,3.2,0.22\ndenim,33,0.68\n"
+
+
+@pytest.fixture
+def file(tmp_path):
+    def write(text, name="ratings.csv"):
+        path = tmp_path / name
+        path.write_text(text, encoding="utf-8")
+        return path
+
+    return write
+
+
+def refusal(call, *args, **options):
+    with pytest.raises(InputError) as caught:
+        call(*args, **options)
+    return str(caught.value)
+
+
+def test_all_problems_of_ratings_are_named_in_the_order_of_rows(file):
+    path = file(f"{HEADER}P1,voile,1,five\nP1,,x,6\n,denim,,7\nP1,denim,9,-\nP1,voile,1,8\n")
+    depth = "expected a number from 1e-06 to 8 (a fingertip's radius is 8 mm), got"
+    assert refusal(Ratings.read, path).splitlines() == [
+        f"{path}: 7 problems:",
+        "  row 2, column 'rating': expected a finite number, got 'five'",
+        "  row 3, column 'fabric': expected a name, got ''",
+        f"  row 3, column 'indentation_mm': {depth} 'x'",
+        "  row 4, column 'participant': expected a name, got ''",
+        "  row 4, column 'indentation_mm': expected a load, got ''",
+        "  row 5, column 'rating': expected a finite number, got '-'",
+        f"  row 5, column 'indentation_mm': {depth} '9'",
+    ]
+
+
+def test_one_problem_stands_in_one_line(file):
+    path = file(f"{HEADER}P1,voile,1,five\nP1,voile,1,8\n")
+    assert refusal(Ratings.read, path) == f"{path}: row 2, column 'rating': expected a finite number, got 'five'"
+    path = file(f"{HEADER}P1,voile,1,five\n")
+    assert refusal(Ratings.read, path) == f"{path}: row 2, column 'rating': expected a finite number, got 'five'"
+
+
+def test_the_first_twenty_are_shown_and_all_are_counted(file):
+    path = file(HEADER + "P1,voile,1,x\n" * 1000)
+    lines = refusal(Ratings.read, path).splitlines()
+    assert lines[0] == f"{path}: 1000 problems, of which the first 20 are:"
+    assert [line.split(",")[0] for line in lines[1:]] == [f"  row {row}" for row in range(2, 22)]
+
+
+def test_all_missing_columns_are_named_at_once(file):
+    path = file("participant,thing\nP1,2\n")
+    general, absent = refusal(Ratings.read, path).splitlines()[1:]
+    assert general.startswith("  no load column (indentation_mm or force_n); give the load of all ratings by one of")
+    assert absent.startswith(
+        "  no columns 'fabric' and 'rating', and no --column fabric=... --column rating=... says which they are; known "
+        "columns: participant; unused columns: thing"
+    )
+    assert "no columns 'participant' and 'force_n', and no" in refusal(Compression.read, file("indentation_mm\n1\n"))
+
+
+def test_a_want_of_fabrics_is_named_beside_other_problems(file):
+    lines = refusal(read_experiment, file(f"{HEADER}P1,a,1,x\nP1,b,1,2\n")).splitlines()
+    assert lines[1].startswith("  the fabrics have no properties: name their table with --fabrics, put a fabrics.csv")
+    assert lines[2] == "  row 2, column 'rating': expected a finite number, got 'x'"
+
+
+def test_an_unknown_fabric_is_named_once_with_its_number_of_rows(file):
+    path, cloth = file(HEADER + "P1,viole,1,5\n" * 5 + "P1,x,1,7\nP1,denim,1,6\n"), file(CLOTH, "cloth.csv")
+    assert refusal(read_experiment, path, cloth).splitlines() == [
+        f"{path}: 2 problems:",
+        f"  row 2, column 'fabric': 'viole' is not a fabric of {cloth} (did you mean 'voile'?), as in 4 other rows",
+        f"  row 7, column 'fabric': 'x' is not a fabric of {cloth}",
+    ]
+
+
+def test_all_problems_of_fabrics_are_named_and_none_that_follows(file):
+    head = "fabric,tensile_modulus_mpa,thickness_mm,thickness_cv,poisson_ratio\n"
+    path = file(f"{head}a,1,x,0.1,\nb,-1,1,,0.7\nb,2,2,,\nc,1,,,\nd,1,1,9,\ne,1,1,0.1,0.2\n", "fabrics.csv")
+    assert refusal(Fabrics.read, path).splitlines() == [
+        f"{path}: 6 problems:",
+        "  row 5, fabric 'c': expected effective_modulus_kpa, or bending_rigidity_n_m, or both tensile_modulus_mpa and "
+        "thickness_mm, or both effective_modulus_low_kpa and effective_modulus_high_kpa",
+        "  row 2, column 'thickness_mm': expected a finite number above 0, got 'x'",
+        "  row 3, column 'tensile_modulus_mpa': expected a finite number above 0, got '-1'",
+        "  row 3, column 'poisson_ratio': expected a finite number above -1 and at most 0.5, got '0.7'",
+        "  row 4, column 'fabric': 'b' stands in row 3 already",
+        "  row 6, column 'thickness_cv': expected a number from 0 to 3, got '9'",
+    ]
+
+
+def test_fabrics_without_enough_for_a_modulus_are_all_named(file):
+    path = file("fabric,tensile_modulus_mpa,thickness_mm\na,1,\nb,,2\nc,1,1\n", "fabrics.csv")
+    lines = refusal(Fabrics.read, path).splitlines()
+    assert lines[0] == f"{path}: 2 problems:"
+    assert [line.split(":")[0] for line in lines[1:]] == ["  row 2, fabric 'a'", "  row 3, fabric 'b'"]
+
+
+def test_a_fault_in_the_only_measured_fabric_does_not_make_the_others_wrong(file):
+    path = file("fabric,effective_modulus_kpa\na,x\nb,\n", "fabrics.csv")
+    assert refusal(Fabrics.read, path) == (
+        f"{path}: row 2, column 'effective_modulus_kpa': expected a finite number above 0, got 'x'"
+    )
+
+
+def test_both_tables_are_named_at_once_and_each_problem_once(file):
+    cloth = file(CLOTH.replace("0.22", "thin"), "fabrics.csv")
+    path = file(f"{HEADER}P1,voile,1,five\nP1,viole,1,6\n")
+    forces = file("participant,indentation_mm,force_n\na,1,-1\n", "forces.csv")
+    lines = refusal(read_experiment, path, compression_path=forces).splitlines()
+    assert lines == [
+        f"{forces}: row 2, column 'force_n': expected 0 or a positive force, got '-1'",
+        f"{cloth}: row 2, column 'thickness_mm': expected a finite number above 0, got 'thin'",
+        f"{path}: 2 problems:",
+        "  row 2, column 'rating': expected a finite number, got 'five'",
+        f"  row 3, column 'fabric': 'viole' is not a fabric of {cloth} (did you mean 'voile'?)",
+    ]
+    own = file("fabric,force_n,rating,effective_modulus_kpa\na,1,x,3\nb,1,2,thin\na,1,2,4\n")
+    assert refusal(read_experiment, own).splitlines() == [
+        f"{own}: 3 problems:",
+        "  row 2, column 'rating': expected a finite number, got 'x'",
+        "  row 3, column 'effective_modulus_kpa': expected a finite number above 0, got 'thin'",
+        "  row 4, column 'effective_modulus_kpa': 'a' has '4' here and '3' in row 2",
+    ]
+
+
+def test_the_remedy_for_commas_is_said_once(file):
+    message = refusal(Ratings.read, file(f'{HEADER}P1,a,1,"1,5"\nP1,b,1,"2,5"\n'))
+    assert message.count("--decimal ,") == 1
+    assert message.count("expected a finite number") == 2
+
+
+def test_the_command_line_shows_all_and_ends_with_2(file):
+    path = file(f"{HEADER}P1,a,1,x\nP1,b,y,2\n")
+    done = CliRunner().invoke(main, ["check", "--data", str(path), "--fabrics", str(file(CLOTH, "cloth.csv"))])
+    assert done.exit_code == 2
+    assert f"{path}: 4 problems:\n  row 2, column" in done.output
