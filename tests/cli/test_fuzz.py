@@ -28,6 +28,7 @@ from softness_bayes.data.faults import SHOWN
 from softness_bayes.errors import InputError
 from softness_bayes.model import build, resolution
 from softness_bayes.parameters.declared import EVERY_PARAMETER
+from softness_bayes.results import fitted
 from softness_bayes.runs import calibrate
 from softness_bayes.sampler import workers
 from support.randomness import SEED
@@ -189,6 +190,7 @@ def stubbed(monkeypatch):
     for module, name in (
         (build, "build"),
         (build, "choose_direction"),
+        (fitted, "build"),
         (resolution, "scene_with_accuracy"),
         (claims, "evaluate_claims"),
         (calibrate, "calibrate"),
