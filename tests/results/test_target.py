@@ -122,23 +122,25 @@ def test_z_scores_may_be_negative(report_run):
     assert_allclose(table["p_reachable"] + table["p_too_high"] + table["p_too_low"], 1.0)
 
 
-def test_the_command_line_finds_targets(result, wished, report_run, tmp_path):
+def test_forces_alone_have_no_targets(report_run):
+    with pytest.raises(InputError, match="compression data alone"):
+        report_run("skin").target(9.0, [Force(1.0)])
+
+
+def test_the_command_line_finds_targets(result, wished, tmp_path):
     run = tmp_path / "run"
     result.save(run)
-    report_run("skin").save(tmp_path / "skin")
     with quickly():
         done = call("target", run, "--rating", wished, "--tensile-modulus-mpa", 4)
         filed = call("target", run, "--rating", 1e9, "--force-n", 1, "--out", tmp_path / "table.csv")
         refused(call("target", run, "--rating", 0), "rating is 0, expected one of the run's scale: magnitude")
         refused(call("target", run), "--rating")
-        refused(call("target", run, "--rating", "nan"), "rating is nan")
         refused(
             call("target", run, "--rating", 9, "--thickness-mm", -1), "thickness_mm is -1, expected a finite number"
         )
         refused(call("target", run, "--rating", 9, "--poisson-ratio", 2), "poisson_ratio is 2")
         both = ["--thickness-mm", 1, "--tensile-modulus-mpa", 4]
         refused(call("target", run, "--rating", 9, *both), "are both given")
-        refused(call("target", tmp_path / "skin", "--rating", 9), "a run without ratings")
         refused(call("target", tmp_path / "nowhere", "--rating", 9), "nowhere")
     assert done.returncode == 0, done.stderr
     printed = pd.read_csv(io.StringIO(done.stdout))
@@ -152,5 +154,6 @@ def test_the_command_line_finds_targets(result, wished, report_run, tmp_path):
 
 
 def test_what_is_no_rating_is_refused(result):
-    with pytest.raises(InputError, match="rating is -1, expected one of the run's scale: magnitude estimates, above 0"):
-        result.target(-1.0)
+    for rating in (-1.0, np.nan, np.inf):
+        with pytest.raises(InputError, match=f"rating is {rating:g}, expected one of the run's scale: magnitude"):
+            result.target(rating)

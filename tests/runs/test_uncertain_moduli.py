@@ -12,6 +12,7 @@ from softness_bayes.model.build import build
 from softness_bayes.parameters.priors import LogNormal
 from softness_bayes.report.conclusion import conclude, facts_of
 from softness_bayes.report.page import report_page
+from softness_bayes.results.fitted import Fitted
 from softness_bayes.results.from_result import experiment_of, options_of
 from softness_bayes.results.result import Result
 from softness_bayes.runs.run import sample
@@ -40,6 +41,22 @@ def result(few_pictures):
     unknown = LogNormal(150, 1.5)
     with quickly():
         return sample(rated(), **OPTIONS, unknown_modulus=unknown)
+
+
+def test_predicted_ratings_have_the_posterior_of_the_moduli(result):
+    with quickly():
+        fitted = Fitted(result, 50)
+        found = fitted.modulus(np.random.default_rng(1), result.fabrics)
+        table = result.predict(draws=50)
+    for k, name in enumerate(result.fabrics.names):
+        own = fitted.named.get(f"fabric_modulus[{name}]")
+        assert_allclose(found[:, k], result.fabrics.effective_modulus[k] if own is None else own * 1e3)
+    assert (table["typical_rating_low"] < table["typical_rating_high"]).all()
+    # as the user names them: an error, a bracket, and one that is known
+    given = rated().fabrics.take(CLOTH.names[:3])
+    again = fitted.modulus(np.random.default_rng(1), given)
+    place = [result.fabrics.names.index(name) for name in given.names]
+    assert_allclose(again, found[:, place])
 
 
 def test_a_result_holds_the_moduli_that_were_not_known(result):

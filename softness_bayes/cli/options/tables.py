@@ -198,7 +198,15 @@ class Touches:
         return fabrics, loads
 
     def of_run(self, result: Result) -> tuple[Fabrics, tuple[Load, ...]]:
-        """Return the fabrics and the distinct loads, those of a run where none are asked for."""
+        """Return the fabrics and the distinct loads, those of a run where none are asked for.
+
+        Raises
+        ------
+        InputError
+            If columns are named of a table that is not given.
+        """
+        if self.columns and self.fabrics is None:
+            raise InputError("--column names columns of the fabric table: give --fabrics, or leave it out")
         return self._fabrics() or result.fabrics, self._loads() or result.loads
 
     def _fabrics(self) -> Fabrics | None:
