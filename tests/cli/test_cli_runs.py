@@ -24,6 +24,7 @@ from softness_bayes.touch import scene
 from support.command_line import FIXED, call, few_ratings, refused
 from support.full_disk import fill_disk
 from support.paths import ROOT
+from support.report_runs import quickly
 
 STEPS = 350
 ASKED = [*FIXED, "--seed", "3", "--no-figures", "--accuracy", "0.01", "--max-steps", STEPS]
@@ -35,9 +36,8 @@ def begin(directory, *more):
         # a shell that runs the tests in the background has interrupts ignored, by its children too
         "import signal; signal.signal(signal.SIGINT, signal.default_int_handler); "
         "from softness_bayes.cli import main; from softness_bayes.checkpoints import checkpoint; "
-        "import functools; from softness_bayes.results import request; "
-        # as `brief_pilot`
-        "request.Settings = functools.partial(request.Settings, pilot=(20, 20), optima=1, ensembles=2); "
+        f"import sys; sys.path.append({str(ROOT / 'tests')!r}); "
+        "from support.report_runs import quickly; made = quickly(); made.__enter__(); "
         "checkpoint.INTERVAL = 0; "
         "main(prog_name='softness-bayes')"
     )
@@ -57,11 +57,15 @@ def begin(directory, *more):
     raise AssertionError(process.communicate())
 
 
-pytestmark = pytest.mark.usefixtures("brief_pilot")
+@pytest.fixture(scope="module", autouse=True)
+def brief():
+    """Run here as `begin` does."""
+    with quickly():
+        yield
 
 
 @pytest.fixture(scope="module")
-def killed(tmp_path_factory, brief_pilot):
+def killed(tmp_path_factory, brief):
     """A directory with the data and a run that was killed with its workers still walking."""
     directory = tmp_path_factory.mktemp("killed")
     few_ratings(directory)

@@ -108,6 +108,7 @@ def test_the_finger_goes_from_the_command_line_into_the_result_and_its_page(tmp_
     few_ratings(tmp_path)
     held = [part for name, value in HELD.items() for part in ("--fix", f"{name}={value}")]
     asked = ["--data", tmp_path / "ratings.csv", *held, "--max-steps", "4", "--processes", "1", "--no-figures"]
+    asked += ["--accuracy", "0.01"]
     chosen = [part for name, value in SMALL.items() for part in ("--finger", f"{name}={value}")]
     results = []
     for name, more in (("usual", []), ("small", chosen)):

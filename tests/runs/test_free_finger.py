@@ -21,6 +21,7 @@ from softness_bayes.runs.calibrate import CalibrationScene
 from softness_bayes.runs.replicate import replicate
 from softness_bayes.runs.run import sample
 from softness_bayes.sampler.sampling import Settings
+from softness_bayes.touch.contact import Indentation
 from softness_bayes.touch.readings import MENDED
 from softness_bayes.touch.scene import Discretisation
 from support.command_line import TOUCH, call, refused
@@ -106,7 +107,8 @@ def test_the_exactness_check_has_the_fingers_of_the_draws(rng):
 
 
 def test_calibration_draws_them_from_the_prior():
-    scene = CalibrationScene(Fabrics(tuple("abc"), effective_modulus=np.geomspace(5e4, 1e6, 3)), participants=3)
+    cloth = Fabrics(tuple("abc"), effective_modulus=np.geomspace(5e4, 1e6, 3))
+    scene = CalibrationScene(cloth, (Indentation(2e-3),), participants=3)
     with quickly():
         model = scene.model(ModelOptions(fix=HELD, discretisation=Discretisation(6, 7.0, 1e-3), priors=LAWS))
         one = replicate(model.posterior, Settings(ensembles=2, max_steps=20, processes=1), 1, 0)

@@ -11,6 +11,7 @@ from scipy.stats import multivariate_normal
 from softness_bayes.checking.rater_fingers import POPULATION
 from softness_bayes.errors import InputError
 from softness_bayes.likelihood.scales import STANDARDISED
+from softness_bayes.model import individual
 from softness_bayes.model.build import build, design_of
 from softness_bayes.model.options import ModelOptions
 from softness_bayes.parameters.priors import HalfNormal, Normal
@@ -27,7 +28,8 @@ from support.report_runs import OPTIONS, experiment, quickly
 
 @pytest.fixture(scope="module")
 def result(few_pictures):
-    with quickly():
+    with quickly(), pytest.MonkeyPatch.context() as patch:
+        patch.setattr(individual, "NODES", {1: {"b": 9}})
         return sample(experiment(), **OPTIONS, individual=("b",))
 
 
