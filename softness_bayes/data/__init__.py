@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
+import os
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
@@ -201,7 +202,7 @@ def _elsewhere(ratings: TableSource, fabrics: TableSource | None, columns: Mappi
     if has_sheet(ratings, FABRICS, columns):
         return _Elsewhere(ratings, "in the workbook of the ratings")
     beside = Path(ratings).parent / FABRICS_BESIDE
-    return _Elsewhere(beside, "beside the ratings") if beside.is_file() else None
+    return _Elsewhere(beside, "beside the ratings") if os.path.isfile(beside) else None
 
 
 def fabrics_csv(fabrics: Fabrics) -> str:

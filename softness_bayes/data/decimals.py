@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Sequence
+from functools import cache
 from typing import NamedTuple
 
 MARKS = (",", ".")
@@ -53,7 +54,7 @@ def decimal_mark(columns: Iterable[Sequence[Cell]], between_commas: bool = False
     between_commas
         Whether commas separate the cells, so that decimals have a point.
     """
-    columns = [[cell._replace(text=_unspaced(cell.text)) for cell in cells] for cells in columns]
+    columns = [[_set_close(cell) for cell in cells] for cells in columns]
     every = [cell for cells in columns for cell in cells]
     for mark in (".",) if between_commas else MARKS:
         if (shown := _thousands_shown(every, mark)) is not None:
@@ -131,11 +132,17 @@ def plain(text: str, mark: str, declared: bool) -> str:
     return text.replace(mark, ".")
 
 
+def _set_close(cell: Cell) -> Cell:
+    close = _unspaced(cell.text)
+    return cell if close == cell.text else cell._replace(text=close)
+
+
 def _unspaced(text: str) -> str:
     """Return a number without the spaces (other than plain ones) or apostrophes that group its thousands."""
     return _SPACES.sub("", text) if _SPACED.fullmatch(text) else text
 
 
+@cache
 def _thousands(mark: str) -> re.Pattern[str]:
     """Return the pattern of numbers that can only have decimals behind `mark` and thousands grouped by the other."""
     other = MARKS[mark == ","]
@@ -143,9 +150,11 @@ def _thousands(mark: str) -> re.Pattern[str]:
     return re.compile(rf"{groups}+\{mark}[0-9]+|{groups}{{2,}}")
 
 
+@cache
 def _marked(mark: str) -> re.Pattern[str]:
     return re.compile(rf"[+-]?[0-9]*\{mark}[0-9]+(?:[eE][+-]?[0-9]+)?")
 
 
+@cache
 def _grouped(mark: str) -> re.Pattern[str]:
     return re.compile(rf"[+-]?[1-9][0-9]{{0,2}}\{mark}[0-9]{{3}}")

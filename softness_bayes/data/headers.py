@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 import re
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
@@ -24,7 +25,7 @@ from softness_bayes.data.columns import (
 )
 from softness_bayes.data.names import listing
 from softness_bayes.data.synonyms import SYNONYMS, key
-from softness_bayes.data.units import Spelt, Unit, is_unit, names_of, title_and_unit, unit_named
+from softness_bayes.data.units import LONGEST_TITLE, Spelt, Unit, is_unit, names_of, title_and_unit, unit_named
 from softness_bayes.errors import InputError, quoted
 
 
@@ -197,6 +198,18 @@ def _seek(found: Header, titles: Sequence[str], sought: Sought, where: str) -> N
             for j in near
             if not fitting
         )
+        found.notes.extend(
+            f"is column {quoted(titles[j])} misspelt? --column {name}={quoted(titles[j])} takes it as {name}"
+            for j in ([] if near else _misspelt(names, parts))
+            if j not in found.at.values()
+        )
+
+
+def _misspelt(names: set[str], parts: Mapping[int, tuple[str, Spelt | None]]) -> list[int]:
+    """Return the column whose title is close to a name, if there is one; of short names any is close to some word."""
+    stems = {key(stem): j for j, (stem, _) in parts.items() if len(stem) <= LONGEST_TITLE}
+    close = (difflib.get_close_matches(name, stems, 1, 0.8) for name in sorted(names) if len(name) > 4)
+    return list(dict.fromkeys(stems[stem] for found in close for stem in found))[:1]
 
 
 def _fits(name: str, stem: str, spelt: Spelt | None, *, title: str, names: set[str]) -> bool:

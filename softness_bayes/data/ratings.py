@@ -335,8 +335,9 @@ def _loads_in(table: Table, given: Load | None) -> list[Load | None]:
     if not filed:
         return [given] * len(table)
     touches: list[Load | None] = []
+    present = {entry: ~np.isnan(values) for entry, values in filed.items()}
     for i in range(len(table)):
-        values = {entry: float(values[i]) for entry, values in filed.items() if not np.isnan(values[i])}
+        values = {entry: float(values[i]) for entry, values in filed.items() if present[entry][i]}
         if len(values) != 1 and not any(table.is_faulty(i, entry.column.name) for entry in filed):
             last = next(reversed(filed)).column.name
             found = " and ".join(quoted(table.cells[entry.column.name][i]) for entry in filed)

@@ -15,6 +15,12 @@ from softness_bayes.errors import InputError, quoted
 
 _CONTROL = re.compile("[\x00-\x08\x0e-\x1f]")
 _JAPANESE = re.compile("[\u3041-\u30fe\u4e00-\u9fff]{2}")
+_STARTS = {
+    b"PK\x03\x04": "this is a workbook: let its name end in .xlsx",
+    b"PAR1": "this is a Parquet file: let its name end in .parquet",
+    b"\xd0\xcf\x11\xe0": "this is an old workbook: save it as .xlsx",
+    b"\x1f\x8b": "this is a compressed file: unpack it",
+}
 _END = "\x1f"  # end mark behind the last row, a character that occurs in no table
 
 
@@ -131,8 +137,12 @@ def _decode(path: Path, content: bytes) -> tuple[str, list[str]]:
         notes.append("not UTF-8: read as Latin-1")
     if control := _CONTROL.search(text):
         line = 1 + text.count("\n", 0, control.start())
+        remedy = next((f"; {said}" for start, said in _STARTS.items() if content.startswith(start)), "")
+        if not remedy and content.count(0) > len(content) // 4:
+            remedy = "; is it UTF-16 without a byte-order mark? Save it as UTF-8"
         raise InputError(
             f"{path}: not a text file, expected a table saved as CSV: control character {control[0]!r} in line {line}"
+            f"{remedy}"
         )
     if not text.strip():
         raise InputError(f"{path}: the file is empty, expected a header and rows")

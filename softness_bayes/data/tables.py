@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -27,6 +28,7 @@ IntArray = NDArray[np.intp]
 MISSING = frozenset({"", "na", "n/a", "nan", "null", "none"})
 """Texts for a missing number, in any case. Only an empty name is missing: NA may be initials."""
 
+_DATE = re.compile(r"[0-9]{4}-[0-9]{2}-[0-9]{2}|[0-9]{1,2}[./-](?:[0-9]{1,2}[./-][0-9]{2,4}|[A-Za-z]{3})")
 WIDE = "a table with one column per fabric is read with --wide"
 
 
@@ -89,7 +91,7 @@ class Table:
     def require(self, *names: str) -> None:
         """Raise an error for a table without one of the columns `names`, with all other problems found."""
         if absent := [name for name in names if name not in self]:
-            remedy = [WIDE] if {"fabric", RATING.name} & set(absent) and RATING.name not in self else []
+            remedy = [WIDE] if RATING.name in absent else []
             known = [f"known columns: {', '.join(self.titles) or 'none'}", *self.notes, *remedy]
             if len(absent) == 1:
                 lack = f"no column {absent[0]!r}, and no --column {absent[0]}=... says which it is"
@@ -122,10 +124,13 @@ class Table:
             try:
                 values[i] = column.parse(number, text, self.units.get(column.name))
             except ValueError as error:
-                advise = not advised and "," in text
-                remedy = "; if commas are decimal marks, add --decimal , and if they group thousands, --decimal ."
-                self.fault(i, column.name, f"{error}{remedy if advise else ''}")
-                advised = advised or advise
+                remedy = ""
+                if "," in text and not advised:
+                    advised = True
+                    remedy = "; if commas are decimal marks, add --decimal , and if they group thousands, --decimal ."
+                elif _DATE.match(text):
+                    remedy = "; has a spreadsheet made a date of a number?"
+                self.fault(i, column.name, f"{error}{remedy}")
         return values
 
 
@@ -241,7 +246,7 @@ def _found_mark(sheet: Sheet, cells: Mapping[str, Sequence[str]], titles: Mappin
         [
             Cell(text, sheet.columns[i] if name in sheet.made else titles[name], sheet.rows[i])
             for i, text in enumerate(cells[name])
-            if not isinstance(text, Number)
+            if not (isinstance(text, Number) or (sheet.between_commas and "," not in text))
         ]
         for name in NUMBERS
         if name in cells

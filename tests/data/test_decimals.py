@@ -307,3 +307,33 @@ def test_western_text_is_not_taken_for_shift_jis(tmp_path, name):
     path.write_bytes(LATIN.format(name).encode("cp1252"))
     (note,) = Ratings.read(path).notes
     assert "read as Latin-1" in note
+
+
+@pytest.mark.parametrize(
+    ("content", "said"),
+    [
+        (b"PK\x03\x04\x00\x00", "this is a workbook: let its name end in .xlsx"),
+        (b"PAR1\x00", "this is a Parquet file"),
+        (b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1\x00", "this is an old workbook: save it as .xlsx"),
+        (LATIN.format("a").encode("utf-16-le"), "is it UTF-16 without a byte-order mark? Save it as UTF-8"),
+    ],
+)
+def test_files_of_other_kinds_are_named(tmp_path, content, said):
+    path = tmp_path / "ratings.csv"
+    path.write_bytes(content)
+    with pytest.raises(InputError, match="not a text file") as caught:
+        Ratings.read(path)
+    assert said in str(caught.value)
+
+
+@pytest.mark.parametrize("cell", ["2024-02-01", "01.02.2024", "1-Feb", "2/1/24"])
+def test_a_number_that_has_become_a_date_is_named(tmp_path, cell):
+    with pytest.raises(InputError, match="has a spreadsheet made a date of a number"):
+        Ratings.read(table(tmp_path, ["5", cell]))
+
+
+def test_paths_that_cannot_be_read_are_refused(tmp_path):
+    for path in (tmp_path, tmp_path / "no.csv", tmp_path / ("a" * 300), tmp_path / ("a" * 300 + ".xlsx"), "a\x00b"):
+        for call in (Ratings.read, read_experiment, Fabrics.read):
+            with pytest.raises(InputError):
+                call(path)

@@ -248,3 +248,22 @@ def test_check_says_every_name_and_conversion(file):
         "note: table.csv: column 'B (gf·cm²/cm)' is read as bending_rigidity_n_m, converted, 1 gf·cm²/cm = 9.80665e-05",
     ):
         assert said in done.output
+
+
+@pytest.mark.parametrize(
+    ("header", "said"),
+    [
+        ("fabric,force_n,ratng", "is column 'ratng' misspelt? --column rating='ratng' takes it as rating"),
+        ("fabrik,force_n,rating", "is column 'fabrik' misspelt? --column fabric='fabrik' takes it as fabric"),
+        ("fabric,identation_mm,rating", "--column indentation_mm='identation_mm' takes it as indentation_mm"),
+    ],
+)
+def test_a_misspelt_title_is_named_with_what_takes_it(file, header, said):
+    with pytest.raises(InputError) as caught:
+        Ratings.read(file(f"{header}\na,1,2\n"))
+    assert said in str(caught.value)
+
+
+def test_titles_that_are_other_words_are_not_called_misspelt(file):
+    read = Ratings.read(file("fabric,force_n,rating,age,gender,hand,session,block\na,1,2,3,f,r,1,1\n"))
+    assert not any("misspelt" in note for note in read.notes)
