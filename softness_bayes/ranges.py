@@ -90,6 +90,8 @@ PARTICIPANTS = Count(1, 10_000)
 """Simulated raters."""
 PANEL = Count(1, 10_000)
 """New raters whose mean rating is predicted."""
+RANKED = Count(1, 2000)
+"""Fabrics of a ranking, whose table of pairs grows with the square of their number."""
 FINGERS = Count(0, 10_000)
 """Simulated fingers under a rigid flat plate."""
 SIMULATED_RATINGS = Count(1, 10_000_000)

@@ -116,7 +116,8 @@ class OtherTouches:
             if k < NEW_RATERS:
                 new[:, k] = rating
             if k < raters:
-                total += scale.additive(rating)
+                with np.errstate(divide="ignore"):  # of a rating of 0 the mean is 0 too
+                    total += scale.additive(rating)
         mean = scale.natural(total / raters) if raters else np.empty((len(theta), 0))
         return OtherRatings(response[..., :conditions] * self.scene.n_receptors, typical, new, mean)
 

@@ -13,6 +13,7 @@ from softness_bayes.checking.places import Pairs, Places, agreement, pairs, plac
 from softness_bayes.data import Fabrics
 from softness_bayes.likelihood.scales import Scale
 from softness_bayes.plotting.style import USUAL, Style
+from softness_bayes.ranges import RANKED
 from softness_bayes.results.fitted import Fitted
 from softness_bayes.results.rating_table import limits
 from softness_bayes.results.reasons import reasons
@@ -186,8 +187,9 @@ def rank(result: Stored, fabrics: Fabrics, loads: tuple[Load, ...], draws: int =
     Raises
     ------
     InputError
-        If the run had no ratings, or lacks what its model is made from.
+        If there are too many fabrics, or the run had no ratings, or lacks what its model is made from.
     """
+    RANKED.require("rank: number of fabrics", len(fabrics))
     fitted, rng = Fitted(result, draws), np.random.default_rng(seed)
     scene, modulus = fitted.scene(fabrics, loads), fitted.modulus(rng, fabrics)
     found = fitted.touches(fabrics, scene).ratings(rng, fitted.theta, 0, modulus)

@@ -100,6 +100,8 @@ def fuzz_results(finished: Path, folder: Path, random: np.random.Generator, case
             "compare": ["compare", here / "whole", out, "--out", here / "made"],
             "predict": ["predict", "--posterior", out, *touched, "--out", here / "predicted.csv"],
             "report": ["report", out, "--out", here / "made.html"],
+            "rank": ["rank", out, *touched, "--out", here / "made"],
+            "target": ["target", out, "--rating", "20", "--out", here / "target.csv"],
         }
         verb = list(verbs)[case % len(verbs)]
         before = files_of(here)
@@ -119,8 +121,8 @@ def fuzz_results(finished: Path, folder: Path, random: np.random.Generator, case
 
 
 def test_a_damaged_run_is_read_or_refused(finished, tmp_path, no_walk, few_pictures):
-    seen = fuzz_results(finished, tmp_path, np.random.default_rng([SEED, 5]), 12)
-    assert {verb for verb, _ in seen} == {"status", "resume", "plot", "compare", "predict", "report"}
+    seen = fuzz_results(finished, tmp_path, np.random.default_rng([SEED, 5]), 16)
+    assert {verb for verb, _ in seen} == {"status", "resume", "plot", "compare", "predict", "report", "rank", "target"}
     assert {0, 2} <= {code for _, code in seen}  # else nothing was spoilt, or everything
 
 

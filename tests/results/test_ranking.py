@@ -90,6 +90,12 @@ def test_places_and_pairs_agree_with_each_other(ranking):
     assert_allclose(rows["p_softer_than_next"][:-1], said)
 
 
+def test_too_many_fabrics_are_refused(result):
+    many = Fabrics(tuple(map(str, range(2001))), effective_modulus=np.full(2001, 1e4))
+    with pytest.raises(InputError, match="number of fabrics is 2001, expected a whole number from 1 to 2000"):
+        result.rank(many)
+
+
 def test_agreement_is_that_of_the_fabrics_in_both(ranking):
     order = ranking.loads[0].order
     observed = {NEW.names[k]: float(at) for at, k in enumerate(order)} | {"another": 99.0}
