@@ -11,6 +11,8 @@ MAX_STEPS = 100_000
 NOISE = 0.0
 """Strength of the membranes' white current [µA/cm² sqrt(ms)]."""
 
+ERRORS = ("normal", "student", "lapses")
+"""Names of the error laws of ratings, `likelihood.error_laws.ERROR_LAWS`: listed here so that help needs no NumPy."""
 PRIOR_SET = "default"
 """Named set of priors."""
 

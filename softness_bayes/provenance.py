@@ -84,6 +84,12 @@ class RatingModel:
     rating_scale: Scale = MAGNITUDE
     accuracy: float | None = None
     discretisation: str = ""
+    rating_errors: str = "normal"
+    """Name of the law of the errors."""
+    rating_errors_note: str = ""
+    """Why the errors have that law."""
+    rating_note: str = ""
+    """What was understood of the numbers."""
 
 
 @dataclass(frozen=True)

@@ -35,6 +35,7 @@ def command(files: DataFiles, scale: str, choice: ReadingChoice) -> None:
 
     from softness_bayes.data import Compression
     from softness_bayes.likelihood.scales import RATING_SCALES
+    from softness_bayes.model.as_given import as_given
     from softness_bayes.model.build import choose_direction
     from softness_bayes.model.fabric_moduli import fabric_moduli
     from softness_bayes.model.options import ModelOptions
@@ -63,9 +64,10 @@ def command(files: DataFiles, scale: str, choice: ReadingChoice) -> None:
     for note in experiment.notes:
         click.echo(f"note: {note}")
     ratings = experiment.ratings
-    RATING_SCALES[scale].require(ratings)
-    click.echo("\nDo ratings rise or fall with stiffness?")
     asked = ModelOptions(readings=choice.resolve(), scale=RATING_SCALES[scale])
+    given = as_given(ratings, asked)
+    click.echo(f"\nWhat do the numbers say?\n{given.note}\n{given.errors_note}")
+    click.echo("\nDo ratings rise or fall with stiffness?")
     for line in choose_direction(experiment, asked).evidence.lines:
         click.echo(line)
 

@@ -134,11 +134,11 @@ def _model_of_forces(model: ModelChoice) -> ModelChoice:
         If an option of ratings was given.
     """
     source = click.get_current_context().get_parameter_source
-    of_ratings = ("scale", "direction", "accuracy", "noise", "exact_reweight")
+    of_ratings = ("scale", "direction", "accuracy", "noise", "exact_reweight", "errors", "resolution")
     if any(source(name) is not ParameterSource.DEFAULT for name in of_ratings):
         raise InputError(
-            "--ratings, --direction, --accuracy, --noise and --exact-reweight are for ratings: give --data, or "
-            "leave them out"
+            "--ratings, --direction, --accuracy, --noise, --exact-reweight, --errors and --resolution are for ratings: "
+            "give --data, or leave them out"
         )
     if source("prior_set") is not ParameterSource.DEFAULT:
         return model
@@ -199,6 +199,8 @@ def run(
         click.echo(f"note: {note}", err=True)
     if isinstance(model, ExperimentModel):
         click.echo(_direction_note(model), err=True)
+        for said in (model.given.note, model.given.errors_note):
+            click.echo(f"note: {said}", err=True)
     with keeping(lambda: _kept(checkpoint)), checkpoint:
         decided = request._replace(model=model.options)
         asked = {"files": record_of(files, out), "options": decided.record(), "figures": figures}
@@ -342,6 +344,7 @@ def _report_ratings(result: Result, fit: Fit) -> None:
         *([] if fit.choice.against_data else residuals.sentences),
         *([] if fit.choice.against_data else result.said_of_moduli()),
         *([result.said_of_loads()] if result.load_cv.any() else []),
+        *(said for said in (found.rating_model.rating_note, found.rating_model.rating_errors_note) if said),
     ):
         click.echo(sentence)
     click.echo(

@@ -20,7 +20,9 @@ from softness_bayes.cli.options.model import (
     prior_set,
     rating_scale,
     readings,
+    resolution,
     set_values,
+    simulated_errors,
 )
 from softness_bayes.cli.options.run import force, out, seed
 from softness_bayes.cli.options.tables import Touches, touches
@@ -44,6 +46,8 @@ RATINGS, FABRICS, COMPRESSION, TRUTH = "ratings.csv", "fabrics.csv", "compressio
 @readings
 @finger
 @load_cv
+@simulated_errors
+@resolution
 @click.option("--participants", type=whole(PARTICIPANTS), default=30, show_default=True, help="Number of raters.")
 @click.option(
     "--missing",
@@ -78,6 +82,8 @@ def command(
     choice: ReadingChoice,
     finger: dict[str, float],
     load_cv: float | None,
+    errors: str,
+    resolution: float | None,
     participants: int,
     missing: float,
     typical_rating: float | None,
@@ -95,13 +101,15 @@ def command(
     Every participant rates every fabric under every load once. Writes ratings.csv (with the fabrics'
     columns), fabrics.csv and truth.json, which holds the parameters behind them; with --fingers also
     compression.csv, the forces of a rigid flat plate on fingers of the same skin. With --load-cv every rating's
-    load errs by itself, and ratings.csv states the error.
+    load errs by itself, and ratings.csv states the error. With --resolution participants answer on a grid of numbers,
+    from 0 on.
     """
     import numpy as np
 
     from softness_bayes.data import SIMULATE, fabrics_csv, ratings_csv
     from softness_bayes.files.outputs import require_outputs, write_outputs
     from softness_bayes.likelihood.directions import direction_named
+    from softness_bayes.likelihood.error_laws import error_law_named
     from softness_bayes.likelihood.scales import RATING_SCALES
     from softness_bayes.model.fingers import finger_of
     from softness_bayes.model.scenes import usual_values
@@ -128,12 +136,16 @@ def command(
         _resolution(fabrics, loads, usual, chosen, touching, accuracy),
         touching,
         load_cv or 0.0,
+        error_law_named(errors),
+        resolution or 0.0,
     )
     contents = {RATINGS: ratings_csv(simulation.ratings, fabrics), FABRICS: fabrics_csv(fabrics)}
     story = _truth(simulation, fabrics.names, loads)
     story |= {"seed": seed, "readings": chosen.names, "ratings": scale, "direction": direction}
     story |= {"finger": finger} if finger else {}
     story |= {"load_cv": load_cv} if load_cv else {}
+    story |= {"errors": errors} if errors != "normal" else {}
+    story |= {"resolution": resolution} if resolution else {}
     story |= {"version": __version__, "simulated": True}
     pressed = ""
     if fingers:

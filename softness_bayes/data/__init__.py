@@ -20,6 +20,7 @@ from softness_bayes.data.columns import (
     MODULUS_SOURCES,
     NUMBERS,
     RATING,
+    RESOLUTION,
     THICKNESS,
     Column,
 )
@@ -224,6 +225,8 @@ def ratings_csv(ratings: Ratings, fabrics: Fabrics | None = None) -> str:
             columns[column.name] = filled
     if ratings.load_cv is not None:
         columns[LOAD_CV.name] = [LOAD_CV.write(value) for value in ratings.load_cv]
+    if ratings.resolution is not None:
+        columns[RESOLUTION.name] = [RESOLUTION.write(value) for value in ratings.resolution]
     columns[RATING.name] = [RATING.write(value) for value in ratings.rating]
     if fabrics is not None:
         places = {name: i for i, name in enumerate(fabrics.names)}

@@ -10,7 +10,7 @@ from decimal import MAX_EMAX, MIN_EMIN, Context, Decimal
 
 from softness_bayes.data.units import UNITS, Unit, unit_named
 from softness_bayes.errors import quoted
-from softness_bayes.ranges import ANY, LOAD_ERRORS, RELATIVE_ERRORS, Range
+from softness_bayes.ranges import ANY, LOAD_ERRORS, RELATIVE_ERRORS, RESOLUTIONS, Range
 from softness_bayes.touch.contact import FORCES, INDENTATIONS
 
 _NUMBER = re.compile(r"([+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+))(?:[eE]([+-]?[0-9]{1,9}))?")
@@ -116,6 +116,7 @@ INDENTATION = Column(
     "indentation_mm", "indentation", "mm", power=-3, range=FINGERTIP, reason="a fingertip's radius is 8 mm"
 )
 FORCE = Column("force_n", "force", "N", range=BEARABLE, reason="a finger bears no more")
+RESOLUTION = Column("resolution", "step of the rater's grid of numbers", "", range=RESOLUTIONS)
 LOAD_CV = Column("load_cv", "relative error of the load", "", range=LOAD_ERRORS)
 RATING = Column("rating", "rating", "")
 RANK = Column("rank", "rank", "", range=_POSITIVE)
@@ -144,6 +145,7 @@ NUMBERS: Mapping[str, Column] = {
         INDENTATION,
         FORCE,
         LOAD_CV,
+        RESOLUTION,
         RATING,
         RANK,
         TENSILE_MODULUS,

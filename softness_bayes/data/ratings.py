@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from softness_bayes.data.columns import FORCE, INDENTATION, LOAD_CV, RATING, Column
+from softness_bayes.data.columns import FORCE, INDENTATION, LOAD_CV, RATING, RESOLUTION, Column
 from softness_bayes.data.fabrics import Fabrics, log_sd
 from softness_bayes.data.headers import LOADED, RATED
 from softness_bayes.data.names import alike_notes, guess, natural
@@ -114,20 +114,24 @@ class Ratings:
     digest: str = ""
     notes: tuple[str, ...] = ()
     not_positive: str = ""
-    """The first rating that is zero or negative, as written in the file."""
+    """The first negative rating, as written in the file."""
     load_cv: FloatArray | None = None
     """Relative standard error (n,) of each rating's load, NaN where a row has none; None if the table has none."""
+    resolution: FloatArray | None = None
+    """Step (n,) of the grid of numbers that the rater uses, NaN where a row has none; None if the table has none."""
 
     def __post_init__(self) -> None:
         arrays = {"participant": int, "fabric": int, "load": int, "rating": float, "rows": int}
-        arrays |= {} if self.load_cv is None else {"load_cv": float}
+        own = {"load_cv": LOAD_CV, "resolution": RESOLUTION}
+        arrays |= {name: float for name in own if getattr(self, name) is not None}
         for name, kind in arrays.items():
             object.__setattr__(self, name, read_only(getattr(self, name), kind))
         if len({getattr(self, name).shape for name in arrays}) > 1:
             raise InputError(f"{self.source}: {', '.join(arrays)} differ in length")
-        if self.load_cv is not None:
-            for value in self.load_cv[~np.isnan(self.load_cv)].tolist():
-                LOAD_CV.range.require(f"{self.source}: {LOAD_CV.name}", value)
+        for name in own.keys() & arrays.keys():
+            values = getattr(self, name)
+            for value in np.unique(values[~np.isnan(values)]).tolist():
+                own[name].range.require(f"{self.source}: {name}", value)
 
     def __len__(self) -> int:
         return len(self.rating)
@@ -191,8 +195,9 @@ class Ratings:
         """Read a table of ratings.
 
         Columns: `participant` (if missing, all rows are of one participant), `fabric`, `rating` (empty if
-        missing), `indentation_mm` or `force_n` (exactly one in each row), and optionally `load_cv` and `trial`. A wide
-        table has one column for each fabric instead, or for each fabric under each load (`cotton @ 2 mm`).
+        missing), `indentation_mm` or `force_n` (exactly one in each row), and optionally `load_cv`, `resolution`
+        and `trial`. A wide table has one column for each fabric instead, or for each fabric under each load
+        (`cotton @ 2 mm`).
 
         Parameters
         ----------
@@ -262,10 +267,11 @@ class Ratings:
         what = _fabrics_in(table, fabrics)
         loads = _loads_in(table, given)
         load_cv = table.numbers(LOAD_CV) if LOAD_CV.name in table else None
+        resolution = table.numbers(RESOLUTION) if RESOLUTION.name in table else None
         table.check()
         touches = [load for load in loads if load is not None]
         notes += _repeats(table, by, what, touches)
-        wrong = np.flatnonzero(filed[rated] <= 0)
+        wrong = np.flatnonzero(filed[rated] < 0)
         if rated.size > 2 and np.ptp(filed[rated]) == 0:
             notes.append(f"looks wrong: all {rated.size} ratings are {filed[rated[0]]:g}, so they tell nothing")
 
@@ -290,6 +296,7 @@ class Ratings:
             notes=tuple(f"{table.label}: {note}" for note in notes),
             not_positive=table.cells[RATING.name][wrong[0]] if wrong.size else "",
             load_cv=load_cv,
+            resolution=resolution,
         )
 
 

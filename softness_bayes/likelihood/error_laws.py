@@ -1,45 +1,148 @@
-"""Error laws of single observations about their expectation."""
+"""Error laws of single observations about their expectation: normal, Student's t, normal with lapses."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from softness_bayes.errors import InputError
+from softness_bayes.likelihood import student
+
 FloatArray = NDArray[np.float64]
+
+_LOG_ROOT_TWO_PI = 0.5 * np.log(2.0 * np.pi)
 
 
 @dataclass(frozen=True)
 class ErrorLaw:
     """The law of one observation's error, in additive numbers of its scale.
 
+    Functions take errors in units of their spread and the model's parameters, of batch shape (...).
+
     Parameters
     ----------
     name
-        Name in the table of observation models.
+        Name in options and in the table of observation models.
+    meaning
+        Meaning in words, for help.
+    needs
+        Names of the law's own parameters.
     draw
-        Draws errors in units of their spread; takes a source of random numbers, a shape (..., rows) and the model's
-        parameters of batch shape (...).
+        Draws errors in units of their spread; takes a source of random numbers, a shape (..., rows) and the parameters.
     normal_scores
-        Turns errors (..., rows) into normal ones with the same spread and the same probability of a smaller error
-        (Dunn and Smyth, J. Comp. Graph. Stat. 5, 236, 1996). Checks of residuals need no other law than the normal.
+        Normal score of errors (..., rows): the standard normal number with the same probability of a smaller one (Dunn
+        and Smyth, J. Comp. Graph. Stat. 5, 236, 1996). Checks of residuals need no other law than the normal.
+    log_density
+        Log density of errors (..., rows).
+    slopes
+        First to fourth derivative of the density with respect to the error, each divided by the density.
+    lapses
+        Whether some observations are lapses, uniform over their rater's own range, with the share `lapse`.
     """
 
     name: str
+    meaning: str
+    needs: tuple[str, ...]
     draw: Callable[[np.random.Generator, tuple[int, ...], Any], FloatArray]
     normal_scores: Callable[[FloatArray, Any], FloatArray]
+    log_density: Callable[[FloatArray, Any], FloatArray]
+    slopes: Callable[[FloatArray, Any], tuple[FloatArray, ...]]
+    lapses: bool = False
 
 
 def _draw_normal(rng: np.random.Generator, shape: tuple[int, ...], parameters: Any) -> FloatArray:
     return rng.standard_normal(shape)
 
 
-def _as_they_are(errors: FloatArray, parameters: Any) -> FloatArray:
+def _same(errors: FloatArray, parameters: Any) -> FloatArray:
     return errors
 
 
-NORMAL = ErrorLaw("normal", _draw_normal, _as_they_are)
+def _log_normal_density(errors: FloatArray, parameters: Any) -> FloatArray:
+    return -0.5 * errors * errors - _LOG_ROOT_TWO_PI
+
+
+def _normal_slopes(errors: FloatArray, parameters: Any) -> tuple[FloatArray, ...]:
+    square = errors * errors
+    return -errors, square - 1.0, errors * (3.0 - square), square * (square - 6.0) + 3.0
+
+
+def _nu(parameters: Any) -> FloatArray:
+    return np.maximum(np.asarray(parameters.nu, float), student.LEAST)[..., None]
+
+
+def _draw_student(rng: np.random.Generator, shape: tuple[int, ...], parameters: Any) -> FloatArray:
+    normal, nu = rng.standard_normal(shape), np.broadcast_to(_nu(parameters), shape)
+    return normal / np.sqrt(rng.chisquare(nu) / nu)
+
+
+def _student_score(errors: FloatArray, parameters: Any) -> FloatArray:
+    return student.normal_score(errors, _nu(parameters))
+
+
+def _log_student_density(errors: FloatArray, parameters: Any) -> FloatArray:
+    return student.log_density(errors, _nu(parameters))
+
+
+def _student_slopes(errors: FloatArray, parameters: Any) -> tuple[FloatArray, ...]:
+    """Return the derivatives of (1 + u²/nu)^-a, a = (nu + 1)/2, over itself, from those of its logarithm."""
+    nu = _nu(parameters)
+    inverse = 1.0 / (nu + errors * errors)
+    up, over = errors * errors * inverse, nu * inverse
+    root, twice = errors * inverse, nu + 1.0
+    one = -twice * root
+    two = -twice * inverse * (over - up)
+    three = -2.0 * twice * root * inverse * (up - 3.0 * over)
+    four = 6.0 * twice * inverse * inverse * (up * up - 6.0 * up * over + over * over)
+    square = one * one
+    return (
+        one,
+        square + two,
+        one * (square + 3.0 * two) + three,
+        square * (square + 6.0 * two) + 3.0 * two * two + 4.0 * one * three + four,
+    )
+
+
+NORMAL = ErrorLaw("normal", "normal", (), _draw_normal, _same, _log_normal_density, _normal_slopes)
 """Normal errors: log-normal about a magnitude estimate or a force, normal about a z-score."""
+STUDENT = ErrorLaw(
+    "student",
+    "Student's t with sampled degrees of freedom",
+    ("nu",),
+    _draw_student,
+    _student_score,
+    _log_student_density,
+    _student_slopes,
+)
+"""Errors with heavy tails: Student's t with `nu` degrees of freedom."""
+LAPSES = ErrorLaw(
+    "lapses",
+    "normal, but for a share of lapses over the rater's range",
+    ("lapse",),
+    _draw_normal,
+    _same,
+    _log_normal_density,
+    _normal_slopes,
+    lapses=True,
+)
+"""Normal errors, but for a share `lapse` of observations that are uniform over the range of their rater's numbers."""
+ERROR_LAWS: Mapping[str, ErrorLaw] = MappingProxyType({law.name: law for law in (NORMAL, STUDENT, LAPSES)})
+"""The error laws of ratings, by name."""
+
+
+def error_law_named(name: str) -> ErrorLaw:
+    """Return an error law by its name.
+
+    Raises
+    ------
+    InputError
+        If there is none of that name.
+    """
+    if name not in ERROR_LAWS:
+        raise InputError(f"errors: {name!r} is not known, expected {' or '.join(ERROR_LAWS)}")
+    return ERROR_LAWS[name]

@@ -23,6 +23,7 @@ from softness_bayes.likelihood.magnitude import LogRatings, RatingModel
 from softness_bayes.likelihood.mu_nodes import RaterLaw, about_mu, at_nodes, log_prior, log_sum
 from softness_bayes.likelihood.pieces import in_pieces
 from softness_bayes.likelihood.ratings import RatingParameters
+from softness_bayes.likelihood.stated import Stated
 from softness_bayes.touch.finger_grid import EFFECT_OF, SPREAD_OF, FingerGrid
 
 FloatArray = NDArray[np.float64]
@@ -127,7 +128,7 @@ class IndividualModel(RatingModel):
         own = {EFFECT_OF[name]: (effects.deviation[..., k], ("participant",)) for k, name in enumerate(self.grid.names)}
         return {"mu": (effects.mu, ()), "participant_effect": (effects.participant, ("participant",)), **own}
 
-    def observe(self, ratings: ArrayLike, design: Design) -> IndividualRatings:
+    def observe(self, ratings: ArrayLike, design: Design, stated: Stated | None = None) -> IndividualRatings:
         """Return the likelihood of these ratings under this model."""
         return IndividualRatings(ratings, design, self)
 

@@ -21,6 +21,7 @@ from softness_bayes.likelihood.pieces import in_pieces
 from softness_bayes.likelihood.random_effects import Effects, LeaveOneOut, RandomEffects, Spreads
 from softness_bayes.likelihood.ratings import RatingParameters, RatingsLikelihood
 from softness_bayes.likelihood.scales import MAGNITUDE, Scale
+from softness_bayes.likelihood.stated import Stated
 from softness_bayes.parameters.priors import Normal, Prior
 
 FloatArray = NDArray[np.float64]
@@ -144,6 +145,17 @@ class RatingModel:
         effects: Effects,
     ) -> FloatArray:
         """One rating for every row of a design, shape (..., rows), given the effects and `drive`."""
+        return self.draw_attentive(rng, design, drive, parameters, effects)
+
+    def draw_attentive(
+        self,
+        rng: np.random.Generator,
+        design: Design,
+        drive: FloatArray,
+        parameters: RatingParameters,
+        effects: Effects,
+    ) -> FloatArray:
+        """As `draw_ratings`, without lapses and rounding."""
         log_rating = effects.mu[..., None] + (drive + effects.fabric[..., design.fabric])[..., design.condition]
         log_rating = log_rating + effects.participant[..., design.participant]
         return self.scatter(rng, log_rating, parameters)
@@ -170,7 +182,7 @@ class RatingModel:
         """Priors of what is drawn after a run and shared by all ratings, by name."""
         return {"mu": self.level}
 
-    def observe(self, ratings: ArrayLike, design: Design) -> LogRatings:
+    def observe(self, ratings: ArrayLike, design: Design, stated: Stated | None = None) -> RatingsLikelihood:
         """Return the likelihood of these ratings under this model."""
         return LogRatings(ratings, design, self)
 

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from functools import partial
 from types import MappingProxyType
 
 from softness_bayes.errors import InputError
 from softness_bayes.likelihood.contract import Likelihood
 from softness_bayes.likelihood.directions import RISES, RatingDirection
-from softness_bayes.likelihood.error_laws import NORMAL, ErrorLaw
+from softness_bayes.likelihood.error_laws import ERROR_LAWS, LAPSES, NORMAL, STUDENT, ErrorLaw
 from softness_bayes.likelihood.individual import IndividualRatings
+from softness_bayes.likelihood.intervals import IntervalModel, IntervalRatings
 from softness_bayes.likelihood.load_errors import LoadErrors
 from softness_bayes.likelihood.magnitude import LogRatings, RatingModel
 from softness_bayes.likelihood.plate import CompressionForces
@@ -19,15 +21,26 @@ from softness_bayes.likelihood.uncertain_loads import UncertainLoads
 from softness_bayes.likelihood.z_scores import StandardisedModel, StandardisedRatings
 
 RATING_MODELS: Mapping[tuple[Scale, ErrorLaw], Callable[[RatingDirection], RatingsModel]] = MappingProxyType(
-    {(MAGNITUDE, NORMAL): RatingModel, (STANDARDISED, NORMAL): StandardisedModel}
+    {
+        (MAGNITUDE, NORMAL): RatingModel,
+        (MAGNITUDE, STUDENT): partial(IntervalModel, law=STUDENT),
+        (MAGNITUDE, LAPSES): partial(IntervalModel, law=LAPSES),
+        (STANDARDISED, NORMAL): StandardisedModel,
+    }
 )
 """Makes the observation model of a direction, by the scale of the ratings and the law of their errors."""
+
+OF_INTERVALS: Mapping[tuple[Scale, ErrorLaw], Callable[[RatingDirection], RatingsModel]] = MappingProxyType(
+    {(MAGNITUDE, law): partial(IntervalModel, law=law) for law in ERROR_LAWS.values()}
+)
+"""As `RATING_MODELS`, of ratings that stand for intervals."""
 
 UNDER_UNCERTAIN_LOADS: Mapping[Scale, Callable[..., RatingsLikelihood]] = MappingProxyType({MAGNITUDE: UncertainLoads})
 """The likelihood of ratings whose loads have errors, by their scale, where there is one."""
 
 LIKELIHOODS: tuple[type[Likelihood], ...] = (
     LogRatings,
+    IntervalRatings,
     UncertainLoads,
     IndividualRatings,
     StandardisedRatings,
@@ -36,18 +49,21 @@ LIKELIHOODS: tuple[type[Likelihood], ...] = (
 """Every likelihood; each goes through the tests of the contract."""
 
 
-def rating_model(scale: Scale, direction: RatingDirection = RISES, error: ErrorLaw = NORMAL) -> RatingsModel:
-    """Return the observation model of ratings.
+def rating_model(
+    scale: Scale, direction: RatingDirection = RISES, error: ErrorLaw = NORMAL, exact: bool = True
+) -> RatingsModel:
+    """Return the observation model of ratings, which are exact numbers or stand for intervals.
 
     Raises
     ------
     InputError
         If there is none for that scale and that error law.
     """
-    if (scale, error) not in RATING_MODELS:
-        known = ", ".join(f"{one.name} with {law.name} errors" for one, law in RATING_MODELS)
+    models = RATING_MODELS if exact else OF_INTERVALS
+    if (scale, error) not in models:
+        known = ", ".join(f"{one.name} with {law.name} errors" for one, law in models)
         raise InputError(f"ratings: no model of {scale.name} with {error.name} errors; expected one of {known}")
-    return RATING_MODELS[scale, error](direction)
+    return models[scale, error](direction)
 
 
 def under_uncertain_loads(observed: RatingsLikelihood, errors: LoadErrors) -> RatingsLikelihood:

@@ -12,6 +12,7 @@ from softness_bayes.errors import InputError
 from softness_bayes.likelihood.contract import Effects, Likelihood, Model
 from softness_bayes.likelihood.design import Design
 from softness_bayes.likelihood.directions import RatingDirection
+from softness_bayes.likelihood.stated import Stated
 
 FloatArray = NDArray[np.float64]
 
@@ -38,6 +39,10 @@ class RatingParameters(NamedTuple):
     """Spread of raters' m, in its unit."""
     tau_sigma: ArrayLike = 0.0
     """Spread of raters' ln sigma_0 [-]."""
+    nu: ArrayLike = np.inf
+    """Degrees of freedom of Student's t errors [-]."""
+    lapse: ArrayLike = 0.0
+    """Share of lapses among ratings [-]."""
 
     @classmethod
     def among(cls, values: Mapping[str, ArrayLike]) -> RatingParameters:
@@ -104,8 +109,8 @@ class RatingsModel(Model, Protocol):
     ) -> FloatArray:
         """Return a rating for every row of a design, shape (..., rows)."""
 
-    def observe(self, ratings: ArrayLike, design: Design) -> RatingsLikelihood:
-        """Return the likelihood of these ratings."""
+    def observe(self, ratings: ArrayLike, design: Design, stated: Stated | None = None) -> RatingsLikelihood:
+        """Return the likelihood of these ratings; of models of intervals, with what the ratings stand for."""
 
 
 class RatingsLikelihood(Likelihood):
@@ -170,6 +175,15 @@ class RatingsLikelihood(Likelihood):
     ) -> Effects:
         """Return these effects with as many participants drawn anew."""
         return self.model.with_new_participants(rng, parameters, effects)
+
+    @property
+    def ends(self) -> tuple[FloatArray, FloatArray] | None:
+        """Ends of the intervals that the ratings stand for, each (rows,); None if they are exact numbers."""
+        return None
+
+    def finer(self) -> Self:
+        """Return the same likelihood with finer numerical integrals, if it has any."""
+        return self
 
     def replicate(
         self,

@@ -45,7 +45,7 @@ class Filed(Protocol):
 
     @property
     def not_positive(self) -> str:
-        """The first rating that is zero or negative, as written in the file."""
+        """The first negative rating, as written in the file."""
 
 
 @dataclass(frozen=True)
@@ -115,19 +115,22 @@ def _same(values: Any) -> NDArray[np.float64]:
 
 
 def _require_positive(table: Filed) -> None:
-    """Raise an error for ratings without a logarithm: magnitude estimates are above 0 (model.md 9)."""
+    """Raise an error for negative ratings: magnitude estimates are 0 or above (model.md 9)."""
     import numpy as np
 
-    wrong = np.flatnonzero(table.rating <= 0)
+    wrong = np.flatnonzero(table.rating < 0)
+    if not wrong.size and not (table.rating > 0).any():
+        raise InputError(
+            f"{table.source}: column {table.rating_column!r}: expected ratings above 0, got none: all "
+            f"{table.rating.size} are 0"
+        )
     if wrong.size:
         i = wrong[0]
         found = quoted(table.not_positive or f"{table.rating[i]:.15g}")
         raise InputError(
             f"{table.source}: row {table.rows[i]}, column {table.rating_column!r}: expected a magnitude "
-            f"estimate above 0, got {found} ({wrong.size} of {table.rating.size} ratings are zero "
-            "or negative and have no logarithm); leave the cell of a missing rating empty; "
-            "--drop-zeros leaves out ratings of 0; if these are "
-            f"z-scores, say so with --ratings {STANDARDISED.name}"
+            f"estimate of 0 or above, got {found} ({wrong.size} of {table.rating.size} ratings are negative); leave "
+            f"the cell of a missing rating empty; if these are z-scores, say so with --ratings {STANDARDISED.name}"
         )
 
 

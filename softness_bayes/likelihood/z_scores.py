@@ -19,6 +19,7 @@ from softness_bayes.likelihood.left_out import given_the_others, minimum, summin
 from softness_bayes.likelihood.pieces import in_pieces
 from softness_bayes.likelihood.ratings import RatingParameters, RatingsLikelihood
 from softness_bayes.likelihood.scales import STANDARDISED, Scale
+from softness_bayes.likelihood.stated import Stated
 from softness_bayes.parameters.priors import HalfNormal, Normal, Prior
 
 FloatArray = NDArray[np.float64]
@@ -134,7 +135,7 @@ class StandardisedModel:
         """Priors of what is drawn after a run and shared by all ratings, by name."""
         return {"c0": Normal(0.0, 1.0), "c1": HalfNormal(1.0)}
 
-    def observe(self, ratings: ArrayLike, design: Design) -> StandardisedRatings:
+    def observe(self, ratings: ArrayLike, design: Design, stated: Stated | None = None) -> StandardisedRatings:
         """These ratings under this model."""
         return StandardisedRatings(ratings, design, self)
 

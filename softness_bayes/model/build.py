@@ -19,6 +19,7 @@ from softness_bayes.likelihood.models import rating_model, under_uncertain_loads
 from softness_bayes.likelihood.plate import CompressionForces
 from softness_bayes.likelihood.ratings import RatingParameters, RatingsModel
 from softness_bayes.likelihood.scales import MAGNITUDE
+from softness_bayes.model.as_given import AsGiven, as_given
 from softness_bayes.model.fabric_moduli import fabric_moduli
 from softness_bayes.model.fingers import box_of_priors, require_one_source
 from softness_bayes.model.individual import family_of, grid_of, spreads_of
@@ -29,7 +30,7 @@ from softness_bayes.model.resolution import prior_draws, resolution_for
 from softness_bayes.model.scenes import scene_of
 from softness_bayes.parameters.choice import parameter_space
 from softness_bayes.parameters.coordinates import Bent, Scaled
-from softness_bayes.parameters.declared import FINGER_PARAMETERS, PARAMETERS, SHAPE_PARAMETERS
+from softness_bayes.parameters.declared import ERROR_PARAMETERS, FINGER_PARAMETERS, PARAMETERS, SHAPE_PARAMETERS
 from softness_bayes.parameters.fabric_moduli import FabricModuli
 from softness_bayes.parameters.space import ParameterSpace
 from softness_bayes.touch import accuracy
@@ -63,6 +64,8 @@ class ExperimentModel:
         The direction of the ratings, and what the data say of it.
     resolution
         How the discretisation was chosen; None if it was given.
+    given
+        What the ratings stand for, and the law of their errors.
     """
 
     experiment: Experiment
@@ -71,6 +74,7 @@ class ExperimentModel:
     scene: Scene
     direction: direction.Choice
     resolution: accuracy.Choice | None
+    given: AsGiven
 
 
 @dataclass(frozen=True)
@@ -113,6 +117,9 @@ def build(experiment: Experiment, options: ModelOptions = ModelOptions()) -> Exp
         raise InputError("individual: there is one participant only, whose finger is the typical one; leave it out")
     if options.individual and (freed := sorted(SHAPE_PARAMETERS.keys() & options.priors.keys())):
         raise InputError(f"individual: raters' own fingers and a prior of {freed[0]} cannot be combined")
+    given = as_given(experiment.ratings, options)
+    if options.errors is None:
+        options = options.decide(errors=given.law)
     chosen = choose_direction(experiment, options)
     if options.direction is None:
         options = options.decide(direction=chosen.direction)
@@ -124,7 +131,8 @@ def build(experiment: Experiment, options: ModelOptions = ModelOptions()) -> Exp
         options = options.decide(discretisation=resolution.discretisation)
     assert options.discretisation is not None
     scene = compiled(options.discretisation)
-    observation = _model_of(options, chosen.direction).observe(experiment.ratings.rating, design_of(experiment))
+    model, design = _model_of(options, given.said.exact, chosen.direction), design_of(experiment)
+    observation = model.observe(given.said.values, design, None if given.said.exact else given.said)
     log_sd, others, fingers = experiment.ratings.load_log_sd(options.load_cv), None, None
     if log_sd.any():
         if options.individual:
@@ -136,7 +144,7 @@ def build(experiment: Experiment, options: ModelOptions = ModelOptions()) -> Exp
         fingers = family_of(scene, grid_of(options.individual))
     plates = () if experiment.compression is None else (forces_of(experiment.compression, options),)
     posterior = Posterior(_bent(space, scene).with_moduli(moduli), (observation, *plates), scene, others, fingers)
-    return ExperimentModel(experiment, options, posterior, scene, chosen, resolution)
+    return ExperimentModel(experiment, options, posterior, scene, chosen, resolution, given)
 
 
 def build_skin(compression: Compression, options: ModelOptions) -> SkinModel:
@@ -168,7 +176,7 @@ def choose_direction(experiment: Experiment, options: ModelOptions) -> direction
         If a rating does not suit the scale.
     """
     ratings, conditions = experiment.ratings, experiment.ratings.conditions
-    options.scale.require(ratings)
+    given = as_given(ratings, options)
     space = space_of(experiment, options)
     # noise rounds the foot of the rate curve, which changes no order, and takes minutes
     coarse = replace(COARSE, rate_nodes=(options.discretisation or COARSE).rate_nodes)
@@ -176,7 +184,7 @@ def choose_direction(experiment: Experiment, options: ModelOptions) -> direction
     layout = Layout(design_of(experiment), scene.modulus, conditions.load, scale=options.scale)
     draws = space.touch(space.draw_prior(np.random.default_rng(0), direction.DRAWS))
     firing = direction.firing_rises(layout, scene.total_rate(draws))
-    found = direction.evidence_in(layout, ratings.rating, [str(load) for load in ratings.loads], firing)
+    found = direction.evidence_in(layout, given.said.values, [str(load) for load in ratings.loads], firing)
     asked = options.direction is not None and "direction" not in options.decided
     return direction.choose(options.direction, found)._replace(asked=asked)
 
@@ -195,21 +203,29 @@ def space_of(experiment: Experiment, options: ModelOptions) -> ParameterSpace:
             "radius is given a prior, but the forces of compression data are those of one known radius: leave out the "
             "prior or the compression data"
         )
+    needs = _needs(experiment, options)
     return parameter_space(
         fix=options.fix,
         priors=options.priors,
         prior_set=options.prior_set,
         skin_displacement=options.readings.skin_displacement,
         n_participants=len(experiment.ratings.participants),
-        absent=set(RatingParameters._fields) - {*_model_of(options).needs, *FINGER_PARAMETERS},
+        absent=set(RatingParameters._fields) - {*needs, *FINGER_PARAMETERS, *ERROR_PARAMETERS},
         n_fingers=None if experiment.compression is None else len(experiment.compression.participants),
         membrane=options.readings.membrane,
         spreads=spreads_of(options.individual),
+        of_errors=ERROR_PARAMETERS.keys() & {*needs},
     )
 
 
-def _model_of(options: ModelOptions, direction: RatingDirection = RISES) -> RatingsModel:
-    """Return the observation model of the ratings.
+def _needs(experiment: Experiment, options: ModelOptions) -> tuple[str, ...]:
+    """Return the parameters of the observation model of the ratings."""
+    given = as_given(experiment.ratings, options)
+    return _model_of(replace(options, errors=given.law), given.said.exact).needs
+
+
+def _model_of(options: ModelOptions, exact: bool, direction: RatingDirection = RISES) -> RatingsModel:
+    """Return the observation model of the ratings, the law of whose errors is decided.
 
     Raises
     ------
@@ -217,7 +233,8 @@ def _model_of(options: ModelOptions, direction: RatingDirection = RISES) -> Rati
         If ratings of this scale have no model of raters' own fingers.
     """
     if not options.individual:
-        return rating_model(options.scale, direction)
+        assert options.errors is not None
+        return rating_model(options.scale, direction, options.errors, exact)
     if options.scale is not MAGNITUDE:
         raise InputError(f"individual: raters' own fingers need magnitude estimates, not {options.scale.name} ratings")
     return IndividualModel(direction, grid=grid_of(options.individual))

@@ -8,12 +8,13 @@ from typing import Any, Self
 
 from softness_bayes.defaults import ACCURACY, NOISE, PRIOR_SET
 from softness_bayes.likelihood.directions import RatingDirection, direction_named
+from softness_bayes.likelihood.error_laws import NORMAL, ErrorLaw, error_law_named
 from softness_bayes.likelihood.scales import MAGNITUDE, RATING_SCALES, Scale
 from softness_bayes.model.fingers import finger_of, values_of
 from softness_bayes.model.individual import require_individual
 from softness_bayes.parameters.fabric_moduli import UNKNOWN_MODULUS, require_law
 from softness_bayes.parameters.priors import Prior, parse_prior
-from softness_bayes.ranges import LOAD_ERRORS, RELATIVE_ERRORS
+from softness_bayes.ranges import LOAD_ERRORS, RELATIVE_ERRORS, RESOLUTIONS
 from softness_bayes.touch.contact import Finger
 from softness_bayes.touch.readings import MENDED, Readings
 from softness_bayes.touch.scene import Discretisation
@@ -23,8 +24,8 @@ from softness_bayes.touch.scene import Discretisation
 class ModelOptions:
     """The choices that make a model of an experiment.
 
-    Two of them, the direction of the ratings and the discretisation, may be left open; `build` then decides them, and
-    the options of the model that it returns have them filled in.
+    Three of them, the direction of the ratings, the law of their errors and the discretisation, may be left open;
+    `build` then decides them, and the options of the model that it returns have them filled in.
 
     Parameters
     ----------
@@ -47,6 +48,11 @@ class ModelOptions:
     individual
         What differs between raters' own fingers, some of b, m and sigma_0, each with a sampled spread; by default all
         raters have the typical finger.
+    errors
+        Law of the errors of ratings; None for the one that the table's residuals show.
+    resolution
+        Step of the grids of numbers that raters use, where the table has no column for it; 0 for exact numbers. None
+        finds that of each rater.
     noise
         Strength of the membranes' white current [µA/cm² sqrt(ms)]; needs fixed channel multipliers.
     accuracy
@@ -55,7 +61,8 @@ class ModelOptions:
     discretisation
         Resolution of the scene; None for one that keeps to the accuracy.
     decided
-        Names of the options ("direction", "discretisation") that were decided and not asked for, for the record.
+        Names of the options ("direction", "errors", "discretisation") that were decided and not asked for, for the
+        record.
     """
 
     fix: Mapping[str, float] = field(default_factory=dict)
@@ -69,6 +76,8 @@ class ModelOptions:
     unknown_modulus: Prior = UNKNOWN_MODULUS
     load_cv: float | None = None
     individual: tuple[str, ...] = ()
+    errors: ErrorLaw | None = None
+    resolution: float | None = None
     noise: float = NOISE
     accuracy: float = ACCURACY
     discretisation: Discretisation | None = None
@@ -81,6 +90,8 @@ class ModelOptions:
         if self.load_cv is not None:
             LOAD_ERRORS.require("load_cv", self.load_cv)
         require_individual(self.individual)
+        if self.resolution is not None:
+            RESOLUTIONS.require("resolution", self.resolution)
 
     def decide(self, **found: Any) -> Self:
         """Return the options with some that were open decided, by name."""
@@ -107,6 +118,8 @@ class ModelOptions:
             **({"unknown_modulus": str(self.unknown_modulus)} if self.unknown_modulus != UNKNOWN_MODULUS else {}),
             **({} if self.load_cv is None else {"load_cv": self.load_cv}),
             **({"individual": list(self.individual)} if self.individual else {}),
+            **({} if self.errors is None else {"errors": self.errors.name, "errors_decided": "errors" in self.decided}),
+            **({} if self.resolution is None else {"resolution": self.resolution}),
             "noise": self.noise,
             "accuracy": self.kept_accuracy,
             "discretisation": None if self.discretisation is None else asdict(self.discretisation),
@@ -125,6 +138,7 @@ class ModelOptions:
         decided = {
             "direction": record["direction_decided"],
             "discretisation": discretisation is not None and accuracy is not None,
+            "errors": record.get("errors_decided", False),
         }
         return cls(
             fix=record["fix"],
@@ -139,6 +153,8 @@ class ModelOptions:
             unknown_modulus=parse_prior(record.get("unknown_modulus", str(UNKNOWN_MODULUS))),
             load_cv=record.get("load_cv"),
             individual=tuple(record.get("individual", ())),
+            errors=error_law_named(record["errors"]) if "errors" in record else None,
+            resolution=record.get("resolution"),
             noise=record["noise"],
             accuracy=ACCURACY if accuracy is None else accuracy,
             discretisation=None if discretisation is None else Discretisation(**discretisation),
@@ -154,6 +170,8 @@ class ModelOptions:
             **({"finger": str(self.finger)} if self.finger != Finger() else {}),
             **({"load_cv": str(self.load_cv)} if self.load_cv else {}),
             **({"raters' own fingers": ", ".join(self.individual)} if self.individual else {}),
+            **({} if self.errors in (None, NORMAL) else {"errors": self.errors.name}),
+            **({} if self.resolution is None else {"resolution": str(self.resolution)}),
             "noise": str(self.noise),
             "discretisation": str(self.discretisation),
         }

@@ -16,14 +16,15 @@ from softness_bayes.errors import InputError
 from softness_bayes.likelihood.contract import NO_RESPONSE, Model
 from softness_bayes.likelihood.design import Design
 from softness_bayes.likelihood.directions import RISES, RatingDirection
+from softness_bayes.likelihood.error_laws import NORMAL, ErrorLaw
 from softness_bayes.likelihood.models import UNDER_UNCERTAIN_LOADS, rating_model
 from softness_bayes.likelihood.plate import CompressionForces, SkinParameters
 from softness_bayes.likelihood.ratings import RatingParameters
 from softness_bayes.likelihood.scales import LARGEST_LOG_RATING, MAGNITUDE, Scale
 from softness_bayes.model.other_loads import scaled
 from softness_bayes.model.scenes import scene_of, touch_parameters
-from softness_bayes.parameters.declared import EVERY_PARAMETER
-from softness_bayes.ranges import FINGERS, LOAD_ERRORS, PARTICIPANTS, SIMULATED_RATINGS, SLOPES
+from softness_bayes.parameters.declared import ERROR_PARAMETERS, EVERY_PARAMETER
+from softness_bayes.ranges import FINGERS, LOAD_ERRORS, PARTICIPANTS, RESOLUTIONS, SIMULATED_RATINGS, SLOPES
 from softness_bayes.touch.contact import Finger, Load
 from softness_bayes.touch.parameters import TouchParameters
 from softness_bayes.touch.readings import MENDED, Readings
@@ -60,6 +61,8 @@ def simulate_ratings(
     discretisation: Discretisation = Discretisation(),
     finger: Finger = Finger(),
     load_cv: float = 0.0,
+    errors: ErrorLaw = NORMAL,
+    resolution: float = 0.0,
 ) -> Simulation:
     """Let simulated participants rate every fabric under every load once.
 
@@ -92,18 +95,26 @@ def simulate_ratings(
     load_cv
         Relative standard error of every rating's load, which is log-normal about the stated one; the response is that
         of the load that was held.
+    errors
+        Law of the errors; its own parameters are among `values`, or the medians of their priors.
+    resolution
+        Step of the grid of numbers to which magnitude estimates are rounded, 0 included; 0 for exact numbers.
 
     Raises
     ------
     InputError
-        If the number of participants or of ratings, the share of gaps, mu, the slope or the error of the loads is out
-        of range, mu or slope is given for the other scale, or an error of loads for a scale that has none.
+        If the number of participants or of ratings, the share of gaps, mu, the slope, the error of the loads or the
+        resolution is out of range, mu or slope is given for the other scale, or an error of loads, a resolution or a
+        law of errors for a scale that has none.
     """
+    RESOLUTIONS.require("simulate: resolution", resolution)
+    if resolution and scale is not MAGNITUDE:
+        raise InputError(f"simulate: resolution is {resolution}, expected none for {scale.name} ratings")
     _require_ranges(participants, participants * len(fabrics) * len(loads), missing, mu)
     LOAD_ERRORS.require("simulate: load_cv", load_cv)
     if load_cv and scale not in UNDER_UNCERTAIN_LOADS:
         raise InputError(f"simulate: load_cv is {load_cv}, expected none for {scale.name} ratings")
-    model = rating_model(scale, direction)
+    model = rating_model(scale, direction, errors)
     levels = _levels(model, scale, mu, slope)
     scene = scene_of(fabrics, loads, values, readings, discretisation=discretisation, finger=finger)
     rate = scene.total_rate(touch_parameters(values))
@@ -114,7 +125,8 @@ def simulate_ratings(
         scene.fabric,
         participants,
     )
-    parameters = RatingParameters.among(values)
+    values = {**{name: ERROR_PARAMETERS[name].prior.median for name in errors.needs}, **values}
+    parameters = model.take(values)
     drive = model.drive(design, rate / scene.n_receptors, parameters)
     effects = model.draw_effects(rng, parameters, (), participants, design.n_fabrics, levels)
     touched = design
@@ -126,6 +138,8 @@ def simulate_ratings(
         rows = np.arange(design.n_rows)
         touched = Design(rows, design.participant, design.fabric[design.condition], participants)
     filed = _rounded(model.draw_ratings(rng, touched, drive, parameters, effects))
+    if resolution:
+        filed = _rounded(np.floor(filed / resolution + 0.5) * resolution)
     filed[rng.random(filed.size) < missing] = np.nan
     # conditions run load by load
     table = filed.reshape(participants, len(loads), len(fabrics)).transpose(0, 2, 1)

@@ -9,6 +9,7 @@ import numpy as np
 
 from softness_bayes.errors import InputError
 from softness_bayes.parameters.declared import (
+    ERROR_PARAMETERS,
     EVERY_PARAMETER,
     FINGER_PARAMETERS,
     HELD,
@@ -42,6 +43,7 @@ def parameter_space(
     n_fingers: int | None = None,
     membrane: Membrane = CONNOR_STEVENS,
     spreads: Collection[str] = (),
+    of_errors: Collection[str] = (),
 ) -> ParameterSpace:
     """Return the space of the sampled parameters with their priors, and the values of the held ones.
 
@@ -70,6 +72,8 @@ def parameter_space(
         a channel that it does not have is held.
     spreads
         The `FINGER_PARAMETERS` of ratings: spreads of raters' own fingers.
+    of_errors
+        The `ERROR_PARAMETERS` of the law of ratings' errors.
 
     Raises
     ------
@@ -80,6 +84,7 @@ def parameter_space(
     fix, priors = dict(fix or {}), dict(priors or {})
     freed = set(free) | set(priors)
     absent = {*absent, *(FINGER_PARAMETERS.keys() - {*(PLATE_PARAMETERS if n_fingers else ()), *spreads})}
+    absent |= ERROR_PARAMETERS.keys() - {*of_errors}
     _require_free_to_choose(freed, fix, absent, prior_set)
     absent |= SHAPE_PARAMETERS.keys() - freed
     forced = _not_identifiable(freed, n_participants, n_fingers, membrane)

@@ -147,7 +147,29 @@ FINGER_PARAMETERS: Mapping[str, Parameter] = MappingProxyType(
 PLATE_PARAMETERS = ("tau_b", "tau_m", "varsigma_f")
 """Those of them that compression data have."""
 
-EVERY_PARAMETER: Mapping[str, Parameter] = MappingProxyType({**PARAMETERS, **SHAPE_PARAMETERS, **FINGER_PARAMETERS})
+ERROR_PARAMETERS: Mapping[str, Parameter] = MappingProxyType(
+    {
+        parameter.name: parameter
+        for parameter in (
+            Parameter(
+                "nu",
+                r"$\nu$",
+                "–",
+                "degrees of freedom of Student's t errors",
+                LogNormal(8, 0.8),
+                range=Range(0.5, 1e12),
+            ),
+            Parameter(
+                "lapse", r"$\lambda$", "–", "share of lapses", HalfNormal(0.05), range=Range(1e-6, 0.5, zero=True)
+            ),
+        )
+    }
+)
+"""Parameters of the laws of errors that are not normal."""
+
+EVERY_PARAMETER: Mapping[str, Parameter] = MappingProxyType(
+    {**PARAMETERS, **SHAPE_PARAMETERS, **ERROR_PARAMETERS, **FINGER_PARAMETERS}
+)
 """All parameters that a run may sample, by name."""
 
 HELD: Mapping[str, float] = MappingProxyType({"omega": 0.0})

@@ -123,5 +123,7 @@ def _model(options: ModelOptions) -> list[str]:
 def _rating(options: ModelOptions, exact_reweight: bool) -> list[str]:
     """Return the options that only a run on ratings has."""
     words = ["--ratings", options.scale.name, "--direction", options.direction.name if options.direction else "auto"]
+    words += ["--errors", options.errors.name] if options.errors else []
+    words += [] if options.resolution is None else ["--resolution", repr(float(options.resolution))]
     words += ["--noise", repr(float(options.noise))] if options.noise else []
     return [*words, *(["--exact-reweight"] if exact_reweight else [])]

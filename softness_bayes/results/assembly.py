@@ -144,13 +144,13 @@ def summary_of(draws: RatedDraws, exactness: Exactness) -> pd.DataFrame:
 
 def _groups(draws: RatedDraws, drawn: Replicates, error: float, grid: Scene) -> Groups:
     """Return every group but those of the posterior itself, which wait for the exact likelihood."""
-    few, ratings = draws.subset(REPLICATES), draws.experiment.ratings
+    few = draws.subset(REPLICATES)
     pit = loo_pit(draws.ratings, few.mean_rate, few.parameters)
     groups: Groups = {
         **prior_groups(draws, drawn),
         "predictions": prediction_group(draws, grid, error),
         **turning_groups(draws, error),
-        "observed_data": {"rating": Variable(ratings.rating, ("rating_row",))},
+        "observed_data": {"rating": Variable(draws.ratings.values, ("rating_row",))},
         "constant_data": constant_group(draws, pit),
     }
     return merged(groups, predictive_groups(draws, drawn))

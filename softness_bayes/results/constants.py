@@ -11,7 +11,7 @@ from softness_bayes import arviz_bridge
 from softness_bayes.checking.check_table import LOO_PIT, PARETO_K
 from softness_bayes.checking.fabric_moduli import MODULUS_LAW, UNCERTAIN
 from softness_bayes.checking.quantities import LooPit
-from softness_bayes.data.columns import EFFECTIVE_MODULUS, LOAD_CV, POISSON_RATIO
+from softness_bayes.data.columns import EFFECTIVE_MODULUS, LOAD_CV, POISSON_RATIO, RESOLUTION
 from softness_bayes.data.ratings import LOAD_COLUMNS
 from softness_bayes.parameters.declared import EVERY_PARAMETER
 from softness_bayes.parameters.fabric_moduli import FabricModuli
@@ -20,6 +20,9 @@ from softness_bayes.results.draws import RatedDraws
 from softness_bayes.results.groups import Variable
 from softness_bayes.results.plate import plate_coordinates
 from softness_bayes.touch.scene import Scene
+
+RATING_AS_FILED, RATING_LOW, RATING_HIGH = "rating_as_filed", "rating_low", "rating_high"
+"""Names of ratings as filed, 0 included, and of the ends of the intervals that they stand for."""
 
 
 def held_parameters(space: ParameterSpace) -> dict[str, Variable]:
@@ -56,10 +59,24 @@ def constant_group(draws: RatedDraws, pit: LooPit) -> dict[str, Variable]:
             for column, kind, value in LOAD_COLUMNS
         },
         **({} if ratings.load_cv is None else {LOAD_CV.name: Variable(ratings.load_cv, ("rating_row",))}),
+        **({} if ratings.resolution is None else {RESOLUTION.name: Variable(ratings.resolution, ("rating_row",))}),
+        **_as_filed(draws),
         **{
             f"{what}_index": Variable(getattr(ratings, what), ("rating_row",))
             for what in ("participant", "fabric", "load")
         },
+    }
+
+
+def _as_filed(draws: RatedDraws) -> dict[str, Variable]:
+    """Return ratings as filed and the ends of their intervals, where ratings are not exact numbers."""
+    ends = draws.ratings.ends
+    if ends is None:
+        return {}
+    return {
+        RATING_AS_FILED: Variable(draws.experiment.ratings.rating, ("rating_row",)),
+        RATING_LOW: Variable(ends[0], ("rating_row",)),
+        RATING_HIGH: Variable(ends[1], ("rating_row",)),
     }
 
 

@@ -29,7 +29,8 @@ def exact_log_likelihood(posterior: Posterior, theta: Array) -> Array:
     exact, fingers = _scene(posterior).exact(), posterior.fingers
     finer = None if fingers is None else finer_family_of(exact, fingers.grid.finer())
     others = None if posterior.other_loads is None else _compiled(posterior.other_loads).exact()
-    return posterior.with_scene(exact, others, finer).log_likelihood(theta)
+    finest = posterior.with_term(posterior.observation.finer())
+    return finest.with_scene(exact, others, finer).log_likelihood(theta)
 
 
 def begin_comparison(posterior: Posterior, theta: Array, workers: Workers, reweight: bool) -> Callable[[], Exactness]:

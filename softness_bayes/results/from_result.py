@@ -8,13 +8,15 @@ import numpy as np
 
 from softness_bayes.checking.fabric_moduli import MODULUS_LAW, UNCERTAIN
 from softness_bayes.data import Compression, Experiment, Fabrics, Ratings
-from softness_bayes.data.columns import LOAD_CV
+from softness_bayes.data.columns import LOAD_CV, RESOLUTION
 from softness_bayes.defaults import ACCURACY
+from softness_bayes.likelihood.error_laws import NORMAL, error_law_named
 from softness_bayes.model.fingers import values_of
 from softness_bayes.model.options import ModelOptions
 from softness_bayes.parameters.declared import EVERY_PARAMETER
 from softness_bayes.parameters.fabric_moduli import UNKNOWN_MODULUS
 from softness_bayes.parameters.priors import LogNormal, LogUniform, Prior, parse_prior
+from softness_bayes.results.constants import RATING_AS_FILED
 from softness_bayes.results.lookup import Named
 from softness_bayes.results.stored import Stored
 from softness_bayes.touch.scene import Discretisation
@@ -38,11 +40,12 @@ def experiment_of(result: Stored) -> Experiment:
         participant=constant["participant_index"].values,
         fabric=constant["fabric_index"].values,
         load=constant["load_index"].values,
-        rating=rating.values,
+        rating=constant[RATING_AS_FILED].values if RATING_AS_FILED in constant else rating.values,
         rows=rating["rating_row"].values,
         n_missing=found.missing_ratings,
         digest=found.digest_ratings,
         load_cv=constant[LOAD_CV.name].values if LOAD_CV.name in constant else None,
+        resolution=constant[RESOLUTION.name].values if RESOLUTION.name in constant else None,
     )
     return Experiment(ratings, fabrics, (), _compression_of(result) if result.has_compression else None)
 
@@ -95,7 +98,11 @@ def options_of(result: Stored) -> ModelOptions:
     found, constant = result.provenance, result.group("constant_data")
     asked = Named(found.asked.options, "option", f"{result.source}: attribute 'options'")
     taken, priors = found.direction, found.priors
-    decided = {"direction": not taken.direction_asked, "discretisation": asked.get("accuracy") is not None}
+    decided = {
+        "direction": not taken.direction_asked,
+        "discretisation": asked.get("accuracy") is not None,
+        "errors": bool(asked.get("errors_decided")),
+    }
     return ModelOptions(
         fix={name: float(constant[name]) for name in EVERY_PARAMETER if name in constant},
         priors={name: priors[name] for name in EVERY_PARAMETER if name in priors},
@@ -110,6 +117,8 @@ def options_of(result: Stored) -> ModelOptions:
         individual=tuple(asked.get("individual") or ()),
         discretisation=Discretisation(**asked["discretisation"]),
         accuracy=asked.get("accuracy") or ACCURACY,
+        errors=error_law_named(found.rating_model.rating_errors),
+        resolution=asked.get("resolution"),
         noise=found.rating_model.noise,
         decided=frozenset(name for name, so in decided.items() if so),
     )
@@ -133,6 +142,8 @@ def _model(result: Stored) -> dict[str, str]:
         **{name: str(prior) for name, prior in options.priors.items()},
         **{name: f"{np.format_float_positional(value, 6, trim='-')}" for name, value in options.fix.items()},
         **{name: f"{value:g}" for name, value in values_of(options.finger).items()},
+        **({} if options.errors in (None, NORMAL) else {"errors": options.errors.name}),
+        **({} if options.resolution is None else {"resolution": f"{options.resolution:g}"}),
         **({"load_cv": f"{options.load_cv:g}"} if options.load_cv else {}),
         **({"compression": result.provenance.plate.digest_compression[:8]} if result.has_compression else {}),
     }

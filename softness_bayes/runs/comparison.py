@@ -17,6 +17,7 @@ from softness_bayes.errors import InputError
 from softness_bayes.likelihood.group_conditionals import block_log_likelihood
 from softness_bayes.model.build import build
 from softness_bayes.model.posterior import Posterior
+from softness_bayes.results.constants import RATING_HIGH, RATING_LOW
 from softness_bayes.results.from_result import differences, experiment_of, options_of
 from softness_bayes.results.result import Result
 from softness_bayes.sampler.diagnostics import Goal
@@ -334,7 +335,12 @@ def _data_that_differ(one: Result, two: Result) -> str:
     for name in ("digest_ratings", "digest_fabrics", "digest_compression"):
         if one.attributes.get(name, "") != two.attributes.get(name, ""):
             return name.replace("_", " of ")
-    constants = ("participant_index", "fabric_index", "load_index", "indentation_mm", "force_n")
+    intervals = [
+        name for name in (RATING_LOW, RATING_HIGH) if any(name in r.group("constant_data") for r in (one, two))
+    ]
+    if any(name not in r.group("constant_data") for r in (one, two) for name in intervals):
+        return "one takes ratings as intervals, whose probabilities are not ranked against densities of exact numbers"
+    constants = (*intervals, "participant_index", "fabric_index", "load_index", "indentation_mm", "force_n")
     pairs = [
         (r.group("observed_data")["rating"], *(r.group("constant_data")[n] for n in constants)) for r in (one, two)
     ]

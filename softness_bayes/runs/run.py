@@ -179,7 +179,15 @@ def sample_model(
         **requested(posterior, request),
         **attributes_of(
             DirectionTaken(chosen.direction, chosen.asked, chosen.sentence, chosen.evidence.firing),
-            RatingModel(options.noise, options.scale, options.kept_accuracy, str(options.discretisation)),
+            RatingModel(
+                options.noise,
+                options.scale,
+                options.kept_accuracy,
+                str(options.discretisation),
+                model.given.law.name,
+                model.given.errors_note,
+                model.given.note,
+            ),
             RatingData(experiment.ratings.digest, experiment.fabrics.digest, experiment.ratings.n_missing),
         ),
     }

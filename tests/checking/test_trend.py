@@ -13,6 +13,7 @@ from softness_bayes.checking.trend import LEVEL, find_trend, mean_correlation
 from softness_bayes.data import Experiment, Fabrics, Ratings
 from softness_bayes.likelihood.design import Design
 from softness_bayes.likelihood.directions import FALLS, RISES
+from softness_bayes.likelihood.error_laws import NORMAL
 from softness_bayes.likelihood.scales import STANDARDISED
 from softness_bayes.model.build import build, choose_direction
 from softness_bayes.model.options import ModelOptions
@@ -186,7 +187,7 @@ def test_the_data_decide(rng, slope, direction):
     assert found.evidence.firing == 1.0
     assert f"--direction {direction.name} is taken from the data" in found.sentence
     decided = build(experiment, QUICK).options
-    assert (decided.direction, decided.decided) == (direction, {"direction"})
+    assert (decided.direction, decided.decided) == (direction, {"direction", "errors"})
     again = ModelOptions.from_record(decided.record())
     assert again == decided
     assert not choose_direction(experiment, again).asked
@@ -199,7 +200,7 @@ def test_what_is_asked_for_is_taken_and_said_to_be_wrong(rng):
     assert found.sentence.startswith(
         "the readout runs against the data, --direction rises-with-firing is the wrong way"
     )
-    asked = dataclasses.replace(QUICK, direction=RISES)
+    asked = dataclasses.replace(QUICK, direction=RISES, errors=NORMAL)
     assert build(experiment, asked).options == asked
     right = choose_direction(experiment, ModelOptions(direction=FALLS))
     assert not right.against_data

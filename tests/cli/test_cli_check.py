@@ -172,9 +172,9 @@ def test_check_names_the_place_of_a_fault(files):
     )
 
 
-def test_check_refuses_ratings_without_a_logarithm(files):
+def test_check_refuses_negative_ratings(files):
     ratings, cloth = files
-    ratings.write_text(RATINGS.replace("P2,b,1,7", "P2,b,1,0"))
+    ratings.write_text(RATINGS.replace("P2,b,1,7", "P2,b,1,-1"))
     done = run("check", "--data", ratings, "--fabrics", cloth)
     assert done.returncode == 2
     assert done.stderr.startswith(f"error: {ratings}: row 3, column 'rating': expected a magnitude estimate")

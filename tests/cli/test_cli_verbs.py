@@ -251,7 +251,7 @@ def test_ratings_that_cannot_be_used_are_refused_by_row(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     lines = (DATA / "ratings.csv").read_text().splitlines()[:40]
     broken = {
-        "zero": (lines[7].split(",")[3], "0", "row 8, column 'rating'"),
+        "negative": (lines[7].split(",")[3], "-3", "row 8, column 'rating'"),
         "word": (lines[7].split(",")[3], "soft", "row 8, column 'rating'"),
     }
     for name, (old, new, message) in broken.items():

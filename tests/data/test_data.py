@@ -420,14 +420,17 @@ def test_renames_must_mean_something(file):
     assert f"there is no column 'softness' in {path}" in refusal(Ratings.read, path, columns={"rating": "softness"})
 
 
-@pytest.mark.parametrize("value", ["0", "-1.5"])
-def test_ratings_without_a_logarithm_are_refused_on_demand(file, value):
+@pytest.mark.parametrize("value", ["-1", "-1.5"])
+def test_negative_ratings_are_refused_on_demand(file, value):
     ratings = Ratings.read(path := file(edited(RATINGS, 3, "7.25", value)))
     message = refusal(MAGNITUDE.require, ratings)
-    assert message.startswith(f"{path}: row 3, column 'rating': expected a magnitude estimate above 0, got '{value}'")
+    assert message.startswith(
+        f"{path}: row 3, column 'rating': expected a magnitude estimate of 0 or above, got '{value}'"
+    )
     assert "1 of 3 ratings" in message
     assert "leave the cell" in message
     assert MAGNITUDE.require(Ratings.read(file(RATINGS))) is None
+    assert MAGNITUDE.require(Ratings.read(file(edited(RATINGS, 3, "7.25", "0")))) is None
 
 
 @pytest.mark.parametrize("seed", range(4))

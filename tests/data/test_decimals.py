@@ -89,7 +89,7 @@ def test_errors_quote_the_cell_as_it_stands(tmp_path):
     with pytest.raises(InputError, match="got '0,82x'"):
         Ratings.read(path)
     read = Ratings.read(table(tmp_path, ["5,5", "-0,820"]))
-    with pytest.raises(InputError, match="above 0, got '-0,820'"):
+    with pytest.raises(InputError, match="of 0 or above, got '-0,820'"):
         MAGNITUDE.require(read)
     with pytest.raises(
         InputError, match=r"expected a number from 1e-06 to 8 \(a fingertip's radius is 8 mm\), got '0,00000001'"

@@ -90,8 +90,8 @@ def test_errors_name_the_column_of_the_file(file):
     assert refusal(path) == f"{path}: row 2, column 'denim_1mm': expected a finite number, got 'six'"
     path = file("participant;voile_1mm;denim_1mm\nP1;5;1,234\n")
     assert refusal(path).startswith(f"{path}: row 2, column 'denim_1mm': '1,234' may be 1.234 or 1234")
-    path = file("participant,voile_1mm,denim_1mm\nP1,5,0\n")
-    with pytest.raises(InputError, match="row 2, column 'voile_1mm … denim_1mm': expected a magnitude estimate above"):
+    path = file("participant,voile_1mm,denim_1mm\nP1,5,-1\n")
+    with pytest.raises(InputError, match="row 2, column 'voile_1mm … denim_1mm': expected a magnitude estimate of 0"):
         MAGNITUDE.require(Ratings.read(path))
     path = file("participant,voile_1mm,denim\nP1,5,6\n")
     assert "row 2, column 'denim': expected a load" in refusal(path, wide=True)

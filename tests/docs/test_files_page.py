@@ -117,6 +117,17 @@ def own_fingers(tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
+def grids(tmp_path_factory):
+    """A run on whole numbers and zeros, whose table says so."""
+    with quickly():
+        rated = experiment()
+        whole = np.maximum(np.round(rated.ratings.rating / 4.0), 0.0)
+        ratings = replace(rated.ratings, rating=whole, resolution=np.ones(whole.size))
+        result = sample(rated._replace(ratings=ratings), **OPTIONS | {"max_steps": 10})
+    return run_of(result, tmp_path_factory.mktemp("grids"), "r")
+
+
+@pytest.fixture(scope="module")
 def directory(tmp_path_factory, brief_pilot):
     """What the command line leaves of a run on forces alone."""
     home = tmp_path_factory.mktemp("forces") / "run"
@@ -126,9 +137,9 @@ def directory(tmp_path_factory, brief_pilot):
 
 
 @pytest.fixture(scope="module")
-def runs(everything, z_scores, own_fingers, directory):
+def runs(everything, z_scores, own_fingers, grids, directory):
     forces = Run(Result.load(directory), arviz_bridge.read_netcdf(directory / FILES[0]), frozenset("c"))
-    return everything, z_scores, own_fingers, forces
+    return everything, z_scores, own_fingers, grids, forces
 
 
 def column(rows, title) -> list[str]:

@@ -578,7 +578,7 @@ def test_one_participant_has_no_spread(experiment):
 
 def test_ratings_that_have_no_logarithm_are_refused(experiment):
     negative = dataclasses.replace(experiment.ratings, rating=experiment.ratings.rating - 10)
-    with pytest.raises(InputError, match="magnitude estimate above 0"):
+    with pytest.raises(InputError, match="magnitude estimate of 0 or above"):
         sample(experiment._replace(ratings=negative), ModelOptions(discretisation=Discretisation()), RunOptions())
 
 

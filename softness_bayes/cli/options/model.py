@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from softness_bayes.cli.options.values import Number, Verb, finite, named
-from softness_bayes.defaults import ACCURACY, PRIOR_SET
+from softness_bayes.defaults import ACCURACY, ERRORS, PRIOR_SET
 from softness_bayes.likelihood.directions import RATING_DIRECTIONS, RISES, direction_named
 from softness_bayes.likelihood.scales import MAGNITUDE, RATING_SCALES
-from softness_bayes.ranges import ACCURACIES, LOAD_ERRORS, RELATIVE_ERRORS
+from softness_bayes.ranges import ACCURACIES, LOAD_ERRORS, RELATIVE_ERRORS, RESOLUTIONS
 
 if TYPE_CHECKING:
     from softness_bayes.model.options import ModelOptions
@@ -99,6 +99,9 @@ _READING_SET = click.option(
     metavar="SET",
     help="Named set of readings that --reading departs from: mended (the default), printed or hertz.",
 )
+
+
+AUTO = "auto"
 
 
 @dataclass(frozen=True)
@@ -208,6 +211,38 @@ individual = click.option(
 )
 """Gives a verb `individual`, a tuple of names."""
 
+errors = click.option(
+    "--errors",
+    "errors",
+    type=click.Choice([AUTO, *ERRORS]),
+    default=AUTO,
+    show_default=True,
+    help="Law of the errors of log ratings: normal, student (Student's t with sampled degrees of freedom) or lapses "
+    "(normal, but for a share of lapses over the rater's range); auto takes student where the table's residuals have "
+    "heavier tails than normal ones.",
+)
+"""Gives a verb `errors`, a name or `AUTO`."""
+
+simulated_errors = click.option(
+    "--errors",
+    "errors",
+    type=click.Choice(ERRORS),
+    default=ERRORS[0],
+    show_default=True,
+    help="Law of the errors of log ratings: normal, student (Student's t, nu by --set) or lapses (--set lapse=0.03).",
+)
+"""Gives a verb `errors`, a name."""
+
+resolution = click.option(
+    "--resolution",
+    "resolution",
+    type=Number(RESOLUTIONS),
+    metavar="STEP",
+    help="Step of the grid of numbers that raters use, as in 1 for whole numbers; 0 takes ratings as exact numbers. By "
+    "default the grid of each rater is found.",
+)
+"""Gives a verb `resolution`, a number or None."""
+
 accuracy = click.option(
     "--accuracy",
     type=Number(ACCURACIES),
@@ -218,8 +253,6 @@ accuracy = click.option(
     "resolution that keeps to it over the parameters in question is chosen; 'plan' shows how.",
 )
 """Gives a verb `accuracy`."""
-
-AUTO = "auto"
 
 
 class _Direction(click.Choice[str]):
@@ -268,9 +301,13 @@ class ModelChoice:
     unknown_modulus: Prior | None
     load_cv: float | None
     individual: tuple[str, ...]
+    errors: str = AUTO
+    """A name, or `AUTO`."""
+    resolution: float | None = None
 
     def options(self, **others: Any) -> ModelOptions:
         """Return the options of this model and `others`; its resolution is not chosen yet."""
+        from softness_bayes.likelihood.error_laws import error_law_named
         from softness_bayes.model.fingers import finger_of
         from softness_bayes.model.options import ModelOptions
         from softness_bayes.parameters.fabric_moduli import UNKNOWN_MODULUS
@@ -287,6 +324,8 @@ class ModelChoice:
             unknown_modulus=self.unknown_modulus or UNKNOWN_MODULUS,
             load_cv=self.load_cv,
             individual=self.individual,
+            errors=None if self.errors == AUTO else error_law_named(self.errors),
+            resolution=self.resolution,
             **others,
         )
 
@@ -304,6 +343,8 @@ def model_choice(verb: Verb) -> Verb:
     @unknown_modulus
     @load_cv
     @individual
+    @errors
+    @resolution
     @accuracy
     @functools.wraps(verb)
     def wrapped(
@@ -317,10 +358,12 @@ def model_choice(verb: Verb) -> Verb:
         unknown_modulus: Prior | None,
         load_cv: float | None,
         individual: tuple[str, ...],
+        errors: str,
+        resolution: float | None,
         accuracy: float,
         **others: Any,
     ) -> Any:
-        inexact = modulus_cv, unknown_modulus, load_cv, individual
+        inexact = modulus_cv, unknown_modulus, load_cv, individual, errors, resolution
         model = ModelChoice(fixed, priors, prior_set, choice, direction, accuracy, finger, *inexact)
         return verb(model=model, **others)
 

@@ -1,0 +1,332 @@
+"""Magnitude estimates as people give them: on grids of numbers, with zeros and outliers (model.md 9).
+
+The latent log rating is that of `magnitude`; a rating has the probability of the interval that it stands for. Errors
+are normal, Student's t, or normal with lapses. The level and raters' scales are integrated out by `rater_integrals`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from softness_bayes.errors import InputError
+from softness_bayes.likelihood.design import Design
+from softness_bayes.likelihood.error_laws import NORMAL, ErrorLaw
+from softness_bayes.likelihood.interval_law import Rows, below, score_at
+from softness_bayes.likelihood.magnitude import RatingModel
+from softness_bayes.likelihood.pieces import in_pieces
+from softness_bayes.likelihood.random_effects import Effects
+from softness_bayes.likelihood.rater_integrals import (
+    DENSE,
+    DENSER,
+    FINE,
+    FINEST,
+    DenseIntegrals,
+    Given,
+    Quadrature,
+    RaterIntegrals,
+    log_sum,
+    quadrature_for,
+)
+from softness_bayes.likelihood.ratings import RatingParameters, RatingsLikelihood
+from softness_bayes.likelihood.stated import Stated
+
+FloatArray = NDArray[np.float64]
+
+_LEAST_SPREAD = 1e-8
+_SEED = 0  # of the shares of intervals at which residuals are taken
+
+
+@dataclass(frozen=True)
+class IntervalModel(RatingModel):
+    """A `RatingModel` without fabrics' own deviations, for ratings that stand for intervals, and other error laws.
+
+    Parameters
+    ----------
+    law
+        Law of the errors of log ratings.
+    """
+
+    law: ErrorLaw = NORMAL
+
+    @property
+    def error(self) -> ErrorLaw:  # type: ignore[override]
+        """The law of the errors."""
+        return self.law
+
+    @property
+    def needs(self) -> tuple[str, ...]:  # type: ignore[override]
+        """Names of the model's parameters."""
+        return ("gamma", "tau", "varsigma", "eps", *self.law.needs)
+
+    def take(self, values: Mapping[str, ArrayLike]) -> RatingParameters:
+        """Return the model's parameters from values by name; fabrics have no deviations."""
+        return super().take(values)._replace(omega=0.0)
+
+    def named_effects(self, effects: Effects) -> Mapping[str, tuple[FloatArray, tuple[str, ...]]]:
+        """Effects by their names in files, each with its axes beyond the batch's."""
+        found = super().named_effects(effects)
+        return {name: values for name, values in found.items() if name != "fabric_effect"}
+
+    def draw_ratings(
+        self,
+        rng: np.random.Generator,
+        design: Design,
+        drive: FloatArray,
+        parameters: RatingParameters,
+        effects: Effects,
+    ) -> FloatArray:
+        """One number for every row of a design, shape (..., rows), before it is put on a grid."""
+        numbers = super().draw_ratings(rng, design, drive, parameters, effects)
+        if not self.law.lapses:
+            return numbers
+        share = np.asarray(parameters.lapse, float)[..., None]
+        least, most = numbers_of_raters(numbers, design)
+        elsewhere = least + rng.random(numbers.shape) * (most - least)
+        return np.where(rng.random(numbers.shape) < share, elsewhere, numbers)
+
+    def observe(self, ratings: ArrayLike, design: Design, stated: Stated | None = None) -> IntervalRatings:
+        """Return the likelihood of these ratings: exact numbers, unless it is known what they stand for."""
+        return IntervalRatings(ratings, design, self, stated=stated)
+
+
+class IntervalRatings(RatingsLikelihood):
+    """Ratings under an `IntervalModel`, with mu and raters' scales integrated out.
+
+    The density of a rating that stands for an interval is a probability, that of an exact one a density [1/unit].
+
+    Parameters
+    ----------
+    ratings
+        y of every row of the design, shape (rows,): `Stated.values`.
+    design
+        Who rated what.
+    model
+        The rating model.
+    over
+        Design over whose rows the response is centred, if not over those of `design`.
+    stated
+        What the ratings stand for; by default they are exact.
+    quadrature
+        Resolution of the integrals; by default one that suits the number of ratings of each rater.
+    ranges
+        Smallest and largest number of each participant, shape (2, participants), over which lapses are uniform; by
+        default those of these ratings.
+
+    Raises
+    ------
+    InputError
+        If a rating is not a positive finite number, or their number is not that of the design's rows.
+    """
+
+    model: IntervalModel
+
+    def __init__(
+        self,
+        ratings: ArrayLike,
+        design: Design,
+        model: IntervalModel = IntervalModel(),
+        over: Design | None = None,
+        stated: Stated | None = None,
+        quadrature: Quadrature | None = None,
+        ranges: FloatArray | None = None,
+    ) -> None:
+        super().__init__(ratings, design, model, over)
+        wrong = ~(np.isfinite(self.values) & (self.values > 0))
+        if wrong.any():
+            raise InputError(f"ratings: {wrong.sum()} of {wrong.size} are not positive numbers")
+        zero = np.zeros(design.n_rows)
+        self._stated = stated or Stated(self.values, zero, zero)
+        low, high = self._stated.ends(self.values)
+        self._exact = low == high
+        self._ranges = _ranges(low, high, design) if ranges is None else ranges
+        order = np.argsort(design.participant, kind="stable")
+        self._order, self._back = order, np.argsort(order)
+        self._condition = design.condition[order]
+        self._raters, rater = np.unique(design.participant[order], return_inverse=True)
+        with np.errstate(divide="ignore"):
+            rows = Rows(np.log(low), np.log(high), self._lapse(low, high)).take(order)
+        count = np.bincount(rater).astype(float)
+        self._quadrature = quadrature or quadrature_for(count, bool(self._exact.all()), model.law)
+        kind = DenseIntegrals if self._quadrature in (DENSE, DENSER) else RaterIntegrals
+        self._integrals = kind(model.law, rows, rater, np.log(self.values)[order], model.level.mean, model.level.sd)
+        self._log = float(np.log(self.values[self._exact]).sum())
+
+    def with_values(self, values: ArrayLike) -> IntervalRatings:
+        """Return the likelihood of other ratings of the same rows."""
+        return IntervalRatings(values, self.design, self.model, self._over, self._stated, self._quadrature)
+
+    def without(self, rows: NDArray[np.bool_]) -> IntervalRatings:
+        """Return the other ratings, with x still centred, and lapses uniform, over all rows."""
+        rest = self._stated.take(~rows)
+        return IntervalRatings(
+            self.values[~rows], self.design.without(rows), self.model, self._over, rest, None, self._ranges
+        )
+
+    @property
+    def ends(self) -> tuple[FloatArray, FloatArray] | None:
+        """Ends of the intervals that the ratings stand for, each (rows,); None if they are exact numbers."""
+        return None if self._exact.all() else self._stated.ends(self.values)
+
+    def finer(self) -> IntervalRatings:
+        """Return the same likelihood with finer integrals."""
+        finer = {DENSE: DENSER, FINE: FINEST}.get(self._quadrature, FINE)
+        return IntervalRatings(self.values, self.design, self.model, self._over, self._stated, finer, self._ranges)
+
+    def log_likelihood(self, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
+        """Log density of all ratings together, shape (...); arguments as `LogRatings.log_likelihood`."""
+
+        def whole(mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
+            given, shape = self._given(mean_rate, parameters)
+            return self._integrals.log_density(given, self._quadrature).reshape(*shape, 1) - self._log
+
+        points = max(self._quadrature.points, 4)
+        return in_pieces(whole, points * self.design.n_rows, mean_rate, parameters)[..., 0]
+
+    def log_likelihood_loo(self, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
+        """Log density of each rating given all the others, shape (..., rows).
+
+        The others' say on the level is taken as normal.
+        """
+
+        def alone(mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
+            given, shape = self._given(mean_rate, parameters)
+            weight, value, _ = self._left_out(given)
+            found = log_sum(weight + value, axis=1) - log_sum(weight, axis=1)
+            found = found[:, self._back] - np.where(self._exact, np.log(self.values), 0.0)
+            return found.reshape(*shape, -1)
+
+        return in_pieces(alone, self._loo_width, mean_rate, parameters)
+
+    def below_loo(self, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
+        """Probability of a smaller rating than each one, given all the others, shape (..., rows).
+
+        Half the probability of an equal one is added. Lapses are left out.
+        """
+
+        def smaller(mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
+            given, shape = self._given(mean_rate, parameters)
+            weight, _, grid = self._left_out(given)
+            law, rows, own = self.model.law, self._integrals.rows, self._integrals.rater
+            each = type(given.parameters)(*(v[:, None] for v in given.parameters))
+            expected = given.drive[:, None] + grid[..., own]
+            share = below(law, rows, expected, given.spread[:, None], each)
+            weight = np.exp(weight - weight.max(axis=1, keepdims=True))
+            found = (weight * share).sum(axis=1) / weight.sum(axis=1)
+            return found[:, self._back].reshape(*shape, -1)
+
+        return in_pieces(smaller, self._loo_width, mean_rate, parameters)
+
+    def log_likelihood_participants(self, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
+        """Log density of all ratings of each participant given everybody else's, shape (draws, participants).
+
+        The others' say on the level is taken as normal.
+        """
+
+        def whole(mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
+            given, shape = self._given(mean_rate, parameters)
+            grid, law = self._integrals.law_of_others(given)
+            density = log_sum(law + self._integrals.values(given, grid), axis=1)
+            found = np.zeros((len(density), self.design.n_participants))
+            found[:, self._raters] = density
+            exact = np.where(self._exact, np.log(self.values), 0.0)
+            found -= np.bincount(self.design.participant, exact, self.design.n_participants)
+            return found.reshape(*shape, -1)
+
+        return in_pieces(whole, self._loo_width, mean_rate, parameters)
+
+    def predictor(self, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
+        """Return log(N/N_ref + eps), shape (..., conditions): a slope is an exponent."""
+        return np.asarray(np.log(mean_rate + np.asarray(parameters.eps, float)[..., None]))
+
+    def draw_effects(self, rng: np.random.Generator, mean_rate: FloatArray, parameters: RatingParameters) -> Effects:
+        """Draws of mu and participants' scales given the ratings, from their laws on grids."""
+        shape = np.broadcast_shapes(mean_rate.shape[:-1], *(np.shape(v) for v in parameters))
+        found = in_pieces(lambda rate, p: self._drawn(rng, rate, p), 100 * self.design.n_rows, mean_rate, parameters)
+        tau = np.broadcast_to(np.asarray(parameters.tau, float), shape)[..., None]
+        participant = tau * rng.standard_normal((*shape, self.design.n_participants))
+        participant[..., self._raters] = found[..., 1:]
+        return Effects(found[..., 0], participant, np.zeros((*shape, self.design.n_fabrics)))
+
+    def _drawn(self, rng: np.random.Generator, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
+        """Return draws of mu and of the deviations of the raters with ratings, (..., 1 + raters)."""
+        given, shape = self._given(mean_rate, parameters)
+        return np.concatenate(self._integrals.draw(rng, given, self._quadrature), axis=-1).reshape(*shape, -1)
+
+    def replicate(
+        self,
+        rng: np.random.Generator,
+        drive: FloatArray,
+        parameters: RatingParameters,
+        effects: Effects,
+        mean_rate: FloatArray | None = None,
+    ) -> FloatArray:
+        """Return one rating for every row, shape (..., rows), on its rater's grid."""
+        return self._stated.rounded(self.model.draw_ratings(rng, self.design, drive, parameters, effects))
+
+    def residual(self, mean_rate: FloatArray, parameters: RatingParameters, effects: Effects) -> FloatArray:
+        """Return the residual of each log rating as a normal score times the spread, shape (..., rows).
+
+        An interval's is taken at a share of its probability that was drawn once for every row.
+        """
+        drive, design = self.drive(mean_rate, parameters), self.design
+        expected = effects.mu[..., None] + drive[..., design.condition] + effects.participant[..., design.participant]
+        spread = self.model.error_sd(parameters)[..., None]
+        rows = self._integrals.rows.take(self._back)
+        return spread * score_at(self.model.law, rows, self._shares, expected, spread, parameters)
+
+    @cached_property
+    def _shares(self) -> FloatArray:
+        return np.random.default_rng(_SEED).uniform(size=self.design.n_rows)
+
+    @property
+    def _loo_width(self) -> int:
+        return 100 * self.design.n_rows
+
+    def _given(self, mean_rate: FloatArray, parameters: RatingParameters) -> tuple[Given, tuple[int, ...]]:
+        """Return the parameters with one axis of draws, and their batch shape."""
+        drive = self.drive(mean_rate, parameters)[..., self._condition]
+        shape = np.broadcast_shapes(drive.shape[:-1], *(np.shape(v) for v in parameters))
+        flat = RatingParameters(*(np.broadcast_to(np.asarray(v, float), shape).ravel() for v in parameters))
+        drive = np.broadcast_to(drive, (*shape, drive.shape[-1])).reshape(-1, drive.shape[-1])
+        spread = np.maximum(flat.varsigma, _LEAST_SPREAD)[:, None]
+        return Given(drive, np.asarray(flat.tau)[:, None], spread, flat), shape
+
+    def _left_out(self, given: Given) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return log weights of points without each row, its log probability there, and the points.
+
+        Shapes (draws, points, rows), rows sorted by rater, but the points', which is (draws, points, raters).
+        """
+        grid, law = self._integrals.law_of_others(given)
+        own, values = self._integrals.rater, self._integrals.row_values(given, grid)
+        whole = law + self._integrals.of_raters(values)
+        return whole[..., own] - values, values, grid
+
+    def _lapse(self, low: FloatArray, high: FloatArray) -> FloatArray:
+        """Return the log probability of every row if it is a lapse, of exact ones the density of the log rating."""
+        least, most = self._ranges[:, self.design.participant]
+        inside = np.where(low == high, self.values, np.minimum(high, most) - np.maximum(low, least))
+        with np.errstate(divide="ignore", invalid="ignore"):
+            found = np.log(np.maximum(inside, 0.0) / (most - least))
+        return np.where(most > least, found, -np.inf)
+
+
+def _ranges(low: FloatArray, high: FloatArray, design: Design) -> FloatArray:
+    """Return the range of each participant's numbers, shape (2, participants); of nobody's, 0 to 0."""
+    least, most = np.full(design.n_participants, np.inf), np.zeros(design.n_participants)
+    np.minimum.at(least, design.participant, low)
+    np.maximum.at(most, design.participant, high)
+    return np.stack([np.minimum(least, most), most])
+
+
+def numbers_of_raters(numbers: FloatArray, design: Design) -> tuple[FloatArray, FloatArray]:
+    """Return the smallest and the largest number of each row's rater, from numbers (..., rows), same shape."""
+    order = np.argsort(design.participant, kind="stable")
+    _, first, rater = np.unique(design.participant[order], return_index=True, return_inverse=True)
+    back = rater[np.argsort(order)]
+    least, most = (f.reduceat(numbers[..., order], first, axis=-1)[..., back] for f in (np.minimum, np.maximum))
+    return least, most

