@@ -11,12 +11,13 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
+from functools import lru_cache
 from multiprocessing import get_context, parent_process, resource_tracker
 from multiprocessing.context import BaseContext
 from types import TracebackType
 from typing import Any, Self, TypeVar
 
-from threadpoolctl import threadpool_limits
+from threadpoolctl import ThreadpoolController
 
 from softness_bayes.errors import ResourceError
 
@@ -224,5 +225,11 @@ def _in_worker(work: Callable[..., Result], task: tuple[Any, ...]) -> Result:
 
 def _on_one_thread(work: Callable[..., Result], resident: Any, task: tuple[Any, ...]) -> Result:
     """Run a task with one BLAS thread: more would compete, and could change the last bits of results."""
-    with threadpool_limits(1):
+    with _libraries(len(sys.modules)).limit(limits=1):
         return work(resident, *task)
+
+
+@lru_cache(maxsize=1)
+def _libraries(_modules: int) -> ThreadpoolController:
+    """Return the linear algebra that is loaded, looked for again whenever modules were imported."""
+    return ThreadpoolController()
