@@ -61,7 +61,8 @@ class Inversion:
 
     def y_least(self, radius: Array, decay: Array) -> Array:
         """Return y at the farthest distance, with a margin, shape (n,)."""
-        return 0.95 * self._relative_root(np.full(radius.size, self.farthest), radius, decay)
+        peak = self.unit(np.zeros_like(radius), radius, decay)
+        return 0.95 * self._relative_root(np.full(radius.size, self.farthest), radius, decay, peak)
 
     def size(self, radius: Array, decay: Array) -> Array:
         """Return the scale of Q [m²]: the sum of the squared depth and the squared width of the loaded patch."""
@@ -84,8 +85,8 @@ class Inversion:
         shape = self._distance(y, radius, decay) ** 2 * (y / (1 - y)) / size[:, None]
         return self.unit(np.zeros_like(radius), radius, decay), shape
 
-    def _relative_root(self, rho: Array, radius: Array, decay: Array) -> Array:
-        return (self.unit(rho, radius, decay) / self.unit(np.zeros_like(radius), radius, decay)) ** self.root
+    def _relative_root(self, rho: Array, radius: Array, decay: Array, peak: Array) -> Array:
+        return (self.unit(rho, radius, decay) / peak) ** self.root
 
     def _distance(self, y: Array, radius: Array, decay: Array) -> Array:
         """Invert the field: distances [m] at which it is y^(1/root) of its peak; (n, len(y)) from (n,)."""
@@ -95,7 +96,8 @@ class Inversion:
         everywhere = np.geomspace(1e-4 * (depth + radius), 10.0 * (self.farthest + radius), 70, axis=-1)[:, 0]
         edge = radius + depth * np.sinh(np.linspace(-1, 1, 51) * np.arcsinh(0.9 * radius / depth))
         grid = np.sort(np.concatenate([everywhere, edge], axis=-1), axis=-1)
-        log_grid, known = np.log(grid), np.log(self._relative_root(grid, radius, decay))
+        peak = self.unit(np.zeros_like(radius), radius, decay)
+        log_grid, known = np.log(grid), np.log(self._relative_root(grid, radius, decay, peak))
         log_y = np.log(y)
         log_rho, slope = np.empty((radius.size, y.size)), np.empty((radius.size, y.size))
         for row in range(radius.size):
@@ -104,7 +106,7 @@ class Inversion:
             log_rho[row], slope[row] = inverse(log_y), inverse(log_y, 1)
         before = 0.0
         for _ in range(12):  # Newton's method with the spline's slope: each step usually gains about three digits
-            excess = slope * (np.log(self._relative_root(np.exp(log_rho), radius, decay)) - log_y)
+            excess = slope * (np.log(self._relative_root(np.exp(log_rho), radius, decay, peak)) - log_y)
             log_rho = log_rho - np.clip(excess, -1.0, 1.0)
             found = float(np.abs(excess).max())
             # the error shrinks by a similar factor at every step, estimated from two steps; ten times that is safe

@@ -94,7 +94,7 @@ def _line_common(gap: Array, z: float) -> Array:
 
 
 def _line_vertical(rho: Array, s: Array, z: float) -> Array:
-    return _line_common(rho - s, z) * z**2
+    return (2.0 * z**3 / np.pi) / ((rho - s) ** 2 + z**2) ** 2
 
 
 def _line_plane(rho: Array, s: Array, z: float) -> tuple[Array, Array, Array]:
@@ -174,8 +174,14 @@ def _graded(lower: Array, upper: Array, centre: Array, scale: Array, density: fl
     u0, u1 = np.arcsinh((lower - centre) / scale), np.arcsinh((upper - centre) / scale)
     x, weight = _gauss(int(28 + density * np.max(u1 - u0, initial=0.0)))
     half = 0.5 * (u1 - u0)[..., None]
-    u = half * x + 0.5 * (u0 + u1)[..., None]
-    return centre[..., None] + scale[..., None] * np.sinh(u), half * weight * scale[..., None] * np.cosh(u)
+    u = half * x
+    u += 0.5 * (u0 + u1)[..., None]
+    place, share = np.sinh(u), np.cosh(u, out=u)
+    place *= scale[..., None]
+    place += centre[..., None]
+    share *= weight
+    share *= half * scale[..., None]
+    return place, share
 
 
 def unit_stress(
@@ -235,10 +241,15 @@ def unit_stress(
 
     def piece(of: NDArray[np.bool_] | slice, low: Array, high: Array, centre: Array, scale: Array) -> Array:
         phi, weight = _graded(low[of], high[of], centre[of], scale[of], density)
-        own, sine = a[of][:, None], np.sin(phi)
+        sine = np.sin(phi)
         squared = sine**2
-        share = weight * own * (1.0 - squared) * np.exp(-q[of][:, None] * squared)
-        return np.array([np.einsum("ni,ni->n", share, part) for part in influence(rho[of][:, None], own * sine, depth)])
+        # in place: the arrays are large, and this is where tables spend their time
+        share = np.exp(-q[of][:, None] * squared)
+        share *= np.subtract(1.0, squared, out=squared)
+        share *= weight
+        sine *= a[of][:, None]
+        parts = influence(rho[of][:, None], sine, depth)
+        return a[of] * np.array([np.einsum("ni,ni->n", share, part) for part in parts])
 
     stresses = piece(slice(None), cut, edge, centre, scale)
     stresses[:, apart] += piece(apart, lower, cut, np.zeros_like(edge), width)
