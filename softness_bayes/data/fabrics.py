@@ -30,7 +30,7 @@ from softness_bayes.data.columns import (
 from softness_bayes.data.faults import TableError
 from softness_bayes.data.headers import FABRICS
 from softness_bayes.data.names import alike_notes, listing, natural
-from softness_bayes.data.plausible import CLOTH, cloth_notes
+from softness_bayes.data.plausible import CLOTH, cloth_notes, other_moduli
 from softness_bayes.data.tables import FloatArray, Table, check_renames, read_only, read_table
 from softness_bayes.data.workbooks import TableSource
 from softness_bayes.errors import InputError, quoted
@@ -310,8 +310,18 @@ class Fabrics:
         except InputError:
             return []  # a modulus beyond floating point is refused where it is used
         known = np.array([bool(basis) for basis in self.basis])
+        modulus = np.where(known, modulus, np.nan)
         measured = {name: getattr(self, name) for name in CLOTH}
-        return cloth_notes(self.names, measured, np.where(known, modulus, np.nan), self.basis)
+        with np.errstate(over="ignore", under="ignore"):
+            computed = PRINTED_RIGIDITY.rigidity(self.tensile_modulus, self.thickness, self.poisson_ratio)
+            others = {
+                BENDING_RIGIDITY.name: self.bending_rigidity / PLATE_LENGTH**3,
+                f"{TENSILE_MODULUS.name} and {THICKNESS.name}": computed / PLATE_LENGTH**3,
+            }
+        return [
+            *cloth_notes(self.names, measured, modulus, self.basis),
+            *other_moduli(self.names, self.basis, modulus, others),
+        ]
 
 
 def _bases(properties: Mapping[str, FloatArray]) -> tuple[str, ...]:

@@ -48,6 +48,8 @@ class Faults:
 
     def __init__(self) -> None:
         self._found: dict[tuple[int, str], str] = {}
+        self.advised = False
+        """Whether a problem says what to do about commas: once is enough."""
 
     def add(self, row: int, title: str, problem: str) -> None:
         """Add the problem of a cell; the first one of a cell counts."""

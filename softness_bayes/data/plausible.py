@@ -27,6 +27,8 @@ MODULI = Range(1e1, 3e7)
 """E_fab of cloth [Pa]: 618 measured fabrics have 0.3 to 300 kPa, stiff ones of the paper's kind some thousand."""
 USUAL_MODULI = Range(1e2, 5e6)
 """Median E_fab of a set of fabrics [Pa]."""
+AGREEMENT = 1.1
+"""Largest ratio of two moduli of one fabric that is not remarked."""
 MISSING_CODES = frozenset({"99", "999", "9999", "99999", "-9", "-99", "-999", "-9999", "-99999"})
 """Numbers that stand for a missing rating in many laboratories."""
 
@@ -65,6 +67,30 @@ def cloth_notes(
     elif not USUAL_MODULI.holds(median := float(np.exp(np.nanmedian(np.log(modulus))))):
         expected = USUAL_MODULI.within(1 / EFFECTIVE_MODULUS.factor, EFFECTIVE_MODULUS.unit)
         notes.append(f"looks wrong: the fabrics' median E_fab is {median / 1e3:.3g} kPa, expected {expected}: {wrong}")
+    return notes
+
+
+def other_moduli(
+    names: Sequence[str], basis: Sequence[str], modulus: FloatArray, others: Mapping[str, FloatArray]
+) -> list[str]:
+    """Return notes on fabrics whose other properties give another modulus than the one that is taken.
+
+    Parameters
+    ----------
+    names, basis, modulus
+        The fabrics, the column that each E_fab is from, and E_fab [Pa].
+    others
+        Column -> E_fab by it [Pa], NaN where a fabric has none.
+    """
+    notes = []
+    for column, other in others.items():
+        differ = [
+            f"{name} {taken / 1e3:.3g} and {value / 1e3:.3g} kPa"
+            for name, source, taken, value in zip(names, basis, modulus.tolist(), other.tolist(), strict=True)
+            if source != column and value > 0 and not 1 / AGREEMENT <= taken / value <= AGREEMENT
+        ]
+        if differ:
+            notes.append(f"E_fab by the column taken and by {column} differ: {listing(differ, 3)}")
     return notes
 
 

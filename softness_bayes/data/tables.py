@@ -112,7 +112,6 @@ class Table:
     def numbers(self, column: Column) -> FloatArray:
         """Return a column of numbers [SI], NaN for a missing cell or column, and for a fault."""
         values = np.full(len(self), np.nan)
-        advised = self.grouped
         for i, text in enumerate(self.cells.get(column.name, ())):
             if text.casefold() in MISSING:
                 continue
@@ -125,8 +124,8 @@ class Table:
                 values[i] = column.parse(number, text, self.units.get(column.name))
             except ValueError as error:
                 remedy = ""
-                if "," in text and not advised:
-                    advised = True
+                if "," in text and not (self.grouped or self.faults.advised):
+                    self.faults.advised = True
                     remedy = "; if commas are decimal marks, add --decimal , and if they group thousands, --decimal ."
                 elif _DATE.match(text):
                     remedy = "; has a spreadsheet made a date of a number?"

@@ -224,7 +224,12 @@ thick,12,1,,NA,0.25
     np.testing.assert_allclose(fabrics.modulus(PLATE_RIGIDITY), [20e3, 1e4, 1e6 / (1 - 0.25**2)], rtol=1e-14)
     np.testing.assert_allclose(fabrics.modulus(length=2e-3), [20e3, 1e4 / 8, 1e6 / 0.75 / 8], rtol=1e-14)
     assert fabrics.poisson_ratio.tolist() == [0.1, 0.3, 0.25]
-    assert fabrics.notes == ("ratings.csv: poisson_ratio 0.3 is taken for 1 of 3 fabrics, which have none",)
+    assert fabrics.notes == (
+        "ratings.csv: poisson_ratio 0.3 is taken for 1 of 3 fabrics, which have none",
+        "ratings.csv: E_fab by the column taken and by bending_rigidity_n_m differ: all 20 and 10 kPa",
+        "ratings.csv: E_fab by the column taken and by tensile_modulus_mpa and thickness_mm differ: "
+        "all 20 and 92.6 kPa, rigid 10 and 119 kPa",
+    )
 
 
 def test_fabrics_from_arrays():

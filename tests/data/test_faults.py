@@ -136,6 +136,7 @@ def test_the_remedy_for_commas_is_said_once(file):
     message = refusal(Ratings.read, file(f'{HEADER}P1,a,1,"1,5"\nP1,b,1,"2,5"\n'))
     assert message.count("--decimal ,") == 1
     assert message.count("expected a finite number") == 2
+    assert refusal(Ratings.read, file(f'{HEADER}P1,a,"1,5","1,5"\n')).count("--decimal ,") == 1
 
 
 def test_the_command_line_shows_all_and_ends_with_2(file):

@@ -118,6 +118,16 @@ def test_properties_that_no_cloth_has_are_named(file, columns, values, named):
     assert any(named in note for note in notes), notes
 
 
+def test_two_moduli_of_one_cloth_are_compared(file):
+    text = "fabric,bending_rigidity_n_m,tensile_modulus_mpa,thickness_mm,poisson_ratio\nvoile,{},3.2,0.22,0.18\n"
+    named = (
+        "fabrics.csv: E_fab by the column taken and by tensile_modulus_mpa and thickness_mm differ: voile 2.94 and 3.46"
+    )
+    notes = Fabrics.read(file(text.format("2.94e-6"), "fabrics.csv")).notes
+    assert notes == (f"{named} kPa",)
+    assert Fabrics.read(file(text.format("3.4e-6"), "fabrics.csv")).notes == ()
+
+
 def test_check_prints_what_looks_wrong(file):
     path = file("participant,fabric,force_n,rating,bending_rigidity_n_m\nP,a,1,5,0.1\nP,b,1,6,0.2\nP,c,1,7,1e-5\n")
     done = CliRunner().invoke(main, ["check", "--data", str(path)])
