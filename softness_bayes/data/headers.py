@@ -19,6 +19,7 @@ from softness_bayes.data.columns import (
     NUMBERS,
     RANK,
     RATING,
+    RESOLUTION,
     TENSILE_MODULUS,
     THICKNESS,
     Column,
@@ -58,8 +59,10 @@ _MODULI = (
     frozenset({BENDING_RIGIDITY.name}),
     frozenset({TENSILE_MODULUS.name, THICKNESS.name}),
 )
-_OF_RATINGS = frozenset({"participant", "fabric", "trial", RATING.name, LOAD_CV.name})
-_OF_FABRICS = frozenset(NUMBERS) - {RATING.name, RANK.name, LOAD_CV.name, INDENTATION.name, FORCE.name}
+_SCALES = frozenset({RATING.name, RESOLUTION.name, RANK.name})
+"""Columns of numbers without a unit of their own."""
+_OF_RATINGS = frozenset({"participant", "fabric", "trial", RATING.name, RESOLUTION.name, LOAD_CV.name})
+_OF_FABRICS = frozenset(NUMBERS) - _SCALES - {LOAD_CV.name, INDENTATION.name, FORCE.name}
 
 LOADED = Sought(_OF_RATINGS)
 """Ratings whose load is given beside the table."""
@@ -132,7 +135,7 @@ def _places(titles: Sequence[str], renames: Mapping[str, str]) -> dict[str, int]
 
 def _quantity(name: str) -> str:
     """Return what a column measures, empty for names and ratings: what stands in their brackets is a remark."""
-    return "" if name in LABELS or name == RATING.name else NUMBERS[name].quantity
+    return "" if name in LABELS or name in _SCALES else NUMBERS[name].quantity
 
 
 def _take_unit(found: Header, name: str, title: str, spelt: Spelt, where: str) -> None:
