@@ -190,11 +190,12 @@ class Touches:
         InputError
             If no load was asked for.
         """
-        fabrics, loads = self._fabrics(), self._loads()
-        if fabrics is None:
-            raise InputError("no fabrics: give --fabrics")
+        loads = self._loads()
         if not loads:
             raise InputError("no load: give at least one --indentation-mm or --force-n")
+        fabrics = self._fabrics()
+        if fabrics is None:
+            raise InputError("no fabrics: give --fabrics")
         return fabrics, loads
 
     def of_run(self, result: Result) -> tuple[Fabrics, tuple[Load, ...]]:
