@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from softness_bayes.errors import InputError
+from softness_bayes.likelihood.dense_integrals import DenseIntegrals
 from softness_bayes.likelihood.design import Design
 from softness_bayes.likelihood.error_laws import NORMAL, ErrorLaw
 from softness_bayes.likelihood.interval_law import Rows, below, score_at
@@ -25,7 +26,6 @@ from softness_bayes.likelihood.rater_integrals import (
     DENSER,
     FINE,
     FINEST,
-    DenseIntegrals,
     Given,
     Quadrature,
     RaterIntegrals,

@@ -1,0 +1,143 @@
+"""Integrals over raters' scales on evenly spaced points, for few rows of laws with heavy tails (model.md 9)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from softness_bayes.likelihood import student
+from softness_bayes.likelihood.error_laws import ErrorLaw
+from softness_bayes.likelihood.rater_integrals import (
+    DENSE,
+    LEVELS,
+    REACH,
+    Given,
+    Quadrature,
+    RaterIntegrals,
+    draw_on,
+    gauss_hermite,
+    log_sum,
+)
+
+FloatArray = NDArray[np.float64]
+
+MOST_POINTS = 1200
+"""Largest number of evenly spaced points."""
+
+_LOG_ROOT_TWO_PI = 0.5 * math.log(2.0 * math.pi)
+
+
+class DenseIntegrals(RaterIntegrals):
+    """The integrals over evenly spaced points, for raters with few rows of a law with heavy tails.
+
+    Such a rater's density may have several maxima. Where tau is small beside the errors, points are those of zeta at
+    each level; else they are shared by all raters.
+    """
+
+    def log_density(self, given: Given, quadrature: Quadrature) -> FloatArray:
+        """Return the log density of all rows, shape (draws,)."""
+        return np.concatenate([log_sum(one.joint, axis=-1)[None] for one in self._each(given, quadrature)])
+
+    def law_of_others(self, given: Given) -> tuple[FloatArray, FloatArray]:
+        """As `RaterIntegrals.law_of_others`, without its approximation; points of no weight fill up the shorter."""
+        found = []
+        for one in self._each(given, DENSE):
+            rest = one.joint[:, None] - one.each  # (levels, raters)
+            if one.shared:
+                weight = np.stack([log_sum(rest[:, k, None] + one.law, axis=0) for k in range(rest.shape[1])], axis=-1)
+            else:
+                weight = (rest[:, None] + one.law[..., None]).reshape(-1, rest.shape[1])
+            weight = weight - log_sum(rest, axis=0)
+            points = np.broadcast_to(one.points.reshape(-1, 1), weight.shape)
+            found.append((points, weight))
+        size = max(len(points) for points, _ in found)
+        both = [np.full((len(found), size, self.count.size), fill) for fill in (0.0, -1e300)]
+        for k, parts in enumerate(found):
+            for whole, part in zip(both, parts, strict=True):
+                whole[k, : len(part)] = part
+        return both[0], both[1]
+
+    def draw(self, rng: np.random.Generator, given: Given, quadrature: Quadrature) -> tuple[FloatArray, FloatArray]:
+        """As `RaterIntegrals.draw`."""
+        level, own = np.empty((len(given.drive), 1)), np.empty((len(given.drive), self.count.size))
+        for k, one in enumerate(self._each(given, quadrature)):
+            mu = draw_on(rng, one.level, one.joint)
+            tau = float(given.tau[k, 0])
+            points = one.points if one.shared else mu + tau * np.linspace(-REACH, REACH, 4 * LEVELS)
+            value = one.values if one.shared else self.values(given.part([k]), _for_all(points, self.count.size))[0]
+            law = value - 0.5 * ((points - mu) / max(tau, 1e-300))[:, None] ** 2
+            level[k], own[k] = mu, draw_on(rng, np.broadcast_to(points, law.T.shape), law.T) - mu
+        return level, own
+
+    @property
+    def _open(self) -> bool:
+        return bool(np.isinf(self.rows.low).any())
+
+    def _each(self, given: Given, quadrature: Quadrature) -> Iterator[_Dense]:
+        """Yield the integrand of one draw after another."""
+        x, log_weight = gauss_hermite(quadrature.scales)
+        left = self._middle - given.drive
+        for k in range(len(left)):
+            one, tau, spread = given.part([k]), float(given.tau[k, 0]), float(given.spread[k, 0])
+            narrow = spread / math.sqrt(self.count.max())
+            people, alone = self.count.size, self.count.min() == 1
+            beyond = spread * _reach_of(self.law, given.parameters, k, max(int(self.count.min()) - 1, 1))
+            # where a rater's rows, or all but one, set no limit, that of its prior
+            beyond += REACH * math.hypot(tau, self.sd if people == 1 else tau) * (alone or bool(self._open))
+            ends = left[k].min() - beyond, left[k].max() + beyond
+            width = math.sqrt((tau**2 + narrow**2) / people)
+            reach = REACH * tau + REACH * width
+            middle = float(np.clip(self.mean, *ends))
+            reach += 0.0 if people > 1 else abs(middle - self.mean)
+            level = _spaced(ends[0] - reach, ends[1] + reach, quadrature.settled * width)
+            log_prior = -0.5 * ((level - self.mean) / self.sd) ** 2 - math.log(self.sd) - _LOG_ROOT_TWO_PI
+            log_prior = log_prior + math.log(level[1] - level[0])
+            shared = tau > narrow
+            if shared:
+                points = _spaced(*ends, quadrature.settled * narrow)
+                law = -0.5 * ((points - level[:, None]) / tau) ** 2 - _LOG_ROOT_TWO_PI
+                law = law + math.log((points[1] - points[0]) / tau)
+                values = self.values(one, _for_all(points, people))[0]
+                largest = values.max(axis=0)
+                with np.errstate(divide="ignore"):
+                    each = np.log(np.exp(law) @ np.exp(values - largest)) + largest
+            else:
+                points = level[:, None] + tau * x
+                law = np.broadcast_to(log_weight - 0.5 * x**2 - _LOG_ROOT_TWO_PI, points.shape)
+                values = self.values(one, _for_all(points.ravel(), people))[0].reshape(*points.shape, people)
+                each = log_sum(values + law[..., None], axis=1)
+            each = np.maximum(each, -1e300)
+            yield _Dense(level, points, law, values, each, each.sum(axis=-1) + log_prior, shared)
+
+
+def _reach_of(law: ErrorLaw, parameters: Any, draw: int, rows: int) -> float:
+    """Return how far, in spreads of the errors, a density of so many rows extends beyond them: 1e-6 lies outside."""
+    if "nu" not in law.needs:
+        return REACH
+    nu = max(float(np.ravel(parameters.nu)[draw]), student.LEAST)
+    return float(np.clip(math.sqrt(nu) * 1e6 ** (1.0 / (rows * (nu + 1.0) - 1.0)), REACH, MOST_POINTS / 10.0))
+
+
+class _Dense(NamedTuple):
+    """The integrand of one draw."""
+
+    level: FloatArray  # (levels,)
+    points: FloatArray  # of a_p: (points,) if shared, else (levels, points)
+    law: FloatArray  # log weight of the points given the level, (levels, points)
+    values: FloatArray  # l_p there, (points, raters), or (levels, points, raters)
+    each: FloatArray  # log density of each rater's rows given the level, (levels, raters)
+    joint: FloatArray  # of all rows and the level, (levels,)
+    shared: bool
+
+
+def _spaced(low: float, high: float, step: float) -> FloatArray:
+    """Return evenly spaced points, at most `MOST_POINTS`."""
+    return np.linspace(low, high, min(max(math.ceil((high - low) / step), 2) + 1, MOST_POINTS))
+
+
+def _for_all(points: FloatArray, raters: int) -> FloatArray:
+    return np.broadcast_to(points[None, :, None], (1, points.size, raters))
