@@ -183,9 +183,11 @@ def _seek(found: Header, titles: Sequence[str], sought: Sought, where: str) -> N
         fitting = [j for j in near if _fits(name, *parts[j], title=titles[j], names=names)]
         if len(fitting) > 1:
             ways = " or ".join(f"--column {name}={quoted(titles[j])}" for j in fitting[:4])
-            raise InputError(
-                f"{where}: columns {listing([quoted(titles[j]) for j in fitting])} may each be {name!r}; {ways} decides"
-            )
+            several = f"columns {listing([quoted(titles[j]) for j in fitting])} may each be {name!r}; {ways} decides"
+            if name != "trial":
+                raise InputError(f"{where}: {several}")
+            found.notes.append(several)  # no number depends on it
+            continue
         for j in fitting:
             found.at[name] = j
             lead = f"column {quoted(titles[j])} is read as {name}"

@@ -17,6 +17,7 @@ from softness_bayes.data.headers import LOADED, RATED
 from softness_bayes.data.names import alike_notes, guess, natural
 from softness_bayes.data.plausible import missing_codes
 from softness_bayes.data.tables import (
+    MISSING,
     FloatArray,
     IntArray,
     Table,
@@ -333,6 +334,14 @@ def _given_load(table: Table, indentation_mm: float | None, force_n: float | Non
             "--indentation-mm and --force-n are for tables without a load column; this one "
             f"has {' and '.join(repr(table.titles[name]) for name in filed)}"
         )
+    elif len(filed) > 1 and all(table.titles[name].casefold() != name for name in filed):
+        cells = zip(*(table.cells[name] for name in filed), strict=True)
+        if all(all(text.casefold() not in MISSING for text in row) for row in cells):
+            ways = " or ".join(f"--column {name}={quoted(table.titles[name])}" for name in filed)
+            table.faults.add_general(
+                f"every row has an indentation and a force, expected one load; {ways} takes one alone"
+            )
+            table.check()
     return given[0] if given else None
 
 

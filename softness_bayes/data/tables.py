@@ -16,7 +16,7 @@ from softness_bayes.data.faults import Faults, TableError
 from softness_bayes.data.headers import Sought, understood
 from softness_bayes.data.names import guess, listing, natural
 from softness_bayes.data.sheets import Number, Sheet
-from softness_bayes.data.units import Unit
+from softness_bayes.data.units import Unit, unit_named
 from softness_bayes.data.wide import Form, lengthened
 from softness_bayes.data.workbooks import TableSource, read_sheet
 from softness_bayes.errors import InputError, quoted
@@ -120,8 +120,11 @@ class Table:
             except ValueError as error:
                 self.fault(i, column.name, f"{error}, got {quoted(text)}")
                 continue
+            unit = self.units.get(column.name)
+            if number.endswith("%") and column.name.endswith("_cv"):
+                number, unit = number[:-1].rstrip(), unit_named("%", "ratio")
             try:
-                values[i] = column.parse(number, text, self.units.get(column.name))
+                values[i] = column.parse(number, text, unit)
             except ValueError as error:
                 remedy = ""
                 if "," in text and not (self.grouped or self.faults.advised):

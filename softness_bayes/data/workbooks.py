@@ -8,6 +8,7 @@ import os
 import re
 import warnings
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from decimal import Decimal
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
@@ -132,8 +133,10 @@ def _workbook(path: Path, content: bytes) -> dict[str, Sheet]:
 
 
 def _excel_text(cell: Any) -> str:
-    """Return a cell's text; whole numbers that are shown with zeros in front keep them."""
+    """Return a cell's text; percentages, and whole numbers that are shown with zeros in front, are as shown."""
     text = cell_text(cell.value)
+    if isinstance(text, Number) and "%" in (cell.number_format or ""):
+        return Number(f"{100 * Decimal(text):f}%")
     if isinstance(cell.value, int) and _ZEROS.fullmatch(cell.number_format or ""):
         return text.zfill(len(cell.number_format))
     return text

@@ -112,6 +112,14 @@ def test_percentages_of_errors_are_converted(file):
     assert read.effective_modulus_cv.tolist() == [0.15]
 
 
+def test_cells_with_a_percent_sign_are_percentages(file):
+    for title in ("effective_modulus_cv", "effective modulus cv (%)"):
+        read = cloth(file, f"effective_modulus_kpa,{title}", "10,12.5 %")
+        assert read.effective_modulus_cv.tolist() == [0.125]
+    with pytest.raises(InputError, match="expected a finite number, got '5%'"):
+        Ratings.read(file("fabric,force_n,rating\na,1,5%\n"))
+
+
 def test_values_beyond_the_range_are_named_in_the_unit_of_the_file(file):
     with pytest.raises(
         InputError, match=r"row 2, column 'depth_um': expected a number from 0.001 to 8000 µm \(.*\), got '0'"
@@ -196,6 +204,22 @@ def test_the_proper_name_comes_first_and_other_columns_stay_unused(file):
     read = Ratings.read(file("fabric,force_n,rating,softness,depth [mm],subject\na,1,2,9,1,P1\n"))
     assert (read.rating.tolist(), read.loads, read.participants) == ([2], (Force(1.0),), ("P1",))
     assert read.notes[1] == "table.csv: unused columns: softness, depth [mm]"
+
+
+def test_two_columns_that_may_be_the_trial_are_only_named(file):
+    read = Ratings.read(file("fabric,force_n,rating,repetition,trial no\na,1,2,1,1\n"))
+    assert any("'repetition', 'trial no' may each be 'trial'" in note for note in read.notes)
+
+
+def test_of_two_loads_in_every_row_the_user_takes_one(file):
+    path = file("fabric,depth [mm],force [N],rating\na,1,2,5\nb,2,3,6\n")
+    with pytest.raises(InputError) as caught:
+        Ratings.read(path)
+    assert str(caught.value) == (
+        f"{path}: every row has an indentation and a force, expected one load; --column indentation_mm='depth [mm]' "
+        "or --column force_n='force [N]' takes one alone"
+    )
+    assert Ratings.read(path, columns={"force_n": "force [N]"}).loads == (Force(2.0), Force(3.0))
 
 
 def test_a_load_that_is_given_is_not_sought(file):
