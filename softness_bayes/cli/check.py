@@ -13,8 +13,11 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from softness_bayes.data import Compression, Experiment
+    from softness_bayes.data import Compression, Experiment, Ratings
     from softness_bayes.parameters.fabric_moduli import FabricModuli
+
+MOST_LOADS = 12
+"""Largest number of loads of a kind that are listed one by one."""
 
 
 @click.command()
@@ -92,7 +95,6 @@ def _summary(experiment: Experiment, modulus: NDArray[np.float64]) -> list[str]:
 
     ratings = experiment.ratings
     each = np.bincount(ratings.participant)
-    loads = zip(ratings.loads, np.bincount(ratings.load), strict=True)
     conditions = ratings.conditions
     pairs = len(ratings.fabrics) * len(ratings.loads)
     rated = len(set(zip(ratings.participant.tolist(), conditions.of_rating.tolist(), strict=True)))
@@ -102,7 +104,7 @@ def _summary(experiment: Experiment, modulus: NDArray[np.float64]) -> list[str]:
         f"{ratings.n_missing} missing",
         "participants": f"{_span(ratings.participants)}, {_extent(each)} ratings each",
         "fabrics": f"{_span(ratings.fabrics)}, E_fab {modulus.min():.4g} to {modulus.max():.4g} kPa",
-        "loads": ", ".join(f"{load} ({count} ratings)" for load, count in loads),
+        "loads": _loads(ratings),
         "conditions": f"{len(conditions.fabric)} of {pairs} pairs of fabric and load; "
         f"{rated} of {len(ratings.participants) * pairs} with each participant",
         "tau": "several participants: the spread of their rating scales (tau) can be estimated"
@@ -114,6 +116,23 @@ def _summary(experiment: Experiment, modulus: NDArray[np.float64]) -> list[str]:
     if len(ratings) > 1 and ratings.rating.min() == ratings.rating.max():
         lines["varsigma"] = "all ratings are the same: their spread (varsigma) is not identifiable"
     return [f"{name:14}{text}" for name, text in lines.items()]
+
+
+def _loads(ratings: Ratings) -> str:
+    """Return the loads and their numbers of ratings; of many of a kind, how many there are and how large."""
+    import numpy as np
+
+    from softness_bayes.data import LOAD_COLUMNS
+
+    counts, parts = np.bincount(ratings.load), []
+    for column, kind, _ in LOAD_COLUMNS:
+        own = [i for i, load in enumerate(ratings.loads) if isinstance(load, kind)]
+        if len(own) > MOST_LOADS:
+            first, last = ratings.loads[own[0]], ratings.loads[own[-1]]
+            parts.append(f"{len(own)} different {column.label}s, {first} to {last} ({counts[own].sum()} ratings)")
+        else:
+            parts += [f"{ratings.loads[i]} ({counts[i]} ratings)" for i in own]
+    return ", ".join(parts)
 
 
 def _fabric_table(experiment: Experiment, moduli: FabricModuli) -> list[str]:

@@ -146,6 +146,16 @@ def test_check_says_what_it_understood(files):
     assert any("1 of 4 ratings are missing" in note for note in notes)
 
 
+def test_check_counts_many_loads_and_lists_few(tmp_path):
+    path = tmp_path / "ratings.csv"
+    forces = [f"P{k % 3},{'ab'[k % 2]},,{0.9 + k / 100:.2f},{5 + k % 4},{10 + 90 * (k % 2)}" for k in range(20)]
+    rows = ["P1,a,1,,5,10", "P1,b,2,,6,100", *forces]
+    head = "participant,fabric,indentation_mm,force_n,rating,effective_modulus_kpa"
+    path.write_text("\n".join([head, *rows]) + "\n")
+    shown = run("check", "--data", path).stdout
+    assert "1 mm (1 ratings), 2 mm (1 ratings), 20 different forces, 0.9 N to 1.09 N (20 ratings)" in shown
+
+
 def test_check_of_one_participant_without_loads(files):
     ratings, cloth = files
     ratings.write_text("fabric;softness\na;1,5\nb;2\n")
