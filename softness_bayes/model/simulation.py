@@ -107,36 +107,23 @@ def simulate_ratings(
         resolution is out of range, mu or slope is given for the other scale, or an error of loads, a resolution or a
         law of errors for a scale that has none.
     """
-    RESOLUTIONS.require("simulate: resolution", resolution)
-    if resolution and scale is not MAGNITUDE:
-        raise InputError(f"simulate: resolution is {resolution}, expected none for {scale.name} ratings")
+    _require_of_scale(scale, resolution, load_cv)
     _require_ranges(participants, participants * len(fabrics) * len(loads), missing, mu)
-    LOAD_ERRORS.require("simulate: load_cv", load_cv)
-    if load_cv and scale not in UNDER_UNCERTAIN_LOADS:
-        raise InputError(f"simulate: load_cv is {load_cv}, expected none for {scale.name} ratings")
     model = rating_model(scale, direction, errors)
     levels = _levels(model, scale, mu, slope)
     scene = scene_of(fabrics, loads, values, readings, discretisation=discretisation, finger=finger)
     rate = scene.total_rate(touch_parameters(values))
-    n_conditions = scene.n_conditions
-    design = Design(
-        np.tile(np.arange(n_conditions), participants),
-        np.repeat(np.arange(participants), n_conditions),
-        scene.fabric,
-        participants,
-    )
+    design = _crossed(scene, participants)
     values = {**{name: ERROR_PARAMETERS[name].prior.median for name in errors.needs}, **values}
     parameters = model.take(values)
     drive = model.drive(design, rate / scene.n_receptors, parameters)
     effects = model.draw_effects(rng, parameters, (), participants, design.n_fabrics, levels)
     touched = design
     if load_cv:
-        factor = np.exp(float(log_sd(np.array(load_cv))) * rng.standard_normal(design.n_rows))
-        held = _rates_of_held(scene, touch_parameters(values), design.condition, np.log(factor)) / scene.n_receptors
+        log_factor = float(log_sd(np.array(load_cv))) * rng.standard_normal(design.n_rows)
+        held = _rates_of_held(scene, touch_parameters(values), design.condition, log_factor) / scene.n_receptors
         drive = model.drive_at(held, design, rate / scene.n_receptors, parameters)
-        # every row is a condition of its own
-        rows = np.arange(design.n_rows)
-        touched = Design(rows, design.participant, design.fabric[design.condition], participants)
+        touched = _row_by_row(design)
     filed = _rounded(model.draw_ratings(rng, touched, drive, parameters, effects))
     if resolution:
         filed = _rounded(np.floor(filed / resolution + 0.5) * resolution)
@@ -148,10 +135,29 @@ def simulate_ratings(
         ratings = replace(ratings, load_cv=np.full(len(ratings), load_cv))
     drawn = model.named_effects(effects)
     effect, _ = drawn.get("participant_effect", (np.zeros(participants), ()))
+    return Simulation(ratings, _truth(model, values, drawn), effect, rate.reshape(len(loads), len(fabrics)).T)
+
+
+def _crossed(scene: Scene, participants: int) -> Design:
+    """Return the design in which every participant rates every condition of a scene once."""
+    conditions = np.arange(scene.n_conditions)
+    people = np.repeat(np.arange(participants), conditions.size)
+    return Design(np.tile(conditions, participants), people, scene.fabric, participants)
+
+
+def _row_by_row(design: Design) -> Design:
+    """Return the design of the same rows, each a condition of its own."""
+    rows = np.arange(design.n_rows)
+    return Design(rows, design.participant, design.fabric[design.condition], design.n_participants)
+
+
+def _truth(
+    model: Model, values: Mapping[str, float], drawn: Mapping[str, tuple[NDArray[np.float64], tuple[str, ...]]]
+) -> dict[str, float]:
+    """Return the values of all that the model has: parameters, and what it drew for all ratings together."""
     absent = set(RatingParameters._fields) - set(model.needs)
     truth = {name: value for name, value in values.items() if name not in absent}
-    truth |= {name: float(value) for name, (value, axes) in drawn.items() if not axes}
-    return Simulation(ratings, truth, effect, rate.reshape(len(loads), len(fabrics)).T)
+    return truth | {name: float(value) for name, (value, axes) in drawn.items() if not axes}
 
 
 def _rates_of_held(
@@ -186,6 +192,16 @@ def _require_ranges(participants: int, ratings: int, missing: float, mu: float |
         raise InputError(f"simulate: share {missing} of gaps, expected one in [0, 1)")
     if mu is not None and not abs(mu) <= LARGEST_LOG_RATING:
         raise InputError(f"simulate: mu is {mu}, expected a number up to {LARGEST_LOG_RATING:g} up or down")
+
+
+def _require_of_scale(scale: Scale, resolution: float, load_cv: float) -> None:
+    """Raise an error for a resolution or an error of loads that is out of range, or that the scale does not have."""
+    RESOLUTIONS.require("simulate: resolution", resolution)
+    LOAD_ERRORS.require("simulate: load_cv", load_cv)
+    if resolution and scale is not MAGNITUDE:
+        raise InputError(f"simulate: resolution is {resolution}, expected none for {scale.name} ratings")
+    if load_cv and scale not in UNDER_UNCERTAIN_LOADS:
+        raise InputError(f"simulate: load_cv is {load_cv}, expected none for {scale.name} ratings")
 
 
 def _levels(model: Model, scale: Scale, mu: float | None, slope: float | None) -> dict[str, ArrayLike]:
