@@ -6,7 +6,7 @@ import csv
 import io
 import os
 from collections.abc import Callable, Mapping, Sequence
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 from typing import NamedTuple, TypeVar
 
@@ -124,12 +124,13 @@ def read_experiment(
     elsewhere = _elsewhere(ratings_path, fabrics_path, columns)
     sought = RATED if indentation_mm is force_n is None else LOADED
     sought = either(sought, FABRICS) if elsewhere is None else sought
-    known = None if elsewhere is None else partial(_names, elsewhere.source, columns, decimal)
-    table = read_table(ratings_path, sought, columns, decimal, Form(wide, known) if known else Form(wide))
+    described = None if elsewhere is None else cache(partial(read_table, elsewhere.source, FABRICS, columns, decimal))
+    form = Form(wide) if described is None else Form(wide, lambda: described().labels("fabric"))
+    table = read_table(ratings_path, sought, columns, decimal, form)
     notes: list[str] = []
     fabric_table, own = table, [column.name for column in MODULUS_SOURCES if column.name in table]
-    if elsewhere is not None and not (own and fabrics_path is None):
-        fabric_table = read_table(elsewhere.source, FABRICS, columns, decimal)
+    if elsewhere is not None and described is not None and not (own and fabrics_path is None):
+        fabric_table = described()
         unused = f"{table.label}: {listing(own)} not used, the fabrics are those of {fabric_table.place}"
         notes += [unused] if own else elsewhere.notes(fabric_table)
     elif not own:
@@ -175,11 +176,6 @@ def _unmeasured(table: Table) -> Fabrics | None:
     """Return the fabrics of a table by their names alone, None if it has none; their moduli mean nothing."""
     names = tuple(dict.fromkeys(table.cells.get("fabric", ())))
     return Fabrics(names, effective_modulus=np.ones(len(names)), source=table.place) if names else None
-
-
-def _names(fabrics: TableSource, columns: Mapping[str, str], decimal: str | None) -> Sequence[str]:
-    """Return the names in a table of fabrics."""
-    return read_table(fabrics, FABRICS, columns, decimal).labels("fabric")
 
 
 class _Elsewhere(NamedTuple):

@@ -201,7 +201,7 @@ def _seek(found: Header, titles: Sequence[str], sought: Sought, where: str) -> N
             f"column {quoted(titles[j])} is not read{', it has no unit known here' if _quantity(name) else ''}; "
             f"--column {name}={quoted(titles[j])} takes it as {name}"
             for j in near
-            if not fitting
+            if not fitting and len(key(parts[j][0])) > 2  # a letter stands for many things
         )
         found.notes.extend(
             f"is column {quoted(titles[j])} misspelt? --column {name}={quoted(titles[j])} takes it as {name}"

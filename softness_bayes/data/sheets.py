@@ -99,7 +99,10 @@ def sheet_of(
     for record, row in zip(body, rows[1:], strict=True):
         beyond = [cell for cell in record[used:] if cell]
         if beyond:
-            raise InputError(f"{place}: row {row}: {quoted(beyond[-1])} stands beyond the {used} columns of the header")
+            title = f"; is {quoted(header[0])} a title? The header has to come first" if used == 1 else ""
+            raise InputError(
+                f"{place}: row {row}: {quoted(beyond[-1])} stands beyond the {used} columns of the header{title}"
+            )
     body = [[*record[:used], *[""] * (used - len(record))] for record in body]
     return Sheet(place, label, digest, header[:used], body, rows[1:], titled, padded, between_commas, tuple(notes))
 

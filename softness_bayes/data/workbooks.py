@@ -12,6 +12,8 @@ from decimal import Decimal
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
+import numpy as np
+
 from softness_bayes.data.headers import Sought, understood
 from softness_bayes.data.names import listing
 from softness_bayes.data.sheets import Number, Sheet, sheet_of, text_sheet
@@ -197,14 +199,23 @@ def _numbered(rows: Iterable[Sequence[str]], first: int) -> Iterator[tuple[Seque
 
 def cell_text(value: Any) -> str:
     """Return the text of a typed value: names as they are, numbers with all their digits, nothing if missing."""
-    import pandas as pd
-
     if isinstance(value, str):
         return value
+    if isinstance(value, (bool, np.bool_)):
+        return str(bool(value)).upper()
+    if isinstance(value, (int, np.integer)):
+        return Number(int(value))
+    if isinstance(value, (float, np.floating)):
+        if np.isnan(value):
+            return ""
+        return Number(int(value) if float(value).is_integer() and abs(float(value)) < 2**53 else value)
+    return _other_text(value)
+
+
+def _other_text(value: Any) -> str:
+    """Return the text of a value that is neither text nor a number of the usual kinds."""
+    import pandas as pd
+
     if value is None or (pd.api.types.is_scalar(value) and pd.isna(value)):
         return ""
-    if pd.api.types.is_bool(value):
-        return str(bool(value)).upper()
-    if pd.api.types.is_float(value) and float(value).is_integer() and abs(float(value)) < 2**53:
-        return Number(int(value))
     return Number(value) if pd.api.types.is_number(value) else str(value)

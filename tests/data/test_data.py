@@ -369,6 +369,7 @@ def test_a_fault_in_fabrics_is_named(file, row, old, new, problem):
         ("fabric,force_n,feel\na,1,2\n", "--column rating=..."),
         ("fabric,force_n,feel\na,1,2\n", "unused columns: feel"),
         ("fabric,force_n,rating\na,1,\nb,1,NA\n", "column 'rating': there is no rating in any row"),
+        ("Study 1\nfabric,force_n,rating\na,1,2\n", "is 'Study 1' a title? The header has to come first"),
         ("fabric|force_n|rating\na|1|2\n", "unused columns: fabric|force_n|rating"),
     ],
 )

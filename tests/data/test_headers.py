@@ -291,3 +291,9 @@ def test_a_misspelt_title_is_named_with_what_takes_it(file, header, said):
 def test_titles_that_are_other_words_are_not_called_misspelt(file):
     read = Ratings.read(file("fabric,force_n,rating,age,gender,hand,session,block\na,1,2,3,f,r,1,1\n"))
     assert not any("misspelt" in note for note in read.notes)
+    read = read_experiment(file("fabric,force_n,rating,effective_modulus_kpa,t (s),nu,B\na,1,2,3,4,0.1,5\n"))
+    assert read.notes == (
+        "table.csv: column 'nu' is read as poisson_ratio",
+        "table.csv: unused columns: t (s), B",
+        "table.csv: no column 'participant': all ratings are taken as those of one participant",
+    )
