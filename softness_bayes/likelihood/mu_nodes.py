@@ -81,8 +81,28 @@ def at_nodes(law: RaterLaw) -> FloatArray:
     """Return each rater's log density at the nodes of mu without its constant, shape (..., nodes, raters).
 
     The term of a finger is exp of a quadratic in mu: from one node to the next it changes by a factor of its own,
-    times one that all fingers share.
+    times one that all fingers share. Where these factors overflow, as far from the raters' means with hardly any noise,
+    each term is computed by itself.
     """
+    with np.errstate(over="ignore", invalid="ignore"):
+        found = _by_factors(law)
+        failed = ~(np.isfinite(found.sum(axis=-1)).any(axis=-1) & (found < np.inf).all(axis=(-2, -1)))
+    if failed.any():
+        arrays = {name: getattr(law, name)[failed] for name in law._fields if name != "steps"}
+        found[failed] = _one_by_one(law._replace(**arrays))
+    return found
+
+
+def _one_by_one(law: RaterLaw) -> FloatArray:
+    """Return the same as `at_nodes`, node by node."""
+    offset = np.arange(-law.steps, law.steps + 1) * law.step[..., None]
+    nodes = np.moveaxis(law.centre[..., None] + offset, -1, 0)[..., None, None]
+    inverse = 0.5 / law.variance[..., None, :]
+    return np.stack([log_sum(law.log_term - (law.gap - mu) ** 2 * inverse, axis=-2) for mu in nodes], axis=-2)
+
+
+def _by_factors(law: RaterLaw) -> FloatArray:
+    """Return the same as `at_nodes`, from one node to the next."""
     gap = law.gap - law.centre[..., None, None]
     inverse = 1.0 / law.variance[..., None, :]
     exponent = law.log_term - 0.5 * gap * gap * inverse

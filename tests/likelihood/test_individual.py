@@ -50,6 +50,18 @@ def test_fingers_that_do_not_differ_give_the_closed_form(rng, tau, varsigma):
         assert_allclose(found, expected, rtol=1e-7, atol=1e-8, err_msg=member)
 
 
+@pytest.mark.parametrize("varsigma", [0.002, 1e-4])
+def test_ratings_almost_without_noise_have_a_density(rng, varsigma):
+    """Far from the raters' means the factors between nodes overflow: alone and among points where they do not."""
+    likelihood, rates = observed(rng, spread=0.0)
+    closed = RatingModel(FALLS).observe(likelihood.values, DESIGN)
+    p = points(2, tau=np.array([1e-4, 0.4]), varsigma=np.array([varsigma, 0.3]))
+    found = likelihood.log_likelihood(rates[:2], p)
+    assert_allclose(found, closed.log_likelihood(rates[:2, :CONDITIONS], p), rtol=1e-9)
+    one = type(p)(*(np.asarray(value).ravel()[0] for value in p))
+    assert_allclose(likelihood.log_likelihood(rates[0], one), found[0], rtol=1e-12)
+
+
 def test_the_sum_over_fingers_is_checked_by_a_finer_one(rng):
     """With responses that follow ln b smoothly, halving the distance of nodes changes nothing."""
     coarse, fine = FingerGrid({"b": 33}), FingerGrid({"b": 33}).finer()
