@@ -127,7 +127,7 @@ def plain(text: str, mark: str, declared: bool) -> str:
         groups = re.compile(rf"([+-]?[0-9]{{1,3}}(?:\{other}[0-9]{{3}})+)(\{mark}[0-9]*)?")
         if declared and groups.fullmatch(text):
             text = text.replace(other, "")
-        elif mark == ",":
+        elif mark == "," and text.strip("+-0123456789.,eE") == "":
             raise ValueError("expected a decimal comma, as elsewhere in this file")
     return text.replace(mark, ".")
 

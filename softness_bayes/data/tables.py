@@ -25,7 +25,7 @@ from softness_bayes.files.spreadsheet import unescaped
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.intp]
 
-MISSING = frozenset({"", "na", "n/a", "nan", "null", "none"})
+MISSING = frozenset({"", "na", "n/a", "n.a.", "#n/a", "nan", "null", "none", "-", "–", "—", "."})
 """Texts for a missing number, in any case. Only an empty name is missing: NA may be initials."""
 
 _DATE = re.compile(r"[0-9]{4}-[0-9]{2}-[0-9]{2}|[0-9]{1,2}[./-](?:[0-9]{1,2}[./-][0-9]{2,4}|[A-Za-z]{3})")

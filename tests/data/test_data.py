@@ -149,7 +149,7 @@ def test_blank_lines_and_newlines_in_cells_keep_the_count_of_rows(file):
     assert "row 7, column 'rating'" in refusal(Ratings.read, path)
 
 
-@pytest.mark.parametrize("missing", ["", "NA", "nan", "N/A", "NULL", " "])
+@pytest.mark.parametrize("missing", ["", "NA", "nan", "N/A", "NULL", " ", "n.a.", "#N/A", "-", "–", "."])
 def test_missing_ratings_are_counted(file, missing):
     ratings = Ratings.read(file(edited(RATINGS, 3, "7.25", missing)))
     assert ratings.rating.tolist() == [5.0, 10.0]

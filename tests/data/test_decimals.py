@@ -75,6 +75,12 @@ def test_between_commas_a_quoted_comma_is_refused_with_the_remedy(tmp_path):
     assert Ratings.read(path, decimal=",").rating.tolist() == [950, 1.234]
 
 
+def test_a_word_among_decimal_commas_is_no_number(tmp_path):
+    with pytest.raises(InputError, match=r"expected a finite number, got 'vs\. 2'"):
+        Ratings.read(table(tmp_path, ["5,5", "vs. 2"]))
+    assert Ratings.read(table(tmp_path, ["5,5", "n.a.", "."])).rating.tolist() == [5.5]
+
+
 def test_groups_must_be_groups_and_a_mark_one_of_two(tmp_path):
     path = table(tmp_path, ["12,34"])
     with pytest.raises(InputError, match="got '12,34'"):

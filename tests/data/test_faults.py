@@ -28,7 +28,7 @@ def refusal(call, *args, **options):
 
 
 def test_all_problems_of_ratings_are_named_in_the_order_of_rows(file):
-    path = file(f"{HEADER}P1,voile,1,five\nP1,,x,6\n,denim,,7\nP1,denim,9,-\nP1,voile,1,8\n")
+    path = file(f"{HEADER}P1,voile,1,five\nP1,,x,6\n,denim,,7\nP1,denim,9,?\nP1,voile,1,8\n")
     depth = "expected a number from 1e-06 to 8 (a fingertip's radius is 8 mm), got"
     assert refusal(Ratings.read, path).splitlines() == [
         f"{path}: 7 problems:",
@@ -37,7 +37,7 @@ def test_all_problems_of_ratings_are_named_in_the_order_of_rows(file):
         f"  row 3, column 'indentation_mm': {depth} 'x'",
         "  row 4, column 'participant': expected a name, got ''",
         "  row 4, column 'indentation_mm': expected a load, got ''",
-        "  row 5, column 'rating': expected a finite number, got '-'",
+        "  row 5, column 'rating': expected a finite number, got '?'",
         f"  row 5, column 'indentation_mm': {depth} '9'",
     ]
 
