@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import logsumexp
 
 FloatArray = NDArray[np.float64]
 
@@ -51,10 +50,10 @@ def stacking_weights(log_density: FloatArray) -> FloatArray:
     ndarray, shape (models,)
     """
     weights = np.full(log_density.shape[1], 1.0 / log_density.shape[1])
+    # against the best model of each unit, whose weight cannot fall below one in the number of units
+    density = np.exp(log_density - log_density.max(axis=1, keepdims=True))
     for _ in range(_ITERATIONS):
-        with np.errstate(divide="ignore"):
-            joint = log_density + np.log(weights)
-        after = np.exp(joint - logsumexp(joint, axis=1, keepdims=True)).mean(axis=0)
+        after = weights * (density / (density @ weights)[:, None]).mean(axis=0)
         if np.abs(after - weights).max() < _TOLERANCE:
             return after
         weights = after
