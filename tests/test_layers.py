@@ -36,6 +36,7 @@ HOMES = {
     "bokeh": {"report.charts"},
     "emcee": {"sampler.moves", "sampler.sampling"},
     "jinja2": {"report.page"},
+    "openpyxl": {"data.workbooks"},
 }
 """Modules outside of which a library may not be imported."""
 PROGRAMS = {
