@@ -74,6 +74,28 @@ class DirectionTaken:
     direction_note: str = ""
     firing_rises: float = 1.0
     """Share of prior draws under which firing rises with stiffness over the fabrics."""
+    direction_rises: float = np.nan
+    """Posterior probability that ratings rise with firing, where both directions are sampled; else NaN."""
+
+    direction_rises_se: float = np.nan
+    """Its Monte-Carlo standard error, from the ensembles."""
+
+    @property
+    def said(self) -> str:
+        """The posterior probability of the direction in a sentence; empty where only one was sampled."""
+        if np.isnan(self.direction_rises):
+            return ""
+        rises, error = self.direction_rises, f" ± {self.direction_rises_se:.1g}"
+        bounds = "" if self.direction_rises_se > 0 else " (all draws agree)"
+        return (
+            f"direction: ratings rise with firing with probability {rises:.3g}{bounds or error}, and fall with "
+            f"{1.0 - rises:.3g}; the prior gave 1/2 to each"
+        )
+
+    @property
+    def sign(self) -> float:
+        """+1 if ratings rise with firing, -1 if they fall; where both directions are sampled, the more probable one."""
+        return self.direction.sign if np.isnan(self.direction_rises) else (1.0 if self.direction_rises >= 0.5 else -1.0)
 
 
 @dataclass(frozen=True)

@@ -63,7 +63,7 @@ def layout_of(tree: xr.DataTree) -> Layout:
     people = _values(tree, "log_likelihood_participant", "participant").size
     design = Design(condition, constant["participant_index"].values, fabrics, people)
     found = Provenance(tree.attrs)
-    return Layout(design, modulus[fabrics], loads, found.direction.direction.sign, found.rating_model.rating_scale)
+    return Layout(design, modulus[fabrics], loads, found.direction.sign, found.rating_model.rating_scale)
 
 
 def check_table(tree: xr.DataTree) -> pd.DataFrame:

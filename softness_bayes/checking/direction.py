@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from softness_bayes.checking.quantities import Layout
 from softness_bayes.checking.trend import Correlation, Trend, find_trend, mean_correlation
-from softness_bayes.likelihood.directions import FALLS, RISES, RatingDirection
+from softness_bayes.likelihood.directions import FALLS, FREE, RISES, RatingDirection
 
 WAY = {1: "rise", -1: "fall"}
 """The verb for the sign of a correlation of ratings with stiffness."""
@@ -89,12 +89,14 @@ class Choice(NamedTuple):
     @property
     def against_data(self) -> bool:
         """True if the data clearly run the other way."""
-        return self.evidence.direction not in (None, self.direction)
+        return self.direction is not FREE and self.evidence.direction not in (None, self.direction)
 
     @property
     def sentence(self) -> str:
         """The direction taken, the reason, and the option that overrides it."""
         name, found = self.direction.name, self.evidence
+        if self.direction is FREE:
+            return f"--direction {name}: both directions are sampled, each with prior probability 1/2: {found.sentence}"
         other = next(one for one in (RISES, FALLS) if one is not self.direction).name
         if self.against_data:
             return (

@@ -19,6 +19,7 @@ from softness_bayes.checking.sensitivity import (
     prior_moments,
 )
 from softness_bayes.parameters.declared import EVERY_PARAMETER
+from softness_bayes.parameters.signed import magnitude
 from softness_bayes.provenance import Provenance
 
 if TYPE_CHECKING:
@@ -92,8 +93,8 @@ def direction_table(tree: xr.DataTree) -> pd.DataFrame:
 
     names = [*_draws(tree, "log_prior")]
     priors, posterior = Provenance(tree.attrs).priors, _draws(tree, "posterior")
-    theta = np.stack([posterior[name] for name in names], axis=-1)
-    laws = [EVERY_PARAMETER[name].cut(priors[name]) for name in names]
+    theta = np.abs(np.stack([posterior[name] for name in names], axis=-1))  # an exponent may have either sign
+    laws = [magnitude(EVERY_PARAMETER[name].cut(priors[name])) for name in names]
     found = find_directions(laws, theta)
     table = pd.DataFrame(found.vectors, columns=names)
     table.insert(0, "contraction", found.contraction)

@@ -340,6 +340,7 @@ def _report_ratings(result: Result, fit: Fit) -> None:
     click.echo(f"\n{_turning(result)}\n")
     for sentence in (
         fit.sentence,
+        *([found.direction.said] if found.direction.said else []),
         *check_sentences(result.tables["predictive_checks"]),
         *([] if fit.choice.against_data else residuals.sentences),
         *([] if fit.choice.against_data else result.said_of_moduli()),

@@ -23,6 +23,8 @@ RISES = RatingDirection("rises-with-firing", +1.0, "softness")
 """The paper's: softness is proportional to the response."""
 FALLS = RatingDirection("falls-with-firing", -1.0, "inverse")
 """Ratings of softness as most people give them: receptors fire more on stiffer fabrics."""
+FREE = RatingDirection("free", +1.0, "free")
+"""Either direction with probability 1/2, told by the sign of the exponent gamma."""
 SOFTNESS, INVERSE = RISES, FALLS  # their former names
 RATING_DIRECTIONS: Mapping[str, RatingDirection] = MappingProxyType(
     {direction.name: direction for direction in (RISES, FALLS)}
@@ -38,7 +40,7 @@ def direction_named(name: str) -> RatingDirection:
     InputError
         If there is none of that name.
     """
-    for direction in RATING_DIRECTIONS.values():
+    for direction in (*RATING_DIRECTIONS.values(), FREE):
         if name in (direction.name, direction.former):
             return direction
-    raise InputError(f"direction: {name!r} is not known, expected {' or '.join(RATING_DIRECTIONS)}")
+    raise InputError(f"direction: {name!r} is not known, expected {' or '.join([*RATING_DIRECTIONS, FREE.name])}")

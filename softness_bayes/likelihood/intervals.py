@@ -150,10 +150,12 @@ class IntervalRatings(RatingsLikelihood):
         self._raters, rater = np.unique(design.participant[order], return_inverse=True)
         with np.errstate(divide="ignore"):
             rows = Rows(np.log(low), np.log(high), self._lapse(low, high)).take(order)
+        middle = np.log(self.values)[order]
+        weight = np.ones(order.size) if model.law is NORMAL else _robust(middle, rater, self._condition)
         count = np.bincount(rater).astype(float)
         self._quadrature = quadrature or quadrature_for(count, bool(self._exact.all()), model.law)
         kind = DenseIntegrals if self._quadrature in (DENSE, DENSER) else RaterIntegrals
-        self._integrals = kind(model.law, rows, rater, np.log(self.values)[order], model.level.mean, model.level.sd)
+        self._integrals = kind(model.law, rows, rater, middle, weight, model.level.mean, model.level.sd)
         self._log = float(np.log(self.values[self._exact]).sum())
 
     def with_values(self, values: ArrayLike) -> IntervalRatings:
@@ -313,6 +315,19 @@ class IntervalRatings(RatingsLikelihood):
         with np.errstate(divide="ignore", invalid="ignore"):
             found = np.log(np.maximum(inside, 0.0) / (most - least))
         return np.where(most > least, found, -np.inf)
+
+
+def _robust(values: FloatArray, rater: NDArray[np.intp], condition: NDArray[np.intp]) -> FloatArray:
+    """Return weights of rows by how far they lie from the medians of their raters and conditions."""
+    left = values.copy()
+    for _ in range(2):
+        for index in (rater, condition):
+            order = np.argsort(index, kind="stable")
+            parts = np.split(order, np.flatnonzero(np.diff(index[order])) + 1)
+            for part in parts:
+                left[part] -= np.median(left[part])
+    scale = 1.5 * np.median(np.abs(left))
+    return np.ones(values.size) if not scale > 0 else 1.0 / (1.0 + 0.25 * (left / scale) ** 2)
 
 
 def _ranges(low: FloatArray, high: FloatArray, design: Design) -> FloatArray:

@@ -45,6 +45,8 @@ FINE = Quadrature(24, 13, 9, 0.05)
 FINEST = Quadrature(40, 13, 13, 0.01)
 """To measure the error of `FINE`."""
 
+ROUGHLY = Quadrature(12, 9, 5, 0.6)
+"""For parameters at which derivatives do not suffice, far from the data."""
 STEADY = Quadrature(9, 7, 5, 0.6)
 """For raters with many exact ratings each, whose values cost less than derivatives."""
 
@@ -60,7 +62,7 @@ LEVELS = 33
 
 ROUGH = 1.0
 """Largest change of a rater's log density by its third and fourth derivative, three standard deviations from its mode,
-for which `FAST` is used; beyond it `FINE` takes its place."""
+for which `FAST` is used; beyond it `ROUGHLY` takes its place."""
 
 HEADROOM = 1.0
 """Largest excess of the log density between Chebyshev points over that at them."""
@@ -153,19 +155,27 @@ class RaterIntegrals:
         Every row, sorted by rater.
     rater
         Index of each row's rater, without gaps.
-    middle
-        A number inside of each row's interval, from which Newton's method starts.
+    middle, weight
+        A number inside of each row's interval, from which Newton's method starts, and its weight there, shape (rows,).
     mean, sd
         Prior of the level.
     """
 
     def __init__(
-        self, law: ErrorLaw, rows: Rows, rater: IndexArray, middle: FloatArray, mean: float, sd: float
+        self,
+        law: ErrorLaw,
+        rows: Rows,
+        rater: IndexArray,
+        middle: FloatArray,
+        weight: FloatArray,
+        mean: float,
+        sd: float,
     ) -> None:
         self.law, self.rows, self.rater, self.mean, self.sd = law, rows, rater, mean, sd
         self._first = np.flatnonzero(np.diff(rater, prepend=-1))
         self.count = np.diff(np.append(self._first, rater.size)).astype(float)
-        self._middle = middle
+        self._middle, self._weight = middle, weight
+        self._weighed = self.of_raters(weight)
 
     def of_raters(self, values: FloatArray) -> FloatArray:
         """Return the sums of rows by rater, shape (..., raters)."""
@@ -208,8 +218,8 @@ class RaterIntegrals:
 
     def _start(self, given: Given) -> FloatArray:
         """Return the modes if each row's middle were observed with normal errors."""
-        mean = self.of_raters(self._middle - given.drive) / self.count
-        weight = 1.0 / (given.spread**2 / self.count + given.tau**2)
+        mean = self.of_raters(self._weight * (self._middle - given.drive)) / self._weighed
+        weight = 1.0 / (given.spread**2 / self._weighed + given.tau**2)
         precision = weight.sum(axis=-1, keepdims=True) + self.sd**-2.0
         mu = ((weight * mean).sum(axis=-1, keepdims=True) + self.mean * self.sd**-2.0) / precision
         return np.asarray(mu + given.tau**2 * weight * (mean - mu))
@@ -221,7 +231,7 @@ class RaterIntegrals:
             rough = modes.rough
             if rough.any():
                 found = np.empty(rough.size)
-                found[rough] = self.log_density(given.part(rough), FINE)
+                found[rough] = self.log_density(given.part(rough), ROUGHLY)
                 if not rough.all():
                     found[~rough] = self._summed(given.part(~rough), modes.part(~rough), quadrature)
                 return found

@@ -12,7 +12,7 @@ from softness_bayes.checking.quantities import Layout
 from softness_bayes.data import Compression, Experiment
 from softness_bayes.errors import InputError
 from softness_bayes.likelihood.design import Design
-from softness_bayes.likelihood.directions import RISES, RatingDirection
+from softness_bayes.likelihood.directions import FREE, RISES, RatingDirection
 from softness_bayes.likelihood.individual import IndividualModel
 from softness_bayes.likelihood.load_errors import LoadErrors
 from softness_bayes.likelihood.models import rating_model, under_uncertain_loads
@@ -29,7 +29,7 @@ from softness_bayes.model.posterior import Density, Posterior
 from softness_bayes.model.resolution import prior_draws, resolution_for
 from softness_bayes.model.scenes import scene_of
 from softness_bayes.parameters.choice import parameter_space
-from softness_bayes.parameters.coordinates import Bent, Scaled
+from softness_bayes.parameters.coordinates import Bent, Coordinate, Scaled
 from softness_bayes.parameters.declared import ERROR_PARAMETERS, FINGER_PARAMETERS, PARAMETERS, SHAPE_PARAMETERS
 from softness_bayes.parameters.fabric_moduli import FabricModuli
 from softness_bayes.parameters.space import ParameterSpace
@@ -41,6 +41,9 @@ COARSE = Discretisation(8, 9.0, 1e-4)
 
 ALPHA_WIDTH = 0.3
 """Distance from the rheobase [µA/cm²] beyond which alpha's coordinate turns logarithmic."""
+
+SIGN_WIDTH = 0.1
+"""Magnitude of an exponent of either sign below which its coordinate is linear."""
 
 SKIN = ("b", "m")
 """The parameters of the chain that a rigid plate knows."""
@@ -113,6 +116,8 @@ def build(experiment: Experiment, options: ModelOptions = ModelOptions()) -> Exp
         If a rating does not suit the scale, the options name what does not exist, the model cannot reach the
         accuracy, or raters' own fingers are asked for where there is one rater only.
     """
+    if options.direction is FREE and options.scale is not MAGNITUDE:
+        raise InputError(f"direction: {FREE.name} needs magnitude estimates, not {options.scale.name} ratings")
     if options.individual and len(experiment.ratings.participants) < 2:
         raise InputError("individual: there is one participant only, whose finger is the typical one; leave it out")
     if options.individual and (freed := sorted(SHAPE_PARAMETERS.keys() & options.priors.keys())):
@@ -143,7 +148,9 @@ def build(experiment: Experiment, options: ModelOptions = ModelOptions()) -> Exp
     if options.individual:
         fingers = family_of(scene, grid_of(options.individual))
     plates = () if experiment.compression is None else (forces_of(experiment.compression, options),)
-    posterior = Posterior(_bent(space, scene).with_moduli(moduli), (observation, *plates), scene, others, fingers)
+    posterior = Posterior(
+        _bent(space, scene, chosen.direction).with_moduli(moduli), (observation, *plates), scene, others, fingers
+    )
     return ExperimentModel(experiment, options, posterior, scene, chosen, resolution, given)
 
 
@@ -214,6 +221,7 @@ def space_of(experiment: Experiment, options: ModelOptions) -> ParameterSpace:
         n_fingers=None if experiment.compression is None else len(experiment.compression.participants),
         membrane=options.readings.membrane,
         spreads=spreads_of(options.individual),
+        signed=("gamma",) if options.direction is FREE else (),
         of_errors=ERROR_PARAMETERS.keys() & {*needs},
     )
 
@@ -288,7 +296,7 @@ def _compiler(
     return compiled
 
 
-def _bent(space: ParameterSpace, scene: Scene) -> ParameterSpace:
+def _bent(space: ParameterSpace, scene: Scene, directed: RatingDirection) -> ParameterSpace:
     """Return the parameters in the coordinates in which the posterior's ridges are straight.
 
     The exponent's ridge with alpha is straight in the distance from the rheobase: the autocorrelation time falls by a
@@ -297,7 +305,10 @@ def _bent(space: ParameterSpace, scene: Scene) -> ParameterSpace:
     """
     rheobase = float(scene.firing.curves(space.touch(space.median)).rheobase)
     rheobase -= float(space.rheobase_shift(space.median))
+    # logarithmic away from 0 on either side
+    bent: dict[str, Coordinate] = {"gamma": Bent(0.0, SIGN_WIDTH)} if directed == FREE else {}
     if not np.isfinite(rheobase):
-        return space
+        return replace(space, bent=bent)
     unit = PARAMETERS["sigma_0"].prior.median
-    return replace(space, bent={"alpha": Bent(rheobase, ALPHA_WIDTH), "sigma_0": Scaled(unit)}, rheobase=rheobase)
+    bent |= {"alpha": Bent(rheobase, ALPHA_WIDTH), "sigma_0": Scaled(unit)}
+    return replace(space, bent=bent, rheobase=rheobase)

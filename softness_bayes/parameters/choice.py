@@ -20,6 +20,7 @@ from softness_bayes.parameters.declared import (
     Parameter,
 )
 from softness_bayes.parameters.priors import Prior
+from softness_bayes.parameters.signed import Signed, magnitude
 from softness_bayes.parameters.space import ParameterSpace
 from softness_bayes.touch.contact import STRAIN, SkinDisplacement
 from softness_bayes.touch.neuron.membrane import CONNOR_STEVENS, Channels, Membrane
@@ -44,6 +45,7 @@ def parameter_space(
     membrane: Membrane = CONNOR_STEVENS,
     spreads: Collection[str] = (),
     of_errors: Collection[str] = (),
+    signed: Collection[str] = (),
 ) -> ParameterSpace:
     """Return the space of the sampled parameters with their priors, and the values of the held ones.
 
@@ -74,6 +76,8 @@ def parameter_space(
         The `FINGER_PARAMETERS` of ratings: spreads of raters' own fingers.
     of_errors
         The `ERROR_PARAMETERS` of the law of ratings' errors.
+    signed
+        Parameters that have either sign with probability 1/2; their priors are those of their magnitudes.
 
     Raises
     ------
@@ -93,7 +97,8 @@ def parameter_space(
     for name, value in held.items():
         _require_value(EVERY_PARAMETER[name], value)
     chosen = {**PRIOR_SETS[prior_set][skin_displacement], **priors}
-    sampled = _sampled({*held, *absent}, chosen, skin_displacement)
+    sampled = _sampled({*held, *absent}, {name: magnitude(prior) for name, prior in chosen.items()}, skin_displacement)
+    sampled = tuple(replace(p, prior=Signed(p.prior)) if p.name in signed else p for p in sampled)
     # a membrane without a firing-rate surface still has usual values; computing its rates raises a clear error
     if membrane.name not in DESIGNS or not any(p.name in Channels._fields for p in sampled):
         return ParameterSpace(sampled, held, None)

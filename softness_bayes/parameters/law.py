@@ -62,6 +62,8 @@ class Law(ABC):
 
 def in_short(prior: Prior) -> str:
     """Return a prior with its numbers to four digits; ``str`` gives all digits."""
+    if "law" in (field.name for field in fields(prior)):  # type: ignore[arg-type]
+        return f"{str(prior)[0]}{in_short(prior.law)}" if str(prior).startswith("±") else in_short(prior.law)  # type: ignore[attr-defined]
     numbers = (getattr(prior, field.name) for field in fields(prior))  # type: ignore[arg-type]
     return f"{name_of(type(prior))}({','.join(f'{a:.4g}' for a in numbers if a is not None)})"
 

@@ -17,6 +17,7 @@ from softness_bayes.errors import InputError
 from softness_bayes.parameters.law import LEAST_WIDTH, Law, Prior, name_of, require, require_finite
 from softness_bayes.parameters.law import NUMBERS as NUMBERS
 from softness_bayes.parameters.law import in_short as in_short
+from softness_bayes.parameters.signed import Signed
 from softness_bayes.ranges import Range
 
 FloatArray = NDArray[np.float64]
@@ -335,6 +336,8 @@ def parse_prior(text: str) -> Prior:
     InputError
         If the text is not a known law with the numbers it takes.
     """
+    if text.strip().startswith("±"):
+        return Signed(parse_prior(text.strip()[1:]))
     match = re.fullmatch(r"\s*([A-Za-z]+)\s*\(([^()]*)\)\s*", text)
     if match is None or match[1].lower() not in LAWS:
         raise InputError(f"prior '{text}': expected {' or '.join(_form(law) for law in LAWS.values())}")

@@ -113,6 +113,7 @@ def assembled(
     found = {
         **_checks(draws, error, exactness),
         **_held_eps(posterior.space),
+        **({} if np.isnan(draws.rises) else {"direction_rises": draws.rises, "direction_rises_se": draws.rises_error}),
         **_plate_check(draws, drawn),
     }
     posterior_groups = merged(_posterior_groups(draws), {"sample_stats": exactness_stats(exactness, theta.shape)})

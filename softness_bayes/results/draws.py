@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from softness_bayes.checking.exactness import resample
 from softness_bayes.data import Experiment
+from softness_bayes.likelihood.directions import FREE
 from softness_bayes.likelihood.pieces import pieces
 from softness_bayes.likelihood.ratings import RatingParameters, RatingsLikelihood, RatingsModel
 from softness_bayes.model.posterior import Posterior
@@ -89,6 +90,28 @@ class RatedDraws:
     def model(self) -> RatingsModel:
         """The rating model."""
         return self.ratings.model
+
+    @property
+    def rises(self) -> float:
+        """Posterior probability that ratings rise with firing, where both directions are sampled; else NaN."""
+        if self.model.direction is not FREE:
+            return np.nan
+        return float((np.asarray(self.posterior.space.value("gamma", self.theta)) > 0).mean())
+
+    @property
+    def rises_error(self) -> float:
+        """Standard error of `rises` from the ensembles, which are independent."""
+        if self.model.direction is not FREE:
+            return np.nan
+        rises = (np.asarray(self.posterior.space.value("gamma", self.theta)) > 0).mean(axis=1)
+        shares = [rises[self.kept.ensemble == one].mean() for one in np.unique(self.kept.ensemble)]
+        return float(np.std(shares, ddof=1) / np.sqrt(len(shares))) if len(shares) > 1 else np.nan
+
+    @property
+    def sign(self) -> float:
+        """As `provenance.DirectionTaken.sign`."""
+        rises = self.rises
+        return self.model.direction.sign if np.isnan(rises) else (1.0 if rises >= 0.5 else -1.0)
 
     def picked(self, size: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
         """Return chain and draw of evenly spaced draws, or of as many in proportion to their exact weights."""

@@ -48,7 +48,7 @@ def modulus_shifts(draws: RatedDraws, inflection: Mapping[str, Variable]) -> pd.
     signs, share = directions(exact.astype(np.intp), design.n_fabrics)
     rates = rates_of_other_moduli(draws.posterior, theta, STEP)
     score = scores(draws.ratings, rates, draws.posterior.rating_parameters(theta), signs)
-    quantities = {name: np.log(theta[:, space.names.index(name)]) for name in SHIFTED if name in space.names}
+    quantities = {name: np.log(np.abs(theta[:, space.names.index(name)])) for name in SHIFTED if name in space.names}
     modulus = inflection["inflection_e_fab_kpa"].values[index]
     for load, where in zip(draws.experiment.ratings.loads, modulus.T, strict=True):
         quantities[f"turning point at {load}"] = np.log(where)

@@ -111,7 +111,7 @@ def _levelled_groups(draws: RatedDraws, drawn: Replicates) -> Groups:
 
 def _layout(draws: RatedDraws) -> Layout:
     model, load = draws.model, draws.experiment.ratings.conditions.load
-    return Layout(draws.ratings.design, draws.scene.modulus, load, model.direction.sign, model.scale)
+    return Layout(draws.ratings.design, draws.scene.modulus, load, draws.sign, model.scale)
 
 
 def _rated(

@@ -23,6 +23,7 @@ from softness_bayes.cli.report import REPORT
 from softness_bayes.data import LABELS, NUMBERS
 from softness_bayes.files.listing import LISTING
 from softness_bayes.files.run_files import CHECKPOINT, FILES
+from softness_bayes.likelihood.directions import FREE
 from softness_bayes.model import individual
 from softness_bayes.model.scenes import usual_values
 from softness_bayes.model.simulation import simulate_compression
@@ -118,12 +119,12 @@ def own_fingers(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def grids(tmp_path_factory):
-    """A run on whole numbers and zeros, whose table says so."""
+    """A run on whole numbers and zeros, whose table says so, in either direction."""
     with quickly():
         rated = experiment()
         whole = np.maximum(np.round(rated.ratings.rating / 4.0), 0.0)
         ratings = replace(rated.ratings, rating=whole, resolution=np.ones(whole.size))
-        result = sample(rated._replace(ratings=ratings), **OPTIONS | {"max_steps": 10})
+        result = sample(rated._replace(ratings=ratings), **OPTIONS | {"max_steps": 10, "direction": FREE})
     return run_of(result, tmp_path_factory.mktemp("grids"), "r")
 
 

@@ -1,13 +1,27 @@
-"""Grids of raters: which are found, and what ratings on them stand for."""
+"""Ratings as they were given: grids of raters, intervals of ratings, and the law of their errors."""
+
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from softness_bayes.data import Ratings
+from softness_bayes.data import Experiment, Fabrics, Ratings
 from softness_bayes.data.steps import step_of
-from softness_bayes.model.as_given import stated
+from softness_bayes.errors import InputError
+from softness_bayes.likelihood.directions import FALLS, FREE, RISES
+from softness_bayes.likelihood.error_laws import LAPSES, NORMAL, STUDENT
+from softness_bayes.likelihood.scales import STANDARDISED
+from softness_bayes.model.as_given import as_given, stated
+from softness_bayes.model.build import build
+from softness_bayes.model.options import ModelOptions
+from softness_bayes.model.scenes import usual_values
+from softness_bayes.model.simulation import simulate_ratings
+from softness_bayes.parameters.priors import HalfNormal, parse_prior
+from softness_bayes.parameters.signed import Signed
 from softness_bayes.touch.contact import Indentation
+from softness_bayes.touch.readings import MENDED
+from softness_bayes.touch.scene import Discretisation
 
 
 @pytest.mark.parametrize(
@@ -79,3 +93,120 @@ def test_numbers_are_put_on_the_grid_they_came_from():
     rng = np.random.default_rng(2)
     numbers = low + (high - low) * rng.uniform(1e-6, 1 - 1e-6, (50, 8))
     assert_allclose(said.rounded(numbers), np.tile(said.values, (50, 1)))
+
+
+QUICK = ModelOptions(
+    fix={"c_Na": 1.05, "c_K": 1.16, "c_L": 1.0, "c_A": 1.5}, discretisation=Discretisation(6, 6.0, 1e-3)
+)
+CLOTH = Fabrics(tuple("abcdef"), effective_modulus=np.array([1e3, 1e4, 3e4, 1e5, 1e6, 1e7]))
+LOADS = (Indentation(2e-3), Indentation(3e-3))
+
+
+def simulated(seed=1, participants=12, **options):
+    """An experiment with simulated raters of six fabrics under two loads."""
+    values = usual_values(MENDED, given=options.pop("values", {}))
+    rng = np.random.default_rng(seed)
+    made = simulate_ratings(rng, CLOTH, LOADS, values, participants=participants, mu=1.5, **options)
+    return Experiment(made.ratings, CLOTH, ()), made
+
+
+def test_exact_simulated_numbers_keep_the_closed_form():
+    experiment, _ = simulated()
+    model = build(experiment, QUICK)
+    assert type(model.posterior.observation).__name__ == "LogRatings"
+    assert model.given.note == "ratings: taken as exact numbers"
+    assert (model.options.errors, "errors" in model.options.decided) == (NORMAL, True)
+    assert ModelOptions.from_record(model.options.record()) == model.options
+    assert "omega" in model.posterior.space.held
+
+
+def test_whole_numbers_are_intervals_and_zeros_are_kept():
+    experiment, _ = simulated(resolution=1.0)
+    assert (experiment.ratings.rating == 0).any()
+    assert (experiment.ratings.rating % 1 == 0).all()
+    model = build(experiment, QUICK)
+    assert model.posterior.observation.ends is not None
+    assert "answer on grids of numbers, with steps of 1 (1" in model.given.note
+    assert f"{(experiment.ratings.rating == 0).sum()} ratings of 0 count as numbers below" in model.given.note
+    theta = model.posterior.space.draw_prior(np.random.default_rng(1), 20)
+    value = model.posterior.log_likelihood(theta)
+    assert np.isfinite(value).all()
+    assert (value < 0).all()  # probabilities
+    exact = build(experiment, replace(QUICK, resolution=0.0))
+    assert exact.posterior.observation.ends is not None  # zeros have no exact number
+    assert model.posterior.names == exact.posterior.names
+
+
+@pytest.mark.parametrize(("errors", "extra"), [(NORMAL, ()), (STUDENT, ("nu",)), (LAPSES, ("lapse",))])
+def test_laws_have_their_parameters(errors, extra):
+    experiment, made = simulated(errors=errors)
+    model = build(experiment, replace(QUICK, errors=errors))
+    assert tuple(n for n in model.posterior.names if n in ("nu", "lapse")) == extra
+    assert tuple(n for n in made.truth if n in ("nu", "lapse")) == extra
+    assert model.given.errors_note == f"errors: {errors.meaning}, as asked"
+    again = ModelOptions.from_record(model.options.record())
+    assert again.errors is errors
+
+
+def test_the_table_decides_between_normal_and_heavy_tails():
+    """Tails of many tables: normal errors are hardly ever taken for heavy ones, clear outliers always are."""
+    heavy = normal = 0
+    for seed in range(12):
+        heavy += as_given(simulated(seed, 20, errors=STUDENT, values={"nu": 2.5})[0].ratings, QUICK).law is STUDENT
+        normal += as_given(simulated(seed, 20)[0].ratings, QUICK).law is NORMAL
+    assert (heavy, normal) == (12, 12)
+    few = simulated(0, 2, errors=STUDENT, values={"nu": 2.5})[0].ratings
+    assert as_given(few, QUICK).law is NORMAL
+    assert "too few ratings" in as_given(few, QUICK).errors_note
+
+
+def test_what_has_no_model_is_refused():
+    experiment, _ = simulated(resolution=1.0)
+    own = replace(QUICK, priors={"omega": HalfNormal(0.5)})
+    with pytest.raises(InputError, match=r"ratings are 0, and fabrics' own deviations \(a prior of omega\)"):
+        build(experiment, own)
+    some, _ = simulated()
+    with pytest.raises(InputError, match=r"fabrics' own deviations .* for exact numbers with normal errors alone"):
+        build(some, replace(own, errors=STUDENT))
+    with pytest.raises(InputError, match=r"raters' own fingers \(--individual\) are modelled for exact numbers"):
+        build(some, replace(QUICK, individual=("b",), resolution=1.0))
+    scores = np.resize([-1.0, 0.5, 1.0], len(some.ratings))
+    with pytest.raises(InputError, match="standardised ratings are modelled for exact numbers"):
+        as_given(replace(some.ratings, rating=scores), ModelOptions(scale=STANDARDISED, errors=LAPSES))
+    silent = replace(some.ratings, rating=np.zeros(len(some.ratings)))
+    with pytest.raises(InputError, match="expected ratings above 0, got none"):
+        as_given(silent, QUICK)
+    with pytest.raises(InputError, match=r"simulate: resolution is 1\.0, expected none for standardised ratings"):
+        simulated(scale=STANDARDISED, resolution=1.0)
+
+
+def test_a_free_direction_is_half_of_each():
+    """An exponent of either sign: the density is half of that of the direction which the sign tells."""
+    experiment, _ = simulated()
+    free, rises, falls = (build(experiment, replace(QUICK, direction=d)).posterior for d in (FREE, RISES, FALLS))
+    theta = rises.space.draw_prior(np.random.default_rng(2), 8)
+    gamma = rises.names.index("gamma")
+    for sign, one in ((1.0, rises), (-1.0, falls)):
+        other = theta.copy()
+        other[:, gamma] *= sign
+        assert_allclose(free.log_likelihood(other), one.log_likelihood(theta), rtol=1e-12)
+        assert_allclose(free.log_prior(other), one.log_prior(theta) - np.log(2.0), rtol=1e-12)
+        z = free.space.coordinates(other)
+        assert_allclose(free.natural(z), other, rtol=1e-9)
+    drawn = free.space.draw_prior(np.random.default_rng(3), 4000)[:, gamma]
+    assert abs((drawn > 0).mean() - 0.5) < 0.03
+    record = build(experiment, replace(QUICK, direction=FREE)).options.record()
+    assert ModelOptions.from_record(record).direction is FREE
+    with pytest.raises(InputError, match="free needs magnitude estimates"):
+        build(experiment, replace(QUICK, direction=FREE, scale=STANDARDISED))
+
+
+def test_signed_laws():
+    law = parse_prior("±lognormal(1,0.3)")
+    assert law == Signed(parse_prior("lognormal(1,0.3)"))
+    assert parse_prior(str(law)) == law
+    p = np.array([0.01, 0.3, 0.5001, 0.77, 0.999])
+    assert_allclose(law.cumulative(law.quantile(p)), p, rtol=1e-9)
+    x = np.linspace(-6.0, 6.0, 40001)
+    assert_allclose(np.exp(law.log_density(x)).sum() * (x[1] - x[0]), 1.0, rtol=1e-6)
+    assert law.log_density(0.0) == -np.inf

@@ -11,7 +11,7 @@ import click
 
 from softness_bayes.cli.options.values import Number, Verb, finite, named
 from softness_bayes.defaults import ACCURACY, ERRORS, PRIOR_SET
-from softness_bayes.likelihood.directions import RATING_DIRECTIONS, RISES, direction_named
+from softness_bayes.likelihood.directions import FREE, RATING_DIRECTIONS, RISES, direction_named
 from softness_bayes.likelihood.scales import MAGNITUDE, RATING_SCALES
 from softness_bayes.ranges import ACCURACIES, LOAD_ERRORS, RELATIVE_ERRORS, RESOLUTIONS
 
@@ -277,11 +277,11 @@ direction = click.option(
 
 _DIRECTION_OF_DATA = click.option(
     "--direction",
-    type=_Direction(AUTO),
+    type=_Direction(AUTO, FREE.name),
     default=AUTO,
     show_default=True,
     help="Whether ratings rise or fall with the response; auto takes what the data show, or "
-    f"{RISES.name} where they do not tell.",
+    f"{RISES.name} where they do not tell; {FREE.name} samples both, each with prior probability 1/2.",
 )
 
 
