@@ -85,12 +85,14 @@ def test_the_table_keeps_its_errors(tmp_path):
     assert "load_cv" not in ratings_csv(experiment().ratings)
 
 
-@pytest.mark.parametrize("cell", ["-0.1", "40 %", "0.4", "inf"])
-def test_impossible_errors_are_named(tmp_path, cell):
+@pytest.mark.parametrize(
+    ("cell", "most"), [("-0.1", "0.3"), ("5 kPa", "0.3"), ("0.4", "0.3"), ("inf", "0.3"), ("40 %", "30 %")]
+)
+def test_impossible_errors_are_named(tmp_path, cell, most):
     path = tmp_path / "ratings.csv"
     path.write_text(f"fabric,force_n,load_cv,rating\nchiffon,1,,3\nchiffon,1,{cell},4\n", encoding="utf-8")
     ended = call("check", "--data", path, "--fabrics", DATA / "fabrics.csv")
-    refused(ended, "ratings.csv", "row 3", "'load_cv'", "from 0 to 0.3")
+    refused(ended, "ratings.csv", "row 3", "'load_cv'", f"from 0 to {most}")
 
 
 @pytest.mark.parametrize("typed", ["-1", "nan", "0.5"])
