@@ -23,6 +23,7 @@ from support.report_runs import quickly
 
 IN_WORDS = {
     "direction": ("auto", None),
+    "errors": ("auto", None),
     "scale": ("magnitude", MAGNITUDE),
     "finger": ({}, Finger()),
     "unknown_modulus": (None, UNKNOWN_MODULUS),

@@ -19,6 +19,7 @@ from softness_bayes.data import Experiment, Fabrics
 from softness_bayes.errors import InputError
 from softness_bayes.files.outputs import write_outputs
 from softness_bayes.likelihood.directions import INVERSE, direction_named
+from softness_bayes.likelihood.error_laws import NORMAL, STUDENT
 from softness_bayes.model.build import build
 from softness_bayes.model.options import ModelOptions
 from softness_bayes.model.scenes import usual_values
@@ -201,7 +202,7 @@ def test_provenance(result):
 def test_the_options_in_the_file_are_those_of_the_run(result, options):
     again = Request.of(result)
     direction = result.attributes["direction"]
-    assert again == options._replace(model=options.model.decide(direction=direction_named(direction)))
+    assert again == options._replace(model=options.model.decide(direction=direction_named(direction), errors=NORMAL))
     special = Request().with_options(
         fix={"b": 1 / 3},
         priors={"c_K": LogNormal(1.16, 0.03, 0.1), "gamma": HalfNormal(2 / 3)},
@@ -213,13 +214,15 @@ def test_the_options_in_the_file_are_those_of_the_run(result, options):
         unknown_modulus=LogNormal(50, 1.5),
         load_cv=0.05,
         individual=("b", "sigma_0"),
+        errors=STUDENT,
+        resolution=0.5,
         discretisation=scene.Discretisation(8, 9.0, 1e-5),
         max_seconds=math.inf,
         processes=3,
     )
     assert Request.from_record(json.loads(json.dumps(special.record()))) == special
     names = {field.name for part in special for field in dataclasses.fields(part)}
-    assert special.record().keys() == names - {"decided"} | {"direction_decided"}
+    assert special.record().keys() == names - {"decided"} | {"direction_decided", "errors_decided"}
 
 
 # whether it is what the model says
