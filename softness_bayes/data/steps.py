@@ -38,7 +38,8 @@ def step_of(numbers: ArrayLike) -> float:
     Steps are 1, 2 or 5 times a power of ten, a half or a quarter. A step is believed if so many different numbers of a
     finer one would all fall on it with a probability below `CHANCE`; the finest takes three different numbers.
     """
-    distinct = [Decimal(repr(float(x))) for x in np.unique(np.asarray(numbers, float)) if x > 0]
+    # digits beyond the twelfth are those of rounding
+    distinct = sorted({Decimal(f"{x:.12g}") for x in np.asarray(numbers, float).tolist() if x > 0})
     if not distinct or distinct[-1] > WIDEST * distinct[0]:
         return 0.0
     finest = min(int(x.normalize().as_tuple().exponent) for x in distinct)

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -33,6 +34,7 @@ from softness_bayes.likelihood.rater_integrals import (
     quadrature_for,
 )
 from softness_bayes.likelihood.ratings import RatingParameters, RatingsLikelihood
+from softness_bayes.likelihood.scales import SLIDER, Scale
 from softness_bayes.likelihood.stated import Stated
 
 FloatArray = NDArray[np.float64]
@@ -52,6 +54,8 @@ class IntervalModel(RatingModel):
     """
 
     law: ErrorLaw = NORMAL
+    end: ClassVar[float] = np.inf
+    """Upper end of the scale."""
 
     @property
     def error(self) -> ErrorLaw:  # type: ignore[override]
@@ -92,6 +96,19 @@ class IntervalModel(RatingModel):
     def observe(self, ratings: ArrayLike, design: Design, stated: Stated | None = None) -> IntervalRatings:
         """Return the likelihood of these ratings: exact numbers, unless it is known what they stand for."""
         return IntervalRatings(ratings, design, self, stated=stated)
+
+
+@dataclass(frozen=True)
+class SliderModel(IntervalModel):
+    """An `IntervalModel` of places on a slider: their log odds take the place of log ratings, and ends have mass.
+
+    mu ~ N(0, spread²), with half the spread of magnitude estimates' levels.
+    """
+
+    scale: ClassVar[Scale] = SLIDER
+    end: ClassVar[float] = 1.0
+    centre: float = 1.0
+    spread: float = 1.5
 
 
 class IntervalRatings(RatingsLikelihood):
@@ -136,11 +153,13 @@ class IntervalRatings(RatingsLikelihood):
         ranges: FloatArray | None = None,
     ) -> None:
         super().__init__(ratings, design, model, over)
-        wrong = ~(np.isfinite(self.values) & (self.values > 0))
+        scale, zero = model.scale, np.zeros(design.n_rows)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            middle = scale.additive(self.values)
+        wrong = ~np.isfinite(middle)
         if wrong.any():
-            raise InputError(f"ratings: {wrong.sum()} of {wrong.size} are not positive numbers")
-        zero = np.zeros(design.n_rows)
-        self._stated = stated or Stated(self.values, zero, zero)
+            raise InputError(f"ratings: {wrong.sum()} of {wrong.size} are not {scale.suitable} numbers")
+        self._stated = stated or Stated(self.values, zero, zero, zero + model.end, model.end)
         low, high = self._stated.ends(self.values)
         self._exact = low == high
         self._ranges = _ranges(low, high, design) if ranges is None else ranges
@@ -149,14 +168,15 @@ class IntervalRatings(RatingsLikelihood):
         self._condition = design.condition[order]
         self._raters, rater = np.unique(design.participant[order], return_inverse=True)
         with np.errstate(divide="ignore"):
-            rows = Rows(np.log(low), np.log(high), self._lapse(low, high)).take(order)
-        middle = np.log(self.values)[order]
+            rows = Rows(scale.additive(low), scale.additive(high), self._lapse(low, high)).take(order)
+        middle = middle[order]
         weight = np.ones(order.size) if model.law is NORMAL else _robust(middle, rater, self._condition)
         count = np.bincount(rater).astype(float)
         self._quadrature = quadrature or quadrature_for(count, bool(self._exact.all()), model.law)
         kind = DenseIntegrals if self._quadrature in (DENSE, DENSER) else RaterIntegrals
         self._integrals = kind(model.law, rows, rater, middle, weight, model.level.mean, model.level.sd)
-        self._log = float(np.log(self.values[self._exact]).sum())
+        self._slope = np.where(self._exact, scale.log_slope(self.values), 0.0)
+        self._log = float(self._slope.sum())
 
     def with_values(self, values: ArrayLike) -> IntervalRatings:
         """Return the likelihood of other ratings of the same rows."""
@@ -199,7 +219,7 @@ class IntervalRatings(RatingsLikelihood):
             given, shape = self._given(mean_rate, parameters)
             weight, value, _ = self._left_out(given)
             found = log_sum(weight + value, axis=1) - log_sum(weight, axis=1)
-            found = found[:, self._back] - np.where(self._exact, np.log(self.values), 0.0)
+            found = found[:, self._back] - self._slope
             return found.reshape(*shape, -1)
 
         return in_pieces(alone, self._loo_width, mean_rate, parameters)
@@ -235,8 +255,7 @@ class IntervalRatings(RatingsLikelihood):
             density = log_sum(law + self._integrals.values(given, grid), axis=1)
             found = np.zeros((len(density), self.design.n_participants))
             found[:, self._raters] = density
-            exact = np.where(self._exact, np.log(self.values), 0.0)
-            found -= np.bincount(self.design.participant, exact, self.design.n_participants)
+            found -= np.bincount(self.design.participant, self._slope, self.design.n_participants)
             return found.reshape(*shape, -1)
 
         return in_pieces(whole, self._loo_width, mean_rate, parameters)
@@ -311,7 +330,8 @@ class IntervalRatings(RatingsLikelihood):
     def _lapse(self, low: FloatArray, high: FloatArray) -> FloatArray:
         """Return the log probability of every row if it is a lapse, of exact ones the density of the log rating."""
         least, most = self._ranges[:, self.design.participant]
-        inside = np.where(low == high, self.values, np.minimum(high, most) - np.maximum(low, least))
+        slope = np.exp(self.model.scale.log_slope(self.values))
+        inside = np.where(low == high, slope, np.minimum(high, most) - np.maximum(low, least))
         with np.errstate(divide="ignore", invalid="ignore"):
             found = np.log(np.maximum(inside, 0.0) / (most - least))
         return np.where(most > least, found, -np.inf)

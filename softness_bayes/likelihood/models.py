@@ -11,12 +11,12 @@ from softness_bayes.likelihood.contract import Likelihood
 from softness_bayes.likelihood.directions import RISES, RatingDirection
 from softness_bayes.likelihood.error_laws import ERROR_LAWS, LAPSES, NORMAL, STUDENT, ErrorLaw
 from softness_bayes.likelihood.individual import IndividualRatings
-from softness_bayes.likelihood.intervals import IntervalModel, IntervalRatings
+from softness_bayes.likelihood.intervals import IntervalModel, IntervalRatings, SliderModel
 from softness_bayes.likelihood.load_errors import LoadErrors
 from softness_bayes.likelihood.magnitude import LogRatings, RatingModel
 from softness_bayes.likelihood.plate import CompressionForces
 from softness_bayes.likelihood.ratings import RatingsLikelihood, RatingsModel
-from softness_bayes.likelihood.scales import MAGNITUDE, STANDARDISED, Scale
+from softness_bayes.likelihood.scales import MAGNITUDE, SLIDER, STANDARDISED, Scale
 from softness_bayes.likelihood.uncertain_loads import UncertainLoads
 from softness_bayes.likelihood.z_scores import StandardisedModel, StandardisedRatings
 
@@ -26,12 +26,17 @@ RATING_MODELS: Mapping[tuple[Scale, ErrorLaw], Callable[[RatingDirection], Ratin
         (MAGNITUDE, STUDENT): partial(IntervalModel, law=STUDENT),
         (MAGNITUDE, LAPSES): partial(IntervalModel, law=LAPSES),
         (STANDARDISED, NORMAL): StandardisedModel,
+        **{(SLIDER, law): partial(SliderModel, law=law) for law in ERROR_LAWS.values()},
     }
 )
 """Makes the observation model of a direction, by the scale of the ratings and the law of their errors."""
 
 OF_INTERVALS: Mapping[tuple[Scale, ErrorLaw], Callable[[RatingDirection], RatingsModel]] = MappingProxyType(
-    {(MAGNITUDE, law): partial(IntervalModel, law=law) for law in ERROR_LAWS.values()}
+    {
+        (scale, law): partial(model, law=law)
+        for scale, model in ((MAGNITUDE, IntervalModel), (SLIDER, SliderModel))
+        for law in ERROR_LAWS.values()
+    }
 )
 """As `RATING_MODELS`, of ratings that stand for intervals."""
 

@@ -20,6 +20,9 @@ if TYPE_CHECKING:
 LARGEST_LOG_RATING = 700.0
 """Largest absolute log rating that is drawn or predicted: floating point ends at 709.78."""
 
+LARGEST_LOG_ODDS = 30.0
+"""Largest absolute log odds of a share that is drawn or predicted: 1 - 1e-13, which floating point tells from 1."""
+
 STANDARDISED_MEAN, STANDARDISED_SD = 1.0, 3.0
 """Largest absolute mean, and largest standard deviation, of ratings that can be z-scores."""
 
@@ -78,6 +81,8 @@ class Scale:
         Additive numbers of observations, and the inverse; arrays of any shape.
     require
         Raises `InputError`, naming file, row, column and value, for a table that is not on this scale.
+    log_slope
+        Log of the slope of `natural`, at observations.
     """
 
     name: str
@@ -93,6 +98,7 @@ class Scale:
     additive: Callable[[Any], NDArray[np.float64]]
     natural: Callable[[Any], NDArray[np.float64]]
     require: Callable[[Filed], None]
+    log_slope: Callable[[Any], NDArray[np.float64]]
 
 
 def _log(values: Any) -> NDArray[np.float64]:
@@ -112,6 +118,33 @@ def _same(values: Any) -> NDArray[np.float64]:
     import numpy as np
 
     return np.asarray(values, float)
+
+
+def _no_slope(values: Any) -> NDArray[np.float64]:
+    import numpy as np
+
+    return np.zeros_like(np.asarray(values, float))
+
+
+def _logit(values: Any) -> NDArray[np.float64]:
+    import numpy as np
+
+    values = np.asarray(values, float)
+    return np.log(values) - np.log1p(-values)
+
+
+def _share(values: Any) -> NDArray[np.float64]:
+    """Return shares of log odds, clipped at `LARGEST_LOG_ODDS`, so that no share is 0 or 1."""
+    import numpy as np
+
+    return 1.0 / (1.0 + np.exp(-np.clip(values, -LARGEST_LOG_ODDS, LARGEST_LOG_ODDS)))
+
+
+def _log_odds_slope(values: Any) -> NDArray[np.float64]:
+    import numpy as np
+
+    values = np.asarray(values, float)
+    return np.log(values) + np.log1p(-values)
 
 
 def _require_positive(table: Filed) -> None:
@@ -146,7 +179,7 @@ def _require_standardised(table: Filed) -> None:
 
 
 def _accept(table: Filed) -> None:
-    """Accept every table: forces are checked row by row as they are read."""
+    """Accept every table: forces are checked row by row as they are read, and sliders by their ends."""
 
 
 MAGNITUDE = Scale(
@@ -163,6 +196,7 @@ MAGNITUDE = Scale(
     additive=_log,
     natural=_exp,
     require=_require_positive,
+    log_slope=_log,
 )
 STANDARDISED = Scale(
     name="standardised",
@@ -178,8 +212,27 @@ STANDARDISED = Scale(
     additive=_same,
     natural=_same,
     require=_require_standardised,
+    log_slope=_no_slope,
 )
-RATING_SCALES: Mapping[str, Scale] = MappingProxyType({scale.name: scale for scale in (MAGNITUDE, STANDARDISED)})
+SLIDER = Scale(
+    name="slider",
+    meaning="places on a slider, from its soft or low end to its other",
+    suitable="inner",
+    unit="log odds of the rating",
+    short="log odds",
+    label="softness rating [share of the slider]",
+    mean="mean of log odds",
+    axis="linear",
+    drawn=(0.0, 1.0),
+    own_units=True,
+    additive=_logit,
+    natural=_share,
+    require=_accept,
+    log_slope=_log_odds_slope,
+)
+RATING_SCALES: Mapping[str, Scale] = MappingProxyType(
+    {scale.name: scale for scale in (MAGNITUDE, STANDARDISED, SLIDER)}
+)
 """The readings of the rating scale, by name; the first is the default."""
 
 

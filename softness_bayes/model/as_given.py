@@ -14,7 +14,7 @@ from softness_bayes.data.steps import steps_of_raters
 from softness_bayes.errors import InputError
 from softness_bayes.likelihood.design import Design
 from softness_bayes.likelihood.error_laws import NORMAL, STUDENT, ErrorLaw
-from softness_bayes.likelihood.scales import MAGNITUDE
+from softness_bayes.likelihood.scales import MAGNITUDE, SLIDER, STANDARDISED
 from softness_bayes.likelihood.stated import Stated
 from softness_bayes.model.options import ModelOptions
 
@@ -63,13 +63,13 @@ def as_given(ratings: Ratings, options: ModelOptions) -> AsGiven:
             f"{ratings.source}: {(ratings.rating <= 0).sum()} ratings are 0, and {alone} are modelled for ratings "
             "above 0 alone; leave these out with --drop-zeros, or that option"
         )
-    said = stated(ratings, 0.0 if alone else options.resolution)
+    said = _said_of(ratings, options, 0.0 if alone else options.resolution)
     if options.errors is not None:
         law, why = options.errors, options.errors.meaning + ("" if "errors" in options.decided else ", as asked")
     elif alone:
         law, why = NORMAL, f"normal, as {alone} need"
     else:
-        law, why = _law_of(ratings, said)
+        law, why = _law_of(ratings, said, options)
     return AsGiven(said, law, _of_numbers(ratings, said, alone), f"errors: {why}")
 
 
@@ -83,14 +83,51 @@ def stated(ratings: Ratings, resolution: float | None = None) -> Stated:
     resolution
         Step of the grid of all other rows, 0 for exact numbers; None to find that of each rater.
     """
+    step, limit = _steps_of(ratings, resolution), np.zeros(len(ratings))
+    limit = _limits(ratings, ratings.rating, step)
+    values = np.where((limit > 0) & (ratings.rating < limit), 0.5 * limit, ratings.rating)
+    return Stated(values, step, limit, np.full(len(ratings), np.inf))
+
+
+def stated_on_slider(ratings: Ratings, ends: tuple[float, float], resolution: float | None = None) -> Stated:
+    """Return the intervals, in shares of a slider's length, that ratings on it stand for; arguments as `stated`.
+
+    Raises
+    ------
+    InputError
+        If a rating lies beyond the ends, or all are at one end.
+    """
+    low, high = ends
+    outside = np.flatnonzero((ratings.rating < low) | (ratings.rating > high))
+    if outside.size:
+        i = outside[0]
+        raise InputError(
+            f"{ratings.source}: row {ratings.rows[i]}, column {ratings.rating_column!r}: expected a place on a slider "
+            f"from {low:g} to {high:g}, got {ratings.rating[i]:.15g} ({outside.size} of {len(ratings)} ratings lie "
+            "beyond it); --slider LOW,HIGH gives its ends"
+        )
+    step, share = _steps_of(ratings, resolution) / (high - low), (ratings.rating - low) / (high - low)
+    if not ((share > 0) & (share < 1)).any():
+        raise InputError(f"{ratings.source}: all ratings are at the ends of the slider, which tells nothing")
+    limit, most = _limits(ratings, share, step), 1.0 - _limits(ratings, 1.0 - share, step)
+    values = np.where(share < limit, 0.5 * limit, np.where(share > most, 0.5 * (1.0 + most), share))
+    return Stated(values, step, limit, most, 1.0)
+
+
+def _steps_of(ratings: Ratings, resolution: float | None) -> FloatArray:
+    """Return the step of each row's grid; 0 if numbers are exact."""
     found = steps_of_raters(ratings)[ratings.participant] if resolution is None else np.full(len(ratings), resolution)
     own = np.full(len(ratings), np.nan) if ratings.resolution is None else ratings.resolution
-    step = np.where(np.isnan(own), found, own)
+    return np.asarray(np.where(np.isnan(own), found, own))
+
+
+def _limits(ratings: Ratings, numbers: FloatArray, step: FloatArray) -> FloatArray:
+    """Return the number below which each row's rater says 0: half a step, or the smallest of exact numbers."""
     limit = 0.5 * step
-    for rater in np.unique(ratings.participant[ratings.rating == 0]):
+    for rater in np.unique(ratings.participant[numbers == 0]):
         of = ratings.participant == rater
-        limit[of & (step == 0)] = _smallest(ratings.rating[of], ratings.rating)
-    return Stated(np.where((limit > 0) & (ratings.rating < limit), 0.5 * limit, ratings.rating), step, limit)
+        limit[of & (step == 0)] = _smallest(numbers[of], numbers)
+    return limit
 
 
 def _smallest(own: FloatArray, every: FloatArray) -> float:
@@ -101,9 +138,19 @@ def _smallest(own: FloatArray, every: FloatArray) -> float:
     return 1.0
 
 
+def _said_of(ratings: Ratings, options: ModelOptions, resolution: float | None) -> Stated:
+    if options.scale is SLIDER:
+        return stated_on_slider(ratings, options.slider_ends, resolution)
+    if options.slider_ends != (0.0, 1.0):
+        raise InputError(
+            f"slider: ends are given for {options.scale.name} ratings; add --ratings slider, or leave them out"
+        )
+    return stated(ratings, resolution)
+
+
 def _closed_form_alone(ratings: Ratings, options: ModelOptions) -> str:
     """Return what is asked for that only the closed form of exact ratings with normal errors has; else nothing."""
-    if options.scale is not MAGNITUDE:
+    if options.scale is STANDARDISED:
         return f"{options.scale.name} ratings"
     if options.individual:
         return "raters' own fingers (--individual)"
@@ -130,21 +177,24 @@ def _of_numbers(ratings: Ratings, said: Stated, alone: str) -> str:
             f"{counts.sum()} of {people} participants answer on grids of numbers, with steps of {', '.join(named)}; "
             "such a rating counts as the interval that it stands for"
         )
-    if zeros:
+    if np.isfinite(said.end):
+        low, high = (said.values < said.limit).sum(), (said.values > said.most).sum()
+        parts.append(f"{low} lie at the slider's lower end and {high} at the upper one, and stand for all beyond them")
+    elif zeros:
         parts.append(f"{zeros} ratings of 0 count as numbers below the smallest that their participant uses")
     return "ratings: " + "; ".join(parts)
 
 
-def _law_of(ratings: Ratings, said: Stated) -> tuple[ErrorLaw, str]:
+def _law_of(ratings: Ratings, said: Stated, options: ModelOptions) -> tuple[ErrorLaw, str]:
     """Return Student's t if the residuals of participants and conditions have heavy tails, else the normal law."""
     conditions = ratings.conditions
     design = Design(conditions.of_rating, ratings.participant, conditions.fabric, len(ratings.participants))
-    layout = Layout(design, np.ones(design.n_conditions), np.zeros(design.n_conditions, np.intp))
+    layout = Layout(design, np.ones(design.n_conditions), np.zeros(design.n_conditions, np.intp), scale=options.scale)
     fit = layout.fit(said.values)
     if layout.residual_freedom < FEWEST or not fit.sd > 0:
         return NORMAL, "normal, because too few ratings repeat a condition to tell; --errors overrides"
     participant = np.nan_to_num(fit.participant)[design.participant]
-    residual = np.log(said.values) - fit.condition[design.condition] - participant
+    residual = options.scale.additive(said.values) - fit.condition[design.condition] - participant
     kurtosis = float((residual**4).mean() / (residual**2).mean() ** 2 - 3.0)
     error = float(np.sqrt(24.0 / layout.residual_freedom))
     numbers = f"(excess kurtosis of the residuals {kurtosis:.2f} ± {error:.2f}); --errors overrides"

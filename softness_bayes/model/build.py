@@ -18,7 +18,7 @@ from softness_bayes.likelihood.load_errors import LoadErrors
 from softness_bayes.likelihood.models import rating_model, under_uncertain_loads
 from softness_bayes.likelihood.plate import CompressionForces
 from softness_bayes.likelihood.ratings import RatingParameters, RatingsModel
-from softness_bayes.likelihood.scales import MAGNITUDE
+from softness_bayes.likelihood.scales import MAGNITUDE, STANDARDISED
 from softness_bayes.model.as_given import AsGiven, as_given
 from softness_bayes.model.fabric_moduli import fabric_moduli
 from softness_bayes.model.fingers import box_of_priors, require_one_source
@@ -116,7 +116,7 @@ def build(experiment: Experiment, options: ModelOptions = ModelOptions()) -> Exp
         If a rating does not suit the scale, the options name what does not exist, the model cannot reach the
         accuracy, or raters' own fingers are asked for where there is one rater only.
     """
-    if options.direction is FREE and options.scale is not MAGNITUDE:
+    if options.direction is FREE and options.scale is STANDARDISED:
         raise InputError(f"direction: {FREE.name} needs magnitude estimates, not {options.scale.name} ratings")
     if options.individual and len(experiment.ratings.participants) < 2:
         raise InputError("individual: there is one participant only, whose finger is the typical one; leave it out")

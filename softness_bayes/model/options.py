@@ -6,7 +6,10 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
 from typing import Any, Self
 
+import numpy as np
+
 from softness_bayes.defaults import ACCURACY, NOISE, PRIOR_SET
+from softness_bayes.errors import InputError
 from softness_bayes.likelihood.directions import RatingDirection, direction_named
 from softness_bayes.likelihood.error_laws import NORMAL, ErrorLaw, error_law_named
 from softness_bayes.likelihood.scales import MAGNITUDE, RATING_SCALES, Scale
@@ -53,6 +56,8 @@ class ModelOptions:
     resolution
         Step of the grids of numbers that raters use, where the table has no column for it; 0 for exact numbers. None
         finds that of each rater.
+    slider_ends
+        Numbers of the two ends of a slider.
     noise
         Strength of the membranes' white current [µA/cm² sqrt(ms)]; needs fixed channel multipliers.
     accuracy
@@ -78,6 +83,7 @@ class ModelOptions:
     individual: tuple[str, ...] = ()
     errors: ErrorLaw | None = None
     resolution: float | None = None
+    slider_ends: tuple[float, float] = (0.0, 1.0)
     noise: float = NOISE
     accuracy: float = ACCURACY
     discretisation: Discretisation | None = None
@@ -92,6 +98,8 @@ class ModelOptions:
         require_individual(self.individual)
         if self.resolution is not None:
             RESOLUTIONS.require("resolution", self.resolution)
+        if not (np.isfinite(self.slider_ends).all() and self.slider_ends[0] < self.slider_ends[1]):
+            raise InputError(f"slider: ends {self.slider_ends}, expected two numbers, the lower one first")
 
     def decide(self, **found: Any) -> Self:
         """Return the options with some that were open decided, by name."""
@@ -120,6 +128,7 @@ class ModelOptions:
             **({"individual": list(self.individual)} if self.individual else {}),
             **({} if self.errors is None else {"errors": self.errors.name, "errors_decided": "errors" in self.decided}),
             **({} if self.resolution is None else {"resolution": self.resolution}),
+            **({} if self.slider_ends == (0.0, 1.0) else {"slider_ends": list(self.slider_ends)}),
             "noise": self.noise,
             "accuracy": self.kept_accuracy,
             "discretisation": None if self.discretisation is None else asdict(self.discretisation),
@@ -155,6 +164,7 @@ class ModelOptions:
             individual=tuple(record.get("individual", ())),
             errors=error_law_named(record["errors"]) if "errors" in record else None,
             resolution=record.get("resolution"),
+            slider_ends=tuple(record.get("slider_ends", (0.0, 1.0))),
             noise=record["noise"],
             accuracy=ACCURACY if accuracy is None else accuracy,
             discretisation=None if discretisation is None else Discretisation(**discretisation),
@@ -172,6 +182,7 @@ class ModelOptions:
             **({"raters' own fingers": ", ".join(self.individual)} if self.individual else {}),
             **({} if self.errors in (None, NORMAL) else {"errors": self.errors.name}),
             **({} if self.resolution is None else {"resolution": str(self.resolution)}),
+            **({} if self.slider_ends == (0.0, 1.0) else {"slider_ends": str(self.slider_ends)}),
             "noise": str(self.noise),
             "discretisation": str(self.discretisation),
         }

@@ -20,7 +20,7 @@ from softness_bayes.likelihood.error_laws import NORMAL, ErrorLaw
 from softness_bayes.likelihood.models import UNDER_UNCERTAIN_LOADS, rating_model
 from softness_bayes.likelihood.plate import CompressionForces, SkinParameters
 from softness_bayes.likelihood.ratings import RatingParameters
-from softness_bayes.likelihood.scales import LARGEST_LOG_RATING, MAGNITUDE, Scale
+from softness_bayes.likelihood.scales import LARGEST_LOG_RATING, MAGNITUDE, STANDARDISED, Scale
 from softness_bayes.model.other_loads import scaled
 from softness_bayes.model.scenes import scene_of, touch_parameters
 from softness_bayes.parameters.declared import ERROR_PARAMETERS, EVERY_PARAMETER
@@ -98,7 +98,7 @@ def simulate_ratings(
     errors
         Law of the errors; its own parameters are among `values`, or the medians of their priors.
     resolution
-        Step of the grid of numbers to which magnitude estimates are rounded, 0 included; 0 for exact numbers.
+        Step of the grid of numbers to which ratings are rounded, 0 included; 0 for exact numbers.
 
     Raises
     ------
@@ -198,7 +198,7 @@ def _require_of_scale(scale: Scale, resolution: float, load_cv: float) -> None:
     """Raise an error for a resolution or an error of loads that is out of range, or that the scale does not have."""
     RESOLUTIONS.require("simulate: resolution", resolution)
     LOAD_ERRORS.require("simulate: load_cv", load_cv)
-    if resolution and scale is not MAGNITUDE:
+    if resolution and scale is STANDARDISED:
         raise InputError(f"simulate: resolution is {resolution}, expected none for {scale.name} ratings")
     if load_cv and scale not in UNDER_UNCERTAIN_LOADS:
         raise InputError(f"simulate: load_cv is {load_cv}, expected none for {scale.name} ratings")

@@ -70,11 +70,12 @@ def constant_group(draws: RatedDraws, pit: LooPit) -> dict[str, Variable]:
 
 def _as_filed(draws: RatedDraws) -> dict[str, Variable]:
     """Return ratings as filed and the ends of their intervals, where ratings are not exact numbers."""
-    ends = draws.ratings.ends
+    ends, filed = draws.ratings.ends, draws.experiment.ratings.rating
     if ends is None:
-        return {}
+        same = np.array_equal(filed, draws.ratings.values)
+        return {} if same else {RATING_AS_FILED: Variable(filed, ("rating_row",))}
     return {
-        RATING_AS_FILED: Variable(draws.experiment.ratings.rating, ("rating_row",)),
+        RATING_AS_FILED: Variable(filed, ("rating_row",)),
         RATING_LOW: Variable(ends[0], ("rating_row",)),
         RATING_HIGH: Variable(ends[1], ("rating_row",)),
     }

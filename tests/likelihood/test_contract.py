@@ -509,11 +509,11 @@ def test_models_are_pairs_of_a_scale_and_an_error_law():
         for direction in (RISES, FALLS):
             model = rating_model(scale, direction, error)
             assert (model.scale, model.error, model.direction) == (scale, error, direction)
-            assert type(model.observe(np.ones(ROWS), DESIGN)) in LIKELIHOODS
+            assert type(model.observe(np.full(ROWS, 0.5), DESIGN)) in LIKELIHOODS
     cauchy = replace(NORMAL, name="cauchy")
     with pytest.raises(InputError, match="no model of magnitude with cauchy errors; expected one of magnitude with n"):
         rating_model(MAGNITUDE, RISES, cauchy)
-    with pytest.raises(InputError, match="'likert' is not known, expected magnitude or standardised"):
+    with pytest.raises(InputError, match="'likert' is not known, expected magnitude or standardised or slider"):
         scale_named("likert")
 
 

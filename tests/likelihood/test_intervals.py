@@ -11,7 +11,7 @@ from softness_bayes.errors import InputError
 from softness_bayes.likelihood.design import Design
 from softness_bayes.likelihood.directions import FALLS, RISES
 from softness_bayes.likelihood.error_laws import LAPSES, NORMAL, STUDENT
-from softness_bayes.likelihood.intervals import IntervalModel, IntervalRatings
+from softness_bayes.likelihood.intervals import IntervalModel, IntervalRatings, SliderModel
 from softness_bayes.likelihood.magnitude import RatingModel
 from softness_bayes.likelihood.rater_integrals import DENSE, DENSER, FAST, FINE, FINEST, STEADY
 from softness_bayes.likelihood.ratings import RatingParameters
@@ -39,6 +39,10 @@ def rates_of(rng):
     return np.linspace(0.0, 30.0, CONDITIONS) * np.exp(0.1 * rng.standard_normal((POINTS, CONDITIONS)))
 
 
+def on_grid(values, step):
+    return Stated(values, np.full(values.size, step), np.full(values.size, step / 2), np.full(values.size, np.inf))
+
+
 def table(seed, people, repeats, law=NORMAL, step=0.0, outliers=0.0, tau=0.5, spread=0.35):
     """Ratings with their likelihood, mean rates and parameters; typical ratings are near 5."""
     rng = np.random.default_rng(seed)
@@ -47,7 +51,7 @@ def table(seed, people, repeats, law=NORMAL, step=0.0, outliers=0.0, tau=0.5, sp
     rows = design.n_rows
     log = np.log(5.0) + drive[design.condition] + (tau * rng.standard_normal(people))[design.participant]
     log = log + spread * rng.standard_normal(rows) + 2.3 * (rng.random(rows) < outliers)
-    said = Stated(np.exp(log), np.full(rows, step), np.full(rows, step / 2))
+    said = on_grid(np.exp(log), step)
     values = said.rounded(np.exp(log))
     model = IntervalModel(RISES, law=law)
     return IntervalRatings(values, design, model, stated=said if step else None), rate, points
@@ -135,7 +139,7 @@ def test_fine_grids_have_exact_numbers_as_their_limit():
     exact, rate, points = table(7, 4, 4)
     expected, errors = exact.log_likelihood(rate, points), []
     for step in (1e-4, 1e-5):
-        said = Stated(exact.values, np.full(exact.values.size, step), np.full(exact.values.size, step / 2))
+        said = on_grid(exact.values, step)
         fine = IntervalRatings(exact.values, exact.design, exact.model, stated=said)
         found = fine.log_likelihood(rate, points) - np.log(step) * exact.values.size
         errors.append(np.abs(found - expected).max())
@@ -217,7 +221,7 @@ def test_hard_tables_have_finite_densities(law):
         (1, 1, np.full(6, 7.0)),
         (3, 2, np.r_[1e-6, np.full(34, 2.0), 1e6]),
     ):
-        said = Stated(values, np.full(values.size, 1.0), np.full(values.size, 0.5))
+        said = on_grid(values, 1.0)
         observed = IntervalRatings(values, design_of(people, repeats), IntervalModel(FALLS, law=law), stated=said)
         for spread in (1e-3, 0.3, 20.0):
             points = points_of(rng, varsigma=spread, tau=0.0 if people == 1 else 0.5)
@@ -237,3 +241,57 @@ def test_finer_integrals_exist_for_every_quadrature():
     for quadrature, finer in ((FAST, FINE), (STEADY, FINE), (FINE, FINEST), (DENSE, DENSER)):
         own = IntervalRatings(observed.values, observed.design, observed.model, quadrature=quadrature)
         assert own.finer()._quadrature == finer
+
+
+def shares(rng, design, step=0.0):
+    """Places on a slider, with what they stand for."""
+    rows = design.n_rows
+    latent = 1.0 / (1.0 + np.exp(-(rng.normal(0.3, 1.2, rows))))
+    said = Stated(latent, np.full(rows, step), np.full(rows, step / 2), np.full(rows, 1.0 - step / 2), 1.0)
+    return said._replace(values=said.rounded(latent))
+
+
+def test_exact_places_on_a_slider_are_the_closed_form_of_their_log_odds():
+    rng, design = np.random.default_rng(14), design_of(4, 4)
+    said, rate, points = shares(rng, design), rates_of(rng), points_of(rng)
+    odds = said.values / (1.0 - said.values)
+    closed = RatingModel(RISES, 1.0, 1.5).observe(odds, design)
+    own = SliderModel(RISES).observe(said.values, design)
+    expected = closed.log_likelihood(rate, points) + np.log(odds).sum()
+    jacobian = np.log(said.values * (1.0 - said.values))
+    assert_allclose(own.log_likelihood(rate, points) + jacobian.sum(), expected, rtol=1e-9)
+    found = own.log_likelihood_loo(rate, points) + jacobian
+    assert_allclose(found, closed.log_likelihood_loo(rate, points) + np.log(odds), atol=1e-7)
+    assert_allclose(own.below_loo(rate, points), closed.below_loo(rate, points), atol=1e-7)
+
+
+@pytest.mark.parametrize("law", LAWS, ids=lambda law: law.name)
+def test_a_slider_has_mass_at_its_ends(law):
+    """Given the others, the probabilities of all places on a slider of eleven steps sum to 1, ends included."""
+    rng, design = np.random.default_rng(15), design_of(4, 4)
+    said, rate, points = shares(rng, design, 0.1), rates_of(rng), points_of(rng)
+    places = np.concatenate([[0.025], np.arange(1, 10) / 10.0, [0.975]])
+    total = np.zeros(POINTS)
+    for place in places:
+        values = said.values.copy()
+        values[5] = place
+        ranged = IntervalRatings(
+            values, design, SliderModel(FALLS, law=law), stated=said, ranges=np.tile([[0.0], [1.0]], (1, 4))
+        )
+        total += np.exp(ranged.log_likelihood_loo(rate, points)[:, 5])
+    assert_allclose(total, 1.0, atol=1e-2)
+    touched = np.concatenate([places[[0, -1]], said.values[2:]])
+    ends = IntervalRatings(touched, design, SliderModel(FALLS, law=law), stated=said).ends
+    assert (ends[0].min(), ends[1].max()) == (0.0, 1.0)
+
+
+def test_replicates_on_a_slider_reach_its_ends():
+    rng, design = np.random.default_rng(16), design_of(3, 4)
+    said, rate, points = shares(rng, design, 0.1), rates_of(rng), points_of(rng)
+    observed = SliderModel(RISES).observe(said.values, design, said)
+    effects = observed.new_effects(rng, points, (POINTS,), {"mu": np.array([-2.5, 0.0, 2.5])})
+    made = observed.replicate(rng, observed.drive(rate, points), points, effects)
+    allowed = np.concatenate([[0.025], np.arange(1, 10) / 10.0, [0.975]])
+    assert np.isclose(made[..., None], allowed).any(axis=-1).all()
+    assert np.isclose(made, 0.025).any()
+    assert np.isclose(made, 0.975).any()

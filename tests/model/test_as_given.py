@@ -11,8 +11,8 @@ from softness_bayes.data.steps import step_of
 from softness_bayes.errors import InputError
 from softness_bayes.likelihood.directions import FALLS, FREE, RISES
 from softness_bayes.likelihood.error_laws import LAPSES, NORMAL, STUDENT
-from softness_bayes.likelihood.scales import STANDARDISED
-from softness_bayes.model.as_given import as_given, stated
+from softness_bayes.likelihood.scales import SLIDER, STANDARDISED
+from softness_bayes.model.as_given import as_given, stated, stated_on_slider
 from softness_bayes.model.build import build
 from softness_bayes.model.options import ModelOptions
 from softness_bayes.model.scenes import usual_values
@@ -210,3 +210,34 @@ def test_signed_laws():
     x = np.linspace(-6.0, 6.0, 40001)
     assert_allclose(np.exp(law.log_density(x)).sum() * (x[1] - x[0]), 1.0, rtol=1e-6)
     assert law.log_density(0.0) == -np.inf
+
+
+def test_places_on_a_slider():
+    ratings = ratings_of([[0.0, 12.5, 50.0, 100.0], [3.25, 41.71, 77.3, 96.12]], [1.0] * 4 + [0.0] * 4)
+    said = stated_on_slider(ratings, (0.0, 100.0))
+    assert_allclose(said.values, [0.0025, 0.125, 0.5, 0.9975, 0.0325, 0.4171, 0.773, 0.9612])
+    low, high = said.ends(said.values)
+    assert_allclose(low[:4], [0.0, 0.12, 0.495, 0.995])
+    assert_allclose(high[:4], [0.005, 0.13, 0.505, 1.0])
+    assert_allclose(low[4:], high[4:])
+    with pytest.raises(InputError, match=r"row 3, column 'rating': expected a place on a slider from 0 to 10, got 12"):
+        stated_on_slider(ratings, (0.0, 10.0))
+    touched = stated_on_slider(ratings_of([[0.0, 13.1, 51.7, 100.0], [3.25, 41.71, 77.3, 96.12]], [0.0] * 8), (0, 100))
+    assert_allclose(touched.limit, [0.131] * 4 + [0.0] * 4)
+    assert_allclose(touched.most, [0.517] * 4 + [1.0] * 4)
+
+
+def test_a_slider_is_simulated_and_fitted():
+    experiment, made = simulated(scale=SLIDER, resolution=0.05)
+    assert (experiment.ratings.rating <= 1).all()
+    model = build(experiment, replace(QUICK, scale=SLIDER))
+    assert made.truth["mu"] == 1.5
+    assert "at the slider's lower end" in model.given.note
+    theta = model.posterior.space.draw_prior(np.random.default_rng(1), 10)
+    assert np.isfinite(model.posterior.log_likelihood(theta)).all()
+    percent = replace(experiment.ratings, rating=100.0 * experiment.ratings.rating)
+    other = build(experiment._replace(ratings=percent), replace(QUICK, scale=SLIDER, slider_ends=(0.0, 100.0)))
+    assert_allclose(other.posterior.log_likelihood(theta), model.posterior.log_likelihood(theta), rtol=1e-9)
+    assert ModelOptions.from_record(other.options.record()) == other.options
+    with pytest.raises(InputError, match="slider: ends are given for magnitude ratings"):
+        build(experiment, replace(QUICK, slider_ends=(0.0, 10.0)))

@@ -304,6 +304,7 @@ class ModelChoice:
     errors: str = AUTO
     """A name, or `AUTO`."""
     resolution: float | None = None
+    slider_ends: tuple[float, float] = (0.0, 1.0)
 
     def options(self, **others: Any) -> ModelOptions:
         """Return the options of this model and `others`; its resolution is not chosen yet."""
@@ -326,6 +327,7 @@ class ModelChoice:
             individual=self.individual,
             errors=None if self.errors == AUTO else error_law_named(self.errors),
             resolution=self.resolution,
+            slider_ends=self.slider_ends,
             **others,
         )
 
@@ -345,6 +347,7 @@ def model_choice(verb: Verb) -> Verb:
     @individual
     @errors
     @resolution
+    @slider
     @accuracy
     @functools.wraps(verb)
     def wrapped(
@@ -360,15 +363,37 @@ def model_choice(verb: Verb) -> Verb:
         individual: tuple[str, ...],
         errors: str,
         resolution: float | None,
+        slider_ends: tuple[float, float],
         accuracy: float,
         **others: Any,
     ) -> Any:
-        inexact = modulus_cv, unknown_modulus, load_cv, individual, errors, resolution
+        inexact = modulus_cv, unknown_modulus, load_cv, individual, errors, resolution, slider_ends
         model = ModelChoice(fixed, priors, prior_set, choice, direction, accuracy, finger, *inexact)
         return verb(model=model, **others)
 
     return wrapped
 
+
+def _ends(context: click.Context, parameter: click.Parameter, text: str) -> tuple[float, float]:
+    try:
+        low, high = (float(part) for part in text.split(","))
+    except ValueError:
+        raise click.BadParameter(f"{text!r}, expected two numbers, as in 0,100") from None
+    if not -1e100 < low < high < 1e100:
+        raise click.BadParameter(f"{text!r}, expected the lower end first, as in 0,100")
+    return low, high
+
+
+slider = click.option(
+    "--slider",
+    "slider_ends",
+    callback=_ends,
+    default="0,1",
+    show_default=True,
+    metavar="LOW,HIGH",
+    help="Numbers of the two ends of a slider (--ratings slider).",
+)
+"""Gives a verb `slider_ends`, two numbers."""
 
 rating_scale = click.option(
     "--ratings",
