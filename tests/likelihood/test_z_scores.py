@@ -272,7 +272,7 @@ def test_the_scale_is_checked_against_the_data(values):
 
 
 def test_names_of_scales_and_what_suits_them(values):
-    assert [*RATING_SCALES] == ["magnitude", "standardised"]
+    assert [*RATING_SCALES] == ["magnitude", "standardised", "slider"]
     for options in ({"mu": 2.0}, {"slope": -1.0}, {"slope": np.nan}):
         with pytest.raises(InputError, match="simulate: "):
             simulated(values, participants=2, **options)
@@ -295,11 +295,9 @@ def test_a_run_says_what_its_ratings_were_made_from(values, monkeypatch, scale, 
     held = {name: given[name] for name in (*CHAIN, *(["tau"] if "tau" in rating_model(scale).needs else []))}
     model = ModelOptions(fix=held, direction=direction, scale=scale, discretisation=COARSE)
     found = sample(Experiment(ratings, CLOTH, ()), model, max_steps=80, processes=1)
-    truth = (
-        {"gamma": 0.9, "varsigma": 0.4, "eps": 0.1, "mu": np.log(20)}
-        if scale is MAGNITUDE
-        else {"varsigma": 0.4, "c0": 0, "c1": 0.6745}
-    )
+    level = np.log(20) if scale is MAGNITUDE else 0.0
+    truth = {"gamma": 0.9, "varsigma": 0.4, "eps": 0.1, "mu": level}
+    truth = {"varsigma": 0.4, "c0": 0, "c1": 0.6745} if scale is STANDARDISED else truth
     table = found.summary()
     assert {*table.index} == {*truth}
     for name, value in truth.items():
