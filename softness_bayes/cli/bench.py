@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from softness_bayes.bench.limit import Limit
     from softness_bayes.bench.peers import Ratio, Work
     from softness_bayes.bench.precision import Point
+    from softness_bayes.bench.ratings import Integrated
     from softness_bayes.bench.scaling import Drawing, Size
     from softness_bayes.bench.subject import Effort, Subject
 
@@ -77,6 +78,7 @@ def _measure(quick: bool, out: Path) -> None:
     points += peers
     sizes = _sizes(held, effort)
     bare, drawing = limit(held, effort), sampler(free, effort)
+    ratings = _ratings(free, effort)
     click.echo(f"\n{_limit_sentence(bare)}")
     if drawing is not None:
         click.echo(_sampler_sentence(drawing))
@@ -85,6 +87,7 @@ def _measure(quick: bool, out: Path) -> None:
         "quick": quick,
         "receptors": work.receptors,
         "ratios": {name: ratio._asdict() for name, ratio in ratios.items()},
+        "ratings": [one._asdict() for one in ratings],
         "limit": bare._asdict() | {"over_bare": bare.over_bare},
         "sampler": None if drawing is None else drawing._asdict(),
     }
@@ -139,6 +142,18 @@ def _sizes(subject: Subject, effort: Effort) -> list[Size]:
     for size in sizes:
         click.echo(f"{size.what:10} {size.size:8} {1e6 * size.seconds:12.1f} {1e9 * size.per_condition:14.0f}")
     return sizes
+
+
+def _ratings(subject: Subject, effort: Effort) -> list[Integrated]:
+    """Measure and print the observation models of ratings."""
+    from softness_bayes.bench.ratings import rating_models
+
+    found = rating_models(subject, effort)
+    click.echo("\nlikelihood of 1080 ratings       µs/vector   over closed form   largest error: near truth, prior")
+    for one in found:
+        numbers = f"{1e6 * one.seconds:9.1f} {one.ratio:18.2f} {one.largest_error:24.1e} {one.prior_error:9.1e}"
+        click.echo(f"{one.model:31} {numbers}")
+    return found
 
 
 def _limit_sentence(bare: Limit) -> str:

@@ -313,7 +313,7 @@ def test_a_run_says_what_its_ratings_were_made_from(values, monkeypatch, scale, 
     assert found.group("log_likelihood_loo")["rating"].shape == (1, 500, len(ratings))
     figure = FIGURES["rating"](found, USUAL)
     assert figure.axes[0].get_yscale() == ("log" if scale is MAGNITUDE else "linear")
-    assert figure.axes[0].get_ylabel() == ("softness rating" if scale is MAGNITUDE else "softness rating [sd]")
+    assert figure.axes[0].get_ylabel() == scale.label
 
 
 def test_z_scores_are_averaged_as_they_are():

@@ -1,0 +1,69 @@
+"""Time and error of the likelihoods that are integrated numerically, beside the closed form."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from softness_bayes.bench.subject import BATCH, FABRICS, LOADS, PARTICIPANTS, Effort, Subject, quickest
+from softness_bayes.data import Experiment
+from softness_bayes.likelihood.error_laws import ERROR_LAWS, NORMAL, ErrorLaw
+from softness_bayes.model.build import build
+from softness_bayes.model.scenes import usual_values
+from softness_bayes.model.simulation import simulate_ratings
+from softness_bayes.touch.readings import MENDED
+
+
+class Integrated(NamedTuple):
+    """One observation model of the same ratings."""
+
+    model: str
+    seconds: float
+    """Of a whole likelihood, response included, for each vector."""
+    ratio: float
+    """That over the time of the closed form."""
+    largest_error: float
+    """Largest error of the log-likelihood, against finer integrals, over vectors near the simulated truth."""
+    prior_error: float
+    """The same over draws of the prior whose log-likelihood lies within a thousand of the truth's."""
+
+
+def rating_models(subject: Subject, effort: Effort) -> list[Integrated]:
+    """Return time and error of exact and of rounded ratings, under every error law.
+
+    Parameters
+    ----------
+    subject
+        The closed form, with simulated exact ratings.
+    effort
+        How often calls are repeated.
+    """
+    closed = subject.model.posterior
+    seconds = quickest(lambda: closed.log_likelihood(subject.theta), effort.repeats) / BATCH
+    found = [Integrated("exact, normal (closed form)", seconds, 1.0, 0.0, 0.0)]
+    for law in ERROR_LAWS.values():
+        for step in (0.0, 1.0):
+            if step or law is not NORMAL:
+                found.append(_measured(subject, law, step, seconds, effort))
+    return found
+
+
+def _measured(subject: Subject, law: ErrorLaw, step: float, closed: float, effort: Effort) -> Integrated:
+    given = usual_values(MENDED, given={"sigma_0": 7.0})
+    made = simulate_ratings(
+        np.random.default_rng(1), FABRICS, LOADS, given, participants=PARTICIPANTS, errors=law, resolution=step
+    )
+    options = subject.model.options.decide(errors=law)
+    posterior = build(Experiment(made.ratings, FABRICS, ()), options).posterior
+    rng, space = np.random.default_rng(2), posterior.space
+    truth = np.array([made.truth[name] for name in posterior.names])
+    near = space.natural(space.coordinates(truth) + 0.02 * rng.standard_normal((BATCH, truth.size)))
+    seconds = quickest(lambda: posterior.log_likelihood(near), effort.repeats) / BATCH
+    finer = posterior.with_term(posterior.observation.finer())
+    far = space.draw_prior(rng, effort.draws)
+    value = posterior.log_likelihood(far)
+    far = far[value > posterior.log_likelihood(truth[None])[0] - 1000.0]
+    errors = [np.abs(posterior.log_likelihood(one) - finer.log_likelihood(one)).max(initial=0.0) for one in (near, far)]
+    numbers = "whole numbers" if step else "exact"
+    return Integrated(f"{numbers}, {law.name}", seconds, seconds / closed, *map(float, errors))

@@ -1,0 +1,76 @@
+"""Runs on ratings as people give them: grids, zeros, heavy tails, and their comparison."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from softness_bayes.errors import InputError
+from softness_bayes.likelihood.directions import FREE
+from softness_bayes.likelihood.error_laws import NORMAL, STUDENT
+from softness_bayes.results.from_result import experiment_of, options_of
+from softness_bayes.results.result import Result
+from softness_bayes.runs.comparison import compare
+from softness_bayes.runs.run import sample
+from support.report_runs import OPTIONS, experiment, quickly
+
+BRIEF = OPTIONS | {"max_steps": 15}
+
+
+@pytest.fixture(scope="module")
+def given():
+    """Whole numbers from 0 on, one of them ten times too large."""
+    rated = experiment()
+    whole = np.maximum(np.round(rated.ratings.rating / 6.0), 0.0)
+    whole[3] *= 10.0
+    whole[5] = 0.0
+    return rated._replace(ratings=replace(rated.ratings, rating=whole, resolution=np.ones(whole.size)))
+
+
+@pytest.fixture(scope="module")
+def results(given):
+    with quickly():
+        laws = {law.name: sample(given, **BRIEF, errors=law, direction=FREE) for law in (NORMAL, STUDENT)}
+        exact = given._replace(ratings=replace(given.ratings, rating=given.ratings.rating + 1.0, resolution=None))
+        return laws | {"exact": sample(exact, **BRIEF, errors=NORMAL, resolution=0.0)}
+
+
+def test_ratings_are_kept_as_filed_and_as_they_are_understood(results, given, tmp_path):
+    result = results["student"]
+    constant = result.group("constant_data")
+    assert (constant["rating_as_filed"].values == given.ratings.rating).all()
+    zero = given.ratings.rating == 0
+    assert (result.group("observed_data")["rating"].values[zero] == 0.25).all()
+    assert (constant["rating_low"].values[zero] == 0).all()
+    assert (constant["rating_high"].values[zero] == 0.5).all()
+    again = result.group("posterior_predictive")["rating"].values
+    assert np.isclose(again % 1, 0.0).mean() + np.isclose(again, 0.25).mean() == 1.0
+    result.save(tmp_path / "run")
+    loaded = Result.load(tmp_path / "run")
+    assert (experiment_of(loaded).ratings.rating == given.ratings.rating).all()
+    assert options_of(loaded).errors is STUDENT
+    assert options_of(loaded).direction is FREE
+    assert "zero" not in loaded.provenance.rating_model.rating_note
+    assert "of 0 count as numbers below" in loaded.provenance.rating_model.rating_note
+
+
+def test_both_directions_are_weighed(results):
+    said = results["normal"].provenance.direction
+    assert 0.0 <= said.direction_rises <= 1.0
+    assert said.sign in (-1.0, 1.0)
+    assert said.said.startswith("direction: ratings rise with firing with probability")
+    assert results["exact"].provenance.direction.said == ""
+    prior = results["normal"].provenance.priors["gamma"]
+    assert str(prior).startswith("±")
+
+
+def test_laws_are_compared_on_the_same_probabilities(results):
+    """Interval probabilities of both laws; densities of exact numbers are refused beside them."""
+    laws = {name: results[name] for name in ("normal", "student")}
+    table = compare(laws).table
+    assert {*table.index} == {*laws}
+    assert "errors=student" in table.loc["student", "model"]
+    assert np.isfinite(table["elpd"]).all()
+    assert np.isfinite(compare(laws, "participant").table["elpd"]).all()
+    with pytest.raises(InputError, match="fitted to other data than normal"):
+        compare({"normal": results["normal"], "exact": results["exact"]})
