@@ -25,11 +25,12 @@ from softness_bayes.likelihood.random_effects import Effects
 from softness_bayes.likelihood.rater_integrals import (
     DENSE,
     DENSER,
-    FINE,
-    FINEST,
+    FAST,
+    STEADY,
     Given,
     Quadrature,
     RaterIntegrals,
+    finer_than,
     log_sum,
     quadrature_for,
 )
@@ -172,7 +173,7 @@ class IntervalRatings(RatingsLikelihood):
         middle = middle[order]
         weight = np.ones(order.size) if model.law is NORMAL else _robust(middle, rater, self._condition)
         count = np.bincount(rater).astype(float)
-        self._quadrature = quadrature or quadrature_for(count, bool(self._exact.all()), model.law)
+        self._quadrature = quadrature or quadrature_for(count, bool(self._exact.all()))
         kind = DenseIntegrals if self._quadrature in (DENSE, DENSER) else RaterIntegrals
         self._integrals = kind(model.law, rows, rater, middle, weight, model.level.mean, model.level.sd)
         self._slope = np.where(self._exact, scale.log_slope(self.values), 0.0)
@@ -185,8 +186,10 @@ class IntervalRatings(RatingsLikelihood):
     def without(self, rows: NDArray[np.bool_]) -> IntervalRatings:
         """Return the other ratings, with x still centred, and lapses uniform, over all rows."""
         rest = self._stated.take(~rows)
+        # derivatives alone need many rows
+        own = None if self._quadrature in (FAST, STEADY) else self._quadrature
         return IntervalRatings(
-            self.values[~rows], self.design.without(rows), self.model, self._over, rest, None, self._ranges
+            self.values[~rows], self.design.without(rows), self.model, self._over, rest, own, self._ranges
         )
 
     @property
@@ -196,7 +199,7 @@ class IntervalRatings(RatingsLikelihood):
 
     def finer(self) -> IntervalRatings:
         """Return the same likelihood with finer integrals."""
-        finer = {DENSE: DENSER, FINE: FINEST}.get(self._quadrature, FINE)
+        finer = finer_than(self._quadrature, self._integrals.count, self.model.law)
         return IntervalRatings(self.values, self.design, self.model, self._over, self._stated, finer, self._ranges)
 
     def log_likelihood(self, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:

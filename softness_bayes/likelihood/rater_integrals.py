@@ -79,13 +79,20 @@ _NO_CURVATURE = 0.002  # as that, of the normal law about the mode
 _LOG_ROOT_TWO_PI = 0.5 * math.log(2.0 * math.pi)
 
 
-def quadrature_for(count: FloatArray, exact: bool, law: ErrorLaw) -> Quadrature:
+def quadrature_for(count: FloatArray, exact: bool) -> Quadrature:
     """Return the quadrature for raters with so many ratings each, shape (raters,)."""
-    if count.min() < FEW_ROWS and law is not NORMAL:
-        return DENSE
     if count.min() < MANY_ROWS:
         return FINE
     return STEADY if exact else FAST
+
+
+def finer_than(quadrature: Quadrature, count: FloatArray, law: ErrorLaw) -> Quadrature:
+    """Return a quadrature that measures the error of another one, for raters with so many ratings each."""
+    if quadrature in (DENSE, DENSER):
+        return DENSER
+    if count.min() < FEW_ROWS and law is not NORMAL:
+        return DENSE
+    return FINEST if quadrature == FINE else FINE
 
 
 class Given(NamedTuple):

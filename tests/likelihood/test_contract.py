@@ -31,6 +31,7 @@ from softness_bayes.likelihood.load_errors import LoadErrors
 from softness_bayes.likelihood.magnitude import LogRatings, RatingModel
 from softness_bayes.likelihood.models import LIKELIHOODS, RATING_MODELS, rating_model
 from softness_bayes.likelihood.plate import CompressionForces, SkinParameters
+from softness_bayes.likelihood.rater_integrals import DENSE
 from softness_bayes.likelihood.ratings import RatingParameters, RatingsLikelihood
 from softness_bayes.likelihood.scales import MAGNITUDE, RATING_SCALES, scale_named
 from softness_bayes.likelihood.uncertain_loads import UncertainLoads
@@ -170,7 +171,7 @@ PRESSED = SkinParameters(
 CASES = {
     LogRatings: Case(LogRatings(20.0 * np.exp(NOISE), DESIGN, RatingModel(FALLS)), RATES, RATED, dense_ratings),
     IntervalRatings: Case(
-        IntervalRatings(20.0 * np.exp(NOISE), DESIGN, IntervalModel(RISES, law=STUDENT)),
+        IntervalRatings(20.0 * np.exp(NOISE), DESIGN, IntervalModel(RISES, law=STUDENT), quadrature=DENSE),
         RATES,
         RATED._replace(omega=[0.0] * 3),
         dense_student,
@@ -274,7 +275,8 @@ def shuffled(y, order, people):
     design = Design(y.design.condition[order], people[y.design.participant[order]], y.design.fabric, 3)
     if hasattr(y, "errors"):
         return type(y)(y.values[order], design, y.model, replace(y.errors, of_row=y.errors.of_row[order]))
-    return type(y)(y.values[order], design, y.model)
+    own = {"quadrature": DENSE} if isinstance(y, IntervalRatings) else {}
+    return type(y)(y.values[order], design, y.model, **own)
 
 
 DRAWS = 2400

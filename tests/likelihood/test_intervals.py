@@ -96,7 +96,8 @@ def test_integrals_are_those_of_brute_force(law, case):
     expected = brute_force(observed, rate, points)
     error = np.abs(observed.log_likelihood(rate, points) - expected).max()
     finer = np.abs(observed.finer().log_likelihood(rate, points) - expected).max()
-    assert error < (1e-3 if law is NORMAL else 5e-3), error
+    few = 0.02 if case == "few rows" else 5e-3
+    assert error < (1e-3 if law is NORMAL else few), error
     assert finer < 1e-4, finer
 
 
@@ -241,6 +242,8 @@ def test_finer_integrals_exist_for_every_quadrature():
     for quadrature, finer in ((FAST, FINE), (STEADY, FINE), (FINE, FINEST), (DENSE, DENSER)):
         own = IntervalRatings(observed.values, observed.design, observed.model, quadrature=quadrature)
         assert own.finer()._quadrature == finer
+    few = IntervalRatings(observed.values, observed.design, IntervalModel(RISES, law=STUDENT))
+    assert (few._quadrature, few.finer()._quadrature) == (FINE, DENSE)  # tails may hide a second maximum
 
 
 def shares(rng, design, step=0.0):
