@@ -20,7 +20,12 @@ if TYPE_CHECKING:
     from softness_bayes.data import read_experiment as read_experiment
     from softness_bayes.errors import InputError as InputError
     from softness_bayes.likelihood.directions import FALLS as FALLS
+    from softness_bayes.likelihood.directions import FREE as FREE
     from softness_bayes.likelihood.directions import RISES as RISES
+    from softness_bayes.likelihood.error_laws import LAPSES as LAPSES
+    from softness_bayes.likelihood.error_laws import NORMAL as NORMAL
+    from softness_bayes.likelihood.error_laws import STUDENT as STUDENT
+    from softness_bayes.likelihood.scales import SLIDER as SLIDER
     from softness_bayes.model.build import build as build
     from softness_bayes.model.options import ModelOptions as ModelOptions
     from softness_bayes.model.prediction import prediction_table as prediction_table
@@ -67,16 +72,19 @@ _HOMES = {
     "Discretisation": "touch.scene",
     "Experiment": "data",
     "FALLS": "likelihood.directions",
+    "FREE": "likelihood.directions",
     "Fabrics": "data",
     "Finger": "touch.contact",
     "FixedChannels": "touch.neuron.fixed_channels",
     "Force": "touch.contact",
     "HalfNormal": "parameters.priors",
     "Indentation": "touch.contact",
+    "LAPSES": "likelihood.error_laws",
     "InputError": "errors",
     "LogNormal": "parameters.priors",
     "ModelOptions": "model.options",
     "NAMED_READINGS": "touch.readings",
+    "NORMAL": "likelihood.error_laws",
     "PAPER_CHANNELS": "touch.neuron.membrane",
     "PARAMETERS": "parameters.declared",
     "Plots": "plotting.plots",
@@ -85,6 +93,8 @@ _HOMES = {
     "Readings": "touch.readings",
     "Result": "results.result",
     "RunOptions": "results.request",
+    "STUDENT": "likelihood.error_laws",
+    "SLIDER": "likelihood.scales",
     "Scene": "touch.scene",
     "Style": "plotting.style",
     "calibrate": "runs.calibrate",
