@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from softness_bayes.likelihood.error_laws import LAPSES as LAPSES
     from softness_bayes.likelihood.error_laws import NORMAL as NORMAL
     from softness_bayes.likelihood.error_laws import STUDENT as STUDENT
+    from softness_bayes.likelihood.scales import CATEGORIES as CATEGORIES
     from softness_bayes.likelihood.scales import SLIDER as SLIDER
     from softness_bayes.model.build import build as build
     from softness_bayes.model.options import ModelOptions as ModelOptions
@@ -67,6 +68,7 @@ if TYPE_CHECKING:
 
 _HOMES = {
     "ALTERNATIVES": "touch.readings",
+    "CATEGORIES": "likelihood.scales",
     "CalibrationScene": "runs.calibrate",
     "Compression": "data",
     "Discretisation": "touch.scene",

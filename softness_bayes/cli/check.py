@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from softness_bayes.cli.options.model import ReadingChoice, rating_scale, readings, slider
+from softness_bayes.cli.options.model import ReadingChoice, categories, rating_scale, readings, slider
 from softness_bayes.cli.options.tables import DataFiles, data_files
 
 if TYPE_CHECKING:
@@ -24,8 +24,15 @@ MOST_LOADS = 12
 @data_files
 @rating_scale
 @slider
+@categories
 @readings
-def command(files: DataFiles, scale: str, slider_ends: tuple[float, float], choice: ReadingChoice) -> None:
+def command(
+    files: DataFiles,
+    scale: str,
+    slider_ends: tuple[float, float],
+    n_categories: int | None,
+    choice: ReadingChoice,
+) -> None:
     """Validate data files and say what was understood.
 
     Ratings are one row each: participant, fabric, rating, and indentation_mm or force_n; trial if there are
@@ -68,7 +75,8 @@ def command(files: DataFiles, scale: str, slider_ends: tuple[float, float], choi
     for note in experiment.notes:
         click.echo(f"note: {note}")
     ratings = experiment.ratings
-    asked = ModelOptions(readings=choice.resolve(), scale=RATING_SCALES[scale], slider_ends=slider_ends)
+    readings, of_scale = choice.resolve(), RATING_SCALES[scale]
+    asked = ModelOptions(readings=readings, scale=of_scale, slider_ends=slider_ends, n_categories=n_categories)
     given = as_given(ratings, asked)
     click.echo(f"\nWhat do the numbers say?\n{given.note}\n{given.errors_note}")
     click.echo("\nDo ratings rise or fall with stiffness?")

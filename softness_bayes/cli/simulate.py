@@ -14,6 +14,7 @@ from softness_bayes import __version__
 from softness_bayes.cli.options.model import (
     ReadingChoice,
     accuracy,
+    categories,
     direction,
     finger,
     load_cv,
@@ -48,6 +49,7 @@ RATINGS, FABRICS, COMPRESSION, TRUTH = "ratings.csv", "fabrics.csv", "compressio
 @load_cv
 @simulated_errors
 @resolution
+@categories
 @click.option("--participants", type=whole(PARTICIPANTS), default=30, show_default=True, help="Number of raters.")
 @click.option(
     "--missing",
@@ -84,6 +86,7 @@ def command(
     load_cv: float | None,
     errors: str,
     resolution: float | None,
+    n_categories: int | None,
     participants: int,
     missing: float,
     typical_rating: float | None,
@@ -138,6 +141,7 @@ def command(
         load_cv or 0.0,
         error_law_named(errors),
         resolution or 0.0,
+        n_categories,
     )
     contents = {RATINGS: ratings_csv(simulation.ratings, fabrics), FABRICS: fabrics_csv(fabrics)}
     story = _truth(simulation, fabrics.names, loads)
@@ -146,6 +150,7 @@ def command(
     story |= {"load_cv": load_cv} if load_cv else {}
     story |= {"errors": errors} if errors != "normal" else {}
     story |= {"resolution": resolution} if resolution else {}
+    story |= {"n_categories": n_categories} if n_categories else {}
     story |= {"version": __version__, "simulated": True}
     pressed = ""
     if fingers:

@@ -46,7 +46,10 @@ class DenseIntegrals(RaterIntegrals):
         """As `RaterIntegrals.law_of_others`, without its approximation; points of no weight fill up the shorter."""
         found = []
         for one in self._each(given, DENSE):
-            rest = one.joint[:, None] - one.each  # (levels, raters)
+            # (levels, raters), summed without the rater: where it has no density, a difference of sums has no digits
+            before, after = (np.cumsum(part, axis=1)[:, :-1] for part in (one.each, one.each[:, ::-1]))
+            none = np.zeros((len(one.level), 1))
+            rest = np.hstack([none, before]) + np.hstack([none, after])[:, ::-1] + one.log_prior[:, None]
             if one.shared:
                 weight = np.stack([log_sum(rest[:, k, None] + one.law, axis=0) for k in range(rest.shape[1])], axis=-1)
             else:
@@ -73,21 +76,18 @@ class DenseIntegrals(RaterIntegrals):
             level[k], own[k] = mu, draw_on(rng, np.broadcast_to(points, law.T.shape), law.T) - mu
         return level, own
 
-    @property
-    def _open(self) -> bool:
-        return bool(np.isinf(self.rows.low).any())
-
     def _each(self, given: Given, quadrature: Quadrature) -> Iterator[_Dense]:
         """Yield the integrand of one draw after another."""
         x, log_weight = gauss_hermite(quadrature.scales)
-        left = self._middle - given.drive
+        left = given.middle - given.drive
+        open_ended = any(np.isinf(end).any() for end in (given.rows.low, given.rows.high))
         for k in range(len(left)):
             one, tau, spread = given.part([k]), float(given.tau[k, 0]), float(given.spread[k, 0])
             narrow = spread / math.sqrt(self.count.max())
             people, alone = self.count.size, self.count.min() == 1
             beyond = spread * _reach_of(self.law, given.parameters, k, max(int(self.count.min()) - 1, 1))
             # where a rater's rows, or all but one, set no limit, that of its prior
-            beyond += REACH * math.hypot(tau, self.sd if people == 1 else tau) * (alone or bool(self._open))
+            beyond += REACH * math.hypot(tau, self.sd if people == 1 or open_ended else tau) * (alone or open_ended)
             ends = left[k].min() - beyond, left[k].max() + beyond
             width = math.sqrt((tau**2 + narrow**2) / people)
             reach = REACH * tau + REACH * width
@@ -111,7 +111,7 @@ class DenseIntegrals(RaterIntegrals):
                 values = self.values(one, _for_all(points.ravel(), people))[0].reshape(*points.shape, people)
                 each = log_sum(values + law[..., None], axis=1)
             each = np.maximum(each, -1e300)
-            yield _Dense(level, points, law, values, each, each.sum(axis=-1) + log_prior, shared)
+            yield _Dense(level, points, law, values, each, each.sum(axis=-1) + log_prior, log_prior, shared)
 
 
 def _reach_of(law: ErrorLaw, parameters: Any, draw: int, rows: int) -> float:
@@ -131,6 +131,7 @@ class _Dense(NamedTuple):
     values: FloatArray  # l_p there, (points, raters), or (levels, points, raters)
     each: FloatArray  # log density of each rater's rows given the level, (levels, raters)
     joint: FloatArray  # of all rows and the level, (levels,)
+    log_prior: FloatArray  # of the level, its distance to the next included, (levels,)
     shared: bool
 
 

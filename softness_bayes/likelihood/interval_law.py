@@ -33,7 +33,7 @@ class Rows(NamedTuple):
     """Intervals of additive numbers, and where their raters' lapses fall."""
 
     low: FloatArray
-    """Lower ends, shape (rows,); minus infinity where there is none."""
+    """Lower ends, shape (rows,), or (draws, rows) if parameters decide; minus infinity where there is none."""
     high: FloatArray
     """Upper ends; that of an exact number is its lower end."""
     lapse: FloatArray
@@ -41,7 +41,15 @@ class Rows(NamedTuple):
 
     def take(self, index: Any) -> Rows:
         """Return some of the rows."""
-        return Rows(*(part[index] for part in self))
+        return Rows(*(part[..., index] for part in self))
+
+    def part(self, piece: Any) -> Rows:
+        """Return the rows of some draws, where these have ends of their own."""
+        return Rows(*(part if part.ndim == 1 else part[piece] for part in self))
+
+    def at_points(self) -> Rows:
+        """Return the rows with an axis of points after that of draws, where these have ends of their own."""
+        return Rows(*(part if part.ndim == 1 else part[:, None] for part in self))
 
 
 def log_probability(law: ErrorLaw, rows: Rows, expected: FloatArray, spread: FloatArray, parameters: Any) -> FloatArray:

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import ClassVar
+from typing import ClassVar, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -169,26 +169,26 @@ class IntervalRatings(RatingsLikelihood):
         self._condition = design.condition[order]
         self._raters, rater = np.unique(design.participant[order], return_inverse=True)
         with np.errstate(divide="ignore"):
-            rows = Rows(scale.additive(low), scale.additive(high), self._lapse(low, high)).take(order)
-        middle = middle[order]
-        weight = np.ones(order.size) if model.law is NORMAL else _robust(middle, rater, self._condition)
+            self._rows = Rows(scale.additive(low), scale.additive(high), self._lapse(low, high)).take(order)
+        self._middle = middle[order]
+        weight = np.ones(order.size) if model.law is NORMAL else _robust(self._middle, rater, self._condition)
         count = np.bincount(rater).astype(float)
         self._quadrature = quadrature or quadrature_for(count, bool(self._exact.all()))
         kind = DenseIntegrals if self._quadrature in (DENSE, DENSER) else RaterIntegrals
-        self._integrals = kind(model.law, rows, rater, middle, weight, model.level.mean, model.level.sd)
+        self._integrals = kind(model.law, rater, weight, model.level.mean, model.level.sd)
         self._slope = np.where(self._exact, scale.log_slope(self.values), 0.0)
         self._log = float(self._slope.sum())
 
-    def with_values(self, values: ArrayLike) -> IntervalRatings:
+    def with_values(self, values: ArrayLike) -> Self:
         """Return the likelihood of other ratings of the same rows."""
-        return IntervalRatings(values, self.design, self.model, self._over, self._stated, self._quadrature)
+        return type(self)(values, self.design, self.model, self._over, self._stated, self._quadrature)
 
-    def without(self, rows: NDArray[np.bool_]) -> IntervalRatings:
+    def without(self, rows: NDArray[np.bool_]) -> Self:
         """Return the other ratings, with x still centred, and lapses uniform, over all rows."""
         rest = self._stated.take(~rows)
         # derivatives alone need many rows
         own = None if self._quadrature in (FAST, STEADY) else self._quadrature
-        return IntervalRatings(
+        return type(self)(
             self.values[~rows], self.design.without(rows), self.model, self._over, rest, own, self._ranges
         )
 
@@ -197,10 +197,10 @@ class IntervalRatings(RatingsLikelihood):
         """Ends of the intervals that the ratings stand for, each (rows,); None if they are exact numbers."""
         return None if self._exact.all() else self._stated.ends(self.values)
 
-    def finer(self) -> IntervalRatings:
+    def finer(self) -> Self:
         """Return the same likelihood with finer integrals."""
         finer = finer_than(self._quadrature, self._integrals.count, self.model.law)
-        return IntervalRatings(self.values, self.design, self.model, self._over, self._stated, finer, self._ranges)
+        return type(self)(self.values, self.design, self.model, self._over, self._stated, finer, self._ranges)
 
     def log_likelihood(self, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
         """Log density of all ratings together, shape (...); arguments as `LogRatings.log_likelihood`."""
@@ -236,7 +236,7 @@ class IntervalRatings(RatingsLikelihood):
         def smaller(mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
             given, shape = self._given(mean_rate, parameters)
             weight, _, grid = self._left_out(given)
-            law, rows, own = self.model.law, self._integrals.rows, self._integrals.rater
+            law, rows, own = self.model.law, given.rows.at_points(), self._integrals.rater
             each = type(given.parameters)(*(v[:, None] for v in given.parameters))
             expected = given.drive[:, None] + grid[..., own]
             share = below(law, rows, expected, given.spread[:, None], each)
@@ -300,7 +300,7 @@ class IntervalRatings(RatingsLikelihood):
         drive, design = self.drive(mean_rate, parameters), self.design
         expected = effects.mu[..., None] + drive[..., design.condition] + effects.participant[..., design.participant]
         spread = self.model.error_sd(parameters)[..., None]
-        rows = self._integrals.rows.take(self._back)
+        rows = self._rows_at(parameters).take(self._back)
         return spread * score_at(self.model.law, rows, self._shares, expected, spread, parameters)
 
     @cached_property
@@ -318,7 +318,16 @@ class IntervalRatings(RatingsLikelihood):
         flat = RatingParameters(*(np.broadcast_to(np.asarray(v, float), shape).ravel() for v in parameters))
         drive = np.broadcast_to(drive, (*shape, drive.shape[-1])).reshape(-1, drive.shape[-1])
         spread = np.maximum(flat.varsigma, _LEAST_SPREAD)[:, None]
-        return Given(drive, np.asarray(flat.tau)[:, None], spread, flat), shape
+        rows = self._rows_at(flat)
+        return Given(drive, np.asarray(flat.tau)[:, None], spread, flat, rows, self._middle_of(rows, spread)), shape
+
+    def _rows_at(self, parameters: RatingParameters) -> Rows:
+        """Return every row's interval, sorted by rater; here the same whatever the parameters."""
+        return self._rows
+
+    def _middle_of(self, rows: Rows, spread: FloatArray) -> FloatArray:
+        """Return a number inside of each interval."""
+        return self._middle
 
     def _left_out(self, given: Given) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return log weights of points without each row, its log probability there, and the points.

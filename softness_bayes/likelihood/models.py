@@ -7,6 +7,7 @@ from functools import partial
 from types import MappingProxyType
 
 from softness_bayes.errors import InputError
+from softness_bayes.likelihood.categories import CategoryModel, CategoryRatings
 from softness_bayes.likelihood.contract import Likelihood
 from softness_bayes.likelihood.directions import RISES, RatingDirection
 from softness_bayes.likelihood.error_laws import ERROR_LAWS, LAPSES, NORMAL, STUDENT, ErrorLaw
@@ -16,7 +17,7 @@ from softness_bayes.likelihood.load_errors import LoadErrors
 from softness_bayes.likelihood.magnitude import LogRatings, RatingModel
 from softness_bayes.likelihood.plate import CompressionForces
 from softness_bayes.likelihood.ratings import RatingsLikelihood, RatingsModel
-from softness_bayes.likelihood.scales import MAGNITUDE, SLIDER, STANDARDISED, Scale
+from softness_bayes.likelihood.scales import CATEGORIES, MAGNITUDE, SLIDER, STANDARDISED, Scale
 from softness_bayes.likelihood.uncertain_loads import UncertainLoads
 from softness_bayes.likelihood.z_scores import StandardisedModel, StandardisedRatings
 
@@ -26,6 +27,7 @@ RATING_MODELS: Mapping[tuple[Scale, ErrorLaw], Callable[[RatingDirection], Ratin
         (MAGNITUDE, STUDENT): partial(IntervalModel, law=STUDENT),
         (MAGNITUDE, LAPSES): partial(IntervalModel, law=LAPSES),
         (STANDARDISED, NORMAL): StandardisedModel,
+        **{(CATEGORIES, law): partial(CategoryModel, law=law) for law in ERROR_LAWS.values()},
         **{(SLIDER, law): partial(SliderModel, law=law) for law in ERROR_LAWS.values()},
     }
 )
@@ -46,6 +48,7 @@ UNDER_UNCERTAIN_LOADS: Mapping[Scale, Callable[..., RatingsLikelihood]] = Mappin
 LIKELIHOODS: tuple[type[Likelihood], ...] = (
     LogRatings,
     IntervalRatings,
+    CategoryRatings,
     UncertainLoads,
     IndividualRatings,
     StandardisedRatings,

@@ -106,11 +106,22 @@ class Given(NamedTuple):
     """Spread of single errors, shape (draws, 1)."""
     parameters: Any
     """Those of the error law, arrays (draws,)."""
+    rows: Rows
+    """Every row, sorted by rater."""
+    middle: FloatArray
+    """A number inside of each row's interval, from which Newton's method starts, shape (rows,) or (draws, rows)."""
 
     def part(self, piece: Any) -> Given:
         """Return some of the draws."""
-        of = self.parameters
-        return Given(self.drive[piece], self.tau[piece], self.spread[piece], type(of)(*(v[piece] for v in of)))
+        of, middle = self.parameters, self.middle
+        return Given(
+            self.drive[piece],
+            self.tau[piece],
+            self.spread[piece],
+            type(of)(*(v[piece] for v in of)),
+            self.rows.part(piece),
+            middle if middle.ndim == 1 else middle[piece],
+        )
 
 
 class Modes(NamedTuple):
@@ -158,12 +169,10 @@ class RaterIntegrals:
     ----------
     law
         Law of the errors.
-    rows
-        Every row, sorted by rater.
     rater
-        Index of each row's rater, without gaps.
-    middle, weight
-        A number inside of each row's interval, from which Newton's method starts, and its weight there, shape (rows,).
+        Index of the rater of each row, rows sorted by it, without gaps.
+    weight
+        Weight of each row where Newton's method starts, shape (rows,).
     mean, sd
         Prior of the level.
     """
@@ -171,17 +180,15 @@ class RaterIntegrals:
     def __init__(
         self,
         law: ErrorLaw,
-        rows: Rows,
         rater: IndexArray,
-        middle: FloatArray,
         weight: FloatArray,
         mean: float,
         sd: float,
     ) -> None:
-        self.law, self.rows, self.rater, self.mean, self.sd = law, rows, rater, mean, sd
+        self.law, self.rater, self.mean, self.sd = law, rater, mean, sd
         self._first = np.flatnonzero(np.diff(rater, prepend=-1))
         self.count = np.diff(np.append(self._first, rater.size)).astype(float)
-        self._middle, self._weight = middle, weight
+        self._weight = weight
         self._weighed = self.of_raters(weight)
 
     def of_raters(self, values: FloatArray) -> FloatArray:
@@ -211,7 +218,7 @@ class RaterIntegrals:
     def _slopes(self, given: Given, a: FloatArray) -> FloatArray:
         """Return l_p and its first four derivatives at a_p (draws, raters), shape (5, draws, raters)."""
         expected = given.drive + a[:, self.rater]
-        each = derivatives(self.law, self.rows, expected, given.spread, given.parameters)
+        each = derivatives(self.law, given.rows, expected, given.spread, given.parameters)
         return np.stack([self.of_raters(part) for part in each])
 
     def _step(self, given: Given, a: FloatArray, slope: FloatArray, curvature: FloatArray) -> Modes:
@@ -225,7 +232,7 @@ class RaterIntegrals:
 
     def _start(self, given: Given) -> FloatArray:
         """Return the modes if each row's middle were observed with normal errors."""
-        mean = self.of_raters(self._weight * (self._middle - given.drive)) / self._weighed
+        mean = self.of_raters(self._weight * (given.middle - given.drive)) / self._weighed
         weight = 1.0 / (given.spread**2 / self._weighed + given.tau**2)
         precision = weight.sum(axis=-1, keepdims=True) + self.sd**-2.0
         mu = ((weight * mean).sum(axis=-1, keepdims=True) + self.mean * self.sd**-2.0) / precision
@@ -299,7 +306,7 @@ class RaterIntegrals:
         """Return the log probability of every row at a_p (draws, points, raters), shape (draws, points, rows)."""
         parameters = type(given.parameters)(*(value[:, None] for value in given.parameters))
         expected = given.drive[:, None] + a[..., self.rater]
-        return log_probability(self.law, self.rows, expected, given.spread[:, None], parameters)
+        return log_probability(self.law, given.rows.at_points(), expected, given.spread[:, None], parameters)
 
     def law_of_others(self, given: Given) -> tuple[FloatArray, FloatArray]:
         """Return points of a_p and their log weights given all other raters' rows, each (draws, points, raters).
@@ -337,7 +344,7 @@ class RaterIntegrals:
     def grid(self, given: Given, modes: Modes) -> FloatArray:
         """Return points of a_p that hold its law also without any one of its rows, (draws, `GRID`, raters)."""
         _, variance = self._others(given, modes)
-        rows = derivatives(self.law, self.rows, given.drive + modes.a[:, self.rater], given.spread, given.parameters)
+        rows = derivatives(self.law, given.rows, given.drive + modes.a[:, self.rater], given.spread, given.parameters)
         curved = np.maximum.reduceat(np.maximum(-rows[2], 0.0), self._first, axis=-1)
         steep = np.maximum.reduceat(np.abs(rows[1]), self._first, axis=-1)
         rest = 1.0 / (1.0 / variance + np.maximum(modes.curvature - curved, 0.0))

@@ -43,6 +43,16 @@ class RatingParameters(NamedTuple):
     """Degrees of freedom of Student's t errors [-]."""
     lapse: ArrayLike = 0.0
     """Share of lapses among ratings [-]."""
+    gap_2: ArrayLike = 0.0
+    """Width of the second category, in the log [-]; likewise below."""
+    gap_3: ArrayLike = 0.0
+    gap_4: ArrayLike = 0.0
+    gap_5: ArrayLike = 0.0
+    gap_6: ArrayLike = 0.0
+    gap_7: ArrayLike = 0.0
+    gap_8: ArrayLike = 0.0
+    gap_9: ArrayLike = 0.0
+    gap_10: ArrayLike = 0.0
 
     @classmethod
     def among(cls, values: Mapping[str, ArrayLike]) -> RatingParameters:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -12,9 +13,10 @@ from softness_bayes.checking.quantities import Layout
 from softness_bayes.data import Ratings
 from softness_bayes.data.steps import steps_of_raters
 from softness_bayes.errors import InputError
+from softness_bayes.likelihood.categories import MOST_CATEGORIES
 from softness_bayes.likelihood.design import Design
 from softness_bayes.likelihood.error_laws import NORMAL, STUDENT, ErrorLaw
-from softness_bayes.likelihood.scales import MAGNITUDE, SLIDER, STANDARDISED
+from softness_bayes.likelihood.scales import CATEGORIES, MAGNITUDE, SLIDER, STANDARDISED
 from softness_bayes.likelihood.stated import Stated
 from softness_bayes.model.options import ModelOptions
 
@@ -40,6 +42,8 @@ class AsGiven(NamedTuple):
     """The numbers as they were understood, in a sentence."""
     errors_note: str
     """Why the errors have that law, in a sentence."""
+    categories: int = 0
+    """Number of ordered categories; 0 on other scales."""
 
 
 def as_given(ratings: Ratings, options: ModelOptions) -> AsGiven:
@@ -70,7 +74,9 @@ def as_given(ratings: Ratings, options: ModelOptions) -> AsGiven:
         law, why = NORMAL, f"normal, as {alone} need"
     else:
         law, why = _law_of(ratings, said, options)
-    return AsGiven(said, law, _of_numbers(ratings, said, alone), f"errors: {why}")
+    count = _count_of(ratings, options)
+    note = f"ratings: {count} ordered categories" if count else _of_numbers(ratings, said, alone)
+    return AsGiven(said, law, note, f"errors: {why}", count)
 
 
 def stated(ratings: Ratings, resolution: float | None = None) -> Stated:
@@ -138,7 +144,34 @@ def _smallest(own: FloatArray, every: FloatArray) -> float:
     return 1.0
 
 
+def _count_of(ratings: Ratings, options: ModelOptions) -> int:
+    """Return the number of categories, the largest number in the table unless it is given; 0 on other scales.
+
+    Raises
+    ------
+    InputError
+        If a rating is not the number of a category, there are too many, or a number is given for another scale.
+    """
+    if options.scale is not CATEGORIES:
+        if options.n_categories is not None:
+            raise InputError(f"categories: {options.n_categories} are given for {options.scale.name} ratings")
+        return 0
+    count = options.n_categories or int(np.clip(ratings.rating.max(), 2, MOST_CATEGORIES))
+    wrong = np.flatnonzero(~np.isin(ratings.rating, np.arange(1, count + 1)))
+    if wrong.size:
+        i = wrong[0]
+        raise InputError(
+            f"{ratings.source}: row {ratings.rows[i]}, column {ratings.rating_column!r}: expected the number of a "
+            f"category, 1 to {count}, got {ratings.rating[i]:.15g} ({wrong.size} of {len(ratings)} are none)"
+        )
+    if options.resolution is not None or ratings.resolution is not None:
+        raise InputError("ratings: categories have no resolution; leave it out")
+    return count
+
+
 def _said_of(ratings: Ratings, options: ModelOptions, resolution: float | None) -> Stated:
+    if options.scale is CATEGORIES:
+        return stated(replace(ratings, resolution=None), 0.0)
     if options.scale is SLIDER:
         return stated_on_slider(ratings, options.slider_ends, resolution)
     if options.slider_ends != (0.0, 1.0):

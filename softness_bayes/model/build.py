@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -136,7 +137,7 @@ def build(experiment: Experiment, options: ModelOptions = ModelOptions()) -> Exp
         options = options.decide(discretisation=resolution.discretisation)
     assert options.discretisation is not None
     scene = compiled(options.discretisation)
-    model, design = _model_of(options, given.said.exact, chosen.direction), design_of(experiment)
+    model, design = _model_of(options, given, chosen.direction), design_of(experiment)
     observation = model.observe(given.said.values, design, None if given.said.exact else given.said)
     log_sd, others, fingers = experiment.ratings.load_log_sd(options.load_cv), None, None
     if log_sd.any():
@@ -229,10 +230,10 @@ def space_of(experiment: Experiment, options: ModelOptions) -> ParameterSpace:
 def _needs(experiment: Experiment, options: ModelOptions) -> tuple[str, ...]:
     """Return the parameters of the observation model of the ratings."""
     given = as_given(experiment.ratings, options)
-    return _model_of(replace(options, errors=given.law), given.said.exact).needs
+    return _model_of(replace(options, errors=given.law), given).needs
 
 
-def _model_of(options: ModelOptions, exact: bool, direction: RatingDirection = RISES) -> RatingsModel:
+def _model_of(options: ModelOptions, given: AsGiven, direction: RatingDirection = RISES) -> RatingsModel:
     """Return the observation model of the ratings, the law of whose errors is decided.
 
     Raises
@@ -242,7 +243,8 @@ def _model_of(options: ModelOptions, exact: bool, direction: RatingDirection = R
     """
     if not options.individual:
         assert options.errors is not None
-        return rating_model(options.scale, direction, options.errors, exact)
+        model: Any = rating_model(options.scale, direction, options.errors, given.said.exact)
+        return replace(model, categories=given.categories) if given.categories else model
     if options.scale is not MAGNITUDE:
         raise InputError(f"individual: raters' own fingers need magnitude estimates, not {options.scale.name} ratings")
     return IndividualModel(direction, grid=grid_of(options.individual))

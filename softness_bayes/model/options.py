@@ -17,7 +17,7 @@ from softness_bayes.model.fingers import finger_of, values_of
 from softness_bayes.model.individual import require_individual
 from softness_bayes.parameters.fabric_moduli import UNKNOWN_MODULUS, require_law
 from softness_bayes.parameters.priors import Prior, parse_prior
-from softness_bayes.ranges import LOAD_ERRORS, RELATIVE_ERRORS, RESOLUTIONS
+from softness_bayes.ranges import CATEGORIES_RANGE, LOAD_ERRORS, RELATIVE_ERRORS, RESOLUTIONS
 from softness_bayes.touch.contact import Finger
 from softness_bayes.touch.readings import MENDED, Readings
 from softness_bayes.touch.scene import Discretisation
@@ -58,6 +58,8 @@ class ModelOptions:
         finds that of each rater.
     slider_ends
         Numbers of the two ends of a slider.
+    n_categories
+        Number of ordered categories; None for the largest number in the table.
     noise
         Strength of the membranes' white current [µA/cm² sqrt(ms)]; needs fixed channel multipliers.
     accuracy
@@ -84,6 +86,7 @@ class ModelOptions:
     errors: ErrorLaw | None = None
     resolution: float | None = None
     slider_ends: tuple[float, float] = (0.0, 1.0)
+    n_categories: int | None = None
     noise: float = NOISE
     accuracy: float = ACCURACY
     discretisation: Discretisation | None = None
@@ -98,6 +101,8 @@ class ModelOptions:
         require_individual(self.individual)
         if self.resolution is not None:
             RESOLUTIONS.require("resolution", self.resolution)
+        if self.n_categories is not None:
+            CATEGORIES_RANGE.require("n_categories", self.n_categories)
         if not (np.isfinite(self.slider_ends).all() and self.slider_ends[0] < self.slider_ends[1]):
             raise InputError(f"slider: ends {self.slider_ends}, expected two numbers, the lower one first")
 
@@ -129,6 +134,7 @@ class ModelOptions:
             **({} if self.errors is None else {"errors": self.errors.name, "errors_decided": "errors" in self.decided}),
             **({} if self.resolution is None else {"resolution": self.resolution}),
             **({} if self.slider_ends == (0.0, 1.0) else {"slider_ends": list(self.slider_ends)}),
+            **({} if self.n_categories is None else {"n_categories": self.n_categories}),
             "noise": self.noise,
             "accuracy": self.kept_accuracy,
             "discretisation": None if self.discretisation is None else asdict(self.discretisation),
@@ -165,6 +171,7 @@ class ModelOptions:
             errors=error_law_named(record["errors"]) if "errors" in record else None,
             resolution=record.get("resolution"),
             slider_ends=tuple(record.get("slider_ends", (0.0, 1.0))),
+            n_categories=record.get("n_categories"),
             noise=record["noise"],
             accuracy=ACCURACY if accuracy is None else accuracy,
             discretisation=None if discretisation is None else Discretisation(**discretisation),
@@ -183,6 +190,7 @@ class ModelOptions:
             **({} if self.errors in (None, NORMAL) else {"errors": self.errors.name}),
             **({} if self.resolution is None else {"resolution": str(self.resolution)}),
             **({} if self.slider_ends == (0.0, 1.0) else {"slider_ends": str(self.slider_ends)}),
+            **({} if self.n_categories is None else {"n_categories": str(self.n_categories)}),
             "noise": str(self.noise),
             "discretisation": str(self.discretisation),
         }

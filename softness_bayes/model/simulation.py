@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -20,11 +20,19 @@ from softness_bayes.likelihood.error_laws import NORMAL, ErrorLaw
 from softness_bayes.likelihood.models import UNDER_UNCERTAIN_LOADS, rating_model
 from softness_bayes.likelihood.plate import CompressionForces, SkinParameters
 from softness_bayes.likelihood.ratings import RatingParameters
-from softness_bayes.likelihood.scales import LARGEST_LOG_RATING, MAGNITUDE, STANDARDISED, Scale
+from softness_bayes.likelihood.scales import CATEGORIES, LARGEST_LOG_RATING, MAGNITUDE, STANDARDISED, Scale
 from softness_bayes.model.other_loads import scaled
 from softness_bayes.model.scenes import scene_of, touch_parameters
-from softness_bayes.parameters.declared import ERROR_PARAMETERS, EVERY_PARAMETER
-from softness_bayes.ranges import FINGERS, LOAD_ERRORS, PARTICIPANTS, RESOLUTIONS, SIMULATED_RATINGS, SLOPES
+from softness_bayes.parameters.declared import EVERY_PARAMETER
+from softness_bayes.ranges import (
+    CATEGORIES_RANGE,
+    FINGERS,
+    LOAD_ERRORS,
+    PARTICIPANTS,
+    RESOLUTIONS,
+    SIMULATED_RATINGS,
+    SLOPES,
+)
 from softness_bayes.touch.contact import Finger, Load
 from softness_bayes.touch.parameters import TouchParameters
 from softness_bayes.touch.readings import MENDED, Readings
@@ -63,6 +71,7 @@ def simulate_ratings(
     load_cv: float = 0.0,
     errors: ErrorLaw = NORMAL,
     resolution: float = 0.0,
+    categories: int | None = None,
 ) -> Simulation:
     """Let simulated participants rate every fabric under every load once.
 
@@ -99,6 +108,8 @@ def simulate_ratings(
         Law of the errors; its own parameters are among `values`, or the medians of their priors.
     resolution
         Step of the grid of numbers to which ratings are rounded, 0 included; 0 for exact numbers.
+    categories
+        Number of ordered categories, by default seven.
 
     Raises
     ------
@@ -109,12 +120,17 @@ def simulate_ratings(
     """
     _require_of_scale(scale, resolution, load_cv)
     _require_ranges(participants, participants * len(fabrics) * len(loads), missing, mu)
-    model = rating_model(scale, direction, errors)
+    model: Any = rating_model(scale, direction, errors)
+    if categories is not None:
+        if scale is not CATEGORIES:
+            raise InputError(f"simulate: {categories} categories, expected none for {scale.name} ratings")
+        CATEGORIES_RANGE.require("simulate: number of categories", categories)
+        model = replace(model, categories=categories)
     levels = _levels(model, scale, mu, slope)
     scene = scene_of(fabrics, loads, values, readings, discretisation=discretisation, finger=finger)
     rate = scene.total_rate(touch_parameters(values))
     design = _crossed(scene, participants)
-    values = {**{name: ERROR_PARAMETERS[name].prior.median for name in errors.needs}, **values}
+    values = {**{name: EVERY_PARAMETER[name].prior.median for name in model.needs}, **values}
     parameters = model.take(values)
     drive = model.drive(design, rate / scene.n_receptors, parameters)
     effects = model.draw_effects(rng, parameters, (), participants, design.n_fabrics, levels)
@@ -198,7 +214,7 @@ def _require_of_scale(scale: Scale, resolution: float, load_cv: float) -> None:
     """Raise an error for a resolution or an error of loads that is out of range, or that the scale does not have."""
     RESOLUTIONS.require("simulate: resolution", resolution)
     LOAD_ERRORS.require("simulate: load_cv", load_cv)
-    if resolution and scale is STANDARDISED:
+    if resolution and scale in (STANDARDISED, CATEGORIES):
         raise InputError(f"simulate: resolution is {resolution}, expected none for {scale.name} ratings")
     if load_cv and scale not in UNDER_UNCERTAIN_LOADS:
         raise InputError(f"simulate: load_cv is {load_cv}, expected none for {scale.name} ratings")

@@ -162,10 +162,14 @@ ERROR_PARAMETERS: Mapping[str, Parameter] = MappingProxyType(
             Parameter(
                 "lapse", r"$\lambda$", "–", "share of lapses", HalfNormal(0.05), range=Range(1e-6, 0.5, zero=True)
             ),
+            *(
+                Parameter(f"gap_{k}", f"$w_{{{k}}}$", "–", f"width of category {k}", LogNormal(0.5, 1.0))
+                for k in range(2, 11)
+            ),
         )
     }
 )
-"""Parameters of the laws of errors that are not normal."""
+"""Parameters of the laws of errors that are not normal, and of the ends of categories."""
 
 EVERY_PARAMETER: Mapping[str, Parameter] = MappingProxyType(
     {**PARAMETERS, **SHAPE_PARAMETERS, **ERROR_PARAMETERS, **FINGER_PARAMETERS}

@@ -125,6 +125,7 @@ def _rating(options: ModelOptions, exact_reweight: bool) -> list[str]:
     words = ["--ratings", options.scale.name, "--direction", options.direction.name if options.direction else "auto"]
     words += ["--errors", options.errors.name] if options.errors else []
     words += [] if options.resolution is None else ["--resolution", repr(float(options.resolution))]
+    words += [] if options.n_categories is None else ["--categories", str(options.n_categories)]
     words += [] if options.slider_ends == (0.0, 1.0) else ["--slider", ",".join(map(repr, options.slider_ends))]
     words += ["--noise", repr(float(options.noise))] if options.noise else []
     return [*words, *(["--exact-reweight"] if exact_reweight else [])]

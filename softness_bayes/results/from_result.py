@@ -119,6 +119,7 @@ def options_of(result: Stored) -> ModelOptions:
         accuracy=asked.get("accuracy") or ACCURACY,
         errors=error_law_named(found.rating_model.rating_errors),
         resolution=asked.get("resolution"),
+        n_categories=asked.get("n_categories"),
         slider_ends=tuple(asked.get("slider_ends") or (0.0, 1.0)),
         noise=found.rating_model.noise,
         decided=frozenset(name for name, so in decided.items() if so),

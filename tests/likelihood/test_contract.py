@@ -20,6 +20,7 @@ from scipy.stats import t as student
 
 import softness_bayes
 from softness_bayes.errors import InputError
+from softness_bayes.likelihood.categories import CategoryModel, CategoryRatings
 from softness_bayes.likelihood.contract import NO_RESPONSE, Likelihood
 from softness_bayes.likelihood.design import Design
 from softness_bayes.likelihood.directions import FALLS, RISES
@@ -33,7 +34,7 @@ from softness_bayes.likelihood.models import LIKELIHOODS, RATING_MODELS, rating_
 from softness_bayes.likelihood.plate import CompressionForces, SkinParameters
 from softness_bayes.likelihood.rater_integrals import DENSE
 from softness_bayes.likelihood.ratings import RatingParameters, RatingsLikelihood
-from softness_bayes.likelihood.scales import MAGNITUDE, RATING_SCALES, scale_named
+from softness_bayes.likelihood.scales import CATEGORIES, MAGNITUDE, RATING_SCALES, scale_named
 from softness_bayes.likelihood.uncertain_loads import UncertainLoads
 from softness_bayes.likelihood.z_scores import StandardisedModel, StandardisedRatings
 from softness_bayes.touch.finger_grid import FingerGrid
@@ -57,10 +58,14 @@ class Case:
     """Largest error of densities of all observations, where they are integrated numerically."""
     left_out: float = 0.0
     """Largest error of what is said of some given the others."""
+    numbers: Any = None
+    """All numbers that an observation may be, where they are discrete."""
 
     def at(self, k):
         """The k-th point by itself."""
-        return self.rate[k], type(self.points)(*(np.asarray(value)[k] for value in self.points))
+        return self.rate[k], type(self.points)(
+            *(np.asarray(value)[k] if np.ndim(value) else value for value in self.points)
+        )
 
 
 def dense_ratings(y, rate, p):
@@ -138,6 +143,26 @@ def dense_student(y, rate, p):
     return logsumexp(total) - np.log(y).sum()
 
 
+def dense_categories(y, rate, p):
+    """Categories with normal errors, summed over dense grids of the level and of every rater's scale."""
+    x = np.log(rate + p.eps)[DESIGN.condition]
+    ends = np.array([-np.inf, 0.0, p.gap_2, p.gap_2 + p.gap_3, np.inf])
+    drive, category = p.gamma * (x - x.mean()), y.astype(int)
+    level, scale = np.linspace(-16.0, 16.0, 1601), np.linspace(-9.0, 9.0, 301)
+    total = norm.logpdf(level, 0.0, 3.0) + np.log(level[1] - level[0])
+    own = level[:, None] + p.tau * scale
+    for rater in range(3):
+        rows = 0.0
+        for k in np.flatnonzero(DESIGN.participant == rater):
+            low, high = ((ends[category[k] + j] - drive[k] - own) / p.varsigma for j in (-1, 0))
+            flip = low + high > 0  # differences in the tail in which both are small
+            low, high = np.where(flip, -high, low), np.where(flip, -low, high)
+            with np.errstate(divide="ignore"):
+                rows = rows + np.log(norm.cdf(high) - norm.cdf(low))
+        total = total + logsumexp(rows + norm.logpdf(scale), axis=1) + np.log(scale[1] - scale[0])
+    return logsumexp(total)
+
+
 DEPTH, FINGER = np.array([0.5, 1.0, 1.5, 2.0, 0.7, 1.2, 1.9]) * 1e-3, np.array([0, 0, 0, 1, 1, 2, 2])
 
 
@@ -178,6 +203,20 @@ CASES = {
         joint=1e-5,
         left_out=1e-5,
     ),
+    CategoryRatings: Case(
+        CategoryRatings([1, 2, 3, 3, 4, 2, 4], DESIGN, CategoryModel(RISES, categories=4), quadrature=DENSE),
+        RATES,
+        RATED._replace(
+            gamma=np.array([0.4, 0.3, 0.5]),
+            omega=[0.0] * 3,
+            gap_2=np.array([0.6, 0.9, 0.4]),
+            gap_3=np.array([0.5, 0.3, 1.0]),
+        ),
+        dense_categories,
+        joint=1e-4,
+        left_out=1e-4,
+        numbers=(1, 2, 3, 4),
+    ),
     UncertainLoads: Case(
         UncertainLoads(20.0 * np.exp(NOISE), DESIGN, RatingModel(FALLS), TOUCHES),
         np.concatenate([RATES, BESIDE, BESIDE * 1.4], axis=1),
@@ -204,7 +243,7 @@ def batched_is_single(case):
         found = getattr(y, member)(case.rate, case.points)
         for k in range(3):
             rate, point = case.at(slice(k, k + 1))
-            assert_allclose(found[k], getattr(y, member)(rate, point)[0], rtol=1e-10, err_msg=member)
+            assert_allclose(found[k], getattr(y, member)(rate, point)[0], rtol=1e-10, atol=1e-12, err_msg=member)
 
 
 def whole_is_the_oracle(case):
@@ -244,6 +283,18 @@ def one_left_out_integrates_to_one(case):
     rate, point = case.at(slice(0, 1))
     scale, row = y.model.scale, 3
     start = float(scale.additive(y.values[row]))
+    if case.numbers is not None:
+        chance = []
+        for number in case.numbers:
+            values = y.values.copy()
+            values[row] = number
+            chance.append(float(np.exp(y.with_values(values).log_likelihood_loo(rate, point)[0, row])))
+        below = sum(
+            c * (0.5 * (n == y.values[row]) + (n < y.values[row])) for c, n in zip(chance, case.numbers, strict=True)
+        )
+        assert_allclose(sum(chance), 1.0, atol=case.left_out)
+        assert_allclose(below, y.below_loo(rate, point)[0, row], atol=case.left_out)
+        return
 
     def density(additive):
         values = y.values.copy()
@@ -263,7 +314,7 @@ def order_does_not_matter(case):
     other = shuffled(y, order, people)
     assert_allclose(other.log_likelihood(case.rate, case.points), y.log_likelihood(case.rate, case.points), rtol=1e-10)
     found = other.log_likelihood_loo(case.rate, case.points)
-    assert_allclose(found, y.log_likelihood_loo(case.rate, case.points)[:, order], rtol=1e-9)
+    assert_allclose(found, y.log_likelihood_loo(case.rate, case.points)[:, order], rtol=1e-9, atol=1e-12)
     found = other.log_likelihood_participants(case.rate, case.points)[:, people]
     assert_allclose(found, y.log_likelihood_participants(case.rate, case.points), rtol=1e-9, atol=1e-9)
 
@@ -275,7 +326,7 @@ def shuffled(y, order, people):
     design = Design(y.design.condition[order], people[y.design.participant[order]], y.design.fabric, 3)
     if hasattr(y, "errors"):
         return type(y)(y.values[order], design, y.model, replace(y.errors, of_row=y.errors.of_row[order]))
-    own = {"quadrature": DENSE} if isinstance(y, IntervalRatings) else {}
+    own = {"quadrature": y._quadrature} if isinstance(y, IntervalRatings) else {}
     return type(y)(y.values[order], design, y.model, **own)
 
 
@@ -296,7 +347,8 @@ def replicates_fit_the_density(case):
     made = y.replicate(rng, y.drive(rate, points), points, effects, rate)
     first, point = case.at(slice(0, 1))
     name = next(n for n in ("varsigma", "varsigma_f") if n in y.model.needs)
-    other = point._replace(**{name: 0.9 * getattr(point, name)})
+    # a category tells less of the spread than a number does
+    other = point._replace(**{name: (0.9 if case.numbers is None else 0.4) * getattr(point, name)})
     tables = [y.with_values(values) for values in made[:800]]
     ratio = [(table.log_likelihood(first, other) - table.log_likelihood(first, point))[0] for table in tables]
     weight = np.exp(ratio)
@@ -310,7 +362,11 @@ def replicates_have_uniform_places(case):
     rate, points = many(case)
     made = y.replicate(rng, y.drive(rate, points), points, y.new_effects(rng, points, (DRAWS,)), rate)[:400]
     first, point = case.at(slice(0, 1))
-    places = np.array([y.with_values(values).below_loo(first, point)[0] for values in made])
+    tables = [y.with_values(values) for values in made]
+    places = np.array([table.below_loo(first, point)[0] for table in tables])
+    if case.numbers is not None:
+        chance = np.exp([table.log_likelihood_loo(first, point)[0] for table in tables])
+        places = places + (rng.uniform(size=places.shape) - 0.5) * chance
     for row in range(ROWS):
         assert kstest(places[:, row], "uniform").pvalue > 1e-4, row
 
@@ -325,7 +381,10 @@ def residuals_are_errors(case):
     residual = np.empty((800, ROWS))
     for k in range(len(residual)):
         own = type(effects)(*(np.asarray(effect)[k : k + 1] for effect in effects))
-        residual[k] = y.with_values(made[k]).residual(first, point, own)[0]
+        table = y.with_values(made[k])
+        if case.numbers is not None:
+            table._shares = rng.uniform(size=ROWS)  # drawn once for every table
+        residual[k] = table.residual(first, point, own)[0]
     spread = float(y.model.error_sd(point)[0])
     assert kstest(residual.ravel() / spread, "norm").pvalue > 1e-4
 
@@ -511,11 +570,12 @@ def test_models_are_pairs_of_a_scale_and_an_error_law():
         for direction in (RISES, FALLS):
             model = rating_model(scale, direction, error)
             assert (model.scale, model.error, model.direction) == (scale, error, direction)
-            assert type(model.observe(np.full(ROWS, 0.5), DESIGN)) in LIKELIHOODS
+            values = np.full(ROWS, 1.0 if scale is CATEGORIES else 0.5)
+            assert type(model.observe(values, DESIGN)) in LIKELIHOODS
     cauchy = replace(NORMAL, name="cauchy")
     with pytest.raises(InputError, match="no model of magnitude with cauchy errors; expected one of magnitude with n"):
         rating_model(MAGNITUDE, RISES, cauchy)
-    with pytest.raises(InputError, match="'likert' is not known, expected magnitude or standardised or slider"):
+    with pytest.raises(InputError, match="'likert' is not known, expected magnitude or standardised or slider or c"):
         scale_named("likert")
 
 

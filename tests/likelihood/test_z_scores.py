@@ -18,7 +18,7 @@ from softness_bayes.likelihood.design import Design
 from softness_bayes.likelihood.directions import INVERSE, RATING_DIRECTIONS, SOFTNESS
 from softness_bayes.likelihood.magnitude import RatingParameters
 from softness_bayes.likelihood.models import rating_model
-from softness_bayes.likelihood.scales import MAGNITUDE, RATING_SCALES, STANDARDISED
+from softness_bayes.likelihood.scales import CATEGORIES, MAGNITUDE, RATING_SCALES, STANDARDISED
 from softness_bayes.likelihood.z_scores import Line, StandardisedModel, StandardisedRatings
 from softness_bayes.model.build import build
 from softness_bayes.model.options import ModelOptions
@@ -272,7 +272,7 @@ def test_the_scale_is_checked_against_the_data(values):
 
 
 def test_names_of_scales_and_what_suits_them(values):
-    assert [*RATING_SCALES] == ["magnitude", "standardised", "slider"]
+    assert [*RATING_SCALES] == ["magnitude", "standardised", "slider", "categories"]
     for options in ({"mu": 2.0}, {"slope": -1.0}, {"slope": np.nan}):
         with pytest.raises(InputError, match="simulate: "):
             simulated(values, participants=2, **options)
@@ -294,10 +294,12 @@ def test_a_run_says_what_its_ratings_were_made_from(values, monkeypatch, scale, 
     ratings = simulate_ratings(rng, CLOTH, LOADS[1:], given, participants=15, direction=direction, scale=scale).ratings
     held = {name: given[name] for name in (*CHAIN, *(["tau"] if "tau" in rating_model(scale).needs else []))}
     model = ModelOptions(fix=held, direction=direction, scale=scale, discretisation=COARSE)
+    model = dataclasses.replace(model, n_categories=7) if scale is CATEGORIES else model
     found = sample(Experiment(ratings, CLOTH, ()), model, max_steps=80, processes=1)
     level = np.log(20) if scale is MAGNITUDE else 0.0
     truth = {"gamma": 0.9, "varsigma": 0.4, "eps": 0.1, "mu": level}
     truth = {"varsigma": 0.4, "c0": 0, "c1": 0.6745} if scale is STANDARDISED else truth
+    truth |= {f"gap_{k}": 0.5 for k in range(2, 7)} if scale is CATEGORIES else {}
     table = found.summary()
     assert {*table.index} == {*truth}
     for name, value in truth.items():

@@ -11,7 +11,7 @@ from softness_bayes.data.steps import step_of
 from softness_bayes.errors import InputError
 from softness_bayes.likelihood.directions import FALLS, FREE, RISES
 from softness_bayes.likelihood.error_laws import LAPSES, NORMAL, STUDENT
-from softness_bayes.likelihood.scales import SLIDER, STANDARDISED
+from softness_bayes.likelihood.scales import CATEGORIES, MAGNITUDE, SLIDER, STANDARDISED
 from softness_bayes.model.as_given import as_given, stated, stated_on_slider
 from softness_bayes.model.build import build
 from softness_bayes.model.options import ModelOptions
@@ -241,3 +241,25 @@ def test_a_slider_is_simulated_and_fitted():
     assert ModelOptions.from_record(other.options.record()) == other.options
     with pytest.raises(InputError, match="slider: ends are given for magnitude ratings"):
         build(experiment, replace(QUICK, slider_ends=(0.0, 10.0)))
+
+
+def test_categories_are_simulated_and_fitted():
+    experiment, made = simulated(scale=CATEGORIES, categories=5)
+    assert set(np.unique(experiment.ratings.rating)) <= {1.0, 2.0, 3.0, 4.0, 5.0}
+    assert {name for name in made.truth if name.startswith("gap_")} == {"gap_2", "gap_3", "gap_4"}
+    options = replace(QUICK, scale=CATEGORIES, n_categories=5)
+    model = build(experiment, options)
+    assert tuple(n for n in model.posterior.names if n.startswith("gap_")) == ("gap_2", "gap_3", "gap_4")
+    assert model.given.note == "ratings: 5 ordered categories"
+    theta = model.posterior.space.draw_prior(np.random.default_rng(1), 10)
+    value = model.posterior.log_likelihood(theta)
+    assert np.isfinite(value).all()
+    assert (value < 0).all()
+    assert ModelOptions.from_record(model.options.record()) == model.options
+    wrong = replace(experiment.ratings, rating=experiment.ratings.rating - 1)
+    with pytest.raises(InputError, match="expected the number of a category, 1 to 5, got 0"):
+        build(experiment._replace(ratings=wrong), options)
+    with pytest.raises(InputError, match="categories: 5 are given for magnitude ratings"):
+        build(experiment, replace(options, scale=MAGNITUDE))
+    with pytest.raises(InputError, match="simulate: 5 categories, expected none for magnitude ratings"):
+        simulated(categories=5)

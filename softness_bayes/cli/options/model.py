@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from softness_bayes.cli.options.values import Number, Verb, finite, named
+from softness_bayes.cli.options.values import Number, Verb, finite, named, whole
 from softness_bayes.defaults import ACCURACY, ERRORS, PRIOR_SET
 from softness_bayes.likelihood.directions import FREE, RATING_DIRECTIONS, RISES, direction_named
 from softness_bayes.likelihood.scales import MAGNITUDE, RATING_SCALES
-from softness_bayes.ranges import ACCURACIES, LOAD_ERRORS, RELATIVE_ERRORS, RESOLUTIONS
+from softness_bayes.ranges import ACCURACIES, CATEGORIES_RANGE, LOAD_ERRORS, RELATIVE_ERRORS, RESOLUTIONS
 
 if TYPE_CHECKING:
     from softness_bayes.model.options import ModelOptions
@@ -305,6 +305,7 @@ class ModelChoice:
     """A name, or `AUTO`."""
     resolution: float | None = None
     slider_ends: tuple[float, float] = (0.0, 1.0)
+    n_categories: int | None = None
 
     def options(self, **others: Any) -> ModelOptions:
         """Return the options of this model and `others`; its resolution is not chosen yet."""
@@ -328,6 +329,7 @@ class ModelChoice:
             errors=None if self.errors == AUTO else error_law_named(self.errors),
             resolution=self.resolution,
             slider_ends=self.slider_ends,
+            n_categories=self.n_categories,
             **others,
         )
 
@@ -348,6 +350,7 @@ def model_choice(verb: Verb) -> Verb:
     @errors
     @resolution
     @slider
+    @categories
     @accuracy
     @functools.wraps(verb)
     def wrapped(
@@ -364,10 +367,11 @@ def model_choice(verb: Verb) -> Verb:
         errors: str,
         resolution: float | None,
         slider_ends: tuple[float, float],
+        n_categories: int | None,
         accuracy: float,
         **others: Any,
     ) -> Any:
-        inexact = modulus_cv, unknown_modulus, load_cv, individual, errors, resolution, slider_ends
+        inexact = modulus_cv, unknown_modulus, load_cv, individual, errors, resolution, slider_ends, n_categories
         model = ModelChoice(fixed, priors, prior_set, choice, direction, accuracy, finger, *inexact)
         return verb(model=model, **others)
 
@@ -383,6 +387,15 @@ def _ends(context: click.Context, parameter: click.Parameter, text: str) -> tupl
         raise click.BadParameter(f"{text!r}, expected the lower end first, as in 0,100")
     return low, high
 
+
+categories = click.option(
+    "--categories",
+    "n_categories",
+    type=whole(CATEGORIES_RANGE),
+    metavar="K",
+    help="Number of ordered categories (--ratings categories), by default the largest number in the table.",
+)
+"""Gives a verb `n_categories`, a number or None."""
 
 slider = click.option(
     "--slider",

@@ -1,0 +1,186 @@
+"""Ratings on ordered categories: intervals of log softness whose ends are sampled (model.md 9)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import ClassVar, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from softness_bayes.errors import InputError
+from softness_bayes.likelihood.contract import Effects
+from softness_bayes.likelihood.design import Design
+from softness_bayes.likelihood.interval_law import Rows
+from softness_bayes.likelihood.intervals import IntervalModel, IntervalRatings
+from softness_bayes.likelihood.rater_integrals import Quadrature
+from softness_bayes.likelihood.ratings import RatingParameters
+from softness_bayes.likelihood.scales import CATEGORIES, Scale
+from softness_bayes.likelihood.stated import Stated
+
+FloatArray = NDArray[np.float64]
+
+MOST_CATEGORIES = 11
+"""Largest number of categories."""
+
+
+class CategoryEffects(NamedTuple):
+    """Values of the common mean, of raters' effects, and of the ends of categories."""
+
+    mu: FloatArray
+    """Shape (...)."""
+    participant: FloatArray
+    """Shape (..., participants)."""
+    fabric: FloatArray
+    """None: 0, shape (..., fabrics)."""
+    threshold: FloatArray
+    """Upper ends of all categories but the last, shape (..., categories - 1)."""
+
+
+@dataclass(frozen=True)
+class CategoryModel(IntervalModel):
+    """An `IntervalModel` whose ratings are the numbers of categories, from 1.
+
+    The first category ends at 0, and each further one but the last is as wide as its `gap`; mu ~ N(0, spread²).
+
+    Parameters
+    ----------
+    categories
+        Their number.
+    """
+
+    scale: ClassVar[Scale] = CATEGORIES
+    centre: float = 1.0
+    categories: int = 7
+
+    @property
+    def gaps(self) -> tuple[str, ...]:
+        """Names of the parameters that are the categories' widths."""
+        return tuple(f"gap_{k}" for k in range(2, self.categories))
+
+    @property
+    def needs(self) -> tuple[str, ...]:  # type: ignore[override]
+        """Names of the model's parameters."""
+        return (*super().needs, *self.gaps)
+
+    def thresholds(self, parameters: RatingParameters) -> FloatArray:
+        """Return the upper ends of all categories but the last, shape (..., categories - 1)."""
+        shape = np.broadcast_shapes(*(np.shape(value) for value in parameters))
+        gaps = [np.broadcast_to(np.asarray(getattr(parameters, name), float), shape) for name in self.gaps]
+        return np.cumsum(np.stack([np.zeros(shape), *gaps], axis=-1), axis=-1)
+
+    def typical(self, effects: Effects, drive: FloatArray) -> FloatArray:
+        """Category of a typical participant (s = 0) where the response drives it by ``drive``, shape (..., k)."""
+        return _category(effects.mu[..., None] + drive, effects.threshold)
+
+    def draw_effects(
+        self,
+        rng: np.random.Generator,
+        parameters: RatingParameters,
+        shape: tuple[int, ...],
+        n_participants: int,
+        n_fabrics: int,
+        levels: Mapping[str, ArrayLike] | None = None,
+    ) -> Effects:
+        """Effects of new participants, of batch ``shape``; mu from its prior unless among `levels`."""
+        drawn = super().draw_effects(rng, parameters, shape, n_participants, n_fabrics, levels)
+        return self.with_thresholds(drawn, parameters)
+
+    def with_thresholds(self, effects: Effects, parameters: RatingParameters) -> CategoryEffects:
+        """Return effects with the ends of categories beside them."""
+        found = self.thresholds(parameters)
+        threshold = np.broadcast_to(found, (*effects.mu.shape, found.shape[-1]))
+        return CategoryEffects(effects.mu, effects.participant, effects.fabric, threshold)
+
+    def draw_ratings(
+        self,
+        rng: np.random.Generator,
+        design: Design,
+        drive: FloatArray,
+        parameters: RatingParameters,
+        effects: Effects,
+    ) -> FloatArray:
+        """One category for every row of a design, shape (..., rows)."""
+        found = _category(self.draw_attentive(rng, design, drive, parameters, effects), effects.threshold)
+        if not self.law.lapses:
+            return found
+        lapsed = rng.random(found.shape) < np.asarray(parameters.lapse, float)[..., None]
+        return np.where(lapsed, rng.integers(1, self.categories + 1, found.shape), found)
+
+    def observe(self, ratings: ArrayLike, design: Design, stated: Stated | None = None) -> CategoryRatings:
+        """Return the likelihood of these categories."""
+        return CategoryRatings(ratings, design, self)
+
+
+class CategoryRatings(IntervalRatings):
+    """Categories under a `CategoryModel`, with mu and raters' scales integrated out; arguments as `IntervalRatings`.
+
+    Raises
+    ------
+    InputError
+        If a rating is not the number of a category, or their number is not that of the design's rows.
+    """
+
+    model: CategoryModel
+
+    def __init__(
+        self,
+        ratings: ArrayLike,
+        design: Design,
+        model: CategoryModel = CategoryModel(),
+        over: Design | None = None,
+        stated: Stated | None = None,
+        quadrature: Quadrature | None = None,
+        ranges: FloatArray | None = None,
+    ) -> None:
+        values = np.asarray(ratings, float)
+        wrong = ~np.isin(values, np.arange(1, model.categories + 1))
+        if wrong.any():
+            raise InputError(
+                f"ratings: {wrong.sum()} of {wrong.size} are not categories from 1 to {model.categories}, the first is "
+                f"{values[wrong][0]}"
+            )
+        # between 0 and 1, so that none is taken as exact; the ends themselves follow from the parameters
+        rows = np.full(values.size, 1.0)
+        middle = Stated(values, rows, 0.5 * rows, np.inf * rows)
+        super().__init__(values, design, model, over, middle, quadrature, ranges)
+
+    @property
+    def ends(self) -> tuple[FloatArray, FloatArray] | None:
+        """None: the ends of categories are sampled."""
+        return None
+
+    def draw_effects(self, rng: np.random.Generator, mean_rate: FloatArray, parameters: RatingParameters) -> Effects:
+        """Draws of mu and participants' scales given the ratings, with the ends of categories."""
+        return self.model.with_thresholds(super().draw_effects(rng, mean_rate, parameters), parameters)
+
+    def replicate(
+        self,
+        rng: np.random.Generator,
+        drive: FloatArray,
+        parameters: RatingParameters,
+        effects: Effects,
+        mean_rate: FloatArray | None = None,
+    ) -> FloatArray:
+        """Return one category for every row, shape (..., rows)."""
+        return self.model.draw_ratings(rng, self.design, drive, parameters, effects)
+
+    def _rows_at(self, parameters: RatingParameters) -> Rows:
+        ends = self.model.thresholds(parameters)
+        shape = (*ends.shape[:-1], 1)
+        ends = np.concatenate([np.full(shape, -np.inf), ends, np.full(shape, np.inf)], axis=-1)
+        category = self.values[self._order].astype(np.intp)
+        lapse = np.full(category.size, -np.log(self.model.categories))
+        return Rows(ends[..., category - 1], ends[..., category], lapse)
+
+    def _middle_of(self, rows: Rows, spread: FloatArray) -> FloatArray:
+        low, high = (np.where(np.isfinite(end), end, np.nan) for end in (rows.low, rows.high))
+        middle = 0.5 * (low + high)
+        middle = np.where(np.isnan(low), high - spread, middle)
+        return np.where(np.isnan(high), low + spread, middle)
+
+
+def _category(latent: FloatArray, threshold: FloatArray) -> FloatArray:
+    """Return the category of numbers (..., k), between ends (..., categories - 1)."""
+    return 1.0 + (latent[..., None] > threshold[..., None, :]).sum(axis=-1)
