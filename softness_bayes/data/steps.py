@@ -26,17 +26,18 @@ _FACTORS = 1, 2, 5  # of powers of ten: the steps of grids, beside halves and qu
 _QUARTERS = Decimal("0.25"), Decimal("0.5")
 
 
-def steps_of_raters(ratings: Ratings) -> FloatArray:
+def steps_of_raters(ratings: Ratings, least: float | None = None) -> FloatArray:
     """Return the step of each participant's grid, shape (participants,); 0 if the numbers are as good as exact."""
     count = len(ratings.participants)
-    return np.array([step_of(ratings.rating[ratings.participant == k]) for k in range(count)])
+    return np.array([step_of(ratings.rating[ratings.participant == k], least) for k in range(count)])
 
 
-def step_of(numbers: ArrayLike) -> float:
+def step_of(numbers: ArrayLike, least: float | None = None) -> float:
     """Return the largest step of which all numbers are multiples, unless that may be chance; 0 if it is negligible.
 
     Steps are 1, 2 or 5 times a power of ten, a half or a quarter. A step is believed if so many different numbers of a
-    finer one would all fall on it with a probability below `CHANCE`; the finest takes three different numbers.
+    finer one would all fall on it with a probability below `CHANCE`; the finest takes three different numbers. It is
+    negligible beside the smallest number, or beside `least`.
     """
     # digits beyond the twelfth are those of rounding
     distinct = sorted({Decimal(f"{x:.12g}") for x in np.asarray(numbers, float).tolist() if x > 0})
@@ -47,7 +48,7 @@ def step_of(numbers: ArrayLike) -> float:
     for coarser in _steps(finest, distinct[-1]):
         if all(x % coarser == 0 for x in distinct) and float(step / coarser) ** len(distinct) < CHANCE:
             found = step = coarser
-    return float(step) if found and step > Decimal(NEGLIGIBLE) * distinct[0] else 0.0
+    return float(step) if found and float(step) > NEGLIGIBLE * (float(distinct[0]) if least is None else least) else 0.0
 
 
 def _steps(finest: int, largest: Decimal) -> Sequence[Decimal]:

@@ -26,7 +26,6 @@ from softness_bayes.likelihood.rater_integrals import (
     DENSE,
     DENSER,
     FAST,
-    STEADY,
     Given,
     Quadrature,
     RaterIntegrals,
@@ -173,7 +172,7 @@ class IntervalRatings(RatingsLikelihood):
         self._middle = middle[order]
         weight = np.ones(order.size) if model.law is NORMAL else _robust(self._middle, rater, self._condition)
         count = np.bincount(rater).astype(float)
-        self._quadrature = quadrature or quadrature_for(count, bool(self._exact.all()))
+        self._quadrature = quadrature or quadrature_for(count)
         kind = DenseIntegrals if self._quadrature in (DENSE, DENSER) else RaterIntegrals
         self._integrals = kind(model.law, rater, weight, model.level.mean, model.level.sd)
         self._slope = np.where(self._exact, scale.log_slope(self.values), 0.0)
@@ -187,7 +186,7 @@ class IntervalRatings(RatingsLikelihood):
         """Return the other ratings, with x still centred, and lapses uniform, over all rows."""
         rest = self._stated.take(~rows)
         # derivatives alone need many rows
-        own = None if self._quadrature in (FAST, STEADY) else self._quadrature
+        own = None if self._quadrature == FAST else self._quadrature
         return type(self)(
             self.values[~rows], self.design.without(rows), self.model, self._over, rest, own, self._ranges
         )

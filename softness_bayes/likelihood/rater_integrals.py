@@ -38,7 +38,7 @@ class Quadrature(NamedTuple):
     """Newton's method ends once no rater's mode moves by more than this, in its standard deviations."""
 
 
-FAST = Quadrature(0, 7, 5, 0.6)
+FAST = Quadrature(0, 7, 5, 1.0)
 """For raters with many ratings each."""
 FINE = Quadrature(24, 13, 9, 0.05)
 """For raters with few ratings, and to measure the error of `FAST`."""
@@ -47,15 +47,12 @@ FINEST = Quadrature(40, 13, 13, 0.01)
 
 ROUGHLY = Quadrature(12, 9, 5, 0.6)
 """For parameters at which derivatives do not suffice, far from the data."""
-STEADY = Quadrature(9, 7, 5, 0.6)
-"""For raters with many exact ratings each, whose values cost less than derivatives."""
-
 DENSE, DENSER = Quadrature(0, 9, 0, 0.35), Quadrature(0, 13, 0, 0.2)
 """For `dense_integrals.DenseIntegrals`, and to measure its error: nodes of zeta, and distance of points in standard
 deviations."""
 
 MANY_ROWS, FEW_ROWS = 20, 10
-"""Ratings of every rater from which `FAST` and `STEADY` are used, and below which heavy tails need `DENSE`."""
+"""Ratings of every rater from which `FAST` is used, and below which heavy tails need `DENSE`."""
 
 LEVELS = 33
 """Levels at which the level's law is computed to draw from it."""
@@ -63,6 +60,9 @@ LEVELS = 33
 ROUGH = 1.0
 """Largest change of a rater's log density by its third and fourth derivative, three standard deviations from its mode,
 for which `FAST` is used; beyond it `ROUGHLY` takes its place."""
+
+SMOOTH = 0.2
+"""As `ROUGH`, for draws of effects, whose grids reach twice as far."""
 
 HEADROOM = 1.0
 """Largest excess of the log density between Chebyshev points over that at them."""
@@ -79,11 +79,9 @@ _NO_CURVATURE = 0.002  # as that, of the normal law about the mode
 _LOG_ROOT_TWO_PI = 0.5 * math.log(2.0 * math.pi)
 
 
-def quadrature_for(count: FloatArray, exact: bool) -> Quadrature:
+def quadrature_for(count: FloatArray) -> Quadrature:
     """Return the quadrature for raters with so many ratings each, shape (raters,)."""
-    if count.min() < MANY_ROWS:
-        return FINE
-    return STEADY if exact else FAST
+    return FINE if count.min() < MANY_ROWS else FAST
 
 
 def finer_than(quadrature: Quadrature, count: FloatArray, law: ErrorLaw) -> Quadrature:
@@ -150,11 +148,16 @@ class Modes(NamedTuple):
         return Modes(at[piece], tuple(one[piece] for one in slopes), *(one[piece] for one in others))
 
     @property
-    def rough(self) -> NDArray[np.bool_]:
-        """True where l_p of any rater is too far from a quadratic function for its derivatives, shape (draws,)."""
+    def bend(self) -> FloatArray:
+        """Largest change of any rater's l_p by third and fourth derivatives, as `ROUGH` counts it, shape (draws,)."""
         reach = 3.0 * self.width + np.abs(self.a - self.at)
         bend = reach**3 * (np.abs(self.slopes[3]) / 6.0 + reach * np.abs(self.slopes[4]) / 24.0)
-        return np.asarray((bend > ROUGH).any(axis=-1) | (reach > 6.0 * self.width).any(axis=-1))
+        return np.asarray(np.where(reach > 6.0 * self.width, np.inf, bend).max(axis=-1))
+
+    @property
+    def rough(self) -> NDArray[np.bool_]:
+        """True where l_p of any rater is too far from a quadratic function for its derivatives, shape (draws,)."""
+        return np.asarray(self.bend > ROUGH)
 
     @property
     def width(self) -> FloatArray:
@@ -322,15 +325,24 @@ class RaterIntegrals:
     def draw(self, rng: np.random.Generator, given: Given, quadrature: Quadrature) -> tuple[FloatArray, FloatArray]:
         """Return draws of the level, (draws, 1), and of a_p less the level, (draws, raters), given all rows."""
         modes = self.modes(given, quadrature.settled)
-        curve = self.curve(given, modes, FINE)
+        found = np.empty((len(given.drive), 1 + self.count.size))
+        # the grids reach further than the integrals: derivatives must be good for more
+        plain = np.asarray(modes.bend < SMOOTH) & (quadrature.points == 0)
+        for chosen, how in ((plain, FAST), (~plain, FINE)):
+            if chosen.any():
+                found[chosen] = self._drawn(rng, given.part(chosen), modes.part(chosen), how)
+        return found[:, :1], found[:, 1:]
+
+    def _drawn(self, rng: np.random.Generator, given: Given, modes: Modes, quadrature: Quadrature) -> FloatArray:
+        curve = self.curve(given, modes, quadrature)
         level = modes.mu + modes.sd * np.linspace(-REACH, REACH, LEVELS)
-        each = self.at_levels(given, modes, curve, level, FINE)
+        each = self.at_levels(given, modes, curve, level, quadrature)
         mu = draw_on(rng, level, each.sum(axis=-1) - 0.5 * ((level - self.mean) / self.sd) ** 2)[:, None]
         centre = given.tau * modes.shrink * (modes.pull - modes.curvature * mu)
         x = np.linspace(-REACH, REACH, 2 * LEVELS)
         zeta = centre[..., None] + x * np.sqrt(modes.shrink)[..., None]
         value = curve(mu[..., None] + given.tau[..., None] * zeta) - 0.5 * zeta**2
-        return mu, given.tau * draw_on(rng, zeta, value)
+        return np.concatenate([mu, given.tau * draw_on(rng, zeta, value)], axis=-1)
 
     def _others(self, given: Given, modes: Modes) -> tuple[FloatArray, FloatArray]:
         """Return mean and variance of a_p given all other raters' rows, each (draws, raters)."""

@@ -112,17 +112,24 @@ def stated_on_slider(ratings: Ratings, ends: tuple[float, float], resolution: fl
             f"from {low:g} to {high:g}, got {ratings.rating[i]:.15g} ({outside.size} of {len(ratings)} ratings lie "
             "beyond it); --slider LOW,HIGH gives its ends"
         )
-    step, share = _steps_of(ratings, resolution) / (high - low), (ratings.rating - low) / (high - low)
-    if not ((share > 0) & (share < 1)).any():
+    share = (ratings.rating - low) / (high - low)
+    inner = (share > 0) & (share < 1)
+    if not inner.any():
         raise InputError(f"{ratings.source}: all ratings are at the ends of the slider, which tells nothing")
+    nearest = float(np.minimum(share, 1.0 - share)[inner].min())
+    step = _steps_of(ratings, resolution, nearest * (high - low)) / (high - low)
     limit, most = _limits(ratings, share, step), 1.0 - _limits(ratings, 1.0 - share, step)
     values = np.where(share < limit, 0.5 * limit, np.where(share > most, 0.5 * (1.0 + most), share))
     return Stated(values, step, limit, most, 1.0)
 
 
-def _steps_of(ratings: Ratings, resolution: float | None) -> FloatArray:
-    """Return the step of each row's grid; 0 if numbers are exact."""
-    found = steps_of_raters(ratings)[ratings.participant] if resolution is None else np.full(len(ratings), resolution)
+def _steps_of(ratings: Ratings, resolution: float | None, least: float | None = None) -> FloatArray:
+    """Return the step of each row's grid; 0 if numbers are exact, or the step is negligible beside `least`."""
+    found = (
+        steps_of_raters(ratings, least)[ratings.participant]
+        if resolution is None
+        else np.full(len(ratings), resolution)
+    )
     own = np.full(len(ratings), np.nan) if ratings.resolution is None else ratings.resolution
     return np.asarray(np.where(np.isnan(own), found, own))
 

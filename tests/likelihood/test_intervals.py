@@ -13,7 +13,7 @@ from softness_bayes.likelihood.directions import FALLS, RISES
 from softness_bayes.likelihood.error_laws import LAPSES, NORMAL, STUDENT
 from softness_bayes.likelihood.intervals import IntervalModel, IntervalRatings, SliderModel
 from softness_bayes.likelihood.magnitude import RatingModel
-from softness_bayes.likelihood.rater_integrals import DENSE, DENSER, FAST, FINE, FINEST, STEADY
+from softness_bayes.likelihood.rater_integrals import DENSE, DENSER, FAST, FINE, FINEST
 from softness_bayes.likelihood.ratings import RatingParameters
 from softness_bayes.likelihood.stated import Stated
 
@@ -101,7 +101,7 @@ def test_integrals_are_those_of_brute_force(law, case):
     assert finer < 1e-4, finer
 
 
-@pytest.mark.parametrize("quadrature", [FAST, STEADY, FINE, FINEST], ids=["fast", "steady", "fine", "finest"])
+@pytest.mark.parametrize("quadrature", [FAST, FINE, FINEST], ids=["fast", "fine", "finest"])
 def test_normal_errors_of_exact_numbers_are_the_closed_form(quadrature):
     observed, rate, points = table(5, 5, 4)
     closed = RatingModel(RISES).observe(observed.values, observed.design)
@@ -239,7 +239,7 @@ def test_values_must_be_positive_and_finite():
 
 def test_finer_integrals_exist_for_every_quadrature():
     observed, _, _ = table(13, 3, 1)
-    for quadrature, finer in ((FAST, FINE), (STEADY, FINE), (FINE, FINEST), (DENSE, DENSER)):
+    for quadrature, finer in ((FAST, FINE), (FINE, FINEST), (DENSE, DENSER)):
         own = IntervalRatings(observed.values, observed.design, observed.model, quadrature=quadrature)
         assert own.finer()._quadrature == finer
     few = IntervalRatings(observed.values, observed.design, IntervalModel(RISES, law=STUDENT))
