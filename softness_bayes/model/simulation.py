@@ -130,7 +130,7 @@ def simulate_ratings(
     scene = scene_of(fabrics, loads, values, readings, discretisation=discretisation, finger=finger)
     rate = scene.total_rate(touch_parameters(values))
     design = _crossed(scene, participants)
-    values = {**{name: EVERY_PARAMETER[name].prior.median for name in model.needs}, **values}
+    values = {**values, **{n: EVERY_PARAMETER[n].prior.median for n in model.needs if n not in values}}
     parameters = model.take(values)
     drive = model.drive(design, rate / scene.n_receptors, parameters)
     effects = model.draw_effects(rng, parameters, (), participants, design.n_fabrics, levels)

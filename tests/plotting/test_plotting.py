@@ -166,8 +166,9 @@ def test_observed_ratings_stand_gaps_repeats_and_nobody() -> None:
 def test_rating_shows_prediction_and_data(scale: Scale) -> None:
     loads = LOADS["mixture"]
     curves = invented_curves(loads, 30)
-    rating = 1.0 + curves.total_rate / 100.0
-    mean = np.array([1.0, 2.0, np.nan, 3.0])
+    unit = min(1.0, 0.1 * scale.drawn[1])  # places on a slider are shares
+    rating = unit * (1.0 + curves.total_rate / 100.0)
+    mean = unit * np.array([1.0, 2.0, np.nan, 3.0])
     observed = plotting.Observed(
         FABRICS[[0, 1, 2, 0]],
         np.array([0, 0, 0, 2]),
@@ -182,7 +183,7 @@ def test_rating_shows_prediction_and_data(scale: Scale) -> None:
     assert_allclose(artist(figure, "median/3 mm").get_ydata(), np.median(rating[:, 1], axis=0))
     points = artist(figure, "ratings/1 mm")
     assert_allclose(points.get_xydata(), np.column_stack([FABRICS[:2] / 1e3, mean[:2]]))
-    assert_allclose(artist(figure, "spread/1 mm").get_segments()[0][:, 1], [0.5, 2.0])
+    assert_allclose(artist(figure, "spread/1 mm").get_segments()[0][:, 1], [0.5 * unit, 2.0 * unit])
     assert len(artist(figure, "ratings/3 mm").get_xdata()) == 0
     assert figure.axes[0].get_xlabel().endswith("[kPa]")
 

@@ -216,6 +216,8 @@ def test_the_options_in_the_file_are_those_of_the_run(result, options):
         individual=("b", "sigma_0"),
         errors=STUDENT,
         resolution=0.5,
+        slider_ends=(0.0, 100.0),
+        n_categories=7,
         discretisation=scene.Discretisation(8, 9.0, 1e-5),
         max_seconds=math.inf,
         processes=3,
