@@ -1,8 +1,10 @@
 """Provenance, typed: what is written as attributes is read back, and only this module knows how it is written."""
 
+import dataclasses
 import re
 from dataclasses import fields, replace
 
+import numpy as np
 import pytest
 
 from softness_bayes import provenance
@@ -33,8 +35,8 @@ from softness_bayes.touch.readings import MENDED, NAMED_READINGS
 SECTIONS = {
     "asked": Asked(2, "softness-bayes sample", {"fix": {"m": 2.0}, "max_seconds": float("inf")}, 3, "in-vivo"),
     "ending": Ending("Converged.", True, 900, 0, 100, 1.5, 40_000, 2),
-    "direction": DirectionTaken(FALLS, False, "from the data", 0.25),
-    "rating_model": RatingModel(0.5, STANDARDISED, 1e-3, "12 nodes"),
+    "direction": DirectionTaken(FALLS, False, "from the data", 0.25, 0.7, 0.01),
+    "rating_model": RatingModel(0.5, STANDARDISED, 1e-3, "12 nodes", "student", "heavy tails", "whole numbers"),
     "rating_data": RatingData("abc", "def", 4),
     "errors": NumericalErrors(1e-4, 0.02, 1e-5, "Exact enough.", 0.01, 0.03, 0.99, 0.4, True),
     "residuals": ResidualChecks(
@@ -74,7 +76,12 @@ def test_families_are_read_without_what_only_begins_like_them():
 
 def test_what_earlier_versions_lack_has_its_former_value_and_all_else_is_missed():
     former = Provenance(Named({"direction": "inverse"}, "attribute", "old.nc"))
-    assert former.direction == DirectionTaken(FALLS, True, "", 1.0)
+    known = dataclasses.replace(
+        former.direction, direction_rises=0.5, direction_rises_se=0.1
+    )  # NaN differs from itself
+    assert known == DirectionTaken(FALLS, True, "", 1.0, 0.5, 0.1)
+    assert np.isnan([former.direction.direction_rises, former.direction.direction_rises_se]).all()
+    assert former.rating_model.rating_errors == "normal"
     assert former.silence.posterior_silent_everywhere == 0.0
     assert former.least_drop == provenance.FORMER_LEAST_DROP
     assert (former.verdict, former.held_eps) == ("", "")
