@@ -56,7 +56,8 @@ def as_given(ratings: Ratings, options: ModelOptions) -> AsGiven:
     """
     options.scale.require(ratings)
     alone = _closed_form_alone(ratings, options)
-    asked = options.resolution is not None or ratings.resolution is not None
+    # steps of 0 ask for what the closed form has: exact numbers
+    asked = bool(options.resolution) or (ratings.resolution is not None and bool(np.nansum(ratings.resolution)))
     if alone and (asked or options.errors not in (None, NORMAL)):
         raise InputError(
             f"ratings: {alone} are modelled for exact numbers with normal errors alone; leave out --resolution and "
