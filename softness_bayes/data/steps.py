@@ -40,7 +40,7 @@ def step_of(numbers: ArrayLike, least: float | None = None) -> float:
     negligible beside the smallest number, or beside `least`.
     """
     # digits beyond the twelfth are those of rounding
-    distinct = sorted({Decimal(f"{x:.12g}") for x in np.asarray(numbers, float).tolist() if x > 0})
+    distinct = sorted({Decimal(f"{x:.12g}") for x in np.unique(np.asarray(numbers, float)).tolist() if x > 0})
     if not distinct or distinct[-1] > WIDEST * distinct[0]:
         return 0.0
     finest = min(int(x.normalize().as_tuple().exponent) for x in distinct)

@@ -14,15 +14,11 @@ from softness_bayes.likelihood.contract import Effects
 from softness_bayes.likelihood.design import Design
 from softness_bayes.likelihood.interval_law import Rows
 from softness_bayes.likelihood.intervals import IntervalModel, IntervalRatings
-from softness_bayes.likelihood.rater_integrals import Quadrature
 from softness_bayes.likelihood.ratings import RatingParameters
 from softness_bayes.likelihood.scales import CATEGORIES, Scale
 from softness_bayes.likelihood.stated import Stated
 
 FloatArray = NDArray[np.float64]
-
-MOST_CATEGORIES = 11
-"""Largest number of categories."""
 
 
 class CategoryEffects(NamedTuple):
@@ -124,27 +120,16 @@ class CategoryRatings(IntervalRatings):
 
     model: CategoryModel
 
-    def __init__(
-        self,
-        ratings: ArrayLike,
-        design: Design,
-        model: CategoryModel = CategoryModel(),
-        over: Design | None = None,
-        stated: Stated | None = None,
-        quadrature: Quadrature | None = None,
-        ranges: FloatArray | None = None,
-    ) -> None:
-        values = np.asarray(ratings, float)
-        wrong = ~np.isin(values, np.arange(1, model.categories + 1))
+    def _understood(self, stated: Stated | None) -> Stated:
+        wrong = ~np.isin(self.values, np.arange(1, self.model.categories + 1))
         if wrong.any():
             raise InputError(
-                f"ratings: {wrong.sum()} of {wrong.size} are not categories from 1 to {model.categories}, the first is "
-                f"{values[wrong][0]}"
+                f"ratings: {wrong.sum()} of {wrong.size} are not categories from 1 to {self.model.categories}, the "
+                f"first is {self.values[wrong][0]}"
             )
-        # between 0 and 1, so that none is taken as exact; the ends themselves follow from the parameters
-        rows = np.full(values.size, 1.0)
-        middle = Stated(values, rows, 0.5 * rows, np.inf * rows)
-        super().__init__(values, design, model, over, middle, quadrature, ranges)
+        # a step of 1, so that none is taken as exact; the ends themselves follow from the parameters
+        step = np.ones(wrong.size)
+        return Stated(self.values, step, 0.5 * step, np.inf * step)
 
     @property
     def ends(self) -> tuple[FloatArray, FloatArray] | None:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from softness_bayes.likelihood import student
 from softness_bayes.likelihood.error_laws import ErrorLaw
+from softness_bayes.likelihood.mu_nodes import log_sum
 from softness_bayes.likelihood.rater_integrals import (
     DENSE,
     LEVELS,
@@ -20,7 +21,6 @@ from softness_bayes.likelihood.rater_integrals import (
     RaterIntegrals,
     draw_on,
     gauss_hermite,
-    log_sum,
 )
 
 FloatArray = NDArray[np.float64]
@@ -94,8 +94,7 @@ class DenseIntegrals(RaterIntegrals):
             middle = float(np.clip(self.mean, *ends))
             reach += 0.0 if people > 1 else abs(middle - self.mean)
             level = _spaced(ends[0] - reach, ends[1] + reach, quadrature.settled * width)
-            log_prior = -0.5 * ((level - self.mean) / self.sd) ** 2 - math.log(self.sd) - _LOG_ROOT_TWO_PI
-            log_prior = log_prior + math.log(level[1] - level[0])
+            log_prior = self.log_prior(level) + math.log(level[1] - level[0])
             shared = tau > narrow
             if shared:
                 points = _spaced(*ends, quadrature.settled * narrow)

@@ -117,8 +117,8 @@ class _Attentive:
 
     def __init__(self, law: ErrorLaw, rows: Rows, expected: FloatArray, spread: FloatArray, parameters: Any) -> None:
         self._law, self._parameters = law, parameters
-        self._exact = bool((rows.low == rows.high).all())
-        self._some_exact = rows.low == rows.high
+        exact = rows.low == rows.high
+        self._exact = bool(exact.all())
         if self._exact:
             self._middle = (rows.low - expected) / spread
             self.log_probability = law.log_density(self._middle, parameters) - np.log(spread)
@@ -132,10 +132,10 @@ class _Attentive:
         )
         if self._some_narrow:
             self._middle = np.where(self._narrow, 0.5 * (self._low + self._high), 0.0)
-            size = np.where(self._some_exact, 1.0 / spread, np.where(self._narrow, width, 1.0))
-            log_density = law.log_density(self._middle, parameters)
-            bend = law.slopes(self._middle, parameters)[1]
-            narrow = log_density + np.log(size) + np.where(self._some_exact, 0.0, bend * size**2 / 24.0)
+            self._slopes = law.slopes(self._middle, parameters)
+            size = np.where(exact, 1.0 / spread, np.where(self._narrow, width, 1.0))
+            correction = np.where(exact, 0.0, self._slopes[1] * size**2 / 24.0)
+            narrow = law.log_density(self._middle, parameters) + np.log(size) + correction
             self.log_probability = np.where(self._narrow, narrow, self.log_probability)
 
     def derivatives(self) -> tuple[FloatArray, ...]:
@@ -151,10 +151,8 @@ class _Attentive:
         found = tuple(sign * (high - low) for sign, low, high in zip(signs, *ends, strict=True))
         if not self._some_narrow:
             return found
-        slopes = self._law.slopes(self._middle, self._parameters)
-        return tuple(
-            np.where(self._narrow, sign * narrow, wide) for sign, narrow, wide in zip(signs, slopes, found, strict=True)
-        )
+        each = zip(signs, self._slopes, found, strict=True)
+        return tuple(np.where(self._narrow, sign * narrow, wide) for sign, narrow, wide in each)
 
 
 def _clipped(errors: FloatArray) -> FloatArray:

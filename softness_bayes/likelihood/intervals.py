@@ -19,7 +19,8 @@ from softness_bayes.likelihood.dense_integrals import DenseIntegrals
 from softness_bayes.likelihood.design import Design
 from softness_bayes.likelihood.error_laws import NORMAL, ErrorLaw
 from softness_bayes.likelihood.interval_law import Rows, below, score_at
-from softness_bayes.likelihood.magnitude import RatingModel
+from softness_bayes.likelihood.magnitude import RatingModel, log_rate
+from softness_bayes.likelihood.mu_nodes import log_sum
 from softness_bayes.likelihood.pieces import in_pieces
 from softness_bayes.likelihood.random_effects import Effects
 from softness_bayes.likelihood.rater_integrals import (
@@ -27,10 +28,10 @@ from softness_bayes.likelihood.rater_integrals import (
     DENSER,
     FAST,
     Given,
+    LawParameters,
     Quadrature,
     RaterIntegrals,
     finer_than,
-    log_sum,
     quadrature_for,
 )
 from softness_bayes.likelihood.ratings import RatingParameters, RatingsLikelihood
@@ -153,13 +154,8 @@ class IntervalRatings(RatingsLikelihood):
         ranges: FloatArray | None = None,
     ) -> None:
         super().__init__(ratings, design, model, over)
-        scale, zero = model.scale, np.zeros(design.n_rows)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            middle = scale.additive(self.values)
-        wrong = ~np.isfinite(middle)
-        if wrong.any():
-            raise InputError(f"ratings: {wrong.sum()} of {wrong.size} are not {scale.suitable} numbers")
-        self._stated = stated or Stated(self.values, zero, zero, zero + model.end, model.end)
+        scale = model.scale
+        self._stated = self._understood(stated)
         low, high = self._stated.ends(self.values)
         self._exact = low == high
         self._ranges = _ranges(low, high, design) if ranges is None else ranges
@@ -169,14 +165,23 @@ class IntervalRatings(RatingsLikelihood):
         self._raters, rater = np.unique(design.participant[order], return_inverse=True)
         with np.errstate(divide="ignore"):
             self._rows = Rows(scale.additive(low), scale.additive(high), self._lapse(low, high)).take(order)
-        self._middle = middle[order]
-        weight = np.ones(order.size) if model.law is NORMAL else _robust(self._middle, rater, self._condition)
+        self._middle = scale.additive(self.values)[order]
+        weight = np.ones(order.size) if model.law == NORMAL else _robust(self._middle, rater, self._condition)
         count = np.bincount(rater).astype(float)
         self._quadrature = quadrature or quadrature_for(count)
         kind = DenseIntegrals if self._quadrature in (DENSE, DENSER) else RaterIntegrals
         self._integrals = kind(model.law, rater, weight, model.level.mean, model.level.sd)
         self._slope = np.where(self._exact, scale.log_slope(self.values), 0.0)
         self._log = float(self._slope.sum())
+
+    def _understood(self, stated: Stated | None) -> Stated:
+        """Return what the ratings stand for, once they are known to be on the scale."""
+        scale, zero, end = self.model.scale, np.zeros(self.design.n_rows), self.model.end
+        with np.errstate(divide="ignore", invalid="ignore"):
+            wrong = ~np.isfinite(scale.additive(self.values))
+        if wrong.any():
+            raise InputError(f"ratings: {wrong.sum()} of {wrong.size} are not {scale.suitable} numbers")
+        return stated or Stated(self.values, zero, zero, zero + end, end)
 
     def with_values(self, values: ArrayLike) -> Self:
         """Return the likelihood of other ratings of the same rows."""
@@ -236,9 +241,8 @@ class IntervalRatings(RatingsLikelihood):
             given, shape = self._given(mean_rate, parameters)
             weight, _, grid = self._left_out(given)
             law, rows, own = self.model.law, given.rows.at_points(), self._integrals.rater
-            each = type(given.parameters)(*(v[:, None] for v in given.parameters))
             expected = given.drive[:, None] + grid[..., own]
-            share = below(law, rows, expected, given.spread[:, None], each)
+            share = below(law, rows, expected, given.spread[:, None], given.parameters.at_points())
             weight = np.exp(weight - weight.max(axis=1, keepdims=True))
             found = (weight * share).sum(axis=1) / weight.sum(axis=1)
             return found[:, self._back].reshape(*shape, -1)
@@ -264,7 +268,7 @@ class IntervalRatings(RatingsLikelihood):
 
     def predictor(self, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
         """Return log(N/N_ref + eps), shape (..., conditions): a slope is an exponent."""
-        return np.asarray(np.log(mean_rate + np.asarray(parameters.eps, float)[..., None]))
+        return log_rate(mean_rate, parameters)
 
     def draw_effects(self, rng: np.random.Generator, mean_rate: FloatArray, parameters: RatingParameters) -> Effects:
         """Draws of mu and participants' scales given the ratings, from their laws on grids."""
@@ -318,7 +322,8 @@ class IntervalRatings(RatingsLikelihood):
         drive = np.broadcast_to(drive, (*shape, drive.shape[-1])).reshape(-1, drive.shape[-1])
         spread = np.maximum(flat.varsigma, _LEAST_SPREAD)[:, None]
         rows = self._rows_at(flat)
-        return Given(drive, np.asarray(flat.tau)[:, None], spread, flat, rows, self._middle_of(rows, spread)), shape
+        of_law = LawParameters(np.asarray(flat.nu), np.asarray(flat.lapse))
+        return Given(drive, np.asarray(flat.tau)[:, None], spread, of_law, rows, self._middle_of(rows, spread)), shape
 
     def _rows_at(self, parameters: RatingParameters) -> Rows:
         """Return every row's interval, sorted by rater; here the same whatever the parameters."""

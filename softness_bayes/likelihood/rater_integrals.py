@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from softness_bayes.likelihood.error_laws import NORMAL, ErrorLaw
 from softness_bayes.likelihood.interval_law import Rows, derivatives, log_probability
+from softness_bayes.likelihood.mu_nodes import log_sum
 
 FloatArray = NDArray[np.float64]
 IndexArray = NDArray[np.intp]
@@ -88,9 +89,21 @@ def finer_than(quadrature: Quadrature, count: FloatArray, law: ErrorLaw) -> Quad
     """Return a quadrature that measures the error of another one, for raters with so many ratings each."""
     if quadrature in (DENSE, DENSER):
         return DENSER
-    if count.min() < FEW_ROWS and law is not NORMAL:
+    # equal, not the same: a law that came to a worker is a copy
+    if count.min() < FEW_ROWS and law != NORMAL:
         return DENSE
     return FINEST if quadrature == FINE else FINE
+
+
+class LawParameters(NamedTuple):
+    """Parameters of the error laws, each an array (draws,), or with axes of length 1 behind."""
+
+    nu: FloatArray
+    lapse: FloatArray
+
+    def at_points(self) -> LawParameters:
+        """Return the parameters with an axis of points after that of draws."""
+        return LawParameters(self.nu[:, None], self.lapse[:, None])
 
 
 class Given(NamedTuple):
@@ -102,8 +115,8 @@ class Given(NamedTuple):
     """Shape (draws, 1)."""
     spread: FloatArray
     """Spread of single errors, shape (draws, 1)."""
-    parameters: Any
-    """Those of the error law, arrays (draws,)."""
+    parameters: LawParameters
+    """Those of the error law."""
     rows: Rows
     """Every row, sorted by rater."""
     middle: FloatArray
@@ -116,7 +129,7 @@ class Given(NamedTuple):
             self.drive[piece],
             self.tau[piece],
             self.spread[piece],
-            type(of)(*(v[piece] for v in of)),
+            LawParameters(*(v[piece] for v in of)),
             self.rows.part(piece),
             middle if middle.ndim == 1 else middle[piece],
         )
@@ -198,6 +211,10 @@ class RaterIntegrals:
         """Return the sums of rows by rater, shape (..., raters)."""
         return np.add.reduceat(values, self._first, axis=-1)
 
+    def log_prior(self, level: FloatArray) -> FloatArray:
+        """Return the log prior density of the level, same shape."""
+        return -0.5 * ((level - self.mean) / self.sd) ** 2 - math.log(self.sd) - _LOG_ROOT_TWO_PI
+
     def modes(self, given: Given, settled: float) -> Modes:
         """Return the mode of all scales and the level, by Newton's method, each draw for as long as it moves."""
         a = self._start(given)
@@ -259,8 +276,7 @@ class RaterIntegrals:
         x, log_weight = gauss_hermite(quadrature.levels)
         level = modes.mu + modes.sd * x
         each = self.at_levels(given, modes, curve, level, quadrature)
-        log_prior = -0.5 * ((level - self.mean) / self.sd) ** 2 - math.log(self.sd) - _LOG_ROOT_TWO_PI
-        terms = each.sum(axis=-1) + log_prior + log_weight + np.log(modes.sd)
+        terms = each.sum(axis=-1) + self.log_prior(level) + log_weight + np.log(modes.sd)
         return log_sum(terms, axis=-1)
 
     def at_levels(
@@ -307,7 +323,7 @@ class RaterIntegrals:
 
     def row_values(self, given: Given, a: FloatArray) -> FloatArray:
         """Return the log probability of every row at a_p (draws, points, raters), shape (draws, points, rows)."""
-        parameters = type(given.parameters)(*(value[:, None] for value in given.parameters))
+        parameters = given.parameters.at_points()
         expected = given.drive[:, None] + a[..., self.rater]
         return log_probability(self.law, given.rows.at_points(), expected, given.spread[:, None], parameters)
 
@@ -337,7 +353,7 @@ class RaterIntegrals:
         curve = self.curve(given, modes, quadrature)
         level = modes.mu + modes.sd * np.linspace(-REACH, REACH, LEVELS)
         each = self.at_levels(given, modes, curve, level, quadrature)
-        mu = draw_on(rng, level, each.sum(axis=-1) - 0.5 * ((level - self.mean) / self.sd) ** 2)[:, None]
+        mu = draw_on(rng, level, each.sum(axis=-1) + self.log_prior(level))[:, None]
         centre = given.tau * modes.shrink * (modes.pull - modes.curvature * mu)
         x = np.linspace(-REACH, REACH, 2 * LEVELS)
         zeta = centre[..., None] + x * np.sqrt(modes.shrink)[..., None]
@@ -406,10 +422,3 @@ def _to_chebyshev(size: int) -> FloatArray:
     matrix = 2.0 / size * np.cos(np.pi * k[:, None] * (k + 0.5) / size)
     matrix[0] /= 2.0
     return matrix
-
-
-def log_sum(values: FloatArray, axis: int) -> FloatArray:
-    """Return the log of the sum of exponentials along an axis."""
-    largest = values.max(axis=axis, keepdims=True)
-    found = np.log(np.exp(values - largest).sum(axis=axis))
-    return np.asarray(found + np.squeeze(largest, axis=axis))

@@ -230,21 +230,16 @@ SLIDER = Scale(
     require=_accept,
     log_slope=_log_odds_slope,
 )
-CATEGORIES = Scale(
+CATEGORIES = replace(
+    STANDARDISED,
     name="categories",
     meaning="numbers of ordered categories, from 1",
     suitable="whole",
     unit="category",
     short="category",
     label="softness category",
-    mean="mean",
-    axis="linear",
-    drawn=(float("-inf"), float("inf")),
     own_units=True,
-    additive=_same,
-    natural=_same,
     require=_accept,
-    log_slope=_no_slope,
 )
 RATING_SCALES: Mapping[str, Scale] = MappingProxyType(
     {scale.name: scale for scale in (MAGNITUDE, STANDARDISED, SLIDER, CATEGORIES)}

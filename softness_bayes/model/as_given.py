@@ -13,12 +13,12 @@ from softness_bayes.checking.quantities import Layout
 from softness_bayes.data import Ratings
 from softness_bayes.data.steps import steps_of_raters
 from softness_bayes.errors import InputError
-from softness_bayes.likelihood.categories import MOST_CATEGORIES
 from softness_bayes.likelihood.design import Design
 from softness_bayes.likelihood.error_laws import NORMAL, STUDENT, ErrorLaw
 from softness_bayes.likelihood.scales import CATEGORIES, MAGNITUDE, SLIDER, STANDARDISED
 from softness_bayes.likelihood.stated import Stated
 from softness_bayes.model.options import ModelOptions
+from softness_bayes.ranges import CATEGORIES_RANGE
 
 FloatArray = NDArray[np.float64]
 
@@ -27,7 +27,6 @@ HEAVY = 4.0
 
 FEWEST = 30
 """Degrees of freedom of the residuals below which errors are normal by default: kurtosis then tells little."""
-
 
 MOST_STEPS = 5
 """Largest number of different steps of grids that are named."""
@@ -90,7 +89,7 @@ def stated(ratings: Ratings, resolution: float | None = None) -> Stated:
     resolution
         Step of the grid of all other rows, 0 for exact numbers; None to find that of each rater.
     """
-    step, limit = _steps_of(ratings, resolution), np.zeros(len(ratings))
+    step = _steps_of(ratings, resolution)
     limit = _limits(ratings, ratings.rating, step)
     values = np.where((limit > 0) & (ratings.rating < limit), 0.5 * limit, ratings.rating)
     return Stated(values, step, limit, np.full(len(ratings), np.inf))
@@ -164,7 +163,7 @@ def _count_of(ratings: Ratings, options: ModelOptions) -> int:
         if options.n_categories is not None:
             raise InputError(f"categories: {options.n_categories} are given for {options.scale.name} ratings")
         return 0
-    count = options.n_categories or int(np.clip(ratings.rating.max(), 2, MOST_CATEGORIES))
+    count = options.n_categories or int(np.clip(ratings.rating.max(), CATEGORIES_RANGE.low, CATEGORIES_RANGE.high))
     wrong = np.flatnonzero(~np.isin(ratings.rating, np.arange(1, count + 1)))
     if wrong.size:
         i = wrong[0]

@@ -126,10 +126,10 @@ def build(experiment: Experiment, options: ModelOptions = ModelOptions()) -> Exp
     given = as_given(experiment.ratings, options)
     if options.errors is None:
         options = options.decide(errors=given.law)
-    chosen = choose_direction(experiment, options)
+    chosen = choose_direction(experiment, options, given)
     if options.direction is None:
         options = options.decide(direction=chosen.direction)
-    space, resolution = space_of(experiment, options), None
+    space, resolution = space_of(experiment, options, given), None
     moduli = moduli_of(experiment, options)
     compiled = _compiler(experiment, options, space)
     if options.discretisation is None:
@@ -175,8 +175,10 @@ def build_skin(compression: Compression, options: ModelOptions) -> SkinModel:
     return SkinModel(compression, replace(options, discretisation=Discretisation()), posterior)
 
 
-def choose_direction(experiment: Experiment, options: ModelOptions) -> direction.Choice:
+def choose_direction(experiment: Experiment, options: ModelOptions, given: AsGiven | None = None) -> direction.Choice:
     """Return the direction that was asked for, or else that of the data, and what these say of it.
+
+    What the ratings stand for may be `given`, if it is known already.
 
     Raises
     ------
@@ -184,8 +186,8 @@ def choose_direction(experiment: Experiment, options: ModelOptions) -> direction
         If a rating does not suit the scale.
     """
     ratings, conditions = experiment.ratings, experiment.ratings.conditions
-    given = as_given(ratings, options)
-    space = space_of(experiment, options)
+    given = given or as_given(ratings, options)
+    space = space_of(experiment, options, given)
     # noise rounds the foot of the rate curve, which changes no order, and takes minutes
     coarse = replace(COARSE, rate_nodes=(options.discretisation or COARSE).rate_nodes)
     scene = _compiler(experiment, replace(options, noise=0.0), space)(coarse)
@@ -197,8 +199,8 @@ def choose_direction(experiment: Experiment, options: ModelOptions) -> direction
     return direction.choose(options.direction, found)._replace(asked=asked)
 
 
-def space_of(experiment: Experiment, options: ModelOptions) -> ParameterSpace:
-    """Return the parameters of an experiment's model, in coordinates not bent yet.
+def space_of(experiment: Experiment, options: ModelOptions, given: AsGiven | None = None) -> ParameterSpace:
+    """Return the parameters of an experiment's model, in coordinates not bent yet; `given` as in `choose_direction`.
 
     Raises
     ------
@@ -211,7 +213,8 @@ def space_of(experiment: Experiment, options: ModelOptions) -> ParameterSpace:
             "radius is given a prior, but the forces of compression data are those of one known radius: leave out the "
             "prior or the compression data"
         )
-    needs = _needs(experiment, options)
+    given = given or as_given(experiment.ratings, options)
+    needs = _model_of(replace(options, errors=given.law), given).needs
     return parameter_space(
         fix=options.fix,
         priors=options.priors,
@@ -225,12 +228,6 @@ def space_of(experiment: Experiment, options: ModelOptions) -> ParameterSpace:
         signed=("gamma",) if options.direction is FREE else (),
         of_errors=ERROR_PARAMETERS.keys() & {*needs},
     )
-
-
-def _needs(experiment: Experiment, options: ModelOptions) -> tuple[str, ...]:
-    """Return the parameters of the observation model of the ratings."""
-    given = as_given(experiment.ratings, options)
-    return _model_of(replace(options, errors=given.law), given).needs
 
 
 def _model_of(options: ModelOptions, given: AsGiven, direction: RatingDirection = RISES) -> RatingsModel:

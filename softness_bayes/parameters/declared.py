@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from types import MappingProxyType
 
 from softness_bayes.parameters.priors import HalfNormal, LogNormal, Normal, Prior, Truncated, Uniform
-from softness_bayes.ranges import Range
+from softness_bayes.ranges import CATEGORIES_RANGE, Range
 from softness_bayes.touch.contact import DISPLACEMENT, STRAIN, SkinDisplacement
 from softness_bayes.touch.neuron.fixed_channels import LARGEST_CURRENT
 
@@ -164,7 +164,7 @@ ERROR_PARAMETERS: Mapping[str, Parameter] = MappingProxyType(
             ),
             *(
                 Parameter(f"gap_{k}", f"$w_{{{k}}}$", "–", f"width of category {k}", LogNormal(0.5, 1.0))
-                for k in range(2, 11)
+                for k in range(2, CATEGORIES_RANGE.high)
             ),
         )
     }
