@@ -7,9 +7,7 @@ files and of itself, so that damaged, exchanged or reordered files raise an erro
 
 from __future__ import annotations
 
-import csv
 import hashlib
-import io
 import time
 from collections.abc import Callable, Iterable, Mapping
 from contextlib import ExitStack, suppress
@@ -21,7 +19,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from softness_bayes.checkpoints.manifest import read_manifest, sealed
+from softness_bayes.checkpoints.salvage import Earlier, Whole, kept_states, last_whole, whole_state
 from softness_bayes.checkpoints.vacancy import is_kept, remove_run, require_vacant
+from softness_bayes.checkpoints.words import differences, failure_table
 from softness_bayes.errors import InputError
 from softness_bayes.files.lock import Lock, is_held, require_free
 from softness_bayes.files.outputs import require_outputs, write_outputs
@@ -30,14 +30,14 @@ from softness_bayes.files.run_files import (
     FILES,
     LOCK,
     MANIFEST,
+    MANIFEST_COPY,
     NONFINITE,
     RUN,
 )
 from softness_bayes.files.whole import write_whole
-from softness_bayes.likelihood.directions import RATING_DIRECTIONS
 from softness_bayes.sampler.diagnostics import Verdict
 from softness_bayes.sampler.schedule import Schedule
-from softness_bayes.sampler.serial import as_json, packed, state_arrays, state_of, state_values, unpacked, verdict_of
+from softness_bayes.sampler.serial import as_json, packed, state_of, state_values, unpacked, verdict_of
 from softness_bayes.sampler.starts import Target
 from softness_bayes.sampler.state import RunState
 
@@ -102,6 +102,8 @@ class Checkpoint:
         The request of the run, for its continuation: any JSON values.
     manifest
         Manifest of the run to continue; None for a new one.
+    salvage
+        Whether the last whole state takes the place of a damaged one.
     replace
         Whether a new run may replace an earlier one.
     inputs
@@ -113,6 +115,7 @@ class Checkpoint:
         directory: Path,
         request: Any,
         manifest: dict[str, Any] | None,
+        salvage: bool = False,
         replace: bool = False,
         inputs: Iterable[Path] = (),
     ) -> None:
@@ -121,7 +124,9 @@ class Checkpoint:
         self._manifest, self._held = manifest, ExitStack()
         self._description: dict[str, str] = {}
         self._saved: tuple[int, int, int] = (-1, 0, 0)  # phase, stride and number of the stored steps in the pieces
+        self._salvage, self.damage = salvage, ""  # damaged files and what they cost, in a sentence
         self._pieces: list[str] = []
+        self._earlier: list[Earlier] = []
         self._digests: dict[str, str] = {}  # SHA-256 of every file by its name
         self._serial, self._told, self._last = 0, 0, -np.inf
         self._pending: Callable[[], None] | None = None
@@ -152,21 +157,36 @@ class Checkpoint:
         """
         if Path(directory).is_dir():  # what else stands there is refused below
             require_free(Path(directory) / CHECKPOINT / LOCK)
-        checkpoint = cls(Path(directory), request, None, replace, inputs)
+        checkpoint = cls(Path(directory), request, None, False, replace, inputs)
         require_vacant(checkpoint.directory, replace, checkpoint._inputs)
         return checkpoint
 
     @classmethod
-    def open(cls, directory: str | Path) -> Checkpoint:
+    def open(cls, directory: str | Path, salvage: bool = False) -> Checkpoint:
         """Return the checkpoint of a run to continue.
+
+        Parameters
+        ----------
+        directory
+            Directory of its results.
+        salvage
+            Whether to go back to the last whole state if a file is damaged, as `damage` then says. Damaged files
+            stay until the next state is written.
 
         Raises
         ------
         InputError
-            If the directory holds none, or one of another version.
+            If the directory holds none, or one of another version; or if the manifest is damaged, or with `salvage`
+            no state is whole.
+        LockedError
+            With `salvage`, if another process is running there.
         """
-        manifest = read_manifest(Path(directory))
-        return cls(Path(directory), manifest["request"], manifest)
+        if salvage:
+            require_free(Path(directory) / CHECKPOINT / LOCK)  # files that change meanwhile look damaged
+        manifest, damage = _read(Path(directory), salvage)
+        checkpoint = cls(Path(directory), manifest["request"], manifest, salvage)
+        checkpoint.damage = damage
+        return checkpoint
 
     def __enter__(self) -> Self:
         made = [place for place in (self._home, *self._home.parents) if not place.exists()]
@@ -183,11 +203,13 @@ class Checkpoint:
                 # another run may have begun and ended meanwhile
                 require_vacant(self.directory, self._replace, self._inputs)
             else:
-                self._manifest = read_manifest(self.directory)  # as the last holder of the lock left it
+                self._manifest, self.damage = _read(self.directory, self._salvage)  # as the last holder left it
                 require_outputs(self.directory, FILES, RUN)
                 self._serial, self._pieces = self._manifest["serial"], list(self._manifest["pieces"])
+                self._earlier = [Earlier(*one) for one in self._manifest.get("earlier", [])]
                 self._digests = dict(self._manifest["digests"])
-                self._tidy()
+                if not self.damage:
+                    self._tidy()
             self._held = stack.pop_all()
         return self
 
@@ -215,7 +237,7 @@ class Checkpoint:
             as_json(self.request, "request")
             return None
         self._description = self._manifest["description"]
-        if said := _differences(self._description, description):
+        if said := differences(self._description, description):
             raise InputError(
                 f"{self.directory}: cannot be continued, because the run was begun with {said}; "
                 "continue it with the same options and data, or start a new run in another directory"
@@ -294,28 +316,33 @@ class Checkpoint:
                 }
                 self._write_file(pieces[-1], packed(new))
             arrays = f"state-{self._serial:07d}.npz"
-            self._write_file(arrays, packed(state_arrays(state)))
+            found = {"piloting": schedule.in_pilot(state), "missing": schedule.missing(state)}
+            self._write_file(arrays, packed(whole_state(state, found)))
+            before = [] if self._manifest is None else [Earlier(self._manifest["arrays"], self._pieces)]
+            earlier = kept_states([*self._earlier, *before], pieces)
+            names = {*pieces, arrays, *(name for one in earlier for name in (one.arrays, *one.pieces))}
             self._replace_manifest(
                 {
                     "serial": self._serial,
                     "pieces": pieces,
                     "arrays": arrays,
-                    "digests": {name: self._digests[name] for name in (*pieces, arrays)},
+                    "earlier": earlier,
+                    "digests": {name: self._digests[name] for name in sorted(names)},
                     "state": state_values(state),
-                    "piloting": schedule.in_pilot(state),
+                    **found,
                     "max_steps": schedule.max_steps // state.stride * state.stride,
-                    "missing": schedule.missing(state),
                     "written": self._manifest["written"] if self._manifest is not None else None,
                     "description": self._description,
                     "request": self.request,
                 }
             )
-            self._pieces, self._saved = pieces, (state.phase, state.stride, state.steps // state.stride)
+            self._pieces, self._earlier = pieces, earlier
+            self._saved = (state.phase, state.stride, state.steps // state.stride)
         finally:
             self._tidy()
         if state.nonfinite.count > self._told:
             self._told = state.nonfinite.count
-            write_outputs(self.directory, {NONFINITE: _failure_table(state, target)}, RUN)
+            write_outputs(self.directory, {NONFINITE: failure_table(state, target)}, RUN)
 
     def _unpacked(self, name: str) -> dict[str, NDArray[Any]]:
         return unpacked(self._home / name, self._digests[name])
@@ -325,8 +352,10 @@ class Checkpoint:
         self._digests[name] = hashlib.sha256(content).hexdigest()
 
     def _replace_manifest(self, manifest: dict[str, Any]) -> None:
-        write_whole(self._home / MANIFEST, sealed(manifest))
+        content = sealed(manifest)
+        write_whole(self._home / MANIFEST, content)
         self._manifest = manifest
+        write_whole(self._home / MANIFEST_COPY, content)
 
     def _tidy(self) -> None:
         """Remove files that the manifest does not name: leftovers of interrupted writes, and replaced files.
@@ -336,7 +365,7 @@ class Checkpoint:
         named: set[str] = set()
         if (self._home / MANIFEST).exists():
             manifest = read_manifest(self.directory)
-            named = {manifest["arrays"], *manifest["pieces"]}
+            named = {*manifest["digests"]}
         for path in self._home.glob("*"):
             if is_kept(path) and path.name not in named:
                 with suppress(OSError):
@@ -350,6 +379,11 @@ class Checkpoint:
     def _vanish_unused(self, lock: Lock) -> None:
         if self._manifest is None and not (self._home / MANIFEST).exists():
             lock.vanish()
+
+
+def _read(directory: Path, salvage: bool) -> Whole:
+    """Return what to continue from: what the manifest names, or the last whole state."""
+    return last_whole(directory) if salvage else Whole(read_manifest(directory), "")
 
 
 def _status(manifest: Mapping[str, Any], running: bool) -> Status:
@@ -366,23 +400,3 @@ def _status(manifest: Mapping[str, Any], running: bool) -> Status:
         max_steps=manifest["max_steps"],
         verdict=verdict_of(state["verdict"]),
     )
-
-
-def _differences(then: Mapping[str, str], now: Mapping[str, str]) -> str:
-    names = [name for name in {**then, **now} if _today(then.get(name)) != _today(now.get(name))]
-    return "; ".join(f"{n} {then.get(n, 'not given')} (now {now.get(n, 'not given')})" for n in names)
-
-
-def _today(value: str | None) -> str | None:
-    """Return the present name of a value."""
-    return next((d.name for d in RATING_DIRECTIONS.values() if d.former == value), value)
-
-
-def _failure_table(state: RunState, target: Target) -> str:
-    """Return the points at which the density could not be computed, in natural units, with the stage that failed."""
-    buffer = io.StringIO()
-    writer = csv.writer(buffer, lineterminator="\n")
-    writer.writerow(["stage", *target.names])
-    for failure in state.nonfinite.failures:
-        writer.writerow([failure.stage, *map(repr, target.natural(np.array(failure.point)).tolist())])
-    return buffer.getvalue()

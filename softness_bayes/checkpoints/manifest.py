@@ -30,15 +30,22 @@ def sealed(manifest: Mapping[str, Any]) -> bytes:
     return as_json({**content, _DIGEST: _digest(content)}, MANIFEST, indent=1).encode()
 
 
-def read_manifest(directory: Path) -> dict[str, Any]:
+def read_manifest(directory: Path, name: str = MANIFEST) -> dict[str, Any]:
     """Return the manifest of the run in a directory of results.
+
+    Parameters
+    ----------
+    directory
+        The directory.
+    name
+        Name of the manifest's file: its own, or that of the copy.
 
     Raises
     ------
     InputError
         If there is none, it is of another version, or not what was written.
     """
-    path = directory / CHECKPOINT / MANIFEST
+    path = directory / CHECKPOINT / name
     try:
         manifest = json.loads(path.read_bytes())
     except FileNotFoundError:

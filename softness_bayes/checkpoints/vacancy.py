@@ -10,7 +10,7 @@ from pathlib import Path
 
 from softness_bayes.errors import InputError
 from softness_bayes.files.outputs import Survey, remove, survey, told
-from softness_bayes.files.run_files import CHECKPOINT, LOCK, MANIFEST, RUN
+from softness_bayes.files.run_files import CHECKPOINT, LOCK, MANIFEST, MANIFEST_COPY, RUN
 from softness_bayes.files.whole import is_part
 
 OF_A_RUN = (RUN, "plot", "report", "rank")
@@ -56,7 +56,7 @@ def require_vacant(directory: Path, replace: bool, inputs: Iterable[Path] = ()) 
 
 
 def remove_run(directory: Path, inputs: Iterable[Path] = ()) -> None:
-    """Remove an earlier run except for the lock; its manifest first, so that no incomplete run can be continued."""
+    """Remove an earlier run except for the lock; its manifests first, so that no incomplete run can be continued."""
     remove(_kept(directory / CHECKPOINT))
     remove(survey(directory, OF_A_RUN, inputs, but=(CHECKPOINT,)))
 
@@ -67,19 +67,19 @@ def is_kept(path: Path) -> bool:
 
 
 def _kept(home: Path) -> Survey:
-    """Return the files of a checkpoint, its manifest first, and all other files in its directory."""
+    """Return the files of a checkpoint, its manifests first, and all other files in its directory."""
     if home.is_symlink() or not home.is_dir():
         return Survey((), {home: "is not the directory of a checkpoint"} if os.path.lexists(home) else {})
     last = _last_number(home / MANIFEST)
     ours: list[Path] = []
     others: dict[Path, str] = {}
-    for path in sorted(home.iterdir(), key=lambda path: (path.name != MANIFEST, path.name)):
+    for path in sorted(home.iterdir(), key=lambda path: (path.name != MANIFEST_COPY, path.name != MANIFEST, path.name)):
         number = _KEPT.fullmatch(path.name)
         if path.is_symlink() or not path.is_file():
             others[path] = "was not written by this command"
-        elif path.name == MANIFEST and last is None:
+        elif path.name in (MANIFEST, MANIFEST_COPY) and last is None:
             others[path] = "is not the manifest of a run"
-        elif path.name == MANIFEST or is_part(path) or (number and int(number[1]) <= (last or 0) + 1):
+        elif path.name in (MANIFEST, MANIFEST_COPY) or is_part(path) or (number and int(number[1]) <= (last or 0) + 1):
             ours.append(path)
         elif path.name != LOCK:
             others[path] = "was not written by this command"

@@ -49,13 +49,18 @@ def command(
     It goes on in DIR with the options it was begun with, to the draws of a run with the same seed that was never
     interrupted. A run that has ended at its --max-steps gets as many steps again; one that has converged goes on
     with --more-steps only. If the data, the priors, the readings or anything else that decides the draws is not
-    what it was, the run is refused and the difference named.
+    what it was, the run is refused and the difference named. If files of the checkpoint are damaged, it goes on
+    from the last whole state, and says which and how many steps that costs.
     """
-    from softness_bayes.checkpoints.checkpoint import Checkpoint, read_status
+    from softness_bayes.checkpoints.checkpoint import Checkpoint
     from softness_bayes.results.request import Request
     from softness_bayes.results.versions import versions
 
-    checkpoint, status = Checkpoint.open(directory), read_status(directory)
+    checkpoint = Checkpoint.open(directory, salvage=True)
+    status = checkpoint.status
+    assert status is not None, "a run to continue has a state"
+    if checkpoint.damage:
+        click.echo(f"note: {checkpoint.damage}", err=True)
     if checkpoint.request is None:
         raise InputError(
             f"{directory}: the run was begun in Python; continue it there, with sample(..., checkpoint=...) inside "

@@ -10,6 +10,9 @@ POSTERIOR, SUMMARY, NONFINITE = "posterior.nc", "summary.csv", "nonfinite.csv"
 CHECKPOINT, MANIFEST, LOCK = "checkpoint", "manifest.json", "lock"
 """Directory of a run's checkpoint inside that of its results, and two files in it."""
 
+MANIFEST_COPY = "manifest-copy.json"
+"""Copy of the manifest, in case it is damaged."""
+
 MODULI = "fabric_moduli"
 """The table of moduli that were not known exactly, if there are any."""
 

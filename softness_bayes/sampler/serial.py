@@ -61,8 +61,9 @@ def packed(arrays: Arrays) -> bytes:
 def changed(path: Path) -> InputError:
     """Return the error for a file of a checkpoint whose checksum does not fit."""
     return InputError(
-        f"{path}: damaged, or changed since it was written: its checksum does not fit; restore it from a copy, or "
-        "start the run again in another directory"
+        f"{path}: damaged, or changed since it was written: its checksum does not fit; 'softness-bayes resume' goes "
+        "back to the last whole state if there is one; else restore the file from a copy, or start the run again in "
+        "another directory"
     )
 
 

@@ -1,0 +1,120 @@
+"""Last whole state of a checkpoint: what is left of a run after a file was damaged or lost."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from softness_bayes.checkpoints.manifest import read_manifest
+from softness_bayes.errors import InputError
+from softness_bayes.files.run_files import CHECKPOINT, MANIFEST, MANIFEST_COPY
+from softness_bayes.sampler.serial import as_json, state_arrays, state_values, unpacked
+from softness_bayes.sampler.state import RunState
+
+MOST_EARLIER = 8
+"""Largest number of earlier states, with the pieces of the last one, that a checkpoint keeps."""
+
+_VALUES = "values"
+
+
+class Whole(NamedTuple):
+    """The last whole state of a checkpoint."""
+
+    manifest: dict[str, Any]
+    """The manifest that names it."""
+    damage: str
+    """Damaged files, and what they cost, in a sentence; empty if nothing is damaged."""
+
+
+class Earlier(NamedTuple):
+    """An earlier state in a checkpoint."""
+
+    arrays: str
+    """Its file."""
+    pieces: list[str]
+    """Pieces of the chains that it needs, in order."""
+
+
+def whole_state(state: RunState, found: Mapping[str, Any]) -> dict[str, NDArray[Any]]:
+    """Return a state as arrays, its chains left out, with what its manifest says of it."""
+    values = as_json({**found, "state": state_values(state)}, "state").encode()
+    return {**state_arrays(state), _VALUES: np.frombuffer(values, np.uint8)}
+
+
+def kept_states(earlier: Sequence[Earlier], pieces: Sequence[str]) -> list[Earlier]:
+    """Return the earlier states to be kept beside one that has some pieces.
+
+    Of states with the same pieces as this one the first stays, and every other one if there are too many. Of states
+    with other pieces, from before the chains were thinned or begun anew, the last stays, and one without any.
+    """
+    own = [one for one in earlier if one.pieces and one.pieces[0] == pieces[0]] if pieces else []
+    others = [one for one in earlier if one not in own]
+    bare, full = [one for one in others if not one.pieces], [one for one in others if one.pieces]
+    return [*bare[:1], *full[-1:], *(own[::2] if len(own) > MOST_EARLIER else own)]
+
+
+def last_whole(directory: Path) -> Whole:
+    """Return the last whole state of the run in a directory of results; nothing is changed there.
+
+    Raises
+    ------
+    InputError
+        If there is no run, or no state of it is whole.
+    OSError
+        If a file cannot be read for another reason than damage.
+    """
+    home, said = directory / CHECKPOINT, []
+    try:
+        manifest = read_manifest(directory)
+    except InputError as error:
+        try:
+            manifest = read_manifest(directory, MANIFEST_COPY)
+        except InputError:
+            raise error from None
+        said.append(f"{home / MANIFEST}: damaged or missing, and read from its copy")
+    digests, broken = manifest["digests"], []
+    last = Earlier(manifest["arrays"], manifest["pieces"])
+    for one in (last, *(Earlier(*entry) for entry in reversed(manifest.get("earlier", [])))):
+        names = (*one.pieces, one.arrays)
+        wrong = next((name for name in names if name in broken or not _is_whole(home / name, digests[name])), None)
+        if wrong is None:
+            found = manifest if one == last else _before(manifest, home, one)
+            return Whole(found, _sentence(said, manifest, found))
+        if wrong not in broken:
+            broken.append(wrong)
+            said.append(f"{home / wrong}: damaged or missing")
+    raise InputError(
+        f"{'; '.join(said)}; no whole state is left to go back to; restore the files from a copy, or start the run "
+        "again in another directory"
+    )
+
+
+def _before(manifest: Mapping[str, Any], home: Path, one: Earlier) -> dict[str, Any]:
+    """Return the manifest as it was at an earlier state."""
+    found = json.loads(unpacked(home / one.arrays, manifest["digests"][one.arrays])[_VALUES].tobytes())
+    names = [name for name, _ in manifest["earlier"]]
+    return {**manifest, **found, **one._asdict(), "earlier": manifest["earlier"][: names.index(one.arrays)]}
+
+
+def _sentence(said: list[str], manifest: Mapping[str, Any], found: Mapping[str, Any]) -> str:
+    if not said:
+        return ""
+    then, now = manifest["state"], found["state"]
+    where = f"step {now['steps']}{' of its pilot walk' if found['piloting'] else ''}"
+    lost = then["steps"] - (now["steps"] if now["phase"] == then["phase"] else 0)
+    stage = "" if now["phase"] == then["phase"] else " of a later stage"
+    return f"{'; '.join(said)}; the run goes on from {where}, the last whole state: {lost} steps{stage} are lost"
+
+
+def _is_whole(path: Path, digest: str) -> bool:
+    try:
+        with open(path, "rb") as file:
+            return hashlib.file_digest(file, "sha256").hexdigest() == digest
+    except (FileNotFoundError, IsADirectoryError):
+        return False
