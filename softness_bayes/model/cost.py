@@ -11,6 +11,7 @@ import numpy as np
 from softness_bayes.model.build import ExperimentModel
 from softness_bayes.model.resolution import Draws, first
 from softness_bayes.touch.accuracy import QUADRATURES, TOLERANCES, Choice, Errors, errors, thinned
+from softness_bayes.touch.load_field import LoadField
 from softness_bayes.touch.neuron.fixed_channels import FixedChannels
 from softness_bayes.touch.parameters import TouchParameters
 from softness_bayes.touch.scene import Discretisation, Scene
@@ -64,11 +65,13 @@ def left_out(model: ExperimentModel) -> tuple[str, ...]:
     """Return the computations that a model's evaluation saves, with the reasons."""
     scene = model.scene
     n, loads = scene.n_conditions, np.unique(scene.load).size
+    tables = len({id(field.side.of) if isinstance(field, LoadField) else id(field) for field in scene.fields})
     said = [
         "receptors that do not fire: the integral runs from the peak of the stress to where firing starts, and ends "
         "where the sigmoid has saturated",
         f"{n - loads} of {n} stress fields: conditions under one load differ in E_star alone, so that one table over "
-        f"E_star serves each of {loads} loads",
+        f"E_star serves each of {loads} loads"
+        + (f", and these come from {tables} tables over load and E_star" if tables < loads else ""),
     ]
     if scene.n_repeated:
         said.append(f"{scene.n_repeated} of {n} conditions: their fabrics are others' equals under the same load")

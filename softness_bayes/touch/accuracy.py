@@ -53,7 +53,7 @@ BEYOND = 0.01
 """Share of the vectors, those with the largest errors, that the error of the rate curves leaves out."""
 
 CONDITIONS = 120
-"""Conditions at which errors are measured; more are thinned evenly under each load."""
+"""Conditions at which errors are measured; more are thinned evenly under each load, of loads if need be."""
 
 
 class Errors(NamedTuple):
@@ -239,6 +239,8 @@ def thinned(scene: Scene) -> Scene:
     if scene.n_conditions <= CONDITIONS:
         return scene
     loads = np.unique(scene.load)
+    if loads.size > CONDITIONS // 2:
+        loads = loads[np.unique(np.linspace(0, loads.size - 1, CONDITIONS // 2).round().astype(int))]
     each = max(2, CONDITIONS // loads.size)
     kept = []
     for load in loads:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple, Protocol
 
@@ -165,13 +166,11 @@ class Indentation:
 
     def compression(self, finger: Fingertip, displacement: SkinDisplacement) -> tuple[float | Array, float]:
         """Return (ln C, p) of `skin_modulus`: the contact radius is given, so p = 0."""
-        return displacement.power * 0.5 * np.log(finger.radius * self.depth) - np.log(finger.radius), 0.0
+        return _log_scale_of_depth(self.depth, finger, displacement), 0.0
 
     def close(self, reduced_modulus: Array, finger: Fingertip) -> Closure:
         """Return contact radius, indentation and Hertz's force for E_star [Pa]."""
-        radius = np.full_like(reduced_modulus, np.sqrt(finger.radius * self.depth))
-        depth = np.full_like(reduced_modulus, self.depth)
-        return Closure(radius, depth, hertz_force(reduced_modulus, radius, finger))
+        return _close_at_depth(self.depth, reduced_modulus, finger)
 
 
 @dataclass(frozen=True, order=True)
@@ -188,14 +187,11 @@ class Force:
 
     def compression(self, finger: Fingertip, displacement: SkinDisplacement) -> tuple[float | Array, float]:
         """Return (ln C, p) of `skin_modulus`: a³ = 3 R F / (4 E_star) makes p = power / 3."""
-        softness = 1.0 - finger.poisson_ratio**2
-        p = displacement.power / 3.0
-        return p * np.log(0.75 * finger.radius * self.newton * softness) - np.log(finger.radius), p
+        return _log_scale_of_force(self.newton, finger, displacement), displacement.power / 3.0
 
     def close(self, reduced_modulus: Array, finger: Fingertip) -> Closure:
         """Return contact radius, indentation and force for E_star [Pa]."""
-        radius = np.cbrt(0.75 * finger.radius * self.newton / reduced_modulus)
-        return Closure(radius, radius**2 / finger.radius, np.full_like(reduced_modulus, self.newton))
+        return _close_at_force(self.newton, reduced_modulus, finger)
 
 
 Load = Indentation | Force
@@ -207,6 +203,55 @@ class Closure(NamedTuple):
     radius: Array
     indentation: Array
     force: Array
+
+
+class ManyLoads:
+    """The loads of many conditions, one each, closed all at once.
+
+    Parameters
+    ----------
+    loads
+        One for each condition.
+    """
+
+    def __init__(self, loads: Sequence[Load]) -> None:
+        self._deep = np.array([k for k, load in enumerate(loads) if isinstance(load, Indentation)], dtype=np.intp)
+        self._pressed = np.array([k for k, load in enumerate(loads) if isinstance(load, Force)], dtype=np.intp)
+        self._depth = np.array([load.depth for load in loads if isinstance(load, Indentation)])
+        self._newton = np.array([load.newton for load in loads if isinstance(load, Force)])
+
+    def close(self, reduced_modulus: Array, finger: Fingertip) -> Array:
+        """Return contact radius, indentation and force for E_star [Pa] of shape (batch, conditions), along one axis."""
+        found = np.empty((3, *reduced_modulus.shape))
+        found[:, :, self._deep] = _close_at_depth(self._depth, reduced_modulus[:, self._deep], finger)
+        found[:, :, self._pressed] = _close_at_force(self._newton, reduced_modulus[:, self._pressed], finger)
+        return found
+
+    def log_scales(self, finger: Fingertip, displacement: SkinDisplacement) -> Array:
+        """Return ln C of `skin_modulus`, shape (batch, conditions), of fingers of shape (batch, 1)."""
+        found = np.empty((np.size(finger.radius), self._deep.size + self._pressed.size))
+        found[:, self._deep] = _log_scale_of_depth(self._depth, finger, displacement)
+        found[:, self._pressed] = _log_scale_of_force(self._newton, finger, displacement)
+        return found
+
+
+def _close_at_depth(depth: float | Array, reduced_modulus: Array, finger: Fingertip) -> Closure:
+    radius = np.full_like(reduced_modulus, np.sqrt(finger.radius * depth))
+    return Closure(radius, np.full_like(reduced_modulus, depth), hertz_force(reduced_modulus, radius, finger))
+
+
+def _close_at_force(newton: float | Array, reduced_modulus: Array, finger: Fingertip) -> Closure:
+    radius = np.cbrt(0.75 * finger.radius * newton / reduced_modulus)
+    return Closure(radius, radius**2 / finger.radius, np.full_like(reduced_modulus, newton))
+
+
+def _log_scale_of_depth(depth: float | Array, finger: Fingertip, displacement: SkinDisplacement) -> float | Array:
+    return displacement.power * 0.5 * np.log(finger.radius * depth) - np.log(finger.radius)
+
+
+def _log_scale_of_force(newton: float | Array, finger: Fingertip, displacement: SkinDisplacement) -> float | Array:
+    softness = 1.0 - finger.poisson_ratio**2
+    return displacement.power / 3.0 * np.log(0.75 * finger.radius * newton * softness) - np.log(finger.radius)
 
 
 class Contact(NamedTuple):

@@ -221,6 +221,19 @@ def profiles(
     return Profile(first.readings.pressure.amplitude(modulus, radius, first.finger) * unit, shape, y_least)
 
 
+def side_by_side(parts: Sequence[tuple[NDArray[np.intp], Profile]]) -> Profile:
+    """Return the profiles of several sets of conditions as one; together the sets are all conditions."""
+    batch, n = parts[0][1].peak.shape[0], sum(where.size for where, _ in parts)
+    peak, y_least = np.empty((batch, n)), np.empty(n)
+    if len(parts) == 1 and (np.diff(parts[0][0]) == 1).all():
+        return parts[0][1]
+    shape = np.zeros((max(len(part.shape) for _, part in parts), batch, n))
+    for where, part in parts:
+        peak[:, where], y_least[where] = part.peak, part.y_least
+        shape[: len(part.shape), :, where] = part.shape
+    return Profile(peak, shape, y_least)
+
+
 def _cut(table: Array, size: Array, tolerance: float) -> Array:
     """Leave out the orders whose coefficients, of the given relative size, sum to less than half the tolerance."""
     by_modulus = size.max(axis=1)[::-1].cumsum()[::-1]

@@ -17,6 +17,7 @@ from __future__ import annotations
 import copy
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 from numpy.polynomial import chebyshev
@@ -24,9 +25,10 @@ from numpy.typing import NDArray
 
 from softness_bayes.errors import InputError, NumericalError
 from softness_bayes.touch.contact import Finger, FingerBox, Fingertip, Fingertips, Force, Load
-from softness_bayes.touch.field import MODULUS_NODES, SHAPE_NODES, Profile, StressField
+from softness_bayes.touch.field import MODULUS_NODES, SHAPE_NODES, Profile, StressField, side_by_side
 from softness_bayes.touch.field import profiles as profiles_of_one_finger
 from softness_bayes.touch.inversion import Inversion, values_to_coefficients
+from softness_bayes.touch.load_field import LoadField, profiles_of_loads
 from softness_bayes.touch.neuron.polynomials import chebyshev_values
 from softness_bayes.touch.readings import Readings
 from softness_bayes.touch.receptors import kink_distances
@@ -52,6 +54,8 @@ class FingerField:
         computed exactly, which is slow.
     readings, modulus_range, tolerance
         As `StressField` takes them.
+    greatest
+        The greatest load that the table covers too, of the same kind; by default it covers one load.
 
     Attributes
     ----------
@@ -67,6 +71,7 @@ class FingerField:
         readings: Readings,
         modulus_range: tuple[float, float],
         tolerance: float,
+        greatest: Load | None = None,
     ) -> None:
         self.load, self.readings, self.tolerance = load, readings, tolerance
         self._farthest, self._shallowest = float(kink_distances(finger)[-1]), box.receptor_depth[0]
@@ -76,12 +81,20 @@ class FingerField:
         corners = Fingertips(radius, depth, finger.poisson_ratio)
         self._power = self._power_of_decay(corners)
         modulus = np.broadcast_to(np.array(modulus_range), (4, 2))
-        relative, decay = self.touch(modulus, self.load.close(modulus, corners).radius, corners)
-        along, across = self._along(relative, decay), self._across(corners)
+        ends = [self.under(end) for end in dict.fromkeys((load, greatest or load))]
+        touched = [end.touch(modulus, end.load.close(modulus, corners).radius, corners) for end in ends]
+        along = np.stack([self._along(*contact) for contact in touched])
+        across = np.stack([end._across(corners) for end in ends])
         # indentations share the limit of soft fabrics, where the pressure has no decay
         self._sides = np.array([[0.0 if self._held else along.min(), along.max()], [across.min(), across.max()]])
         self.y_least = float(self._inversion.y_least(*self._contacts(*np.mgrid[-2:2:9j, -1:1:3j].reshape(2, -1))).min())
         self._fit()
+
+    def under(self, load: Load) -> FingerField:
+        """Return the field of another load that the table covers."""
+        part = copy.copy(self)
+        part.load = load
+        return part
 
     @property
     def _held(self) -> bool:
@@ -266,6 +279,8 @@ def profiles(
         If a modulus is not a positive finite number.
     """
     one = [field for field in fields if isinstance(field, StressField)]
+    if any(isinstance(field, LoadField) for field in one):
+        return _profiles_by_table(one, columns, modulus, radius)
     if one:
         return profiles_of_one_finger(one, columns, modulus, radius)
     if not isinstance(finger, Fingertips):
@@ -273,6 +288,29 @@ def profiles(
         finger = Fingertips(one_radius, depth, finger.poisson_ratio)
     many = [field for field in fields if isinstance(field, FingerField)]
     return _profiles_of_fingers(many, columns, modulus, radius, finger)
+
+
+def _profiles_by_table(
+    fields: Sequence[StressField], columns: Sequence[NDArray[np.intp]], modulus: Array, radius: Array
+) -> Profile:
+    """Return the fields of loads of which some share tables."""
+    shared: dict[int, list[int]] = {}
+    alone = [k for k, field in enumerate(fields) if not isinstance(field, LoadField)]
+    parts: list[tuple[NDArray[np.intp], Profile]] = []
+    for k, field in enumerate(fields):
+        if isinstance(field, LoadField):
+            shared.setdefault(id(field.side), []).append(k)
+    for places in shared.values():
+        own = [columns[k] for k in places]
+        loads = [field for k in places if isinstance(field := fields[k], LoadField)]
+        parts.append((np.concatenate(own), profiles_of_loads(loads, own, modulus, radius)))
+    if alone:
+        sizes = np.cumsum([0, *(columns[k].size for k in alone)])
+        blocks = [np.arange(start, stop) for start, stop in pairwise(sizes.tolist())]
+        where = np.concatenate([columns[k] for k in alone])
+        one = profiles_of_one_finger([fields[k] for k in alone], blocks, modulus[:, where], radius[:, where])
+        parts.append((where, one))
+    return side_by_side(parts)
 
 
 def _profiles_of_fingers(

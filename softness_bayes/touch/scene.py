@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -18,6 +19,7 @@ from softness_bayes.touch.contact import (
     Fingertip,
     Fingertips,
     Load,
+    ManyLoads,
     log_compliance_ratio,
     reduced_modulus,
     skin_modulus,
@@ -32,7 +34,7 @@ from softness_bayes.touch.population import Drive, Population, Sums
 from softness_bayes.touch.readings import Readings
 from softness_bayes.touch.receptors import ReceptorCount, kink_distances
 from softness_bayes.touch.response import BeyondHertz, Response
-from softness_bayes.touch.shared_fields import covered_moduli, field_of
+from softness_bayes.touch.shared_fields import MANY_LOADS, covered_moduli, cut, fields_of
 
 Array = NDArray[np.float64]
 
@@ -90,18 +92,23 @@ class Scene:
         self.finger, self.readings, self.discretisation = finger, readings, discretisation
         self.modulus, self.poisson = frozen(moduli[self.fabric]), frozen(poisson[self.fabric])
         self._log_k = log_compliance_ratio(self.modulus, self.poisson, finger)
-        compression = np.array([held.compression(finger, readings.skin_displacement) for held in loads])
+        compression = np.array([one.compression(finger, readings.skin_displacement) for one in loads])
         self._log_scale, self._skin_power = compression[self.load].T
         self.count = ReceptorCount(finger, readings.receptor_density)
         used = [index for index in range(len(self.loads)) if (self.load == index).any()]
         self.columns = [np.flatnonzero(self.load == index) for index in used]
         covered = covered_moduli(self.modulus, self.poisson, finger, modulus_range)
-        self.fields = [
-            field_of(self.loads[index], finger, finger_box, readings, covered, discretisation) for index in used
-        ]
+        self.fields = fields_of(
+            [self.loads[index] for index in used], finger, finger_box, readings, covered, discretisation
+        )
         self.population = Population(self.fields[0].root, self.count, discretisation.nodes, discretisation.saturation)
         self._finer: Scene | None = None
         self._once = self._each_once()
+
+    @cached_property
+    def _many_loads(self) -> ManyLoads | None:
+        """The loads of the conditions, if there are so many that they are not closed one after another."""
+        return ManyLoads([self.loads[k] for k in self.load]) if len(self.fields) > MANY_LOADS else None
 
     def _each_once(self) -> tuple[Scene, NDArray[np.intp]] | None:
         """Return the scene of the distinct conditions and each condition's index in it; None if all are distinct."""
@@ -286,6 +293,7 @@ class Scene:
         if not chosen.size:
             raise InputError("scene: expected at least one condition")
         part._finer = None
+        part.__dict__.pop("_many_loads", None)
         part.finger, part.count = finger, ReceptorCount(finger, self.readings.receptor_density)
         for name in ("fabric", "load", "modulus", "poisson", "_log_k", "_log_scale", "_skin_power"):
             setattr(part, name, getattr(self, name)[chosen])
@@ -304,7 +312,7 @@ class Scene:
         """
         part, d = copy.copy(self), discretisation
         part.discretisation, part._once, part._finer = d, None, None
-        part.fields = [field.cut(d.field_tolerance) for field in self.fields]
+        part.fields = cut(self.fields, d.field_tolerance)
         part.population = Population(part.fields[0].root, self.count, d.nodes, d.saturation)
         return part
 
@@ -376,6 +384,8 @@ class Scene:
         finger = self.fingertip(parameters)
         skin = skin_modulus(self._log_scales(finger), self._skin_power, log_k, b, m)
         reduced = reduced_modulus(skin, modulus, self.poisson, self.finger)
+        if self._many_loads is not None:
+            return Contact(skin, reduced, *self._many_loads.close(reduced, finger))
         closure = np.empty((3, *reduced.shape))
         for columns, field in zip(self.columns, self.fields, strict=True):
             closure[:, :, columns] = field.load.close(reduced[:, columns], finger)
@@ -385,6 +395,8 @@ class Scene:
         """Return ln C of `skin_modulus`, shape (conditions,), or (batch, conditions) if fingers vary."""
         if finger is self.finger:
             return self._log_scale
+        if self._many_loads is not None:
+            return self._many_loads.log_scales(finger, self.readings.skin_displacement)
         found = np.empty((np.size(finger.radius), self.n_conditions))
         for columns, field in zip(self.columns, self.fields, strict=True):
             found[:, columns] = field.load.compression(finger, self.readings.skin_displacement)[0]

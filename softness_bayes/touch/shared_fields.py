@@ -1,16 +1,18 @@
-"""The stress field of a load as scenes share it: the moduli that it covers, and fields that are made once."""
+"""The stress fields of loads as scenes share them: the moduli that they cover, and fields that are made once."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
-from softness_bayes.touch.contact import Finger, FingerBox, Load
+from softness_bayes.touch.contact import Finger, FingerBox, Force, Indentation, Load
 from softness_bayes.touch.discretisation import Discretisation
 from softness_bayes.touch.field import StressField
 from softness_bayes.touch.finger_field import FingerField
+from softness_bayes.touch.load_field import LoadField, LoadTable, cut_together, held
 from softness_bayes.touch.readings import Readings
 
 Array = NDArray[np.float64]
@@ -20,6 +22,10 @@ LEAST_SKIN_MODULUS = 1e3
 
 STIFFEST_SKIN_MODULUS = 1e7
 """Stiffest skin [Pa] in the tables, a hundred times the median at rest; stiffer skin is computed without tables."""
+
+
+MANY_LOADS = 16
+"""Number of loads of a kind above which one table serves them all: its break-even in time to compile."""
 
 
 def covered_moduli(
@@ -46,25 +52,57 @@ def covered_moduli(
     return min(low, 0.5 * high), high
 
 
-def field_of(
-    load: Load,
+def fields_of(
+    loads: Sequence[Load],
     finger: Finger,
     box: FingerBox | None,
     readings: Readings,
     modulus_range: tuple[float, float],
     discretisation: Discretisation,
-) -> StressField | FingerField:
-    """Return the stress field of a load at a resolution, for one finger, or for those of a box.
+) -> list[StressField | FingerField]:
+    """Return the stress fields of distinct loads at a resolution, for one finger, or for those of a box.
 
     Equal fields are made once. The reference scene of an accuracy choice and the chosen scene share a field, cut
-    differently.
+    differently. More than `MANY_LOADS` loads of a kind share one table.
     """
     tolerance = discretisation.field_tolerance
     rest = readings, modulus_range, discretisation.field_source or tolerance
-    if box is None:
-        return _stress_field(load, finger, *rest).cut(tolerance)
-    return _finger_field(load, finger, box, *rest).cut(tolerance)
+    found: dict[Load, StressField | FingerField] = {}
+    for kind in (Indentation, Force):
+        own = sorted((load for load in loads if isinstance(load, kind)), key=held)
+        if len(own) <= MANY_LOADS:
+            continue
+        if box is None:
+            found |= zip(own, _load_table(own[0], own[-1], finger, *rest).cut(tolerance).fields(own), strict=True)
+        else:
+            table = _finger_field(own[0], finger, box, *rest, own[-1]).cut(tolerance)
+            found |= {load: table.under(load) for load in own}
+    for load in loads:
+        if load not in found:
+            alone = _stress_field(load, finger, *rest) if box is None else _finger_field(load, finger, box, *rest)
+            found[load] = alone.cut(tolerance)
+    return [found[load] for load in loads]
+
+
+def cut(fields: Sequence[StressField | FingerField], tolerance: float) -> list[StressField | FingerField]:
+    """Return fields with their series cut at a larger tolerance."""
+    tables: dict[int, list[LoadField]] = {}
+    of_fingers: dict[int, FingerField] = {}
+    for field in fields:
+        if isinstance(field, LoadField):
+            tables.setdefault(id(field.side), []).append(field)
+        elif isinstance(field, FingerField) and id(field.table) not in of_fingers:
+            of_fingers[id(field.table)] = field.cut(tolerance)
+    cuts = {field.load: field for group in tables.values() for field in cut_together(group, tolerance)}
+
+    def part(field: StressField | FingerField) -> StressField | FingerField:
+        if isinstance(field, LoadField):
+            return cuts[field.load]
+        return field.cut(tolerance) if isinstance(field, StressField) else of_fingers[id(field.table)].under(field.load)
+
+    return [part(field) for field in fields]
 
 
 _stress_field = lru_cache(maxsize=64)(StressField)
 _finger_field = lru_cache(maxsize=64)(FingerField)
+_load_table = lru_cache(maxsize=16)(LoadTable)
