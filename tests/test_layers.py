@@ -16,7 +16,7 @@ from support.paths import ROOT
 
 LAYERS = (
     {"errors"},
-    {"defaults", "ranges", "files"},
+    {"defaults", "ranges", "files", "supplied"},
     {"arviz_bridge", "touch.neuron"},
     {"touch", "sampler"},
     {"data", "parameters"},

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 import importlib
 import time
 from collections.abc import Mapping, Sequence
@@ -27,6 +28,9 @@ VERBS: Mapping[str, str] = {
     "plot": "Draw the figures of a finished run.",
     "simulate": "Simulate ratings of fabrics from stated parameters.",
     "report": "Write one page about a finished run, to read, print or send.",
+    "readings": "List and explain the readings of the model's equations.",
+    "priors": "List and explain the parameters with their priors, the laws and the sets of priors.",
+    "figures": "List and explain the figures of a finished run.",
     "compare": "Rank finished runs by how well they predict what is left out.",
     "predict": "Predict contact, stress, firing and ratings for fabrics under loads.",
     "rank": "Rank fabrics by predicted softness: the higher the typical rater's rating, the softer.",
@@ -55,6 +59,18 @@ class VerbGroup(click.Group):
             return None
         command: click.Command = importlib.import_module(f"{__name__}.{name}").command
         return command
+
+    def resolve_command(
+        self, ctx: click.Context, args: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
+        """Return the verb and its arguments; a misspelt one is refused with the nearest."""
+        if args and args[0] not in VERBS and not args[0].startswith("-"):
+            near = difflib.get_close_matches(args[0], VERBS, n=1)
+            advice = (
+                f"Did you mean '{ctx.command_path} {near[0]}'?" if near else f"'{ctx.command_path} --help' lists all."
+            )
+            ctx.fail(f"No such command '{args[0]}'. {advice}")
+        return super().resolve_command(ctx, args)
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """Write the verbs and their one-line helps."""

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import click
 
+from softness_bayes.cli.options.completion import figures
 from softness_bayes.cli.running import reading
 
 _PATH = click.Path(path_type=Path)
@@ -17,8 +18,10 @@ _PATH = click.Path(path_type=Path)
     "--figures",
     "names",
     multiple=True,
+    shell_complete=figures,
     metavar="NAME",
-    help="Draw this figure only. Repeatable; an unknown name lists all. By default every figure that the run can fill.",
+    help="Draw this figure only, one of those that 'figures' lists or one of your own, as in mymodule:mine. "
+    "Repeatable. By default every figure that the run can fill.",
 )
 @click.option(
     "--format",
@@ -46,7 +49,7 @@ def command(
     All that they show is stored in DIR: the model is not run, and DIR may come from another machine. Figures that
     the run cannot fill are left out and named.
     """
-    from softness_bayes.plotting.figures import FIGURES, draw_figures, require_figures
+    from softness_bayes.plotting.figures import draw_figures, every_figure, figure_named, require_figures
     from softness_bayes.plotting.style import USUAL, Style, require_formats
 
     require_figures(names)
@@ -58,6 +61,6 @@ def command(
         paths = draw_figures(result, out, tuple(dict.fromkeys(names)) or None, tuple(dict.fromkeys(formats)), style)
     for path in paths:
         click.echo(str(path))
-    for name, drawing in FIGURES.items():
-        if not names and (reason := drawing.lacks(result)):
+    for name in () if names else every_figure():
+        if reason := figure_named(name).lacks(result):
             click.echo(f"note: no {name}: {reason}", err=True)

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import click
 
+from softness_bayes.cli.options.run import own_figures
 from softness_bayes.cli.running import reading
 
 REPORT = "report.html"
@@ -26,7 +27,8 @@ REPORT = "report.html"
     is_flag=True,
     help="Call participants P1, P2 and so on, everywhere on the page; names of fabrics and files stay.",
 )
-def command(directory: Path, out: Path | None, nameless: bool) -> None:
+@own_figures
+def command(directory: Path, out: Path | None, nameless: bool, own_figures: tuple[str, ...]) -> None:
     """Write one page about a finished run, to read, print or send.
 
     The verdict comes first: converged or not, exact enough or not, whether the model reproduces the turning point under
@@ -38,6 +40,6 @@ def command(directory: Path, out: Path | None, nameless: bool) -> None:
 
     home = directory if directory.is_dir() else directory.parent
     with reading(directory) as (result,):
-        path = write_report(anonymous(result) if nameless else result, out or home / REPORT)
+        path = write_report(anonymous(result) if nameless else result, out or home / REPORT, own_figures)
     click.echo(f"written to {path} ({path.stat().st_size / 1e6:.1f} MB)")
     click.echo(result.provenance.verdict)

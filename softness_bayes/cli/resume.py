@@ -11,7 +11,7 @@ import click
 from softness_bayes.cli.options.run import max_time, no_figures, processes
 from softness_bayes.cli.options.values import whole
 from softness_bayes.cli.running import command_line, recorded_files
-from softness_bayes.cli.sample import run
+from softness_bayes.cli.sample import require_drawn, run
 from softness_bayes.errors import InputError
 from softness_bayes.ranges import STEPS
 
@@ -87,7 +87,10 @@ def command(
         path = getattr(files, option)
         if path is not None and not path.exists():
             raise InputError(f"{path}: no such file, and the run was begun with it; if it was moved, give --{option}")
-    run(checkpoint, files, files.read(), Request(model, how), checkpoint.request["figures"] and not no_figures)
+    wanted = checkpoint.request["figures"] and not no_figures
+    own = checkpoint.request.get("own_figures", []) if wanted else None
+    require_drawn(own)
+    run(checkpoint, files, files.read(), Request(model, how), own)
 
 
 def _is_whole(directory: Path) -> bool:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, NoReturn
@@ -13,7 +14,7 @@ from click.core import ParameterSource
 from softness_bayes.cli import STARTED
 from softness_bayes.cli.interrupts import keeping
 from softness_bayes.cli.options.model import ModelChoice, model_choice, rating_scale
-from softness_bayes.cli.options.run import force, max_time, no_figures, out, processes, seed
+from softness_bayes.cli.options.run import force, max_time, no_figures, out, own_figures, processes, seed
 from softness_bayes.cli.options.tables import DataFiles, data_files
 from softness_bayes.cli.options.values import Number, whole
 from softness_bayes.cli.running import command_line, in_numbers, record_of
@@ -66,6 +67,7 @@ DRAWING = 4
 @max_time
 @processes
 @no_figures
+@own_figures
 @seed
 @out
 @force
@@ -79,6 +81,7 @@ def command(
     max_time: float,
     processes: int | None,
     no_figures: bool,
+    own_figures: tuple[str, ...],
     seed: int,
     out: Path,
     force: bool,
@@ -122,7 +125,26 @@ def command(
         seed=seed,
         command=command_line(),
     )
-    run(Checkpoint.create(out, force, inputs=files.paths), files, data, Request(options, how), not no_figures)
+    drawn = None if no_figures else own_figures
+    require_drawn(drawn)
+    run(Checkpoint.create(out, force, inputs=files.paths), files, data, Request(options, how), drawn)
+
+
+def require_drawn(own: Sequence[str] | None) -> None:
+    """Raise an error for figures of the user's own that cannot be drawn; None if no figure is wanted.
+
+    Raises
+    ------
+    InputError
+        If one cannot be imported, or is not a figure.
+    """
+    if own is None:
+        return
+    from softness_bayes.plotting.figures import OWN_FIGURES, require_figures
+    from softness_bayes.supplied import installed
+
+    if own or installed(OWN_FIGURES):
+        require_figures([*own, *installed(OWN_FIGURES)])
 
 
 def _model_of_forces(model: ModelChoice) -> ModelChoice:
@@ -177,9 +199,15 @@ def _direction_note(model: ExperimentModel) -> str:
 
 
 def run(
-    checkpoint: Checkpoint, files: DataFiles, data: Experiment | Compression, request: Request, figures: bool
+    checkpoint: Checkpoint,
+    files: DataFiles,
+    data: Experiment | Compression,
+    request: Request,
+    own_figures: Sequence[str] | None,
 ) -> None:
     """Build the model and sample it, from the start or from where the checkpoint is; write and print the results.
+
+    Figures of the user's own are drawn beside the others; None for `own_figures` draws none at all.
 
     Raises
     ------
@@ -203,7 +231,8 @@ def run(
             click.echo(f"note: {said}", err=True)
     with keeping(lambda: _kept(checkpoint)), checkpoint:
         decided = request._replace(model=model.options)
-        asked = {"files": record_of(files, out), "options": decided.record(), "figures": figures}
+        asked = {"files": record_of(files, out), "options": decided.record(), "figures": own_figures is not None}
+        asked |= {"own_figures": list(own_figures)} if own_figures else {}
         checkpoint.request = {**asked, "versions": versions()}
         bar = _Bar(0.0 if checkpoint.status is None else checkpoint.status.seconds)
         try:
@@ -212,11 +241,12 @@ def run(
             else:
                 result = sample_skin_model(model, how, bar.show, checkpoint)
             result.save(out)
-            if figures:
-                from softness_bayes.plotting.figures import draw_figures
+            if own_figures is not None:
+                from softness_bayes.plotting.figures import draw_figures, figures_of
 
                 processes = min(how.processes or available_processors(), DRAWING)
-                draw_figures(result, out / "figures", processes=processes)
+                names = [*figures_of(result), *own_figures] if own_figures else None
+                draw_figures(result, out / "figures", names, processes=processes)
             checkpoint.finish()
         finally:
             bar.close()

@@ -88,7 +88,7 @@ def finger_of(values: Mapping[str, float]) -> Finger:
 
 def values_of(finger: Finger) -> dict[str, float]:
     """Return the values by which a finger differs from the usual one: `finger_of` makes the finger of them."""
-    return {name: value for name, value in _every(finger).items() if value != _every(Finger())[name]}
+    return {name: value for name, value in every_value(finger).items() if value != every_value(Finger())[name]}
 
 
 def require_one_source(names: Iterable[str], finger: Finger) -> None:
@@ -130,7 +130,8 @@ def box_of_values(values: Mapping[str, ArrayLike], finger: Finger) -> FingerBox 
     return FingerBox(**ranges) if SHAPE_PARAMETERS.keys() & values.keys() else None
 
 
-def _every(finger: Finger) -> dict[str, float]:
+def every_value(finger: Finger) -> dict[str, float]:
+    """Return all values of a finger, by the names that `finger_of` takes."""
     si: dict[str, Any] = asdict(finger)
     si["contact_x"], si["contact_y"] = si.pop("contact_centre")
     # twelve digits are those that were written, without the rounding of the conversion

@@ -16,7 +16,7 @@ from softness_bayes.likelihood.scales import MAGNITUDE, RATING_SCALES, Scale
 from softness_bayes.model.fingers import finger_of, values_of
 from softness_bayes.model.individual import require_individual
 from softness_bayes.parameters.fabric_moduli import UNKNOWN_MODULUS, require_law
-from softness_bayes.parameters.priors import Prior, parse_prior
+from softness_bayes.parameters.priors import Prior, as_prior, as_priors, parse_prior, require_storable
 from softness_bayes.ranges import CATEGORIES_RANGE, LOAD_ERRORS, RELATIVE_ERRORS, RESOLUTIONS
 from softness_bayes.touch.contact import Finger
 from softness_bayes.touch.readings import MENDED, Readings
@@ -34,6 +34,7 @@ class ModelOptions:
     ----------
     fix, priors, prior_set
         Held parameters, priors of single parameters and the named set of priors, as `parameter_space` takes them.
+        A prior is a law, such as ``LogNormal(100, 0.5)``, or its written form, ``"lognormal(100,0.5)"``.
     readings, scale
         Readings of the chain and of the scale of the ratings.
     direction
@@ -73,7 +74,7 @@ class ModelOptions:
     """
 
     fix: Mapping[str, float] = field(default_factory=dict)
-    priors: Mapping[str, Prior] = field(default_factory=dict)
+    priors: Mapping[str, Any] = field(default_factory=dict)
     prior_set: str = PRIOR_SET
     readings: Readings = MENDED
     direction: RatingDirection | None = None
@@ -95,6 +96,8 @@ class ModelOptions:
     def __post_init__(self) -> None:
         if self.modulus_cv is not None:
             RELATIVE_ERRORS.require("modulus_cv", self.modulus_cv)
+        object.__setattr__(self, "priors", as_priors(self.priors))
+        object.__setattr__(self, "unknown_modulus", as_prior("unknown moduli", self.unknown_modulus))
         require_law("unknown_modulus", self.unknown_modulus)
         if self.load_cv is not None:
             LOAD_ERRORS.require("load_cv", self.load_cv)
@@ -105,6 +108,18 @@ class ModelOptions:
             CATEGORIES_RANGE.require("n_categories", self.n_categories)
         if not (np.isfinite(self.slider_ends).all() and self.slider_ends[0] < self.slider_ends[1]):
             raise InputError(f"slider: ends {self.slider_ends}, expected two numbers, the lower one first")
+
+    def require_storable(self) -> None:
+        """Raise an error for readings and priors that a stored run could not find again.
+
+        Raises
+        ------
+        InputError
+            With the reason.
+        """
+        self.readings.require_names()
+        for name, prior in {**self.priors, "unknown moduli": self.unknown_modulus}.items():
+            require_storable(f"prior of {name}", prior)
 
     def decide(self, **found: Any) -> Self:
         """Return the options with some that were open decided, by name."""

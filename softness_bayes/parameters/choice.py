@@ -19,7 +19,7 @@ from softness_bayes.parameters.declared import (
     SHAPE_PARAMETERS,
     Parameter,
 )
-from softness_bayes.parameters.priors import Prior
+from softness_bayes.parameters.priors import Prior, as_priors
 from softness_bayes.parameters.signed import Signed, magnitude
 from softness_bayes.parameters.space import ParameterSpace
 from softness_bayes.touch.contact import STRAIN, SkinDisplacement
@@ -85,7 +85,7 @@ def parameter_space(
         If a name is unknown or absent, a parameter is both held and sampled, or a value or a prior's support
         is outside the parameter's range.
     """
-    fix, priors = dict(fix or {}), dict(priors or {})
+    fix, priors = dict(fix or {}), as_priors(priors or {})
     freed = set(free) | set(priors)
     absent = {*absent, *(FINGER_PARAMETERS.keys() - {*(PLATE_PARAMETERS if n_fingers else ()), *spreads})}
     absent |= ERROR_PARAMETERS.keys() - {*of_errors}
@@ -96,7 +96,7 @@ def parameter_space(
     held = {name: value for name, value in HELD.items() if name not in (*freed, *absent)} | fix
     for name, value in held.items():
         _require_value(EVERY_PARAMETER[name], value)
-    chosen = {**PRIOR_SETS[prior_set][skin_displacement], **priors}
+    chosen = {**_of_set(prior_set, skin_displacement, {*held, *priors}), **priors}
     sampled = _sampled({*held, *absent}, {name: magnitude(prior) for name, prior in chosen.items()}, skin_displacement)
     sampled = tuple(replace(p, prior=Signed(p.prior)) if p.name in signed else p for p in sampled)
     # a membrane without a firing-rate surface still has usual values; computing its rates raises a clear error
@@ -104,6 +104,19 @@ def parameter_space(
         return ParameterSpace(sampled, held, None)
     firing = FiringSurface.load(membrane)
     return ParameterSpace(_within_surface(sampled, held, firing), held, firing)
+
+
+def _of_set(prior_set: str, skin_displacement: SkinDisplacement, others: Collection[str]) -> Mapping[str, Prior]:
+    """Return the priors of a set; a user's own reading of the skin, which has none, needs others for m and b."""
+    found = PRIOR_SETS[prior_set]
+    if skin_displacement in found:
+        return found[skin_displacement]
+    if missing := [name for name in ("b", "m") if name not in others]:
+        raise InputError(
+            f"skin_displacement={skin_displacement.name}: no set has priors under this reading; give --prior or --fix "
+            f"of {' and '.join(missing)} (in Python priors or fix)"
+        )
+    return {}
 
 
 def _sampled(

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from softness_bayes.errors import InputError
 from softness_bayes.ranges import Range
+from softness_bayes.supplied import PACKAGE, reference
 
 FloatArray = NDArray[np.float64]
 
@@ -69,8 +70,9 @@ def in_short(prior: Prior) -> str:
 
 
 def name_of(law: type) -> str:
-    """Return the written name of a kind of law."""
-    return law.__name__.lower()
+    """Return the written name of a kind of law: of a user's own law, its importable name if it has one."""
+    own = law.__module__.partition(".")[0] != PACKAGE
+    return (reference(law) if own else None) or law.__name__.lower()
 
 
 def _written(number: float) -> str:

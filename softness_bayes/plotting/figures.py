@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING
@@ -16,6 +15,7 @@ from softness_bayes.files.outputs import require_outputs, write_outputs
 from softness_bayes.plotting.chains import rank_figure, trace_figure
 from softness_bayes.plotting.checks import Means, Replicated, checks_figure, loo_pit_figure
 from softness_bayes.plotting.compression import compression_figure
+from softness_bayes.plotting.drawing import Drawing, Source, own_drawing
 from softness_bayes.plotting.inflection import inflection_figure
 from softness_bayes.plotting.membrane import membrane_figure
 from softness_bayes.plotting.parameters import corner_figure, prior_figure
@@ -24,6 +24,7 @@ from softness_bayes.plotting.response import ratio_figure, response_figure
 from softness_bayes.plotting.style import PLOT, USUAL, Style, files_of, require_formats
 from softness_bayes.plotting.touch import Touches, touch_figure
 from softness_bayes.sampler.workers import Workers
+from softness_bayes.supplied import FORM, installed, is_supplied, supplied
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -187,21 +188,6 @@ def _membrane(result: Drawable, style: Style) -> Figure:
     )
 
 
-@dataclass(frozen=True)
-class Source:
-    """A variable of a result that a figure needs."""
-
-    place: str
-    """Group and variable, as in ``predictions/total_rate``."""
-    absent: str
-    """The message if it is missing."""
-
-    def is_in(self, result: Drawable) -> bool:
-        """Return whether a result has the variable."""
-        group, name = self.place.split("/")
-        return group in result.tree.children and name in result.tree[group].data_vars
-
-
 CURVES = Source("predictions/total_rate", "the run had no ratings, so it has no response curves")
 REPLICATES = Source("posterior_predictive/rating_of_new_participants", "it holds no replicated ratings")
 PIT = Source("constant_data/loo_pit", "it holds no ratings predicted from all the others")
@@ -211,42 +197,6 @@ _OLDER = (
 TOUCH = Source("illustrations/touch_stress_kpa", _OLDER)
 FIRING = Source("predictions/firing_rate_hz", _OLDER)
 FORCES = Source("predictions/typical_force_n", "the run had no compression data")
-
-
-@dataclass(frozen=True)
-class Drawing:
-    """One figure of a finished run: ``drawing(result)`` returns it.
-
-    Parameters
-    ----------
-    draw
-        Makes the figure from what the result stores.
-    shows
-        The content of the figure, in a line.
-    needs
-        Variables that it needs.
-    """
-
-    draw: Callable[[Drawable, Style], Figure]
-    shows: str
-    needs: tuple[Source, ...] = ()
-
-    def lacks(self, result: Drawable) -> str:
-        """Return why a result lacks the data of this figure; empty if it has them."""
-        return next((source.absent for source in self.needs if not source.is_in(result)), "")
-
-    def __call__(self, result: Drawable, style: Style = USUAL) -> Figure:
-        """Draw the figure.
-
-        Raises
-        ------
-        InputError
-            If the result does not hold what the figure shows.
-        """
-        if reason := self.lacks(result):
-            raise InputError(f"figure: cannot show {self.shows}: {reason}")
-        return self.draw(result, style)
-
 
 FIGURES: Mapping[str, Drawing] = MappingProxyType(
     {
@@ -271,9 +221,41 @@ FIGURES: Mapping[str, Drawing] = MappingProxyType(
 """Every figure by the name of its file: the only list of them."""
 
 
+OWN_FIGURES = "figures"
+"""Group of the figures that installed packages supply."""
+
+
+def every_figure() -> list[str]:
+    """Return the names of all figures, those of installed packages last."""
+    return [*FIGURES, *(name for name in installed(OWN_FIGURES) if name not in FIGURES)]
+
+
 def figures_of(result: Drawable) -> list[str]:
     """Return the names of the figures for which a result has data: of ratings, of compression data, or of both."""
-    return [name for name, drawing in FIGURES.items() if not drawing.lacks(result)]
+    return [name for name in every_figure() if not figure_named(name).lacks(result)]
+
+
+def figure_named(name: str) -> Drawing:
+    """Return a figure by its name: one of `FIGURES`, one of an installed package, or one by its importable name.
+
+    Raises
+    ------
+    InputError
+        If there is none; the message lists the known figures.
+    """
+    if name in FIGURES:
+        return FIGURES[name]
+    if not is_supplied(OWN_FIGURES, name):
+        known = ", ".join(every_figure())
+        raise InputError(f"figures: there is no {name!r}; expected some of {known}, or {FORM} for one of your own")
+    if (file := file_of(name)) in FIGURES:
+        raise InputError(f"figures: {name}: there is a figure {file} already; give yours another name")
+    return own_drawing(file, supplied(OWN_FIGURES, name))
+
+
+def file_of(name: str) -> str:
+    """Return the name of a figure's file, without its ending."""
+    return name.rpartition(":")[2].rpartition(".")[2]
 
 
 def require_figures(names: Iterable[str]) -> None:
@@ -285,8 +267,7 @@ def require_figures(names: Iterable[str]) -> None:
         Naming the first unknown name, and the known figures.
     """
     for name in names:
-        if name not in FIGURES:
-            raise InputError(f"figures: there is no {name!r}; expected some of {', '.join(FIGURES)}")
+        figure_named(name)
 
 
 def draw_figures(
@@ -306,7 +287,7 @@ def draw_figures(
     directory
         Where to write.
     names
-        Names out of `FIGURES`; by default those of `figures_of`.
+        Names as `figure_named` takes them; by default those of `figures_of`.
     formats
         File formats, as `save` takes them.
     style
@@ -328,14 +309,14 @@ def draw_figures(
     chosen = figures_of(result) if names is None else names
     require_figures(chosen)
     require_formats(formats)
-    require_outputs(directory, [f"{name}.{suffix}" for name in chosen for suffix in formats], PLOT)
+    require_outputs(directory, [f"{file_of(name)}.{suffix}" for name in chosen for suffix in formats], PLOT)
     with Workers(result, min(processes, len(chosen))) as workers:
         drawn = workers.map(_drawn, [(name, tuple(formats), style) for name in chosen])
     return write_outputs(directory, {name: content for files in drawn for name, content in files.items()}, PLOT)
 
 
 def _drawn(result: Drawable, name: str, formats: tuple[str, ...], style: Style) -> dict[str, bytes]:
-    return files_of(FIGURES[name](result, style), name, formats, style)
+    return files_of(figure_named(name)(result, style), file_of(name), formats, style)
 
 
 def _fabric_modulus(result: Drawable) -> Array:

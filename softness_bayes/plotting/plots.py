@@ -7,7 +7,8 @@ from functools import partial
 from io import BytesIO
 from typing import TYPE_CHECKING, Any
 
-from softness_bayes.plotting.figures import FIGURES, Drawing, figures_of, require_figures
+from softness_bayes.plotting.drawing import own_drawing
+from softness_bayes.plotting.figures import FIGURES, Drawing, figure_named, figures_of
 from softness_bayes.plotting.style import USUAL, Style
 
 if TYPE_CHECKING:
@@ -28,16 +29,16 @@ class Plots:
     def __init__(self, result: Drawable) -> None:
         self._result = result
 
-    def __call__(self, name: str, style: Style = USUAL) -> Figure:
-        """Draw a figure by its name.
+    def __call__(self, name: str | Drawing | Callable[..., Figure], style: Style = USUAL) -> Figure:
+        """Draw a figure by its name, or one of your own: a `Drawing`, or a function of a result and a style.
 
         Raises
         ------
         InputError
             If there is no such figure, or the result does not hold what it shows.
         """
-        require_figures([name])
-        figure = FIGURES[name](self._result, style)
+        drawing = figure_named(name) if isinstance(name, str) else own_drawing("figure", name)
+        figure = drawing(self._result, style)
         # a notebook shows figures of pyplot by itself, but these are made without it
         setattr(figure, "_repr_png_", partial(_png, figure, style))  # noqa: B010
         return figure

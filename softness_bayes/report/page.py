@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import base64
 import io
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from types import MappingProxyType
@@ -18,7 +18,7 @@ from softness_bayes.checking.identifiability import direction_table
 from softness_bayes.checking.misfit import fit_of
 from softness_bayes.errors import InputError
 from softness_bayes.files.outputs import require_outputs, write_outputs
-from softness_bayes.plotting.figures import FIGURES, figures_of
+from softness_bayes.plotting.figures import figure_named, figures_of, file_of, require_figures
 from softness_bayes.plotting.panels import TINTS
 from softness_bayes.plotting.style import METADATA, USUAL
 from softness_bayes.report import tables
@@ -80,7 +80,7 @@ class Picture(NamedTuple):
     caption: str
 
 
-def write_report(result: Result, path: str | Path) -> Path:
+def write_report(result: Result, path: str | Path, own_figures: Sequence[str] = ()) -> Path:
     """Write the report of a run; the file appears whole or not at all, and an earlier report is replaced.
 
     Parameters
@@ -89,6 +89,8 @@ def write_report(result: Result, path: str | Path) -> Path:
         A finished run.
     path
         The file; directories on the way to it are made.
+    own_figures
+        Importable names of figures of the user's own, which are shown too.
 
     Returns
     -------
@@ -104,12 +106,13 @@ def write_report(result: Result, path: str | Path) -> Path:
     if path.is_dir():
         raise InputError(f"{path}: is a directory, expected a file for the report")
     require_outputs(path.parent, [path.name], REPORT)
-    write_outputs(path.parent, {path.name: report_page(result)}, REPORT)
+    write_outputs(path.parent, {path.name: report_page(result, own_figures)}, REPORT)
     return path
 
 
-def report_page(result: Result) -> str:
-    """Return the report of a run as one HTML document that loads nothing from elsewhere."""
+def report_page(result: Result, own_figures: Sequence[str] = ()) -> str:
+    """Return the report of a run as one HTML document that loads nothing from elsewhere; arguments as above."""
+    require_figures(own_figures)
     environment = Environment(
         loader=PackageLoader("softness_bayes.report"),
         autoescape=True,
@@ -118,7 +121,7 @@ def report_page(result: Result) -> str:
         lstrip_blocks=True,
     )
     result = _with_tables(result)
-    pictures = {name: picture(result, name) for name in figures_of(result)}
+    pictures = {name: picture(result, name) for name in (*figures_of(result), *own_figures)}
     later = [name for name in pictures if name not in (*SWITCHED, *CHECKING, *SAMPLING)]
     return environment.get_template("report.html").render(
         generator=GENERATOR,
@@ -176,12 +179,12 @@ def subject(result: Result) -> str:
 
 
 def picture(result: Result, name: str) -> Picture:
-    """Return one of `FIGURES`, drawn and embedded."""
-    drawn, dpi = io.BytesIO(), COARSE if name in SAMPLING else RESOLUTION
+    """Return a figure by its name, drawn and embedded."""
+    drawing, drawn, dpi = figure_named(name), io.BytesIO(), COARSE if name in SAMPLING else RESOLUTION
     with USUAL.applied():
-        FIGURES[name](result, USUAL).savefig(drawn, format="png", dpi=dpi, metadata=dict(METADATA["png"]))
+        drawing(result, USUAL).savefig(drawn, format="png", dpi=dpi, metadata=dict(METADATA["png"]))
     source = f"data:image/png;base64,{base64.b64encode(drawn.getvalue()).decode('ascii')}"
-    return Picture(name, source, CAPTIONS.get(name, f"{name.replace('_', ' ').capitalize()}."))
+    return Picture(file_of(name), source, CAPTIONS.get(name, f"{drawing.shows[:1].upper()}{drawing.shows[1:]}."))
 
 
 def _switched(result: Result) -> dict[str, Any]:

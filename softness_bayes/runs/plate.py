@@ -61,6 +61,7 @@ def sample_skin(
         If the log-likelihood is not a number somewhere.
     """
     model, run = Request(model, run).with_options(**options)
+    model.require_storable()
     return sample_skin_model(build_skin(compression, model), run, progress, checkpoint)
 
 

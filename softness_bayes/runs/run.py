@@ -91,6 +91,7 @@ def requested(density: Density, request: Request) -> dict[str, Any]:
         If JSON cannot hold an option.
     """
     model, run = request
+    model.require_storable()
     return {
         **attributes_of(Asked(SCHEMA, storable(run.command), request.record(), run.seed, model.prior_set)),
         **family_of(PRIOR, {one.name: one.prior for one in density.space.chain}),
@@ -153,6 +154,7 @@ def sample(
         If no start has a finite density, or too many points have none.
     """
     model, run = Request(model, run).with_options(**options)
+    model.require_storable()
     if checkpoint is not None:
         model = _as_begun(model, checkpoint)
     return sample_model(build(experiment, model), run, progress, checkpoint)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -130,10 +130,16 @@ class SkinDisplacement:
     name: str
     power: int
     exponent_unit: str
+    meaning: str = field(default="", repr=False, compare=False)
+    """The reading in words, for lists."""
 
 
-STRAIN = SkinDisplacement("printed", power=1, exponent_unit="–")
-DISPLACEMENT = SkinDisplacement("displacement", power=2, exponent_unit="1/m")
+STRAIN = SkinDisplacement(
+    "printed", power=1, exponent_unit="–", meaning="the compression a/R, a strain, as the paper prints it"
+)
+DISPLACEMENT = SkinDisplacement(
+    "displacement", power=2, exponent_unit="1/m", meaning="the compression a²/R, a displacement; m is then in 1/m"
+)
 
 
 @dataclass(frozen=True)
@@ -142,14 +148,16 @@ class FabricModulus:
 
     name: str
     power: int
+    meaning: str = field(default="", repr=False, compare=False)
+    """The reading in words, for lists."""
 
     def rigidity(self, tensile_modulus: Array, thickness: Array, poisson_ratio: Array) -> Array:
         """Return D = E_ten h³ / (12 (1 - nu^power)) [N m] from E_ten [Pa], h [m] and nu [-]."""
         return tensile_modulus * thickness**3 / (12.0 * (1.0 - poisson_ratio**self.power))
 
 
-PRINTED_RIGIDITY = FabricModulus("printed", power=1)
-PLATE_RIGIDITY = FabricModulus("plate", power=2)
+PRINTED_RIGIDITY = FabricModulus("printed", power=1, meaning="bending rigidity over 1 - nu, as the paper prints it")
+PLATE_RIGIDITY = FabricModulus("plate", power=2, meaning="bending rigidity of a thin plate, over 1 - nu²")
 
 
 @dataclass(frozen=True, order=True)

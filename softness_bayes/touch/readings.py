@@ -7,7 +7,8 @@ from dataclasses import dataclass, fields, replace
 from types import MappingProxyType
 from typing import Any
 
-from softness_bayes.errors import InputError
+from softness_bayes.errors import InputError, quoted
+from softness_bayes.supplied import FORM, installed, is_supplied, reference, require_reference, supplied
 from softness_bayes.touch.contact import (
     DISPLACEMENT,
     PLATE_RIGIDITY,
@@ -34,6 +35,21 @@ from softness_bayes.touch.stress import (
 )
 
 
+def _require_kind(place: str, value: Any) -> None:
+    kind = type(next(iter(ALTERNATIVES[place].values())))
+    if not isinstance(value, kind):
+        raise InputError(
+            f"reading: {place} is {value!r:.60}, expected a {kind.__name__} of {kind.__module__}, such as "
+            f"{', '.join(ALTERNATIVES[place])} of ALTERNATIVES[{place!r}]"
+        )
+
+
+def _name_of(place: str, value: Any) -> str:
+    if ALTERNATIVES[place].get(value.name) == value:
+        return str(value.name)
+    return reference(value) or str(value.name)
+
+
 @dataclass(frozen=True)
 class Readings:
     """One reading for every place where the paper allows several (model.md 1-8)."""
@@ -47,6 +63,8 @@ class Readings:
     receptor_density: Density = CONSISTENT
 
     def __post_init__(self) -> None:
+        for place in fields(self):
+            _require_kind(place.name, getattr(self, place.name))
         if self.stress_component.needs_plane and not self.stress_kernel.two_sided:
             raise InputError(
                 f"readings: stress_component={self.stress_component.name} needs a plane stress state, "
@@ -55,8 +73,24 @@ class Readings:
 
     @property
     def names(self) -> dict[str, str]:
-        """The chosen name for each place."""
-        return {field.name: str(getattr(self, field.name).name) for field in fields(self)}
+        """The chosen name for each place: one of `ALTERNATIVES`, or the importable name of a user's own reading.
+
+        One that has no importable name stands for itself; `require_names` refuses it.
+        """
+        return {field.name: _name_of(field.name, getattr(self, field.name)) for field in fields(self)}
+
+    def require_names(self) -> None:
+        """Raise an error for a reading that a stored run could not find again by its name.
+
+        Raises
+        ------
+        InputError
+            With the reason.
+        """
+        for place, name in self.names.items():
+            value = getattr(self, place)
+            if not (":" in name or ALTERNATIVES[place].get(name) == value):
+                require_reference(f"reading: {place} {quoted(name)}", value)
 
     @property
     def label(self) -> str:
@@ -69,7 +103,7 @@ class Readings:
         return ", ".join([nearest, *departures[nearest]])
 
     def override(self, choices: Mapping[str, str]) -> Readings:
-        """Return these readings with some places given another named alternative.
+        """Return these readings with some places given another alternative, by its name or its importable name.
 
         Raises
         ------
@@ -126,7 +160,7 @@ def readings_named(name: str, overrides: Mapping[str, str] | None = None) -> Rea
 
 
 def alternative(place: str, name: str) -> Any:
-    """Return the named alternative of a place.
+    """Return the alternative of a place: a named one, that of an installed package, or one by its importable name.
 
     Raises
     ------
@@ -135,6 +169,11 @@ def alternative(place: str, name: str) -> Any:
     """
     if place not in ALTERNATIVES:
         raise InputError(f"reading: no place '{place}'; expected one of {', '.join(ALTERNATIVES)}")
-    if name not in ALTERNATIVES[place]:
-        raise InputError(f"reading: {place} has no '{name}'; expected one of {', '.join(ALTERNATIVES[place])}")
-    return ALTERNATIVES[place][name]
+    if name in ALTERNATIVES[place]:
+        return ALTERNATIVES[place][name]
+    if not is_supplied(place, name):
+        known = ", ".join([*ALTERNATIVES[place], *installed(place)])
+        raise InputError(f"reading: {place} has no '{name}'; expected one of {known}, or {FORM} for one of your own")
+    found = supplied(place, name)
+    _require_kind(place, found)
+    return found

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.polynomial import chebyshev
@@ -42,6 +42,8 @@ class Density:
     name: str
     at: Callable[[Array], Array]
     """Receptors per area [1/m²] at distance x [m] from the fingertip's end."""
+    meaning: str = field(default="", repr=False, compare=False)
+    """The reading in words, for lists."""
 
 
 def _consistent(x: Array) -> Array:
@@ -53,10 +55,14 @@ def _printed(x: Array) -> Array:
     return 1e4 * (19.9993 + 12.1534 / (width_cm * np.sqrt(2 * np.pi)) * np.exp(-0.5 * (100 * x / width_cm) ** 2))
 
 
-CONSISTENT = Density("consistent", _consistent)
-"""The only half-Gaussian with all three of the paper's densities: largest, smallest and mean."""
-PRINTED_DENSITY = Density("printed", _printed)
-"""The paper's printed constants; their mean is 22.0 per cm², not the stated 41.605."""
+CONSISTENT = Density(
+    "consistent",
+    _consistent,
+    "the only half-Gaussian with all three of the paper's densities: largest, smallest and mean",
+)
+PRINTED_DENSITY = Density(
+    "printed", _printed, "the paper's printed constants; their mean is 22.0 per cm², not the stated 41.605"
+)
 
 
 def kink_distances(finger: Finger) -> Array:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import lru_cache
 
 import numpy as np
@@ -34,6 +34,8 @@ class Pressure:
     """Pressure at the centre [Pa] from E_star [Pa], a [m] and the finger."""
     decay: Callable[[Array, Array, Fingertip], Array]
     """Dimensionless decay from the same."""
+    meaning: str = field(default="", repr=False, compare=False)
+    """The reading in words, for lists."""
 
     def __call__(self, r: ArrayLike, reduced_modulus: ArrayLike, radius: ArrayLike, finger: Fingertip) -> Array:
         """Return the pressure [Pa] at distance `r` [m] from the axis; 0 outside the contact."""
@@ -65,10 +67,16 @@ def _printed_decay(modulus: Array, a: Array, finger: Fingertip) -> Array:
     return a_mm * (4.0 * a_mm**4 * modulus_mpa / 3.0) / 2.67
 
 
-ATTENUATED = Pressure("attenuated", _hertz_amplitude, _attenuated_decay)
-"""Hertz's pressure attenuated by exp(-r² F / (kappa a)); integrates to less than F."""
-HERTZ = Pressure("hertz", _hertz_amplitude, _hertz_decay)
-PRINTED_PRESSURE = Pressure("printed", _printed_amplitude, _printed_decay)
+ATTENUATED = Pressure(
+    "attenuated",
+    _hertz_amplitude,
+    _attenuated_decay,
+    "Hertz's pressure attenuated by exp(-r² F / (kappa a)); integrates to less than F",
+)
+HERTZ = Pressure("hertz", _hertz_amplitude, _hertz_decay, "Hertz's pressure; integrates to F")
+PRINTED_PRESSURE = Pressure(
+    "printed", _printed_amplitude, _printed_decay, "the attenuated pressure as the paper prints it, in mm-N-MPa"
+)
 
 
 @dataclass(frozen=True)
@@ -87,6 +95,8 @@ class Kernel:
     two_sided: bool
     far_power: float
     """n, where the vertical stress falls like rho^-n far from the contact."""
+    meaning: str = field(default="", repr=False, compare=False)
+    """The reading in words, for lists."""
 
 
 def _line_common(gap: Array, z: float) -> Array:
@@ -129,12 +139,33 @@ def _ring_vertical(rho: Array, s: Array, z: float) -> Array:
     return 1.5 * z**3 / np.pi * s * angle
 
 
-LINE = Kernel("line", _line_vertical, _line_plane, _line_centre, two_sided=True, far_power=4.0)
-"""Johnson's line load in the plane of the axis and the receptor."""
-PRINTED_KERNEL = Kernel("printed", _printed_vertical, _printed_plane, _printed_centre, two_sided=True, far_power=4.0)
-"""The line load with rho replaced by sqrt(rho² + z²) in the denominators, as the paper prints it."""
-AXISYMMETRIC = Kernel("axisymmetric", _ring_vertical, None, _line_centre, two_sided=False, far_power=5.0)
-"""Boussinesq's point loads summed over the contact disc."""
+LINE = Kernel(
+    "line",
+    _line_vertical,
+    _line_plane,
+    _line_centre,
+    two_sided=True,
+    far_power=4.0,
+    meaning="Johnson's line load in the plane of the axis and the receptor",
+)
+PRINTED_KERNEL = Kernel(
+    "printed",
+    _printed_vertical,
+    _printed_plane,
+    _printed_centre,
+    two_sided=True,
+    far_power=4.0,
+    meaning="the line load with rho replaced by sqrt(rho² + z²) in the denominators, as the paper prints it",
+)
+AXISYMMETRIC = Kernel(
+    "axisymmetric",
+    _ring_vertical,
+    None,
+    _line_centre,
+    two_sided=False,
+    far_power=5.0,
+    meaning="Boussinesq's point loads summed over the contact disc",
+)
 
 
 @dataclass(frozen=True)
@@ -147,6 +178,8 @@ class Component:
     """Whether all three plane stresses enter, which the axisymmetric kernel does not give."""
     far_power: float | None
     """n, where the stress falls like rho^-n far from the contact; None if the kernel defines it."""
+    meaning: str = field(default="", repr=False, compare=False)
+    """The reading in words, for lists."""
 
 
 def _vertical(sigma_z: Array) -> Array:
@@ -157,9 +190,14 @@ def _principal(sigma_x: Array, sigma_z: Array, tau_xz: Array) -> Array:
     return 0.5 * (sigma_x + sigma_z) + np.hypot(0.5 * (sigma_x - sigma_z), tau_xz)
 
 
-VERTICAL = Component("vertical", _vertical, needs_plane=False, far_power=None)
-PRINCIPAL = Component("principal", _principal, needs_plane=True, far_power=2.0)
-"""The largest compressive principal stress of the plane state."""
+VERTICAL = Component("vertical", _vertical, needs_plane=False, far_power=None, meaning="the vertical stress alone")
+PRINCIPAL = Component(
+    "principal",
+    _principal,
+    needs_plane=True,
+    far_power=2.0,
+    meaning="the largest compressive principal stress of the plane state",
+)
 
 
 @lru_cache(maxsize=64)

@@ -9,6 +9,7 @@ from dataclasses import replace
 import pytest
 
 from softness_bayes.model.scenes import touch_parameters, usual_values
+from softness_bayes.parameters.priors import require_prior
 from softness_bayes.tools.rooms import FILE, PACKAGE, drawing, floors, imports, needed
 from softness_bayes.touch import stress
 from softness_bayes.touch.contact import Indentation
@@ -103,3 +104,11 @@ def test_the_pressure_reading_of_the_page_works():
         for p in (stress.ATTENUATED, names["MILD"], stress.HERTZ)
     ]
     assert rates[0] < rates[1] < rates[2]
+
+
+def test_the_values_of_ones_own_on_the_page_work():
+    code = re.search(r"<!-- own -->\n *```python\n(.*?)```", text_of("extending.md"), re.DOTALL)[1]
+    names = {"__name__": __name__}
+    exec(textwrap.dedent(code), names)
+    require_prior("the page's law", names["Gamma"](4, 0.05))
+    assert replace(MENDED, pressure=names["MILD"]).pressure.meaning

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from softness_bayes.cli.options import completion
 from softness_bayes.cli.options.values import Number, Verb, finite, named, whole
 from softness_bayes.defaults import ACCURACY, ERRORS, PRIOR_SET
 from softness_bayes.likelihood.directions import FREE, RATING_DIRECTIONS, RISES, direction_named
@@ -39,6 +40,13 @@ def _require_priors(priors: dict[str, Prior]) -> None:
     require_priors(priors)
 
 
+def _require_readings(choices: dict[str, str]) -> None:
+    from softness_bayes.touch.readings import alternative
+
+    for place, name in choices.items():
+        alternative(place, name)
+
+
 def _require_finger(values: dict[str, float]) -> None:
     from softness_bayes.model.fingers import require_finger
 
@@ -50,6 +58,7 @@ set_values = click.option(
     "values",
     multiple=True,
     callback=named(finite, _require_values),
+    shell_complete=completion.parameters,
     metavar="NAME=VALUE",
     help="Value of a parameter, as in b=80; the others are the medians of their priors. Repeatable.",
 )
@@ -60,6 +69,7 @@ fix = click.option(
     "fixed",
     multiple=True,
     callback=named(finite, _require_values),
+    shell_complete=completion.parameters,
     metavar="NAME=VALUE",
     help="Hold a parameter at a value, as in m=2. Repeatable.",
 )
@@ -70,8 +80,9 @@ prior = click.option(
     "priors",
     multiple=True,
     callback=named(_prior, _require_priors),
+    shell_complete=completion.priors,
     metavar="NAME=PRIOR",
-    help="Prior of a parameter, as in b='lognormal(100,0.5)' (median, sd of the log). Repeatable.",
+    help="Prior of a parameter, as in b='lognormal(100,0.5)' (median, sd of the log); 'priors' lists laws. Repeatable.",
 )
 """Gives a verb `priors`, name -> `Prior`."""
 
@@ -80,6 +91,7 @@ prior_set = click.option(
     "prior_set",
     default=PRIOR_SET,
     show_default=True,
+    shell_complete=completion.prior_sets,
     metavar="SET",
     help="Named set of priors that --prior departs from: default, in-vivo or wide.",
 )
@@ -89,13 +101,16 @@ _READING = click.option(
     "--reading",
     "overrides",
     multiple=True,
-    callback=named(str),
+    callback=named(str, _require_readings),
+    shell_complete=completion.readings,
     metavar="PLACE=NAME",
-    help="Another reading of one place of the model, as in pressure=hertz. Repeatable.",
+    help="Another reading of one place of the model, as in pressure=hertz, or one of your own, as in "
+    "pressure=mymodule:mine; 'readings' lists them. Repeatable.",
 )
 _READING_SET = click.option(
     "--readings",
     "reading_set",
+    shell_complete=completion.reading_sets,
     metavar="SET",
     help="Named set of readings that --reading departs from: mended (the default), printed or hertz.",
 )
@@ -140,6 +155,7 @@ finger = click.option(
     "finger",
     multiple=True,
     callback=named(finite, _require_finger),
+    shell_complete=completion.fingers,
     metavar="NAME=VALUE",
     help="Another finger, as in receptor_depth_mm=0.6: radius_mm, receptor_depth_mm, poisson_ratio, pad_length_mm, "
     "pad_width_mm, contact_x_mm or contact_y_mm. Repeatable. A --prior of radius or receptor_depth samples it instead.",

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import click
 
+from softness_bayes.cli.options.completion import figures
 from softness_bayes.cli.options.values import FILE, whole
 from softness_bayes.defaults import SEED
 from softness_bayes.ranges import PROCESSES
@@ -41,6 +42,17 @@ processes = click.option(
 
 no_figures = click.option("--no-figures", is_flag=True, help="Leave out the figures.")
 """Gives a verb `no_figures`."""
+
+own_figures = click.option(
+    "--figure",
+    "own_figures",
+    multiple=True,
+    shell_complete=figures,
+    metavar="MODULE:NAME",
+    help="Draw this figure of your own too, a function of a result and a style. Repeatable; those of installed "
+    "packages are drawn anyway.",
+)
+"""Gives a verb `own_figures`, importable names."""
 
 seed = click.option(
     "--seed",

@@ -8,7 +8,7 @@ with voltages in mV, times in ms, conductances in mS/cm² and currents in µA/cm
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import Any, NamedTuple, Protocol
 
@@ -82,6 +82,8 @@ class Membrane:
         Rates of the gates.
     capacitance : float
         Membrane capacitance [µF/cm²].
+    meaning : str
+        The reading in words, for lists.
     """
 
     name: str
@@ -95,6 +97,7 @@ class Membrane:
     e_a: float
     gating: Gating
     capacitance: float = 1.0
+    meaning: str = field(default="", repr=False, compare=False)
 
     @property
     def voltage_range(self) -> tuple[float, float]:
@@ -119,8 +122,8 @@ CONNOR_STEVENS = Membrane(
     e_l=-17.0,
     e_a=-75.0,
     gating=Gating(CONNOR_STEVENS_KINETICS, AKinetics()),
+    meaning="Connor, Walter & McKown (1977)",
 )
-"""Connor, Walter & McKown (1977), the default reading."""
 
 HODGKIN_HUXLEY = Membrane(
     name="hodgkin-huxley",
@@ -133,8 +136,8 @@ HODGKIN_HUXLEY = Membrane(
     e_l=-54.387,
     e_a=-75.0,
     gating=Gating(HODGKIN_HUXLEY_KINETICS),
+    meaning="Hodgkin & Huxley (1952) without an A-current; c_A has no effect",
 )
-"""Hodgkin & Huxley (1952) without an A-current; ``c_A`` has no effect."""
 
 PRINTED = Membrane(
     name="printed",
@@ -147,8 +150,8 @@ PRINTED = Membrane(
     e_l=-54.387,
     e_a=-75.0,
     gating=Gating(HODGKIN_HUXLEY_KINETICS, AKinetics()),
+    meaning="Hodgkin & Huxley plus the A-current: the literal sum of the paper's citations",
 )
-"""Hodgkin & Huxley plus the A-current: the literal sum of the paper's citations."""
 
 MEMBRANES: Mapping[str, Membrane] = MappingProxyType(
     {membrane.name: membrane for membrane in (CONNOR_STEVENS, HODGKIN_HUXLEY, PRINTED)}

@@ -122,9 +122,9 @@ class Design:
 
 
 def _declared(value: Any) -> Any:
-    """Return declared numbers and text, without the private fields that are derived from them."""
+    """Return declared numbers and names, without explanations and the private fields that are derived from them."""
     if isinstance(value, dict):
-        return {key: _declared(item) for key, item in value.items() if not key.startswith("_")}
+        return {key: _declared(item) for key, item in value.items() if not key.startswith("_") and key != "meaning"}
     return value
 
 

@@ -1,0 +1,95 @@
+"""One figure of a finished run: what it shows, what it needs, and users' own figures."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from softness_bayes.errors import InputError
+from softness_bayes.plotting.style import USUAL, Style
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from softness_bayes.plotting.drawable import Drawable
+
+
+@dataclass(frozen=True)
+class Source:
+    """A variable of a result that a figure needs."""
+
+    place: str
+    """Group and variable, as in ``predictions/total_rate``."""
+    absent: str
+    """The message if it is missing."""
+
+    def is_in(self, result: Drawable) -> bool:
+        """Return whether a result has the variable."""
+        group, name = self.place.split("/")
+        return group in result.tree.children and name in result.tree[group].data_vars
+
+
+@dataclass(frozen=True)
+class Drawing:
+    """One figure of a finished run: ``drawing(result)`` returns it.
+
+    Parameters
+    ----------
+    draw
+        Makes the figure from what the result stores.
+    shows
+        The content of the figure, in a line.
+    needs
+        Variables that it needs.
+    """
+
+    draw: Callable[[Drawable, Style], Figure]
+    shows: str
+    needs: tuple[Source, ...] = ()
+
+    def lacks(self, result: Drawable) -> str:
+        """Return why a result lacks the data of this figure; empty if it has them."""
+        return next((source.absent for source in self.needs if not source.is_in(result)), "")
+
+    def __call__(self, result: Drawable, style: Style = USUAL) -> Figure:
+        """Draw the figure.
+
+        Raises
+        ------
+        InputError
+            If the result does not hold what the figure shows.
+        """
+        if reason := self.lacks(result):
+            raise InputError(f"figure: cannot show {self.shows}: {reason}")
+        return self.draw(result, style)
+
+
+def own_drawing(name: str, given: Any) -> Drawing:
+    """Return a user's own figure: a `Drawing`, or a function of a result and a style that returns a figure.
+
+    An error of its own code becomes one that names the figure, so that a finished run ends with a message.
+
+    Raises
+    ------
+    InputError
+        If it is neither.
+    """
+    drawing = given
+    if not isinstance(given, Drawing):
+        if isinstance(given, type) or not callable(given):
+            raise InputError(f"figures: {name} is {given!r:.60}, expected a Drawing, or a function (result, style)")
+        drawing = Drawing(given, (given.__doc__ or "").strip().partition("\n")[0].rstrip(".") or f"the figure {name}")
+
+    def draw(result: Drawable, style: Style) -> Figure:
+        from matplotlib.figure import Figure
+
+        try:
+            figure = drawing.draw(result, style)
+        except Exception as error:
+            raise InputError(f"figures: {name}, of your own, fails: {type(error).__name__}: {error}") from error
+        if not isinstance(figure, Figure):
+            raise InputError(f"figures: {name}, of your own, returns {figure!r:.60}, expected a matplotlib Figure")
+        return figure
+
+    return Drawing(draw, drawing.shows, drawing.needs)

@@ -1,0 +1,177 @@
+"""A user's own readings, prior laws and figures pass through whole runs; what cannot is refused before they begin."""
+
+import sys
+from dataclasses import replace
+from importlib.metadata import EntryPoint
+
+import numpy as np
+import pytest
+
+from softness_bayes.checkpoints.checkpoint import Checkpoint
+from softness_bayes.errors import InputError
+from softness_bayes.model.options import ModelOptions
+from softness_bayes.parameters.priors import LogNormal, parse_prior
+from softness_bayes.report.repeat import repetition
+from softness_bayes.results.result import Result
+from softness_bayes.runs.run import sample
+from softness_bayes.sampler import sampling
+from softness_bayes.supplied import reference
+from softness_bayes.touch.contact import DISPLACEMENT
+from softness_bayes.touch.readings import Readings, alternative
+from softness_bayes.touch.stress import HERTZ
+from support import own_values
+from support.command_line import FIXED, QUICK, call, few_ratings, refused
+from support.own_values import LEAKY, MILD, Gamma
+from support.report_runs import OPTIONS, experiment, quickly
+
+OWN = "support.own_values"
+NAMED = {"pressure": f"{OWN}:MILD", "stress_kernel": f"{OWN}:OWN_LINE"}
+
+
+FREE = {name: value for name, value in OPTIONS["fix"].items() if name != "m"}
+
+
+@pytest.fixture(scope="module")
+def own_run(tmp_path_factory):
+    """A run in Python with one's own pressure, kernel and priors, which is kept and saved."""
+    out = tmp_path_factory.mktemp("own") / "out"
+    asked = ModelOptions(
+        readings=Readings(pressure=MILD, stress_kernel=own_values.OWN_LINE),
+        priors={"m": Gamma(4, 2), "b": "lognormal(80,0.4)"},
+    )
+    assert asked.priors["b"] == LogNormal(80, 0.4)
+    with quickly(), Checkpoint.create(out) as checkpoint:
+        sample(experiment(), asked, checkpoint=checkpoint, **OPTIONS | {"fix": FREE, "max_steps": 4}).save(out)
+    return out
+
+
+def test_a_run_with_values_of_ones_own_is_saved_and_read(own_run):
+    result = Result.load(own_run)
+    assert (result.readings.pressure, result.readings.stress_kernel) == (MILD, own_values.OWN_LINE)
+    assert result.provenance.priors["m"] == Gamma(4, 2)
+    assert NAMED["pressure"] in result.readings.label
+    assert len(result.plot(own_values.b_sorted).axes) == 1
+    with pytest.raises(InputError, match=r"of your own, fails: KeyError: 'nothing'"):
+        result.plot(own_values.failing)
+    with pytest.raises(InputError, match="expected a Drawing, or a function"):
+        result.plot(f"{OWN}:NOT_A_FIGURE")
+    (again,) = repetition(result).commands
+    assert f"--reading pressure={NAMED['pressure']}" in again
+    assert f"--prior 'm={OWN}:Gamma(4,2)'" in again
+
+
+def test_later_commands_take_values_of_ones_own(own_run, few_pictures):
+    with quickly():
+        fabrics = own_run.parent / "fabrics.csv"
+        fabrics.write_text("fabric,effective_modulus_kpa\nfelt,30\n")
+        done = call("predict", "--posterior", own_run, "--fabrics", fabrics, "--force-n", "1")
+        assert done.returncode == 0, done.stderr
+        assert NAMED["pressure"] in done.stdout
+        page = own_run.parent / "page.html"
+        done = call("report", own_run, "--out", page, "--figure", f"{OWN}:b_sorted")
+        assert done.returncode == 0, done.stderr
+        assert "Skin modulus in the order of its draws" in page.read_text(encoding="utf-8")
+
+
+def test_a_run_with_values_of_ones_own_is_continued(own_run):
+    asked = ModelOptions(readings=Result.load(own_run).readings, priors={"m": Gamma(4, 2), "b": "lognormal(80,0.4)"})
+    options = OPTIONS | {"fix": FREE, "max_steps": 6}
+    with quickly(), Checkpoint.open(own_run) as checkpoint:
+        assert sample(experiment(), asked, checkpoint=checkpoint, **options).provenance.ending.steps == 6
+    other = replace(asked, priors={**asked.priors, "m": Gamma(4, 3)})
+    with quickly(), Checkpoint.open(own_run) as checkpoint, pytest.raises(InputError, match="prior of m"):
+        sample(experiment(), other, checkpoint=checkpoint, **options)
+
+
+@pytest.mark.slow
+def test_a_whole_study_with_values_of_ones_own_at_the_command_line(tmp_path):
+    few_ratings(tmp_path)
+    held = [word for pair in zip(FIXED[::2], FIXED[1::2], strict=True) if "b=80" not in pair for word in pair]
+    own = [word for place, name in NAMED.items() for word in ("--reading", f"{place}={name}")]
+    own += ["--prior", f"b={OWN}:Gamma(4,0.05)", "--figure", f"{OWN}:b_sorted"]
+    quick = [word for word in QUICK if word != "--no-figures"]
+    for out, given in (("own", own), ("plain", [])):
+        done = call("sample", "--data", "ratings.csv", "--out", out, *held, *given, *quick, cwd=tmp_path)
+        assert done.returncode == 3, done.stderr
+    assert (tmp_path / "own" / "figures" / "b_sorted.png").exists()
+    done = call("compare", "own", "plain", cwd=tmp_path)
+    assert NAMED["pressure"] in done.stdout, done.stderr
+    done = call("resume", "own", "--more-steps", "2", "--processes", "1", cwd=tmp_path)
+    assert done.returncode == 3, done.stderr
+    done = call("report", "own", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+
+
+LOCAL = replace(HERTZ, name="mine")
+
+
+@pytest.mark.parametrize(
+    ("options", "told"),
+    [
+        ({"readings": Readings(pressure=replace(HERTZ, name="other"))}, r"pressure 'other' cannot be stored"),
+        ({"priors": {"b": own_values.Unnormalised(4, 0.05)}}, r"integrates to 2\.17\d* between quantiles"),
+        ({"priors": {"b": 80}}, r"prior of b: 80 has no 'median', expected a prior, such as"),
+        ({"priors": [("b", "lognormal(80,0.3)")]}, r"priors: .*expected a mapping"),
+        ({"priors": {"b": "lognormal(80;0.3)"}}, r"expected lognormal\(median, sd_log, \[bound\]\) with numbers"),
+        ({"readings": Readings(membrane=LEAKY)}, r"channel multipliers cannot be sampled with the membrane leaky"),
+        (
+            {"readings": Readings(skin_displacement=replace(DISPLACEMENT, name="cubic", power=3))},
+            r"skin_displacement 'cubic' cannot be stored",
+        ),
+    ],
+)
+def test_what_cannot_pass_is_refused_before_the_first_step(options, told, monkeypatch):
+    monkeypatch.setattr(sampling, "walk", lambda *_: pytest.fail("the run has begun"))
+    free = {name: value for name, value in OPTIONS.items() if name != "fix"}
+    with pytest.raises(InputError, match=told), quickly():
+        sample(experiment(), **{**free, **options})
+
+
+def test_a_law_defined_inside_a_function_is_refused(monkeypatch):
+    class Inner(Gamma):
+        pass
+
+    monkeypatch.setattr(sampling, "walk", lambda *_: pytest.fail("the run has begun"))
+    with pytest.raises(InputError, match="define it at the top of a module"), quickly():
+        sample(experiment(), priors={"b": Inner(4, 0.05)}, max_steps=2)
+
+
+@pytest.mark.parametrize(
+    ("given", "told"),
+    [
+        ("pressure=support.own_values:SEVERE", "has no 'SEVERE'"),
+        ("pressure=no_such_module:MILD", "there is no module 'no_such_module'"),
+        ("pressure=support.own_values:OWN_LINE", "expected a Pressure"),
+        ("pressure=hertzz", "or MODULE:NAME for one of your own"),
+        ("presure=hertz", "no place 'presure'"),
+    ],
+)
+def test_readings_that_cannot_be_imported_are_named(given, told, tmp_path):
+    few_ratings(tmp_path)
+    refused(call("sample", "--data", tmp_path / "ratings.csv", "--reading", given, cwd=tmp_path), told)
+    assert not (tmp_path / "results").exists()
+
+
+def test_entry_points_of_installed_packages_have_short_names(monkeypatch):
+    points = {
+        "pressure": {"mild": EntryPoint("mild", f"{OWN}:MILD", "softness_bayes.pressure")},
+        "priors": {"gamma": EntryPoint("gamma", f"{OWN}:Gamma", "softness_bayes.priors")},
+        "figures": {"skin": EntryPoint("skin", f"{OWN}:b_sorted", "softness_bayes.figures")},
+    }
+    for module in list(sys.modules.values()):
+        if getattr(module, "__name__", "").startswith("softness_bayes") and "installed" in vars(module):
+            monkeypatch.setattr(module, "installed", lambda group: points.get(group, {}))
+    assert alternative("pressure", "mild") == MILD
+    # results name the value itself, which stays when the package names it anew
+    assert Readings(pressure=MILD).names["pressure"] == f"{OWN}:MILD"
+    assert str(parse_prior("gamma(4,0.05)")) == f"{OWN}:Gamma(4,0.05)"
+    assert "mild" in call("readings", "pressure").stdout
+    assert "skin" in call("figures").stdout
+    assert "gamma" in call("priors").stdout
+
+
+def test_names_lead_back_to_values():
+    assert reference(MILD) == f"{OWN}:MILD"
+    assert reference(Gamma) == f"{OWN}:Gamma"
+    assert reference(LOCAL) == f"{__name__}:LOCAL"
+    assert reference(np.array(3.0)) is None
