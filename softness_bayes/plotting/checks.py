@@ -9,6 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from softness_bayes.errors import InputError
+from softness_bayes.plotting.data import name_rows
+from softness_bayes.plotting.names import short_name
 from softness_bayes.plotting.panels import MODULUS_LABEL, Array, free_panels, legend_below, number_ticks
 from softness_bayes.plotting.style import USUAL, Style
 
@@ -19,6 +21,12 @@ if TYPE_CHECKING:
 
 BINS = 24
 """Of the replicates of a quantity."""
+
+MOST_OUTSIDE = 6
+"""Number of fabrics outside of their bars that are named in a panel."""
+
+FEW = 30
+"""Number of replicates with a quantity below which each of them is drawn, and no histogram."""
 
 
 class Means(NamedTuple):
@@ -32,6 +40,8 @@ class Means(NamedTuple):
     low: Array
     """Lower limit of the replicates, joint over all conditions."""
     high: Array
+    fabrics: Sequence[str] = ()
+    """Their names; those outside of the limits are written beside them."""
 
 
 class Replicated(NamedTuple):
@@ -51,8 +61,9 @@ def checks_figure(
 ) -> Figure:
     """Draw observed mean log ratings within the replicates' limits, and test quantities among their replicates.
 
-    A bar contains 90 % of the replicates, over all conditions at once. Histograms show the replicates that have the
-    quantity. The place of a turning point has a logarithmic axis.
+    A bar contains 90 % of the replicates, over all conditions at once; a fabric outside of its bar is named.
+    Histograms show the replicates that have the quantity; of fewer than `FEW` each is a tick. The place of a turning
+    point has a logarithmic axis.
 
     Parameters
     ----------
@@ -68,7 +79,8 @@ def checks_figure(
     Returns
     -------
     Figure
-        Artists named ``limits/1 mm`` and ``observed/1 mm`` (E_fab in kPa), ``replicates/k`` and ``observed/k``.
+        Artists named ``limits/1 mm`` and ``observed/1 mm`` (E_fab in kPa), ``replicates/k`` or, of few, ``each/k``,
+        and ``observed/k``.
 
     Raises
     ------
@@ -95,8 +107,16 @@ def _draw_means(axes: Axes, means: Means, style: Style) -> None:
     bars.set(label="90 % of replicates", gid=f"limits/{means.load}")
     points = axes.plot(x, means.observed, "o", color=style.data, markersize=2.5, gid=f"observed/{means.load}")[0]
     points.set(label="observed", zorder=3)
+    for marks in (bars, points):
+        name_rows(marks, means.fabrics)
     axes.set(xscale="log", title=means.load, xlabel=MODULUS_LABEL)
     number_ticks(axes.xaxis)
+    outside = np.flatnonzero((means.observed < means.low) | (means.observed > means.high))
+    for k in outside[:MOST_OUTSIDE] if means.fabrics else ():
+        words = axes.annotate(
+            short_name(means.fabrics[k]), (x[k], means.observed[k]), (0, 4), textcoords="offset points"
+        )
+        words.set(ha="center", fontsize=style.small, color=style.data, gid=f"name/{means.load}/{means.fabrics[k]}")
 
 
 def _draw_quantity(axes: Axes, quantity: Replicated, style: Style, gid: str) -> None:
@@ -112,21 +132,37 @@ def _draw_quantity(axes: Axes, quantity: Replicated, style: Style, gid: str) -> 
     else:
         spare = 0.5 * (low == high)
         edges = np.linspace(low - spare, high + spare, BINS + 1)
-    heights = np.histogram(known, edges)[0] / max(known.size, 1)
-    steps = axes.stairs(heights, edges, fill=True, color=style.tint(style.posterior, 0.5))
-    steps.set(gid=f"replicates/{gid}", label="replicates")
+    few = known.size < FEW and not yes_or_no
+    top = _draw_each(axes, known, style, gid) if few else _draw_histogram(axes, known, edges, style, gid)
     if np.isfinite(seen):
         axes.axvline(seen, color=style.data, linewidth=1.2, gid=f"observed/{gid}", label="of the data")
-    p_value = f"p = {quantity.p_value:.2f}" if np.isfinite(quantity.p_value) else "not in the data"
-    words = axes.text(0.98, 0.99, p_value, transform=axes.transAxes, ha="right", va="top", fontsize=style.small)
+    said = f"p = {quantity.p_value:.2f}" if np.isfinite(quantity.p_value) else "not in the data"
+    if known.size < quantity.replicates.size:
+        said += f"\nin {known.size} of {quantity.replicates.size} replicates"
+    words = axes.text(0.98, 0.99, said, transform=axes.transAxes, ha="right", va="top", fontsize=style.small)
     words.set_bbox({"facecolor": "white", "edgecolor": "none", "pad": 1})
     axes.set(xlabel=quantity.name, yticks=(), xscale="log" if wide else "linear")
-    axes.set_ylim(0.0, 1.3 * heights.max() or 1.0)  # room for the words
+    axes.set_ylim(0.0, 1.3 * top or 1.0)  # room for the words
     axes.spines["left"].set_visible(False)
     if yes_or_no:
         axes.set_xticks((0, 1), ("no", "yes"))
     elif wide:
         number_ticks(axes.xaxis)
+
+
+def _draw_histogram(axes: Axes, known: Array, edges: Array, style: Style, gid: str) -> float:
+    """Draw the share of the replicates in each bin, and return the largest."""
+    heights = np.histogram(known, edges)[0] / max(known.size, 1)
+    steps = axes.stairs(heights, edges, fill=True, color=style.tint(style.posterior, 0.5))
+    steps.set(gid=f"replicates/{gid}", label="replicates")
+    return float(heights.max())
+
+
+def _draw_each(axes: Axes, known: Array, style: Style, gid: str) -> float:
+    """Draw a tick for each replicate, and return the height of the ticks."""
+    ticks = axes.vlines(known, 0.0, 0.4, color=style.tint(style.posterior, 0.7), linewidth=0.8)
+    ticks.set(gid=f"each/{gid}", label="a single replicate")
+    return 1.0
 
 
 def loo_pit_figure(values: ArrayLike, points: ArrayLike, probability: float = 0.95, *, style: Style = USUAL) -> Figure:

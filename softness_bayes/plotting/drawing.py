@@ -42,11 +42,14 @@ class Drawing:
         The content of the figure, in a line.
     needs
         Variables that it needs.
+    on_request
+        Whether it is drawn only if it is asked for.
     """
 
     draw: Callable[[Drawable, Style], Figure]
     shows: str
     needs: tuple[Source, ...] = ()
+    on_request: bool = False
 
     def lacks(self, result: Drawable) -> str:
         """Return why a result lacks the data of this figure; empty if it has them."""
@@ -92,4 +95,4 @@ def own_drawing(name: str, given: Any) -> Drawing:
             raise InputError(f"figures: {name}, of your own, returns {figure!r:.60}, expected a matplotlib Figure")
         return figure
 
-    return Drawing(draw, drawing.shows, drawing.needs)
+    return Drawing(draw, drawing.shows, drawing.needs, drawing.on_request)

@@ -18,10 +18,11 @@ from softness_bayes.plotting.compression import compression_figure
 from softness_bayes.plotting.drawing import Drawing, Source, own_drawing
 from softness_bayes.plotting.inflection import inflection_figure
 from softness_bayes.plotting.membrane import membrane_figure
-from softness_bayes.plotting.parameters import corner_figure, prior_figure
+from softness_bayes.plotting.names import short_name
+from softness_bayes.plotting.parameters import corner_figure, informative, prior_figure
 from softness_bayes.plotting.rating import Observed, observed_ratings, rating_figure
 from softness_bayes.plotting.response import ratio_figure, response_figure
-from softness_bayes.plotting.style import PLOT, USUAL, Style, files_of, require_formats
+from softness_bayes.plotting.style import PLOT, USUAL, USUAL_FORMATS, Style, files_of, require_formats
 from softness_bayes.plotting.touch import Touches, touch_figure
 from softness_bayes.sampler.workers import Workers
 from softness_bayes.supplied import FORM, installed, is_supplied, supplied
@@ -29,6 +30,7 @@ from softness_bayes.supplied import FORM, installed, is_supplied, supplied
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+    from softness_bayes.parameters.priors import Prior
     from softness_bayes.plotting.drawable import Drawable
 
 Array = NDArray[np.float64]
@@ -54,6 +56,7 @@ def _response(result: Drawable, style: Style) -> Figure:
         _fabric_modulus(result),
         inflection=result.inflections(),
         finger_radius=_finger_radius(result),
+        names=_fabric_names(result),
         style=style,
     )
 
@@ -67,7 +70,8 @@ def _finger_radius(result: Drawable) -> float:
 
 
 def _response_ratio(result: Drawable, style: Style) -> Figure:
-    return ratio_figure(result.curves(), result.loads, _fabric_modulus(result), style=style)
+    names = _fabric_names(result)
+    return ratio_figure(result.curves(), result.loads, _fabric_modulus(result), names=names, style=style)
 
 
 def _rating(result: Drawable, style: Style, against_ratio: bool = False) -> Figure:
@@ -79,6 +83,7 @@ def _rating(result: Drawable, style: Style, against_ratio: bool = False) -> Figu
         result.loads,
         scale=result.scale,
         skin_modulus=stored["e_skin_kpa"].values * 1e3 if against_ratio else None,
+        names=_fabric_names(result) * len(result.loads),
         style=style,
     )
 
@@ -92,14 +97,37 @@ def _inflection(result: Drawable, style: Style) -> Figure:
 
 
 def _corner(result: Drawable, style: Style) -> Figure:
+    every = _sampled(result)
+    draws = _draws(result, "posterior", every)
+    first = informative(draws)
+    names = [every[k] for k in first]
+    left_out = len(every) - len(first)
+    note = f"{left_out} less correlated parameters are left out:\n'softness-bayes plot --all'" if left_out else ""
+    return corner_figure(draws[:, first], _labels(names), names=names, note=note, style=style)
+
+
+def _corner_all(result: Drawable, style: Style) -> Figure:
     names = _sampled(result)
-    return corner_figure(_draws(result, "posterior", names), _labels(names), style=style)
+    return corner_figure(_draws(result, "posterior", names), _labels(names), names=names, style=style)
 
 
 def _prior(result: Drawable, style: Style) -> Figure:
     names = _sampled(result)
     posterior, prior = (_draws(result, group, names) for group in ("posterior", "prior"))
-    return prior_figure(posterior, prior, _labels(names), style=style)
+    return prior_figure(posterior, prior, _labels(names), laws=_laws(result, names), style=style)
+
+
+def _laws(result: Drawable, names: Sequence[str]) -> list[Prior | None]:
+    """Return the law of each parameter's prior within the parameter's range; None where the result has none."""
+    from softness_bayes.parameters.declared import EVERY_PARAMETER
+    from softness_bayes.parameters.priors import Truncated
+    from softness_bayes.provenance import Provenance
+
+    declared = Provenance(result.tree.attrs).priors
+    return [
+        Truncated(declared[name], -np.inf, EVERY_PARAMETER[name].largest) if name in declared else None
+        for name in names
+    ]
 
 
 def _trace(result: Drawable, style: Style) -> Figure:
@@ -134,8 +162,13 @@ def _checks(result: Drawable, style: Style) -> Figure:
         if found.quantity.columns is Columns.CONDITION:
             for load in dict.fromkeys(load for load, _, _ in found.labels):
                 here = [k for k, label in enumerate(found.labels) if label[0] == load]
-                limits = np.array([[getattr(found.findings[k], name) for k in here] for name in Means._fields[2:]])
-                means.append(Means(load, np.array([modulus[found.labels[k][1]] for k in here]), *limits))
+                limits = np.array(
+                    [[getattr(found.findings[k], name) for k in here] for name in ("observed", "low", "high")]
+                )
+                called = [found.labels[k][1] for k in here]
+                means.append(
+                    Means(load, np.array([modulus[name] for name in called]), limits[0], limits[1], limits[2], called)
+                )
         elif found.quantity.columns is not Columns.PARTICIPANT:
             told = TOLD[found.quantity.name].format(scale=scale)
             shown += [
@@ -165,13 +198,23 @@ def _touch(result: Drawable, style: Style) -> Figure:
         middle["touch_rate_hz"].values,
         middle["touch_radius_mm"].values * 1e-3,
         [str(name) for name in stored["touch_load"].values],
-        [str(name) for name in stored["touch_fabric"].values],
+        _touched_names(result),
         stored["touch_e_fab_kpa"].values * 1e3,
         np.stack([stored[f"receptor_{side}_mm"].values for side in "xy"], axis=-1) * 1e-3,
         stored["pad_mm"].values * 1e-3,
         stored["contact_centre_mm"].values * 1e-3,
     )
     return touch_figure(touches, style=style)
+
+
+def _touched_names(result: Drawable) -> list[str]:
+    """Return what the fabrics of the figure of a touch are, with the names of those that were rated."""
+    stored, modulus = result.group("illustrations"), _fabric_modulus(result)
+    found = []
+    for what, at in zip(stored["touch_fabric"].values, stored["touch_e_fab_kpa"].values * 1e3, strict=True):
+        same = np.flatnonzero(np.isclose(modulus, at, rtol=1e-6))
+        found.append(f"{what} ({short_name(_fabric_names(result)[same[0]])})" if same.size else str(what))
+    return found
 
 
 def _membrane(result: Drawable, style: Style) -> Figure:
@@ -211,7 +254,8 @@ FIGURES: Mapping[str, Drawing] = MappingProxyType(
         "loo_pit": Drawing(_loo_pit, "ratings in their predictions from all the others", (CURVES, PIT)),
         "touch": Drawing(_touch, "pressure and stress under the pad, and its receptors by their rate", (CURVES, TOUCH)),
         "membrane": Drawing(_membrane, "firing rate against current, and example spike trains", (CURVES, FIRING)),
-        "corner": Drawing(_corner, "the posterior of every pair of parameters"),
+        "corner": Drawing(_corner, "the posterior of the most correlated pairs of parameters"),
+        "corner_all": Drawing(_corner_all, "the posterior of every pair of parameters", on_request=True),
         "prior": Drawing(_prior, "prior against posterior of every parameter"),
         "trace": Drawing(_trace, "the course of the ensembles"),
         "rank": Drawing(_rank, "ranks of the draws of each ensemble"),
@@ -230,9 +274,18 @@ def every_figure() -> list[str]:
     return [*FIGURES, *(name for name in installed(OWN_FIGURES) if name not in FIGURES)]
 
 
-def figures_of(result: Drawable) -> list[str]:
-    """Return the names of the figures for which a result has data: of ratings, of compression data, or of both."""
-    return [name for name in every_figure() if not figure_named(name).lacks(result)]
+def figures_of(result: Drawable, every: bool = False) -> list[str]:
+    """Return the names of the figures for which a result has data: of ratings, of compression data, or of both.
+
+    Parameters
+    ----------
+    result
+        A finished run.
+    every
+        Whether those are among them that are drawn only on request.
+    """
+    drawings = {name: figure_named(name) for name in every_figure()}
+    return [name for name, one in drawings.items() if not one.lacks(result) and (every or not one.on_request)]
 
 
 def figure_named(name: str) -> Drawing:
@@ -274,7 +327,7 @@ def draw_figures(
     result: Drawable,
     directory: str | Path,
     names: Sequence[str] | None = None,
-    formats: Sequence[str] = ("png", "pdf"),
+    formats: Sequence[str] = USUAL_FORMATS,
     style: Style = USUAL,
     processes: int = 1,
 ) -> list[Path]:
@@ -321,6 +374,10 @@ def _drawn(result: Drawable, name: str, formats: tuple[str, ...], style: Style) 
 
 def _fabric_modulus(result: Drawable) -> Array:
     return result.group("constant_data")["effective_modulus_kpa"].values * 1e3
+
+
+def _fabric_names(result: Drawable) -> list[str]:
+    return [str(name) for name in result.group("constant_data")["fabric"].values]
 
 
 def _observed(result: Drawable) -> Observed:

@@ -39,7 +39,7 @@ def membrane_figure(
         Draws of the rate [Hz], shape (draws, points).
     rheobase, largest
         Draws of the rheobase and of alpha [µA/cm²], shape (draws,); the rheobase infinite where nothing fires. Bars
-        along the foot hold 95 % of each.
+        above the panel hold 95 % of each.
     spikes
         Times of the trains' spikes [ms], shape (trains, most spikes), NaN where there are fewer.
     train_current
@@ -69,8 +69,8 @@ def membrane_figure(
         figure = Figure(figsize=(style.column, 2.6 + 0.25 * given.size), layout="constrained")
         above, below = figure.subplots(2, 1, height_ratios=(2.0, 0.25 + 0.25 * given.size))
         draw_bands(above, x, draws, style.posterior, style, "rate")
-        _draw_interval(above, np.asarray(rheobase, float), 0.03, style.inflection, "rheobase")
-        _draw_interval(above, np.asarray(largest, float), 0.08, style.data, "alpha")
+        _draw_interval(above, np.asarray(rheobase, float), 1.05, style.inflection, "rheobase")
+        _draw_interval(above, np.asarray(largest, float), 1.12, style.data, "alpha")
         above.set(xlim=(x[0], x[-1]), ylim=(0.0, None), xlabel=CURRENT_LABEL, ylabel="firing rate [Hz]")
         _draw_trains(below, times, given, duration, style)
         legend_below(figure, [above])
@@ -97,11 +97,12 @@ def _draw_trains(axes: Axes, times: Array, current: Array, duration: float, styl
 
 
 def _draw_interval(axes: Axes, draws: Array, height: float, colour: str, name: str) -> None:
-    """Draw a bar over the central 95 % of draws, and a dot at their median, near the foot of a panel."""
+    """Draw a bar over the central 95 % of draws, and a dot at their median, above a panel."""
     foot, words = axes.get_xaxis_transform(), {"rheobase": "rheobase", "alpha": r"largest current $\alpha$"}[name]
     known = draws[np.isfinite(draws)]
     if known.size:
         low, middle, high = np.quantile(known, [0.025, 0.5, 0.975])
         (bar,) = axes.plot([low, high], [height] * 2, color=colour, linewidth=2.0, transform=foot, gid=name)
-        bar.set(label=words, zorder=3)
-        axes.plot([middle], [height], "o", color=colour, markersize=3, transform=foot, zorder=3)
+        bar.set(label=f"{words}, 95 % credible", zorder=3, clip_on=False)
+        (dot,) = axes.plot([middle], [height], "o", color=colour, markersize=3, transform=foot, zorder=3)
+        dot.set(clip_on=False, gid=f"{name} median")

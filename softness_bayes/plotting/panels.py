@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from softness_bayes.errors import InputError
+from softness_bayes.plotting.data import name_rows
 from softness_bayes.plotting.style import Style
 from softness_bayes.touch.contact import Load
 
@@ -30,6 +31,9 @@ WIDE = 6.0
 
 NARROWEST = 1.6
 """Smallest width of a panel with its own numbers and labels [in]."""
+
+LEAST_PLAIN, MOST_PLAIN = 0.005, 2e5
+"""Ends of a logarithmic axis between which ticks are plain numbers."""
 
 MODULUS_LABEL = r"fabric modulus $E_\mathrm{fab}$ [kPa]"
 RATIO_LABEL = r"$E_\mathrm{fab}\,/\,E_\mathrm{skin}$ [–]"
@@ -56,11 +60,11 @@ class Grid(NamedTuple):
     """The uppermost axes of each panel, which takes the title: its margin, or the panel itself."""
 
 
-def grid_of_panels(count: int, xlabel: str, ylabel: str, style: Style, margin: float = 0.0) -> Grid:
+def grid_of_panels(count: int, xlabel: str, ylabel: str, style: Style, margin: float = 0.0, above: float = 0.0) -> Grid:
     """Return a figure of `count` panels with common axes, at most four beside each other, fewer on a narrow page.
 
     Rows have similar numbers of panels; a single panel takes one column of a page. A `margin`, as a share of
-    a panel's height, adds separate axes above each panel.
+    a panel's height, adds separate axes above each panel; `above` [in] is the room that each row's names take.
     """
     from matplotlib.figure import Figure
 
@@ -68,7 +72,7 @@ def grid_of_panels(count: int, xlabel: str, ylabel: str, style: Style, margin: f
     columns = -(-count // rows)
     ratios = [margin, 1.0] * rows if margin else [1.0] * rows
     width, height = style.column if count == 1 else style.page, 2.0 * (1.0 + margin)
-    figure = Figure(figsize=(width, height * rows + 0.5), layout="constrained")
+    figure = Figure(figsize=(width, (height + above) * rows + 0.5), layout="constrained")
     cells = figure.subplots(len(ratios), columns, sharex=True, squeeze=False, height_ratios=ratios)
     step = len(ratios) // rows
     heads, panels = cells[::step].ravel(), cells[step - 1 :: step].ravel()
@@ -155,9 +159,9 @@ def draw_bands(axes: Axes, x: Array, draws: Array, colour: str, style: Style, gi
         band.set(label=f"{100 * level:.0f} % credible", gid=f"band{100 * level:.0f}/{gid}")
 
 
-def draw_rug(axes: Axes, x: Array, style: Style, gid: str) -> None:
+def draw_rug(axes: Axes, x: Array, style: Style, gid: str, names: Sequence[str] = ()) -> None:
     """Mark the fabrics of the data along the foot of the panel."""
-    axes.plot(
+    (marks,) = axes.plot(
         x,
         np.full(np.shape(x), 0.03),
         linestyle="none",
@@ -169,24 +173,33 @@ def draw_rug(axes: Axes, x: Array, style: Style, gid: str) -> None:
         label="fabrics of the data",
         gid=f"fabrics/{gid}",
     )
+    name_rows(marks, names)
 
 
 def number_ticks(axis: Axis) -> None:
-    """Write the ticks of a logarithmic axis with set limits as plain numbers if these are short."""
+    """Write the ticks of a logarithmic axis with set limits in one notation: plain numbers, or powers of ten."""
     from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
     low, high = axis.get_view_interval()
     decades = np.log10(high) - np.log10(low)
     marks = (1, 2, 3, 4, 6, 8) if decades < 1 else (1, 2, 5) if decades < 2 else (1,)
     axis.set_major_locator(LogLocator(subs=marks, numticks=9))
-    axis.set_major_formatter(FuncFormatter(_number))
+    plain = low >= LEAST_PLAIN and high < MOST_PLAIN
+    axis.set_major_formatter(FuncFormatter(_number if plain else _power))
     axis.set_minor_formatter(NullFormatter())
     if decades > 4:
         axis.set_minor_locator(LogLocator(subs=(2, 5), numticks=99))
 
 
 def _number(value: float, _: int | None = None) -> str:
-    return f"{value:g}" if 0.01 <= value < 10000 else rf"$10^{{{np.log10(value):.0f}}}$"
+    return f"{value:.12g}"
+
+
+def _power(value: float, _: int | None = None) -> str:
+    """Return a number as a power of ten, times its first digit unless that is 1."""
+    exponent = int(np.floor(np.log10(value) + 1e-9))
+    first = round(value / 10.0**exponent)
+    return rf"$10^{{{exponent}}}$" if first == 1 else rf"${first}\cdot10^{{{exponent}}}$"
 
 
 def short(value: float) -> str:
@@ -194,11 +207,13 @@ def short(value: float) -> str:
     return f"{float(f'{value:.3g}'):.12g}"
 
 
-def legend_below(figure: Figure, axes: Sequence[Axes]) -> None:
-    """Draw a legend of the panels' labelled artists, each label once, below them."""
+def legend_below(figure: Figure, axes: Sequence[Axes], more: str = "") -> None:
+    """Draw a legend of the panels' labelled artists, each label once, below them, and a line of words below it."""
     handles: dict[str, Any] = {}
     for panel in axes:
         for handle, label in zip(*panel.get_legend_handles_labels(), strict=True):
             handles.setdefault(label, handle)
     columns = 2 if len(axes) == 1 or figure.get_figwidth() < WIDE else len(handles)
-    figure.legend(list(handles.values()), list(handles), loc="outside lower center", ncols=columns)
+    legend = figure.legend(list(handles.values()), list(handles), loc="outside lower center", ncols=columns)
+    if more:
+        legend.set_title(more)

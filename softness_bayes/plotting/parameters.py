@@ -3,28 +3,62 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from softness_bayes.errors import InputError
+from softness_bayes.plotting.data import carry
 from softness_bayes.plotting.panels import LEVELS, TINTS, Array, check_draws, free_panels, legend_below
 from softness_bayes.plotting.style import USUAL, Style
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+
+    from softness_bayes.parameters.priors import Prior
 
 MOST_DRAWS = 5000
 """Largest number of draws in a corner plot; more take time without a visible difference."""
 
 _SHOWN = (0.025, 0.975)
 
+POINTS = 241
+"""Points of the line of a prior."""
+
+MOST_PARAMETERS = 6
+"""Number of parameters in a corner plot of the most informative pairs."""
+
 FEWEST_DRAWS_FOR_CONTOURS = 400
 """Number of draws below which the corner plot shows points."""
 
 
-def corner_figure(draws: ArrayLike, labels: Sequence[str], *, style: Style = USUAL) -> Figure:
+def informative(draws: ArrayLike, most: int = MOST_PARAMETERS) -> list[int]:
+    """Return the columns of the pairs with the largest rank correlations, the largest first.
+
+    Parameters
+    ----------
+    draws
+        Shape (draws, parameters).
+    most
+        Number of columns, if there are as many.
+    """
+    from scipy.stats import rankdata
+
+    values = _thinned(np.asarray(draws, float))
+    ranks = rankdata(values, axis=0) - 0.5 * (len(values) + 1)
+    size = np.sqrt((ranks**2).sum(axis=0))
+    related = np.abs(ranks.T @ ranks) / np.maximum(np.outer(size, size), 1e-300)
+    rows, columns = np.triu_indices(values.shape[1], 1)
+    order = np.argsort(-related[rows, columns], kind="stable")
+    members = [int(k) for pair in zip(rows[order], columns[order], strict=True) for k in pair]
+    return list(dict.fromkeys([*members, *range(values.shape[1])]))[:most]
+
+
+def corner_figure(
+    draws: ArrayLike, labels: Sequence[str], *, names: Sequence[str] = (), note: str = "", style: Style = USUAL
+) -> Figure:
     """Draw every parameter's and every pair's posterior, with 50 % and 95 % regions.
 
     Parameters
@@ -33,6 +67,10 @@ def corner_figure(draws: ArrayLike, labels: Sequence[str], *, style: Style = USU
         Shape (draws, parameters); thinned evenly to at most `MOST_DRAWS`.
     labels
         Symbol and unit of each parameter.
+    names
+        Titles of the columns in the table of the figure's data; by default the labels.
+    note
+        Words in the empty corner.
     style
         How it looks.
 
@@ -48,6 +86,7 @@ def corner_figure(draws: ArrayLike, labels: Sequence[str], *, style: Style = USU
         fewer draws than parameters.
     """
     import corner
+    import pandas as pd
     from matplotlib.figure import Figure
 
     values = _thinned(check_draws(draws, labels))
@@ -79,8 +118,9 @@ def corner_figure(draws: ArrayLike, labels: Sequence[str], *, style: Style = USU
             data_kwargs={"alpha": 0.5},
         )
         _tidy(figure, dimension, width)
-        if contours and dimension > 1:
-            _region_legend(figure, tints, style)
+        if dimension > 1 and (contours or note):
+            _region_legend(figure, tints if contours else (), note, style)
+        carry(figure, pd.DataFrame(values, columns=list(names or labels)))
     return figure
 
 
@@ -94,19 +134,22 @@ def _require_varying(values: Array, labels: Sequence[str]) -> None:
         raise InputError(f"corner plot: {', '.join(still)} does not vary")
 
 
-def _region_legend(figure: Figure, tints: Sequence[tuple[float, float, float]], style: Style) -> None:
-    """Name the regions, in the empty corner."""
+def _region_legend(figure: Figure, tints: Sequence[tuple[float, float, float]], note: str, style: Style) -> None:
+    """Name the regions, in the empty corner, and write a note there."""
     from matplotlib.patches import Patch
 
     patches = [
         Patch(facecolor=tint, edgecolor=style.posterior, label=f"{100 * level:.0f} % credible region")
-        for level, tint in zip(LEVELS, tints, strict=True)
+        for level, tint in zip(LEVELS, tints, strict=False)
     ]
-    figure.legend(handles=patches, loc="upper right")
+    legend = figure.legend(handles=patches, loc="upper right", title=note or None, alignment="left")
+    legend.get_title().set_fontsize(style.small)
 
 
 def _tidy(figure: Figure, dimension: int, width: float) -> None:
     """Fit corner's margins, ticks and labels, made for wide panels, to a page."""
+    from matplotlib.ticker import FixedLocator, MaxNLocator
+
     margin, gap = 0.64, 0.05  # in
     panel = (width - margin - 0.1) / dimension
     figure.subplots_adjust(
@@ -120,7 +163,12 @@ def _tidy(figure: Figure, dimension: int, width: float) -> None:
     for place, axes in enumerate(figure.axes):
         row, column = divmod(place, dimension)
         axes.set_gid(f"corner/{row}/{column}")
-        axes.tick_params(length=2)
+        axes.tick_params(length=2, labelrotation=45)
+        for axis in (axes.xaxis, axes.yaxis) if column < row else (axes.xaxis,) if column == row else ():
+            low, high = axis.get_view_interval()
+            ticks = np.asarray(MaxNLocator(4 if dimension <= 6 else 3).tick_values(low, high))
+            away = 0.1 * (high - low)  # from the corners, where the numbers of two panels meet
+            axis.set_major_locator(FixedLocator(ticks[(ticks > low + away) & (ticks < high - away)].tolist()))
         axes.xaxis.set_label_coords(0.5, -0.32 / panel)
         axes.yaxis.set_label_coords(-0.32 / panel, 0.5)
 
@@ -135,8 +183,17 @@ def _ranges(values: Array, beyond: float) -> list[tuple[float, float]]:
     return [(float(a - beyond * (b - a)), float(b + beyond * (b - a))) for a, b in zip(low, high, strict=True)]
 
 
-def prior_figure(posterior: ArrayLike, prior: ArrayLike, labels: Sequence[str], *, style: Style = USUAL) -> Figure:
+def prior_figure(
+    posterior: ArrayLike,
+    prior: ArrayLike,
+    labels: Sequence[str],
+    *,
+    laws: Sequence[Prior | None] = (),
+    style: Style = USUAL,
+) -> Figure:
     """Draw prior and posterior density of each parameter.
+
+    The prior's density is that of its law, and a histogram of its draws only where no law is given.
 
     Parameters
     ----------
@@ -144,13 +201,15 @@ def prior_figure(posterior: ArrayLike, prior: ArrayLike, labels: Sequence[str], 
         Draws, shapes (draws, parameters) and (prior draws, parameters).
     labels
         Symbol and unit of each parameter.
+    laws
+        Law of the prior of each parameter, None where it is not known; by default none is.
     style
         How it looks.
 
     Returns
     -------
     Figure
-        Artists named ``posterior/k`` and ``prior/k`` (step patches of densities), k the column.
+        Artists named ``posterior/k`` (a step patch) and ``prior/k`` (a line, or a step patch of draws), k the column.
 
     Raises
     ------
@@ -161,22 +220,32 @@ def prior_figure(posterior: ArrayLike, prior: ArrayLike, labels: Sequence[str], 
     with style.applied():
         grid = free_panels(len(labels), style, columns=4, height=1.1)
         for place, (axes, label) in enumerate(zip(grid.panels, labels, strict=True)):
-            kinds = (
-                ("posterior", after[:, place], {"fill": True, "color": style.tint(style.posterior, 0.5)}),
-                ("prior", before[:, place], {"color": style.prior}),
-            )
-            for name, values, look in kinds:
-                height, edges = _histogram(values)
-                axes.stairs(height, edges, label=name, **look).set_gid(f"{name}/{place}")
+            law = laws[place] if laws else None
+            _draw_steps(axes, after[:, place], f"posterior/{place}", fill=True, color=style.tint(style.posterior, 0.5))
             # a wide prior may be cut outside its central 95 %, so that it does not shrink the posterior to a line
-            (low, high), (least, most) = _ranges(after[:, [place]], 0.05)[0], np.quantile(before[:, place], _SHOWN)
+            (low, high), (least, most) = (
+                _ranges(after[:, [place]], 0.05)[0],
+                np.quantile(before[:, place], _SHOWN) if law is None else law.quantile(np.array(_SHOWN)),
+            )
             if most > least:
                 axes.set_xlim(min(low, least), max(high, most))
+            if law is None:
+                _draw_steps(axes, before[:, place], f"prior/{place}", color=style.prior)
+            else:
+                x = np.linspace(*axes.get_xlim(), POINTS)
+                line = axes.plot(x, np.exp(law.log_density(x)), color=style.prior, linewidth=0.9)[0]
+                line.set(gid=f"prior/{place}", label="prior")
             axes.set(xlabel=label, yticks=(), ylim=(0.0, None))
         for axes in grid.leftmost:
             axes.set_ylabel("density")
         legend_below(grid.figure, grid.panels)
     return grid.figure
+
+
+def _draw_steps(axes: Axes, values: Array, gid: str, **look: Any) -> None:
+    """Draw the histogram of draws as a density."""
+    height, edges = _histogram(values)
+    axes.stairs(height, edges, label=gid.partition("/")[0], **look).set_gid(gid)
 
 
 def _histogram(values: Array) -> tuple[Array, Array]:

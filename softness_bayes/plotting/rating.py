@@ -10,6 +10,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from softness_bayes.errors import InputError
 from softness_bayes.likelihood.scales import MAGNITUDE, Scale
+from softness_bayes.plotting.data import name_rows
+from softness_bayes.plotting.names import name_fabrics, named_in_words, room_for
 from softness_bayes.plotting.panels import (
     MODULUS_LABEL,
     RATIO_LABEL,
@@ -141,6 +143,7 @@ def rating_figure(
     *,
     scale: Scale = MAGNITUDE,
     skin_modulus: ArrayLike | None = None,
+    names: Sequence[str] = (),
     style: Style = USUAL,
 ) -> Figure:
     """Draw predicted and observed ratings against E_fab or E_fab / E_skin, one panel per load.
@@ -164,6 +167,8 @@ def rating_figure(
     skin_modulus
         E_skin [Pa] of every draw along the grid, shape (draws, loads, points). If given, the axis is
         E_fab / E_skin: each draw's curve is drawn against its own ratio, the data at the medians of theirs.
+    names
+        Name of the fabric of each of the observed conditions, written above it; none are by default.
     style
         How it looks.
 
@@ -171,7 +176,8 @@ def rating_figure(
     -------
     Figure
         Artists named ``median/1 mm``, ``band95/1 mm``, ``band50/1 mm``, ``ratings/1 mm`` (points) and
-        ``spread/1 mm`` (bars); E_fab in kPa, or its ratio to E_skin.
+        ``spread/1 mm`` (bars), and, of names, ``name/1 mm/NAME`` and ``guide/1 mm``; E_fab in kPa, or its ratio
+        to E_skin.
 
     Raises
     ------
@@ -183,22 +189,28 @@ def rating_figure(
     draws, observed = np.clip(draws, *scale.drawn), observed.within(*scale.drawn)
     xlabel = MODULUS_LABEL if skin_modulus is None else RATIO_LABEL
     with style.applied():
-        figure, panels, _ = grid_of_panels(len(loads), xlabel, scale.label, style)
+        figure, panels, _ = grid_of_panels(len(loads), xlabel, scale.label, style, above=room_for(names, style))
         ends: list[float] = []
+        at: list[tuple[Array, list[str]]] = []
         for index, (axes, load) in enumerate(zip(panels, loads, strict=True)):
             here = (observed.load == index) & np.isfinite(observed.mean)
             skin = None if skin_modulus is None else np.asarray(skin_modulus)[:, index]
             x, curves, places = _along_axis(modulus, draws[:, index], observed.modulus[here], skin)
             draw_bands(axes, x, curves, style.posterior, style, str(load))
-            _draw_observed(axes, places, observed, here, scale, style, str(load))
-            axes.set(xscale="log", yscale=scale.axis, title=title(load))
+            called = [names[int(k)] for k in np.flatnonzero(here)] if names else []
+            _draw_observed(axes, places, observed, here, scale, style, str(load), called)
+            axes.set(xscale="log", yscale=scale.axis)
+            axes.set_title(title(load), pad=72.0 * room_for(names, style) or None)
             ends += [x.min(), x.max()]
-        for axes in panels:
+            at.append((places, called))
+        written = []
+        for axes, load, (places, called) in zip(panels, loads, at, strict=True):
             axes.set_xlim(min(ends), max(ends))
             number_ticks(axes.xaxis)
             if scale.axis == "log":
                 number_ticks(axes.yaxis)
-        legend_below(figure, panels)
+            written.append(name_fabrics(axes, places, called, style, str(load)) if called else 0)
+        legend_below(figure, panels, named_in_words(written, [len(called) for _, called in at]))
     return figure
 
 
@@ -216,9 +228,18 @@ def _along_axis(
 
 
 def _draw_observed(
-    axes: Axes, x: Array, observed: Observed, here: NDArray[np.bool_], scale: Scale, style: Style, gid: str
+    axes: Axes,
+    x: Array,
+    observed: Observed,
+    here: NDArray[np.bool_],
+    scale: Scale,
+    style: Style,
+    gid: str,
+    names: Sequence[str] = (),
 ) -> None:
     spread = axes.vlines(x, observed.low[here], observed.high[here], color=style.tint(style.data, 0.6), linewidth=0.8)
     spread.set(label="± 1 sd between participants", gid=f"spread/{gid}", zorder=2)
     points = axes.plot(x, observed.mean[here], "o", color=style.data, markersize=3, gid=f"ratings/{gid}")[0]
     points.set(label=scale.mean, zorder=3)
+    for marks in (spread, points):
+        name_rows(marks, names)

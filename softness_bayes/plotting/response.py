@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from softness_bayes.plotting.inflection import MARGIN, draw_margin
+from softness_bayes.plotting.names import name_fabrics, named_in_words, room_for
 from softness_bayes.plotting.panels import (
     MODULUS_LABEL,
     RATE_LABEL,
@@ -32,6 +33,9 @@ if TYPE_CHECKING:
 
     from softness_bayes.checking.inflection import Curves, Inflection
 
+QUESTIONABLE = "#EFEFEF"
+"""Ground of a panel where Hertz's contact is questionable."""
+
 HERTZ_LIMIT = 0.5
 """Contact radius over fingertip radius above which Hertz's contact is questionable (model.md 11)."""
 
@@ -43,6 +47,7 @@ def response_figure(
     *,
     inflection: Inflection | None = None,
     finger_radius: float | None = None,
+    names: Sequence[str] = (),
     style: Style = USUAL,
 ) -> Figure:
     """Draw the total rate against E_fab: median, 50 % and 95 % credible bands, one panel per load.
@@ -59,8 +64,9 @@ def response_figure(
         If given, its posterior is drawn along the top of each panel, with the probability of a turning
         point.
     finger_radius
-        Radius R of the fingertip [m]. If given, a hatched strip along the top marks where the contact
-        of the draws' median exceeds a/R = 0.5.
+        Radius R of the fingertip [m]. If given, the panel is grey where the draws' median contact radius exceeds R/2.
+    names
+        Names of the fabrics, written above the panels; none are by default.
     style
         How it looks.
 
@@ -68,7 +74,8 @@ def response_figure(
     -------
     Figure
         Artists named ``median/1 mm``, ``band95/1 mm``, ``band50/1 mm``, ``fabrics/1 mm``, and, where
-        drawn, ``hertz/1 mm``, ``density/1 mm`` and ``probability/1 mm``; E_fab in kPa.
+        drawn, ``hertz/1 mm``, ``density/1 mm``, ``probability/1 mm``, ``name/1 mm/NAME`` and ``guide/1 mm``; E_fab
+        in kPa.
 
     Raises
     ------
@@ -79,21 +86,30 @@ def response_figure(
     kilopascal = curves.modulus / 1e3
     with style.applied():
         margin = MARGIN if inflection is not None else 0.0
-        figure, panels, heads = grid_of_panels(len(loads), MODULUS_LABEL, RATE_LABEL, style, margin)
+        above = room_for(names, style)
+        figure, panels, heads = grid_of_panels(len(loads), MODULUS_LABEL, RATE_LABEL, style, margin, above)
         for index, (axes, load) in enumerate(zip(panels, loads, strict=True)):
             draw_bands(axes, kilopascal, curves.total_rate[:, index], style.posterior, style, str(load))
-            draw_rug(axes, np.asarray(fabric_modulus) / 1e3, style, str(load))
+            draw_rug(axes, np.asarray(fabric_modulus) / 1e3, style, str(load), names)
             if finger_radius is not None:
                 _mark_hertz(axes, kilopascal, curves.radius[:, index], finger_radius, str(load))
-        _finish(figure, panels, kilopascal, _top(curves.total_rate))
+        places = [np.asarray(fabric_modulus) / 1e3] * len(loads)
+        _finish(figure, panels, kilopascal, _top(curves.total_rate), loads, places, names, style)
         for index, (head, load) in enumerate(zip(heads, loads, strict=True)):
             if inflection is not None:
                 draw_margin(head, inflection, index, style, str(load))
-            head.set_title(title(load))
+            head.set_title(title(load), pad=72.0 * above if above and inflection is None else None)
     return figure
 
 
-def ratio_figure(curves: Curves, loads: Sequence[Load], fabric_modulus: ArrayLike, *, style: Style = USUAL) -> Figure:
+def ratio_figure(
+    curves: Curves,
+    loads: Sequence[Load],
+    fabric_modulus: ArrayLike,
+    *,
+    names: Sequence[str] = (),
+    style: Style = USUAL,
+) -> Figure:
     """Draw the total rate against E_fab / E_skin, else as `response_figure`.
 
     E_skin differs from draw to draw. Every draw's curve is interpolated in the logarithm of its own
@@ -102,25 +118,26 @@ def ratio_figure(curves: Curves, loads: Sequence[Load], fabric_modulus: ArrayLik
     """
     check_loads(loads, curves.total_rate.shape[1])
     with style.applied():
-        figure, panels, _ = grid_of_panels(len(loads), RATIO_LABEL, RATE_LABEL, style)
+        above = room_for(names, style)
+        figure, panels, _ = grid_of_panels(len(loads), RATIO_LABEL, RATE_LABEL, style, above=above)
         axis = [RatioAxis.of(curves.modulus, curves.skin_modulus[:, index]) for index in range(len(loads))]
         for index, (axes, load) in enumerate(zip(panels, loads, strict=True)):
             common = axis[index].carry(curves.total_rate[:, index])
             draw_bands(axes, axis[index].grid, common, style.posterior, style, str(load))
-            draw_rug(axes, axis[index].place(fabric_modulus), style, str(load))
-            axes.set_title(title(load))
-        _finish(figure, panels, np.array([each.grid for each in axis]), _top(curves.total_rate))
+            draw_rug(axes, axis[index].place(fabric_modulus), style, str(load), names)
+            axes.set_title(title(load), pad=72.0 * above or None)
+        places = [each.place(fabric_modulus) for each in axis]
+        grid = np.array([each.grid for each in axis])
+        _finish(figure, panels, grid, _top(curves.total_rate), loads, places, names, style)
     return figure
 
 
 def _mark_hertz(axes: Axes, x: Array, radius: Array, finger_radius: float, gid: str) -> None:
     beyond = np.median(radius, axis=0) / finger_radius > HERTZ_LIMIT
     if beyond.any():
-        strip = axes.fill_between(
-            x, 0.96, 1.0, where=list(beyond), transform=axes.get_xaxis_transform(), facecolor="none"
-        )
-        strip.set(hatch="/////", edgecolor="#808080", linewidth=0.0, label="contact beyond $a/R$ = 0.5")
-        strip.set_gid(f"hertz/{gid}")
+        ground = axes.fill_between(x, 0.0, 1.0, where=list(beyond), transform=axes.get_xaxis_transform())
+        ground.set(facecolor=QUESTIONABLE, edgecolor="none", linewidth=0.0, zorder=0.1, gid=f"hertz/{gid}")
+        ground.set_label(f"contact radius above {HERTZ_LIMIT:g} R: geometry questionable")
 
 
 def _top(rate: Array) -> float:
@@ -129,9 +146,21 @@ def _top(rate: Array) -> float:
     return 1.12 * float(upper[np.isfinite(upper)].max(initial=0.0)) or 1.0
 
 
-def _finish(figure: Figure, panels: Sequence[Axes], x: Array, top: float) -> None:
-    for axes in panels:
+def _finish(
+    figure: Figure,
+    panels: Sequence[Axes],
+    x: Array,
+    top: float,
+    loads: Sequence[Load],
+    places: Sequence[Array],
+    names: Sequence[str],
+    style: Style,
+) -> None:
+    """Set the axes of all panels, name the fabrics at their places, and draw the legend."""
+    written = []
+    for axes, load, here in zip(panels, loads, places, strict=True):
         axes.set_xscale("log")
         axes.set(xlim=(x.min(), x.max()), ylim=(0.0, top))
         number_ticks(axes.xaxis)
-    legend_below(figure, panels)
+        written.append(name_fabrics(axes, here, names, style, str(load)) if names else 0)
+    legend_below(figure, panels, named_in_words(written, [len(names)] * len(panels)))

@@ -13,6 +13,8 @@ from typing import TYPE_CHECKING, Any, Self
 
 from softness_bayes.errors import InputError
 from softness_bayes.files.outputs import write_outputs
+from softness_bayes.files.spreadsheet import csv_of
+from softness_bayes.plotting.data import data_of
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -30,7 +32,13 @@ METADATA: Mapping[str, Mapping[str, str | None]] = MappingProxyType(
         "svg": {"Date": None, "Creator": None},
     }
 )
-"""Metadata of each format, without date and program, so that equal figures are equal files."""
+"""Metadata of each format of pictures, without date and program, so that equal figures are equal files."""
+
+DATA = "csv"
+"""The format of a figure's data: a table of what it shows."""
+
+USUAL_FORMATS = ("png", "pdf", DATA)
+"""Formats of a run's figures."""
 
 RC: Mapping[str, Any] = MappingProxyType(
     {
@@ -43,6 +51,7 @@ RC: Mapping[str, Any] = MappingProxyType(
         "xtick.labelsize": 7,
         "ytick.labelsize": 7,
         "legend.fontsize": 7,
+        "legend.title_fontsize": 7,
         "axes.linewidth": 0.6,
         "xtick.major.width": 0.6,
         "ytick.major.width": 0.6,
@@ -186,9 +195,10 @@ def require_formats(formats: Sequence[str]) -> None:
     InputError
         Naming the first unknown format, and the known ones.
     """
-    unknown = [name for name in formats if name not in METADATA]
+    known = (*METADATA, DATA)
+    unknown = [name for name in formats if name not in known]
     if unknown:
-        raise InputError(f"figure: unknown format {unknown[0]!r}, expected one of {', '.join(METADATA)}")
+        raise InputError(f"figure: unknown format {unknown[0]!r}, expected one of {', '.join(known)}")
 
 
 def save(figure: Figure, path: str | Path, formats: Sequence[str] = ("png", "pdf"), style: Style = USUAL) -> list[Path]:
@@ -201,7 +211,7 @@ def save(figure: Figure, path: str | Path, formats: Sequence[str] = ("png", "pdf
     path
         Where, without a suffix.
     formats
-        Suffixes out of `METADATA`.
+        Suffixes out of `METADATA`, or `DATA`.
     style
         Resolution and fonts of the files.
 
@@ -224,9 +234,12 @@ def files_of(
 ) -> dict[str, bytes]:
     """Return the contents of the files that `save` writes, by their names: the stem and a suffix."""
     require_formats(formats)
-    contents = {}
+    contents: dict[str, bytes] = {}
     with style.applied(), _laid_out(figure):
         for name in formats:
+            if name == DATA:
+                contents[f"{stem}.{name}"] = csv_of(data_of(figure), index=False).encode()
+                continue
             drawn = io.BytesIO()
             figure.savefig(drawn, format=name, metadata=dict(METADATA[name]))
             contents[f"{stem}.{name}"] = drawn.getvalue()

@@ -20,6 +20,9 @@ if TYPE_CHECKING:
 SEEN = 0.02
 """Share of the largest stress below which the axis of distances ends."""
 
+MARGIN = 1.25
+"""Half of the shown part of the pad, in radii of the largest contact."""
+
 COLOURS = "viridis"
 """Colour map of rates: even in lightness and safe for the colour-blind."""
 
@@ -52,17 +55,17 @@ class Touches(NamedTuple):
 
 
 def touch_figure(touches: Touches, *, style: Style = USUAL) -> Figure:
-    """Draw pressure and stress against the distance from the axis, and below them the pad's receptors.
+    """Draw pressure, stress and firing rate against the distance from the axis, and below them the pad's receptors.
 
     Each column is a load; a narrow page shows the smallest and the largest. Lines are medians over the draws, bands
     their central 95 %. Receptors are drawn at random from their density, in the colour of the median rate at their
-    distance; open ones are silent. The circle is the edge of the contact.
+    distance; open ones are silent. The circle is the edge of the contact; the part of the pad about it is shown.
 
     Returns
     -------
     Figure
-        Artists named ``stress/1 mm/0``, ``pressure/1 mm/0``, ``band95/1 mm/0``, ``firing/1 mm/0`` and
-        ``silent/1 mm/0``, the last number that of the fabric; lengths in mm, stresses in kPa.
+        Artists named ``stress/1 mm/0``, ``pressure/1 mm/0``, ``band95/1 mm/0``, ``rate/1 mm/0``, ``firing/1 mm/0``,
+        ``silent/1 mm/0`` and ``contact/1 mm/0``, the last number that of the fabric; lengths in mm, stresses in kPa.
 
     Raises
     ------
@@ -81,12 +84,12 @@ def touch_figure(touches: Touches, *, style: Style = USUAL) -> Figure:
         # the pad's panels have its proportions, which fixes the height
         tall = (width - 0.9) / columns * touches.pad[1] / touches.pad[0]
         words = 0.0 if width >= WIDE else 0.5  # of the legend
-        figure = Figure(figsize=(width, 2.0 + words + rows * (tall + 0.12) + 0.8), layout="constrained")
-        grid = figure.add_gridspec(rows + 1, columns, height_ratios=[1.9 / tall, *[1.0] * rows])
+        figure = Figure(figsize=(width, 3.4 + words + rows * (tall + 0.12) + 0.8), layout="constrained")
+        grid = figure.add_gridspec(rows + 2, columns, height_ratios=[1.7 / tall, 1.4 / tall, *[1.0] * rows])
         _draw_profiles(figure, grid, touches, style)
-        top = float(touches.rate.max()) or 1.0
+        ends = _ends_of_rates(touches)
         maps = [
-            [_draw_pad(figure.add_subplot(grid[row + 1, k]), touches, k, row, top, style) for k in range(columns)]
+            [_draw_pad(figure.add_subplot(grid[row + 2, k]), touches, k, row, ends, style) for k in range(columns)]
             for row in range(rows)
         ]
         for row, panels in enumerate(maps):
@@ -96,7 +99,7 @@ def touch_figure(touches: Touches, *, style: Style = USUAL) -> Figure:
                 axes.tick_params(labelleft=place == 0, labelbottom=row == rows - 1)
         for axes in maps[-1]:
             axes.set_xlabel("along the finger [mm]")
-        _key_of_rates(figure, [axes for panels in maps for axes in panels], top)
+        _key_of_rates(figure, [axes for panels in maps for axes in panels], ends)
     return figure
 
 
@@ -125,8 +128,10 @@ def _draw_profiles(figure: Figure, grid: GridSpec, touches: Touches, style: Styl
     x, stress, pressure = touches.distance * 1e3, touches.stress / 1e3, touches.pressure / 1e3
     seen = x[(stress[1] > SEEN * stress[1].max()).any(axis=(0, 1))]
     first: Axes | None = None
+    firing: Axes | None = None
     for k, load in enumerate(touches.loads):
         axes = figure.add_subplot(grid[0, k], sharey=first)
+        below = figure.add_subplot(grid[1, k], sharey=firing)
         for fabric in range(len(touches.fabrics)):
             colour, gid = _colour(style, fabric), f"{load}/{fabric}"
             low, middle, high = stress[:, k, fabric]
@@ -134,11 +139,16 @@ def _draw_profiles(figure: Figure, grid: GridSpec, touches: Touches, style: Styl
             band.set_gid(f"band95/{gid}")
             axes.plot(x, middle, color=colour, gid=f"stress/{gid}")
             axes.plot(x, pressure[1, k, fabric], color=colour, linewidth=0.7, linestyle="--", gid=f"pressure/{gid}")
-        axes.set(title=load, xlim=(0.0, seen.max(initial=x[1])), xlabel="from the axis [mm]")
-        axes.tick_params(labelleft=first is None)
-        first = first or axes
-    if first is not None:
+            below.plot(x, touches.rate[k, fabric], color=colour, gid=f"rate/{gid}")
+        axes.set(title=load)
+        below.set(xlabel="from the axis [mm]")
+        for panel in (axes, below):
+            panel.set_xlim(0.0, seen.max(initial=x[1]))
+            panel.tick_params(labelleft=first is None, labelbottom=panel is below)
+        first, firing = first or axes, firing or below
+    if first is not None and firing is not None:
         first.set(ylim=(0.0, None), ylabel="stress [kPa]")
+        firing.set(ylim=(0.0, None), ylabel="firing rate [Hz]")
         keys = [
             Line2D([], [], color="black", linewidth=0.9, label="stress at the receptors, 95 % credible"),
             Line2D([], [], color="black", linewidth=0.9, linestyle="--", label="pressure on the skin"),
@@ -149,31 +159,57 @@ def _draw_profiles(figure: Figure, grid: GridSpec, touches: Touches, style: Styl
         figure.legend(handles=keys, loc="outside upper left", ncols=3 if figure.get_figwidth() >= WIDE else 1)
 
 
-def _draw_pad(axes: Axes, touches: Touches, load: int, fabric: int, top: float, style: Style) -> Axes:
+def _rates(touches: Touches, load: int, fabric: int) -> Array:
+    """Return the rate of each receptor of the pad."""
+    away = np.hypot(*(touches.receptors - touches.centre).T)
+    found: Array = np.interp(away, touches.distance, touches.rate[load, fabric])
+    return found
+
+
+def _ends_of_rates(touches: Touches) -> tuple[float, float]:
+    """Return the least and the largest rate of a receptor that fires: the ends of the colours."""
+    every = [_rates(touches, k, f) for k in range(len(touches.loads)) for f in range(len(touches.fabrics))]
+    rates = np.concatenate(every)
+    firing = rates[rates > 0]
+    low, high = (float(firing.min()), float(firing.max())) if firing.size else (0.0, 1.0)
+    return (low, high) if high > low else (0.0, high)
+
+
+def _window(touches: Touches) -> tuple[Array, Array]:
+    """Return the ends of the shown part of the pad [m]: it has the pad's proportions and holds every contact."""
+    half = min(MARGIN * float(touches.radius.max()), 0.5 * float(touches.pad[1]))
+    size = np.array([half * touches.pad[0] / touches.pad[1], half])
+    middle = np.clip(touches.centre, size, touches.pad - size)
+    return middle - size, middle + size
+
+
+def _draw_pad(axes: Axes, touches: Touches, load: int, fabric: int, ends: tuple[float, float], style: Style) -> Axes:
     from matplotlib.patches import Circle
+    from matplotlib.ticker import MultipleLocator
 
     places, gid = touches.receptors * 1e3, f"{touches.loads[load]}/{fabric}"
-    away = np.hypot(*(touches.receptors - touches.centre).T)
-    rate = np.interp(away, touches.distance, touches.rate[load, fabric])
+    rate = _rates(touches, load, fabric)
     fires = rate > 0
-    silent = axes.plot(*places[~fires].T, "o", markersize=1.8, markerfacecolor="none", markeredgewidth=0.4)[0]
+    silent = axes.plot(*places[~fires].T, "o", markersize=2.2, markerfacecolor="none", markeredgewidth=0.4)[0]
     silent.set(color=style.absent, gid=f"silent/{gid}", zorder=1)
     x, y = places[fires].T
-    dots = axes.scatter(x, y, 7, rate[fires], cmap=COLOURS, vmin=0.0, vmax=top, linewidths=0, zorder=2)
+    dots = axes.scatter(x, y, 16, rate[fires], cmap=COLOURS, vmin=ends[0], vmax=ends[1], linewidths=0, zorder=2)
     dots.set_gid(f"firing/{gid}")
     edge = Circle(tuple(touches.centre * 1e3), touches.radius[load, fabric] * 1e3, fill=False, linewidth=0.6)
+    edge.set_gid(f"contact/{gid}")
     axes.add_patch(edge)
-    length, width = touches.pad * 1e3
-    axes.set(xlim=(0.0, length), ylim=(0.0, width), aspect="equal")
-    axes.set(xticks=np.arange(0.0, length + 1, 10), yticks=np.arange(0.0, width + 1, 10))
+    (left, foot), (right, top) = (corner * 1e3 for corner in _window(touches))
+    axes.set(xlim=(left, right), ylim=(foot, top), aspect="equal")
+    axes.xaxis.set_major_locator(MultipleLocator(5.0))
+    axes.yaxis.set_major_locator(MultipleLocator(5.0))
     return axes
 
 
-def _key_of_rates(figure: Figure, axes: Sequence[Axes], top: float) -> None:
+def _key_of_rates(figure: Figure, axes: Sequence[Axes], ends: tuple[float, float]) -> None:
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import Normalize
 
-    mapped = ScalarMappable(Normalize(0.0, top), COLOURS)
+    mapped = ScalarMappable(Normalize(*ends), COLOURS)
     figure.colorbar(
         mapped, ax=list(axes), location="bottom", aspect=50, shrink=0.6, label="firing rate of a receptor [Hz]"
     )

@@ -12,6 +12,7 @@ import numpy as np
 import pandas as pd
 import pytest
 import xarray as xr
+from matplotlib.figure import Figure
 
 from softness_bayes import arviz_bridge, errors
 from softness_bayes.checking.ranks import DRAWS, Replicate
@@ -29,6 +30,7 @@ from softness_bayes.model.scenes import usual_values
 from softness_bayes.model.simulation import simulate_compression
 from softness_bayes.parameters.declared import EVERY_PARAMETER
 from softness_bayes.parameters.priors import HalfNormal
+from softness_bayes.plotting.data import data_of
 from softness_bayes.plotting.figures import FIGURES
 from softness_bayes.results.result import Result
 from softness_bayes.results.result_file import SCHEMA
@@ -215,6 +217,11 @@ def test_files_of_a_run(directory):
 
 def test_figures():
     assert column(table(PAGE, "4", "figure"), "figure") == [*FIGURES]
+
+
+def test_data_of_figures():
+    title = "column of a figure's data"
+    assert column(table(PAGE, "4", title), title) == [*data_of(Figure()).columns]
 
 
 def test_checkpoint(directory):

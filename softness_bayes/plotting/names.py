@@ -1,0 +1,131 @@
+"""Names of fabrics above a panel: upright, apart from each other, each with a line to its place."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import lru_cache
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from softness_bayes.plotting.style import Style
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+Array = NDArray[np.float64]
+
+LONGEST = 18
+"""Letters of a name; of a longer one the middle is left out."""
+
+MEASURED = 8
+"""Number of the names with most letters that are measured."""
+
+PITCH = 1.25
+"""Distance of two names, in sizes of their letters."""
+
+WIDENED = 1.1
+"""Least width of a panel after the layout, relative to that before it."""
+
+LEAD, SPARE = 8.0, 6.0
+"""Height of the lines from the panel to the names, and the room above these [pt]."""
+
+GUIDE, INK = "#D4D4D4", "#404040"
+"""Colours of lines and names."""
+
+
+def short_name(name: str, longest: int = LONGEST) -> str:
+    """Return a name, without its middle if it is long, and without what matplotlib takes for mathematics."""
+    if len(name) > longest:
+        end = (longest - 1) // 2
+        name = f"{name[: longest - 1 - end]}…{name[len(name) - end :]}"
+    return name.replace("$", r"\$")
+
+
+def room_for(names: Sequence[str], style: Style) -> float:
+    """Return the height that upright names take above a panel [in]; 0 without names."""
+    several = sorted(map(short_name, names), key=len)[-MEASURED:]
+    longest = max((_length(name, style.small) for name in several), default=0.0)
+    return (longest + LEAD + SPARE) / 72.0 if names else 0.0
+
+
+@lru_cache(maxsize=4096)
+def _length(text: str, size: float) -> float:
+    """Return the length of a text [pt]."""
+    from matplotlib.textpath import TextPath
+
+    return float(TextPath((0.0, 0.0), text, size=size).get_extents().width)
+
+
+def apart(places: ArrayLike, distance: float) -> Array:
+    """Return rising places in [0, 1] moved as little as possible, by least squares, to be a distance apart.
+
+    Parameters
+    ----------
+    places
+        Rising, shape (n,); n - 1 distances must fit into [0, 1].
+    distance
+        Least distance of neighbours.
+    """
+    from scipy.optimize import isotonic_regression
+
+    steps = distance * np.arange(np.size(places))
+    moved: Array = isotonic_regression(np.asarray(places, float) - steps).x
+    return np.clip(moved, 0.0, max(0.0, 1.0 - float(steps[-1]))) + steps
+
+
+def chosen(count: int, most: int) -> NDArray[np.intp]:
+    """Return which of `count` fabrics in order are named if `most` fit: all, or some at even distances."""
+    return np.unique(np.linspace(0, count - 1, min(count, most)).round().astype(np.intp))
+
+
+def named_in_words(written: Sequence[int], of: Sequence[int]) -> str:
+    """Say how many fabrics are named in the panel with the fewest of its fabrics named; empty if all are."""
+    least = min(zip(written, of, strict=True), key=lambda pair: pair[0] - pair[1], default=(0, 0))
+    return f"{least[0]} of {least[1]} fabrics are named" if least[0] < least[1] else ""
+
+
+def name_fabrics(axes: Axes, places: ArrayLike, names: Sequence[str], style: Style, gid: str) -> int:
+    """Write names above a panel whose limits are set, and return their number.
+
+    Of more names than fit, some are written, at even distances in the order of their places; of fabrics outside of
+    the panel none is.
+
+    Parameters
+    ----------
+    axes
+        The panel.
+    places, names
+        Place on the horizontal axis and name of each fabric, shape (fabrics,).
+    style
+        Size of the letters, and width of the page.
+    gid
+        Artists are named ``name/GID/NAME`` and ``guide/GID``.
+    """
+    from matplotlib.collections import LineCollection
+    from matplotlib.transforms import offset_copy
+
+    low, high = axes.get_xlim()
+    x = np.asarray(places, float)
+    share = np.log(x / low) / np.log(high / low) if axes.get_xscale() == "log" else (x - low) / (high - low)
+    order = np.array([k for k in np.argsort(share, kind="stable") if 0.0 <= share[k] <= 1.0], dtype=np.intp)
+    if not order.size:
+        return 0
+    figure = axes.get_figure(root=True)
+    assert figure is not None
+    # the layout makes panels wider than they are before it
+    distance = PITCH * style.small / 72.0 / (WIDENED * axes.get_position().width * figure.get_figwidth())
+    order = order[chosen(order.size, 1 + int(1.0 / distance))]
+    above = offset_copy(axes.transAxes, fig=figure, y=LEAD, units="points")
+    lead = {"arrowstyle": "-", "color": GUIDE, "linewidth": 0.6, "shrinkA": 0.0, "shrinkB": 0.0, "relpos": (0.5, 0.0)}
+    lead["patchA"] = None  # cutting the line at the letters' box takes half the time of a figure
+    for k, at in zip(order, apart(share[order], distance), strict=True):
+        words = axes.annotate(
+            short_name(names[k]), (share[k], 1.0), (at, 1.0), "axes fraction", above, lead, rotation=90
+        )
+        words.set(ha="center", va="bottom", fontsize=style.small, color=INK, gid=f"name/{gid}/{names[k]}")
+    feet = LineCollection([[(x[k], 0.0), (x[k], 1.0)] for k in order], colors=GUIDE, linewidths=0.5, zorder=0.2)
+    feet.set(transform=axes.get_xaxis_transform(), gid=f"guide/{gid}")
+    axes.add_collection(feet, autolim=False)
+    return int(order.size)

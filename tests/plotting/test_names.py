@@ -1,0 +1,171 @@
+"""Names of fabrics in figures, their thinning, and the tables of figures' data."""
+
+from __future__ import annotations
+
+import io
+
+import numpy as np
+import pandas as pd
+import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.text import Annotation
+from numpy.testing import assert_allclose
+
+from softness_bayes import plotting
+from softness_bayes.parameters.priors import LogNormal, Truncated
+from softness_bayes.plotting.checks import FEW, Means, Replicated, checks_figure
+from softness_bayes.plotting.data import carry, data_of
+from softness_bayes.plotting.names import LONGEST, apart, name_fabrics, short_name
+from softness_bayes.plotting.panels import number_ticks
+from softness_bayes.plotting.parameters import informative
+from softness_bayes.plotting.style import DATA, files_of
+from support.figures import FABRICS, LOADS, artist, drawn, invented_curves
+
+
+def named(figure: Figure, load: str) -> list[Annotation]:
+    return [
+        each
+        for each in figure.findobj(Annotation)
+        if str(each.get_gid()).startswith(f"name/{load}/") and each.get_text()
+    ]
+
+
+@pytest.mark.parametrize("count", [3, 12, 600])
+def test_names_stand_apart_at_any_number_of_fabrics(count: int) -> None:
+    """At 12 all are named, at 600 as many as fit, and no two touch."""
+    loads = LOADS["mixture"]
+    curves = invented_curves(loads, 5)
+    # some lie close together
+    moduli = np.geomspace(FABRICS.min(), FABRICS.max(), count) ** np.linspace(0.999, 1.0, count)
+    names = [f"fabric number {k:03d}" for k in range(count)]
+    figure = drawn(plotting.response_figure(curves, loads, moduli, names=names))
+    renderer = FigureCanvasAgg(figure).get_renderer()
+    for load in map(str, loads):
+        labels = named(figure, load)
+        assert len(labels) == count if count <= 12 else 12 <= len(labels) < count
+        boxes = sorted((label.get_window_extent(renderer) for label in labels), key=lambda box: box.x0)
+        # an annotation's extent includes its line: the letters alone are as wide as the text is high
+        centres = np.array([label.get_transform().transform(label.get_position())[0] for label in labels])
+        assert np.diff(np.sort(centres)).min() >= labels[0].get_size() * figure.dpi / 72.0
+        assert all(box.x0 >= -1 and box.x1 <= figure.bbox.x1 + 1 for box in boxes)
+    said = figure.legends[0].get_title().get_text()
+    assert said == ("" if count <= 12 else f"{len(labels)} of 600 fabrics are named")
+
+
+def test_names_below_a_title_leave_it_free() -> None:
+    curves = invented_curves(LOADS["one"], 5)
+    names = ["a" * 40, "lawn", "felt"]
+    figure = drawn(plotting.ratio_figure(curves, LOADS["one"], FABRICS, names=names))
+    renderer = FigureCanvasAgg(figure).get_renderer()
+    (axes,) = figure.axes
+    heading = axes._left_title.get_window_extent(renderer)
+    tops = [label.get_window_extent(renderer).y1 for label in named(figure, "1 N")]
+    assert len(tops) == 3
+    assert max(tops) <= heading.y0 + 1.0
+    assert heading.y1 <= figure.bbox.y1 + 1.0
+
+
+def test_places_move_as_little_as_possible() -> None:
+    assert_allclose(apart([0.1, 0.5, 0.9], 0.2), [0.1, 0.5, 0.9])
+    assert_allclose(apart([0.5, 0.5], 0.2), [0.4, 0.6])
+    assert_allclose(apart([0.0, 0.0, 1.0, 1.0], 0.1), [0.0, 0.1, 0.9, 1.0])
+    crowd = apart(np.full(11, 0.7), 0.1)
+    assert_allclose(crowd, np.linspace(0.0, 1.0, 11), atol=1e-12)
+
+
+def test_long_names_keep_both_ends() -> None:
+    assert short_name("lawn") == "lawn"
+    assert short_name("$lawn$") == r"\$lawn\$"
+    first, second = (short_name(f"cotton twill, bleached, number {k}") for k in (1, 2))
+    assert len(first) == LONGEST
+    assert first != second
+    assert first.startswith("cotton")
+
+
+def test_fabrics_outside_of_a_panel_are_not_named() -> None:
+    axes = Figure().subplots()
+    axes.set(xscale="log", xlim=(1.0, 10.0))
+    assert name_fabrics(axes, [0.5, 2.0, 20.0], ["a", "b", "c"], plotting.USUAL, "x") == 1
+    assert [text.get_text() for text in axes.texts] == ["b"]
+
+
+@pytest.mark.parametrize(
+    ("limits", "expected"),
+    [
+        ((0.0896, 77131.0), {"0.1", "1", "10", "100", "1000", "10000"}),
+        ((0.5, 3e6), {"$10^{0}$", "$10^{3}$", "$10^{6}$"}),
+    ],
+)
+def test_an_axis_has_one_notation(limits, expected) -> None:
+    axes = Figure().subplots()
+    axes.set(xscale="log", xlim=limits)
+    number_ticks(axes.xaxis)
+    pairs = zip(axes.get_xticks(), axes.get_xticklabels(), strict=True)
+    texts = {text.get_text() for value, text in pairs if limits[0] <= value <= limits[1]}
+    assert expected <= texts
+    assert len({"$" in text for text in texts}) == 1
+
+
+def test_the_data_of_a_figure_are_those_of_its_artists() -> None:
+    loads = LOADS["mixture"]
+    curves = invented_curves(loads, 20)
+    figure = plotting.response_figure(curves, loads, FABRICS, names=["=gauze", "lawn", "felt"])
+    files = files_of(figure, "response", (DATA,))
+    assert [*files] == ["response.csv"]
+    table = pd.read_csv(io.BytesIO(files["response.csv"]))
+    panel = table[table["panel"] == "3 mm"].set_index("element")
+    assert_allclose(panel.loc["median", "x"], curves.modulus / 1e3, rtol=1e-6)
+    assert_allclose(panel.loc["median", "y"], np.median(curves.total_rate[:, 1], axis=0), rtol=1e-6, atol=1e-6)
+    limits = np.quantile(curves.total_rate[:, 1], [0.025, 0.975], axis=0)
+    assert_allclose(panel.loc["band95", ["y", "y_end"]].to_numpy().T, limits, rtol=1e-6, atol=1e-6)
+    assert panel.loc["fabrics", "name"].tolist() == ["'=gauze", "lawn", "felt"]  # no formula
+    assert panel.loc["fabrics", "y"].isna().all()  # marks at the foot have no height
+    assert {*table["x_axis"]} == {"fabric modulus E_fab [kPa]"}
+    assert {*table["y_axis"]} == {"total rate [spikes/s]"}
+    assert not {"name", "guide"} & {*table["element"]}
+
+
+def test_a_figure_may_carry_its_data() -> None:
+    figure = Figure()
+    assert data_of(figure).empty
+    carry(figure, pd.DataFrame({"b": [1.23456789012]}))
+    assert data_of(figure)["b"].tolist() == [1.234568]
+
+
+def test_the_most_correlated_parameters_come_first(rng) -> None:
+    draws = rng.standard_normal((2000, 5))
+    draws[:, 3] = -draws[:, 1] + 0.1 * rng.standard_normal(2000)
+    draws[:, 4] = np.exp(draws[:, 0] + rng.standard_normal(2000))
+    assert informative(draws, 2) == [1, 3]
+    assert informative(draws, 4) == [1, 3, 0, 4]
+    assert sorted(informative(draws, 9)) == [0, 1, 2, 3, 4]
+
+
+def test_a_prior_is_drawn_exactly(rng) -> None:
+    law = Truncated(LogNormal(2.0, 0.3), -np.inf, 2.5)
+    posterior, prior = rng.uniform(1.8, 2.2, (500, 2)), np.full((10, 2), 2.0)
+    figure = drawn(plotting.prior_figure(posterior, prior, ["m", "x"], laws=[law, None]))
+    line = artist(figure, "prior/0")
+    x, y = line.get_xdata(), line.get_ydata()
+    assert_allclose(y, np.exp(law.log_density(x)))
+    assert x[0] == pytest.approx(law.quantile(0.025))
+    within = law.cumulative(x[-1]) - law.cumulative(x[0])
+    assert np.trapezoid(y, x) == pytest.approx(float(within), rel=1e-3)
+    assert artist(figure, "prior/1").get_data().values.size  # without a law, its draws
+
+
+def test_few_replicates_are_drawn_one_by_one(rng) -> None:
+    means = Means(
+        "1 mm", np.array([1e3, 1e4]), np.array([0.0, 2.0]), np.array([-1.0, -1.0]), np.ones(2), ("lawn", "felt")
+    )
+    some = np.where(np.arange(500) < FEW - 1, rng.uniform(1, 2, 500), np.nan)
+    many = np.where(np.arange(500) < FEW, rng.uniform(1, 2, 500), np.nan)
+    figure = drawn(checks_figure([means], [Replicated(f"q{k}", 1.5, v, 0.5) for k, v in enumerate((some, many))]))
+    ticks = np.array([segment[0, 0] for segment in artist(figure, "each/0").get_segments()])
+    assert_allclose(ticks, some[: FEW - 1])
+    assert artist(figure, "replicates/1").get_data().values.sum() == pytest.approx(1.0)
+    words = [text.get_text() for axes in figure.axes[1:] for text in axes.texts]
+    assert words == [f"p = 0.50\nin {n} of 500 replicates" for n in (FEW - 1, FEW)]
+    # the one fabric that lies outside of its limits is named
+    assert [text.get_text() for text in figure.axes[0].texts] == ["felt"]
