@@ -48,7 +48,9 @@ if TYPE_CHECKING:
     from softness_bayes.runs.calibrate import calibrate as calibrate
     from softness_bayes.runs.comparison import compare as compare
     from softness_bayes.runs.plate import sample_skin as sample_skin
+    from softness_bayes.runs.population import pool_results as pool_results
     from softness_bayes.runs.run import sample as sample
+    from softness_bayes.runs.study import study as study
     from softness_bayes.touch.contact import Finger as Finger
     from softness_bayes.touch.contact import Force as Force
     from softness_bayes.touch.contact import Indentation as Indentation
@@ -106,6 +108,7 @@ _HOMES = {
     "evaluate_claims": "claims",
     "firing_rate": "touch.neuron.rate",
     "parameter_space": "parameters.choice",
+    "pool_results": "runs.population",
     "prediction_table": "model.prediction",
     "rank_ecdf_figure": "plotting.calibration",
     "read_experiment": "data",
@@ -119,6 +122,7 @@ _HOMES = {
     "solve_contact": "touch.contact",
     "spike_times": "touch.neuron.spikes",
     "stress": "touch.stress",
+    "study": "runs.study",
     "touch_parameters": "model.scenes",
     "usual_values": "model.scenes",
 }

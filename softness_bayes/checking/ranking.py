@@ -34,6 +34,11 @@ def clustered_error(values: FloatArray, cluster: NDArray[np.intp]) -> float:
     return float(np.sqrt(sums.size / (sums.size - 1) * (sums**2).sum())) if sums.size > 1 else float("nan")
 
 
+def largest_pareto_k(draws: int) -> float:
+    """Return the largest Pareto k that so many draws allow (Vehtari et al., JMLR 25, 72, 2024)."""
+    return float(min(1.0 - 1.0 / np.log10(max(draws, 11)), 0.7))
+
+
 def stacking_weights(log_density: FloatArray) -> FloatArray:
     """Return the weights of the mixture of models that best predicts the left-out data.
 

@@ -237,16 +237,26 @@ class Checkpoint:
             as_json(self.request, "request")
             return None
         self._description = self._manifest["description"]
-        if said := differences(self._description, description):
-            raise InputError(
-                f"{self.directory}: cannot be continued, because the run was begun with {said}; "
-                "continue it with the same options and data, or start a new run in another directory"
-            )
+        self.require_same(description)
         pieces = [self._unpacked(name) for name in self._pieces]
         state = state_of(self._manifest["state"], self._unpacked(self._manifest["arrays"]), pieces)
         stored = state.chains.log_density.shape[1] if pieces else 0
         self._saved, self._told = (state.phase, state.stride, stored), state.nonfinite.count
         return state
+
+    def require_same(self, description: Mapping[str, str]) -> None:
+        """Raise an error if settings that affect the draws are not those of the kept run.
+
+        Raises
+        ------
+        InputError
+            Naming the differences.
+        """
+        if said := differences(self.description, description):
+            raise InputError(
+                f"{self.directory}: cannot be continued, because the run was begun with {said}; "
+                "continue it with the same options and data, or start a new run in another directory"
+            )
 
     def keep(self, state: RunState, schedule: Schedule, target: Target) -> None:
         """Write a state, or remember it if the last one was written a moment ago.

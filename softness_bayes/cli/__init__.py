@@ -37,6 +37,7 @@ VERBS: Mapping[str, str] = {
     "target": "Find the effective moduli that give a wished rating, and how probable it is that any does.",
     "claims": "Say which of the paper's claims hold under which readings of its equations.",
     "bench": "Measure time and error of the forward model on this machine, beside other ways to compute it.",
+    "study": "Fit many tables separately, and pool parameters over them.",
     "calibrate": "Check the whole inference by simulation: whether posteriors hold the truth as often as they say.",
 }
 """Verb -> its one-line help; `softness_bayes.cli.<verb>` holds the click command `command`."""

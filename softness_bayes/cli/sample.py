@@ -35,10 +35,6 @@ if TYPE_CHECKING:
     from softness_bayes.sampler.sampling import Progress
 
 
-DRAWING = 4
-"""Largest number of processes that draw figures; each takes a second to start."""
-
-
 @click.command()
 @data_files
 @model_choice
@@ -214,15 +210,12 @@ def run(
     NotConvergedError
         If a limit was reached first; everything is written all the same.
     """
-    from softness_bayes.data import Compression
-    from softness_bayes.model.build import ExperimentModel, build, build_skin
+    from softness_bayes.model.build import ExperimentModel
     from softness_bayes.results.versions import versions
-    from softness_bayes.runs.plate import sample_skin_model
-    from softness_bayes.runs.run import sample_model
-    from softness_bayes.sampler.workers import available_processors
+    from softness_bayes.runs.kept import model_of, sample_kept
 
     out, (options, how) = checkpoint.directory, request
-    model = build_skin(data, options) if isinstance(data, Compression) else build(data, options)
+    model = model_of(data, options)
     for note in data.notes:
         click.echo(f"note: {note}", err=True)
     if isinstance(model, ExperimentModel):
@@ -236,18 +229,7 @@ def run(
         checkpoint.request = {**asked, "versions": versions()}
         bar = _Bar(0.0 if checkpoint.status is None else checkpoint.status.seconds)
         try:
-            if isinstance(model, ExperimentModel):
-                result = sample_model(model, how, bar.show, checkpoint)
-            else:
-                result = sample_skin_model(model, how, bar.show, checkpoint)
-            result.save(out)
-            if own_figures is not None:
-                from softness_bayes.plotting.figures import draw_figures, figures_of
-
-                processes = min(how.processes or available_processors(), DRAWING)
-                names = [*figures_of(result), *own_figures] if own_figures else None
-                draw_figures(result, out / "figures", names, processes=processes)
-            checkpoint.finish()
+            result = sample_kept(checkpoint, model, how, own_figures, bar.show)
         finally:
             bar.close()
     _report(result, out, bar.times())

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy.special import logsumexp
 
 from softness_bayes import arviz_bridge
-from softness_bayes.checking.ranking import clustered_error, stacking_weights
+from softness_bayes.checking.ranking import clustered_error, largest_pareto_k, stacking_weights
 from softness_bayes.errors import InputError
 from softness_bayes.likelihood.group_conditionals import block_log_likelihood
 from softness_bayes.model.build import build
@@ -109,7 +109,7 @@ def _by_condition(result: Result, settings: Settings, progress: Callable[[str], 
     at = posterior.response(theta), posterior.rating_parameters(theta)
     left = leave_by_weights(block_log_likelihood(observation, *at, conditions.of_rating))
     density, shape, unfinished = left.log_density.copy(), left.pareto_k.copy(), 0
-    for k in np.flatnonzero(shape > _limit(left.draws)).tolist():
+    for k in np.flatnonzero(shape > largest_pareto_k(left.draws)).tolist():
         touched = (
             f"{experiment.ratings.fabrics[conditions.fabric[k]]} at {experiment.ratings.loads[conditions.load[k]]}"
         )
@@ -132,11 +132,6 @@ def _anew(
     at = posterior.response(theta), posterior.rating_parameters(theta)
     density = block_log_likelihood(observation, *at, rows.astype(np.intp))[:, 1]
     return float(logsumexp(density) - np.log(density.size)), sampled.verdict.converged
-
-
-def _limit(draws: int) -> float:
-    """Return the largest Pareto k that so many draws allow."""
-    return float(min(1.0 - 1.0 / np.log10(max(draws, 11)), 0.7))
 
 
 LEAVE: Mapping[str, Leave] = MappingProxyType(
@@ -283,7 +278,7 @@ def _reliability(left: LeftOut) -> dict[str, float]:
     return {
         "units": left.log_density.size,
         "pareto_k_max": np.nanmax(left.pareto_k, initial=-np.inf) if np.isfinite(left.pareto_k).any() else np.nan,
-        "pareto_k_high": int((left.pareto_k > _limit(left.draws)).sum()),
+        "pareto_k_high": int((left.pareto_k > largest_pareto_k(left.draws)).sum()),
         "unfinished": left.unfinished,
     }
 

@@ -34,7 +34,7 @@ from softness_bayes.plotting.data import data_of
 from softness_bayes.plotting.figures import FIGURES
 from softness_bayes.results.result import Result
 from softness_bayes.results.result_file import SCHEMA
-from softness_bayes.runs import calibrate
+from softness_bayes.runs import calibrate, study
 from softness_bayes.runs.comparison import compare
 from softness_bayes.runs.run import sample
 from softness_bayes.sampler.moves import MOVES
@@ -187,6 +187,7 @@ def test_files_of_commands(tmp_path):
     assert rows["compare"] == [COMPARISON]
     assert rows["rank"] == [*rank.MADE, rank.AGREEMENT, "--against"]
     assert rows["report"] == [REPORT]
+    assert {*rows["study"]} == {*study.MADE, f"{study.RUNS}/"}
     names = ("RANKS", "COVERAGE", "VERDICT", "MANIFEST")
     kept = {*(getattr(calibrate, name) for name in names), f"{calibrate.FIGURE}.png", f"{calibrate.REPLICATES}/"}
     assert {*rows["calibrate"]} == kept

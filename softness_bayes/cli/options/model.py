@@ -86,6 +86,17 @@ prior = click.option(
 )
 """Gives a verb `priors`, name -> `Prior`."""
 
+spreads = click.option(
+    "--spread",
+    "spreads",
+    multiple=True,
+    callback=named(_prior),
+    metavar="NAME=PRIOR",
+    help="Prior of the spread of a pooled parameter between tables, as in b='halfnormal(0.3)'; by default half-normal "
+    "with the width of the parameter's own prior. Repeatable.",
+)
+"""Gives a verb `spreads`, name -> `Prior`."""
+
 prior_set = click.option(
     "--priors",
     "prior_set",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -135,6 +135,17 @@ def data_files(verb: Verb) -> Verb:
         help="Forces of a rigid flat plate on fingerpads (participant, indentation_mm, force_n), beside "
         "ratings or alone.",
     )
+    @reading_options
+    @functools.wraps(verb)
+    def wrapped(data: Path | None, compression: Path | None, files: DataFiles, **others: Any) -> Any:
+        return verb(files=replace(files, data=data, compression=compression), **others)
+
+    return wrapped
+
+
+def reading_options(verb: Verb) -> Verb:
+    """Give a verb the options about how tables are read; it receives `files`, a `DataFiles` without ratings."""
+
     @_fabrics(
         False,
         "Fabric table; by default columns of the ratings, a sheet of their workbook, or a fabrics.csv beside them.",
@@ -150,18 +161,16 @@ def data_files(verb: Verb) -> Verb:
     )
     @functools.wraps(verb)
     def wrapped(
-        data: Path | None,
         fabrics: Path | None,
         columns: dict[str, str],
         decimal: str | None,
         indentation_mm: float | None,
         force_n: float | None,
-        compression: Path | None,
         drop_zeros: bool,
         wide: bool,
         **others: Any,
     ) -> Any:
-        files = DataFiles(data, fabrics, columns, indentation_mm, force_n, compression, decimal, drop_zeros, wide)
+        files = DataFiles(None, fabrics, columns, indentation_mm, force_n, None, decimal, drop_zeros, wide)
         return verb(files=files, **others)
 
     return wrapped

@@ -1,0 +1,352 @@
+"""Populations of separate posteriors: mean and spread of one parameter by importance weights.
+
+Each table j has draws of its own posterior, p_j(x) proportional to L_j(x) pi_j(x), x on an unconstrained scale. Under a
+population x_j ~ N(mean, spread²) its marginal likelihood is, but for a constant, the average of N(x; mean, spread²) /
+pi_j(x) over these draws. The product over tables is evaluated on a grid of mean and spread, so that nothing is sampled
+again. The weights are good where the draws of a table cover what the population makes of it; where they do not, the
+population is refused.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import logsumexp, ndtr
+
+from softness_bayes import arviz_bridge
+from softness_bayes.checking.ranking import largest_pareto_k
+from softness_bayes.errors import InputError
+from softness_bayes.parameters.coordinates import Coordinate
+from softness_bayes.parameters.priors import Prior
+from softness_bayes.sampler.jackknife import GROUPS
+
+Array = NDArray[np.float64]
+
+LEAST_TABLES = 2
+"""Fewest tables that have a population."""
+
+LEAST_EFFECTIVE = 50.0
+"""Smallest effective number of weighted draws of each table."""
+
+LARGEST_WEIGHT = 0.01
+"""Share of all weight up to which the largest one is harmless (the criterion of Chatterjee and Diaconis, Annals of
+Applied Probability 28, 1099, 2018); Pareto k, the shape of the tail, is judged where it is exceeded."""
+
+LARGEST_ERROR = 1.0 / 3.0
+"""Largest Monte-Carlo error of the population's mean and spread, in their own posterior standard deviations."""
+
+LIMITS = (0.05, 0.5, 0.95)
+"""Probabilities up to the low end, the middle and the high end of every interval."""
+
+NARROWEST = 0.1
+"""Narrowest kernel of a table's draws, in their standard deviations: it widens the table's likelihood by 0.5 %, and
+keeps enough draws within the kernel where the population's spread is close to 0."""
+
+CELLS = 64
+"""Cells of the grid along the mean, and along the spread."""
+
+_COARSE, _PASSES = 32, 3
+_MOST = 0.99999  # probability up to the ends of a prior
+_LEAST_MASS = 1e-6  # of a row of the coarse grid, below which the fine one leaves it out
+_BLOCK = 1 << 22  # numbers computed at once
+_TINY = 1e-300
+
+
+class Separate(NamedTuple):
+    """Draws of one parameter from the posterior of one table, in the order of its chains."""
+
+    value: Array
+    """On the unconstrained scale, shape (draws,)."""
+    log_prior: Array
+    """Log density of the table's own prior on that scale, shape (draws,)."""
+    effective: float
+    """Effective number of these draws."""
+
+
+class Population(NamedTuple):
+    """Prior of a population: of its mean in natural units, of its spread on the unconstrained scale."""
+
+    mean: Prior
+    spread: Prior
+    scale: Coordinate
+
+
+@dataclass(frozen=True)
+class Grid:
+    """Cells of equal size over mean and spread."""
+
+    mean: Array
+    spread: Array
+    log_prior: Array
+    """Shape (means, spreads)."""
+
+    @classmethod
+    def over(cls, population: Population, mean: tuple[float, float], spread: tuple[float, float], cells: int) -> Grid:
+        """Return the grid between two limits of each."""
+        centres = (np.arange(cells) + 0.5) / cells
+        mu, tau = (low + (high - low) * centres for low, high in (mean, spread))
+        scale = population.scale
+        of_mean = population.mean.log_density(scale.natural(mu)) + scale.log_slope(mu)
+        return cls(mu, tau, of_mean[:, None] + population.spread.log_density(tau))
+
+    @property
+    def cells(self) -> tuple[Array, Array]:
+        """Mean and spread of every cell, each of shape (means * spreads,)."""
+        mean, spread = np.meshgrid(self.mean, self.spread, indexing="ij")
+        return mean.ravel(), spread.ravel()
+
+
+class Shrunken(NamedTuple):
+    """One table's parameter, separately and in its population, on the unconstrained scale."""
+
+    separate: Array
+    """Low end, middle and high end."""
+    shrunken: Array
+    pareto_k: float
+    effective: float
+    """Effective number of weighted draws."""
+    largest: float
+    """Share of the largest weight."""
+
+
+@dataclass(frozen=True)
+class Pooled:
+    """A population on the unconstrained scale; ends and middles in the order of `LIMITS`.
+
+    Parameters
+    ----------
+    mean, spread
+        Low end, middle and high end.
+    new
+        The same of the parameter of a further table.
+    mean_sd, spread_sd
+        Posterior standard deviations.
+    mean_mcse, spread_mcse
+        Monte-Carlo errors of their posterior means.
+    tables
+        By name.
+    largest_k
+        Largest Pareto k that so many draws allow.
+    """
+
+    mean: Array
+    spread: Array
+    new: Array
+    mean_sd: float
+    spread_sd: float
+    mean_mcse: float
+    spread_mcse: float
+    tables: Mapping[str, Shrunken]
+    largest_k: float
+
+    @property
+    def failing(self) -> list[str]:
+        """Names of the tables whose weights fail."""
+        return [
+            name
+            for name, one in self.tables.items()
+            if not (one.largest <= LARGEST_WEIGHT or one.pareto_k <= self.largest_k)
+            or not one.effective >= LEAST_EFFECTIVE
+        ]
+
+    @property
+    def fault(self) -> str:
+        """The reason why the population is refused; empty if there is none."""
+        if self.failing:
+            worst = min(self.failing, key=lambda name: self.tables[name].effective)
+            one = self.tables[worst]
+            others = f" and {len(self.failing) - 1} more" if len(self.failing) > 1 else ""
+            return (
+                f"the weights of {worst}{others} fail ({one.effective:.0f} effective draws, at least "
+                f"{LEAST_EFFECTIVE:.0f}; largest weight {one.largest:.2g}, Pareto k {one.pareto_k:.2f}, at most "
+                f"{self.largest_k:.2f} where a weight exceeds {LARGEST_WEIGHT:g}): its own posterior hardly reaches "
+                "where the population lies; a wider prior of the separate fits lets it"
+            )
+        for what, error, sd in (("mean", self.mean_mcse, self.mean_sd), ("spread", self.spread_mcse, self.spread_sd)):
+            if not error <= LARGEST_ERROR * sd:
+                return (
+                    f"the Monte-Carlo error of the population's {what}, {error:.2g}, is above a third of its standard "
+                    f"deviation, {sd:.2g}: more draws are needed"
+                )
+        return ""
+
+
+def pool(tables: Mapping[str, Separate], population: Population) -> Pooled:
+    """Return mean and spread of a population, and each table's parameter in it.
+
+    Parameters
+    ----------
+    tables
+        Draws by name.
+    population
+        Its prior.
+
+    Raises
+    ------
+    InputError
+        If there are fewer than `LEAST_TABLES`.
+    """
+    if len(tables) < LEAST_TABLES:
+        raise InputError(f"a population needs at least {LEAST_TABLES} fitted tables, got {len(tables)}")
+    every = list(tables.values())
+    grid = _focused(every, population)
+    mean, spread = grid.cells
+    sums = [_sums(one, grid) for one in every]  # of each table, shape (groups, cells)
+    prior = grid.log_prior.ravel()
+    likelihood = [_log(one.sum(axis=0)) for one in sums]
+    posterior = _normalised(prior + np.sum(likelihood, axis=0))
+    if not posterior.any():
+        return _unreached(tables)
+    left_out = [np.array([[some @ mean, some @ spread] for some in _without(one, posterior)]) for one in sums]
+    errors = np.sqrt(sum((GROUPS - 1) * one.var(axis=0) for one in left_out))
+    by_mean, by_spread = (posterior.reshape(CELLS, CELLS).sum(axis=axis) for axis in (1, 0))
+    return Pooled(
+        mean=_between(grid.mean, by_mean),
+        spread=_between(grid.spread, by_spread),
+        new=_of_a_new_table(mean, spread, posterior),
+        mean_sd=_sd(posterior, mean),
+        spread_sd=_sd(posterior, spread),
+        mean_mcse=float(errors[0]),
+        spread_mcse=float(errors[1]),
+        tables={
+            name: _shrunken(one, grid, posterior, z) for (name, one), z in zip(tables.items(), likelihood, strict=True)
+        },
+        largest_k=min(largest_pareto_k(one.value.size) for one in every),
+    )
+
+
+def _unreached(tables: Mapping[str, Separate]) -> Pooled:
+    """Return what there is where no mean and spread are possible for all tables."""
+    none = np.full(len(LIMITS), np.nan)
+    alone = {
+        name: Shrunken(_limits(one.value, np.full(one.value.size, 1.0 / one.value.size)), none, np.inf, 0.0, 1.0)
+        for name, one in tables.items()
+    }
+    return Pooled(none, none, none, np.nan, np.nan, np.nan, np.nan, alone, 0.7)
+
+
+def _focused(tables: Sequence[Separate], population: Population) -> Grid:
+    """Return the grid over what is left of the prior by coarse ones, whose kernels are as wide as their cells."""
+    wide = float(population.spread.quantile(_MOST))
+    within = population.scale.coordinate(population.mean.quantile(np.array([1.0 - _MOST, _MOST])))
+    mean = (
+        float(max(min(one.value.min() for one in tables) - wide, within[0])),
+        float(min(max(one.value.max() for one in tables) + wide, within[1])),
+    )
+    if mean[0] >= mean[1]:  # no draw lies where the prior of the mean does; the weights will tell
+        mean = (float(within[0]), float(within[1]))
+    spread = (0.0, wide)
+    for _ in range(_PASSES):
+        grid = Grid.over(population, mean, spread, _COARSE)
+        likelihood = [_log(_sums(one, grid, (mean[1] - mean[0]) / _COARSE).sum(axis=0)) for one in tables]
+        mass = _normalised(grid.log_prior.ravel() + np.sum(likelihood, axis=0)).reshape(_COARSE, _COARSE)
+        mean, spread = _kept(mean, mass.sum(axis=1)), _kept(spread, mass.sum(axis=0))
+    return Grid.over(population, mean, spread, CELLS)
+
+
+def _kept(limits: tuple[float, float], mass: Array) -> tuple[float, float]:
+    """Return the limits of the cells that have mass, and of one more on either side."""
+    low, high = limits
+    edges = np.linspace(low, high, mass.size + 1)
+    held = np.flatnonzero(mass > _LEAST_MASS)
+    if not held.size:
+        return limits
+    return float(edges[max(held[0] - 1, 0)]), float(edges[min(held[-1] + 2, mass.size)])
+
+
+def _sums(table: Separate, grid: Grid, least: float = 0.0) -> Array:
+    """Return the sums of weights over groups of consecutive draws in each cell, shape (groups, cells)."""
+    mean, width = _kernels(table, grid, least)
+    ratio = np.exp(table.log_prior.min() - table.log_prior)
+    found = np.zeros((GROUPS, mean.size))
+    for group, rows in enumerate(np.array_split(np.arange(table.value.size), GROUPS)):
+        for some in np.array_split(rows, max(1, rows.size * mean.size // _BLOCK)):
+            deviate = (table.value[some, None] - mean) / width
+            found[group] += ratio[some] @ np.exp(-0.5 * deviate**2) / width
+    return found
+
+
+def _kernels(table: Separate, grid: Grid, least: float = 0.0) -> tuple[Array, Array]:
+    """Return centre and width of the kernel of each cell."""
+    mean, spread = grid.cells
+    return mean, np.hypot(spread, max(NARROWEST * float(table.value.std()), least))
+
+
+def _without(sums: Array, posterior: Array) -> list[Array]:
+    """Return the posterior of the cells without each group of one table's draws."""
+    whole = sums.sum(axis=0)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        share = np.where(whole > 0, (whole - sums) / whole, 0.0)
+    found = posterior * np.maximum(share, 0.0)
+    total = found.sum(axis=1, keepdims=True)
+    return list(np.where(total > 0, found / np.where(total > 0, total, 1.0), posterior))
+
+
+def _shrunken(table: Separate, grid: Grid, posterior: Array, log_likelihood: Array) -> Shrunken:
+    """Return a table's parameter separately and in its population, each cell weighted by what the other tables say."""
+    even = np.full(table.value.size, 1.0 / table.value.size)
+    separate = _limits(table.value, even)
+    held = (posterior > _LEAST_MASS * posterior.max()) & np.isfinite(log_likelihood)
+    mean, width = (values[held] for values in _kernels(table, grid))
+    others = np.log(posterior[held]) - log_likelihood[held] - np.log(width)
+    others = np.exp(others - others.max())
+    density = np.concatenate(
+        [
+            np.exp(-0.5 * ((some[:, None] - mean) / width) ** 2) @ others
+            for some in np.array_split(table.value, max(1, table.value.size * mean.size // _BLOCK))
+        ]
+    )
+    ratios = np.log(np.maximum(density, _TINY)) - table.log_prior
+    log_weight, k = arviz_bridge.psis(ratios[None])
+    weight = np.exp(log_weight[0])
+    effective = table.effective / weight.size / float((weight**2).sum())
+    largest = float(np.exp(ratios.max() - logsumexp(ratios)))
+    return Shrunken(separate, _limits(table.value, weight), float(k[0]), effective, largest)
+
+
+def _of_a_new_table(mean: Array, spread: Array, posterior: Array) -> Array:
+    """Return the limits of a mixture of normal laws, one for each cell, by bisection."""
+    held = posterior > 0
+    mean, spread, posterior = mean[held], spread[held], posterior[held]
+    low = np.full(len(LIMITS), float((mean - 9.0 * spread).min()))
+    high = np.full(len(LIMITS), float((mean + 9.0 * spread).max()))
+    for _ in range(60):
+        middle = 0.5 * (low + high)
+        under = ndtr((middle[:, None] - mean) / spread) @ posterior < LIMITS
+        low, high = np.where(under, middle, low), np.where(under, high, middle)
+    return 0.5 * (low + high)
+
+
+def _limits(values: Array, weight: Array) -> Array:
+    """Return weighted quantiles, the weight of each value spread evenly to either side of it."""
+    order = np.argsort(values, kind="stable")
+    share = np.cumsum(weight[order]) - 0.5 * weight[order]
+    return np.interp(LIMITS, share / weight.sum(), values[order])
+
+
+def _between(centres: Array, mass: Array) -> Array:
+    """Return quantiles of a density that is constant within cells of equal size."""
+    half = 0.5 * (centres[1] - centres[0])
+    edges = np.append(centres - half, centres[-1] + half)
+    return np.interp(LIMITS, np.append(0.0, np.cumsum(mass)), edges)
+
+
+def _sd(weight: Array, values: Array) -> float:
+    return float(np.sqrt(weight @ (values - weight @ values) ** 2))
+
+
+def _normalised(log_density: Array) -> Array:
+    """Return probabilities of cells, zeros where no cell has any."""
+    if not np.isfinite(log_density).any():
+        return np.zeros(log_density.size)
+    found: Array = np.exp(log_density - logsumexp(log_density))
+    return found
+
+
+def _log(values: Array) -> Array:
+    with np.errstate(divide="ignore"):
+        return np.log(values)

@@ -1,0 +1,186 @@
+"""`softness-bayes study`: many tables fitted separately, and parameters pooled over them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, NoReturn
+
+import click
+
+from softness_bayes.cli.interrupts import keeping
+from softness_bayes.cli.options.model import ModelChoice, model_choice, rating_scale, spreads
+from softness_bayes.cli.options.run import max_time, seed
+from softness_bayes.cli.options.tables import DataFiles, reading_options
+from softness_bayes.cli.options.values import FILE, whole
+from softness_bayes.cli.running import command_line, record_of
+from softness_bayes.defaults import MAX_STEPS
+from softness_bayes.errors import InputError, NotConvergedError, NumericalError
+from softness_bayes.ranges import PROCESSES, STEPS
+
+if TYPE_CHECKING:
+    from tqdm import tqdm
+
+    from softness_bayes.data import Compression, Experiment
+    from softness_bayes.data.study_tables import Listed
+    from softness_bayes.parameters.priors import Prior
+    from softness_bayes.runs.study import Outcome, Study
+
+
+@click.command()
+@click.argument("source", metavar="TABLES", type=FILE)
+@reading_options
+@model_choice
+@rating_scale
+@click.option(
+    "--pool",
+    "pooled",
+    metavar="NAMES",
+    default="",
+    help="Parameters to pool, as in b,m; by default those of b, m and sigma_0 that are sampled.",
+)
+@spreads
+@click.option(
+    "--max-steps",
+    type=whole(STEPS),
+    default=MAX_STEPS,
+    show_default=True,
+    help="Steps of each ensemble after which a fit ends, converged or not; the same command with more continues it.",
+)
+@max_time
+@click.option(
+    "--processes",
+    type=whole(PROCESSES),
+    metavar="N",
+    help="Fits side by side; by default one for each core. Draws do not depend on it.",
+)
+@click.option("--figures", is_flag=True, help="Draw the figures of every fit too, as 'plot' does later.")
+@seed
+@click.option(
+    "--out",
+    type=FILE,
+    metavar="DIR",
+    default=Path("study"),
+    show_default=True,
+    help="Directory to write to; a study there is continued.",
+)
+def command(
+    source: Path,
+    files: DataFiles,
+    model: ModelChoice,
+    scale: str,
+    pooled: str,
+    spreads: dict[str, Prior],
+    max_steps: int,
+    max_time: float,
+    processes: int | None,
+    figures: bool,
+    seed: int,
+    out: Path,
+) -> None:
+    """Fit many tables separately, and pool parameters over them.
+
+    TABLES is a folder of tables of ratings (sites, participants, sessions), or a file with the columns table, data,
+    fabrics and compression that names them, by paths from its own folder on. Every table is fitted by itself, in an
+    ordinary run directory OUT/runs/NAME that 'status', 'resume' and 'report' know.
+
+    Then each chosen parameter is given a population: normal over the tables on the scale on which it is unconstrained
+    (the logarithm of a positive one), with the parameter's own prior for its mean. The separate posteriors are weighted
+    anew under it, so that nothing is sampled again. A population whose weights fail is refused, with the table that
+    they fail at. Writes tables.csv, individual.csv, population.csv, forest.png and .pdf, and study.md.
+
+    The same command continues a study that was interrupted. A table that cannot be read or fitted is named, and the
+    others go on. Exit code 2: a table was refused; 3: one has not converged; 4: a population was refused.
+    """
+    from softness_bayes.data.study_tables import list_tables
+    from softness_bayes.likelihood.scales import RATING_SCALES
+    from softness_bayes.results.request import RunOptions
+    from softness_bayes.runs.study import RUNS, Kept, study
+
+    listed = list_tables(source)
+    if len(listed) < 2:
+        raise InputError(f"{source}: one table only, {listed[0].name}; a study has at least two, 'sample' fits one")
+    tables, refused = _read(listed, files)
+    kept = {
+        one.name: Kept(record_of(_files_of(one, files), out / RUNS / one.name), figures)
+        for one in listed
+        if one.name in tables
+    }
+    run = RunOptions(max_steps=max_steps, max_seconds=max_time, processes=processes, seed=seed, command=command_line())
+    bar = _Bar(len(listed))
+    with keeping(lambda: f"finished fits, and all steps of the others, are kept in {out}: the same command goes on"):
+        try:
+            found = study(
+                tables,
+                out,
+                model.options(scale=RATING_SCALES[scale]),
+                run,
+                [name.strip() for name in pooled.split(",") if name.strip()],
+                spreads,
+                bar.show,
+                refused,
+                kept,
+            )
+        finally:
+            bar.close()
+    found.save()
+    for sentence in found.sentences():
+        click.echo(sentence)
+    click.echo(f"written to {out}")
+    _end(found)
+
+
+def _files_of(one: Listed, files: DataFiles) -> DataFiles:
+    """Return the files of one table, read as all are."""
+    return replace(files, data=one.data, fabrics=one.fabrics or files.fabrics, compression=one.compression)
+
+
+def _read(listed: list[Listed], files: DataFiles) -> tuple[dict[str, Experiment | Compression], dict[str, str]]:
+    """Return the tables that can be read, and why the others cannot."""
+    tables, refused = {}, {}
+    for one in listed:
+        try:
+            tables[one.name] = _files_of(one, files).read()
+        except InputError as error:
+            refused[one.name] = " ".join(str(error).split())
+            continue
+        for note in tables[one.name].notes:
+            click.echo(f"note: {one.name}: {note}", err=True)
+    return tables, refused
+
+
+def _end(found: Study) -> None:
+    """Raise the error that tells what is missing, if anything is."""
+    from softness_bayes.runs.study import REFUSED, UNCONVERGED
+
+    if bad := found.named(REFUSED):
+        raise InputError(f"{len(bad)} of {len(found.outcomes)} tables were refused ({', '.join(bad)}); see above")
+    if short := found.named(UNCONVERGED):
+        raise NotConvergedError(
+            f"{len(short)} of {len(found.outcomes)} tables have not converged ({', '.join(short)}) and are not pooled; "
+            "the same command with more --max-steps continues them"
+        )
+    if found.failed:
+        raise NumericalError(f"not pooled: {', '.join(found.failed)}; see above")
+
+
+class _Bar:
+    """Progress over tables on the terminal."""
+
+    def __init__(self, total: int) -> None:
+        self._total = total
+        self._bar: tqdm[NoReturn] | None = None
+
+    def show(self, finished: int, one: Outcome) -> None:
+        """Move the bar to the number of finished tables."""
+        if self._bar is None:
+            from tqdm import tqdm
+
+            self._bar = tqdm(total=self._total, unit="table", desc="fitting", leave=False, dynamic_ncols=True)
+        self._bar.update(finished - self._bar.n)
+        self._bar.set_postfix_str(f"{one.table} {one.outcome}")
+
+    def close(self) -> None:
+        """Clear the line."""
+        if self._bar is not None:
+            self._bar.close()

@@ -1,0 +1,97 @@
+"""List of the tables of a study: a small file that names them, or a folder of them."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import NamedTuple
+
+from softness_bayes.data import FABRICS_BESIDE
+from softness_bayes.data.headers import RANKED
+from softness_bayes.data.workbooks import read_sheet
+from softness_bayes.errors import InputError, quoted
+
+COLUMNS = ("table", "data", "fabrics", "compression")
+"""Columns of such a file: a name, and paths from the file's own folder on."""
+
+RATINGS = "ratings.csv"
+"""Table of ratings in a folder of its own, which has that folder's name."""
+
+SUFFIXES = (".csv", ".tsv", ".txt", ".xlsx", ".xlsm", ".parquet", ".pq")
+"""Suffixes of the files that count as tables in a folder."""
+
+COMPRESSION_BESIDE = "compression.csv"
+"""Table of forces that `simulate` leaves beside ratings, which is not a table of ratings."""
+
+_NAME = re.compile(r"\w[\w.+-]*")
+
+
+class Listed(NamedTuple):
+    """One table of a study, by its files."""
+
+    name: str
+    data: Path | None
+    fabrics: Path | None = None
+    compression: Path | None = None
+
+
+def list_tables(source: Path) -> list[Listed]:
+    """Return the tables of a study, in the order of the file, or by name.
+
+    Parameters
+    ----------
+    source
+        A file with the columns `COLUMNS`, of which only `data` or `compression` is needed; or a folder, whose tables
+        are the files with one of `SUFFIXES`, but for ``fabrics.csv`` and ``compression.csv``, and the folders with a
+        ``ratings.csv``.
+
+    Raises
+    ------
+    InputError
+        If there is none, a column or a cell is missing, or a name is given twice or cannot be a folder's.
+    """
+    found = _of_folder(source) if source.is_dir() else _of_file(source)
+    if not found:
+        raise InputError(
+            f"{source}: no table in this folder; expected files such as P01.csv, or folders with {RATINGS}"
+        )
+    seen: set[str] = set()
+    for one in found:
+        if not _NAME.fullmatch(one.name):
+            raise InputError(
+                f"{source}: table {quoted(one.name)}: expected a name of letters, digits, '_', '-', '+' and '.', "
+                "which a folder can have"
+            )
+        if one.name.casefold() in seen:
+            raise InputError(f"{source}: table {quoted(one.name)} is named twice")
+        seen.add(one.name.casefold())
+    return found
+
+
+def _of_folder(folder: Path) -> list[Listed]:
+    beside = {FABRICS_BESIDE, COMPRESSION_BESIDE}
+    found = []
+    for path in sorted(folder.iterdir()):
+        if path.is_dir() and (path / RATINGS).is_file():
+            found.append(Listed(path.name, path / RATINGS))
+        elif path.is_file() and path.suffix.casefold() in SUFFIXES and path.name not in beside and path.name[0] != ".":
+            found.append(Listed(path.stem, path))
+    return found
+
+
+def _of_file(path: Path) -> list[Listed]:
+    sheet = read_sheet(path, RANKED, {})
+    titles = [title.strip().casefold() for title in sheet.header]
+    if unknown := [title for title in titles if title and title not in COLUMNS]:
+        raise InputError(f"{sheet.titled}: column {quoted(unknown[0])}; expected some of {', '.join(COLUMNS)}")
+    if not {"data", "compression"} & {*titles}:
+        raise InputError(f"{sheet.titled}: no column 'data'; expected some of {', '.join(COLUMNS)}")
+    found = []
+    for cells, row in zip(sheet.body, sheet.rows, strict=True):
+        texts = dict(zip(titles, (str(cell) for cell in cells), strict=True))
+        paths = {name: path.parent / texts[name] if texts.get(name) else None for name in COLUMNS[1:]}
+        given = paths["data"] or paths["compression"]
+        if given is None:
+            raise InputError(f"{sheet.place}: row {row}, column 'data': is empty, expected the path of a table")
+        found.append(Listed(texts.get("table") or given.stem, **paths))
+    return found

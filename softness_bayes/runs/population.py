@@ -1,0 +1,234 @@
+"""Populations of fitted tables: chosen parameters of several results, pooled."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from softness_bayes.checking.pooling import LIMITS, Pooled, Population, Separate, pool
+from softness_bayes.errors import InputError
+from softness_bayes.parameters.coordinates import HalfLine, Interval, coordinate_for
+from softness_bayes.parameters.declared import EVERY_PARAMETER, Parameter
+from softness_bayes.parameters.priors import HalfNormal, Prior
+from softness_bayes.results.result import Result
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+Array = NDArray[np.float64]
+
+USUAL = ("b", "m", "sigma_0")
+"""Parameters that are pooled where none are named: those of the finger, of these the ones that are sampled."""
+
+DRAWS = 2000
+"""Most draws of each table that are weighted, evenly spaced."""
+
+HARDLY = 0.8
+"""Share of its prior's standard deviation from which on the spread is said to be hardly informed."""
+
+
+@dataclass(frozen=True)
+class PooledParameter:
+    """One parameter of several tables and of their population.
+
+    Parameters
+    ----------
+    parameter
+        The parameter.
+    prior
+        Prior of the population.
+    pooled
+        What was found, on the unconstrained scale.
+    """
+
+    parameter: Parameter
+    prior: Population
+    pooled: Pooled
+
+    @property
+    def scale(self) -> str:
+        """The unconstrained scale in words, as in 'ln b'."""
+        name, kind = self.parameter.name, type(self.prior.scale)
+        return {HalfLine: f"ln {name}", Interval: f"the log odds of {name}"}.get(kind, name)
+
+    @property
+    def spread_share(self) -> float:
+        """Standard deviation of the spread, as a share of its prior's."""
+        every = self.prior.spread.quantile((np.arange(2000) + 0.5) / 2000)
+        return self.pooled.spread_sd / float(np.std(every))
+
+    def natural(self, values: Array) -> Array:
+        """Return values in natural units."""
+        return self.prior.scale.natural(np.asarray(values, float))
+
+    def sentence(self) -> str:
+        """Say what was found, each number with its interval and Monte-Carlo error; or why nothing is said."""
+        name, found = self.parameter.name, self.pooled
+        if found.fault:
+            return f"{name}: not pooled: {found.fault}"
+        unit = "" if self.parameter.unit == "–" else f" {self.parameter.unit}"
+        low, middle, high = (f"{value:.4g}" for value in self.natural(found.mean))
+        new_low, _, new_high = (f"{value:.4g}" for value in self.natural(found.new))
+        s_low, s_middle, s_high = (f"{value:.2g}" for value in found.spread)
+        hardly = (
+            f"; the tables say hardly more of the spread than its prior, {self.prior.spread}"
+            if self.spread_share > HARDLY
+            else ""
+        )
+        return (
+            f"{name}: population median {middle}{unit} (90 % interval {low} to {high}); spread between tables "
+            f"{s_middle} of {self.scale} (90 % interval {s_low} to {s_high}){hardly}; in a further table {name} "
+            f"lies between {new_low} and {new_high}{unit} with probability 90 %. Monte-Carlo errors "
+            f"{found.mean_mcse:.1g} and {found.spread_mcse:.1g} of {self.scale}."
+        )
+
+
+def pool_results(
+    results: Mapping[str, Result], parameters: Sequence[str] = (), spreads: Mapping[str, Prior] | None = None
+) -> dict[str, PooledParameter]:
+    """Pool parameters of separate results, each by itself: the others keep their separate priors.
+
+    The population of a parameter is normal on the scale on which it is unconstrained (ln b of a positive one). Its mean
+    has the parameter's own prior.
+
+    Parameters
+    ----------
+    results
+        Finished runs by the names of their tables, at least two, all with the same prior of each parameter.
+    parameters
+        Names; by default those of `USUAL` that are sampled in all.
+    spreads
+        Priors of the population's spreads, by name; by default half-normal with the width of the parameter's own prior.
+
+    Raises
+    ------
+    InputError
+        If there are fewer than two results, nothing to pool, or a parameter is not sampled in all under the same prior.
+    """
+    sampled = {name: {*map(str, result.group("posterior").data_vars)} for name, result in results.items()}
+    chosen = tuple(parameters) or tuple(one for one in USUAL if all(one in names for names in sampled.values()))
+    require_parameters((*chosen, *(spreads or {})))
+    if not chosen:
+        raise InputError(f"study: none of {', '.join(USUAL)} is sampled in every table; name parameters to pool")
+    if odd := [name for name in spreads or {} if name not in chosen]:
+        raise InputError(f"study: a spread of {odd[0]} is given, which is not pooled")
+    found = {}
+    for name in chosen:
+        if held := [table for table, names in sampled.items() if name not in names]:
+            raise InputError(f"study: {name} is not sampled in {held[0]}, and cannot be pooled")
+        prior = population_of(name, _prior(results, name), (spreads or {}).get(name))
+        tables = {table: separate_of(result, name, prior) for table, result in results.items()}
+        found[name] = PooledParameter(EVERY_PARAMETER[name], prior, pool(tables, prior))
+    return found
+
+
+def require_parameters(names: Sequence[str]) -> None:
+    """Raise an error for a name that no parameter has.
+
+    Raises
+    ------
+    InputError
+        Naming it.
+    """
+    if unknown := [name for name in names if name not in EVERY_PARAMETER]:
+        raise InputError(f"no parameter {unknown[0]!r}; expected some of {', '.join(EVERY_PARAMETER)}")
+
+
+def population_of(name: str, prior: Prior, spread: Prior | None = None) -> Population:
+    """Return the prior of the population of a parameter whose separate prior is given.
+
+    Raises
+    ------
+    InputError
+        If the spread may be negative.
+    """
+    mean = EVERY_PARAMETER[name].cut(prior)
+    scale = coordinate_for(mean.support)
+    if spread is None:
+        low, high = scale.coordinate(mean.quantile(np.array([0.1587, 0.8413])))
+        spread = HalfNormal(float(f"{0.5 * (high - low):.3g}"))
+    if spread.support[0] < 0:
+        raise InputError(
+            f"study: spread of {name}: {spread} allows values below 0, expected a law such as halfnormal(0.5)"
+        )
+    return Population(mean, spread, scale)
+
+
+def _prior(results: Mapping[str, Result], name: str) -> Prior:
+    """Return the prior that a parameter has in all results."""
+    priors = {table: result.provenance.priors[name] for table, result in results.items()}
+    first, *others = priors
+    for other in others:
+        if str(priors[other]) != str(priors[first]):
+            raise InputError(
+                f"study: the prior of {name} is {priors[first]} in {first} and {priors[other]} in {other}; a "
+                "population needs the same in all"
+            )
+    return priors[first]
+
+
+def separate_of(result: Result, name: str, prior: Population) -> Separate:
+    """Return the draws of a parameter of one result, on the population's scale."""
+    values, log_prior = (result.group(group)[name].values.ravel() for group in ("posterior", "log_prior"))
+    some = slice(None, None, -(-values.size // DRAWS))
+    z = prior.scale.coordinate(values[some])
+    effective = min(float(result.table.loc[name, "ess_bulk"]), float(z.size))  # type: ignore[arg-type]
+    return Separate(z, log_prior[some] + prior.scale.log_slope(z), effective)
+
+
+def individual_table(pooled: Mapping[str, PooledParameter]) -> pd.DataFrame:
+    """Return a row per parameter and table: its interval separately and in the population, and its weights."""
+    import pandas as pd
+
+    rows = []
+    for name, one in pooled.items():
+        for table, found in one.pooled.tables.items():
+            shrunken = found.shrunken if not one.pooled.fault else np.full(len(LIMITS), np.nan)
+            rows.append(
+                {
+                    "parameter": name,
+                    "table": table,
+                    **_named("separate", one.natural(found.separate)),
+                    **_named("shrunken", one.natural(shrunken)),
+                    "effective_draws": found.effective,
+                    "largest_weight": found.largest,
+                    "pareto_k": found.pareto_k,
+                }
+            )
+    return pd.DataFrame(rows)
+
+
+def population_table(pooled: Mapping[str, PooledParameter]) -> pd.DataFrame:
+    """Return a row per parameter: median, spread, a further table, Monte-Carlo errors, priors; or the fault."""
+    import pandas as pd
+
+    rows = []
+    for name, one in pooled.items():
+        found = one.pooled
+        shown = not found.fault
+        rows.append(
+            {
+                "parameter": name,
+                "unit": one.parameter.unit,
+                "tables": len(found.tables),
+                **_named("median", one.natural(found.mean) if shown else np.full(3, np.nan)),
+                **_named("spread", found.spread if shown else np.full(3, np.nan)),
+                **_named("further", one.natural(found.new) if shown else np.full(3, np.nan)),
+                "median_mcse": found.mean_mcse if shown else np.nan,
+                "spread_mcse": found.spread_mcse if shown else np.nan,
+                "scale": one.scale,
+                "prior_median": str(one.prior.mean),
+                "prior_spread": str(one.prior.spread),
+                "fault": found.fault,
+            }
+        )
+    return pd.DataFrame(rows)
+
+
+def _named(name: str, ends: Array) -> dict[str, float]:
+    low, middle, high = map(float, ends)
+    return {name: middle, f"{name}_low": low, f"{name}_high": high}

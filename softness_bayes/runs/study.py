@@ -1,0 +1,310 @@
+"""Studies: many tables fitted separately, each in an ordinary run directory, and parameters pooled over them."""
+
+from __future__ import annotations
+
+import zlib
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from softness_bayes.checking.pooling import LEAST_TABLES
+from softness_bayes.checkpoints.checkpoint import Checkpoint
+from softness_bayes.checkpoints.identity import identity
+from softness_bayes.data import Compression, Experiment
+from softness_bayes.errors import InputError, ResourceError, SoftnessError
+from softness_bayes.files.lock import Lock
+from softness_bayes.files.outputs import require_outputs, write_outputs
+from softness_bayes.files.run_files import CHECKPOINT, MANIFEST, POSTERIOR
+from softness_bayes.files.spreadsheet import csv_of
+from softness_bayes.model.options import ModelOptions
+from softness_bayes.parameters.priors import Prior
+from softness_bayes.plotting.forest import Forest, forest_figure
+from softness_bayes.plotting.style import USUAL as USUAL_STYLE
+from softness_bayes.plotting.style import Style, files_of
+from softness_bayes.results.request import Request, RunOptions
+from softness_bayes.results.result import Result
+from softness_bayes.results.versions import versions
+from softness_bayes.runs.kept import model_of, sample_kept
+from softness_bayes.runs.population import (
+    PooledParameter,
+    individual_table,
+    pool_results,
+    population_table,
+    require_parameters,
+)
+from softness_bayes.sampler.workers import Workers, available_processors
+
+if TYPE_CHECKING:
+    import pandas as pd
+    from matplotlib.figure import Figure
+
+STUDY = "study"
+"""The verb that the files are listed under."""
+
+RUNS, LOCK = "runs", "lock"
+"""Folder of the separate runs, and the lock of a study under way."""
+
+TABLES, INDIVIDUAL, POPULATION, REPORT, FIGURE = "tables.csv", "individual.csv", "population.csv", "study.md", "forest"
+MADE = (TABLES, INDIVIDUAL, POPULATION, REPORT, f"{FIGURE}.png", f"{FIGURE}.pdf")
+"""Files of a study beside its runs."""
+
+CONVERGED, UNCONVERGED, REFUSED = "converged", "not converged", "refused"
+"""Outcomes of a table."""
+
+
+class Outcome(NamedTuple):
+    """Outcome of one table."""
+
+    table: str
+    outcome: str
+    said: str
+    """The verdict on convergence, or why the table was refused."""
+
+
+class Kept(NamedTuple):
+    """Record of a run by the command line, from which `resume` continues it."""
+
+    files: dict[str, Any]
+    figures: bool
+
+
+@dataclass(frozen=True, eq=False)
+class Study:
+    """A study: the outcome of every table, and populations of those that have converged.
+
+    Parameters
+    ----------
+    outcomes
+        Of all tables, in order.
+    populations
+        By parameter; empty if fewer than two tables have converged.
+    directory
+        Where it is.
+    """
+
+    outcomes: tuple[Outcome, ...]
+    populations: Mapping[str, PooledParameter]
+    directory: Path
+    tables: pd.DataFrame = field(repr=False)
+    """A row per table: table, outcome, run (its directory from here), said."""
+
+    def named(self, outcome: str) -> list[str]:
+        """Return the names of the tables with an outcome."""
+        return [one.table for one in self.outcomes if one.outcome == outcome]
+
+    @property
+    def individual(self) -> pd.DataFrame:
+        """A row per parameter and table (see `individual_table`)."""
+        return individual_table(self.populations)
+
+    @property
+    def population(self) -> pd.DataFrame:
+        """A row per parameter (see `population_table`)."""
+        return population_table(self.populations)
+
+    @property
+    def failed(self) -> list[str]:
+        """Names of the parameters whose populations are refused."""
+        return [name for name, one in self.populations.items() if one.pooled.fault]
+
+    def sentences(self) -> list[str]:
+        """Say what became of the tables, then what was found, a sentence each."""
+        good = self.named(CONVERGED)
+        said = [f"{len(good)} of {len(self.outcomes)} tables are fitted and converged."]
+        said += [f"{one.table}: {one.outcome}: {one.said}" for one in self.outcomes if one.outcome != CONVERGED]
+        if not self.populations:
+            said.append(f"nothing is pooled: a population needs at least {LEAST_TABLES} tables that have converged")
+        return [*said, *(one.sentence() for one in self.populations.values())]
+
+    def report(self) -> str:
+        """Return the report in Markdown."""
+        parts = ["# Study", "", *(f"- {sentence}" for sentence in self.sentences())]
+        for name, one in self.populations.items():
+            unit = "" if one.parameter.unit == "–" else f" [{one.parameter.unit}]"
+            parts += ["", f"## {name}{unit}: {one.parameter.meaning}", ""]
+            parts += [
+                "| table | separately | in the population | effective draws | Pareto k |",
+                "|---|---|---|---|---|",
+            ]
+            table = self.individual
+            for _, row in table[table["parameter"] == name].iterrows():
+                both = (_interval(row, "separate"), _interval(row, "shrunken"))
+                cells = (row["table"], *both, f"{row['effective_draws']:.0f}", f"{row['pareto_k']:.2f}")
+                parts.append(f"| {' | '.join(map(str, cells))} |")
+        parts += ["", "Medians with 90 % intervals. Each parameter is pooled by itself: in the population of one the"]
+        parts += ["others keep their separate priors."]
+        return "\n".join(parts) + "\n"
+
+    def figure(self, style: Style = USUAL_STYLE) -> Figure:
+        """Return the forest of all populations.
+
+        Raises
+        ------
+        InputError
+            If nothing is pooled.
+        """
+        return forest_figure([_forest(name, one) for name, one in self.populations.items()], style)
+
+    def save(self) -> list[Path]:
+        """Write tables, report and figure into the directory, all or none; those of an earlier study are replaced."""
+        contents: dict[str, bytes | str] = {TABLES: csv_of(self.tables, index=False)}
+        if self.populations:
+            contents |= {
+                INDIVIDUAL: csv_of(self.individual, index=False),
+                POPULATION: csv_of(self.population, index=False),
+                **files_of(self.figure(), FIGURE),
+            }
+        return write_outputs(self.directory, {**contents, REPORT: self.report()}, STUDY)
+
+
+def study(
+    tables: Mapping[str, Experiment | Compression],
+    directory: str | Path,
+    model: ModelOptions = ModelOptions(),
+    run: RunOptions = RunOptions(),
+    pool: Sequence[str] = (),
+    spreads: Mapping[str, Prior] | None = None,
+    progress: Callable[[int, Outcome], None] | None = None,
+    refused: Mapping[str, str] | None = None,
+    kept: Mapping[str, Kept] | None = None,
+    **options: Any,
+) -> Study:
+    """Fit many tables separately, and pool chosen parameters of those that have converged.
+
+    Each fit is an ordinary run in a directory of its own, ``runs/NAME``, and depends on nothing but its table, the
+    options and the seed. A study that was interrupted goes on where it was; a table that is refused is named, and the
+    others go on.
+
+    Parameters
+    ----------
+    tables
+        Data by name.
+    directory
+        Where the runs are, and what is made of them.
+    model, run
+        Choices of the model, and how long each table is run; `run.processes` is the number of fits side by side.
+    pool
+        Names of the parameters; by default those of the finger that are sampled.
+    spreads
+        Priors of the populations' spreads (see `pool_results`).
+    progress
+        Called with the number of finished tables and the last of them.
+    refused
+        Names of tables that could not be read, with the reason.
+    kept
+        How the command line records each run.
+    **options
+        Single options in place of those of `model` and `run`, by name.
+
+    Raises
+    ------
+    InputError
+        If there is no table, or the directory holds something else.
+    LockedError
+        If another process is at the same study.
+    ResourceError
+        If memory ran out, or worker processes died again and again.
+    """
+    request, refused, directory = Request(model, run).with_options(**options), refused or {}, Path(directory)
+    require_parameters((*pool, *(spreads or {})))
+    if not tables and not refused:
+        raise InputError("study: there is no table")
+    require_outputs(directory, MADE, STUDY)
+    (directory / RUNS).mkdir(parents=True, exist_ok=True)
+    found = {name: Outcome(name, REFUSED, why) for name, why in refused.items()}
+    with Lock(directory / LOCK) as lock:
+        tasks = [(name, data, str(directory / RUNS / name), (kept or {}).get(name)) for name, data in tables.items()]
+        processes = min(request.run.processes or available_processors(), max(len(tasks), 1))
+        with Workers(request, processes) as workers:
+            for one in workers.as_finished(fit_table, tasks):
+                found[one.table] = one
+                if progress is not None:
+                    progress(len(found), one)
+        lock.vanish()
+    return _pooled({name: found[name] for name in sorted(found)}, directory, pool, spreads)
+
+
+def fit_table(
+    request: Request, name: str, data: Experiment | Compression, directory: str, kept: Kept | None
+) -> Outcome:
+    """Fit one table in its own directory, from wherever its run is; an error of the table is its outcome."""
+    try:
+        return _fit(request, name, data, Path(directory), kept)
+    except ResourceError:
+        raise
+    except SoftnessError as error:
+        return Outcome(name, REFUSED, str(error))
+
+
+def _fit(request: Request, name: str, data: Experiment | Compression, directory: Path, kept: Kept | None) -> Outcome:
+    model = model_of(data, request.model)
+    run = replace(request.run, seed=seed_of(request.run.seed, name), processes=1)
+    asked = Request(model.options, run)
+    begun = (directory / CHECKPOINT / MANIFEST).exists()
+    with Checkpoint.open(directory) if begun else Checkpoint.create(directory) as checkpoint:
+        status = checkpoint.status
+        if status is not None and status.written and (directory / POSTERIOR).is_file():
+            checkpoint.require_same(identity(data, model.posterior, run.settings, asked.choices()))
+            verdict = status.verdict
+            if verdict is not None and (verdict.converged or status.steps >= run.max_steps):
+                return Outcome(name, CONVERGED if verdict.converged else UNCONVERGED, verdict.sentence())
+        if kept is not None:
+            record = {"files": kept.files, "options": asked.record(), "figures": kept.figures}
+            checkpoint.request = {**record, "versions": versions()}
+        figures = () if kept is not None and kept.figures else None
+        ending = sample_kept(checkpoint, model, run, figures).provenance.ending
+    return Outcome(name, CONVERGED if ending.converged else UNCONVERGED, ending.verdict)
+
+
+def seed_of(seed: int, table: str) -> int:
+    """Return the seed of one table's run, which depends on the study's seed and the table's name alone."""
+    return int(np.random.SeedSequence((seed, zlib.crc32(table.encode()))).generate_state(1)[0])
+
+
+def _pooled(
+    found: Mapping[str, Outcome], directory: Path, pool: Sequence[str], spreads: Mapping[str, Prior] | None
+) -> Study:
+    """Return the study of finished fits."""
+    import pandas as pd
+
+    good = [name for name, one in found.items() if one.outcome == CONVERGED]
+    results = {name: Result.load(directory / RUNS / name) for name in good}
+    populations = pool_results(results, pool, spreads) if len(results) >= LEAST_TABLES else {}
+    rows = [
+        {
+            "table": name,
+            "outcome": one.outcome,
+            "run": f"{RUNS}/{name}" if (directory / RUNS / name).is_dir() else "",
+            "said": one.said,
+        }
+        for name, one in found.items()
+    ]
+    return Study(tuple(found.values()), populations, directory, pd.DataFrame(rows))
+
+
+def _forest(name: str, one: PooledParameter) -> Forest:
+    """Return what the figure shows of one parameter."""
+    found = one.pooled
+    separate, shrunken = (
+        one.natural(np.column_stack([getattr(table, kind) for table in found.tables.values()]))
+        for kind in ("separate", "shrunken")
+    )
+    shown = not found.fault
+    return Forest(
+        name,
+        one.parameter.label,
+        tuple(found.tables),
+        separate,
+        shrunken if shown else None,
+        one.natural(found.mean) if shown else None,
+        one.natural(found.new) if shown else None,
+    )
+
+
+def _interval(row: Any, name: str) -> str:
+    if np.isnan(row[name]):
+        return "–"
+    return f"{row[name]:.4g} ({row[f'{name}_low']:.4g} to {row[f'{name}_high']:.4g})"
