@@ -32,6 +32,8 @@ CLEAR = 2.0
 ROUNDING = 1e-12
 """Spread of residuals [-] that counts as zero: rounding errors of log ratings are below it."""
 
+_SEED = 0  # of the places of ratings with probabilities within these
+
 
 class Additive(NamedTuple):
     """The additive fit log y = condition + participant + residual of one or many data sets."""
@@ -371,7 +373,7 @@ def loo_pit(observation: Likelihood, mean_rate: FloatArray, parameters: Paramete
     With the effects of participants and fabrics integrated out, p(y_i | y_-i, theta) is known in closed
     form. It is averaged over theta with importance weights 1 / p(y_i | y_-i, theta), smoothed by a generalised Pareto
     law, which turn draws given all ratings into draws given the others (Bürkner, Gabry and Vehtari, Computational
-    Statistics 36, 1243, 2021).
+    Statistics 36, 1243, 2021). Ratings with probabilities, not densities, lie at a share of theirs that is drawn once.
 
     Parameters
     ----------
@@ -382,6 +384,9 @@ def loo_pit(observation: Likelihood, mean_rate: FloatArray, parameters: Paramete
     """
     alone = observation.log_likelihood_loo(mean_rate, parameters)
     below = observation.below_loo(mean_rate, parameters)
+    if (rows := observation.discrete).any():
+        share = np.random.default_rng(_SEED).uniform(-0.5, 0.5, int(rows.sum()))
+        below[:, rows] += share * np.exp(alone[:, rows])
     value, pareto_k = np.empty(alone.shape[1]), np.empty(alone.shape[1])
     for k in pieces(alone.shape[1], len(alone)):
         log_weights, pareto_k[k] = arviz_bridge.psis(-alone[:, k].T)

@@ -60,7 +60,11 @@ def command(
         return
     moduli = fabric_moduli(experiment.fabrics, fabric_modulus)
     modulus = np.array(moduli.middle) / 1e3
-    for line in (*_summary(experiment, modulus), "", *_fabric_table(experiment, moduli)):
+    for line in (
+        *_summary(experiment, modulus, RATING_SCALES[scale].own_units),
+        "",
+        *_fabric_table(experiment, moduli),
+    ):
         click.echo(line)
     if exact := len(moduli.laws) - len(moduli.uncertain):
         click.echo(
@@ -98,8 +102,8 @@ def _show_compression(compression: Compression) -> None:
         click.echo(f"{name:14}{text}")
 
 
-def _summary(experiment: Experiment, modulus: NDArray[np.float64]) -> list[str]:
-    """Return lines that say who rated what, under which loads; moduli in kPa."""
+def _summary(experiment: Experiment, modulus: NDArray[np.float64], own_units: bool) -> list[str]:
+    """Return lines that say who rated what, under which loads; moduli in kPa, scales of the raters' own or not."""
     import numpy as np
 
     ratings = experiment.ratings
@@ -107,7 +111,6 @@ def _summary(experiment: Experiment, modulus: NDArray[np.float64]) -> list[str]:
     conditions = ratings.conditions
     pairs = len(ratings.fabrics) * len(ratings.loads)
     rated = len(set(zip(ratings.participant.tolist(), conditions.of_rating.tolist(), strict=True)))
-    several = len(ratings.participants) > 1
     lines = {
         "ratings": f"{len(ratings)}, from {ratings.rating.min():g} to {ratings.rating.max():g}; "
         f"{ratings.n_missing} missing",
@@ -116,10 +119,13 @@ def _summary(experiment: Experiment, modulus: NDArray[np.float64]) -> list[str]:
         "loads": _loads(ratings),
         "conditions": f"{len(conditions.fabric)} of {pairs} pairs of fabric and load; "
         f"{rated} of {len(ratings.participants) * pairs} with each participant",
-        "tau": "several participants: the spread of their rating scales (tau) can be estimated"
-        if several
-        else "one participant: the spread of rating scales between participants (tau) cannot be estimated",
     }
+    if own_units:
+        lines["tau"] = (
+            "several participants: the spread of their rating scales (tau) can be estimated"
+            if len(ratings.participants) > 1
+            else "one participant: the spread of rating scales between participants (tau) cannot be estimated"
+        )
     if len(conditions.fabric) == 1:
         lines["gamma"] = "one condition: the response does not vary, so skin, receptors and gamma are not identifiable"
     if len(ratings) > 1 and ratings.rating.min() == ratings.rating.max():

@@ -223,6 +223,8 @@ def ratings_csv(ratings: Ratings, fabrics: Fabrics | None = None) -> str:
         columns[LOAD_CV.name] = [LOAD_CV.write(value) for value in ratings.load_cv]
     if ratings.resolution is not None:
         columns[RESOLUTION.name] = [RESOLUTION.write(value) for value in ratings.resolution]
+    if ratings.lists is not None:
+        columns["list"] = [str(number + 1) for number in ratings.lists]
     columns[RATING.name] = [RATING.write(value) for value in ratings.rating]
     if fabrics is not None:
         places = {name: i for i, name in enumerate(fabrics.names)}

@@ -137,7 +137,7 @@ EFFECTIVE_MODULUS_SD = Column("effective_modulus_sd_kpa", "standard error of the
 EFFECTIVE_MODULUS_LOW = Column("effective_modulus_low_kpa", "least modulus", "kPa", 3, _POSITIVE)
 EFFECTIVE_MODULUS_HIGH = Column("effective_modulus_high_kpa", "largest modulus", "kPa", 3, _POSITIVE)
 
-LABELS = ("participant", "fabric", "trial", "indentor")
+LABELS = ("participant", "fabric", "trial", "list", "indentor")
 """The columns of names."""
 NUMBERS: Mapping[str, Column] = {
     column.name: column

@@ -120,22 +120,32 @@ class Ratings:
     """Relative standard error (n,) of each rating's load, NaN where a row has none; None if the table has none."""
     resolution: FloatArray | None = None
     """Step (n,) of the grid of numbers that the rater uses, NaN where a row has none; None if the table has none."""
+    lists: IntArray | None = None
+    """Index (n,) of the list that each rating is a place in; None if the table names none."""
 
     def __post_init__(self) -> None:
         arrays = {"participant": int, "fabric": int, "load": int, "rating": float, "rows": int}
         own = {"load_cv": LOAD_CV, "resolution": RESOLUTION}
         arrays |= {name: float for name in own if getattr(self, name) is not None}
+        arrays |= {} if self.lists is None else {"lists": int}
         for name, kind in arrays.items():
             object.__setattr__(self, name, read_only(getattr(self, name), kind))
         if len({getattr(self, name).shape for name in arrays}) > 1:
             raise InputError(f"{self.source}: {', '.join(arrays)} differ in length")
-        for name in own.keys() & arrays.keys():
+        for name in sorted(own.keys() & arrays.keys()):
             values = getattr(self, name)
             for value in np.unique(values[~np.isnan(values)]).tolist():
                 own[name].range.require(f"{self.source}: {name}", value)
 
     def __len__(self) -> int:
         return len(self.rating)
+
+    @property
+    def own_lists(self) -> IntArray:
+        """Index (n,) of each rating's list, if ratings are places; by default one for each participant and load."""
+        if self.lists is not None:
+            return self.lists
+        return np.unique(self.participant * len(self.loads) + self.load, return_inverse=True)[1]
 
     def load_log_sd(self, cv: float | None = None) -> FloatArray:
         """Return the standard deviation (n,) of each rating's log load, log-normal about the stated one.
@@ -196,9 +206,9 @@ class Ratings:
         """Read a table of ratings.
 
         Columns: `participant` (if missing, all rows are of one participant), `fabric`, `rating` (empty if
-        missing), `indentation_mm` or `force_n` (exactly one in each row), and optionally `load_cv`, `resolution`
-        and `trial`. A wide table has one column for each fabric instead, or for each fabric under each load
-        (`cotton @ 2 mm`).
+        missing), `indentation_mm` or `force_n` (exactly one in each row), and optionally `load_cv`, `resolution`,
+        `trial` and, of places in lists, `list`. A wide table has one column for each fabric instead, or for each
+        fabric under each load (`cotton @ 2 mm`).
 
         Parameters
         ----------
@@ -298,6 +308,7 @@ class Ratings:
             not_positive=table.cells[RATING.name][wrong[0]] if wrong.size else "",
             load_cv=load_cv,
             resolution=resolution,
+            lists=_lists_in(table, by),
         )
 
 
@@ -317,6 +328,14 @@ def _fabrics_in(table: Table, fabrics: Fabrics | None) -> Sequence[str]:
             more = f", as in {count - 1} other rows" if count > 1 else ""
             table.fault(labels.index(name), "fabric", f"{problem}{more}")
     return labels
+
+
+def _lists_in(table: Table, by: Sequence[str]) -> IntArray | None:
+    """Return the index of each row's list; lists of the same name are different ones if their participants are."""
+    if "list" not in table:
+        return None
+    own = list(zip(by, table.labels("list"), strict=True))
+    return _index(own, list(dict.fromkeys(own)))
 
 
 def _given_load(table: Table, indentation_mm: float | None, force_n: float | None) -> Load | None:

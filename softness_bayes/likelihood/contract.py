@@ -85,6 +85,11 @@ class Likelihood(ABC):
         """Fabric of each column of the mean rates, shape (columns,): usually one column for each condition."""
         return self.design.fabric
 
+    @property
+    def discrete(self) -> NDArray[np.bool_]:
+        """True for observations whose density is a probability, shape (rows,): by default for none."""
+        return np.zeros(self.values.size, bool)
+
     @abstractmethod
     def with_values(self, values: ArrayLike) -> Self:
         """Return the likelihood of other observations of the same rows."""

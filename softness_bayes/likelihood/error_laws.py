@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import ndtri_exp
 
 from softness_bayes.errors import InputError
 from softness_bayes.likelihood import student
@@ -108,6 +109,38 @@ def _student_slopes(errors: FloatArray, parameters: Any) -> tuple[FloatArray, ..
     )
 
 
+_GUMBEL_SD = np.pi / np.sqrt(6.0)
+
+
+def _gumbel(errors: FloatArray) -> FloatArray:
+    """Return standardised errors in units of the law's own scale, about its mode."""
+    return _GUMBEL_SD * errors + np.euler_gamma
+
+
+def _draw_gumbel(rng: np.random.Generator, shape: tuple[int, ...], parameters: Any) -> FloatArray:
+    return (rng.gumbel(size=shape) - np.euler_gamma) / _GUMBEL_SD
+
+
+def _gumbel_score(errors: FloatArray, parameters: Any) -> FloatArray:
+    return np.asarray(ndtri_exp(-np.exp(-_gumbel(errors))))
+
+
+def _log_gumbel_density(errors: FloatArray, parameters: Any) -> FloatArray:
+    z = _gumbel(errors)
+    return np.log(_GUMBEL_SD) - z - np.exp(-z)
+
+
+def _gumbel_slopes(errors: FloatArray, parameters: Any) -> tuple[FloatArray, ...]:
+    """Return the derivatives of the density over itself: polynomials in t = exp(-z)."""
+    t, unit = np.exp(-_gumbel(errors)), _GUMBEL_SD
+    return (
+        unit * (t - 1.0),
+        unit**2 * (t * (t - 3.0) + 1.0),
+        unit**3 * (t * (t * (t - 6.0) + 7.0) - 1.0),
+        unit**4 * (t * (t * (t * (t - 10.0) + 25.0) - 15.0) + 1.0),
+    )
+
+
 NORMAL = ErrorLaw("normal", "normal", (), _draw_normal, _same, _log_normal_density, _normal_slopes)
 """Normal errors: log-normal about a magnitude estimate or a force, normal about a z-score."""
 STUDENT = ErrorLaw(
@@ -131,8 +164,18 @@ LAPSES = ErrorLaw(
     lapses=True,
 )
 """Normal errors, but for a share `lapse` of observations that are uniform over the range of their rater's numbers."""
+GUMBEL = ErrorLaw(
+    "gumbel",
+    "Gumbel's, as in the law of orders of Plackett and Luce",
+    (),
+    _draw_gumbel,
+    _gumbel_score,
+    _log_gumbel_density,
+    _gumbel_slopes,
+)
+"""Errors of orders: Gumbel's law of largest values, with mean 0 and standard deviation 1."""
 ERROR_LAWS: Mapping[str, ErrorLaw] = MappingProxyType({law.name: law for law in (NORMAL, STUDENT, LAPSES)})
-"""The error laws of ratings, by name."""
+"""The error laws of ratings that can be chosen, by name; orders have their own."""
 
 
 def error_law_named(name: str) -> ErrorLaw:
@@ -143,6 +186,7 @@ def error_law_named(name: str) -> ErrorLaw:
     InputError
         If there is none of that name.
     """
-    if name not in ERROR_LAWS:
-        raise InputError(f"errors: {name!r} is not known, expected {' or '.join(ERROR_LAWS)}")
-    return ERROR_LAWS[name]
+    for law in (*ERROR_LAWS.values(), GUMBEL):
+        if law.name == name:
+            return law
+    raise InputError(f"errors: {name!r} is not known, expected {' or '.join(ERROR_LAWS)}")

@@ -201,6 +201,11 @@ class IntervalRatings(RatingsLikelihood):
         """Ends of the intervals that the ratings stand for, each (rows,); None if they are exact numbers."""
         return None if self._exact.all() else self._stated.ends(self.values)
 
+    @property
+    def discrete(self) -> NDArray[np.bool_]:
+        """True for ratings that stand for an interval, shape (rows,)."""
+        return ~self._exact
+
     def finer(self) -> Self:
         """Return the same likelihood with finer integrals."""
         finer = finer_than(self._quadrature, self._integrals.count, self.model.law)

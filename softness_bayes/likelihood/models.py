@@ -10,14 +10,15 @@ from softness_bayes.errors import InputError
 from softness_bayes.likelihood.categories import CategoryModel, CategoryRatings
 from softness_bayes.likelihood.contract import Likelihood
 from softness_bayes.likelihood.directions import RISES, RatingDirection
-from softness_bayes.likelihood.error_laws import ERROR_LAWS, LAPSES, NORMAL, STUDENT, ErrorLaw
+from softness_bayes.likelihood.error_laws import ERROR_LAWS, GUMBEL, LAPSES, NORMAL, STUDENT, ErrorLaw
 from softness_bayes.likelihood.individual import IndividualRatings
 from softness_bayes.likelihood.intervals import IntervalModel, IntervalRatings, SliderModel
 from softness_bayes.likelihood.load_errors import LoadErrors
 from softness_bayes.likelihood.magnitude import LogRatings, RatingModel
+from softness_bayes.likelihood.orders import OrderModel, OrderRatings
 from softness_bayes.likelihood.plate import CompressionForces
 from softness_bayes.likelihood.ratings import RatingsLikelihood, RatingsModel
-from softness_bayes.likelihood.scales import CATEGORIES, MAGNITUDE, SLIDER, STANDARDISED, Scale
+from softness_bayes.likelihood.scales import CATEGORIES, MAGNITUDE, RANKS, SLIDER, STANDARDISED, Scale
 from softness_bayes.likelihood.uncertain_loads import UncertainLoads
 from softness_bayes.likelihood.z_scores import StandardisedModel, StandardisedRatings
 
@@ -29,18 +30,22 @@ RATING_MODELS: Mapping[tuple[Scale, ErrorLaw], Callable[[RatingDirection], Ratin
         (STANDARDISED, NORMAL): StandardisedModel,
         **{(CATEGORIES, law): partial(CategoryModel, law=law) for law in ERROR_LAWS.values()},
         **{(SLIDER, law): partial(SliderModel, law=law) for law in ERROR_LAWS.values()},
+        (RANKS, GUMBEL): OrderModel,
     }
 )
 """Makes the observation model of a direction, by the scale of the ratings and the law of their errors."""
 
 OF_INTERVALS: Mapping[tuple[Scale, ErrorLaw], Callable[[RatingDirection], RatingsModel]] = MappingProxyType(
     {
-        (scale, law): partial(model, law=law)
-        for scale, model in ((MAGNITUDE, IntervalModel), (SLIDER, SliderModel))
-        for law in ERROR_LAWS.values()
+        **{
+            (scale, law): partial(model, law=law)
+            for scale, model in ((MAGNITUDE, IntervalModel), (SLIDER, SliderModel))
+            for law in ERROR_LAWS.values()
+        },
+        (RANKS, GUMBEL): OrderModel,
     }
 )
-"""As `RATING_MODELS`, of ratings that stand for intervals."""
+"""As `RATING_MODELS`, of ratings that stand for intervals, or are places in lists."""
 
 UNDER_UNCERTAIN_LOADS: Mapping[Scale, Callable[..., RatingsLikelihood]] = MappingProxyType({MAGNITUDE: UncertainLoads})
 """The likelihood of ratings whose loads have errors, by their scale, where there is one."""
@@ -49,6 +54,7 @@ LIKELIHOODS: tuple[type[Likelihood], ...] = (
     LogRatings,
     IntervalRatings,
     CategoryRatings,
+    OrderRatings,
     UncertainLoads,
     IndividualRatings,
     StandardisedRatings,
@@ -58,9 +64,11 @@ LIKELIHOODS: tuple[type[Likelihood], ...] = (
 
 
 def rating_model(
-    scale: Scale, direction: RatingDirection = RISES, error: ErrorLaw = NORMAL, exact: bool = True
+    scale: Scale, direction: RatingDirection = RISES, error: ErrorLaw | None = None, exact: bool = True
 ) -> RatingsModel:
     """Return the observation model of ratings, which are exact numbers or stand for intervals.
+
+    Without an error law it has the first of its scale.
 
     Raises
     ------
@@ -68,6 +76,7 @@ def rating_model(
         If there is none for that scale and that error law.
     """
     models = RATING_MODELS if exact else OF_INTERVALS
+    error = error or next((law for one, law in models if one == scale), NORMAL)
     if (scale, error) not in models:
         known = ", ".join(f"{one.name} with {law.name} errors" for one, law in models)
         raise InputError(f"ratings: no model of {scale.name} with {error.name} errors; expected one of {known}")

@@ -241,8 +241,18 @@ CATEGORIES = replace(
     own_units=True,
     require=_accept,
 )
+RANKS = replace(
+    STANDARDISED,
+    name="ranks",
+    meaning="places in lists that a participant put in order, the largest number for the softest",
+    unit="place",
+    short="share",
+    label="place [share of the list below]",
+    drawn=(0.0, 1.0),
+    require=_accept,
+)
 RATING_SCALES: Mapping[str, Scale] = MappingProxyType(
-    {scale.name: scale for scale in (MAGNITUDE, STANDARDISED, SLIDER, CATEGORIES)}
+    {scale.name: scale for scale in (MAGNITUDE, STANDARDISED, SLIDER, CATEGORIES, RANKS)}
 )
 """The readings of the rating scale, by name; the first is the default."""
 

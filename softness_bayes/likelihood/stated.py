@@ -1,4 +1,4 @@
-"""Intervals that ratings stand for: grids of numbers, ratings of 0, and ends of sliders."""
+"""Intervals that ratings stand for: grids of numbers, ratings of 0, and ends of sliders; lists of orders."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ FloatArray = NDArray[np.float64]
 
 
 class Stated(NamedTuple):
-    """Ratings with the intervals that they stand for. Every field has shape (rows,)."""
+    """Ratings with the intervals that they stand for, or the lists that they are places in; fields are (rows,)."""
 
     values: FloatArray
     """Ratings; stand-ins for those of 0, `limit` / 2, and at the upper end of a slider, halfway from `most` to it."""
@@ -23,15 +23,18 @@ class Stated(NamedTuple):
     """Number above which the rater says 1, on a slider; infinite on an open scale."""
     end: float = np.inf
     """Upper end of the scale."""
+    lists: NDArray[np.intp] | None = None
+    """Index of the list that each row's place is in, shape (rows,); None if ratings are not places."""
 
     @property
     def exact(self) -> bool:
         """True if every rating is an exact number between the ends of the scale."""
-        return not (self.step.any() or self.limit.any() or (self.most < self.end).any())
+        return self.lists is None and not (self.step.any() or self.limit.any() or (self.most < self.end).any())
 
     def take(self, rows: NDArray[np.bool_]) -> Stated:
         """Return some of the rows."""
-        return Stated(self.values[rows], self.step[rows], self.limit[rows], self.most[rows], self.end)
+        lists = None if self.lists is None else self.lists[rows]
+        return Stated(self.values[rows], self.step[rows], self.limit[rows], self.most[rows], self.end, lists)
 
     def rounded(self, numbers: FloatArray) -> FloatArray:
         """Return the ratings, as `values`, that would be given for numbers (..., rows)."""

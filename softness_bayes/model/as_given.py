@@ -14,8 +14,9 @@ from softness_bayes.data import Ratings
 from softness_bayes.data.steps import steps_of_raters
 from softness_bayes.errors import InputError
 from softness_bayes.likelihood.design import Design
-from softness_bayes.likelihood.error_laws import NORMAL, STUDENT, ErrorLaw
-from softness_bayes.likelihood.scales import CATEGORIES, MAGNITUDE, SLIDER, STANDARDISED
+from softness_bayes.likelihood.error_laws import GUMBEL, NORMAL, STUDENT, ErrorLaw
+from softness_bayes.likelihood.orders import MOST_TIED, shares
+from softness_bayes.likelihood.scales import CATEGORIES, MAGNITUDE, RANKS, SLIDER, STANDARDISED
 from softness_bayes.likelihood.stated import Stated
 from softness_bayes.model.options import ModelOptions
 from softness_bayes.ranges import CATEGORIES_RANGE
@@ -54,6 +55,8 @@ def as_given(ratings: Ratings, options: ModelOptions) -> AsGiven:
         If a rating is not on the scale, or the options ask for what the scale or the model does not have.
     """
     options.scale.require(ratings)
+    if options.scale is RANKS:
+        return _as_places(ratings, options)
     alone = _closed_form_alone(ratings, options)
     # steps of 0 ask for what the closed form has: exact numbers
     asked = bool(options.resolution) or (ratings.resolution is not None and bool(np.nansum(ratings.resolution)))
@@ -121,6 +124,59 @@ def stated_on_slider(ratings: Ratings, ends: tuple[float, float], resolution: fl
     limit, most = _limits(ratings, share, step), 1.0 - _limits(ratings, 1.0 - share, step)
     values = np.where(share < limit, 0.5 * limit, np.where(share > most, 0.5 * (1.0 + most), share))
     return Stated(values, step, limit, most, 1.0)
+
+
+def _as_places(ratings: Ratings, options: ModelOptions) -> AsGiven:
+    """Return ratings as places in lists, each the share of its list that lies below.
+
+    Raises
+    ------
+    InputError
+        If no list has two touches, too many touches share a place, or the options ask for what orders do not have.
+    """
+    refused = {
+        "--resolution (or a column resolution)": options.resolution is not None or ratings.resolution is not None,
+        "--errors": options.errors not in (None, GUMBEL),
+        "--slider": options.slider_ends != (0.0, 1.0),
+        "--categories": options.n_categories is not None,
+    }
+    if asked := [name for name, so in refused.items() if so]:
+        raise InputError(f"ratings: {options.scale.name} have no {' and no '.join(asked)}; leave it out")
+    lists, own = ratings.own_lists, ratings.rating
+    owners = np.unique(np.stack([lists, ratings.participant]), axis=1)[0]
+    if owners.size > np.unique(lists).size:
+        raise InputError(f"{ratings.source}: a list holds the places of several participants; expected those of one")
+    _, place, of_row, count = np.unique(
+        np.stack([lists, np.unique(own, return_inverse=True)[1]]),
+        axis=1,
+        return_index=True,
+        return_inverse=True,
+        return_counts=True,
+    )
+    if (count > MOST_TIED).any():
+        i = place[count.argmax()]
+        raise InputError(
+            f"{ratings.source}: row {ratings.rows[i]}, column {ratings.rating_column!r}: {count.max()} touches of one "
+            f"list have place {own[i]:g}, expected at most {MOST_TIED}; numbers with so many ties are categories"
+        )
+    sizes = np.bincount(lists)
+    sizes = sizes[sizes > 0]
+    if sizes.max() < 2:
+        raise InputError(
+            f"{ratings.source}: no list has two places, so there is no order; by default a list holds all touches of "
+            "one participant under one load, and a column list names others"
+        )
+    tied = int((count[of_row.ravel()] > 1).sum())
+    note = f"ratings: places in {sizes.size} lists of {_span(sizes)} touches; a larger number is a higher place"
+    note += f"; {tied} places are shared, and say nothing of the order within them" if tied else ""
+    zero = np.zeros(own.size)
+    said = Stated(shares(own, lists), zero, zero, zero + np.inf, lists=lists)
+    return AsGiven(said, GUMBEL, note, f"errors: {GUMBEL.meaning}")
+
+
+def _span(sizes: NDArray[np.intp]) -> str:
+    low, high = int(sizes.min()), int(sizes.max())
+    return f"{low}" if low == high else f"{low} to {high}"
 
 
 def _steps_of(ratings: Ratings, resolution: float | None, least: float | None = None) -> FloatArray:

@@ -16,11 +16,11 @@ from softness_bayes.errors import InputError
 from softness_bayes.likelihood.contract import NO_RESPONSE, Model
 from softness_bayes.likelihood.design import Design
 from softness_bayes.likelihood.directions import RISES, RatingDirection
-from softness_bayes.likelihood.error_laws import NORMAL, ErrorLaw
+from softness_bayes.likelihood.error_laws import GUMBEL, NORMAL, ErrorLaw
 from softness_bayes.likelihood.models import UNDER_UNCERTAIN_LOADS, rating_model
 from softness_bayes.likelihood.plate import CompressionForces, SkinParameters
 from softness_bayes.likelihood.ratings import RatingParameters
-from softness_bayes.likelihood.scales import CATEGORIES, LARGEST_LOG_RATING, MAGNITUDE, STANDARDISED, Scale
+from softness_bayes.likelihood.scales import CATEGORIES, LARGEST_LOG_RATING, MAGNITUDE, RANKS, STANDARDISED, Scale
 from softness_bayes.model.other_loads import scaled
 from softness_bayes.model.scenes import scene_of, touch_parameters
 from softness_bayes.parameters.declared import EVERY_PARAMETER
@@ -105,7 +105,8 @@ def simulate_ratings(
         Relative standard error of every rating's load, which is log-normal about the stated one; the response is that
         of the load that was held.
     errors
-        Law of the errors; its own parameters are among `values`, or the medians of their priors.
+        Law of the errors; its own parameters are among `values`, or the medians of their priors. Normal stands for
+        Gumbel's if participants put the fabrics of each load in order.
     resolution
         Step of the grid of numbers to which ratings are rounded, 0 included; 0 for exact numbers.
     categories
@@ -120,7 +121,7 @@ def simulate_ratings(
     """
     _require_of_scale(scale, resolution, load_cv)
     _require_ranges(participants, participants * len(fabrics) * len(loads), missing, mu)
-    model: Any = rating_model(scale, direction, errors)
+    model: Any = rating_model(scale, direction, GUMBEL if scale is RANKS and errors == NORMAL else errors)
     if categories is not None:
         if scale is not CATEGORIES:
             raise InputError(f"simulate: {categories} categories, expected none for {scale.name} ratings")
@@ -146,12 +147,20 @@ def simulate_ratings(
     filed[rng.random(filed.size) < missing] = np.nan
     # conditions run load by load
     table = filed.reshape(participants, len(loads), len(fabrics)).transpose(0, 2, 1)
+    if scale is RANKS:
+        table = _places(table)
     ratings = Ratings.crossed(_numbered("P", participants), fabrics.names, loads, table)
     if load_cv:
         ratings = replace(ratings, load_cv=np.full(len(ratings), load_cv))
     drawn = model.named_effects(effects)
     effect, _ = drawn.get("participant_effect", (np.zeros(participants), ()))
     return Simulation(ratings, _truth(model, values, drawn), effect, rate.reshape(len(loads), len(fabrics)).T)
+
+
+def _places(table: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return each fabric's place among those of one participant and load, from 1, (people, fabrics, loads)."""
+    place = 1.0 + table.argsort(axis=1, kind="stable").argsort(axis=1, kind="stable")
+    return np.where(np.isnan(table), np.nan, place)
 
 
 def _crossed(scene: Scene, participants: int) -> Design:
@@ -214,7 +223,7 @@ def _require_of_scale(scale: Scale, resolution: float, load_cv: float) -> None:
     """Raise an error for a resolution or an error of loads that is out of range, or that the scale does not have."""
     RESOLUTIONS.require("simulate: resolution", resolution)
     LOAD_ERRORS.require("simulate: load_cv", load_cv)
-    if resolution and scale in (STANDARDISED, CATEGORIES):
+    if resolution and scale in (STANDARDISED, CATEGORIES, RANKS):
         raise InputError(f"simulate: resolution is {resolution}, expected none for {scale.name} ratings")
     if load_cv and scale not in UNDER_UNCERTAIN_LOADS:
         raise InputError(f"simulate: load_cv is {load_cv}, expected none for {scale.name} ratings")

@@ -135,7 +135,7 @@ def summary_of(draws: RatedDraws, exactness: Exactness) -> pd.DataFrame:
     """Return the table of the parameters and of what all ratings share, from the draws that are kept."""
     ensembles, stored, walkers = draws.kept.log_density.shape
     levels = {n: v for n, (v, dims) in draws.model.named_effects(draws.effects).items() if not dims}
-    values = np.concatenate([draws.theta, np.stack([*levels.values()], axis=-1)], axis=-1)
+    values = np.concatenate([draws.theta, *(v[..., None] for v in levels.values())], axis=-1)
     apart = values.reshape(ensembles, walkers, stored, -1).swapaxes(1, 2)
     table = summarise((*draws.posterior.names, *levels), apart)
     if draws.log_weight is None:

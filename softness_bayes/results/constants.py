@@ -60,6 +60,7 @@ def constant_group(draws: RatedDraws, pit: LooPit) -> dict[str, Variable]:
         },
         **({} if ratings.load_cv is None else {LOAD_CV.name: Variable(ratings.load_cv, ("rating_row",))}),
         **({} if ratings.resolution is None else {RESOLUTION.name: Variable(ratings.resolution, ("rating_row",))}),
+        **({} if ratings.lists is None else {"list_index": Variable(ratings.lists, ("rating_row",))}),
         **_as_filed(draws),
         **{
             f"{what}_index": Variable(getattr(ratings, what), ("rating_row",))

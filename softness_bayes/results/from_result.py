@@ -46,6 +46,7 @@ def experiment_of(result: Stored) -> Experiment:
         digest=found.digest_ratings,
         load_cv=constant[LOAD_CV.name].values if LOAD_CV.name in constant else None,
         resolution=constant[RESOLUTION.name].values if RESOLUTION.name in constant else None,
+        lists=constant["list_index"].values if "list_index" in constant else None,
     )
     return Experiment(ratings, fabrics, (), _compression_of(result) if result.has_compression else None)
 

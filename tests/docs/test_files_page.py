@@ -125,7 +125,7 @@ def grids(tmp_path_factory):
     with quickly():
         rated = experiment()
         whole = np.maximum(np.round(rated.ratings.rating / 4.0), 0.0)
-        ratings = replace(rated.ratings, rating=whole, resolution=np.ones(whole.size))
+        ratings = replace(rated.ratings, rating=whole, resolution=np.ones(whole.size), lists=rated.ratings.participant)
         result = sample(rated._replace(ratings=ratings), **OPTIONS | {"max_steps": 10, "direction": FREE})
     return run_of(result, tmp_path_factory.mktemp("grids"), "r")
 

@@ -6,7 +6,7 @@ its parameters, and its law written out.
 
 import ast
 from dataclasses import dataclass, replace
-from itertools import product
+from itertools import permutations, product
 from pathlib import Path
 from typing import Any
 
@@ -31,6 +31,7 @@ from softness_bayes.likelihood.intervals import IntervalModel, IntervalRatings
 from softness_bayes.likelihood.load_errors import LoadErrors
 from softness_bayes.likelihood.magnitude import LogRatings, RatingModel
 from softness_bayes.likelihood.models import LIKELIHOODS, RATING_MODELS, rating_model
+from softness_bayes.likelihood.orders import OrderModel, OrderRatings
 from softness_bayes.likelihood.plate import CompressionForces, SkinParameters
 from softness_bayes.likelihood.rater_integrals import DENSE
 from softness_bayes.likelihood.ratings import RatingParameters, RatingsLikelihood
@@ -163,6 +164,19 @@ def dense_categories(y, rate, p):
     return logsumexp(total)
 
 
+def dense_orders(y, rate, p):
+    """Chances of all orders that agree with the places, each a product of choices of the first among those left."""
+    worth = np.exp(p.gamma * np.log(rate + p.eps) * np.pi / np.sqrt(6.0) / p.varsigma)[DESIGN.condition]
+    total = 0.0
+    for rater in range(3):
+        own, chance = np.flatnonzero(DESIGN.participant == rater), 0.0
+        for order in permutations(own):
+            if (np.diff(y[list(order)]) <= 0).all():
+                chance += np.prod([worth[k] / worth[list(order[i:])].sum() for i, k in enumerate(order)])
+        total += np.log(chance)
+    return total
+
+
 DEPTH, FINGER = np.array([0.5, 1.0, 1.5, 2.0, 0.7, 1.2, 1.9]) * 1e-3, np.array([0, 0, 0, 1, 1, 2, 2])
 
 
@@ -216,6 +230,13 @@ CASES = {
         joint=1e-4,
         left_out=1e-4,
         numbers=(1, 2, 3, 4),
+    ),
+    OrderRatings: Case(
+        OrderRatings([2, 1, 4, 1, 2, 2, 1], DESIGN, OrderModel(RISES)),
+        RATES,
+        RATED._replace(gamma=np.array([0.1, 0.2, 0.15]), tau=[0.0] * 3, omega=[0.0] * 3),
+        dense_orders,
+        numbers=(1, 3),
     ),
     UncertainLoads: Case(
         UncertainLoads(20.0 * np.exp(NOISE), DESIGN, RatingModel(FALLS), TOUCHES),

@@ -11,7 +11,7 @@ from softness_bayes.data.steps import step_of
 from softness_bayes.errors import InputError
 from softness_bayes.likelihood.directions import FALLS, FREE, RISES
 from softness_bayes.likelihood.error_laws import LAPSES, NORMAL, STUDENT
-from softness_bayes.likelihood.scales import CATEGORIES, MAGNITUDE, SLIDER, STANDARDISED
+from softness_bayes.likelihood.scales import CATEGORIES, MAGNITUDE, RANKS, SLIDER, STANDARDISED
 from softness_bayes.model.as_given import as_given, stated, stated_on_slider
 from softness_bayes.model.build import build
 from softness_bayes.model.options import ModelOptions
@@ -263,3 +263,57 @@ def test_categories_are_simulated_and_fitted():
         build(experiment, replace(options, scale=MAGNITUDE))
     with pytest.raises(InputError, match="simulate: 5 categories, expected none for magnitude ratings"):
         simulated(categories=5)
+
+
+def ranked(**options):
+    usual = usual_values(MENDED, given={"b": 20.0, "sigma_0": 5.0, "gamma": 0.8, "varsigma": 0.3})
+    return simulate_ratings(np.random.default_rng(4), CLOTH, LOADS, usual, participants=8, scale=RANKS, **options)
+
+
+def test_orders_are_simulated_and_fitted():
+    made = ranked(missing=0.1, direction=FALLS)
+    assert {"tau", "mu", "omega"}.isdisjoint(made.truth)
+    assert set(made.ratings.rating) <= {1.0, 2.0, 3.0, 4.0, 5.0, 6.0}
+    built = build(Experiment(made.ratings, CLOTH, ()), replace(QUICK, scale=RANKS))
+    observed = built.posterior.observation
+    assert observed.model.direction is FALLS  # of the data
+    assert {"tau", "omega"}.isdisjoint(built.posterior.space.names)
+    assert np.unique(observed.lists).size == 16
+    assert "places in 16 lists of" in built.given.note
+    values = observed.values[observed.lists == 0]
+    assert values.min() == 0.0
+    assert values.max() == 1.0
+
+
+def test_lists_may_be_named():
+    made = ranked().ratings
+    named = replace(made, lists=made.participant)
+    said = as_given(named, replace(QUICK, scale=RANKS)).said
+    assert (said.lists == made.participant).all()
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"lists": np.arange(96)}, "no list has two places, so there is no order"),
+        ({"lists": np.zeros(96, int)}, "a list holds the places of several participants"),
+        ({"rating": np.ones(96), "lists": np.arange(96) // 12}, r"row 2, column 'rating': 12 touches .* have place 1"),
+        ({"resolution": np.ones(96)}, r"ranks have no --resolution \(or a column resolution\); leave it out"),
+    ],
+)
+def test_what_is_no_order_is_refused(change, message):
+    with pytest.raises(InputError, match=message):
+        as_given(replace(ranked().ratings, **change), replace(QUICK, scale=RANKS))
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"errors": STUDENT}, "ranks have no --errors"),
+        ({"n_categories": 5}, "ranks have no --categories"),
+        ({"slider_ends": (0.0, 9.0)}, "ranks have no --slider"),
+    ],
+)
+def test_orders_have_no_options_of_numbers(options, message):
+    with pytest.raises(InputError, match=message):
+        as_given(ranked().ratings, replace(QUICK, scale=RANKS, **options))

@@ -8,6 +8,7 @@ import pytest
 from softness_bayes.errors import InputError
 from softness_bayes.likelihood.directions import FREE
 from softness_bayes.likelihood.error_laws import NORMAL, STUDENT
+from softness_bayes.likelihood.scales import RANKS
 from softness_bayes.results.from_result import experiment_of, options_of
 from softness_bayes.results.result import Result
 from softness_bayes.runs.comparison import compare
@@ -74,3 +75,25 @@ def test_laws_are_compared_on_the_same_probabilities(results):
     assert np.isfinite(compare(laws, "participant").table["elpd"]).all()
     with pytest.raises(InputError, match="fitted to other data than normal"):
         compare({"normal": results["normal"], "exact": results["exact"]})
+
+
+def test_orders_go_through_a_run(given, tmp_path):
+    """Places of the fabrics of each load, with lists that the table names."""
+    ratings = given.ratings
+    lists = 10 * ratings.participant + ratings.load
+    ordered = given._replace(ratings=replace(ratings, lists=lists, resolution=None))
+    with quickly():
+        fix = {name: value for name, value in OPTIONS["fix"].items() if name != "tau"}
+        result = sample(ordered, **BRIEF | {"fix": fix}, scale=RANKS)
+    assert "varsigma" in result.group("posterior")
+    assert "tau" not in result.group("posterior")
+    assert result.provenance.rating_model.rating_errors == "gumbel"
+    assert "places in" in result.provenance.rating_model.rating_note
+    result.save(tmp_path / "run")
+    loaded = Result.load(tmp_path / "run")
+    again = experiment_of(loaded).ratings
+    assert (again.lists == lists).all()
+    assert (again.rating == ratings.rating).all()
+    assert options_of(loaded).scale is RANKS
+    pit = loaded.group("constant_data")["loo_pit"].values
+    assert ((pit >= 0.0) & (pit <= 1.0)).all()

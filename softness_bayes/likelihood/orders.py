@@ -1,0 +1,472 @@
+"""Orders: places of touches in lists that participants put in order, after Plackett and Luce (model.md 9).
+
+Each touch of a list has a latent softness: its drive plus Gumbel's noise. The list is in the order of these numbers.
+Participants' own scales and origins leave every order as it is, so the model has none. The probability of an order
+has a closed form; so has that of a partial order, in which the order of tied touches is not known.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import ClassVar, NamedTuple, Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.special import expit, ndtri
+
+from softness_bayes.errors import InputError
+from softness_bayes.likelihood.contract import Effects
+from softness_bayes.likelihood.design import Design
+from softness_bayes.likelihood.error_laws import GUMBEL, ErrorLaw
+from softness_bayes.likelihood.magnitude import RatingModel, log_rate
+from softness_bayes.likelihood.pieces import in_pieces
+from softness_bayes.likelihood.ratings import RatingParameters, RatingsLikelihood
+from softness_bayes.likelihood.scales import RANKS, Scale
+from softness_bayes.likelihood.stated import Stated
+from softness_bayes.parameters.priors import Prior
+
+FloatArray = NDArray[np.float64]
+IndexArray = NDArray[np.intp]
+
+MOST_TIED = 6
+"""Largest number of touches that share a place: the orders that they may have are summed, 2^n steps of it."""
+
+GUMBEL_SD = math.pi / math.sqrt(6.0)
+"""Standard deviation of Gumbel's law of scale 1."""
+
+_LEAST_SPREAD = 1e-8
+_SEED = 0  # of the order in which residuals take the touches of a list, and of the places within their probabilities
+
+
+class OrderEffects(NamedTuple):
+    """No effects; the scale of the noise, by which a drive becomes a probability."""
+
+    noise: FloatArray
+    """Scale of Gumbel's law, shape (...)."""
+
+
+@dataclass(frozen=True)
+class OrderModel(RatingModel):
+    """A touch's latent softness is ± gamma x + e, x = log(N/N_ref + eps), e Gumbel's with standard deviation varsigma.
+
+    Orders tell of the ratio of gamma and varsigma alone; gamma keeps its prior, and its meaning for magnitude
+    estimates.
+    """
+
+    scale: ClassVar[Scale] = RANKS
+    error: ClassVar[ErrorLaw] = GUMBEL
+    needs: ClassVar[tuple[str, ...]] = ("gamma", "varsigma", "eps")
+
+    def take(self, values: Mapping[str, ArrayLike]) -> RatingParameters:
+        """Return the model's parameters from values by name; participants and fabrics have no effects."""
+        return super().take(values)._replace(tau=0.0, omega=0.0)
+
+    @property
+    def levels(self) -> Mapping[str, Prior]:
+        """None: an order has no level."""
+        return {}
+
+    def draw_effects(
+        self,
+        rng: np.random.Generator,
+        parameters: RatingParameters,
+        shape: tuple[int, ...],
+        n_participants: int,
+        n_fabrics: int,
+        levels: Mapping[str, ArrayLike] | None = None,
+    ) -> Effects:
+        """Return the scale of the noise, of batch ``shape``: there are no effects to draw."""
+        return OrderEffects(np.broadcast_to(noise_of(parameters), shape))
+
+    def with_new_participants(
+        self, rng: np.random.Generator, parameters: RatingParameters, effects: Effects
+    ) -> Effects:
+        """Return the same effects: participants have none."""
+        return effects
+
+    def for_others(
+        self,
+        rng: np.random.Generator,
+        parameters: RatingParameters,
+        effects: Effects,
+        n_participants: int,
+        fabric: IndexArray,
+    ) -> Effects:
+        """Return the same effects: neither participants nor fabrics have any."""
+        return effects
+
+    def draw_ratings(
+        self,
+        rng: np.random.Generator,
+        design: Design,
+        drive: FloatArray,
+        parameters: RatingParameters,
+        effects: Effects,
+    ) -> FloatArray:
+        """Return the place of every row in the list of all rows of its participant, shape (..., rows)."""
+        drawn = self.draw_latent(rng, design, drive, parameters)
+        return shares(drawn, design.participant)
+
+    def draw_latent(
+        self, rng: np.random.Generator, design: Design, drive: FloatArray, parameters: RatingParameters
+    ) -> FloatArray:
+        """Return the latent softness of every row of a design, shape (..., rows)."""
+        expected = drive[..., design.condition]
+        noise = self.error.draw(rng, expected.shape, parameters)
+        return expected + self.error_sd(parameters)[..., None] * noise
+
+    def typical(self, effects: Effects, drive: FloatArray) -> FloatArray:
+        """Return the chance to be placed above a touch of the design's mean drive, shape (..., k)."""
+        return np.asarray(expit(drive / effects.noise[..., None]))
+
+    def named_effects(self, effects: Effects) -> Mapping[str, tuple[FloatArray, tuple[str, ...]]]:
+        """Return no effects."""
+        return {}
+
+    def observe(self, ratings: ArrayLike, design: Design, stated: Stated | None = None) -> OrderRatings:
+        """Return the likelihood of these places; without lists, all rows of a participant are one."""
+        lists = design.participant if stated is None or stated.lists is None else stated.lists
+        return OrderRatings(ratings, design, self, lists=lists)
+
+
+class OrderRatings(RatingsLikelihood):
+    """Places in lists under an `OrderModel`.
+
+    Parameters
+    ----------
+    ratings
+        Places of every row of the design, shape (rows,): of two touches of a list, the softer one (as rated) has the
+        larger number. Equal numbers are ties, in which the order is not known.
+    design
+        Who rated what.
+    model
+        The model.
+    over
+        As `RatingsLikelihood` takes it.
+    lists
+        Index of each row's list, shape (rows,); by default all rows of a participant are one list.
+
+    Raises
+    ------
+    InputError
+        If a place is not finite, a list is of several participants, or more than `MOST_TIED` touches share a place.
+    """
+
+    def __init__(
+        self,
+        ratings: ArrayLike,
+        design: Design,
+        model: OrderModel = OrderModel(),
+        over: Design | None = None,
+        lists: IndexArray | None = None,
+    ) -> None:
+        super().__init__(ratings, design, model, over)
+        if not np.isfinite(self.values).all():
+            raise InputError(f"ratings: {(~np.isfinite(self.values)).sum()} places are not finite numbers")
+        self.lists = design.participant if lists is None else np.asarray(lists, np.intp)
+        self._list, place = np.unique(self.lists, return_inverse=True)
+        self._places = _Places.of(self.values, place)
+        owner = np.zeros(self._list.size, np.intp)
+        owner[place] = design.participant
+        if (owner[place] != design.participant).any():
+            raise InputError("ratings: a list holds places of several participants")
+        self._owner, self._of_row = owner, place
+        # of every slot; where there is none, that of any row
+        self._condition = design.condition[self._places.row]
+
+    @property
+    def discrete(self) -> NDArray[np.bool_]:
+        """True for every row: places have probabilities."""
+        return np.ones(self.values.size, bool)
+
+    def with_values(self, values: ArrayLike) -> Self:
+        """Return the likelihood of other places of the same lists."""
+        return type(self)(values, self.design, self.model, self._over, self.lists)
+
+    def without(self, rows: NDArray[np.bool_]) -> Self:
+        """Return the lists without some touches: the law of the rest is that of its own list."""
+        design = self.design.without(rows)
+        return type(self)(self.values[~rows], design, self.model, self._over, self.lists[~rows])
+
+    def log_likelihood(self, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
+        """Log probability of all orders together, shape (...); arguments as `LogRatings.log_likelihood`."""
+        worth = self._worth(mean_rate, parameters)
+        return self._places.log_factors(worth).sum(axis=(-2, -1))
+
+    def log_likelihood_loo(self, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
+        """Log probability of each touch's place given the order of all others of its list, shape (..., rows)."""
+
+        def alone(mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
+            worth = self._worth(mean_rate, parameters)
+            whole = self._places.log_factors(worth).sum(axis=-1)
+            rest = [self._places.without(k).log_factors(worth).sum(axis=-1) for k in range(self._places.width)]
+            return self._places.by_row(whole[..., None] - np.stack(rest, axis=-1))
+
+        return in_pieces(alone, self._places.width * self.design.n_rows, mean_rate, parameters)
+
+    def below_loo(self, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
+        """Probability of a lower place than each touch's, given the order of all others, shape (..., rows).
+
+        Half the probability of its own place is added.
+        """
+
+        def smaller(mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
+            worth, places = self._worth(mean_rate, parameters), self._places
+            found = []
+            for k in range(places.width):
+                above, lower = places.without(k).log_chances(worth, k)
+                found.append(0.5 * (np.exp(above) + np.exp(lower)))
+            return places.by_row(np.stack(found, axis=-1))
+
+        return in_pieces(smaller, self._places.width * self.design.n_rows, mean_rate, parameters)
+
+    def log_likelihood_participants(self, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
+        """Log probability of all orders of each participant, shape (draws, participants): they are independent."""
+        each = self._places.log_factors(self._worth(mean_rate, parameters)).sum(axis=-1)
+        member = self._owner[:, None] == np.arange(self.design.n_participants)
+        return each @ member
+
+    def predictor(self, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
+        """Return log(N/N_ref + eps), shape (..., conditions)."""
+        return log_rate(mean_rate, parameters)
+
+    def draw_effects(self, rng: np.random.Generator, mean_rate: FloatArray, parameters: RatingParameters) -> Effects:
+        """Return the scale of the noise: there are no effects to draw."""
+        shape = np.broadcast_shapes(mean_rate.shape[:-1], *(np.shape(v) for v in parameters))
+        return OrderEffects(np.broadcast_to(noise_of(parameters), shape))
+
+    def replicate(
+        self,
+        rng: np.random.Generator,
+        drive: FloatArray,
+        parameters: RatingParameters,
+        effects: Effects,
+        mean_rate: FloatArray | None = None,
+    ) -> FloatArray:
+        """Return the places that every list has in a simulated order, shape (..., rows); ties keep their places."""
+        latent = self.model.draw_latent(rng, self.design, drive, parameters)
+        return self._places.reordered(latent, self.values)
+
+    def residual(self, mean_rate: FloatArray, parameters: RatingParameters, effects: Effects) -> FloatArray:
+        """Return a normal score times the spread for each touch, shape (..., rows).
+
+        Touches of a list are taken one by one, in an order that was drawn once. The score is that of the place among
+        the touches that were taken before, at a share of its probability that was drawn once, so that all are
+        independent and normal under the model.
+        """
+
+        def scored(mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
+            worth, places, found = self._worth(mean_rate, parameters), self._places, []
+            for k in range(places.width):
+                above, lower = places.among(self._turn[places.row] < self._turn[places.row[:, [k]]]).log_chances(
+                    worth, k
+                )
+                found.append(np.stack([np.exp(lower), np.exp(above)]))
+            lower, above = (places.by_row(end) for end in np.stack(found, axis=-1))
+            share = np.clip(lower + self._shares * (above - lower), 1e-300, 1.0 - 1e-16)
+            return np.asarray(ndtri(share))
+
+        width = self._places.width * self.design.n_rows
+        return self.model.error_sd(parameters)[..., None] * in_pieces(scored, width, mean_rate, parameters)
+
+    @cached_property
+    def _turn(self) -> FloatArray:
+        return np.random.default_rng(_SEED).permutation(self.design.n_rows).astype(float)
+
+    @cached_property
+    def _shares(self) -> FloatArray:
+        return np.random.default_rng(_SEED + 1).uniform(size=self.design.n_rows)
+
+    def _worth(self, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
+        """Return each slot's drive in units of the noise, shape (..., lists, slots)."""
+        return (self.drive(mean_rate, parameters) / noise_of(parameters)[..., None])[..., self._condition]
+
+
+@dataclass(frozen=True)
+class _Places:
+    """Lists side by side, each from its top down, in slots of which shorter lists fill the first alone."""
+
+    row: IndexArray
+    """Row of each slot, shape (lists, slots); any row where there is none."""
+    group: IndexArray
+    """Number of each slot's group of equal places, from the top down, likewise."""
+    present: NDArray[np.bool_]
+    """Whether there is a touch, likewise."""
+    filled: NDArray[np.bool_]
+    """Whether there was one before some were taken away, likewise."""
+
+    @classmethod
+    def of(cls, values: FloatArray, place: IndexArray) -> _Places:
+        """Return the lists of rows with these values and indices of lists."""
+        order = np.lexsort((-values, place))
+        count = np.bincount(place)
+        slot = np.arange(order.size) - np.repeat(np.cumsum(count) - count, count)
+        shape = (count.size, int(count.max()))
+        row, filled = np.zeros(shape, np.intp), np.zeros(shape, bool)
+        row[place[order], slot], filled[place[order], slot] = order, True
+        new = np.ones(shape, bool)
+        new[:, 1:] = values[row][:, 1:] != values[row][:, :-1]
+        group = np.cumsum(new | ~filled, axis=1) - 1
+        tied = max(int(np.bincount(g[f]).max()) for g, f in zip(group, filled, strict=True))
+        if tied > MOST_TIED:
+            raise InputError(
+                f"ratings: {tied} touches of one list share a place, expected at most {MOST_TIED}: numbers with so "
+                "many ties are categories"
+            )
+        return cls(row, group, filled, filled)
+
+    @property
+    def width(self) -> int:
+        """Number of slots."""
+        return self.row.shape[1]
+
+    def among(self, chosen: NDArray[np.bool_]) -> _Places:
+        """Return the lists of some touches alone, shape (lists, slots)."""
+        return _Places(self.row, self.group, self.filled & chosen, self.filled)
+
+    def without(self, slot: int) -> _Places:
+        """Return the lists without the touches of one slot."""
+        return self.among(np.arange(self.width) != slot)
+
+    def by_row(self, values: FloatArray) -> FloatArray:
+        """Return values (..., lists, slots) by row, (..., rows)."""
+        found = np.empty((*values.shape[:-2], int(self.filled.sum())))
+        found[..., self.row[self.filled]] = values[..., self.filled]
+        return found
+
+    def reordered(self, latent: FloatArray, values: FloatArray) -> FloatArray:
+        """Return the lists' places in the order of latent numbers (..., rows), of the same shape."""
+        drawn = np.where(self.filled, latent[..., self.row], -np.inf)
+        rank = np.argsort(np.argsort(-drawn, axis=-1, kind="stable"), axis=-1, kind="stable")
+        own = np.broadcast_to(values[self.row], rank.shape)
+        return self.by_row(np.take_along_axis(own, rank, axis=-1))
+
+    def log_factors(self, worth: FloatArray, extra: FloatArray | None = None) -> FloatArray:
+        """Return log probabilities whose sum over slots is that of each list's order, (..., lists, slots).
+
+        Parameters
+        ----------
+        worth
+            Log worths in the sense of Luce, shape (..., lists, slots).
+        extra
+            Log worth of one more touch, which comes after the whole list, shape (..., lists).
+        """
+        worth = np.where(self.present, worth, -np.inf)
+        rest = np.logaddexp.accumulate(worth[..., ::-1], axis=-1)[..., ::-1]
+        if extra is not None:
+            rest = np.logaddexp(rest, extra[..., None])
+        with np.errstate(invalid="ignore"):
+            found = np.where(self.present, worth - rest, 0.0)
+        below = np.full((*rest.shape[:-1], 1), -np.inf) if extra is None else extra[..., None]
+        rest = np.concatenate([rest, np.broadcast_to(below, (*rest.shape[:-1], 1))], axis=-1)
+        for tie in self._ties:
+            of, members = tie.of[:, None], tie.first[:, None] + np.arange(tie.size)
+            joint = _log_first(
+                worth[..., of, members], self.present[of, members], rest[..., tie.of, tie.first + tie.size]
+            )
+            found[..., of, members] = 0.0
+            found[..., tie.of, tie.first] = joint
+        return found
+
+    def log_chances(self, worth: FloatArray, slot: int) -> tuple[FloatArray, FloatArray]:
+        """Return log chances of the touches of one slot, which are absent here, given the order of the others.
+
+        Returns
+        -------
+        above, lower : ndarray, shape (..., lists)
+            Log probability to come below all groups above its own; and below the next group of those present, too.
+        """
+        own = self.group[:, [slot]]
+        each = self.log_factors(worth, worth[..., slot]) - self.log_factors(worth)
+        over = self.present & (self.group < own)
+        under = np.where(self.present & (self.group > own), self.group, self.group.max() + 1)
+        least = under.min(axis=1, keepdims=True)
+        upto = self.present & (self.group <= least)
+        # a tie's probability stands in its first slot, present or not
+        above = np.where(_of_groups(over, self.group), each, 0.0).sum(axis=-1)
+        lower = np.where(_of_groups(upto, self.group), each, 0.0).sum(axis=-1)
+        last = (least > self.group.max())[:, 0]
+        return above, np.where(last, -np.inf, lower)
+
+    @cached_property
+    def _ties(self) -> list[_Tie]:
+        """The groups of equal places, by their size."""
+        found = []
+        new = np.ones(self.group.shape, bool)
+        new[:, 1:] = self.group[:, 1:] != self.group[:, :-1]
+        of, first = np.nonzero(new & self.filled)
+        size = (self.filled[of] & (self.group[of] == self.group[of, first][:, None])).sum(axis=1)
+        for n in np.unique(size[size > 1]).tolist():
+            found.append(_Tie(n, of[size == n], first[size == n]))
+        return found
+
+
+class _Tie(NamedTuple):
+    """Groups of so many equal places: their lists, and the first slot of each."""
+
+    size: int
+    of: IndexArray
+    first: IndexArray
+
+
+def _of_groups(chosen: NDArray[np.bool_], group: IndexArray) -> NDArray[np.bool_]:
+    """Return the slots of the groups of which a member is chosen, shape (lists, slots)."""
+    same = group[:, :, None] == group[:, None, :]
+    return np.asarray((same & chosen[:, None, :]).any(axis=-1))
+
+
+def _log_first(worth: FloatArray, present: NDArray[np.bool_], rest: FloatArray) -> FloatArray:
+    """Return the log probability that some touches come before all others, in whatever order.
+
+    The first of them is one of each; then the others of them come before the rest likewise.
+
+    Parameters
+    ----------
+    worth
+        Their log worths, shape (..., k).
+    present
+        Which of them there are, shape (groups, k).
+    rest
+        Log of the total worth of all that come later, shape (...).
+    """
+    size = worth.shape[-1]
+    found = [np.zeros(rest.shape)]
+    for subset in range(1, 2**size):
+        members = [k for k in range(size) if subset >> k & 1]
+        total = np.logaddexp(rest, np.logaddexp.reduce(worth[..., members], axis=-1))
+        with np.errstate(invalid="ignore"):  # where all of them are absent
+            terms = [found[subset ^ (1 << k)] + worth[..., k] - total for k in members]
+            ordered = np.logaddexp.reduce(np.stack(terms), axis=0)
+        # a subset with an absent member is the subset without it
+        for k in members:
+            ordered = np.where(present[:, k], ordered, found[subset ^ (1 << k)])
+        found.append(ordered)
+    return found[-1]
+
+
+def shares(numbers: FloatArray, lists: IndexArray) -> FloatArray:
+    """Return the share of its list that lies below each number, ties by half, shape (..., rows); 1/2 in a list of one.
+
+    Parameters
+    ----------
+    numbers
+        Shape (..., rows).
+    lists
+        Index of each row's list, shape (rows,).
+    """
+    found = np.empty(np.shape(numbers))
+    for one in np.unique(lists):
+        rows = np.flatnonzero(lists == one)
+        own = numbers[..., rows]
+        below = (own[..., None, :] < own[..., :, None]).sum(axis=-1)
+        equal = (own[..., None, :] == own[..., :, None]).sum(axis=-1) - 1
+        found[..., rows] = (below + 0.5 * equal) / (rows.size - 1) if rows.size > 1 else 0.5
+    return found
+
+
+def noise_of(parameters: RatingParameters) -> FloatArray:
+    """Return the scale of Gumbel's law, shape (...)."""
+    return np.asarray(np.maximum(np.asarray(parameters.varsigma, float), _LEAST_SPREAD) / GUMBEL_SD)

@@ -1,0 +1,170 @@
+"""Orders of lists: the law of Plackett and Luce, ties, and places left out."""
+
+from itertools import permutations
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from scipy.integrate import dblquad
+from scipy.stats import gumbel_r, norm
+
+from softness_bayes.checking.quantities import loo_pit
+from softness_bayes.checking.uniformity import uniformity_p_value
+from softness_bayes.errors import InputError
+from softness_bayes.likelihood.categories import CategoryModel
+from softness_bayes.likelihood.design import Design
+from softness_bayes.likelihood.directions import FALLS
+from softness_bayes.likelihood.error_laws import GUMBEL, error_law_named
+from softness_bayes.likelihood.orders import GUMBEL_SD, MOST_TIED, OrderModel, OrderRatings, shares
+from softness_bayes.likelihood.ratings import RatingParameters
+
+RATE = np.array([0.0, 2.0, 7.0, 30.0])
+POINT = RatingParameters(np.float64(0.8), 0.0, np.float64(1.5), 0.0, np.float64(0.1))
+MODEL = OrderModel()
+
+
+def one_list(places, **options):
+    design = Design(np.arange(len(places)), np.zeros(len(places), int), np.arange(len(places)), 1)
+    return OrderRatings(places, design, MODEL, **options)
+
+
+def chance(places):
+    """Probability of these places of the first fabrics."""
+    return float(np.exp(one_list(places).log_likelihood(RATE[: len(places)], POINT)))
+
+
+def test_order_of_three_is_an_integral_over_their_noise():
+    """P(first < second < third) of latent numbers with Gumbel's noise, by quadrature."""
+    scale = 1.5 / GUMBEL_SD
+    first, second, third = (gumbel_r(m, scale) for m in 0.8 * np.log(RATE[:3] + 0.1))
+    for one, two, three, places in (
+        (first, second, third, (1, 2, 3)),
+        (third, first, second, (2, 3, 1)),
+    ):
+        found, _ = dblquad(
+            lambda z, y, one=one, two=two, three=three: two.pdf(y) * three.pdf(z) * one.cdf(y),
+            -12.0,
+            40.0,
+            lambda y: y,
+            40.0,
+            epsabs=1e-7,
+        )
+        assert_allclose(chance(places), found, atol=2e-6)
+
+
+def test_probabilities_of_all_orders_sum_to_one():
+    assert_allclose(sum(chance(order) for order in permutations((1, 2, 3, 4))), 1.0, rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("places", "orders"),
+    [
+        ((1, 1, 2, 3), ((1, 2, 3, 4), (2, 1, 3, 4))),
+        ((2, 1, 2, 1), ((3, 1, 4, 2), (4, 1, 3, 2), (3, 2, 4, 1), (4, 2, 3, 1))),
+        ((1, 2, 2, 2), [(1, *order) for order in permutations((2, 3, 4))]),
+        ((5, 5, 5, 5), list(permutations((1, 2, 3, 4)))),
+    ],
+)
+def test_ties_are_orders_that_are_not_known(places, orders):
+    assert_allclose(chance(places), sum(chance(order) for order in orders), rtol=1e-12)
+
+
+def test_numbers_matter_by_their_order_alone():
+    assert_allclose(chance((1, 2, 4, 3)), chance((-7.0, 0.1, 1e6, 0.2)), rtol=1e-14)
+
+
+def test_equal_worths_have_equal_chances():
+    model = one_list((2, 1, 3, 4))
+    assert_allclose(model.log_likelihood(np.full(4, 5.0), POINT), -np.log(24.0), rtol=1e-12)
+
+
+def test_extreme_worths_stay_finite():
+    """Noise of 1e-8 makes an order against the response improbable, not impossible to compute."""
+    precise = POINT._replace(varsigma=np.float64(1e-6))
+    against = one_list((4, 3, 2, 1))
+    assert -1e8 < float(against.log_likelihood(RATE, precise)) < -1e5
+    assert_allclose(one_list((1, 2, 3, 4)).log_likelihood(RATE, precise), 0.0, atol=1e-12)
+    assert np.isfinite(against.log_likelihood_loo(RATE, precise)).all()
+    assert np.isfinite(
+        against.residual(RATE, precise, against.draw_effects(np.random.default_rng(0), RATE, precise))
+    ).all()
+
+
+def test_a_place_among_ties_is_left_out_with_them():
+    """The chance of a place given the others is that of the whole list over that of the rest."""
+    model = one_list((1, 2, 2, 3))
+    found = model.log_likelihood_loo(RATE, POINT)
+    for k in range(4):
+        rest = model.without(np.arange(4) == k)
+        assert_allclose(found[k], model.log_likelihood(RATE, POINT) - rest.log_likelihood(RATE, POINT), rtol=1e-10)
+    # a lower place than the one that it shares is that below the first fabric
+    lower = chance((2, 1, 3, 4))
+    total = np.exp(model.without(np.arange(4) == 1).log_likelihood(RATE, POINT))
+    expected = lower / total + 0.5 * np.exp(found[1])
+    assert_allclose(model.below_loo(RATE, POINT)[1], expected, rtol=1e-10)
+
+
+def test_replicates_keep_the_places_of_their_list():
+    places = np.array([1.0, 2.0, 2.0, 9.0])
+    model, rng = one_list(places), np.random.default_rng(1)
+    drive = np.broadcast_to(model.drive(RATE, POINT), (500, 4))
+    made = model.replicate(rng, drive, POINT, None)
+    assert (np.sort(made, axis=1) == places).all()
+    # the stiffest fabric's share of last places is the chance of a first choice in Luce's sense
+    worth = np.exp(0.8 * np.log(RATE + 0.1) * GUMBEL_SD / 1.5)
+    expected = worth[3] / worth.sum()
+    assert abs((made[:, 3] == 9.0).mean() - expected) < 4.0 * np.sqrt(expected * (1.0 - expected) / 500)
+
+
+def test_shares_of_a_list():
+    found = shares(np.array([3.0, 1.0, 2.0, 2.0, 8.0]), np.array([0, 0, 0, 0, 1]))
+    assert_allclose(found, [1.0, 0.0, 0.5, 0.5, 0.5])
+
+
+def test_what_is_no_order_is_refused():
+    with pytest.raises(InputError, match=f"{MOST_TIED + 1} touches of one list share a place"):
+        one_list([1.0] * (MOST_TIED + 1))
+    with pytest.raises(InputError, match="1 places are not finite numbers"):
+        one_list([1.0, np.nan])
+    with pytest.raises(InputError, match="several participants"):
+        OrderRatings([1, 2], Design([0, 1], [0, 1], [0, 1], 2), MODEL, lists=np.array([0, 0]))
+
+
+def test_gumbels_law():
+    rng, scale = np.random.default_rng(2), 1.0 / GUMBEL_SD
+    drawn = GUMBEL.draw(rng, (40_000,), None)
+    assert abs(drawn.mean()) < 0.02
+    assert abs(drawn.std() - 1.0) < 0.03
+    law, z = gumbel_r(-np.euler_gamma * scale, scale), np.linspace(-1.8, 4.0, 13)
+    assert_allclose(GUMBEL.log_density(z, None), law.logpdf(z), rtol=1e-10)
+    assert_allclose(GUMBEL.normal_scores(z, None), norm.ppf(law.cdf(z)), rtol=1e-7)
+    h, density = 1e-3, lambda x: np.exp(GUMBEL.log_density(x, None))
+    slopes = [slope * density(z) for slope in GUMBEL.slopes(z, None)]
+    of = [density, *(lambda x, k=k: GUMBEL.slopes(x, None)[k] * density(x) for k in range(3))]
+    for slope, lower in zip(slopes, of, strict=True):
+        assert_allclose(slope, (lower(z + h) - lower(z - h)) / (2.0 * h), rtol=1e-4, atol=1e-4)
+    assert error_law_named("gumbel") is GUMBEL
+
+
+def crossed(people=40):
+    design = Design(np.tile(np.arange(4), people), np.repeat(np.arange(people), 4), np.arange(4), people)
+    return design, np.tile(RATE, (60, 1)), RatingParameters(*(np.full(60, v) for v in (0.8, 0.4, 0.5, 0.0, 0.1)))
+
+
+@pytest.mark.parametrize("model", [OrderModel(FALLS), CategoryModel(FALLS, categories=4)], ids=["orders", "categories"])
+def test_places_of_discrete_ratings_are_uniform(model):
+    """LOO-PIT of tables from the model is uniform, though a category or a place has a probability of its own."""
+    design, rate, points = crossed()
+    rng = np.random.default_rng(3)
+    points = points._replace(gap_2=np.full(60, 0.9), gap_3=np.full(60, 0.9), nu=np.nan, lapse=np.nan)
+    one = RatingParameters(*(np.asarray(v)[:1] if np.ndim(v) else v for v in points))
+    drive = model.drive(design, rate[:1], one)
+    effects = model.draw_effects(rng, one, (1,), design.n_participants, design.n_fabrics, {"mu": 1.0})
+    observed = model.observe(model.draw_ratings(rng, design, drive, one, effects)[0], design)
+    assert observed.discrete.all()
+    assert np.unique(observed.values).size > 3
+    found = loo_pit(observed, rate, points).value
+    assert uniformity_p_value(found, np.linspace(0.05, 0.95, 19)) > 1e-3
+    # without the drawn share places heap up
+    middle = observed.below_loo(rate[:1], one)[0]
+    assert uniformity_p_value(middle, np.linspace(0.05, 0.95, 19)) < 1e-3
