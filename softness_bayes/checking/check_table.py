@@ -150,13 +150,15 @@ class Replicates(NamedTuple):
     """Shape (replicates, columns); NaN where a replicate does not have it."""
 
 
-def posterior_quantities(tree: xr.DataTree) -> list[Replicates]:
+def posterior_quantities(tree: xr.DataTree, quantities: Sequence[Quantity] = QUANTITIES) -> list[Replicates]:
     """Return the test quantities of ratings that `check_table` lists, replicate by replicate.
 
     Parameters
     ----------
     tree
         The groups of a result.
+    quantities
+        Which of them.
     """
     layout = layout_of(tree)
     fit = layout.fit(_values(tree, "observed_data", "rating"))
@@ -168,7 +170,7 @@ def posterior_quantities(tree: xr.DataTree) -> list[Replicates]:
             check_quantity(quantity, layout, fit, replicates, PROBABILITY),
             quantity.of(layout, replicates),
         )
-        for quantity in QUANTITIES
+        for quantity in quantities
         for replicates in [fits[quantity.new_participants]]
     ]
 

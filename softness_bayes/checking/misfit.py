@@ -124,11 +124,19 @@ def fit_of(tree: xr.DataTree) -> Fit:
 
 def _predicted(tree: xr.DataTree, silent: float, layout: Layout) -> NDArray[np.float64] | None:
     """Return the typical rating in every condition of a layout, (draws, conditions); None where it is not known."""
+    known = predicted_ratings(tree, layout)
+    if known is None and silent >= SILENT:
+        return np.ones((1, layout.design.n_conditions))
+    return known
+
+
+def predicted_ratings(tree: xr.DataTree, layout: Layout) -> NDArray[np.float64] | None:
+    """Return the rating of a typical rater in every condition of a layout, (draws, conditions); None if not stored."""
     stored = tree["predictions"].to_dataset() if "predictions" in tree.children else {}
-    if TYPICAL in stored:
-        by_fabric = np.argsort(np.lexsort((layout.load, layout.design.fabric)))
-        return np.asarray(stored[TYPICAL].values[0], float)[:, by_fabric]
-    return np.ones((1, layout.design.n_conditions)) if silent >= SILENT else None
+    if TYPICAL not in stored:
+        return None
+    by_fabric = np.argsort(np.lexsort((layout.load, layout.design.fabric)))
+    return np.asarray(stored[TYPICAL].values[0], float)[:, by_fabric]
 
 
 def _flat(one: Explained) -> str:

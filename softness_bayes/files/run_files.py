@@ -22,9 +22,13 @@ MODULUS_ERRORS = "modulus_errors"
 FINGERS = "rater_fingers"
 """The table of raters' own fingers, if they differ."""
 
+FABRIC_RATINGS = "fabric_ratings"
+"""The table of rated and predicted softness of every fabric under every load."""
+
 TABLES: Mapping[str, str | list[str]] = {
     "directions": "direction",
     "predictive_checks": ["law", "quantity"],
+    FABRIC_RATINGS: ["load", "fabric"],
     MODULI: "fabric",
     MODULUS_ERRORS: "quantity",
     FINGERS: ["participant", "quantity"],

@@ -12,9 +12,11 @@ from softness_bayes.checking.misfit import MOSTLY_SILENT, fit_of
 from softness_bayes.checking.modulus_errors import LINEAR, MovedMost
 from softness_bayes.checking.reproduction import inflection_reproduced
 from softness_bayes.checking.sensitivity import INFORMED
+from softness_bayes.checking.softest import Softest, softest_fabrics
 from softness_bayes.likelihood.directions import FALLS, RISES
 from softness_bayes.parameters.declared import PARAMETERS
 from softness_bayes.report.findings import exactness_of, input_errors_of
+from softness_bayes.report.words import with_error
 from softness_bayes.results.result import Result
 
 LIKELY = 0.9
@@ -68,6 +70,8 @@ class Facts(NamedTuple):
     """Parameters of a run without ratings; empty for one with ratings."""
     fabrics: tuple[float, float] = (np.nan, np.nan)
     """Range of E_fab of the rated fabrics [kPa]."""
+    softest: tuple[Softest, ...] = ()
+    """The fabric under each load that is most probably the softest."""
     moved: MovedMost | None = None
     """What errors of moduli that are merely assumed to be exact would move most, if it matters."""
 
@@ -118,6 +122,7 @@ def facts_of(result: Result) -> Facts:
         tuple(doubts(checks)),
         _turns(result),
         fabrics=(float(modulus.min()) / 1e3, float(modulus.max()) / 1e3),
+        softest=softest_fabrics(result.tree),
         moved=inputs.largest if (inputs := input_errors_of(result)) is not None and inputs.sensitive else None,
     )
 
@@ -175,7 +180,24 @@ def _learnt(facts: Facts) -> str:
         return (
             "the ratings do not differ between fabrics beyond noise, so they say little about where the response turns."
         )
-    return f"{'; '.join(_turned(turn) for turn in facts.turns)}."
+    return f"{'; '.join([*_softness(facts.softest), *map(_turned, facts.turns)])}."
+
+
+def _softness(softest: tuple[Softest, ...]) -> list[str]:
+    """Return a clause on the softest fabric under each load, if it is known of any."""
+    clear, unclear = ([one for one in softest if one.clear is is_clear] for is_clear in (True, False))
+    told = []
+    if clear:
+        each = [f"{one.fabric} at {one.load} (probability {_chance(one)})" for one in clear]
+        told.append(f"the softest of the fabrics rated (highest predicted rating) is {_listed(each)}")
+    if unclear:
+        each = [f"{one.load} (most probable: {one.fabric}, {_chance(one)} among {one.fabrics})" for one in unclear]
+        told.append(f"no single fabric is clearly the softest at {_listed(each)}")
+    return told
+
+
+def _chance(one: Softest) -> str:
+    return with_error(100 * one.probability, 100 * one.error, " %") if one.error else "above 99 %"
 
 
 def _turned(turn: Turn) -> str:
@@ -282,4 +304,4 @@ def _skin(result: Result) -> tuple[Skin, ...]:
 
 def _listed(names: list[str]) -> str:
     """Return names as a sentence lists them."""
-    return " and ".join(", ".join(names).rsplit(", ", 1))
+    return " and ".join(part for part in (", ".join(names[:-1]), *names[-1:]) if part)

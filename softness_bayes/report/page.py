@@ -14,14 +14,18 @@ import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from softness_bayes.checking.check_table import check_table
+from softness_bayes.checking.fabric_ratings import fabric_rating_table
 from softness_bayes.checking.identifiability import direction_table
 from softness_bayes.checking.misfit import fit_of
 from softness_bayes.errors import InputError
 from softness_bayes.files.outputs import require_outputs, write_outputs
+from softness_bayes.files.run_files import FABRIC_RATINGS
+from softness_bayes.files.spreadsheet import csv_of
 from softness_bayes.plotting.figures import figure_named, figures_of, file_of, require_figures
 from softness_bayes.plotting.panels import TINTS
 from softness_bayes.plotting.style import METADATA, USUAL
 from softness_bayes.report import tables
+from softness_bayes.report.alternatives import alternative_text
 from softness_bayes.report.cards import cards
 from softness_bayes.report.charts import TURN_TINT, charts
 from softness_bayes.report.conclusion import conclude, facts_of
@@ -38,6 +42,8 @@ COARSE = 100
 
 GENERATOR = '<meta name="generator" content="softness-bayes">'
 """Element of the page's head that names the program."""
+
+TITLE = "Report of a run"
 
 REPORT = "report"
 """The verb that the page is listed under."""
@@ -79,9 +85,13 @@ class Picture(NamedTuple):
     name: str
     source: str
     caption: str
+    alternative: str = ""
+    """What is read out in place of the figure; by default the caption."""
 
 
-def write_report(result: Result, path: str | Path, own_figures: Sequence[str] = ()) -> Path:
+def write_report(
+    result: Result, path: str | Path, own_figures: Sequence[str] = (), title: str = "", author: str = ""
+) -> Path:
     """Write the report of a run; the file appears whole or not at all, and an earlier report is replaced.
 
     Parameters
@@ -92,6 +102,8 @@ def write_report(result: Result, path: str | Path, own_figures: Sequence[str] = 
         The file; directories on the way to it are made.
     own_figures
         Importable names of figures of the user's own, which are shown too.
+    title, author
+        Heading of the page, by default "Report of a run", and who stands for it.
 
     Returns
     -------
@@ -107,11 +119,11 @@ def write_report(result: Result, path: str | Path, own_figures: Sequence[str] = 
     if path.is_dir():
         raise InputError(f"{path}: is a directory, expected a file for the report")
     require_outputs(path.parent, [path.name], REPORT)
-    write_outputs(path.parent, {path.name: report_page(result, own_figures)}, REPORT)
+    write_outputs(path.parent, {path.name: report_page(result, own_figures, title, author)}, REPORT)
     return path
 
 
-def report_page(result: Result, own_figures: Sequence[str] = ()) -> str:
+def report_page(result: Result, own_figures: Sequence[str] = (), title: str = "", author: str = "") -> str:
     """Return the report of a run as one HTML document that loads nothing from elsewhere; arguments as above."""
     require_figures(own_figures)
     environment = Environment(
@@ -121,11 +133,14 @@ def report_page(result: Result, own_figures: Sequence[str] = ()) -> str:
         trim_blocks=True,
         lstrip_blocks=True,
     )
+    environment.filters["opening"] = lambda said: f"{said[:1].upper()}{said[1:]}"
     result = _with_tables(result)
     pictures = {name: picture(result, name) for name in (*figures_of(result), *own_figures)}
     later = [name for name in pictures if name not in (*SWITCHED, *CHECKING, *SAMPLING)]
     return environment.get_template("report.html").render(
         generator=GENERATOR,
+        title=title or TITLE,
+        author=author,
         subject=subject(result),
         converged=result.provenance.ending.converged,
         faults=fit_of(result.tree).faults if result.has_ratings else [],
@@ -148,6 +163,8 @@ def report_page(result: Result, own_figures: Sequence[str] = ()) -> str:
         parameters=tables.of_parameters(result),
         directions=tables.of_directions(result),
         checks=tables.of_checks(result) if result.has_ratings else None,
+        rated=tables.of_fabrics(result) if result.has_ratings else None,
+        rated_data=_as_link(csv_of(result.tables[FABRIC_RATINGS])) if result.has_ratings else "",
         provenance=tables.of_provenance(result),
         repetition=repetition(result),
         command=result.provenance.asked.command,
@@ -161,6 +178,8 @@ def _with_tables(result: Result) -> Result:
         made["directions"] = direction_table(result.tree)
     if result.has_ratings and "predictive_checks" not in made:
         made["predictive_checks"] = check_table(result.tree)
+    if result.has_ratings and FABRIC_RATINGS not in made:
+        made[FABRIC_RATINGS] = fabric_rating_table(result.tree)
     return replace(result, tables=made)
 
 
@@ -185,7 +204,13 @@ def picture(result: Result, name: str) -> Picture:
     with USUAL.applied():
         drawing(result, USUAL).savefig(drawn, format="png", dpi=dpi, metadata=dict(METADATA["png"]))
     source = f"data:image/png;base64,{base64.b64encode(drawn.getvalue()).decode('ascii')}"
-    return Picture(file_of(name), source, CAPTIONS.get(name, f"{drawing.shows[:1].upper()}{drawing.shows[1:]}."))
+    caption = CAPTIONS.get(name, f"{drawing.shows[:1].upper()}{drawing.shows[1:]}.")
+    return Picture(file_of(name), source, caption, alternative_text(result, name, caption))
+
+
+def _as_link(text: str) -> str:
+    """Return a text as an address that holds it."""
+    return f"data:text/csv;charset=utf-8;base64,{base64.b64encode(text.encode()).decode('ascii')}"
 
 
 def _switched(result: Result) -> dict[str, Any]:

@@ -11,6 +11,7 @@ import pandas as pd
 from softness_bayes.checking.check_table import ALL
 from softness_bayes.checking.quantities import DROP, PLACE
 from softness_bayes.checking.reproduction import FALL
+from softness_bayes.files.run_files import FABRIC_RATINGS
 from softness_bayes.parameters.declared import EVERY_PARAMETER
 from softness_bayes.parameters.priors import Prior, in_short
 from softness_bayes.provenance import NumericalErrors, Silence
@@ -119,6 +120,50 @@ def of_turning_points(result: Result) -> Table:
 def _interval(row: pd.Series, name: str) -> str:
     low, middle, high = (with_error(row[key], row[f"{key}_mcse"]) for key in (f"{name}_low", name, f"{name}_high"))
     return "–" if middle == "–" else f"{middle} ({low} to {high})"
+
+
+MOST_FABRICS = 60
+"""Rows of the table of fabrics beyond which only those with the largest differences are shown."""
+
+NOTABLE = 2.0
+"""Standard deviations from which a difference is marked."""
+
+
+def of_fabrics(result: Result) -> Table:
+    """Return rated and predicted softness of every fabric under every load."""
+    table = result.tables[FABRIC_RATINGS].reset_index()
+    shown = table
+    if len(table) > MOST_FABRICS:
+        far = table["difference_sd"].abs().sort_values(ascending=False, kind="stable").index[:MOST_FABRICS]
+        shown = table.loc[sorted(far)]
+    rows = [
+        [
+            str(row["fabric"]),
+            str(row["load"]),
+            number(row["e_fab_kpa"]),
+            str(int(row["ratings"])),
+            number(row["rated"]),
+            number(row["predicted"]),
+            f"{number(row['predicted_low'])} to {number(row['predicted_high'])}",
+            _signed(row["difference_sd"]),
+        ]
+        for _, row in shown.iterrows()
+    ]
+    away = int((table["difference_sd"].abs() >= NOTABLE).sum())
+    left_out = "" if len(shown) == len(table) else f" Shown are the {len(shown)} with the largest differences."
+    caption = (
+        f"Rated and predicted softness of {len(table)} pairs of fabric and load: mean ratings, medians and 90 % bands "
+        "of the means that the fitted model replicates, and the difference in standard deviations of these. "
+        f"{away} differ by {NOTABLE:g} or more (✱).{left_out}"
+    )
+    head = ["Fabric", "Load", "E_fab [kPa]", "Ratings", "Rated", "Predicted", "90 % band", "Difference [sd]"]
+    return Table("fabrics", caption, head, rows)
+
+
+def _signed(value: Any) -> str:
+    """Return a difference with its sign, marked where it is notable."""
+    value = float(value)
+    return f"{value:+.1f}{' ✱' if abs(value) >= NOTABLE else ''}" if np.isfinite(value) else "–"
 
 
 def of_checks(result: Result) -> Table:

@@ -6,11 +6,17 @@ from typing import Any
 
 import numpy as np
 
+LEAST_PLAIN, MOST_PLAIN = 1e-4, 1e7
+"""Ends of the numbers that are written without an exponent."""
+
 
 def number(value: Any, digits: int = 3) -> str:
-    """Return a number in a few digits, a dash where there is none."""
+    """Return a number in a few digits, without an exponent unless it is very large or small; a dash for none."""
     value = float(value)
-    return f"{value:.{digits}g}" if np.isfinite(value) else "–"
+    if not np.isfinite(value):
+        return "–"
+    short = f"{value:.{digits}g}"
+    return f"{float(short):.12g}" if LEAST_PLAIN <= abs(value) < MOST_PLAIN else short
 
 
 def with_error(value: Any, error: Any, unit: str = "") -> str:

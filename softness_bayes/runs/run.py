@@ -10,13 +10,14 @@ import numpy as np
 from softness_bayes import arviz_bridge
 from softness_bayes.checking.check_table import check_table
 from softness_bayes.checking.fabric_moduli import modulus_table
+from softness_bayes.checking.fabric_ratings import fabric_rating_table
 from softness_bayes.checking.identifiability import direction_table, information_table
 from softness_bayes.checking.rater_fingers import finger_table
 from softness_bayes.checkpoints.checkpoint import Checkpoint
 from softness_bayes.checkpoints.identity import identity, require_density
 from softness_bayes.data import Compression, Experiment
 from softness_bayes.files.command_line import storable
-from softness_bayes.files.run_files import FINGERS, MODULI, MODULUS_ERRORS
+from softness_bayes.files.run_files import FABRIC_RATINGS, FINGERS, MODULI, MODULUS_ERRORS
 from softness_bayes.likelihood.directions import direction_named
 from softness_bayes.model.build import ExperimentModel, build
 from softness_bayes.model.options import ModelOptions
@@ -209,6 +210,7 @@ def sample_model(
             run.exact_reweight,
         )
     tables = {"directions": direction_table(tree), "predictive_checks": check_table(tree)}
+    tables[FABRIC_RATINGS] = fabric_rating_table(tree)
     if (moduli := modulus_table(tree)) is not None:
         tables[MODULI] = moduli
     if (fingers := finger_table(tree)) is not None:

@@ -299,10 +299,10 @@ def rows_after(start):
     return [plain(row[next(iter(row))]) for row in found]
 
 
-@pytest.mark.parametrize("name", ["summary", "directions", "predictive_checks"])
+@pytest.mark.parametrize("name", ["summary", "directions", "predictive_checks", "fabric_ratings"])
 def test_tables_of_a_run(name, runs):
     for run in runs:
-        if name == "predictive_checks" and "r" not in run.marks:
+        if name in ("predictive_checks", "fabric_ratings") and "r" not in run.marks:
             assert name not in run.result.tables
             continue
         kept = run.result.summary() if name == "summary" else run.result.tables[name]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import base64
+import io
 import json
 import re
 import shlex
@@ -19,15 +21,19 @@ from numpy.testing import assert_allclose
 from softness_bayes.checking.reproduction import inflection_reproduced
 from softness_bayes.cli import main, sample
 from softness_bayes.errors import InputError
+from softness_bayes.files.spreadsheet import table_of
 from softness_bayes.likelihood.directions import INVERSE
 from softness_bayes.parameters.priors import LogNormal
 from softness_bayes.plotting.figures import figures_of
 from softness_bayes.report import anonymous, page, report_page, write_report
+from softness_bayes.report.alternatives import alternative_text
 from softness_bayes.report.anonymity import renamed
 from softness_bayes.report.cards import cards
 from softness_bayes.report.curves import shown
 from softness_bayes.report.findings import Standing, exactness_of, findings
 from softness_bayes.report.repeat import repetition
+from softness_bayes.report.tables import MOST_FABRICS
+from softness_bayes.report.words import number, share
 from softness_bayes.results.request import Request
 from softness_bayes.results.result import Result
 from softness_bayes.touch.readings import CLASSICAL
@@ -284,6 +290,43 @@ def test_tables_hold_the_run_s_numbers(pages, made):
     assert facts["numpy"] == np.__version__
     assert facts["m held at"] == "2"
     assert facts["pressure"] == "attenuated"
+
+
+def test_fabrics_are_compared_load_by_load_and_the_table_can_be_taken_away(made, pages, quick):
+    result, tree = made("ratings"), Tree(pages("ratings"))
+    kept = result.tables["fabric_ratings"]
+    head, *rows = ([cell.text for cell in row.children] for row in tree.by_id("fabrics").all("tr"))
+    assert [(row[1], row[0]) for row in rows] == [*kept.index]
+    for row, (_, known) in zip(rows, kept.iterrows(), strict=True):
+        assert float(row[head.index("Rated")]) == pytest.approx(known["rated"], rel=5e-3)
+        assert ("✱" in row[-1]) == (abs(known["difference_sd"]) >= 2)
+    (link,) = [e for e in tree.elements() if e.attributes.get("download") == "fabric_ratings.csv"]
+    taken = table_of(io.BytesIO(base64.b64decode(link.attributes["href"].partition(",")[2])), ["load", "fabric"])
+    pd.testing.assert_frame_equal(taken, kept, check_exact=False)
+    # of very many, those that differ most
+    many = pd.concat([kept.assign(difference_sd=0.1 * k) for k in range(20)])
+    few = Tree(report_page(replace(result, tables={**result.tables, "fabric_ratings": many})))
+    assert len(few.by_id("fabrics").all("tr")) == MOST_FABRICS + 1
+    assert "Shown are the 60" in few.by_id("fabrics-caption").text
+
+
+def test_title_and_author_are_words(made, quick):
+    tree = Tree(report_page(made("skin"), title=EVIL, author="Ann & <Bo>"))
+    assert next(e for e in tree.elements() if e.tag == "h1").text == EVIL
+    assert tree.by_class("author")[0].text == "Ann & <Bo>"
+    assert next(e for e in tree.elements() if e.tag == "title").text.startswith(EVIL)
+    assert not Tree(report_page(made("skin"))).by_class("author")
+
+
+def test_texts_in_place_of_figures_hold_the_numbers_of_the_run(made):
+    result = made("ratings")
+    for name in figures_of(result):
+        text = alternative_text(result, name, "A figure.")
+        assert text.startswith("A figure.")
+    row = result.inflection().iloc[0]
+    assert f"turning point with probability {share(row['p_interior'])}" in alternative_text(result, "response", "")
+    rated = result.tables["fabric_ratings"].loc["2 mm", "rated"]
+    assert f"to {number(rated.max())} ({rated.idxmax()})" in alternative_text(result, "rating", "")
 
 
 @pytest.mark.parametrize("name", RUNS)

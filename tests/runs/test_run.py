@@ -445,6 +445,7 @@ def test_a_result_reads_back_identically(result, directory):
     assert sorted(path.name for path in directory.iterdir()) == [
         ".softness-bayes.json",
         "directions.csv",
+        "fabric_ratings.csv",
         "modulus_errors.csv",
         "posterior.nc",
         "predictive_checks.csv",
