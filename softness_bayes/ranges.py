@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from numbers import Integral, Real
 
 from softness_bayes.errors import InputError
 
@@ -31,7 +32,9 @@ class Range:
     zero: bool = False
 
     def holds(self, value: float) -> bool:
-        """Return whether `value` is finite and lies in the range."""
+        """Return whether `value` is a finite number and lies in the range."""
+        if not isinstance(value, Real) and getattr(value, "ndim", None) != 0:
+            return False
         over = value > self.low if self.above else value >= self.low
         return math.isfinite(value) and ((over and value <= self.high) or (self.zero and value == 0))
 
@@ -48,7 +51,7 @@ class Range:
             With name, value and range.
         """
         if not self.holds(value):
-            raise InputError(f"{name} is {value}, expected {self}")
+            raise InputError(f"{name} is {_written(value)}, expected {self}")
 
     def __str__(self) -> str:
         unit = f" {self.unit}" if self.unit not in ("", "–") else ""
@@ -79,11 +82,15 @@ class Count:
         InputError
             With name, value and range.
         """
-        if not self.low <= value <= self.high:
-            raise InputError(f"{name} is {value}, expected {self}")
+        if not (isinstance(value, Integral) and self.low <= value <= self.high):
+            raise InputError(f"{name} is {_written(value)}, expected {self}")
 
     def __str__(self) -> str:
         return f"a whole number from {self.low} to {self.high}"
+
+
+def _written(value: object) -> str:
+    return str(value) if isinstance(value, Real) else f"{value!r:.60}"
 
 
 PARTICIPANTS = Count(1, 10_000)

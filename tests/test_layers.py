@@ -16,7 +16,7 @@ from support.paths import ROOT
 
 LAYERS = (
     {"errors"},
-    {"defaults", "ranges", "files", "supplied"},
+    {"defaults", "files", "kinds", "ranges", "supplied"},
     {"arviz_bridge", "touch.neuron"},
     {"touch", "sampler"},
     {"data", "parameters"},

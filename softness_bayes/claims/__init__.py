@@ -11,6 +11,7 @@ from softness_bayes.claims.criteria import CLAIMS, Claim, Verdict
 from softness_bayes.claims.numbers import Bench, Numbers
 from softness_bayes.data import Fabrics, Ratings
 from softness_bayes.errors import InputError
+from softness_bayes.kinds import require_mapping
 from softness_bayes.model.scenes import firing_of
 from softness_bayes.parameters.choice import parameter_space
 from softness_bayes.parameters.declared import SHAPE_PARAMETERS
@@ -136,6 +137,8 @@ def evaluate_claims(
         If a prior set or parameter does not exist, a channel multiplier is freed, a rated fabric is not in the set,
         or there is nothing to evaluate.
     """
+    require_mapping("readings", readings, "NAMED_READINGS")
+    require_mapping("touches", touches, "{'force': (Force(1.0),)}")
     if not (readings and prior_sets and touches):
         raise InputError("claims: expected at least one set of readings, prior set and load")
     PRIOR_DRAWS.require("claims: number of draws", draws)

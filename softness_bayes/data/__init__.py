@@ -35,6 +35,7 @@ from softness_bayes.data.wide import Form
 from softness_bayes.data.workbooks import TableSource, has_sheet
 from softness_bayes.files.outputs import write_outputs
 from softness_bayes.files.spreadsheet import escaped
+from softness_bayes.kinds import require_mapping
 
 Read = TypeVar("Read")
 
@@ -121,6 +122,7 @@ def read_experiment(
         Naming file, row, column and value.
     """
     columns = columns or {}
+    require_mapping("columns", columns, "{'rating': 'softness'}")
     elsewhere = _elsewhere(ratings_path, fabrics_path, columns)
     sought = RATED if indentation_mm is force_n is None else LOADED
     sought = either(sought, FABRICS) if elsewhere is None else sought

@@ -34,6 +34,7 @@ from softness_bayes.data.plausible import CLOTH, cloth_notes, other_moduli
 from softness_bayes.data.tables import FloatArray, Table, check_renames, read_only, read_table
 from softness_bayes.data.workbooks import TableSource
 from softness_bayes.errors import InputError, quoted
+from softness_bayes.kinds import numbers, refuse
 from softness_bayes.ranges import RELATIVE_ERRORS
 from softness_bayes.touch.contact import PLATE_LENGTH, PRINTED_RIGIDITY, FabricModulus
 
@@ -122,11 +123,13 @@ class Fabrics:
     notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
+        if isinstance(self.names, str) or not hasattr(self.names, "__iter__"):
+            refuse("fabrics: names", self.names, "a sequence of names, as in ('felt', 'lawn')")
         object.__setattr__(self, "names", tuple(self.names))
         if len(set(self.names)) < len(self.names):
             raise InputError(f"{self.source}: two fabrics have the same name")
         for name, column in PROPERTIES.items():
-            values = np.broadcast_to(getattr(self, name), len(self.names))
+            values = np.broadcast_to(numbers(f"fabrics: {name}", getattr(self, name)), len(self.names))
             if column is POISSON_RATIO:
                 values = np.where(np.isnan(values), USUAL_POISSON_RATIO, values)
             for i, value in enumerate(values):

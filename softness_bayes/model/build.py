@@ -12,6 +12,7 @@ from softness_bayes.checking import direction
 from softness_bayes.checking.quantities import Layout
 from softness_bayes.data import Compression, Experiment
 from softness_bayes.errors import InputError
+from softness_bayes.kinds import require_kind
 from softness_bayes.likelihood.design import Design
 from softness_bayes.likelihood.directions import FREE, RISES, RatingDirection
 from softness_bayes.likelihood.individual import IndividualModel
@@ -117,6 +118,8 @@ def build(experiment: Experiment, options: ModelOptions = ModelOptions()) -> Exp
         If a rating does not suit the scale, the options name what does not exist, the model cannot reach the
         accuracy, or raters' own fingers are asked for where there is one rater only.
     """
+    require_kind("experiment", experiment, Experiment, "an Experiment, as read_experiment returns it")
+    require_kind("options", options, ModelOptions, "ModelOptions")
     if options.direction is FREE and options.scale is STANDARDISED:
         raise InputError(f"direction: {FREE.name} needs magnitude estimates, not {options.scale.name} ratings")
     if options.individual and len(experiment.ratings.participants) < 2:
@@ -163,6 +166,7 @@ def build_skin(compression: Compression, options: ModelOptions) -> SkinModel:
     InputError
         If the options name what does not exist, or a parameter that a plate's force does not depend on.
     """
+    require_kind("compression", compression, Compression, "Compression data, as Compression.read returns them")
     space = parameter_space(
         fix=options.fix,
         priors=options.priors,

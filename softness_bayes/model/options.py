@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
+from types import MappingProxyType
 from typing import Any, Self
 
 import numpy as np
 
 from softness_bayes.defaults import ACCURACY, NOISE, PRIOR_SET
 from softness_bayes.errors import InputError
+from softness_bayes.kinds import numbers, refuse, require_kind
 from softness_bayes.likelihood.directions import RatingDirection, direction_named
 from softness_bayes.likelihood.error_laws import NORMAL, ErrorLaw, error_law_named
 from softness_bayes.likelihood.scales import MAGNITUDE, RATING_SCALES, Scale
@@ -21,6 +23,23 @@ from softness_bayes.ranges import CATEGORIES_RANGE, LOAD_ERRORS, RELATIVE_ERRORS
 from softness_bayes.touch.contact import Finger
 from softness_bayes.touch.readings import MENDED, Readings
 from softness_bayes.touch.scene import Discretisation
+
+NUMBER = (int, float, np.number)
+KINDS: Mapping[str, tuple[Any, str]] = MappingProxyType(
+    {
+        "fix": (Mapping, "a mapping from names to numbers, as in {'m': 2.0}"),
+        "readings": (Readings, "Readings, as in NAMED_READINGS['printed'] or Readings(pressure=...)"),
+        "direction": ((RatingDirection, type(None)), "RISES, FALLS, FREE or None"),
+        "scale": (Scale, "a Scale, such as SLIDER or CATEGORIES"),
+        "finger": (Finger, "a Finger, as in Finger(receptor_depth=0.6e-3)"),
+        "individual": (tuple, "a tuple of names, as in ('b',)"),
+        "errors": ((ErrorLaw, type(None)), "NORMAL, STUDENT, LAPSES or None"),
+        "noise": (NUMBER, "a number"),
+        "accuracy": (NUMBER, "a number, as in 1e-3"),
+        "discretisation": ((Discretisation, type(None)), "a Discretisation or None"),
+    }
+)
+"""The options whose kind is checked, with what is expected; the others have ranges or checks of their own."""
 
 
 @dataclass(frozen=True)
@@ -94,6 +113,11 @@ class ModelOptions:
     decided: frozenset[str] = frozenset()
 
     def __post_init__(self) -> None:
+        for name, (kind, expected) in KINDS.items():
+            require_kind(name, getattr(self, name), kind, expected)
+        two = "two numbers, the lower one first, as in (0, 100)"
+        if numbers("slider_ends", self.slider_ends, two).shape != (2,):
+            refuse("slider_ends", self.slider_ends, two)
         if self.modulus_cv is not None:
             RELATIVE_ERRORS.require("modulus_cv", self.modulus_cv)
         object.__setattr__(self, "priors", as_priors(self.priors))

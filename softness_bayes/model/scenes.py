@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 
 from softness_bayes.data import Fabrics
 from softness_bayes.errors import InputError
+from softness_bayes.kinds import require_kind, require_mapping
 from softness_bayes.model.fingers import box_of_values
 from softness_bayes.parameters.choice import parameter_space
 from softness_bayes.parameters.declared import ERROR_PARAMETERS, EVERY_PARAMETER, SHAPE_PARAMETERS
@@ -32,6 +33,9 @@ def touch_parameters(values: Mapping[str, ArrayLike]) -> TouchParameters:
         Name -> number or array of one batch shape; names that the chain does not have are left out. Without
         `SHAPE_PARAMETERS` the finger is that of the scene.
     """
+    require_mapping("values", values, "usual_values(readings)")
+    if missing := [n for n in TouchParameters._fields if n not in values and n not in SHAPE_PARAMETERS]:
+        raise InputError(f"values: no {missing[0]}, expected all that usual_values(readings) returns")
     names = [name for name in TouchParameters._fields if name in values or name not in SHAPE_PARAMETERS]
     return TouchParameters(**{n: np.asarray(values[n], float) * EVERY_PARAMETER[n].si for n in names})
 
@@ -51,6 +55,7 @@ def usual_values(
     InputError
         If a given name is unknown or its value not one that the parameter can take.
     """
+    require_kind("readings", readings, Readings, "Readings, as in Readings() or NAMED_READINGS['printed']")
     space = parameter_space(
         fix=given,
         prior_set=prior_set,

@@ -13,6 +13,7 @@ from scipy.interpolate import PchipInterpolator
 from softness_bayes.data import Compression, Fabrics, Ratings
 from softness_bayes.data.fabrics import log_sd
 from softness_bayes.errors import InputError
+from softness_bayes.kinds import require_kind, require_mapping
 from softness_bayes.likelihood.contract import NO_RESPONSE, Model
 from softness_bayes.likelihood.design import Design
 from softness_bayes.likelihood.directions import RISES, RatingDirection
@@ -33,13 +34,17 @@ from softness_bayes.ranges import (
     SIMULATED_RATINGS,
     SLOPES,
 )
-from softness_bayes.touch.contact import Finger, Load
+from softness_bayes.touch.contact import Finger, Load, require_loads
 from softness_bayes.touch.parameters import TouchParameters
 from softness_bayes.touch.readings import MENDED, Readings
 from softness_bayes.touch.scene import Discretisation, Scene
 
 LOAD_NODES = 17
 """Loads at which responses are computed where simulated loads have errors."""
+
+
+RNG, VALUES = "a generator, as in numpy.random.default_rng(1)", "usual_values(readings, given={'b': 80})"
+"""Examples of arguments."""
 
 
 class Simulation(NamedTuple):
@@ -119,6 +124,10 @@ def simulate_ratings(
         resolution is out of range, mu or slope is given for the other scale, or an error of loads, a resolution or a
         law of errors for a scale that has none.
     """
+    require_kind("rng", rng, np.random.Generator, RNG)
+    require_kind("fabrics", fabrics, Fabrics, "Fabrics, as in Fabrics(('felt',), effective_modulus=[3e4])")
+    require_mapping("values", values, VALUES)
+    loads = require_loads("loads", loads)
     _require_of_scale(scale, resolution, load_cv)
     _require_ranges(participants, participants * len(fabrics) * len(loads), missing, mu)
     model: Any = rating_model(scale, direction, GUMBEL if scale is RANKS and errors == NORMAL else errors)
@@ -304,6 +313,10 @@ def simulate_compression(
     InputError
         If there is no finger.
     """
+    require_kind("rng", rng, np.random.Generator, RNG)
+    require_mapping("values", values, VALUES)
+    if missing := [name for name in SkinParameters._fields if name not in values]:
+        raise InputError(f"values: no {missing[0]}, expected all that usual_values(readings, n_fingers=8) returns")
     replace(FINGERS, low=1).require("simulate: number of fingers", fingers)
     skin = SkinParameters(*(np.float64(values[n]) * EVERY_PARAMETER[n].si for n in SkinParameters._fields))
     finger, depth = np.repeat(np.arange(fingers), len(depths)), np.tile(depths, fingers)

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from softness_bayes.errors import InputError
+from softness_bayes.kinds import require_mapping
 from softness_bayes.parameters.declared import (
     ERROR_PARAMETERS,
     EVERY_PARAMETER,
@@ -85,6 +86,7 @@ def parameter_space(
         If a name is unknown or absent, a parameter is both held and sampled, or a value or a prior's support
         is outside the parameter's range.
     """
+    require_mapping("fix", fix or {}, "{'m': 2.0}")
     fix, priors = dict(fix or {}), as_priors(priors or {})
     freed = set(free) | set(priors)
     absent = {*absent, *(FINGER_PARAMETERS.keys() - {*(PLATE_PARAMETERS if n_fingers else ()), *spreads})}

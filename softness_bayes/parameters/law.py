@@ -83,10 +83,11 @@ def require_finite(prior: Law) -> None:
     """Raise an error for a constant that is not within `NUMBERS`."""
     for field in fields(prior):  # type: ignore[arg-type]
         value = getattr(prior, field.name)
-        require(prior, field.name, value is None or NUMBERS.holds(value), str(NUMBERS))
+        none = value is None and field.default is None
+        require(prior, field.name, none or NUMBERS.holds(value), str(NUMBERS))
 
 
 def require(prior: Law, name: str, holds: bool, expected: str) -> None:
     """Raise an error that names a constant, unless what is required of it holds."""
     if not holds:
-        raise InputError(f"{name_of(type(prior))}: {name} is {getattr(prior, name)}, expected {expected}")
+        raise InputError(f"{name_of(type(prior))}: {name} is {getattr(prior, name)!s:.60}, expected {expected}")

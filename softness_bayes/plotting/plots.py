@@ -7,6 +7,7 @@ from functools import partial
 from io import BytesIO
 from typing import TYPE_CHECKING, Any
 
+from softness_bayes.kinds import require_kind
 from softness_bayes.plotting.drawing import own_drawing
 from softness_bayes.plotting.figures import FIGURES, Drawing, figure_named, figures_of
 from softness_bayes.plotting.style import USUAL, Style
@@ -37,6 +38,7 @@ class Plots:
         InputError
             If there is no such figure, or the result does not hold what it shows.
         """
+        require_kind("style", style, Style, "a Style, as in Style.read('mine.mplstyle')")
         drawing = figure_named(name) if isinstance(name, str) else own_drawing("figure", name)
         figure = drawing(self._result, style)
         # a notebook shows figures of pyplot by itself, but these are made without it

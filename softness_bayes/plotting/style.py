@@ -15,6 +15,7 @@ from softness_bayes.errors import InputError
 from softness_bayes.files.outputs import write_outputs
 from softness_bayes.files.spreadsheet import csv_of
 from softness_bayes.plotting.data import data_of
+from softness_bayes.kinds import require_kind
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -131,6 +132,7 @@ class Style:
         """
         from matplotlib import rc_params_from_file
 
+        require_kind("path", path, (str, Path), "a path")
         if not Path(path).is_file():
             raise InputError(f"{path}: no such file; expected a style file of matplotlib (.mplstyle)")
         with _complaints("matplotlib") as complaints:

@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
+from softness_bayes.kinds import numbers, require_kind
 from softness_bayes.results.read_back import moduli_at
 from softness_bayes.results.stored import Stored
-from softness_bayes.touch.contact import Load
+from softness_bayes.touch.contact import Load, require_loads
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -61,7 +62,8 @@ class Answers:
         from softness_bayes.model.scenes import scene_of
         from softness_bayes.results.rating_table import rating_columns
 
-        pressed, named = self.loads if loads is None else tuple(loads), self.values(draws)
+        _require_fabrics(fabrics)
+        pressed, named = self.loads if loads is None else require_loads("loads", loads), self.values(draws)
         own = moduli_at(named, self.fabrics) if fabrics is None else None
         fabrics = self.fabrics if fabrics is None else fabrics
         noise = self.provenance.rating_model.noise
@@ -85,7 +87,8 @@ class Answers:
         """
         from softness_bayes.results.ranking import rank
 
-        pressed = self.loads if loads is None else tuple(loads)
+        _require_fabrics(fabrics)
+        pressed = self.loads if loads is None else require_loads("loads", loads)
         return rank(self, self.fabrics if fabrics is None else fabrics, pressed, draws, seed)
 
     def target(
@@ -125,5 +128,12 @@ class Answers:
         """
         from softness_bayes.results.target import Cloth, target
 
-        pressed = self.loads if loads is None else tuple(loads)
+        numbers("rating", rating, "a number")
+        pressed = self.loads if loads is None else require_loads("loads", loads)
         return target(self, rating, pressed, Cloth(tensile_modulus, thickness, poisson_ratio), draws, seed)
+
+
+def _require_fabrics(fabrics: Fabrics | None) -> None:
+    from softness_bayes.data import Fabrics
+
+    require_kind("fabrics", fabrics, (Fabrics, type(None)), "Fabrics, as in Fabrics(('felt',), effective_modulus=3e4)")

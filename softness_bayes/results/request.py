@@ -6,10 +6,12 @@ import json
 import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields, replace
+from numbers import Integral, Real
 from typing import Any, NamedTuple, Self
 
 from softness_bayes.defaults import MAX_STEPS, SEED
 from softness_bayes.errors import InputError
+from softness_bayes.kinds import require_kind
 from softness_bayes.model.options import ModelOptions
 from softness_bayes.results.result import Result
 from softness_bayes.sampler.sampling import Settings
@@ -43,6 +45,17 @@ class RunOptions:
     exact_reweight: bool = False
     command: str = ""
 
+    def __post_init__(self) -> None:
+        for name, kind, expected in (
+            ("max_steps", Integral, "a whole number of steps"),
+            ("max_seconds", Real, "a number of seconds"),
+            ("min_steps", Integral, "a whole number of steps"),
+            ("processes", (Integral, type(None)), "a whole number, or None for one for each core"),
+            ("seed", Integral, "a whole number"),
+            ("command", str, "a text"),
+        ):
+            require_kind(name, getattr(self, name), kind, expected)
+
     @property
     def settings(self) -> Settings:
         """Settings of the sampler."""
@@ -72,6 +85,8 @@ class Request(NamedTuple):
         TypeError
             If there is no option of a name.
         """
+        require_kind("model", self.model, ModelOptions, "ModelOptions, as in ModelOptions(fix={'m': 2.0})")
+        require_kind("run", self.run, RunOptions, "RunOptions, as in RunOptions(seed=1)")
         model, run = (dict.fromkeys(option.name for option in fields(part)) for part in self)
         if unknown := [name for name in options if name not in model | run]:
             raise TypeError(f"no option {unknown[0]!r}; expected one of {', '.join(model | run)}")

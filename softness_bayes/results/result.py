@@ -21,6 +21,7 @@ from softness_bayes.errors import InputError
 from softness_bayes.files.outputs import write_outputs
 from softness_bayes.files.run_files import FINGERS, MODULI, MODULUS_ERRORS, POSTERIOR, RUN, SUMMARY, TABLES
 from softness_bayes.files.spreadsheet import csv_of
+from softness_bayes.kinds import require_kind
 from softness_bayes.likelihood.scales import Scale
 from softness_bayes.provenance import Provenance
 from softness_bayes.results.answers import Answers
@@ -323,6 +324,7 @@ class Result(Answers):
         """
         from softness_bayes.results.lookup import Named
 
+        require_kind("directory", directory, (str, Path), "a path")
         path = Path(directory)
         path = path / POSTERIOR if path.is_dir() else path
         if not path.is_file():

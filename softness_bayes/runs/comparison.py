@@ -14,6 +14,7 @@ from scipy.special import logsumexp
 from softness_bayes import arviz_bridge
 from softness_bayes.checking.ranking import clustered_error, largest_pareto_k, stacking_weights
 from softness_bayes.errors import InputError
+from softness_bayes.kinds import require_kind, require_mapping
 from softness_bayes.likelihood.group_conditionals import block_log_likelihood
 from softness_bayes.model.build import build
 from softness_bayes.model.posterior import Posterior
@@ -235,6 +236,11 @@ def compare(
     """
     import pandas as pd
 
+    from softness_bayes.results.result import Result
+
+    require_mapping("results", results, "{'hertz': result, 'attenuated': other}")
+    for label, result in results.items():
+        require_kind(f"results: {label}", result, Result, "a Result, as sample or Result.load returns it")
     leave = _leave(leave)
     _require_comparable(results)
     told = differences(dict(results))

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from softness_bayes.errors import InputError
+from softness_bayes.kinds import numbers
 
 Array = NDArray[np.float64]
 
@@ -18,7 +19,8 @@ def checked_fabrics(modulus: ArrayLike, poisson: ArrayLike) -> tuple[Array, Arra
     InputError
         If a modulus is not positive and finite or a Poisson ratio is outside (-1, 0.5].
     """
-    moduli, ratios = np.broadcast_arrays(np.atleast_1d(np.asarray(modulus, float)), np.asarray(poisson, float))
+    given = numbers("fabric_modulus", modulus, "numbers in Pa"), numbers("fabric_poisson", poisson)
+    moduli, ratios = np.broadcast_arrays(np.atleast_1d(given[0]), given[1])
     if not ((moduli > 0) & np.isfinite(moduli)).all():
         raise InputError("scene: every fabric modulus must be positive and finite [Pa]")
     if not ((ratios > -1) & (ratios <= 0.5)).all():

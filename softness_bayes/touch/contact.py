@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from softness_bayes.errors import InputError, NumericalError
+from softness_bayes.kinds import numbers, refuse, require_kind
 from softness_bayes.ranges import Range
 
 Array = NDArray[np.float64]
@@ -50,6 +51,8 @@ class Finger:
     contact_centre: tuple[float, float] = (12e-3, 10e-3)
 
     def __post_init__(self) -> None:
+        for place in fields(self):
+            numbers(f"finger: {place.name}", getattr(self, place.name), "numbers in m, or without a unit")
         for name in ("radius", "pad_length", "pad_width"):
             if not (np.isfinite(getattr(self, name)) and getattr(self, name) > 0):
                 raise InputError(f"finger: {name} is {getattr(self, name)}, expected a positive length in m")
@@ -203,6 +206,22 @@ class Force:
 
 
 Load = Indentation | Force
+LOAD = "Indentation(depth [m]) or Force(newton [N])"
+
+
+def require_loads(what: str, loads: Sequence[Load]) -> tuple[Load, ...]:
+    """Return some loads as a tuple.
+
+    Raises
+    ------
+    InputError
+        If this is no sequence of loads, with what was expected.
+    """
+    if isinstance(loads, (str, bytes, Indentation, Force)) or not hasattr(loads, "__iter__"):
+        refuse(what, loads, f"a sequence of {LOAD}, as in [Indentation(2e-3)]")
+    for load in loads:
+        require_kind(what, load, (Indentation, Force), LOAD)
+    return tuple(loads)
 
 
 class Closure(NamedTuple):
@@ -382,7 +401,8 @@ def solve_contact(
         If a modulus or b is not positive, m is negative, a Poisson ratio is outside (-1, 0.5], or
         any of them is not finite.
     """
-    modulus, poisson = np.asarray(fabric_modulus, float), np.asarray(fabric_poisson, float)
+    require_kind("load", load, (Indentation, Force), LOAD)
+    modulus, poisson = (numbers("fabric", given) for given in (fabric_modulus, fabric_poisson))
     if not ((modulus > 0) & np.isfinite(modulus)).all() or not ((poisson > -1) & (poisson <= 0.5)).all():
         raise InputError("fabric: expected a positive finite modulus and a Poisson ratio in (-1, 0.5]")
     log_scale, p = load.compression(finger, displacement)

@@ -8,6 +8,7 @@ from types import MappingProxyType
 from typing import Any
 
 from softness_bayes.errors import InputError, quoted
+from softness_bayes.kinds import require_mapping
 from softness_bayes.supplied import FORM, installed, is_supplied, reference, require_reference, supplied
 from softness_bayes.touch.contact import (
     DISPLACEMENT,
@@ -110,6 +111,7 @@ class Readings:
         InputError
             If a place or a name does not exist, or the readings do not fit together.
         """
+        require_mapping("readings", choices, "{'pressure': 'hertz'}")
         return replace(self, **{place: alternative(place, name) for place, name in choices.items()})
 
 

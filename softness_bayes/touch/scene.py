@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from softness_bayes.errors import InputError
+from softness_bayes.kinds import require_kind, require_members
 from softness_bayes.touch.conditions import checked_conditions, checked_fabrics, frozen, indices
 from softness_bayes.touch.contact import (
     Contact,
@@ -22,6 +23,7 @@ from softness_bayes.touch.contact import (
     ManyLoads,
     log_compliance_ratio,
     reduced_modulus,
+    require_loads,
     skin_modulus,
 )
 from softness_bayes.touch.discretisation import Discretisation
@@ -85,6 +87,11 @@ class Scene:
         modulus_range: tuple[float, float] | None = None,
         finger_box: FingerBox | None = None,
     ) -> None:
+        loads = require_loads("loads", loads)
+        require_members("firing", firing, ("curves",), "a source of rate curves, as in FixedChannels()")
+        require_kind("finger", finger, Finger, "a Finger, as in Finger(receptor_depth=0.6e-3)")
+        require_kind("readings", readings, Readings, "Readings, as in NAMED_READINGS['printed']")
+        require_kind("discretisation", discretisation, Discretisation, "a Discretisation")
         moduli, poisson = checked_fabrics(fabric_modulus, fabric_poisson)
         self.fabric, self.load = checked_conditions(fabric, load, moduli.size, len(loads))
         self._moduli, self._poissons, self.modulus_range = moduli, poisson, modulus_range
@@ -363,6 +370,7 @@ class Scene:
     def _chunks(
         self, parameters: TouchParameters, modulus: Array | None
     ) -> tuple[tuple[int, ...], Iterator[tuple[TouchParameters, Contact]]]:
+        require_members("parameters", parameters, ("b", "m"), "TouchParameters, as touch_parameters(values) returns")
         if modulus is not None:
             shape = np.broadcast_shapes(*(np.shape(value) for value in parameters), modulus.shape[:-1])
             parameters = TouchParameters(*(np.broadcast_to(value, shape) for value in parameters))

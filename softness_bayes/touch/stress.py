@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import ellipe, ellipkm1
 
+from softness_bayes.kinds import numbers
 from softness_bayes.touch.contact import Finger, Fingertip, hertz_force
 
 Array = NDArray[np.float64]
@@ -315,7 +316,7 @@ def stress(
         Geometry (the depth is `finger.receptor_depth`, a number or an array that broadcasts) and readings
         (model.md 4-5).
     """
-    modulus, a = np.asarray(reduced_modulus, float), np.asarray(radius, float)
+    rho, modulus, a = numbers("rho", rho), numbers("reduced_modulus", reduced_modulus), numbers("radius", radius)
     amplitude, decay = pressure.amplitude(modulus, a, finger), pressure.decay(modulus, a, finger)
     depth = finger.receptor_depth
     if np.ndim(depth):

@@ -7,6 +7,7 @@ from typing import Protocol
 import numpy as np
 
 from softness_bayes.errors import NumericalError
+from softness_bayes.kinds import require_kind, require_members
 from softness_bayes.touch.neuron.firing import RateCurve, exact_curve
 from softness_bayes.touch.neuron.membrane import CONNOR_STEVENS, PAPER_CHANNELS, Channels, Driven, Membrane
 from softness_bayes.touch.neuron.noise import noisy_curve
@@ -50,6 +51,8 @@ class FixedChannels:
         noise: float = 0.0,
         nodes: int = 18,
     ) -> None:
+        require_members("channels", channels, Channels._fields, "Channels, as in PAPER_CHANNELS")
+        require_kind("membrane", membrane, Membrane, "a Membrane, as in HODGKIN_HUXLEY")
         self.channels, self.membrane, self.noise, self.max_current = channels, membrane, noise, max_current
         self.nodes = nodes
         self.curve = self._made(max_current, nodes)

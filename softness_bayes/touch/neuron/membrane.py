@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from softness_bayes.errors import InputError
+from softness_bayes.kinds import numbers, require_members
 from softness_bayes.touch.neuron.gating import (
     CONNOR_STEVENS_KINETICS,
     HODGKIN_HUXLEY_KINETICS,
@@ -219,7 +220,8 @@ def lanes(channels: Channels, **others: ArrayLike) -> tuple[tuple[int, ...], lis
     InputError
         If a value is not finite, or a multiplier negative.
     """
-    shape, table = rows_of((*channels, *others.values()))
+    require_members("channels", channels, Channels._fields, "Channels, as in PAPER_CHANNELS")
+    shape, table = rows_of((*channels, *(numbers(name, given) for name, given in others.items())))
     if not np.isfinite(table).all():
         k, wrong = next((k, row[~np.isfinite(row)]) for k, row in enumerate(table) if not np.isfinite(row).all())
         raise InputError(f"{(*Channels._fields, *others)[k]} is not finite: {wrong[0]}")

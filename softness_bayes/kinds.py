@@ -1,0 +1,79 @@
+"""Kinds of arguments, with one check and one wording: a wrong one is named with what was expected."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import TYPE_CHECKING, Any
+
+from softness_bayes.errors import InputError
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+
+def require_kind(what: str, value: object, kind: type | tuple[type, ...], such_as: str) -> None:
+    """Raise an error for an argument that is not of a kind.
+
+    Parameters
+    ----------
+    what
+        Name of the argument.
+    value
+        The argument.
+    kind
+        Its class, or its classes.
+    such_as
+        What was expected, with an example.
+
+    Raises
+    ------
+    InputError
+        With name, value and what was expected.
+    """
+    if not isinstance(value, kind):
+        refuse(what, value, such_as)
+
+
+def require_members(what: str, value: object, members: Iterable[str], such_as: str) -> None:
+    """Raise an error for an argument that lacks members; arguments, and what raises, as `require_kind`."""
+    if not all(hasattr(value, member) for member in members):
+        refuse(what, value, such_as)
+
+
+def require_mapping(what: str, value: object, such_as: str) -> None:
+    """Raise an error for an argument that is no mapping; arguments, and what raises, as `require_kind`."""
+    require_kind(what, value, Mapping, f"a mapping, as in {such_as}")
+
+
+def numbers(what: str, value: Any, such_as: str = "numbers") -> NDArray[np.float64]:
+    """Return an argument as an array of numbers.
+
+    Raises
+    ------
+    InputError
+        If it is not one, as `require_kind`.
+    """
+    import numpy as np
+
+    try:
+        if np.asarray(value).dtype.kind not in "US":  # texts, which NumPy would read as numbers
+            return np.asarray(value, float)
+    except (TypeError, ValueError):
+        pass
+    raise InputError(_told(what, value, such_as))
+
+
+def refuse(what: str, value: object, such_as: str) -> None:
+    """Raise the error of an argument that is not what was expected.
+
+    Raises
+    ------
+    InputError
+        With name, value and what was expected.
+    """
+    raise InputError(_told(what, value, such_as))
+
+
+def _told(what: str, value: object, such_as: str) -> str:
+    return f"{what}: expected {such_as}, got {value!r:.60} ({type(value).__name__})"
