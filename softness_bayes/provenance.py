@@ -129,8 +129,6 @@ class NumericalErrors:
 
     numerical_error: float
     """Of the response, relative to its peak."""
-    inflection_least_drop: float
-    """As `Provenance.least_drop`."""
     firing_error: float
     """As `numerical_error`, if every receptor's firing rate had the largest error of its surface."""
     exactness: str
@@ -139,6 +137,8 @@ class NumericalErrors:
     exactness_efficiency: float
     exactness_pareto_k: float
     exact_reweight: bool
+    inflection_least_drop: float = FORMER_LEAST_DROP
+    """As `Provenance.least_drop`."""
 
 
 @dataclass(frozen=True)

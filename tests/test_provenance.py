@@ -38,7 +38,7 @@ SECTIONS = {
     "direction": DirectionTaken(FALLS, False, "from the data", 0.25, 0.7, 0.01),
     "rating_model": RatingModel(0.5, STANDARDISED, 1e-3, "12 nodes", "student", "heavy tails", "whole numbers"),
     "rating_data": RatingData("abc", "def", 4),
-    "errors": NumericalErrors(1e-4, 0.02, 1e-5, "Exact enough.", 0.01, 0.03, 0.99, 0.4, True),
+    "errors": NumericalErrors(1e-4, 1e-5, "Exact enough.", 0.01, 0.03, 0.99, 0.4, True, 0.02),
     "residuals": ResidualChecks(
         "fabrics", 0.1, 0.2, 0.3, 0.4, 0.5, "participants", 0.6, 0.7, "moduli", 0.8, "fingers", 0.9
     ),

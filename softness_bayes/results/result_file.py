@@ -97,7 +97,10 @@ def _schema(path: Path, tree: xr.DataTree) -> int:
     if not isinstance(schema, (int, np.integer)) or schema < 1:
         raise InputError(f"{path}: schema {schema!r:.40}, expected a number from 1 to {SCHEMA}")
     if schema > SCHEMA:
-        raise InputError(f"{path}: schema {schema} is newer than {SCHEMA}, the last known")
+        raise InputError(
+            f"{path}: schema {schema} is newer than {SCHEMA}, the last known; read it with the version of "
+            "softness-bayes that wrote it, or a later one"
+        )
     return int(schema)
 
 
