@@ -113,6 +113,8 @@ PROCESSES = Count(1, 256)
 """Processes side by side."""
 ACCURACIES = Range(1e-6, 1e-2)
 """Bounds of the response's numerical error, relative to its peak."""
+LOAD_STEPS = Range(1e-9, 1e3)
+"""Steps to whose multiples loads are rounded, in the unit of their column."""
 RELATIVE_ERRORS = Range(0.0, 3.0)
 """Standard errors of a measured quantity relative to its value; 0 is exact."""
 LOAD_ERRORS = Range(0.0, 0.3)

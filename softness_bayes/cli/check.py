@@ -2,22 +2,36 @@
 
 from __future__ import annotations
 
+import json
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
+from softness_bayes.cli.design_lines import design_lines
 from softness_bayes.cli.options.model import ReadingChoice, categories, rating_scale, readings, slider
+from softness_bayes.cli.options.run import force
 from softness_bayes.cli.options.tables import DataFiles, data_files
+from softness_bayes.errors import InputError
 
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
+    from softness_bayes.checking.direction import Choice
     from softness_bayes.data import Compression, Experiment, Ratings
+    from softness_bayes.model.as_given import AsGiven
+    from softness_bayes.model.options import ModelOptions
     from softness_bayes.parameters.fabric_moduli import FabricModuli
 
 MOST_LOADS = 12
 """Largest number of loads of a kind that are listed one by one."""
+
+CHECK = "check"
+"""The command under which its figure is listed."""
+
+PRIOR_DRAWS = 200
+"""Prior draws whose response is drawn."""
 
 
 @click.command()
@@ -26,12 +40,27 @@ MOST_LOADS = 12
 @slider
 @categories
 @readings
+@click.option(
+    "--design", is_flag=True, help="Say what the design can tell: expected posterior widths, and what would help most."
+)
+@click.option("--json", "as_json", is_flag=True, help="Print everything that was understood as JSON, and no text.")
+@click.option(
+    "--figure",
+    type=click.Path(path_type=Path),
+    metavar="FILE",
+    help="Draw data and fabrics beside the prior's response (.png, .pdf or .svg).",
+)
+@force
 def command(
     files: DataFiles,
     scale: str,
     slider_ends: tuple[float, float],
     n_categories: int | None,
     choice: ReadingChoice,
+    design: bool,
+    as_json: bool,
+    figure: Path | None,
+    force: bool,
 ) -> None:
     """Validate data files and say what was understood.
 
@@ -40,31 +69,51 @@ def command(
     effective_modulus_kpa, or bending_rigidity_n_m, or tensile_modulus_mpa and thickness_mm; poisson_ratio
     where known. Compression data are one row per force of a rigid flat plate: participant, indentation_mm,
     force_n; indentor, if other rows are to be left out. Errors name file, row, column and value. E_fab is
-    shown in the reading that is asked for. With ratings it is also said whether they rise or fall with stiffness.
+    shown in the reading that is asked for. With ratings it is also said whether they rise or fall with stiffness,
+    and with --design what they can tell of every parameter before any sampling, in some seconds.
     """
-    import numpy as np
-
     from softness_bayes.data import Compression
     from softness_bayes.likelihood.scales import RATING_SCALES
     from softness_bayes.model.as_given import as_given
     from softness_bayes.model.build import choose_direction
-    from softness_bayes.model.fabric_moduli import fabric_moduli
     from softness_bayes.model.options import ModelOptions
+    from softness_bayes.model.understanding import foreseen, understood, warnings
 
-    fabric_modulus = choice.resolve().fabric_modulus
+    if figure is not None:
+        _require_figure(figure, files, force)
     experiment = files.read()
     if isinstance(experiment, Compression):
-        _show_compression(experiment)
-        for note in experiment.notes:
-            click.echo(f"note: {note}")
+        _forces_alone(experiment, design or figure is not None, as_json)
         return
-    moduli = fabric_moduli(experiment.fabrics, fabric_modulus)
+    readings, of_scale = choice.resolve(), RATING_SCALES[scale]
+    asked = ModelOptions(readings=readings, scale=of_scale, slider_ends=slider_ends, n_categories=n_categories)
+    if not as_json:
+        _show_tables(experiment, asked)
+    given = as_given(experiment.ratings, asked)
+    found = warnings(experiment, asked, given)
+    direction = choose_direction(experiment, asked, given)
+    told = foreseen(experiment, asked) if design else None
+    if as_json:
+        every = understood(experiment, asked, given, direction, [*experiment.notes, *found])
+        click.echo(json.dumps(every | {"design": told}, indent=1, ensure_ascii=False))
+    else:
+        _show_model(given, direction, found)
+        for line in [] if told is None else ["", *design_lines(told)]:
+            click.echo(line)
+    if figure is not None:
+        _draw(figure, experiment, asked, given)
+        click.echo(f"drawn in {figure}", err=True)
+
+
+def _show_tables(experiment: Experiment, asked: ModelOptions) -> None:
+    """Print what was read: who rated what, the fabrics, forces, and notes."""
+    import numpy as np
+
+    from softness_bayes.model.build import moduli_of
+
+    moduli = moduli_of(experiment, asked)
     modulus = np.array(moduli.middle) / 1e3
-    for line in (
-        *_summary(experiment, modulus, RATING_SCALES[scale].own_units),
-        "",
-        *_fabric_table(experiment, moduli),
-    ):
+    for line in (*_summary(experiment, modulus, asked.scale.own_units), "", *_fabric_table(experiment, moduli)):
         click.echo(line)
     if exact := len(moduli.laws) - len(moduli.uncertain):
         click.echo(
@@ -78,14 +127,69 @@ def command(
         _show_compression(experiment.compression)
     for note in experiment.notes:
         click.echo(f"note: {note}")
-    ratings = experiment.ratings
-    readings, of_scale = choice.resolve(), RATING_SCALES[scale]
-    asked = ModelOptions(readings=readings, scale=of_scale, slider_ends=slider_ends, n_categories=n_categories)
-    given = as_given(ratings, asked)
+
+
+def _show_model(given: AsGiven, direction: Choice, found: list[str]) -> None:
+    """Print what looks wrong, what the numbers stand for, and their direction."""
+    for note in found:
+        click.echo(f"note: {note}")
     click.echo(f"\nWhat do the numbers say?\n{given.note}\n{given.errors_note}")
     click.echo("\nDo ratings rise or fall with stiffness?")
-    for line in choose_direction(experiment, asked).evidence.lines:
+    lines = direction.evidence.lines
+    if len(lines) > MOST_LOADS + 2:
+        click.echo(f"(of {len(lines) - 2} loads, {MOST_LOADS} are shown)")
+        step = (len(lines) - 3) / (MOST_LOADS - 1)
+        lines = [*(lines[round(k * step)] for k in range(MOST_LOADS)), *lines[-2:]]
+    for line in lines:
         click.echo(line)
+
+
+def _forces_alone(compression: Compression, more: bool, as_json: bool) -> None:
+    """Print what was read of compression data alone."""
+    from softness_bayes.model.understanding import SCHEMA, understood_forces
+
+    if more:
+        raise InputError("check: --design and --figure are for ratings: give --data, or leave them out")
+    if as_json:
+        known = {"schema": SCHEMA, "forces": understood_forces(compression), "notes": list(compression.notes)}
+        click.echo(json.dumps(known, indent=1, ensure_ascii=False))
+        return
+    _show_compression(compression)
+    for note in compression.notes:
+        click.echo(f"note: {note}")
+
+
+def _require_figure(figure: Path, files: DataFiles, force: bool) -> None:
+    from softness_bayes.files.outputs import require_outputs
+    from softness_bayes.plotting.style import METADATA
+
+    if figure.suffix.lstrip(".") not in METADATA:
+        known = ", ".join(f".{name}" for name in METADATA)
+        raise InputError(f"--figure {figure}: expected a name that ends in one of {known}")
+    require_outputs(figure.parent, [figure.name], CHECK, force, files.paths)
+
+
+def _draw(figure: Path, experiment: Experiment, asked: ModelOptions, given: AsGiven) -> None:
+    """Draw data and fabrics beside the prior's response."""
+    from softness_bayes.files.outputs import write_outputs
+    from softness_bayes.model.understanding import prior_responses
+    from softness_bayes.plotting.design import design_figure, shown_loads
+    from softness_bayes.plotting.rating import observed_ratings
+    from softness_bayes.plotting.style import files_of
+
+    ratings = experiment.ratings
+    shown = shown_loads(len(ratings.loads))
+    grid, response, of_conditions = prior_responses(experiment, asked, shown, PRIOR_DRAWS)
+    conditions = ratings.conditions
+    place = {load: k for k, load in enumerate(shown)}
+    load = [place.get(k, -1) for k in conditions.load.tolist()]
+    observed = observed_ratings(
+        given.said.values, conditions.of_rating, ratings.participant, of_conditions, load, scale=asked.scale
+    )
+    loads = [ratings.loads[k] for k in shown]
+    drawn = design_figure(grid, response, observed, loads, n_loads=len(ratings.loads), scale=asked.scale)
+    suffix = figure.suffix.lstrip(".")
+    write_outputs(figure.parent, files_of(drawn, figure.stem, (suffix,)), CHECK)
 
 
 def _show_compression(compression: Compression) -> None:

@@ -85,4 +85,5 @@ def record_of(files: DataFiles, directory: Path) -> dict[str, Any]:
         "decimal": files.decimal,
         **({"drop_zeros": True} if files.drop_zeros else {}),
         **({"wide": True} if files.wide else {}),
+        **({} if files.round_load is None else {"round_load": files.round_load}),
     }

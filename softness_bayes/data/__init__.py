@@ -30,6 +30,7 @@ from softness_bayes.data.faults import TableError, together
 from softness_bayes.data.headers import FABRICS, LOADED, PRESSED, RATED, either
 from softness_bayes.data.names import listing
 from softness_bayes.data.ratings import LOAD_COLUMNS, Conditions, LoadColumn, Ratings, loads_of
+from softness_bayes.data.rounded_loads import with_rounded_loads
 from softness_bayes.data.tables import Table, check_renames, read_table
 from softness_bayes.data.wide import Form
 from softness_bayes.data.workbooks import TableSource, has_sheet
@@ -90,6 +91,7 @@ def read_experiment(
     decimal: str | None = None,
     drop_zeros: bool = False,
     wide: bool = False,
+    round_load: float | None = None,
 ) -> Experiment:
     """Read ratings and their fabrics.
 
@@ -115,6 +117,8 @@ def read_experiment(
     wide
         Whether the table of ratings has one column for each fabric, or for each fabric under each load. By default the
         titles tell.
+    round_load
+        Step to whose multiples loads are rounded, in N and mm; by default they are used as measured.
 
     Raises
     ------
@@ -152,6 +156,8 @@ def read_experiment(
     ratings = _tried(faults, partial(Ratings.from_table, table, cloth, indentation_mm, force_n, drop_zeros))
     if faults or fabrics is None or ratings is None:
         raise together(faults)
+    if round_load is not None:
+        ratings = with_rounded_loads(ratings, round_load)
     rated = set(ratings.fabrics)
     unrated = [name for name in fabrics.names if name not in rated]
     if unrated:

@@ -339,6 +339,19 @@ class Scene:
         """Return the scene of the same fabrics in other conditions: indices of their fabrics and of these loads."""
         return self._with(self._moduli, self._poissons, fabric, load, self.discretisation, loads)
 
+    def beside(self, modulus: Array, fabric: ArrayLike, load: ArrayLike) -> Scene:
+        """Return the scene with further fabrics of these moduli [Pa] and the median Poisson ratio after its own ones.
+
+        Parameters
+        ----------
+        modulus
+            E_fab [Pa] of the further fabrics, shape (n,).
+        fabric, load
+            Indices of the conditions, into all fabrics and the scene's loads.
+        """
+        poisson = np.append(self._poissons, np.full(modulus.size, np.median(self.poisson)))
+        return self._with(np.append(self._moduli, modulus), poisson, fabric, load, self.discretisation)
+
     def _with(
         self,
         modulus: Array,

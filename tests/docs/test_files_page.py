@@ -159,7 +159,7 @@ def mark_of(text):
 
 
 def test_sections_are_numbered_in_order():
-    assert [*headings(PAGE)] == [str(k) for k in range(1, 12)]
+    assert [*headings(PAGE)] == [str(k) for k in range(1, 13)]
 
 
 def test_columns_that_are_read():

@@ -81,6 +81,7 @@ class DataFiles:
     decimal: str | None = None
     drop_zeros: bool = False
     wide: bool = False
+    round_load: float | None = None
 
     @property
     def paths(self) -> tuple[Path, ...]:
@@ -113,13 +114,15 @@ class DataFiles:
                 decimal=self.decimal,
                 drop_zeros=self.drop_zeros,
                 wide=self.wide,
+                round_load=self.round_load,
             )
         if self.compression is None:
             raise click.UsageError("no data: give ratings with --data, a plate's forces with --compression, or both")
-        if not self.fabrics is self.indentation_mm is self.force_n is None or self.drop_zeros or self.wide:
+        given = (self.fabrics, self.indentation_mm, self.force_n, self.round_load)
+        if any(one is not None for one in given) or self.drop_zeros or self.wide:
             raise InputError(
-                "--fabrics, --indentation-mm, --force-n, --drop-zeros and --wide are for ratings: give --data, or "
-                "leave them out"
+                "--fabrics, --indentation-mm, --force-n, --round-load, --drop-zeros and --wide are for ratings: give "
+                "--data, or leave them out"
             )
         return Compression.read(self.compression, columns=self.columns, decimal=self.decimal)
 
@@ -153,6 +156,12 @@ def reading_options(verb: Verb) -> Verb:
     @column
     @decimal
     @load_options(False, " of all ratings, where the table has no column for it.")
+    @click.option(
+        "--round-load",
+        type=float,
+        metavar="STEP",
+        help="Round loads to multiples of STEP, in N and mm, and say which were merged; by default as measured.",
+    )
     @click.option("--drop-zeros", is_flag=True, help="Leave out ratings of 0, which magnitude estimates cannot have.")
     @click.option(
         "--wide",
@@ -168,9 +177,11 @@ def reading_options(verb: Verb) -> Verb:
         force_n: float | None,
         drop_zeros: bool,
         wide: bool,
+        round_load: float | None,
         **others: Any,
     ) -> Any:
-        files = DataFiles(None, fabrics, columns, indentation_mm, force_n, None, decimal, drop_zeros, wide)
+        loads = indentation_mm, force_n
+        files = DataFiles(None, fabrics, columns, *loads, None, decimal, drop_zeros, wide, round_load)
         return verb(files=files, **others)
 
     return wrapped

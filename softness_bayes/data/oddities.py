@@ -1,0 +1,76 @@
+"""Oddities of a table of ratings: values that pile up at an end, ties, loads a hair apart."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from softness_bayes.data.ratings import LOAD_COLUMNS, Ratings
+
+CLOSE = 0.02
+"""Relative distance of two loads that may have been meant to be one."""
+
+AT_AN_END = 0.1
+"""Share of a rater's ratings at the largest (smallest) of all raters above which it is a ceiling (floor)."""
+
+TIED = 0.5
+"""Share of equal pairs among one rater's ratings of different fabrics under one load that is remarked."""
+
+
+def oddities(ratings: Ratings, numbers: bool = True) -> list[str]:
+    """Return notes on what is odd in a table of ratings, empty if nothing is.
+
+    Parameters
+    ----------
+    ratings
+        The table.
+    numbers
+        False for categories and ranks, which have ends and ties by their nature.
+    """
+    return [*_close_loads(ratings), *(_ends(ratings) + _ties(ratings) if numbers else [])]
+
+
+def _close_loads(ratings: Ratings) -> list[str]:
+    notes = []
+    for column, kind, value in LOAD_COLUMNS:
+        held = np.sort([value(load) for load in ratings.loads if isinstance(load, kind)])
+        groups = 1 + int((np.diff(np.log(held)) > CLOSE).sum())
+        if held.size < 2 or groups == held.size:
+            continue
+        pair = int(np.diff(np.log(held)).argmin())
+        first, second = (f"{x / column.factor:.12g}" for x in held[pair : pair + 2])
+        notes.append(
+            f"{held.size} different {column.label}s make {groups} groups whose members are within {CLOSE:.0%} of a "
+            f"neighbour, as {first} and {second} {column.unit}: used as measured; --round-load STEP makes them equal"
+        )
+    return notes
+
+
+def _ends(ratings: Ratings) -> list[str]:
+    if np.ptp(ratings.rating) == 0:
+        return []
+    notes = []
+    for what, end in (("largest", ratings.rating.max()), ("smallest", ratings.rating.min())):
+        at = ratings.rating == end
+        share = float(at.mean())
+        if share < AT_AN_END or np.unique(ratings.rating).size < 12:
+            continue
+        raters = np.unique(ratings.participant[at]).size
+        notes.append(
+            f"{share:.0%} of the ratings are {end:g}, the {what} of all, by {raters} of {len(ratings.participants)} "
+            f"participants: the scale may have ended there"
+        )
+    return notes
+
+
+def _ties(ratings: Ratings) -> list[str]:
+    key = ratings.participant * len(ratings.loads) + ratings.load
+    order = np.lexsort((ratings.rating, key))
+    key, rating = key[order], ratings.rating[order]
+    _, sizes = np.unique(key, return_counts=True)
+    pairs = float((sizes * (sizes - 1) / 2).sum())
+    runs = np.flatnonzero(np.r_[True, (np.diff(key) != 0) | (np.diff(rating) != 0), True])
+    equal = np.diff(runs).astype(float)
+    share = float((equal * (equal - 1) / 2).sum()) / pairs if pairs else 0.0
+    if share < TIED or np.ptp(ratings.rating) == 0:
+        return []
+    return [f"{share:.0%} of the pairs of ratings of one participant under one load are ties"]

@@ -1,0 +1,58 @@
+"""Loads rounded on request, so that nearly equal ones become one."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from decimal import ROUND_HALF_EVEN, Decimal
+
+import numpy as np
+
+from softness_bayes.data.names import listing
+from softness_bayes.data.ratings import LOAD_COLUMNS, Ratings
+from softness_bayes.errors import InputError
+from softness_bayes.ranges import LOAD_STEPS
+from softness_bayes.touch.contact import Load
+
+SHOWN = 3
+"""Number of groups of loads that a note lists."""
+
+
+def with_rounded_loads(ratings: Ratings, step: float) -> Ratings:
+    """Return ratings whose loads are the nearest multiples of a step, with a note that says what was merged.
+
+    Parameters
+    ----------
+    ratings
+        The ratings.
+    step
+        Step, in N for forces and in mm for indentations.
+
+    Raises
+    ------
+    InputError
+        If the step is not positive, or a load would become 0 or leave its range.
+    """
+    LOAD_STEPS.require("round_load", step)
+    unit = Decimal(repr(float(step)))
+    rounded: list[Load] = []
+    groups: dict[Load, list[str]] = {}
+    for load in ratings.loads:
+        column, kind, value = next(entry for entry in LOAD_COLUMNS if isinstance(load, entry.kind))
+        count = (Decimal(column.write(value(load))) / unit).to_integral_value(ROUND_HALF_EVEN)
+        try:
+            rounded.append(kind(column.parse(f"{(count * unit).normalize():f}")))
+        except ValueError as error:
+            raise InputError(
+                f"round_load {step:g}: {load} would become {count * unit} {column.unit}, which is no load ({error}); "
+                "give a smaller step"
+            ) from None
+        groups.setdefault(rounded[-1], []).append(str(load))
+    # rounding keeps the order of loads
+    order = {load: k for k, load in enumerate(groups)}
+    told = [f"{load} from {listing(members, 3)}" for load, members in groups.items() if len(members) > 1]
+    note = f"loads rounded to multiples of {step:g}: {len(ratings.loads)} became {len(groups)}"
+    if told:
+        more = f"; and {len(told) - SHOWN} more" if len(told) > SHOWN else ""
+        note += f": {'; '.join(told[:SHOWN])}{more}"
+    places = np.array([order[load] for load in rounded], dtype=np.intp)
+    return replace(ratings, loads=tuple(order), load=places[ratings.load], notes=(*ratings.notes, note))

@@ -1,0 +1,278 @@
+"""Expected information of a design: how much narrower than their priors posteriors will be, before any sampling.
+
+At truths drawn from the prior the observation model is taken as a normal law whose mean and covariance follow the
+parameters in straight lines, with the effects of participants and fabrics integrated out. Parameters are in normal
+scores of their priors, so that the prior is standard normal. Slopes are secants over the posterior's own width, found
+by iteration: a response that is silent at a truth, or that turns over nearby, is not taken for its tangent.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import ndtr, ndtri
+
+from softness_bayes.checking.inflection import Outcome, turning_points
+from softness_bayes.checking.sensitivity import prior_moments
+from softness_bayes.errors import InputError
+from softness_bayes.likelihood.design import Design
+from softness_bayes.likelihood.error_laws import STUDENT
+from softness_bayes.likelihood.expected_information import Group, Moments, normal_information
+from softness_bayes.likelihood.plate import CompressionForces, plate_line
+from softness_bayes.likelihood.ratings import RatingParameters
+from softness_bayes.likelihood.scales import MAGNITUDE, SLIDER, STANDARDISED
+from softness_bayes.likelihood.stated import Stated
+from softness_bayes.model.build import ExperimentModel
+from softness_bayes.model.hypothetical import Planned
+from softness_bayes.model.posterior import Posterior
+from softness_bayes.touch.parameters import TouchParameters
+from softness_bayes.touch.scene import Scene
+
+Array = NDArray[np.float64]
+
+TRUTHS, DRAWS = 16, 128
+"""Truths, of which the first is the prior's median; draws of each expected posterior."""
+
+PLACES, PRIOR_DRAWS = 64, 512
+"""Of these, those whose turning points are found; and draws of the prior likewise."""
+
+FEWEST_TRUTHS, CONDITIONS = 4, 400
+"""Number of truths where there are many conditions, and the conditions up to which all truths are used."""
+
+ROUNDS = 3
+"""Iterations of the secants."""
+
+MOST_LOADS = 4
+"""Loads whose turning points are foreseen, evenly spread among those of the design."""
+
+NOT_FORESEEN = ("nu", "lapse")
+"""Parameters of error laws, of which a normal law knows nothing."""
+
+_REACH = 3.5  # largest normal score that is evaluated
+
+
+class Expected(NamedTuple):
+    """The expected posteriors of a design at some truths."""
+
+    names: tuple[str, ...]
+    """The sampled parameters that are foreseen."""
+    ratio: Array
+    """Posterior over prior standard deviation in natural units, shape (truths, names)."""
+    bits: Array
+    """Expected information gained from prior to posterior [bits], shape (truths,)."""
+    loads: tuple[str, ...]
+    """The loads whose turning points are foreseen."""
+    turns: Array
+    """Share of the prior's draws whose response turns over under each of them, shape (loads,)."""
+    place: Array
+    """Posterior over prior standard deviation of ln E_fab at the turning point, (truths, loads); NaN without one."""
+    factor: Array
+    """Number by which E_fab there is divided and multiplied to give its 90 % limits, (truths, loads)."""
+
+
+def foresee(model: ExperimentModel, planned: Planned, truths: Array | None = None) -> Expected:
+    """Return what a design is expected to tell.
+
+    Parameters
+    ----------
+    model
+        The model of the experiment, whose posterior gives parameters and priors.
+    planned
+        The design: that of the experiment (`hypothetical.as_it_is`), or another one.
+    truths
+        Points theta at which posteriors are foreseen, shape (truths, d); by default the prior's median and draws.
+
+    Raises
+    ------
+    InputError
+        If the ratings are categories or ranks, raters have fingers of their own, or loads have errors.
+    """
+    posterior = model.posterior
+    linear = model.options.scale in (MAGNITUDE, SLIDER, STANDARDISED)
+    if not linear or posterior.fingers is not None or posterior.other_loads is not None:
+        raise InputError(
+            "design: what it tells is foreseen for magnitude estimates, sliders and z-scores of the typical finger "
+            "under loads without errors alone"
+        )
+    return _Foresight(model, planned, truths).found()
+
+
+class _Foresight:
+    """The computation of `foresee`."""
+
+    def __init__(self, model: ExperimentModel, planned: Planned, truths: Array | None) -> None:
+        self.model, self.planned = model, planned
+        self.posterior: Posterior = model.posterior
+        self.space = self.posterior.space
+        self.rounding = _rounding(model.given.said, model.options.scale.additive)
+        rng = np.random.default_rng(0)
+        few = TRUTHS * CONDITIONS // max(planned.design.n_conditions, CONDITIONS)
+        drawn = self._scores(self.space.draw_prior(rng, TRUTHS - 1))
+        self.truths = np.vstack([np.zeros(drawn.shape[1]), drawn])[: max(few, FEWEST_TRUTHS)]
+        if truths is not None:
+            self.truths = self._scores(truths)
+        self.slope = np.r_[ndtri(0.75), np.abs(rng.standard_normal(len(self.truths) - 1))]
+        self.noise = rng.standard_normal((DRAWS, drawn.shape[1]))
+        self.before = self.space.draw_prior(rng, PRIOR_DRAWS)
+
+    def _scores(self, theta: Array) -> Array:
+        columns = zip(self.space.sampled, theta.T, strict=True)
+        return np.clip(np.stack([ndtri(p.prior.cumulative(x)) for p, x in columns], axis=-1), -_REACH, _REACH)
+
+    def _natural(self, scores: Array) -> Array:
+        share = ndtr(np.clip(scores, -_REACH, _REACH))
+        columns = [
+            np.minimum(p.prior.quantile(share[..., k]), p.largest * (1.0 - 1e-9))
+            for k, p in enumerate(self.space.sampled)
+        ]
+        return np.stack(columns, axis=-1)
+
+    def found(self) -> Expected:
+        truths, dimension = self.truths.shape
+        covariance = np.broadcast_to(np.eye(dimension), (truths, dimension, dimension))
+        for _ in range(ROUNDS):
+            root = np.asarray(np.linalg.cholesky(covariance), float)
+            centre = self.truths - np.einsum("tij,tj->ti", covariance, self.truths)
+            precision: Array = np.eye(dimension) + self._information(centre, root)
+            covariance = np.asarray(np.linalg.inv(precision), float)
+        centre = self.truths - np.einsum("tij,tj->ti", covariance, self.truths)
+        root = np.linalg.cholesky(covariance)
+        theta = self._natural(centre[:, None] + np.einsum("tij,nj->tni", root, self.noise))
+        kept = [k for k, p in enumerate(self.space.sampled) if p.name not in NOT_FORESEEN]
+        prior_sd = np.array([prior_moments(p.prior)[1] for p in self.space.sampled])
+        # against the same normal numbers under the prior: their own sampling error cancels
+        alone = self._natural(self.noise).std(axis=0) / prior_sd
+        ratio = theta.std(axis=1) / prior_sd / alone
+        bits = -np.log2(np.diagonal(root, axis1=1, axis2=2)).sum(axis=1)
+        turn = self._turning(theta[:, :PLACES])
+        return Expected(tuple(self.space.names[k] for k in kept), ratio[:, kept], bits, *turn)
+
+    def _turning(self, theta: Array) -> tuple[tuple[str, ...], Array, Array, Array]:
+        """Return loads, the prior's share of turning points, and width and factor of their places."""
+        scene = self.model.scene
+        used = np.unique(scene.load)
+        shown = used[np.unique(np.linspace(0, used.size - 1, MOST_LOADS).round().astype(int))]
+        loads = [scene.loads[k] for k in shown]
+        fabrics = np.unique(scene.fabric)
+        pairs = np.repeat(fabrics, len(loads)), np.tile(np.arange(len(loads)), fabrics.size)
+        small = scene.under(loads, *pairs)
+        log_before = self._log_place(small, self.before)
+        log_after = self._log_place(small, theta.reshape(-1, theta.shape[-1])).reshape(*theta.shape[:2], -1)
+        turns = np.isfinite(log_before).mean(axis=0)
+        count = np.isfinite(log_after).sum(axis=1)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            width = np.where(count >= 0.5 * PLACES, _sd(log_after, 1), np.nan)
+            place = width / _sd(log_before, 0)
+        return tuple(map(str, loads)), turns, place, np.exp(ndtri(0.95) * width)
+
+    def _log_place(self, scene: Scene, theta: Array) -> Array:
+        one = self.space.touch(theta)
+        touch = TouchParameters(*(np.broadcast_to(value, len(theta)) for value in one))
+        found = turning_points(scene, touch, 0.0)
+        return np.where(found.outcome == Outcome.INTERIOR, np.log(found.modulus), np.nan)
+
+    def _information(self, centre: Array, root: Array) -> Array:
+        """Return the information on scores about centres (truths, d), over steps along `root`, (truths, d, d)."""
+        steps = np.swapaxes(root, 1, 2)
+        points = np.concatenate([centre[:, None], centre[:, None] + steps, centre[:, None] - steps], axis=1)
+        theta, back = self._natural(points), np.asarray(np.linalg.inv(root), float)
+        found = self._of_ratings(theta, back)
+        plate = self.posterior.compression
+        return found if plate is None else found + self._of_forces(plate, theta, back)
+
+    def _of_ratings(self, theta: Array, back: Array) -> Array:
+        model, planned = self.posterior.observation.model, self.planned
+        parameters = self.posterior.rating_parameters(theta)
+        rate = planned.rate(self.posterior, theta.reshape(-1, theta.shape[-1])).reshape(*theta.shape[:2], -1)
+        drive = np.broadcast_to(model.drive(planned.design, rate, parameters), (*theta.shape[:2], rate.shape[-1]))
+        slopes = np.einsum("tkc,tkd->tcd", _secants(drive), back)
+        sd = _at(np.sqrt(np.asarray(parameters.varsigma, float) ** 2 * _heavier(model.error, parameters)), theta)
+        found = []
+        for t in range(len(theta)):
+            error = np.sqrt(sd[t, 0] ** 2 + self.rounding)
+            error_slope = _secants(sd[t : t + 1])[0] @ back[t] * sd[t, 0] / error
+            if model.scale is STANDARDISED:
+                line = np.stack([np.ones(drive.shape[-1]), drive[t, 0]], axis=-1)
+                moments = _of_conditions(planned.design, line, self.slope[t] * slopes[t])
+                found.append(normal_information(moments, np.ones(2), error, error_slope))
+                continue
+            fabrics = "omega" in model.needs
+            moments = Moments.of_design(planned.design, slopes[t], fabrics)
+            people, things = planned.design.n_participants, planned.design.n_fabrics if fabrics else 0
+            own = {"tau": slice(0, people), "omega": slice(people, people + things)}
+            variances = np.full(people + things + 1, model.level.sd**2)
+            groups = []
+            for name, columns in own.items():
+                spread = _at(getattr(parameters, name), theta)[t]
+                if columns.stop > columns.start:
+                    variances[columns] = spread[0] ** 2
+                    groups.append(Group(columns, spread[0], _secants(spread[None])[0] @ back[t]))
+            found.append(normal_information(moments, variances, error, error_slope, groups))
+        return np.stack(found)
+
+    def _of_forces(self, plate: CompressionForces, theta: Array, back: Array) -> Array:
+        skin = self.posterior.skin_parameters(theta)
+        drive = plate.drive(np.empty((*theta.shape[:2], 0)), skin)
+        slopes = np.einsum("tkc,tkd->tcd", _secants(drive), back)
+        along = plate_line(plate.indentation, plate.model.shape, plate.model.displacement).slope
+        member = np.eye(plate.n_fingers)[plate.finger]
+        effects, n = np.concatenate([member, member * along[:, None]], axis=1), plate.n_fingers
+        tau_b, tau_m, sd = (_at(value, theta) for value in (skin.tau_b, skin.tau_m, skin.varsigma_f))
+        found = []
+        for t in range(len(theta)):
+            variances = np.repeat([tau_b[t, 0] ** 2, tau_m[t, 0] ** 2], n)
+            groups = [
+                Group(columns, spread[t, 0], _secants(spread[t : t + 1])[0] @ back[t])
+                for columns, spread in ((slice(0, n), tau_b), (slice(n, 2 * n), tau_m))
+            ]
+            moments = Moments.of_rows(effects, slopes[t])
+            sd_slope = _secants(sd[t : t + 1])[0] @ back[t]
+            found.append(normal_information(moments, variances, sd[t, 0], sd_slope, groups))
+        return np.stack(found)
+
+
+def _secants(values: Array) -> Array:
+    """Return half the differences along the steps, (truths, d, ...), of values (truths, 1 + 2 d, ...)."""
+    d = (values.shape[1] - 1) // 2
+    return 0.5 * (values[:, 1 : 1 + d] - values[:, 1 + d :])
+
+
+def _at(value: Any, theta: Array) -> Array:
+    return np.broadcast_to(np.asarray(value, float), theta.shape[:2])
+
+
+def _of_conditions(design: Design, effects: Array, slopes: Array) -> Moments:
+    """Return the cross products of effects and slopes that are the conditions'."""
+    weighted = effects * design.cells.sum(axis=0)[:, None]
+    count = design.cells.sum(axis=0)[:, None]
+    return Moments(design.n_rows, weighted.T @ effects, weighted.T @ slopes, slopes.T @ (count * slopes))
+
+
+def _heavier(law: Any, parameters: RatingParameters) -> Any:
+    """Return the variance of normal errors that tell as much of the mean, over varsigma²."""
+    if law is STUDENT:
+        nu = np.asarray(parameters.nu, float)
+        return (nu + 3.0) / (nu + 1.0)
+    return 1.0 / (1.0 - np.asarray(parameters.lapse, float)) if law.lapses else 1.0
+
+
+def _rounding(said: Stated, additive: Callable[[Any], Array]) -> float:
+    """Return the mean variance, in additive numbers, of ratings within the intervals that they stand for."""
+    if said.exact:
+        return 0.0
+    low, high = said.ends(said.values)
+    inside = (low > 0) & (high < said.end)
+    widths = additive(high[inside]) - additive(low[inside])
+    return float((widths**2).mean() / 12.0) if widths.size else 0.0
+
+
+def _sd(values: Array, axis: int) -> Array:
+    """Return the standard deviation of the values that are numbers; NaN if there are fewer than two."""
+    there = np.isfinite(values)
+    count = there.sum(axis=axis)
+    mean = np.where(there, values, 0.0).sum(axis=axis) / count
+    squares = np.where(there, (values - np.expand_dims(mean, axis)) ** 2, 0.0).sum(axis=axis)
+    return np.where(count > 1, np.sqrt(squares / np.maximum(count - 1, 1)), np.nan)

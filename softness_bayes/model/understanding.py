@@ -1,0 +1,224 @@
+"""An experiment as it was understood, before any sampling: numbers and words, in one documented schema."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from softness_bayes.checking.direction import Choice
+from softness_bayes.checking.inflection import curve_scene, response_curves
+from softness_bayes.checking.quantities import Layout
+from softness_bayes.checking.raters import raters_apart
+from softness_bayes.data import LOAD_COLUMNS, Compression, Experiment
+from softness_bayes.data.oddities import oddities
+from softness_bayes.likelihood.scales import CATEGORIES, RANKS
+from softness_bayes.model.as_given import AsGiven
+from softness_bayes.model.build import COARSE, build, design_of, moduli_of
+from softness_bayes.model.design_information import Expected, foresee
+from softness_bayes.model.hypothetical import as_it_is, others
+from softness_bayes.model.options import ModelOptions
+
+Array = NDArray[np.float64]
+
+SCHEMA = 1
+"""Version of the schema of `understood`, which files.md documents."""
+
+LIMITS = (0.1, 0.5, 0.9)
+"""Quantiles over the truths that are stated."""
+
+
+def warnings(experiment: Experiment, options: ModelOptions, given: AsGiven) -> list[str]:
+    """Return what looks odd or wrong in the ratings, beside the notes of reading."""
+    ratings = experiment.ratings
+    moduli = np.array(moduli_of(experiment, options).middle)
+    layout = Layout(
+        design_of(experiment), moduli[ratings.conditions.fabric], ratings.conditions.load, scale=options.scale
+    )
+    apart = raters_apart(layout, given.said.values)
+    names = ratings.participants
+    found = [
+        f"looks wrong: {names[k]} rates against all others (rank correlation {r:+.2f} with their means): did the scale "
+        "run the other way?"
+        for k, r in apart.against.items()
+    ]
+    if apart.constant:
+        same = ", ".join(names[k] for k in apart.constant)
+        found.append(f"looks wrong: all ratings of {same} are the same, so they tell nothing of fabrics")
+    return [*found, *oddities(ratings, options.scale not in (CATEGORIES, RANKS))]
+
+
+def understood(
+    experiment: Experiment, options: ModelOptions, given: AsGiven, direction: Choice, notes: list[str]
+) -> dict[str, Any]:
+    """Return everything that was understood of an experiment, as JSON holds it.
+
+    Parameters
+    ----------
+    experiment, options
+        The tables, and what was asked for.
+    given, direction
+        What the numbers stand for, and their direction.
+    notes
+        Notes of reading, and `warnings`.
+    """
+    ratings, fabrics, moduli = experiment.ratings, experiment.fabrics, moduli_of(experiment, options)
+    conditions = ratings.conditions
+    pairs = len(ratings.fabrics) * len(ratings.loads)
+    cells = len(set(zip(ratings.participant.tolist(), conditions.of_rating.tolist(), strict=True)))
+    counts = {name: np.bincount(getattr(ratings, name)) for name in ("participant", "fabric", "load")}
+    steps = [float(given.said.step[ratings.participant == k].max()) for k in range(len(ratings.participants))]
+    cloth = []
+    for k, name in enumerate(fabrics.names):
+        law = moduli.laws[k]
+        limits = (None, None) if law is None else tuple(map(float, law.quantile([0.05, 0.95])))
+        cloth.append(
+            {
+                "name": name,
+                "e_fab_kpa": float(moduli.middle[k]) / 1e3,
+                "e_fab_low_kpa": limits[0],
+                "e_fab_high_kpa": limits[1],
+                "modulus_from": fabrics.basis[k] or None,
+                "poisson_ratio": float(fabrics.poisson_ratio[k]),
+                "ratings": int(counts["fabric"][k]),
+            }
+        )
+    loads = []
+    for k, load in enumerate(ratings.loads):
+        column, _, value = next(entry for entry in LOAD_COLUMNS if isinstance(load, entry.kind))
+        number = float(column.write(value(load)))
+        loads.append({"kind": column.label, "value": number, "unit": column.unit, "ratings": int(counts["load"][k])})
+    return {
+        "schema": SCHEMA,
+        "source": ratings.source,
+        "ratings": {
+            "count": len(ratings),
+            "missing": ratings.n_missing,
+            "zeros": int((ratings.rating == 0).sum()),
+            "least": float(ratings.rating.min()),
+            "greatest": float(ratings.rating.max()),
+        },
+        "participants": [
+            {"name": name, "ratings": int(counts["participant"][k]), "step": steps[k]}
+            for k, name in enumerate(ratings.participants)
+        ],
+        "fabrics": cloth,
+        "loads": loads,
+        "conditions": {
+            "rated": len(conditions.fabric),
+            "possible": pairs,
+            "by_participants": cells,
+            "possible_by_participants": len(ratings.participants) * pairs,
+            "repeats": len(ratings) - cells,
+        },
+        "forces": None if experiment.compression is None else understood_forces(experiment.compression),
+        "notes": notes,
+        "model": {
+            "scale": options.scale.name,
+            "readings": dict(options.readings.names),
+            "numbers": given.note,
+            "errors": given.law.name,
+            "errors_because": given.errors_note,
+            "direction": direction.direction.name,
+            "direction_because": direction.evidence.lines,
+        },
+        "design": None,
+    }
+
+
+def understood_forces(compression: Compression) -> dict[str, Any]:
+    """Return what was understood of compression data, as JSON holds it."""
+    return {
+        "count": len(compression),
+        "zeros": compression.n_zero,
+        "least_n": float(compression.force.min()),
+        "greatest_n": float(compression.force.max()),
+        "fingers": list(compression.participants),
+        "least_indentation_mm": float(compression.indentation.min()) * 1e3,
+        "greatest_indentation_mm": float(compression.indentation.max()) * 1e3,
+    }
+
+
+def foreseen(experiment: Experiment, options: ModelOptions) -> dict[str, Any]:
+    """Return what a design is expected to tell, and what other designs would, as JSON holds it.
+
+    Raises
+    ------
+    InputError
+        As `build` and `foresee`.
+    """
+    model = build(experiment, options if options.discretisation else options.decide(discretisation=COARSE))
+    now = as_it_is(model)
+    expected = foresee(model, now)
+    more = []
+    for planned in others(model):
+        other = foresee(model, planned)
+        more.append(
+            {
+                "design": planned.name,
+                "further_ratings": planned.design.n_rows - now.design.n_rows,
+                "bits": round(float(np.median(other.bits - expected.bits)), 3),
+                **_ratios(other),
+            }
+        )
+    return {
+        "truths": len(expected.bits),
+        "bits": _quantiles(expected.bits),
+        **_ratios(expected),
+        "not_foreseen": [name for name in model.posterior.space.names if name not in expected.names],
+        "others": sorted(more, key=lambda one: -one["bits"]),
+    }
+
+
+def prior_responses(
+    experiment: Experiment, options: ModelOptions, loads: list[int], draws: int
+) -> tuple[Array, Array, Array]:
+    """Return the response under the prior along a grid of fabrics, and the modulus of every rated condition.
+
+    Parameters
+    ----------
+    experiment, options
+        As `understood` takes them.
+    loads
+        Indices of the loads.
+    draws
+        Number of draws.
+
+    Returns
+    -------
+    tuple of ndarray
+        E_fab [Pa] of the grid (points,), total rates (draws, loads, points), and E_fab [Pa] (conditions,).
+    """
+    conditions = experiment.ratings.conditions
+    model = build(experiment, options if options.discretisation else options.decide(discretisation=COARSE))
+    of_conditions = np.array(moduli_of(experiment, options).middle)[conditions.fabric]
+    held = [experiment.ratings.loads[k] for k in loads]
+    fabrics = np.unique(model.scene.fabric)
+    pairs = np.repeat(fabrics, len(held)), np.tile(np.arange(len(held)), fabrics.size)
+    grid = curve_scene(model.scene.under(held, *pairs))
+    space = model.posterior.space
+    curves = response_curves(grid, space.touch(space.draw_prior(np.random.default_rng(0), draws)))
+    return curves.modulus, curves.total_rate, of_conditions
+
+
+def _ratios(expected: Expected) -> dict[str, Any]:
+    places = []
+    for k, load in enumerate(expected.loads):
+        seen = np.isfinite(expected.place[:, k])
+        places.append(
+            {
+                "load": load,
+                "prior_share": round(float(expected.turns[k]), 3),
+                "truths": int(seen.sum()),
+                "sd_ratio": _quantiles(expected.place[seen, k]),
+                "factor_90": _quantiles(expected.factor[seen, k]),
+            }
+        )
+    ratios = {name: _quantiles(expected.ratio[:, k]) for k, name in enumerate(expected.names)}
+    return {"sd_ratio": ratios, "turning_points": places}
+
+
+def _quantiles(values: Any) -> list[float] | None:
+    """Return the limits and the middle over truths, four digits; None if there is none."""
+    return [float(f"{x:.4g}") for x in np.quantile(values, LIMITS)] if values.size else None

@@ -1,0 +1,113 @@
+"""Data and fabrics of a design beside the prior's response, under each load."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from softness_bayes.likelihood.scales import MAGNITUDE, Scale
+from softness_bayes.plotting.panels import (
+    MODULUS_LABEL,
+    Array,
+    check_loads,
+    draw_bands,
+    draw_rug,
+    grid_of_panels,
+    legend_below,
+    number_ticks,
+    title,
+)
+from softness_bayes.plotting.rating import Observed
+from softness_bayes.plotting.style import USUAL, Style
+from softness_bayes.touch.contact import Load
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+MOST_LOADS = 8
+"""Number of loads that are drawn."""
+
+
+def shown_loads(count: int, most: int = MOST_LOADS) -> list[int]:
+    """Return the indices of the loads that are drawn where there are many: evenly spread, the ends among them."""
+    return sorted({*np.linspace(0, count - 1, min(count, most)).round().astype(int).tolist()})
+
+
+def _limits(means: Array, scale: Scale) -> tuple[float, float]:
+    """Return the ends of an axis of means, with a margin."""
+    additive = scale.additive(means[np.isfinite(means)])
+    low, high = additive.min(), additive.max()
+    margin = 0.08 * (high - low) or 1.0
+    ends = scale.natural(np.array([low - margin, high + margin]))
+    return float(ends[0]), float(ends[1])
+
+
+def design_figure(
+    modulus: ArrayLike,
+    response: ArrayLike,
+    observed: Observed,
+    loads: Sequence[Load],
+    *,
+    n_loads: int | None = None,
+    scale: Scale = MAGNITUDE,
+    style: Style = USUAL,
+) -> Figure:
+    """Draw condition means over the response under the prior, relative to each draw's largest.
+
+    Parameters
+    ----------
+    modulus
+        Grid of E_fab [Pa], shape (points,).
+    response
+        Draws of the response under the prior, shape (draws, loads, points).
+    observed
+        The data of these loads.
+    loads
+        The load of each panel.
+    n_loads
+        Number of loads of the design, if not all are drawn; the figure says so.
+    scale
+        Scale of the ratings.
+    style
+        How it looks.
+
+    Returns
+    -------
+    Figure
+        Artists named ``median/1 mm``, ``band95/1 mm``, ``band50/1 mm`` (response), ``fabrics/1 mm`` and
+        ``ratings/1 mm`` (means, on the axis at the right).
+
+    Raises
+    ------
+    InputError
+        If there is not one load for each set of curves.
+    """
+    grid, draws = np.asarray(modulus, float) / 1e3, np.asarray(response, float)
+    check_loads(loads, draws.shape[1])
+    largest = draws.max(axis=(1, 2), keepdims=True)
+    relative = np.divide(draws, largest, out=np.zeros_like(draws), where=largest > 0)
+    with style.applied():
+        figure, panels, _ = grid_of_panels(len(loads), MODULUS_LABEL, "response / largest under the prior", style)
+        twins = [axes.twinx() for axes in panels]
+        for index, (axes, twin, load) in enumerate(zip(panels, twins, loads, strict=True)):
+            here = (observed.load == index) & np.isfinite(observed.mean)
+            x = observed.modulus[here] / 1e3
+            draw_bands(axes, grid, relative[:, index], style.prior, style, str(load))
+            draw_rug(axes, x, style, str(load))
+            points = twin.plot(x, observed.mean[here], "o", color=style.data, markersize=3, gid=f"ratings/{load}")[0]
+            points.set(label=scale.mean)
+            axes.set(xscale="log", title=title(load), xlim=(grid.min(), grid.max()), ylim=(0, 1.05))
+            twin.set(yscale=scale.axis, ylim=_limits(observed.mean[observed.load >= 0], scale))
+            twin.spines["right"].set_visible(True)
+            number_ticks(axes.xaxis)
+        twins[-1].set_ylabel(scale.label)
+        for twin in twins:
+            if scale.axis == "log":
+                number_ticks(twin.yaxis)
+        if n_loads is not None and n_loads > len(loads):
+            figure.suptitle(f"{len(loads)} of {n_loads} loads", fontsize=style.small)
+        legend_below(figure, [*panels, *twins])
+    return figure

@@ -1,0 +1,186 @@
+"""`check --design`, `--json` and `--figure`, and what looks wrong in a table."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from softness_bayes.cli import main
+from softness_bayes.data import Experiment, Fabrics, Ratings, fabrics_csv, ratings_csv, read_experiment
+from softness_bayes.errors import InputError
+from softness_bayes.touch.contact import Force, Indentation
+from support.pages import table
+
+LOADS = Indentation(1e-3), Indentation(2.5e-3)
+MODULI = np.geomspace(2e4, 4e6, 6)
+FABRICS = tuple(f"F{k}" for k in range(6))
+
+
+def experiment(people=6, loads=LOADS, sd=0.2, seed=1):
+    rng = np.random.default_rng(seed)
+    mean = 2.0 + 0.3 * np.arange(6)[None, :, None] + rng.normal(0, 0.5, (people, 1, 1))
+    rating = np.exp(mean + rng.normal(0, sd, (people, 6, len(loads))))
+    table = Ratings.crossed(tuple(f"P{k}" for k in range(people)), FABRICS, loads, rating)
+    return Experiment(table, Fabrics(FABRICS, effective_modulus=MODULI), ())
+
+
+def check(tmp_path, given, *arguments):
+    (tmp_path / "ratings.csv").write_text(ratings_csv(given.ratings), encoding="utf-8")
+    (tmp_path / "fabrics.csv").write_text(fabrics_csv(given.fabrics), encoding="utf-8")
+    return CliRunner().invoke(main, ["check", "--data", str(tmp_path / "ratings.csv"), *arguments])
+
+
+def with_rating(given, change):
+    rating = given.ratings.rating.copy()
+    change(given.ratings, rating)
+    return given._replace(ratings=replace(given.ratings, rating=rating))
+
+
+@pytest.fixture(scope="module")
+def told(tmp_path_factory):
+    found = tmp_path_factory.mktemp("design")
+    done = check(found, experiment(), "--design", "--json", "--figure", str(found / "design.png"))
+    return done, found
+
+
+def test_json_holds_everything_that_was_understood(told):
+    done, directory = told
+    every = json.loads(done.stdout)
+    assert every["schema"] == 1
+    assert every["ratings"]["count"] == 72
+    assert [one["name"] for one in every["fabrics"]] == list(FABRICS)
+    assert every["fabrics"][0]["e_fab_kpa"] == pytest.approx(20.0)
+    assert every["loads"] == [
+        {"kind": "indentation", "value": 1.0, "unit": "mm", "ratings": 36},
+        {"kind": "indentation", "value": 2.5, "unit": "mm", "ratings": 36},
+    ]
+    assert every["conditions"] == {
+        "rated": 12,
+        "possible": 12,
+        "by_participants": 72,
+        "possible_by_participants": 72,
+        "repeats": 0,
+    }
+    assert every["model"]["direction"] == "rises-with-firing"
+    assert every["source"] == str(directory / "ratings.csv")
+
+
+def test_the_page_names_every_key(told):
+    every = json.loads(told[0].stdout)
+    for first, found in (("key", every), ("key of `design`", every["design"])):
+        assert {row[first].strip("`") for row in table("files.md", "12", first)} == {*found}
+
+
+def test_design_says_what_ratings_will_tell(told):
+    design = json.loads(told[0].stdout)["design"]
+    assert design["truths"] == 16
+    for low, middle, high in design["sd_ratio"].values():
+        assert 0 < low <= middle <= high < 2
+    assert design["sd_ratio"]["varsigma"][1] < 0.4 < design["sd_ratio"]["c_Na"][1]
+    assert [one["load"] for one in design["turning_points"]] == ["1 mm", "2.5 mm"]
+    gains = [one["bits"] for one in design["others"]]
+    assert gains == sorted(gains, reverse=True)
+    assert {one["further_ratings"] for one in design["others"]} == {72, 36}
+
+
+def test_figure_is_drawn_and_never_over_another_file(told, tmp_path):
+    _, directory = told
+    assert (directory / "design.png").read_bytes()[:4] == b"\x89PNG"
+    taken = tmp_path / "mine.pdf"
+    taken.write_text("mine")
+    done = check(tmp_path, experiment(), "--figure", str(taken))
+    assert (done.exit_code, "mine.pdf" in done.stderr) == (2, True)
+    assert taken.read_text() == "mine"
+    done = check(tmp_path, experiment(), "--figure", str(tmp_path / "design.docx"))
+    assert (done.exit_code, "expected a name that ends in one of .png" in done.stderr) == (2, True)
+
+
+def test_lines_of_a_design(told):
+    from softness_bayes.cli.design_lines import design_lines
+
+    design = json.loads(told[0].stdout)["design"]
+    lines = design_lines(design | {"not_foreseen": ["nu"]})
+    assert lines[0] == "What can this design tell?"
+    assert any(line.strip().startswith("sigma_0") for line in lines)
+    assert "  not foreseen: nu" in lines
+    assert any(line.startswith("  turning point at 2.5 mm: ") for line in lines)
+    best = next(k for k, line in enumerate(lines) if line.startswith("What would help most?"))
+    assert design["others"][0]["design"] in lines[best + 1]
+    assert "ratings more" in lines[best + 1]
+
+
+def test_design_of_forces_alone_is_refused(tmp_path):
+    (tmp_path / "plate.csv").write_text("participant,indentation_mm,force_n\nP1,1,0.2\nP1,2,0.9\n", encoding="utf-8")
+    done = CliRunner().invoke(main, ["check", "--compression", str(tmp_path / "plate.csv"), "--design"])
+    assert (done.exit_code, "--design and --figure are for ratings" in done.stderr) == (2, True)
+    told = CliRunner().invoke(main, ["check", "--compression", str(tmp_path / "plate.csv"), "--json"])
+    assert json.loads(told.stdout)["forces"]["count"] == 2
+
+
+def notes(tmp_path, given, *arguments):
+    lines = check(tmp_path, given, *arguments).stdout.splitlines()
+    return [line for line in lines if line.startswith("note: ") and "found beside the ratings" not in line]
+
+
+def test_a_usual_table_is_not_remarked(tmp_path):
+    assert not notes(tmp_path, experiment())
+
+
+def test_a_rater_who_rates_the_other_way_is_named(tmp_path):
+    def turn(table, rating):
+        own = table.participant == 3
+        rating[own] = 100.0 / rating[own]
+
+    (note,) = notes(tmp_path, with_rating(experiment(), turn))
+    assert "P3 rates against all others" in note
+
+
+def test_a_rater_who_always_says_the_same_is_named(tmp_path):
+    def stay(table, rating):
+        rating[table.participant == 2] = 5.0
+
+    found = notes(tmp_path, with_rating(experiment(), stay))
+    assert any("all ratings of P2 are the same" in note for note in found)
+
+
+def test_ceilings_and_ties_are_remarked(tmp_path):
+    def stop(_, rating):
+        rating[:] = np.minimum(rating, np.quantile(rating, 0.7))
+
+    found = notes(tmp_path, with_rating(experiment(sd=0.4), stop))
+    assert any("the largest of all, by" in note for note in found)
+
+    def tie(_, rating):
+        rating[:] = np.where(rating > np.median(rating), 20.0, 10.0)
+
+    found = notes(tmp_path, with_rating(experiment(), tie))
+    assert any("are ties" in note for note in found)
+
+
+FORCES = tuple(Force(x) for x in (0.495, 0.5, 0.505, 0.99, 1.0, 1.03))
+
+
+def test_loads_a_hair_apart_are_remarked_and_rounded_on_request(tmp_path):
+    given = experiment(loads=FORCES)
+    found = notes(tmp_path, given)
+    assert any("6 different forces make 3 groups" in note for note in found)
+    done = check(tmp_path, given, "--round-load", "0.25")
+    assert "loads         0.5 N (108 ratings), 1 N (108 ratings)" in done.stdout
+    assert "loads rounded to multiples of 0.25: 6 became 2: 0.5 N from 0.495 N, 0.5 N, 0.505 N; 1 N from" in done.stdout
+
+
+def test_rounding_keeps_every_rating_and_refuses_what_is_no_load(tmp_path):
+    check(tmp_path, experiment(loads=FORCES))
+    path = tmp_path / "ratings.csv"
+    plain, rounded = read_experiment(path), read_experiment(path, round_load=0.05)
+    assert np.array_equal(plain.ratings.rating, rounded.ratings.rating)
+    assert [load.newton for load in rounded.ratings.loads] == [0.5, 1.0, 1.05]
+    measured = np.array([load.newton for load in plain.ratings.loads])[plain.ratings.load]
+    used = np.array([load.newton for load in rounded.ratings.loads])[rounded.ratings.load]
+    assert np.abs(measured - used).max() <= 0.025 + 1e-12
+    with pytest.raises(InputError, match=r"0.495 N would become 0.*give a smaller step"):
+        read_experiment(path, round_load=5.0)
+    with pytest.raises(InputError, match="round_load is -1"):
+        read_experiment(path, round_load=-1.0)

@@ -1,0 +1,156 @@
+"""Expected posterior widths of a design, against closed forms and against posteriors that were sampled."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from softness_bayes.checking.sensitivity import prior_moments
+from softness_bayes.data import Experiment, Fabrics, Ratings
+from softness_bayes.errors import InputError
+from softness_bayes.likelihood.error_laws import NORMAL
+from softness_bayes.likelihood.scales import CATEGORIES, STANDARDISED
+from softness_bayes.model.build import COARSE, build
+from softness_bayes.model.design_information import foresee
+from softness_bayes.model.hypothetical import as_it_is, others
+from softness_bayes.model.options import ModelOptions
+from softness_bayes.model.scenes import usual_values
+from softness_bayes.model.simulation import simulate_compression
+from softness_bayes.parameters.priors import LogNormal
+from softness_bayes.touch.contact import Indentation
+
+CHANNELS = {"c_Na": 1.0, "c_K": 1.0, "c_L": 1.0, "c_A": 1.0}
+MODULI = np.geomspace(2e4, 4e6, 6)
+CHAIN = {"b": 100.0, "m": 2.0, "alpha": 22.0, "beta": 0.6, "sigma_0": 9.0, "eps": 0.1}
+
+
+def experiment(rating=None, people=6, compression=None):
+    names = tuple(f"F{k}" for k in range(6))
+    loads = (Indentation(1e-3), Indentation(2.5e-3))
+    if rating is None:
+        # never on a grid of numbers, and never the same
+        rating = np.exp(np.random.default_rng(1).normal(2.0, 0.7, (people, 6, 2)))
+    table = Ratings.crossed(tuple(f"P{k}" for k in range(people)), names, loads, rating)
+    return Experiment(table, Fabrics(names, effective_modulus=MODULI), (), compression)
+
+
+def built(fix=None, priors=None, data=None, **chosen):
+    options = ModelOptions(fix={**CHANNELS, **(fix or {})}, priors=priors or {}, discretisation=COARSE, **chosen)
+    return build(data or experiment(), options)
+
+
+@pytest.fixture(scope="module")
+def model():
+    return built(errors=NORMAL, resolution=0.0)
+
+
+def test_a_straight_line_has_the_width_of_the_closed_form():
+    """With the chain held, log ratings follow the exponent in a straight line."""
+    held = {**CHAIN, "tau": 0.3, "varsigma": 0.4}
+    model = built(held, {"gamma": LogNormal(0.8, 0.02)}, errors=NORMAL, resolution=0.0)
+    assert model.posterior.names == ("gamma",)
+    found = foresee(model, as_it_is(model))
+    theta = np.array([0.8])
+    rate = model.posterior.mean_rate(theta)
+    x = np.log(rate + 0.1)
+    design = as_it_is(model).design
+    x = (x - x.mean())[design.condition]
+    people = np.eye(6)[design.participant]
+    covariance = 0.4**2 * np.eye(72) + 0.3**2 * people @ people.T + 3.0**2
+    information = x @ np.linalg.solve(covariance, x)
+    prior = 0.8 * 0.02
+    assert found.names == ("gamma",)
+    assert_allclose(found.ratio[0, 0], 1.0 / np.sqrt(1.0 + prior**2 * information), rtol=5e-3)
+    assert_allclose(found.bits[0], 0.5 * np.log2(1.0 + prior**2 * information), rtol=5e-3)
+
+
+def test_more_ratings_tell_more(model):
+    now = foresee(model, as_it_is(model))
+    assert (now.bits > 0).all()
+    assert now.ratio.shape == (16, len(now.names))
+    wider = others(model)
+    assert [one.design.n_rows - 72 for one in wider] == [72, 72, 36, 36, 36, 36]
+    for planned in wider[::2]:
+        more = foresee(model, planned)
+        # secants of a bent response are taken elsewhere, so that a single truth may tell a little less
+        assert np.median(more.bits - now.bits) > 0
+
+
+def test_moduli_of_further_fabrics_are_known(rng):
+    names = tuple(f"F{k}" for k in range(6))
+    table = experiment()
+    table = table._replace(fabrics=Fabrics(names, effective_modulus=MODULI, effective_modulus_cv=np.full(6, 0.3)))
+    model = built(CHAIN, data=table, errors=NORMAL, resolution=0.0)
+    found = foresee(model, others(model)[4])
+    ratio = dict(zip(found.names, found.ratio.T, strict=True))
+    assert {name for name in ratio if name.startswith("fabric_modulus")} == {f"fabric_modulus[{n}]" for n in names}
+    assert np.median(ratio["fabric_modulus[F2]"]) < 0.9
+
+
+def test_forces_of_a_plate_tell_of_the_skin(model, rng):
+    values = usual_values(model.options.readings, n_fingers=8)
+    plate = simulate_compression(rng, values).compression
+    with_plate = built(data=experiment(compression=plate), errors=NORMAL, resolution=0.0)
+    now, then = (foresee(one, as_it_is(one)) for one in (model, with_plate))
+    for name in ("b", "m"):
+        before, after = (one.ratio[:, one.names.index(name)] for one in (now, then))
+        assert np.median(after) < 0.8 * np.median(before)
+    assert np.median(then.ratio[:, then.names.index("tau_b")]) < 0.9
+
+
+def test_coarser_numbers_tell_less():
+    rating = np.round(np.exp(np.random.default_rng(2).normal(1.5, 0.8, (6, 6, 2))) + 0.5)
+    fine, coarse = (built(data=experiment(rating), errors=NORMAL, resolution=step) for step in (0.0, 1.0))
+    assert coarse.given.said.exact is False
+    one, two = (foresee(model, as_it_is(model)) for model in (fine, coarse))
+    assert np.median(two.bits[:, None]) < np.median(one.bits)
+
+
+def test_standardised_ratings_are_foreseen(rng):
+    model = built(data=experiment(rng.normal(size=(6, 6, 2))), scale=STANDARDISED)
+    found = foresee(model, as_it_is(model))
+    ratio = dict(zip(found.names, np.median(found.ratio, axis=0), strict=True))
+    assert ratio["varsigma"] < 0.3
+    assert ratio["b"] < 1.1
+
+
+def test_turning_points_are_foreseen_where_there_are_any(model):
+    found = foresee(model, as_it_is(model))
+    assert found.loads == ("1 mm", "2.5 mm")
+    assert found.turns[1] > found.turns[0]
+    seen = np.isfinite(found.place[:, 1])
+    assert seen.any()
+    assert (found.factor[seen, 1] > 1).all()
+
+
+def test_what_cannot_be_foreseen_is_refused():
+    data = experiment(np.random.default_rng(3).integers(1, 8, (6, 6, 2)).astype(float))
+    model = built(data=data, scale=CATEGORIES)
+    with pytest.raises(InputError, match="design: "):
+        foresee(model, as_it_is(model))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [3, 11])
+def test_foreseen_widths_are_those_of_posteriors(seed):
+    """At truths from the prior, ratings are simulated and fitted: widths agree within a factor of 1.6."""
+    from dataclasses import replace
+
+    from softness_bayes import RunOptions, sample
+
+    model = built(data=experiment(people=20), errors=NORMAL, resolution=0.0)
+    posterior, rng = model.posterior, np.random.default_rng(seed)
+    truth = posterior.space.draw_prior(rng, 1)
+    while (posterior.mean_rate(truth) > 0).mean() < 0.5:
+        truth = posterior.space.draw_prior(rng, 1)
+    rate, parameters = posterior.mean_rate(truth), posterior.rating_parameters(truth)
+    seen = posterior.observation
+    effects = seen.new_effects(rng, parameters, (1,))
+    rating = seen.replicate(rng, seen.drive(rate, parameters), parameters, effects, rate)[0]
+    data = model.experiment._replace(ratings=replace(model.experiment.ratings, rating=rating))
+    result = sample(data, model.options, RunOptions(), seed=1)
+    expected = foresee(model, as_it_is(model), truth)
+    draws = result.tree["posterior"].to_dataset()
+    for k, name in enumerate(expected.names):
+        prior = next(p.prior for p in posterior.space.sampled if p.name == name)
+        ratio = float(draws[name].values.std()) / prior_moments(prior)[1]
+        assert expected.ratio[0, k] / ratio == pytest.approx(1.0, abs=0.6), name
