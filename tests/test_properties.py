@@ -14,7 +14,7 @@ from hypothesis.extra import numpy as hnp
 from scipy import integrate
 
 from softness_bayes.data import Fabrics, Ratings, write_fabrics, write_ratings
-from softness_bayes.data.columns import BEARABLE, FINGERTIP
+from softness_bayes.data.columns import BEARABLE, FINGERTIP, SOLID
 from softness_bayes.likelihood.design import Design
 from softness_bayes.likelihood.directions import INVERSE, SOFTNESS
 from softness_bayes.likelihood.magnitude import LogRatings, RatingModel, RatingParameters
@@ -358,7 +358,7 @@ def tables_of_fabrics(draw):
     return Fabrics(
         tuple(names),
         bending_rigidity=column(maybe),
-        effective_modulus=column(POSITIVE),
+        effective_modulus=column(st.floats(SOLID.low, SOLID.high)),
         poisson_ratio=poisson,
         thickness=column(maybe),
     )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 import importlib
+import sys
 import time
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -12,7 +13,7 @@ import click
 
 from softness_bayes import __version__
 from softness_bayes.cli.interrupts import guarded, tell_kept
-from softness_bayes.cli.streams import tolerant_streams
+from softness_bayes.cli.streams import open_closed_streams, tolerant_streams
 from softness_bayes.cli.terminal import visible_streams
 from softness_bayes.errors import NumericalError, ResourceError, SoftnessError
 
@@ -42,6 +43,8 @@ VERBS: Mapping[str, str] = {
 }
 """Verb -> its one-line help; `softness_bayes.cli.<verb>` holds the click command `command`."""
 
+PRINTING = ("check", "plan", "status", "predict", "target")
+"""Verbs whose result is what they print, unless they have an --out; others write it to files."""
 
 LESS_MEMORY = "each process needs its share: fewer --processes need less"
 """Advice where memory ran out."""
@@ -80,13 +83,17 @@ class VerbGroup(click.Group):
 
     def main(self, args: Sequence[str] | None = None, *more: Any, **extra: Any) -> Any:
         """Run the command line: signals may end it, its output may be closed, all that it prints is visible."""
+        open_closed_streams()
         with guarded(last=args is None), tolerant_streams() as out, visible_streams():
             try:
                 return super().main(args, *more, **extra)
             except SystemExit as end:
-                if out.lost and not end.code:
-                    click.echo(f"error: standard output: {out.lost}; what was printed is not complete", err=True)
+                said = f"standard output: {out.lost}; what was printed is not complete"
+                if out.lost and not end.code and _prints(sys.argv[1:] if args is None else args):
+                    click.echo(f"error: {said}", err=True)
                     raise SystemExit(2) from None
+                if out.lost:
+                    click.echo(f"warning: {said}", err=True)
                 raise
 
     def invoke(self, ctx: click.Context) -> Any:
@@ -106,6 +113,13 @@ class VerbGroup(click.Group):
             tell_kept()
             click.echo(f"error: {error.filename or 'file'}: {error.strerror or error}", err=True)
             ctx.exit(2)
+
+
+def _prints(words: Sequence[str]) -> bool:
+    """Return whether a command line asks for something printed rather than for files."""
+    verb = next((word for word in words if word in VERBS), None)
+    to_file = any(word.partition("=")[0] == "--out" for word in words)
+    return verb is None or "--help" in words or "-h" in words or (verb in PRINTING and not to_file)
 
 
 @click.group(cls=VerbGroup, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110})

@@ -52,6 +52,17 @@ class Tolerant:
         return self.failure.strerror or str(self.failure)
 
 
+def open_closed_streams() -> None:
+    """Open standard streams that were closed before the program began: otherwise the next files take their numbers."""
+    for number, name in enumerate(("stdin", "stdout", "stderr")):
+        try:
+            os.fstat(number)
+        except OSError:
+            os.open(os.devnull, os.O_RDWR)  # takes the lowest free number, this one
+        if getattr(sys, name) is None:
+            setattr(sys, name, os.fdopen(number, "w" if number else "r", encoding="utf-8", closefd=False))
+
+
 @contextmanager
 def tolerant_streams() -> Iterator[Tolerant]:
     """Make standard output and errors tolerant in here; yields the output."""

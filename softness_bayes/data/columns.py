@@ -107,6 +107,8 @@ class Column:
 _POSITIVE = Range(0.0, above=True)
 _NOT_NEGATIVE = Range(0.0)
 
+SOLID = Range(1e-15, 1e21, "Pa")
+"""Effective moduli that are computed with; far within them a note says that they look wrong."""
 FINGERTIP = Range(INDENTATIONS.low, 8e-3, "m")
 """Indentations of a fingertip, whose radius is 8 mm."""
 BEARABLE = Range(FORCES.low, 1e2, "N")

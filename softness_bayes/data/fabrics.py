@@ -19,6 +19,7 @@ from softness_bayes.data.columns import (
     EFFECTIVE_MODULUS_SD,
     MODULUS_SOURCES,
     POISSON_RATIO,
+    SOLID,
     TENSILE_MODULUS,
     TENSILE_MODULUS_CV,
     TENSILE_MODULUS_SD,
@@ -181,7 +182,7 @@ class Fabrics:
         Raises
         ------
         InputError
-            If a modulus overflows or vanishes, or is unknown and there is no value for it.
+            If a modulus is beyond that of any solid, or is unknown and there is no value for it.
         """
         with np.errstate(over="ignore", under="ignore"):
             computed = reading.rigidity(self.tensile_modulus, self.thickness, self.poisson_ratio)
@@ -194,9 +195,11 @@ class Fabrics:
             modulus = np.where(known, modulus, unknown)
         elif not known.all():
             raise InputError(f"{self._place(int(known.argmin()))}: its modulus is unknown; {_EXPECTED}")
-        for i, value in enumerate(modulus):
-            if not (np.isfinite(value) and value > 0):
-                raise InputError(f"{self._place(i)}: E_fab is {value} Pa, expected a positive modulus")
+        brackets = (self.effective_modulus_low, self.effective_modulus_high)
+        for values in (modulus, *(np.where(np.isnan(end), modulus, end) for end in brackets)):
+            for i, value in enumerate(values):
+                if not SOLID.holds(value):
+                    raise InputError(f"{self._place(i)}: E_fab is {value:g} Pa, expected {SOLID}")
         return modulus
 
     def modulus_cv(self) -> FloatArray:
@@ -307,11 +310,8 @@ class Fabrics:
         return replace(found, notes=tuple(notes))
 
     def _implausible(self) -> list[str]:
-        """Return notes on values that look wrong for cloth."""
-        try:
-            modulus = self.modulus(unknown=1.0)
-        except InputError:
-            return []  # a modulus beyond floating point is refused where it is used
+        """Return notes on values that look wrong for cloth; refuse moduli that cannot be computed with."""
+        modulus = self.modulus(unknown=1.0)
         known = np.array([bool(basis) for basis in self.basis])
         modulus = np.where(known, modulus, np.nan)
         measured = {name: getattr(self, name) for name in CLOTH}
@@ -382,7 +382,8 @@ def _relative_errors(
         elif (in_units or as_ratio) and np.isnan(value[k]):
             table.fault(i, given.name, f"an error of {column.name}, which has no value in this row")
         elif in_units:
-            found[k] = sd / value[k]
+            with np.errstate(over="ignore", under="ignore"):
+                found[k] = sd / value[k]
             if not relative.holds(found[k]):
                 limit = f"expected at most {RELATIVE_ERRORS.high:g} times the value"
                 table.fault(i, given.name, f"{limit}, got {quoted(table.cells[given.name][i])}")

@@ -3,6 +3,7 @@
 import os
 import random
 import re
+import shlex
 import signal
 import subprocess
 import sys
@@ -298,3 +299,37 @@ def test_a_full_output_is_told(tmp_path):
         done = into(tmp_path, full, *VERBS_THAT_PRINT["predict"])
     assert done.returncode == 2
     assert done.stderr == "error: standard output: No space left on device; what was printed is not complete\n"
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="no /dev/full here")
+def test_a_full_output_does_not_make_a_failure_of_files_that_are_written(tmp_path):
+    with open("/dev/full", "w") as full:
+        done = into(tmp_path, full, *VERBS_THAT_PRINT["simulate"])
+    assert done.returncode == 0
+    assert "warning: standard output: No space left on device; what was printed is not complete" in done.stderr
+    assert (tmp_path / "simulated" / "ratings.csv").exists()
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="closes streams as a shell does")
+@pytest.mark.parametrize(("verb", "code"), [("simulate", 0), ("nothing", 2)])
+def test_streams_that_were_closed_before_the_start_change_no_exit_code(tmp_path, verb, code):
+    """Otherwise the next files that are opened take their numbers, and what is printed goes into these."""
+    command = [sys.executable, "-m", "softness_bayes", *map(str, VERBS_THAT_PRINT[verb])]
+    closed = ["sh", "-c", 'exec "$@" <&- >&- 2>&-', "sh", *command]
+    done = subprocess.run(closed, cwd=tmp_path, env=ENVIRONMENT, timeout=120, check=False)
+    assert done.returncode == code
+    if verb == "simulate":
+        assert (tmp_path / "simulated" / "ratings.csv").read_text().startswith("participant,")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("streams", [">&- 2>&-", ">&- 2>&- <&-", "> /dev/full", "2> /dev/full", "| head -1"])
+def test_a_run_ends_alike_whatever_reads_its_output(tmp_path, streams):
+    few_ratings(tmp_path)
+    asked = ["sample", "--data", "ratings.csv", "--out", "out", *FIXED, "--max-steps", "20", "--accuracy", "0.01"]
+    command = [sys.executable, "-m", "softness_bayes", *map(str, asked), "--processes", "2", "--no-figures"]
+    line = f"{shlex.join(command)} {streams.replace('|', '; echo $? > code; } |')}"
+    shell = ["sh", "-c", f"{{ {line}" if "|" in streams else f"{line}; echo $? > code"]
+    subprocess.run(shell, cwd=tmp_path, env=ENVIRONMENT, timeout=240, check=False, capture_output=True)
+    assert (tmp_path / "code").read_text().strip() == "3"
+    assert (tmp_path / "out" / "summary.csv").exists()

@@ -1,0 +1,131 @@
+"""Faults of every kind from a seeded list: the same draws or a refusal that names a file, never another state."""
+
+import numpy as np
+import pytest
+
+from softness_bayes.checkpoints import checkpoint as storage
+from softness_bayes.checkpoints.manifest import read_manifest
+from softness_bayes.errors import SoftnessError
+from softness_bayes.sampler.sampling import walk
+from support.faults import STOPS, Killed, read_back, spoilt, stopped, written
+from support.killable import SEED, fake_posterior, settings
+from support.randomness import SEED as TEST_SEED
+
+STEPS = 60
+
+
+@pytest.fixture(scope="module")
+def states():
+    """The states of a short run, its end among them."""
+    return list(walk(fake_posterior(), settings(STEPS), SEED))
+
+
+@pytest.fixture(scope="module", autouse=True)
+def eager():
+    """Write every state at once."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(storage, "INTERVAL", 0.0)
+        yield
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory, states, eager):
+    """A directory with all states but the last."""
+    directory = tmp_path_factory.mktemp("faults") / "run"
+    written(directory, states[:-1], STEPS)
+    return directory
+
+
+def place(state):
+    return state.phase, state.steps, state.stride
+
+
+def known(state, states):
+    """Assert that a state is one of the run, bit by bit."""
+    (one,) = (s for s in states if place(s) == place(state) and s.ended == state.ended)
+    for a, b in zip(one.ensembles, state.ensembles, strict=True):
+        np.testing.assert_array_equal(a.coordinates, b.coordinates)
+        np.testing.assert_array_equal(a.log_density, b.log_density)
+        np.testing.assert_array_equal(a.random[1], b.random[1])
+        assert a.random[2:] == b.random[2:]
+    np.testing.assert_array_equal(one.map.axes, state.map.axes)
+    assert (one.due, one.nonfinite) == (state.due, state.nonfinite)
+    if one.steps:
+        for name in ("coordinates", "log_density", "accepted"):
+            np.testing.assert_array_equal(getattr(one.chains, name), getattr(state.chains, name))
+
+
+def continued(state, states):
+    """Assert that a state leads to the draws of the run that nothing happened to."""
+    last = list(walk(fake_posterior(), settings(STEPS), SEED, state))[-1]
+    np.testing.assert_array_equal(last.chains.coordinates, states[-1].chains.coordinates)
+
+
+def damaged(run, states, directory, random):
+    """Damage some files: a state of the run is found and its loss told, or a damaged file is named."""
+    done = spoilt(run, directory, random)
+    state, said = read_back(directory)
+    if state is None:
+        assert str(directory) in said, done
+        return "refused"
+    known(state, states)
+    if place(state) != place(states[-2]):
+        assert any(name in said for _, name in done), (done, said)
+        assert "are lost" in said
+        return "salvaged"
+    return "whole"
+
+
+def interrupted(how, states, directory, random):
+    """Stop the writing of a run somewhere; what is found is a state of it, and the rest can be written."""
+    room = int(random.integers(0, 6 * len(states)))
+    try:
+        with stopped(how, room):
+            written(directory, states[:-1], STEPS)
+        end = "whole"
+    except Killed:
+        end = "killed"
+    except (OSError, SoftnessError) as error:
+        end, told = "told", str(error)
+    if end == "told":
+        assert str(directory) in told  # says where
+        assert not [*directory.rglob("*.part")]  # nothing is left over
+    if (directory / "checkpoint" / "manifest.json").exists():
+        state, said = read_back(directory)
+        assert state is not None, said
+        assert not said, said  # nothing was damaged
+        known(state, states)
+    written(directory, states[:-1], STEPS)
+    state, said = read_back(directory)
+    assert place(state) == place(states[-2])
+    assert not said
+    known(state, states)
+    named = {*read_manifest(directory)["digests"], "manifest.json", "manifest-copy.json", "lock"}
+    assert {path.name for path in (directory / "checkpoint").iterdir()} == named
+    return end
+
+
+def inject(run, states, folder, seed, cases):
+    """Make some faults happen; return how each ended."""
+    random, ends = np.random.default_rng(seed), []
+    for case in range(cases):
+        directory, kind = folder / str(case), ("damage", *STOPS)[case % 4]
+        if kind == "damage" or case % 8 == 6:
+            ends.append(damaged(run, states, directory, random))
+        else:
+            ends.append(interrupted(kind, states, directory, random))
+        if case % 25 == 0 and (state := read_back(directory)[0]) is not None:
+            continued(state, states)
+    return ends
+
+
+def test_fifty_faults_leave_the_same_draws_or_a_refusal(run, states, tmp_path):
+    ends = inject(run, states, tmp_path, [TEST_SEED, 0], 50)
+    assert {*ends} >= {"salvaged", "told", "killed"}  # else nothing happened
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("part", range(10))
+def test_a_thousand_faults_leave_the_same_draws_or_a_refusal(run, states, tmp_path, part):
+    ends = inject(run, states, tmp_path, [TEST_SEED, 1, part], 100)
+    assert {*ends} >= {"salvaged", "told", "killed", "whole"}
