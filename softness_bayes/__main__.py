@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import logging
 import os
 import signal
+import sys
+import warnings
 from types import FrameType
 from typing import NoReturn
 
@@ -11,9 +14,21 @@ from typing import NoReturn
 def run() -> None:
     """Run the command line."""
     heed_signals()
+    quieten_libraries()
     from softness_bayes.cli import main
 
     main(prog_name="softness-bayes")
+
+
+def quieten_libraries() -> None:
+    """Keep warnings of libraries from the screen, here and in worker processes, unless Python is asked for them.
+
+    What a user must know is said by the command itself. ``python -W default -m softness_bayes`` shows all warnings.
+    """
+    if not sys.warnoptions:
+        warnings.simplefilter("ignore")
+        os.environ["PYTHONWARNINGS"] = "ignore"
+    logging.getLogger().addHandler(logging.NullHandler())
 
 
 def heed_signals() -> None:

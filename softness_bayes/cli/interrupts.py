@@ -15,10 +15,11 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
+from pathlib import Path
 from types import FrameType
 from typing import Any, NoReturn
 
-GRACE = 1.0
+GRACE = 0.75
 """Time [s] in which a command may end by itself."""
 
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
@@ -134,6 +135,24 @@ def _end_workers() -> None:
 
         for process in multiprocessing.active_children():
             process.kill()
+    for number in _beginning():
+        with suppress(OSError):
+            os.kill(number, signal.SIGKILL)
+
+
+def _beginning() -> list[int]:
+    """Return the numbers of the processes of the server that forks workers.
+
+    One that is only beginning is not among the active children. It would find what it is sent cut off, and say so.
+    """
+    module = sys.modules.get("multiprocessing.forkserver")
+    server = getattr(getattr(module, "_forkserver", None), "_forkserver_pid", None)
+    found = []
+    for path in Path("/proc").glob("[0-9]*/stat") if server else ():
+        with suppress(OSError, ValueError, IndexError):
+            if int(path.read_text().rpartition(")")[2].split()[1]) == server:
+                found.append(int(path.parent.name))
+    return found
 
 
 def _clean() -> None:

@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from softness_bayes.model.options import ModelOptions
     from softness_bayes.results.request import Request
     from softness_bayes.results.result import Result
+    from softness_bayes.results.stages import Stage
     from softness_bayes.sampler.sampling import Progress
 
 
@@ -222,14 +223,15 @@ def run(
         click.echo(_direction_note(model), err=True)
         for said in (model.given.note, model.given.errors_note):
             click.echo(f"note: {said}", err=True)
-    with keeping(lambda: _kept(checkpoint)), checkpoint:
+    bar = _Bar()
+    with keeping(lambda: _kept(checkpoint, bar.drawing)), checkpoint:
         decided = request._replace(model=model.options)
         asked = {"files": record_of(files, out), "options": decided.record(), "figures": own_figures is not None}
         asked |= {"own_figures": list(own_figures)} if own_figures else {}
         checkpoint.request = {**asked, "versions": versions()}
-        bar = _Bar(0.0 if checkpoint.status is None else checkpoint.status.seconds)
+        bar.begin(0.0 if checkpoint.status is None else checkpoint.status.seconds)
         try:
-            result = sample_kept(checkpoint, model, how, own_figures, bar.show)
+            result = sample_kept(checkpoint, model, how, own_figures, bar.show, bar.stage)
         finally:
             bar.close()
     _report(result, out, bar.times())
@@ -241,28 +243,44 @@ def run(
         )
 
 
-def _kept(checkpoint: Checkpoint) -> str:
-    """Say how far a run is kept and how to continue it."""
+def _kept(checkpoint: Checkpoint, drawing: bool = False) -> str:
+    """Say how far a run is kept and how to continue it; `drawing` says that only figures are missing."""
     status = checkpoint.status
+    if drawing:
+        out = checkpoint.directory
+        return f"the results are written to {out}: 'softness-bayes plot {out}' draws the figures, and {_again(out)}"
     if status is None:
         return "nothing was kept, because sampling had not begun: start the run again"
-    again = f"'softness-bayes resume {checkpoint.directory}' continues it"
     until = "in its pilot walk" if status.piloting else f"up to step {status.steps}"
-    return f"the run is kept {until}: {again}"
+    return f"the run is kept {until}: {_again(checkpoint.directory)}"
+
+
+def _again(directory: Path) -> str:
+    return f"'softness-bayes resume {directory}' continues it"
 
 
 class _Bar:
-    """Progress towards convergence on the terminal: steps against the present estimate of what it takes.
+    """Progress on the terminal: steps against the estimate of what it takes to converge, then a line for each stage."""
 
-    Parameters
-    ----------
-    before
-        Time [s] that earlier sessions of the run have sampled.
-    """
-
-    def __init__(self, before: float) -> None:
+    def __init__(self) -> None:
         self._bar: tqdm[NoReturn] | None = None
+        self._stage: Stage | None = None
+        self.begin(0.0)
+
+    def begin(self, before: float) -> None:
+        """Begin to measure; `before` is the time [s] that earlier sessions of the run have sampled."""
         self._before, self._begun, self._sampled = before, time.monotonic(), 0.0
+
+    def stage(self, stage: Stage) -> None:
+        """Write a line for a stage after the walk."""
+        self.close()
+        self._stage = stage
+        click.echo(str(stage), err=True)
+
+    @property
+    def drawing(self) -> bool:
+        """True if figures are being drawn, which is the last stage."""
+        return self._stage is not None and self._stage.number == len(type(self._stage))
 
     def show(self, progress: Progress) -> None:
         """Move the bar; its end moves too when a look changes the estimate."""
@@ -291,6 +309,7 @@ class _Bar:
         """Clear the line."""
         if self._bar is not None:
             self._bar.close()
+            self._bar = None
 
 
 def _report(result: Result, out: Path, times: str = "") -> None:

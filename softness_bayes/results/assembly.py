@@ -40,6 +40,7 @@ from softness_bayes.results.modulus_shifts import modulus_shifts
 from softness_bayes.results.plate import plate_attributes, plate_groups
 from softness_bayes.results.predictions import illustration_groups, prediction_group, turning_groups
 from softness_bayes.results.replicates import Replicates, draw_replicates, predictive_groups, prior_groups
+from softness_bayes.results.stages import Listener, Stage, unheard
 from softness_bayes.results.summary import reweighted, summarise
 from softness_bayes.sampler.chains import Chains
 from softness_bayes.sampler.workers import Workers
@@ -73,6 +74,7 @@ def assembled(
     workers: Workers,
     attributes: Mapping[str, Any],
     reweight: bool = False,
+    listener: Listener = unheard,
 ) -> Assembled:
     """Return all that is computed from the draws of one run.
 
@@ -90,26 +92,34 @@ def assembled(
         What the result's provenance says beside what is found here.
     reweight
         Whether summary, predictions and replicates are those of draws weighted by the exact likelihood.
+    listener
+        Called when a stage begins.
 
     Raises
     ------
     TypeError
         If the posterior is not that of a compiled scene.
     """
+    listener(Stage.REPLICATES)
     kept = chains.kept(burn_in, DRAWS_PER_WALKER)
     theta = kept.by_walker(posterior.natural(kept.coordinates))
     comparison = begin_comparison(posterior, theta, workers, reweight)
     draws = draws_of(experiment, posterior, kept, theta, rng)
+    if reweight:
+        listener(Stage.EXACT)
     known = comparison() if reweight else None
     if known is not None:
         draws = replace(draws, log_weight=known.log_weight)
     drawn, error, grid = draw_replicates(rng, draws), numerical_error(draws), curve_scene(draws.scene)
-    groups = _groups(draws, drawn, error, grid)
+    groups = _groups(draws, drawn, error, grid, listener)
     turn = groups["predictions"]["inflection_e_fab_kpa"].values[0] * 1e3
     shown, axes = illustration_groups(draws, drawn, turn)
     levels = family_of(PRIOR, draws.model.levels)
     # last of all, for it waits for the exact likelihood
+    if not reweight:
+        listener(Stage.EXACT)
     exactness = comparison() if known is None else known
+    listener(Stage.CHECKS)
     found = {
         **_checks(draws, error, exactness),
         **_held_eps(posterior.space),
@@ -143,10 +153,13 @@ def summary_of(draws: RatedDraws, exactness: Exactness) -> pd.DataFrame:
     return reweighted(table, values[evenly(draws.theta.shape, REWEIGHT_DRAWS)], exactness.log_weight)
 
 
-def _groups(draws: RatedDraws, drawn: Replicates, error: float, grid: Scene) -> Groups:
+def _groups(draws: RatedDraws, drawn: Replicates, error: float, grid: Scene, listener: Listener) -> Groups:
     """Return every group but those of the posterior itself, which wait for the exact likelihood."""
+    listener(Stage.LEFT_OUT)
     few = draws.subset(REPLICATES)
     pit = loo_pit(draws.ratings, few.mean_rate, few.parameters)
+    predicted = predictive_groups(draws, drawn)
+    listener(Stage.PREDICTIONS)
     groups: Groups = {
         **prior_groups(draws, drawn),
         "predictions": prediction_group(draws, grid, error),
@@ -154,7 +167,7 @@ def _groups(draws: RatedDraws, drawn: Replicates, error: float, grid: Scene) -> 
         "observed_data": {"rating": Variable(draws.ratings.values, ("rating_row",))},
         "constant_data": constant_group(draws, pit),
     }
-    return merged(groups, predictive_groups(draws, drawn))
+    return merged(groups, predicted)
 
 
 def _posterior_groups(draws: RatedDraws) -> Groups:

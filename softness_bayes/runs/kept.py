@@ -10,6 +10,7 @@ from softness_bayes.model.build import ExperimentModel, SkinModel, build, build_
 from softness_bayes.model.options import ModelOptions
 from softness_bayes.results.request import RunOptions
 from softness_bayes.results.result import Result
+from softness_bayes.results.stages import Listener, Stage, unheard
 from softness_bayes.runs.plate import sample_skin_model
 from softness_bayes.runs.run import sample_model
 from softness_bayes.sampler.sampling import Progress
@@ -36,6 +37,7 @@ def sample_kept(
     run: RunOptions,
     own_figures: Sequence[str] | None,
     progress: Callable[[Progress], None] | None = None,
+    listener: Listener = unheard,
 ) -> Result:
     """Sample a model to the goal or to a limit, from wherever a checkpoint is, and leave its files beside that.
 
@@ -49,6 +51,8 @@ def sample_kept(
         Figures of the user's own that are drawn beside the others; None draws none at all.
     progress
         Called every few seconds at the latest.
+    listener
+        Called when a stage after the walk begins.
 
     Raises
     ------
@@ -56,11 +60,13 @@ def sample_kept(
         As `runs.run.sample`.
     """
     if isinstance(model, ExperimentModel):
-        result = sample_model(model, run, progress, checkpoint)
+        result = sample_model(model, run, progress, checkpoint, listener)
     else:
-        result = sample_skin_model(model, run, progress, checkpoint)
+        result = sample_skin_model(model, run, progress, checkpoint, listener)
+    listener(Stage.FILES)
     result.save(checkpoint.directory)
     if own_figures is not None:
+        listener(Stage.FIGURES)
         from softness_bayes.plotting.figures import draw_figures, figures_of
 
         processes = min(run.processes or available_processors(), DRAWING)

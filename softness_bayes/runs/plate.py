@@ -21,6 +21,7 @@ from softness_bayes.results.groups import evenly, merged, named, sampled_groups,
 from softness_bayes.results.plate import draw_plate, plate_attributes, plate_coordinates, plate_groups
 from softness_bayes.results.request import Request, RunOptions
 from softness_bayes.results.result import Result
+from softness_bayes.results.stages import Listener, Stage, unheard
 from softness_bayes.results.summary import summarise
 from softness_bayes.runs.run import labels_of, outcome, requested, rng_after, walked
 from softness_bayes.sampler.sampling import Progress, sampled_of
@@ -70,12 +71,17 @@ def sample_skin_model(
     run: RunOptions,
     progress: Callable[[Progress], None] | None = None,
     checkpoint: Checkpoint | None = None,
+    listener: Listener = unheard,
 ) -> Result:
-    """Sample a model of compression data that was built; arguments, and what raises, as `sample_skin`."""
+    """Sample a model of compression data that was built; arguments, and what raises, as `sample_skin`.
+
+    The listener is told of later stages.
+    """
     compression, posterior, request = model.compression, model.posterior, Request(model.options, run)
     asked = requested(posterior, request)
     arviz_bridge.require_storable(asked, labels_of(compression))
     state = walked(compression, posterior, request, progress, checkpoint)
+    listener(Stage.REPLICATES)
     sampled = sampled_of(state)
     rng = rng_after(run)
     kept = sampled.chains.kept(sampled.verdict.burn_in, DRAWS_PER_WALKER)

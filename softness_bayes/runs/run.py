@@ -37,6 +37,7 @@ from softness_bayes.results.assembly import assembled
 from softness_bayes.results.request import Request, RunOptions
 from softness_bayes.results.result import Result
 from softness_bayes.results.result_file import SCHEMA
+from softness_bayes.results.stages import Listener, Stage, unheard
 from softness_bayes.results.versions import versions
 from softness_bayes.sampler.sampling import Progress, progress_of, sampled_of, walk
 from softness_bayes.sampler.state import RunState
@@ -174,8 +175,9 @@ def sample_model(
     run: RunOptions,
     progress: Callable[[Progress], None] | None = None,
     checkpoint: Checkpoint | None = None,
+    listener: Listener = unheard,
 ) -> Result:
-    """Sample a model that was built; arguments, and what raises, as `sample`."""
+    """Sample a model that was built; arguments, and what raises, as `sample`; the listener is told of later stages."""
     experiment, posterior, options, chosen = model.experiment, model.posterior, model.options, model.direction
     request = Request(options, run)
     asked = {
@@ -208,7 +210,9 @@ def sample_model(
             workers,
             {**asked, **outcome(state)},
             run.exact_reweight,
+            listener,
         )
+    listener(Stage.TABLES)
     tables = {"directions": direction_table(tree), "predictive_checks": check_table(tree)}
     tables[FABRIC_RATINGS] = fabric_rating_table(tree)
     if (moduli := modulus_table(tree)) is not None:

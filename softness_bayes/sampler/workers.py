@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import os
 import signal
 import sys
@@ -206,6 +207,9 @@ _resident: Any = None
 def _settle(resident: Any) -> None:
     global _resident
     _resident = resident
+    # as in the process that waits: a library that finds no handler writes its warnings to the screen
+    if not logging.getLogger().handlers:
+        logging.getLogger().addHandler(logging.NullHandler())
     # the process that waits for the results handles keyboard interrupts
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_end_with_parent, daemon=True).start()

@@ -11,7 +11,9 @@ import pandas as pd
 import pytest
 
 from softness_bayes.plotting import figures
+from softness_bayes.plotting.style import USUAL_FORMATS
 from softness_bayes.results.result import Result
+from softness_bayes.results.stages import Stage
 from softness_bayes.touch.readings import MENDED
 from support.command_line import FIXED, HELD, QUICK, TOUCH, call, refused, run
 from support.paths import DATA
@@ -144,8 +146,11 @@ def test_a_run_that_has_not_converged_ends_with_3_and_its_files(alone):
     assert done.returncode == 3, done.stderr
     assert "Traceback" not in done.stderr
     written = {path.name for path in (directory / "results").iterdir()}
-    tables = {"summary.csv", "directions.csv", "predictive_checks.csv", "modulus_errors.csv"}
+    tables = {"summary.csv", "directions.csv", "predictive_checks.csv", "fabric_ratings.csv", "modulus_errors.csv"}
     assert written == {".softness-bayes.json", "checkpoint", "posterior.nc", *tables}
+    stages = [line for line in done.stderr.splitlines() if line.startswith("after sampling, ")]
+    assert stages == [*map(str, Stage)][:-1]  # without figures
+    assert "Warning" not in done.stderr
     assert "determined by the data" in done.stdout
     assert "eps is held at 0.1 Hz: all intervals take it as known" in done.stdout
     assert "leave out '--fix eps=0.1' to sample it too" in done.stdout
@@ -219,7 +224,7 @@ def test_an_effect_per_fabric_from_end_to_end(tmp_path, brief_pilot, monkeypatch
     assert result.attributes["prior_omega"] == "halfnormal(0.5)"
     assert [str(load) for load in result.loads] == ["1.2 N"]
     drawn = {path.name for path in (tmp_path / "out" / "figures").iterdir() if path.stat().st_size > 1000}
-    assert drawn - {".softness-bayes.json"} == {f"{name}.{suffix}" for name in few_figures for suffix in ("png", "pdf")}
+    assert drawn - {".softness-bayes.json"} == {f"{name}.{suffix}" for name in few_figures for suffix in USUAL_FORMATS}
 
 
 @pytest.mark.parametrize(

@@ -1,5 +1,6 @@
 """Signals at any instant, dead workers, little memory and streams nobody reads: how a command ends."""
 
+import logging
 import os
 import random
 import re
@@ -9,12 +10,15 @@ import subprocess
 import sys
 import tempfile
 import time
+import warnings
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from softness_bayes.__main__ import quieten_libraries
 from softness_bayes.checkpoints.checkpoint import read_status
+from softness_bayes.cli.interrupts import _beginning
 from softness_bayes.errors import ResourceError
 from softness_bayes.sampler import workers as processes
 from softness_bayes.sampler.workers import RENEWALS, Workers
@@ -172,6 +176,33 @@ def test_calibrate_ends_at_once_and_says_how_to_go_on(tmp_path):
         time.sleep(0.05)
     said = stopped(process, signal.SIGINT)
     assert re.search(r"\d+ of 2000 replicates are kept in out: the same command runs the others", said)
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="elsewhere workers are children of this process")
+def test_workers_that_are_only_beginning_are_known():
+    with Workers(10, 2) as workers:
+        pids = {*workers.map(_number, [(), ()])}
+        assert pids <= {*_beginning()}
+    assert os.getpid() not in _beginning()
+
+
+def _number(resident):
+    time.sleep(0.2)
+    return os.getpid()
+
+
+def test_libraries_are_quiet_unless_python_is_asked(monkeypatch):
+    monkeypatch.delenv("PYTHONWARNINGS", raising=False)
+    monkeypatch.setattr(logging.getLogger(), "handlers", [])
+    for asked in ([], ["error"]):
+        monkeypatch.setattr(sys, "warnoptions", asked)
+        with warnings.catch_warnings(record=True) as heard:
+            warnings.simplefilter("always")
+            quieten_libraries()
+            warnings.warn("a glyph is missing", UserWarning, stacklevel=1)
+        assert len(heard) == len(asked)
+        assert logging.getLogger().handlers
+        assert os.environ.pop("PYTHONWARNINGS", None) == (None if asked else "ignore")
 
 
 # workers
