@@ -139,7 +139,9 @@ EFFECTIVE_MODULUS_SD = Column("effective_modulus_sd_kpa", "standard error of the
 EFFECTIVE_MODULUS_LOW = Column("effective_modulus_low_kpa", "least modulus", "kPa", 3, _POSITIVE)
 EFFECTIVE_MODULUS_HIGH = Column("effective_modulus_high_kpa", "largest modulus", "kPa", 3, _POSITIVE)
 
-LABELS = ("participant", "fabric", "trial", "list", "indentor")
+SECOND_FABRIC = "fabric_2"
+"""Column of the other fabric of a pair."""
+LABELS = ("participant", "fabric", SECOND_FABRIC, "trial", "list", "indentor")
 """The columns of names."""
 NUMBERS: Mapping[str, Column] = {
     column.name: column

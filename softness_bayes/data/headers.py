@@ -20,6 +20,7 @@ from softness_bayes.data.columns import (
     RANK,
     RATING,
     RESOLUTION,
+    SECOND_FABRIC,
     TENSILE_MODULUS,
     THICKNESS,
     Column,
@@ -61,7 +62,9 @@ _MODULI = (
 )
 _SCALES = frozenset({RATING.name, RESOLUTION.name, RANK.name})
 """Columns of numbers without a unit of their own."""
-_OF_RATINGS = frozenset({"participant", "fabric", "trial", "list", RATING.name, RESOLUTION.name, LOAD_CV.name})
+_OF_RATINGS = frozenset(
+    {"participant", "fabric", SECOND_FABRIC, "trial", "list", RATING.name, RESOLUTION.name, LOAD_CV.name}
+)
 _OF_FABRICS = frozenset(NUMBERS) - _SCALES - {LOAD_CV.name, INDENTATION.name, FORCE.name}
 
 LOADED = Sought(_OF_RATINGS)

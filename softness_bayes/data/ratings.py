@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from operator import attrgetter
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from softness_bayes.data.columns import FORCE, INDENTATION, LOAD_CV, RATING, RESOLUTION, Column
+from softness_bayes.data.columns import FORCE, INDENTATION, LOAD_CV, RATING, RESOLUTION, SECOND_FABRIC, Column
 from softness_bayes.data.fabrics import Fabrics, log_sd
 from softness_bayes.data.headers import LOADED, RATED
 from softness_bayes.data.names import alike_notes, guess, natural
@@ -141,6 +141,11 @@ class Ratings:
         return len(self.rating)
 
     @property
+    def paired(self) -> bool:
+        """True if each row of the file is a pair of fabrics."""
+        return self.lists is not None and bool((np.diff(self.rows) == 0).any())
+
+    @property
     def own_lists(self) -> IntArray:
         """Index (n,) of each rating's list, if ratings are places; by default one for each participant and load."""
         if self.lists is not None:
@@ -248,6 +253,7 @@ class Ratings:
         """Return the ratings of a table, without those of 0 if asked for; other arguments as of `read`."""
         given = _given_load(table, indentation_mm, force_n)
         table.require("fabric", RATING.name)
+        table = _unpaired(table)
         filed = table.numbers(RATING)
         texts = table.cells[RATING.name]
         for i in missing_codes(texts, filed):
@@ -330,6 +336,45 @@ def _fabrics_in(table: Table, fabrics: Fabrics | None) -> Sequence[str]:
     return labels
 
 
+_OTHER = {"0": "1", "1": "0", "0.5": "0.5", "1.0": "0", "0.0": "1", "": ""}
+"""Answer for the second fabric of a pair, by that for the first."""
+
+
+def _unpaired(table: Table) -> Table:
+    """Return a table of pairs of fabrics with two rows for each, a list of its own; any other as it is."""
+    if SECOND_FABRIC not in table:
+        return table
+    if "list" in table:
+        table.faults.add_general(
+            f"columns {table.titles[SECOND_FABRIC]!r} and {table.titles['list']!r}: each row is a pair, which is a "
+            "list of its own; leave one column out"
+        )
+    answers = ["" if text.casefold() in MISSING else text.replace(",", ".") for text in table.cells[RATING.name]]
+    for i, text in enumerate(answers):
+        if text not in _OTHER:
+            table.fault(
+                i,
+                RATING.name,
+                "expected 1 if the first fabric of the pair was softer, 0 if the second was, or 0.5 if neither, got "
+                f"{quoted(table.cells[RATING.name][i])}",
+            )
+        if table.cells["fabric"][i] == table.cells[SECOND_FABRIC][i]:
+            table.fault(
+                i, SECOND_FABRIC, f"expected another fabric than {quoted(table.cells['fabric'][i])}, got the same"
+            )
+    table.labels(SECOND_FABRIC)
+    table.check()
+    both = table.take(np.repeat(np.arange(len(table)), 2))
+    second = {"fabric": table.cells[SECOND_FABRIC], RATING.name: [_OTHER[text] for text in answers]}
+    first = {"fabric": table.cells["fabric"], RATING.name: answers}
+    cells = {**both.cells, "list": [str(i + 1) for i in range(len(table)) for _ in range(2)]}
+    cells |= {name: [text for pair in zip(first[name], second[name], strict=True) for text in pair] for name in first}
+    del cells[SECOND_FABRIC]
+    titles = {**both.titles, "list": table.titles[SECOND_FABRIC]}
+    note = f"rows are pairs: 1 says that {table.titles['fabric']} was softer than {table.titles[SECOND_FABRIC]}"
+    return replace(both, cells=cells, titles=titles, notes=(*both.notes, note))
+
+
 def _lists_in(table: Table, by: Sequence[str]) -> IntArray | None:
     """Return the index of each row's list; lists of the same name are different ones if their participants are."""
     if "list" not in table:
@@ -385,7 +430,8 @@ def _loads_in(table: Table, given: Load | None) -> list[Load | None]:
 def _repeats(table: Table, *keys: Sequence[object]) -> list[str]:
     """Return a note on ratings that repeat a participant, fabric and load (and trial, if there is such a column)."""
     trials = "trial" in table
-    cells = set(zip(*keys, *([table.cells["trial"]] if trials else []), strict=True))
+    told = [table.cells[name] for name in ("trial", "list") if name in table]
+    cells = set(zip(*keys, *told, strict=True))
     repeated = len(table) - len(cells)
     if not repeated:
         return []

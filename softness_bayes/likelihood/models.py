@@ -16,9 +16,10 @@ from softness_bayes.likelihood.intervals import IntervalModel, IntervalRatings, 
 from softness_bayes.likelihood.load_errors import LoadErrors
 from softness_bayes.likelihood.magnitude import LogRatings, RatingModel
 from softness_bayes.likelihood.orders import OrderModel, OrderRatings
+from softness_bayes.likelihood.pairs import PairModel, PairRatings
 from softness_bayes.likelihood.plate import CompressionForces
 from softness_bayes.likelihood.ratings import RatingsLikelihood, RatingsModel
-from softness_bayes.likelihood.scales import CATEGORIES, MAGNITUDE, RANKS, SLIDER, STANDARDISED, Scale
+from softness_bayes.likelihood.scales import CATEGORIES, MAGNITUDE, PAIRS, RANKS, SLIDER, STANDARDISED, Scale
 from softness_bayes.likelihood.uncertain_loads import UncertainLoads
 from softness_bayes.likelihood.z_scores import StandardisedModel, StandardisedRatings
 
@@ -31,6 +32,7 @@ RATING_MODELS: Mapping[tuple[Scale, ErrorLaw], Callable[[RatingDirection], Ratin
         **{(CATEGORIES, law): partial(CategoryModel, law=law) for law in ERROR_LAWS.values()},
         **{(SLIDER, law): partial(SliderModel, law=law) for law in ERROR_LAWS.values()},
         (RANKS, GUMBEL): OrderModel,
+        **{(PAIRS, law): partial(PairModel, law=law) for law in (NORMAL, LAPSES)},
     }
 )
 """Makes the observation model of a direction, by the scale of the ratings and the law of their errors."""
@@ -43,6 +45,7 @@ OF_INTERVALS: Mapping[tuple[Scale, ErrorLaw], Callable[[RatingDirection], Rating
             for law in ERROR_LAWS.values()
         },
         (RANKS, GUMBEL): OrderModel,
+        **{(PAIRS, law): partial(PairModel, law=law) for law in (NORMAL, LAPSES)},
     }
 )
 """As `RATING_MODELS`, of ratings that stand for intervals, or are places in lists."""
@@ -55,6 +58,7 @@ LIKELIHOODS: tuple[type[Likelihood], ...] = (
     IntervalRatings,
     CategoryRatings,
     OrderRatings,
+    PairRatings,
     UncertainLoads,
     IndividualRatings,
     StandardisedRatings,

@@ -37,15 +37,16 @@ MOST_TIED = 6
 GUMBEL_SD = math.pi / math.sqrt(6.0)
 """Standard deviation of Gumbel's law of scale 1."""
 
-_LEAST_SPREAD = 1e-8
+LEAST_SPREAD = 1e-8
+"""Least spread of noise, in the log."""
 _SEED = 0  # of the order in which residuals take the touches of a list, and of the places within their probabilities
 
 
 class OrderEffects(NamedTuple):
-    """No effects; the scale of the noise, by which a drive becomes a probability."""
+    """No effects; the unit of the noise, by which a drive becomes a probability."""
 
     noise: FloatArray
-    """Scale of Gumbel's law, shape (...)."""
+    """As `OrderModel.noise_of` returns it, shape (...)."""
 
 
 @dataclass(frozen=True)
@@ -64,6 +65,10 @@ class OrderModel(RatingModel):
         """Return the model's parameters from values by name; participants and fabrics have no effects."""
         return super().take(values)._replace(tau=0.0, omega=0.0)
 
+    def noise_of(self, parameters: RatingParameters) -> FloatArray:
+        """Return the scale of Gumbel's law, the unit of the noise, shape (...)."""
+        return np.asarray(np.maximum(np.asarray(parameters.varsigma, float), LEAST_SPREAD) / GUMBEL_SD)
+
     @property
     def levels(self) -> Mapping[str, Prior]:
         """None: an order has no level."""
@@ -78,8 +83,8 @@ class OrderModel(RatingModel):
         n_fabrics: int,
         levels: Mapping[str, ArrayLike] | None = None,
     ) -> Effects:
-        """Return the scale of the noise, of batch ``shape``: there are no effects to draw."""
-        return OrderEffects(np.broadcast_to(noise_of(parameters), shape))
+        """Return the unit of the noise, of batch ``shape``: there are no effects to draw."""
+        return OrderEffects(np.broadcast_to(self.noise_of(parameters), shape))
 
     def with_new_participants(
         self, rng: np.random.Generator, parameters: RatingParameters, effects: Effects
@@ -120,7 +125,19 @@ class OrderModel(RatingModel):
 
     def typical(self, effects: Effects, drive: FloatArray) -> FloatArray:
         """Return the chance to be placed above a touch of the design's mean drive, shape (..., k)."""
-        return np.asarray(expit(drive / effects.noise[..., None]))
+        return self.chance(drive / effects.noise[..., None])
+
+    def chance(self, apart: FloatArray, parameters: RatingParameters | None = None) -> FloatArray:
+        """Return the chance of the first of two touches to be placed above the other.
+
+        Parameters
+        ----------
+        apart
+            Difference of their drives, in units of the noise, shape (..., k).
+        parameters
+            The model's parameters, for laws with guesses, which are left out without them.
+        """
+        return np.asarray(expit(apart))
 
     def named_effects(self, effects: Effects) -> Mapping[str, tuple[FloatArray, tuple[str, ...]]]:
         """Return no effects."""
@@ -226,17 +243,57 @@ class OrderRatings(RatingsLikelihood):
     def log_likelihood_participants(self, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
         """Log probability of all orders of each participant, shape (draws, participants): they are independent."""
         each = self._places.log_factors(self._worth(mean_rate, parameters)).sum(axis=-1)
-        member = self._owner[:, None] == np.arange(self.design.n_participants)
-        return each @ member
+        return each @ self._member
+
+    def expected(self, mean_rate: FloatArray, parameters: RatingParameters, effects: Effects) -> FloatArray:
+        """Return the expected share of its lists that lies below each condition, shape (..., conditions)."""
+        return in_pieces(self._expected, self.design.n_conditions**2, mean_rate, parameters)
+
+    def _expected(self, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
+        drive = self.drive(mean_rate, parameters)
+        return np.stack(
+            [self._above(drive[..., [c]], drive, parameters, met)[..., 0] for c, met in enumerate(self._met)], axis=-1
+        )
+
+    def typical(
+        self,
+        mean_rate: FloatArray,
+        parameters: RatingParameters,
+        effects: Effects,
+        drive: FloatArray,
+        among: IndexArray | None = None,
+    ) -> FloatArray:
+        """Return the expected share of touches with these drives, in lists with what stands beside the conditions."""
+        field = self.drive(mean_rate, parameters)
+        met = self._met[slice(None) if among is None else among].sum(axis=0)
+        return self._above(drive, field, parameters, met)
+
+    def _above(self, drive: FloatArray, field: FloatArray, parameters: RatingParameters, met: FloatArray) -> FloatArray:
+        """Return the mean chance to be placed above the conditions (..., conditions) by their weights, (..., k)."""
+        noise, total = self.model.noise_of(parameters)[..., None], 0.0
+        for other in np.flatnonzero(met):
+            apart = (drive - field[..., [other]]) / noise
+            total = total + met[other] * self.model.chance(apart, parameters)
+        return np.asarray(total / met.sum() if met.any() else np.full(drive.shape, 0.5))
+
+    @cached_property
+    def _met(self) -> FloatArray:
+        """Weight of each condition among the touches that stand in a list with another, (conditions, conditions)."""
+        found = np.zeros((self.design.n_conditions,) * 2)
+        for row, there in zip(self._places.row, self._places.filled, strict=True):
+            own = self.design.condition[row[there]]
+            mates = (1.0 - np.eye(own.size)) / max(own.size - 1, 1)
+            np.add.at(found, (own[:, None], own), mates)
+        return found
 
     def predictor(self, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
         """Return log(N/N_ref + eps), shape (..., conditions)."""
         return log_rate(mean_rate, parameters)
 
     def draw_effects(self, rng: np.random.Generator, mean_rate: FloatArray, parameters: RatingParameters) -> Effects:
-        """Return the scale of the noise: there are no effects to draw."""
+        """Return the unit of the noise: there are no effects to draw."""
         shape = np.broadcast_shapes(mean_rate.shape[:-1], *(np.shape(v) for v in parameters))
-        return OrderEffects(np.broadcast_to(noise_of(parameters), shape))
+        return OrderEffects(np.broadcast_to(self.model.noise_of(parameters), shape))
 
     def replicate(
         self,
@@ -273,6 +330,11 @@ class OrderRatings(RatingsLikelihood):
         return self.model.error_sd(parameters)[..., None] * in_pieces(scored, width, mean_rate, parameters)
 
     @cached_property
+    def _member(self) -> FloatArray:
+        """1 where a list is of a participant, else 0, shape (lists, participants)."""
+        return (self._owner[:, None] == np.arange(self.design.n_participants)).astype(float)
+
+    @cached_property
     def _turn(self) -> FloatArray:
         return np.random.default_rng(_SEED).permutation(self.design.n_rows).astype(float)
 
@@ -282,7 +344,7 @@ class OrderRatings(RatingsLikelihood):
 
     def _worth(self, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
         """Return each slot's drive in units of the noise, shape (..., lists, slots)."""
-        return (self.drive(mean_rate, parameters) / noise_of(parameters)[..., None])[..., self._condition]
+        return (self.drive(mean_rate, parameters) / self.model.noise_of(parameters)[..., None])[..., self._condition]
 
 
 @dataclass(frozen=True)
@@ -465,8 +527,3 @@ def shares(numbers: FloatArray, lists: IndexArray) -> FloatArray:
         equal = (own[..., None, :] == own[..., :, None]).sum(axis=-1) - 1
         found[..., rows] = (below + 0.5 * equal) / (rows.size - 1) if rows.size > 1 else 0.5
     return found
-
-
-def noise_of(parameters: RatingParameters) -> FloatArray:
-    """Return the scale of Gumbel's law, shape (...)."""
-    return np.asarray(np.maximum(np.asarray(parameters.varsigma, float), _LEAST_SPREAD) / GUMBEL_SD)

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from softness_bayes.errors import InputError
 from softness_bayes.likelihood.contract import Effects, Likelihood, Model
-from softness_bayes.likelihood.design import Design
+from softness_bayes.likelihood.design import Design, IndexArray
 from softness_bayes.likelihood.directions import RatingDirection
 from softness_bayes.likelihood.stated import Stated
 
@@ -167,6 +167,32 @@ class RatingsLikelihood(Likelihood):
     def drive_at(self, elsewhere: FloatArray, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
         """Return `drive` at other mean rates [Hz], shape (..., k)."""
         return np.asarray(self.model.drive_at(elsewhere, self._over, mean_rate, parameters))
+
+    def expected(self, mean_rate: FloatArray, parameters: RatingParameters, effects: Effects) -> FloatArray:
+        """Return the typical rating of each condition of the design [as filed], shape (..., conditions)."""
+        drive = self.drive(mean_rate, parameters)[..., : self.design.n_conditions]
+        return np.asarray(self.model.typical(effects, drive))
+
+    def typical(
+        self,
+        mean_rate: FloatArray,
+        parameters: RatingParameters,
+        effects: Effects,
+        drive: FloatArray,
+        among: IndexArray | None = None,
+    ) -> FloatArray:
+        """Return the typical rating of touches with these drives [as filed], shape (..., k).
+
+        Parameters
+        ----------
+        mean_rate, parameters, effects
+            N/N_ref of the design's conditions [Hz], parameters and effects, of the same batch.
+        drive
+            Drives of the touches, shape (..., k).
+        among
+            Conditions of the design among which the touches are met, where ratings are comparisons; by default all.
+        """
+        return np.asarray(self.model.typical(effects, drive))
 
     def new_effects(
         self,

@@ -251,8 +251,14 @@ RANKS = replace(
     drawn=(0.0, 1.0),
     require=_accept,
 )
+PAIRS = replace(
+    RANKS,
+    name="pairs",
+    meaning="answers to pairs of touches, the larger number for the softer one",
+    label="answer [share of pairs won]",
+)
 RATING_SCALES: Mapping[str, Scale] = MappingProxyType(
-    {scale.name: scale for scale in (MAGNITUDE, STANDARDISED, SLIDER, CATEGORIES, RANKS)}
+    {scale.name: scale for scale in (MAGNITUDE, STANDARDISED, SLIDER, CATEGORIES, RANKS, PAIRS)}
 )
 """The readings of the rating scale, by name; the first is the default."""
 

@@ -14,9 +14,9 @@ from softness_bayes.data import Ratings
 from softness_bayes.data.steps import steps_of_raters
 from softness_bayes.errors import InputError
 from softness_bayes.likelihood.design import Design
-from softness_bayes.likelihood.error_laws import GUMBEL, NORMAL, STUDENT, ErrorLaw
+from softness_bayes.likelihood.error_laws import GUMBEL, LAPSES, NORMAL, STUDENT, ErrorLaw
 from softness_bayes.likelihood.orders import MOST_TIED, shares
-from softness_bayes.likelihood.scales import CATEGORIES, MAGNITUDE, RANKS, SLIDER, STANDARDISED
+from softness_bayes.likelihood.scales import CATEGORIES, MAGNITUDE, PAIRS, RANKS, SLIDER, STANDARDISED
 from softness_bayes.likelihood.stated import Stated
 from softness_bayes.model.options import ModelOptions
 from softness_bayes.ranges import CATEGORIES_RANGE
@@ -55,8 +55,13 @@ def as_given(ratings: Ratings, options: ModelOptions) -> AsGiven:
         If a rating is not on the scale, or the options ask for what the scale or the model does not have.
     """
     options.scale.require(ratings)
-    if options.scale is RANKS:
+    if options.scale in (RANKS, PAIRS):
         return _as_places(ratings, options)
+    if ratings.paired:
+        raise InputError(
+            f"{ratings.source}: the rows are pairs of fabrics (column fabric_2), which are {PAIRS.name}, not "
+            f"{options.scale.name} ratings; add --ratings {PAIRS.name}"
+        )
     alone = _closed_form_alone(ratings, options)
     # steps of 0 ask for what the closed form has: exact numbers
     asked = bool(options.resolution) or (ratings.resolution is not None and bool(np.nansum(ratings.resolution)))
@@ -134,9 +139,10 @@ def _as_places(ratings: Ratings, options: ModelOptions) -> AsGiven:
     InputError
         If no list has two touches, too many touches share a place, or the options ask for what orders do not have.
     """
+    laws = (NORMAL, LAPSES) if options.scale is PAIRS else (GUMBEL,)
     refused = {
         "--resolution (or a column resolution)": options.resolution is not None or ratings.resolution is not None,
-        "--errors": options.errors not in (None, GUMBEL),
+        "--errors": options.errors not in (None, *laws),
         "--slider": options.slider_ends != (0.0, 1.0),
         "--categories": options.n_categories is not None,
     }
@@ -167,11 +173,33 @@ def _as_places(ratings: Ratings, options: ModelOptions) -> AsGiven:
             "one participant under one load, and a column list names others"
         )
     tied = int((count[of_row.ravel()] > 1).sum())
-    note = f"ratings: places in {sizes.size} lists of {_span(sizes)} touches; a larger number is a higher place"
-    note += f"; {tied} places are shared, and say nothing of the order within them" if tied else ""
     zero = np.zeros(own.size)
     said = Stated(shares(own, lists), zero, zero, zero + np.inf, lists=lists)
+    if options.scale is PAIRS:
+        return _as_pairs(ratings, options, said, sizes, tied // 2)
+    note = f"ratings: places in {sizes.size} lists of {_span(sizes)} touches; a larger number is a higher place"
+    note += f"; {tied} places are shared, and say nothing of the order within them" if tied else ""
     return AsGiven(said, GUMBEL, note, f"errors: {GUMBEL.meaning}")
+
+
+def _as_pairs(ratings: Ratings, options: ModelOptions, said: Stated, sizes: NDArray[np.intp], tied: int) -> AsGiven:
+    """Return ratings as answers to pairs, whose lists have these sizes.
+
+    Raises
+    ------
+    InputError
+        If a list has more than two touches.
+    """
+    if sizes.max() > 2:
+        raise InputError(
+            f"{ratings.source}: a list holds {sizes.max()} touches, expected pairs; a column fabric_2 makes a pair of "
+            f"each row, a column list names the two rows of a pair, and --ratings {RANKS.name} takes longer lists"
+        )
+    note = f"ratings: answers to {int((sizes == 2).sum())} pairs of touches; the larger number is that of the softer"
+    note += f"; {tied} answers call both equal, and tell nothing" if tied else ""
+    law = options.errors or NORMAL
+    more = "; --errors lapses models guesses too" if law == NORMAL else ""
+    return AsGiven(said, law, note, f"errors: {law.meaning}, so that an answer is a probit of the difference{more}")
 
 
 def _span(sizes: NDArray[np.intp]) -> str:

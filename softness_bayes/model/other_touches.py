@@ -107,7 +107,8 @@ class OtherTouches:
         others = model.for_others(rng, parameters, effects, 1, fabrics)
         own = None if self.known is None else _of_fabrics(model.named_effects(others))
         stated = drive[..., :conditions]
-        typical = model.typical(others, stated if own is None else stated + own[..., self.scene.fabric])
+        touched = stated if own is None else stated + own[..., self.scene.fabric]
+        typical = observed.typical(rated, parameters, others, touched)
         design = Design(np.arange(conditions), np.zeros(conditions, np.intp), self.scene.fabric, 1)
         asked = max(raters, NEW_RATERS) if raters else 0
         new, total = np.empty((len(theta), NEW_RATERS if raters else 0, conditions)), np.zeros((len(theta), conditions))

@@ -21,7 +21,16 @@ from softness_bayes.likelihood.error_laws import GUMBEL, NORMAL, ErrorLaw
 from softness_bayes.likelihood.models import UNDER_UNCERTAIN_LOADS, rating_model
 from softness_bayes.likelihood.plate import CompressionForces, SkinParameters
 from softness_bayes.likelihood.ratings import RatingParameters
-from softness_bayes.likelihood.scales import CATEGORIES, LARGEST_LOG_RATING, MAGNITUDE, RANKS, STANDARDISED, Scale
+from softness_bayes.likelihood.scales import (
+    CATEGORIES,
+    LARGEST_LOG_RATING,
+    MAGNITUDE,
+    PAIRS,
+    RANKS,
+    STANDARDISED,
+    Scale,
+)
+from softness_bayes.likelihood.stated import Stated
 from softness_bayes.model.other_loads import scaled
 from softness_bayes.model.scenes import scene_of, touch_parameters
 from softness_bayes.parameters.declared import EVERY_PARAMETER
@@ -93,7 +102,7 @@ def simulate_ratings(
     participants
         Their number.
     missing
-        Share of ratings left out at random.
+        Share of ratings left out at random; of answers to pairs, each left out or not.
     mu
         Mean log rating of magnitude estimates; by default the centre of its prior.
     direction
@@ -144,6 +153,13 @@ def simulate_ratings(
     parameters = model.take(values)
     drive = model.drive(design, rate / scene.n_receptors, parameters)
     effects = model.draw_effects(rng, parameters, (), participants, design.n_fabrics, levels)
+    drawn = model.named_effects(effects)
+    effect, _ = drawn.get("participant_effect", (np.zeros(participants), ()))
+    responses = rate.reshape(len(loads), len(fabrics)).T
+    if scale is PAIRS:
+        paired = _paired(rng, model, scene, participants, missing, drive, parameters)
+        ratings = Ratings(_numbered("P", participants), fabrics.names, loads, **paired)
+        return Simulation(ratings, _truth(model, values, drawn), effect, responses)
     touched = design
     if load_cv:
         log_factor = float(log_sd(np.array(load_cv))) * rng.standard_normal(design.n_rows)
@@ -161,15 +177,57 @@ def simulate_ratings(
     ratings = Ratings.crossed(_numbered("P", participants), fabrics.names, loads, table)
     if load_cv:
         ratings = replace(ratings, load_cv=np.full(len(ratings), load_cv))
-    drawn = model.named_effects(effects)
-    effect, _ = drawn.get("participant_effect", (np.zeros(participants), ()))
-    return Simulation(ratings, _truth(model, values, drawn), effect, rate.reshape(len(loads), len(fabrics)).T)
+    return Simulation(ratings, _truth(model, values, drawn), effect, responses)
 
 
 def _places(table: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return each fabric's place among those of one participant and load, from 1, (people, fabrics, loads)."""
     place = 1.0 + table.argsort(axis=1, kind="stable").argsort(axis=1, kind="stable")
     return np.where(np.isnan(table), np.nan, place)
+
+
+def _paired(
+    rng: np.random.Generator,
+    model: Any,
+    scene: Scene,
+    participants: int,
+    missing: float,
+    drive: NDArray[np.float64],
+    parameters: RatingParameters,
+) -> dict[str, Any]:
+    """Return the columns of `Ratings` of pairs: each participant compares neighbours in a circle, drawn for each load.
+
+    Parameters
+    ----------
+    rng, model, scene, participants, missing
+        As `simulate_ratings` takes them; the model is that of pairs.
+    drive
+        Of each condition, shape (conditions,).
+    parameters
+        Of the model.
+    """
+    loads = np.unique(scene.load)
+    circles = np.array([[rng.permutation(np.flatnonzero(scene.load == k)) for k in loads] for _ in range(participants)])
+    condition = np.stack([circles, np.roll(circles, -1, axis=2)], axis=-1).reshape(-1, 2)
+    person = np.repeat(np.arange(participants), len(condition) // participants)
+    kept = rng.random(len(condition)) >= missing
+    rows, participant = condition[kept].ravel(), np.repeat(person[kept], 2)
+    lists = np.repeat(np.arange(int(kept.sum())), 2)
+    answers = np.tile([1.0, 0.0], int(kept.sum()))
+    if not rows.size:
+        raise InputError("simulate: all answers are left out at random; take a smaller share, or another seed")
+    zero = np.zeros(rows.size)
+    asked = Design(rows, participant, scene.fabric, participants)
+    observed = model.observe(answers, asked, Stated(answers, zero, zero, zero + np.inf, lists=lists))
+    return {
+        "participant": participant,
+        "fabric": scene.fabric[rows],
+        "load": scene.load[rows],
+        "rating": observed.replicate(rng, drive, parameters, None),
+        "rows": np.arange(2, 2 + rows.size),
+        "n_missing": 2 * int((~kept).sum()),
+        "lists": lists,
+    }
 
 
 def _crossed(scene: Scene, participants: int) -> Design:
@@ -232,7 +290,7 @@ def _require_of_scale(scale: Scale, resolution: float, load_cv: float) -> None:
     """Raise an error for a resolution or an error of loads that is out of range, or that the scale does not have."""
     RESOLUTIONS.require("simulate: resolution", resolution)
     LOAD_ERRORS.require("simulate: load_cv", load_cv)
-    if resolution and scale in (STANDARDISED, CATEGORIES, RANKS):
+    if resolution and scale in (STANDARDISED, CATEGORIES, RANKS, PAIRS):
         raise InputError(f"simulate: resolution is {resolution}, expected none for {scale.name} ratings")
     if load_cv and scale not in UNDER_UNCERTAIN_LOADS:
         raise InputError(f"simulate: load_cv is {load_cv}, expected none for {scale.name} ratings")

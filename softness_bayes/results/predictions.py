@@ -36,7 +36,7 @@ def prediction_group(draws: RatedDraws, grid: Scene, error: float) -> dict[str, 
     error
         Numerical error of the response relative to its peak.
     """
-    few, scene, model, ratings = draws.subset(CURVES), draws.scene, draws.model, draws.ratings
+    few, scene, ratings = draws.subset(CURVES), draws.scene, draws.ratings
     curves = response_curves(grid, draws.touch(few.theta))
     fabrics = float(scene.modulus.min()), float(scene.modulus.max())
     turn = find_inflection(curves, error, fabrics)
@@ -45,20 +45,30 @@ def prediction_group(draws: RatedDraws, grid: Scene, error: float) -> dict[str, 
     drive = ratings.drive_at(everywhere, few.mean_rate, few.parameters)
     lines = {
         "total_rate": (curves.total_rate, "Hz"),
-        "typical_rating": (model.typical(few.effects, drive).reshape(shape), ""),
+        "typical_rating": (_typical(draws, few, drive.reshape(shape)), ""),
         "e_skin_kpa": (curves.skin_modulus * 1e-3, "kPa"),
         "contact_radius_mm": (curves.radius * 1e3, "mm"),
         "contact_force_n": (curves.force, "N"),
     }
     along = ("load", "e_fab_kpa")
-    typical = ratings.drive(few.mean_rate, few.parameters)[..., : ratings.design.n_conditions]
-    rated = model.typical(few.effects, typical)
+    rated = ratings.expected(few.mean_rate, few.parameters, few.effects)
     return {
         TYPICAL: Variable(rated[None], ("condition",)),
         **{n: Variable(v[None].astype(np.float32), along, unit) for n, (v, unit) in lines.items()},
         **turning_variables(turn, (1, -1)),
         **{f"at_{n}": v for n, v in named(draws.posterior.space, few.theta[None]).items()},
     }
+
+
+def _typical(draws: RatedDraws, few: Any, drive: Array) -> Array:
+    """Return the typical rating where the response has these drives, shape (draws, loads, points)."""
+    found = [
+        draws.ratings.typical(
+            few.mean_rate, few.parameters, few.effects, drive[:, k], np.flatnonzero(draws.scene.load == k)
+        )
+        for k in range(drive.shape[1])
+    ]
+    return np.stack(found, axis=1)
 
 
 def turning_draws(draws: RatedDraws) -> Array:

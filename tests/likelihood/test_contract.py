@@ -24,7 +24,7 @@ from softness_bayes.likelihood.categories import CategoryModel, CategoryRatings
 from softness_bayes.likelihood.contract import NO_RESPONSE, Likelihood
 from softness_bayes.likelihood.design import Design
 from softness_bayes.likelihood.directions import FALLS, RISES
-from softness_bayes.likelihood.error_laws import NORMAL, STUDENT
+from softness_bayes.likelihood.error_laws import LAPSES, NORMAL, STUDENT
 from softness_bayes.likelihood.group_conditionals import block_log_likelihood
 from softness_bayes.likelihood.individual import IndividualModel, IndividualRatings
 from softness_bayes.likelihood.intervals import IntervalModel, IntervalRatings
@@ -32,6 +32,7 @@ from softness_bayes.likelihood.load_errors import LoadErrors
 from softness_bayes.likelihood.magnitude import LogRatings, RatingModel
 from softness_bayes.likelihood.models import LIKELIHOODS, RATING_MODELS, rating_model
 from softness_bayes.likelihood.orders import OrderModel, OrderRatings
+from softness_bayes.likelihood.pairs import PairModel, PairRatings
 from softness_bayes.likelihood.plate import CompressionForces, SkinParameters
 from softness_bayes.likelihood.rater_integrals import DENSE
 from softness_bayes.likelihood.ratings import RatingParameters, RatingsLikelihood
@@ -177,6 +178,17 @@ def dense_orders(y, rate, p):
     return total
 
 
+def dense_pairs(y, rate, p):
+    """Three answers, each with the noise of two touches, or guessed."""
+    drive = p.gamma * np.log(rate + p.eps)[DESIGN.condition]
+    total = 0.0
+    for one, other in ((0, 1), (3, 4), (5, 6)):
+        high, low = (one, other) if y[one] > y[other] else (other, one)
+        told = norm.cdf(drive[high], drive[low], np.sqrt(2.0) * p.varsigma)
+        total += np.log((1.0 - p.lapse) * told + 0.5 * p.lapse)
+    return total
+
+
 DEPTH, FINGER = np.array([0.5, 1.0, 1.5, 2.0, 0.7, 1.2, 1.9]) * 1e-3, np.array([0, 0, 0, 1, 1, 2, 2])
 
 
@@ -236,6 +248,13 @@ CASES = {
         RATES,
         RATED._replace(gamma=np.array([0.1, 0.2, 0.15]), tau=[0.0] * 3, omega=[0.0] * 3),
         dense_orders,
+        numbers=(1, 3),
+    ),
+    PairRatings: Case(
+        PairRatings([2, 1, 5, 1, 2, 2, 1], DESIGN, PairModel(RISES, law=LAPSES), lists=np.array([0, 0, 1, 2, 2, 3, 3])),
+        RATES,
+        RATED._replace(gamma=np.array([0.1, 0.2, 0.15]), tau=[0.0] * 3, omega=[0.0] * 3),
+        dense_pairs,
         numbers=(1, 3),
     ),
     UncertainLoads: Case(
@@ -348,6 +367,7 @@ def shuffled(y, order, people):
     if hasattr(y, "errors"):
         return type(y)(y.values[order], design, y.model, replace(y.errors, of_row=y.errors.of_row[order]))
     own = {"quadrature": y._quadrature} if isinstance(y, IntervalRatings) else {}
+    own = {"lists": y.lists[order]} if isinstance(y, OrderRatings) else own
     return type(y)(y.values[order], design, y.model, **own)
 
 

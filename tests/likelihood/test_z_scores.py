@@ -18,7 +18,7 @@ from softness_bayes.likelihood.design import Design
 from softness_bayes.likelihood.directions import INVERSE, RATING_DIRECTIONS, SOFTNESS
 from softness_bayes.likelihood.magnitude import RatingParameters
 from softness_bayes.likelihood.models import rating_model
-from softness_bayes.likelihood.scales import CATEGORIES, MAGNITUDE, RANKS, RATING_SCALES, STANDARDISED
+from softness_bayes.likelihood.scales import CATEGORIES, MAGNITUDE, PAIRS, RANKS, RATING_SCALES, STANDARDISED
 from softness_bayes.likelihood.z_scores import Line, StandardisedModel, StandardisedRatings
 from softness_bayes.model.build import build
 from softness_bayes.model.options import ModelOptions
@@ -272,7 +272,7 @@ def test_the_scale_is_checked_against_the_data(values):
 
 
 def test_names_of_scales_and_what_suits_them(values):
-    assert [*RATING_SCALES] == ["magnitude", "standardised", "slider", "categories", "ranks"]
+    assert [*RATING_SCALES] == ["magnitude", "standardised", "slider", "categories", "ranks", "pairs"]
     for options in ({"mu": 2.0}, {"slope": -1.0}, {"slope": np.nan}):
         with pytest.raises(InputError, match="simulate: "):
             simulated(values, participants=2, **options)
@@ -302,7 +302,7 @@ def test_a_run_says_what_its_ratings_were_made_from(values, monkeypatch, scale, 
     level = np.log(20) if scale is MAGNITUDE else 0.0
     truth = {"gamma": 0.9, "varsigma": 0.4, "eps": 0.1, "mu": level}
     truth = {"varsigma": 0.4, "c0": 0, "c1": 0.6745} if scale is STANDARDISED else truth
-    if scale is RANKS:
+    if scale in (RANKS, PAIRS):
         del truth["mu"]
     truth |= {f"gap_{k}": 0.5 for k in range(2, 7)} if scale is CATEGORIES else {}
     table = found.summary()

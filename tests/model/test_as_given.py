@@ -11,7 +11,7 @@ from softness_bayes.data.steps import step_of
 from softness_bayes.errors import InputError
 from softness_bayes.likelihood.directions import FALLS, FREE, RISES
 from softness_bayes.likelihood.error_laws import LAPSES, NORMAL, STUDENT
-from softness_bayes.likelihood.scales import CATEGORIES, MAGNITUDE, RANKS, SLIDER, STANDARDISED
+from softness_bayes.likelihood.scales import CATEGORIES, MAGNITUDE, PAIRS, RANKS, SLIDER, STANDARDISED
 from softness_bayes.model.as_given import as_given, stated, stated_on_slider
 from softness_bayes.model.build import build
 from softness_bayes.model.options import ModelOptions
@@ -317,3 +317,24 @@ def test_what_is_no_order_is_refused(change, message):
 def test_orders_have_no_options_of_numbers(options, message):
     with pytest.raises(InputError, match=message):
         as_given(ranked().ratings, replace(QUICK, scale=RANKS, **options))
+
+
+def test_pairs_are_simulated_and_fitted():
+    usual = usual_values(MENDED, given={"b": 20.0, "sigma_0": 5.0, "gamma": 0.8, "varsigma": 0.3, "lapse": 0.05})
+    made = simulate_ratings(
+        np.random.default_rng(4), CLOTH, LOADS, usual, participants=8, scale=PAIRS, errors=LAPSES, missing=0.1
+    )
+    assert set(made.ratings.rating) == {0.0, 1.0}
+    assert (np.bincount(made.ratings.lists) == 2).all()
+    assert {"tau", "mu", "omega"}.isdisjoint(made.truth)
+    built = build(Experiment(made.ratings, CLOTH, ()), replace(QUICK, scale=PAIRS, errors=LAPSES))
+    assert built.posterior.names == ("b", "m", "alpha", "beta", "sigma_0", "gamma", "varsigma", "eps", "lapse")
+    assert "answers to" in built.given.note
+    assert as_given(made.ratings, replace(QUICK, scale=PAIRS)).law is NORMAL
+    with pytest.raises(InputError, match="pairs have no --errors"):
+        as_given(made.ratings, replace(QUICK, scale=PAIRS, errors=STUDENT))
+    with pytest.raises(InputError, match="a list holds 6 touches, expected pairs"):
+        as_given(ranked().ratings, replace(QUICK, scale=PAIRS))
+    lines = np.repeat(np.arange(2, 2 + len(made.ratings) // 2), 2)
+    with pytest.raises(InputError, match="which are pairs, not magnitude ratings; add --ratings pairs"):
+        as_given(replace(made.ratings, rows=lines), QUICK)

@@ -1,0 +1,191 @@
+"""Pairs: which of two touches was the softer one, by a probit of their difference (model.md 9).
+
+A pair is a list of two places, so that tables, checks and files are those of `orders`; the noise is normal, and a share
+of the answers may be guesses.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.special import log_ndtr, ndtr, ndtri
+
+from softness_bayes.errors import InputError
+from softness_bayes.likelihood.contract import Effects
+from softness_bayes.likelihood.design import Design
+from softness_bayes.likelihood.error_laws import NORMAL, ErrorLaw
+from softness_bayes.likelihood.orders import LEAST_SPREAD, OrderModel, OrderRatings, shares
+from softness_bayes.likelihood.ratings import RatingParameters
+from softness_bayes.likelihood.scales import PAIRS, Scale
+from softness_bayes.likelihood.stated import Stated
+
+FloatArray = NDArray[np.float64]
+IndexArray = NDArray[np.intp]
+
+
+@dataclass(frozen=True)
+class PairModel(OrderModel):
+    """A touch's latent softness is ± gamma x + e, x = log(N/N_ref + eps), e ~ N(0, varsigma²).
+
+    With lapses a share of the answers is a guess, right or wrong with probability 1/2.
+
+    Parameters
+    ----------
+    law
+        Law of the answers: normal, or normal with lapses.
+    """
+
+    scale: ClassVar[Scale] = PAIRS
+    law: ErrorLaw = NORMAL
+
+    @property
+    def error(self) -> ErrorLaw:  # type: ignore[override]
+        """The law of the answers."""
+        return self.law
+
+    @property
+    def needs(self) -> tuple[str, ...]:  # type: ignore[override]
+        """Names of the model's parameters."""
+        return ("gamma", "varsigma", "eps", *self.law.needs)
+
+    def noise_of(self, parameters: RatingParameters) -> FloatArray:
+        """Return the standard deviation of the difference of two touches' noise, shape (...)."""
+        return math.sqrt(2.0) * np.maximum(np.asarray(parameters.varsigma, float), LEAST_SPREAD)
+
+    def chance(self, apart: FloatArray, parameters: RatingParameters | None = None) -> FloatArray:
+        """Return the chance of the first of two touches to be called the softer one; as `OrderModel.chance`."""
+        told = np.asarray(ndtr(apart))
+        if parameters is None or not self.law.lapses:
+            return told
+        guess = self.guesses(parameters)[..., None]
+        return (1.0 - guess) * told + 0.5 * guess
+
+    def draw_ratings(
+        self,
+        rng: np.random.Generator,
+        design: Design,
+        drive: FloatArray,
+        parameters: RatingParameters,
+        effects: Effects,
+    ) -> FloatArray:
+        """Return the share of a participant's rows that lie below each row, without guesses, shape (..., rows)."""
+        return shares(self.draw_latent(rng, design, drive, parameters), design.participant)
+
+    def guesses(self, parameters: RatingParameters) -> FloatArray:
+        """Return the share of guesses, shape (...) or ()."""
+        return np.asarray(parameters.lapse, float) if self.law.lapses else np.asarray(0.0)
+
+    def observe(self, ratings: ArrayLike, design: Design, stated: Stated | None = None) -> PairRatings:
+        """Return the likelihood of these answers; without lists, successive rows of a participant are pairs."""
+        lists = _successive(design) if stated is None or stated.lists is None else stated.lists
+        return PairRatings(ratings, design, self, lists=lists)
+
+
+class PairRatings(OrderRatings):
+    """Answers to pairs of touches under a `PairModel`; arguments as `OrderRatings`.
+
+    Raises
+    ------
+    InputError
+        If a list holds more than two touches.
+    """
+
+    model: PairModel
+
+    def __init__(
+        self,
+        ratings: ArrayLike,
+        design: Design,
+        model: PairModel = PairModel(),
+        over: Design | None = None,
+        lists: IndexArray | None = None,
+    ) -> None:
+        super().__init__(ratings, design, model, over, lists)
+        if self._places.width > 2:
+            raise InputError(f"ratings: a list holds {self._places.width} touches, expected pairs")
+        self._complete = self._places.filled.all(axis=1)
+        # two equal places say nothing
+        self._told = self._complete & (self._places.group[:, -1] > 0)
+
+    def log_likelihood(self, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
+        """Log probability of all answers together, shape (...)."""
+        return self._by_pair(mean_rate, parameters).sum(axis=-1)
+
+    def log_likelihood_loo(self, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
+        """Log probability of each touch's place given the other's, that of the pair, shape (..., rows)."""
+        return self._by_pair(mean_rate, parameters)[..., self._of_row]
+
+    def below_loo(self, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
+        """Probability of a lower place than each touch's, plus half that of its own, shape (..., rows)."""
+        own = np.exp(self.log_likelihood_loo(mean_rate, parameters))
+        return np.where(self._upper, 1.0 - 0.5 * own, 0.5 * own)
+
+    def log_likelihood_participants(self, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
+        """Log probability of all answers of each participant, shape (draws, participants)."""
+        return self._by_pair(mean_rate, parameters) @ self._member
+
+    def replicate(
+        self,
+        rng: np.random.Generator,
+        drive: FloatArray,
+        parameters: RatingParameters,
+        effects: Effects,
+        mean_rate: FloatArray | None = None,
+    ) -> FloatArray:
+        """Return simulated answers, shape (..., rows)."""
+        latent = self.model.draw_latent(rng, self.design, drive, parameters)
+        guessed = rng.random((*latent.shape[:-1], len(self._list))) < self.model.guesses(parameters)[..., None]
+        # a guess puts the two in any order
+        latent = np.where(guessed[..., self._of_row], rng.standard_normal(latent.shape), latent)
+        return self._places.reordered(latent, self.values)
+
+    def residual(self, mean_rate: FloatArray, parameters: RatingParameters, effects: Effects) -> FloatArray:
+        """Return a normal score times the spread for each touch, shape (..., rows), as `OrderRatings.residual`.
+
+        The touch of a pair that is taken first has no other one to compare it with: its score is drawn alone.
+        """
+        own = np.exp(self.log_likelihood_loo(mean_rate, parameters))
+        share = np.where(self._upper, 1.0 - own + self._shares * own, self._shares * own)
+        share = np.where(self._second, share, self._shares)
+        score = ndtri(np.clip(share, 1e-300, 1.0 - 1e-16))
+        return np.asarray(self.model.error_sd(parameters)[..., None] * score)
+
+    def _by_pair(self, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
+        """Return the log probability of each pair's answer, shape (..., pairs); 0 of what is no answer."""
+        worth = self._worth(mean_rate, parameters)
+        if self._places.width < 2:
+            return np.zeros(worth.shape[:-1])
+        found = log_ndtr(worth[..., 0] - worth[..., 1])
+        guess: Any = self.model.guesses(parameters)[..., None]
+        if self.model.law.lapses:
+            with np.errstate(divide="ignore"):
+                found = np.logaddexp(np.log1p(-guess) + found, np.log(0.5 * guess))
+        return np.where(self._told, found, 0.0)
+
+    @property
+    def _upper(self) -> NDArray[np.bool_]:
+        """Rows with the higher place of their pair, shape (rows,); of a tie both count as halves of it."""
+        found = np.zeros(self.design.n_rows, bool)
+        found[self._places.row[self._told, 0]] = True
+        return found
+
+    @property
+    def _second(self) -> NDArray[np.bool_]:
+        """Rows that are taken after the other one of their pair, if that was told apart, shape (rows,)."""
+        pair, later = self._places.row[self._told], np.zeros(self.design.n_rows, bool)
+        turn = self._turn[pair]
+        later[pair[np.arange(len(pair)), turn.argmax(axis=1)]] = True
+        return later
+
+
+def _successive(design: Design) -> IndexArray:
+    """Return the lists of successive pairs of rows of each participant, shape (rows,)."""
+    order = np.argsort(design.participant, kind="stable")
+    count = np.bincount(design.participant)
+    own = np.empty(design.n_rows, np.intp)
+    own[order] = np.arange(design.n_rows) - np.repeat(np.cumsum(count) - count, count)
+    return design.participant * design.n_rows + own // 2

@@ -1,0 +1,128 @@
+"""Answers to pairs of touches: a probit of their difference, guesses, and their table."""
+
+from io import StringIO
+
+import numpy as np
+import pandas as pd
+import pytest
+from numpy.testing import assert_allclose
+from scipy.optimize import minimize
+from scipy.stats import norm
+
+from softness_bayes.data import Fabrics, Ratings
+from softness_bayes.errors import InputError
+from softness_bayes.likelihood.design import Design
+from softness_bayes.likelihood.error_laws import LAPSES
+from softness_bayes.likelihood.orders import OrderModel
+from softness_bayes.likelihood.pairs import PairModel, PairRatings
+from softness_bayes.likelihood.ratings import RatingParameters
+
+RATE = np.array([0.0, 2.0, 7.0, 30.0])
+POINT = RatingParameters(np.float64(0.8), 0.0, np.float64(1.5), 0.0, np.float64(0.1))
+
+
+def asked(condition, answers, law=None):
+    """Pairs of conditions, two rows each, of which the first was called softer or not."""
+    condition = np.asarray(condition)
+    design = Design(condition.ravel(), np.zeros(condition.size, int), np.arange(4), 1)
+    values = np.stack([answers, 1.0 - np.asarray(answers, float)], axis=1).ravel()
+    model = PairModel() if law is None else PairModel(law=law)
+    return PairRatings(values, design, model, lists=np.repeat(np.arange(len(condition)), 2))
+
+
+def test_an_answer_is_a_probit_of_the_difference():
+    x = np.log(RATE + 0.1)
+    expected = norm.cdf(0.8 * (x[2] - x[1]) / (np.sqrt(2.0) * 1.5))
+    assert_allclose(np.exp(asked([[2, 1]], [1]).log_likelihood(RATE, POINT)), expected, rtol=1e-12)
+    assert_allclose(np.exp(asked([[2, 1]], [0]).log_likelihood(RATE, POINT)), 1.0 - expected, rtol=1e-12)
+    assert_allclose(asked([[2, 1]], [0.5]).log_likelihood(RATE, POINT), 0.0, atol=1e-14)
+    assert_allclose(asked([[2, 2]], [1]).log_likelihood(RATE, POINT), np.log(0.5), rtol=1e-12)
+
+
+def test_guesses_bound_the_chances():
+    """With a share of lapses no answer is rarer than half of it; without, the probit is the limit."""
+    sure = POINT._replace(varsigma=np.float64(1e-3), lapse=np.float64(0.06))
+    assert_allclose(np.exp(asked([[3, 0]], [0], LAPSES).log_likelihood(RATE, sure)), 0.03, rtol=1e-9)
+    assert_allclose(np.exp(asked([[3, 0]], [1], LAPSES).log_likelihood(RATE, sure)), 0.97, rtol=1e-9)
+    none = POINT._replace(lapse=np.float64(1e-13))
+    pairs = [[0, 1], [2, 1], [3, 0]], [1, 1, 0]
+    assert_allclose(
+        asked(*pairs, LAPSES).log_likelihood(RATE, none), asked(*pairs).log_likelihood(RATE, POINT), atol=1e-10
+    )
+
+
+def test_replicated_shares_are_the_chances():
+    observed, rng = asked([[2, 1]] * 4000, [1] * 4000, LAPSES), np.random.default_rng(1)
+    point = POINT._replace(lapse=np.float64(0.2))
+    made = observed.replicate(rng, observed.drive(RATE, point), point, None).reshape(-1, 2)
+    assert (made.sum(axis=1) == 1.0).all()
+    expected = observed.expected(RATE, point, None)[2]
+    x = np.log(RATE + 0.1)
+    assert_allclose(expected, 0.1 + 0.8 * norm.cdf(0.8 * (x[2] - x[1]) / (np.sqrt(2.0) * 1.5)), rtol=1e-12)
+    assert abs(made[:, 0].mean() - expected) < 4.0 * np.sqrt(expected * (1.0 - expected) / 4000)
+
+
+def test_expected_shares_are_means_over_what_stands_beside():
+    """Of a list, the sum of chances against its other touches; of all lists, the mean of replicates."""
+    design = Design(np.tile(np.arange(4), 3000), np.repeat(np.arange(3000), 4), np.arange(4), 3000)
+    model, rng = OrderModel(), np.random.default_rng(2)
+    observed = model.observe(np.tile([0.0, 1 / 3, 2 / 3, 1.0], 3000), design)
+    made = observed.replicate(rng, observed.drive(RATE, POINT), POINT, None).reshape(-1, 4)
+    expected = observed.expected(RATE, POINT, None)
+    assert_allclose(made.mean(axis=0), expected, atol=4.0 * 0.4 / np.sqrt(3000))
+    assert_allclose(expected.mean(), 0.5, rtol=1e-12)
+
+
+def test_a_psychometric_function_is_recovered():
+    """Constant stimuli against one standard: the most probable ratio of gamma and varsigma is that of the data."""
+    rng, x = np.random.default_rng(3), np.log(RATE + 0.1)
+    condition = np.array([[k, 1] for k in (0, 2, 3)] * 800)
+    told = rng.random(len(condition)) < norm.cdf(0.5 * (x[condition[:, 0]] - x[1]) / (np.sqrt(2.0) * 1.2))
+    observed = asked(condition, told.astype(float))
+
+    def misfit(log_ratio):
+        return -float(observed.log_likelihood(RATE, POINT._replace(gamma=1.5 * np.exp(log_ratio[0]))))
+
+    found = np.exp(minimize(misfit, [0.0], method="Nelder-Mead").x[0])
+    assert_allclose(found, 0.5 / 1.2, rtol=0.08)
+
+
+def test_lists_of_three_are_no_pairs():
+    design = Design(np.arange(3), np.zeros(3, int), np.arange(3), 1)
+    with pytest.raises(InputError, match="a list holds 3 touches, expected pairs"):
+        PairRatings([1, 2, 3], design)
+
+
+CLOTH = Fabrics(("a", "b", "c"), effective_modulus=np.array([1e3, 1e4, 1e5]))
+TABLE = "participant,fabric,fabric_2,indentation_mm,rating\nP1,a,b,2,1\nP1,c,b,2,0\nP2,a,c,2,0.5\nP2,b,c,2,\n"
+
+
+def read(text):
+    return Ratings.read(pd.read_csv(StringIO(text), dtype=str, keep_default_na=False), CLOTH)
+
+
+def test_rows_of_pairs_become_two_rows():
+    ratings = read(TABLE)
+    assert [ratings.fabrics[k] for k in ratings.fabric] == ["a", "b", "c", "b", "a", "c"]
+    assert ratings.rating.tolist() == [1.0, 0.0, 0.0, 1.0, 0.5, 0.5]
+    assert ratings.lists.tolist() == [0, 0, 1, 1, 2, 2]
+    assert ratings.paired
+    assert any("1 says that fabric was softer than fabric_2" in note for note in ratings.notes)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("2,1\n", "2,7\n", "expected 1 if the first fabric of the pair was softer, .* got '7'"),
+        ("a,b,2", "a,a,2", "expected another fabric than 'a', got the same"),
+        ("c,b,2", "c,z,2", "'z' is not a fabric"),
+        ("c,b,2", "c,,2", "fabric_2"),
+        ("rating\n", "rating,list\n", "each row is a pair, which is a list of its own"),
+    ],
+)
+def test_tables_of_pairs_that_are_refused(old, new, message):
+    text = TABLE.replace(old, new, 1)
+    if "list" in new:
+        text = "\n".join(line if "list" in line else f"{line},1" for line in text.strip().split("\n")) + "\n"
+    with pytest.raises(InputError, match=message):
+        read(text)
