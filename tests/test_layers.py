@@ -34,6 +34,8 @@ RANK = {name: rank for rank, names in enumerate(LAYERS) for name in names}
 HOMES = {
     "arviz": {"arviz_bridge"},
     "bokeh": {"report.charts"},
+    "dask": {"runs.cluster"},
+    "distributed": {"runs.cluster"},
     "emcee": {"sampler.moves", "sampler.sampling"},
     "jinja2": {"report.page"},
     "openpyxl": {"data.workbooks"},

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from concurrent.futures import Executor
 from typing import NamedTuple
 
 import numpy as np
@@ -18,6 +19,7 @@ from softness_bayes.parameters.declared import SHAPE_PARAMETERS
 from softness_bayes.parameters.priors import Prior
 from softness_bayes.parameters.space import ParameterSpace
 from softness_bayes.ranges import PRIOR_DRAWS
+from softness_bayes.sampler.workers import Workers
 from softness_bayes.touch.contact import Force, Indentation, Load
 from softness_bayes.touch.neuron.fixed_channels import Firing
 from softness_bayes.touch.neuron.membrane import PAPER_CHANNELS, Membrane
@@ -104,6 +106,7 @@ def evaluate_claims(
     seed: int = 0,
     fix: Mapping[str, float] | None = None,
     priors: Mapping[str, Prior] | None = None,
+    executor: Executor | None = None,
 ) -> tuple[Trial, ...]:
     """Judge the paper's claims at the priors' medians and over draws of the priors.
 
@@ -125,6 +128,8 @@ def evaluate_claims(
         Seed of the draws, which are the same under all readings and loads.
     fix, priors
         As `parameter_space` takes them; channel multipliers are held.
+    executor
+        An executor that judges the sets of readings, each as one task; by default this process does.
 
     Returns
     -------
@@ -147,17 +152,42 @@ def evaluate_claims(
     if freed := [name for name in SHAPE_PARAMETERS if name in (priors or {})]:
         raise InputError(f"{', '.join(freed)}: claims are judged on one finger of known shape; leave the prior out")
     held = {**PAPER_CHANNELS._asdict(), **(fix or {})}
-    trials: list[Trial] = []
+    asked = Asked(tuple(prior_sets), touches, fabrics, ratings, draws, seed, held, priors)
+    # readings with one membrane share its rates, the multipliers being the same under every prior set
     firing: dict[Membrane, Firing] = {}
+    tasks = []
     for name, chosen in readings.items():
-        displacement = chosen.skin_displacement
-        spaces = {of: parameter_space((), held, priors, of, displacement) for of in prior_sets}
-        if chosen.membrane not in firing:  # the multipliers are the same under every prior set
-            firing[chosen.membrane] = firing_of(spaces[prior_sets[0]].held, chosen.membrane)
-        rates = firing[chosen.membrane]
-        benches = {control: Bench(chosen, loads, fabrics, rates, ratings) for control, loads in touches.items()}
-        trials += _trials(name, spaces, benches, draws, seed)
-    return tuple(trials)
+        if chosen.membrane not in firing:
+            firing[chosen.membrane] = firing_of(_spaces(asked, chosen)[prior_sets[0]].held, chosen.membrane)
+        tasks.append((name, chosen, firing[chosen.membrane]))
+    with Workers(asked, 1, executor) as workers:
+        return tuple(trial for some in workers.map(_judge, tasks) for trial in some)
+
+
+class Asked(NamedTuple):
+    """Everything that the trials under all readings have in common."""
+
+    prior_sets: tuple[str, ...]
+    touches: Mapping[str, tuple[Load, ...]]
+    fabrics: Fabrics
+    ratings: Ratings | None
+    draws: int
+    seed: int
+    held: Mapping[str, float]
+    priors: Mapping[str, Prior] | None
+
+
+def _spaces(asked: Asked, readings: Readings) -> dict[str, ParameterSpace]:
+    """Return the space of each prior set under some readings."""
+    displacement = readings.skin_displacement
+    return {of: parameter_space((), asked.held, asked.priors, of, displacement) for of in asked.prior_sets}
+
+
+def _judge(asked: Asked, name: str, readings: Readings, rates: Firing) -> list[Trial]:
+    """Return the trials under one set of readings."""
+    loads = asked.touches.items()
+    benches = {control: Bench(readings, some, asked.fabrics, rates, asked.ratings) for control, some in loads}
+    return list(_trials(name, _spaces(asked, readings), benches, asked.draws, asked.seed))
 
 
 def _trials(

@@ -10,9 +10,10 @@ import click
 
 from softness_bayes.cli.interrupts import keeping
 from softness_bayes.cli.options.model import ModelChoice, model_choice
-from softness_bayes.cli.options.run import seed
+from softness_bayes.cli.options.run import dask, seed
 from softness_bayes.cli.options.tables import decimal, load_options
 from softness_bayes.cli.options.values import whole
+from softness_bayes.cli.running import executor_of
 from softness_bayes.errors import NotConvergedError, NumericalError
 from softness_bayes.ranges import PARTICIPANTS, PROCESSES, REPLICATES, STEPS
 
@@ -52,6 +53,7 @@ if TYPE_CHECKING:
     metavar="N",
     help="Replicates side by side; by default one for each core. Ranks do not depend on it.",
 )
+@dask
 @click.option(
     "--finished",
     "so_far",
@@ -77,6 +79,7 @@ def command(
     model: ModelChoice,
     max_steps: int,
     processes: int | None,
+    dask: str | None,
     so_far: bool,
     seed: int,
     out: Path,
@@ -108,9 +111,9 @@ def command(
     options = model.options()
     run = RunOptions(max_steps=max_steps, processes=processes, seed=seed)
     bar = _Bar(replicates)
-    with keeping(lambda: _kept(out, replicates)):
+    with keeping(lambda: _kept(out, replicates)), executor_of(None if so_far else dask, out) as executor:
         try:
-            judge = finished if so_far else partial(calibrate, progress=bar.show)
+            judge = finished if so_far else partial(calibrate, progress=bar.show, executor=executor)
             found = judge(scene, options, run, replicates, out)
         finally:
             bar.close()

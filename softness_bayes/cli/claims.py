@@ -9,9 +9,10 @@ from typing import TYPE_CHECKING
 import click
 
 from softness_bayes.cli.options.model import fix, prior
-from softness_bayes.cli.options.run import force, out, seed
+from softness_bayes.cli.options.run import dask, force, out, seed
 from softness_bayes.cli.options.tables import column, decimal, load_options
 from softness_bayes.cli.options.values import named, whole
+from softness_bayes.cli.running import executor_of
 from softness_bayes.errors import InputError
 from softness_bayes.ranges import PRIOR_DRAWS
 
@@ -66,6 +67,7 @@ CLAIMS, MADE = "claims", ("claims.csv", "claims.md", "claims_loads.csv")
     show_default=True,
     help="Draws of each prior that probabilities are made of; 0 for the medians alone.",
 )
+@dask
 @seed
 @out
 @force
@@ -82,6 +84,7 @@ def command(
     indentation_mm: tuple[float, ...],
     force_n: tuple[float, ...],
     draws: int,
+    dask: str | None,
     seed: int,
     out: Path,
     force: bool,
@@ -100,17 +103,19 @@ def command(
 
     require_outputs(out, MADE, CLAIMS, force, [path for path in (data, fabrics) if path is not None])
     touched, ratings, loads = _materials(data, fabrics, columns, decimal, indentation_mm, force_n)
-    trials = evaluate_claims(
-        _readings(reading_sets, overrides),
-        prior_sets or PRIORS,
-        _by_kind(loads) or TOUCHES,
-        touched,
-        ratings,
-        draws,
-        seed,
-        fixed,
-        priors,
-    )
+    with executor_of(dask) as executor:
+        trials = evaluate_claims(
+            _readings(reading_sets, overrides),
+            prior_sets or PRIORS,
+            _by_kind(loads) or TOUCHES,
+            touched,
+            ratings,
+            draws,
+            seed,
+            fixed,
+            priors,
+            executor,
+        )
     findings, by_load = (csv_of(table, index=False) for table in (claims_table(trials), loads_table(trials)))
     write_outputs(out, dict(zip(MADE, (findings, markdown(trials), by_load), strict=True)), CLAIMS)
     click.echo(plain(trials))

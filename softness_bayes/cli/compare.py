@@ -6,8 +6,9 @@ from pathlib import Path
 
 import click
 
+from softness_bayes.cli.options.run import dask
 from softness_bayes.cli.options.values import whole
-from softness_bayes.cli.running import reading
+from softness_bayes.cli.running import executor_of, reading
 from softness_bayes.ranges import STEPS
 
 COMPARE, COMPARISON = "compare", "compare.csv"
@@ -28,6 +29,7 @@ COMPARE, COMPARISON = "compare", "compare.csv"
     type=whole(STEPS),
     help="Steps of each ensemble after which a refit without a fabric ends in any case.",
 )
+@dask
 @click.option(
     "--out",
     type=click.Path(path_type=Path),
@@ -37,7 +39,9 @@ COMPARE, COMPARISON = "compare", "compare.csv"
     help=f"Directory to write {COMPARISON} to.",
 )
 @click.option("--force", is_flag=True, help=f"Replace a {COMPARISON} that is there.")
-def command(directories: tuple[Path, ...], left_out: str, max_steps: int | None, out: Path, force: bool) -> None:
+def command(
+    directories: tuple[Path, ...], left_out: str, max_steps: int | None, dask: str | None, out: Path, force: bool
+) -> None:
     """Rank finished runs by how well they predict what is left out.
 
     The runs are of the same ratings under different readings, directions, priors or effects. Each prediction
@@ -60,9 +64,11 @@ def command(directories: tuple[Path, ...], left_out: str, max_steps: int | None,
     if len({*directories}) < len(directories):
         raise InputError("compare: a result is named twice")
     settings = REFIT if max_steps is None else replace(REFIT, max_steps=max_steps)
-    with reading(*directories) as loaded:
+    with reading(*directories) as loaded, executor_of(dask) as executor:
         results = dict(zip(labels, loaded, strict=True))
-        found = compare(results, LEAVE[left_out], settings, lambda what: click.echo(f"sampling {what}", err=True))
+        found = compare(
+            results, LEAVE[left_out], settings, lambda what: click.echo(f"sampled {what}", err=True), executor
+        )
     (path,) = write_outputs(out, {COMPARISON: csv_of(found.table)}, COMPARE)
     shown = found.table.drop(columns=["model", "unfinished", "converged"])
     click.echo(shown.to_string(float_format=lambda x: f"{x:.4g}", na_rep="–"))

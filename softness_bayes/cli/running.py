@@ -17,6 +17,8 @@ from softness_bayes.errors import InputError
 from softness_bayes.files.command_line import portable
 
 if TYPE_CHECKING:
+    from concurrent.futures import Executor
+
     from softness_bayes.results.result import Result
     from softness_bayes.sampler.diagnostics import Verdict
 
@@ -26,6 +28,18 @@ _PATHS = ("data", "fabrics", "compression")
 def command_line() -> str:
     """Return the command line, quoted for a shell, without absolute paths."""
     return shlex.join(["softness-bayes", *(portable(word, Path.cwd()) for word in sys.argv[1:])])
+
+
+@contextmanager
+def executor_of(dask: str | None, shared: Path | None = None) -> Iterator[Executor | None]:
+    """Connect to the cluster that was asked for, if one was; its workers must share a directory, if one is given."""
+    if dask is None:
+        yield None
+        return
+    from softness_bayes.runs.cluster import cluster
+
+    with cluster(dask, shared) as executor:
+        yield executor
 
 
 @contextmanager

@@ -19,10 +19,15 @@ def command(directory: Path) -> None:
     """Say how a run is getting on, without disturbing it.
 
     Prints steps, what the last look at the chains found, the verdict, and whether a process is at it. Reads one
-    small file of DIR, which the run replaces whole every few seconds.
+    small file of DIR, which the run replaces whole every few seconds. Of a study, a line for each run that has begun.
     """
     from softness_bayes.checkpoints.checkpoint import read_status
+    from softness_bayes.files.run_files import CHECKPOINT, MANIFEST, RUNS
 
+    if (directory / RUNS).is_dir() and not (directory / CHECKPOINT).exists():
+        begun = sorted(path.parent.parent for path in (directory / RUNS).glob(f"*/{CHECKPOINT}/{MANIFEST}"))
+        _of_a_study(directory, {path.name: read_status(path) for path in begun})
+        return
     status = read_status(directory)
     click.echo(f"{directory}: {_what(status)}")
     togo = f", about {status.missing} to go" if status.missing else ""
@@ -34,6 +39,21 @@ def command(directory: Path) -> None:
         return
     click.echo(f"at step {status.verdict.steps}: {in_numbers(status.verdict, status.seconds)}")
     click.echo(status.verdict.sentence())
+
+
+def _of_a_study(directory: Path, runs: dict[str, Status]) -> None:
+    """Print how many runs of a study are done, and how each is getting on."""
+    done = [one for one in runs.values() if one.ended and one.written and not one.running]
+    good = sum(one.verdict is not None and one.verdict.converged for one in done)
+    under_way = sum(one.running for one in runs.values())
+    click.echo(
+        f"{directory}: of {len(runs)} runs that have begun {len(done)} have ended ({good} converged), {under_way} are "
+        f"running, {len(runs) - len(done) - under_way} are interrupted"
+    )
+    for name, one in runs.items():
+        rate = one.seconds / max(one.steps, 1)
+        left = f", about {one.missing * rate:.0f} s to go" if one.missing and one.steps else ""
+        click.echo(f"{name}: {_what(one)}; {one.steps} steps in {one.seconds:.0f} s{left}")
 
 
 def _what(status: Status) -> str:

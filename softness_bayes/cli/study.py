@@ -10,10 +10,10 @@ import click
 
 from softness_bayes.cli.interrupts import keeping
 from softness_bayes.cli.options.model import ModelChoice, model_choice, rating_scale, spreads
-from softness_bayes.cli.options.run import max_time, seed
+from softness_bayes.cli.options.run import dask, max_time, seed
 from softness_bayes.cli.options.tables import DataFiles, reading_options
 from softness_bayes.cli.options.values import FILE, whole
-from softness_bayes.cli.running import command_line, record_of
+from softness_bayes.cli.running import command_line, executor_of, record_of
 from softness_bayes.defaults import MAX_STEPS
 from softness_bayes.errors import InputError, NotConvergedError, NumericalError
 from softness_bayes.ranges import PROCESSES, STEPS
@@ -54,6 +54,7 @@ if TYPE_CHECKING:
     metavar="N",
     help="Fits side by side; by default one for each core. Draws do not depend on it.",
 )
+@dask
 @click.option("--figures", is_flag=True, help="Draw the figures of every fit too, as 'plot' does later.")
 @seed
 @click.option(
@@ -74,6 +75,7 @@ def command(
     max_steps: int,
     max_time: float,
     processes: int | None,
+    dask: str | None,
     figures: bool,
     seed: int,
     out: Path,
@@ -93,9 +95,10 @@ def command(
     others go on. Exit code 2: a table was refused; 3: one has not converged; 4: a population was refused.
     """
     from softness_bayes.data.study_tables import list_tables
+    from softness_bayes.files.run_files import RUNS
     from softness_bayes.likelihood.scales import RATING_SCALES
     from softness_bayes.results.request import RunOptions
-    from softness_bayes.runs.study import RUNS, Kept, study
+    from softness_bayes.runs.study import Kept, study
 
     listed = list_tables(source)
     if len(listed) < 2:
@@ -108,7 +111,8 @@ def command(
     }
     run = RunOptions(max_steps=max_steps, max_seconds=max_time, processes=processes, seed=seed, command=command_line())
     bar = _Bar(len(listed))
-    with keeping(lambda: f"finished fits, and all steps of the others, are kept in {out}: the same command goes on"):
+    hint = f"finished fits, and all steps of the others, are kept in {out}: the same command goes on"
+    with keeping(lambda: hint), executor_of(dask, out) as executor:
         try:
             found = study(
                 tables,
@@ -120,6 +124,7 @@ def command(
                 bar.show,
                 refused,
                 kept,
+                executor,
             )
         finally:
             bar.close()

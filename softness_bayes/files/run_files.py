@@ -13,6 +13,9 @@ CHECKPOINT, MANIFEST, LOCK = "checkpoint", "manifest.json", "lock"
 MANIFEST_COPY = "manifest-copy.json"
 """Copy of the manifest, in case it is damaged."""
 
+RUNS = "runs"
+"""Folder of a study, in which each of its runs has a directory."""
+
 MODULI = "fabric_moduli"
 """The table of moduli that were not known exactly, if there are any."""
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Mapping
+from concurrent.futures import Executor
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -164,6 +165,7 @@ def calibrate(
     directory: Path,
     progress: Callable[[int, Replicate], None] | None = None,
     settings: Settings | None = None,
+    executor: Executor | None = None,
 ) -> Calibrated:
     """Calibrate the model of a scene; replicates that a directory already holds are not run again.
 
@@ -188,6 +190,9 @@ def calibrate(
         Called with the number of finished replicates and the last of them.
     settings
         How to sample; `ENSEMBLES` ensembles and `run.max_steps` if left out.
+    executor
+        An executor that runs the replicates instead of processes of this machine, one as one task, with the same
+        ranks; its workers share the directory (see `runs.cluster`).
 
     Raises
     ------
@@ -213,8 +218,8 @@ def calibrate(
         missing = [index for index in range(count) if index not in done]
         if missing:
             processes = min(run.processes or available_processors(), len(missing))
-            with Workers(model.posterior, processes) as workers:
-                tasks = [(settings, run.seed, index, str(folder)) for index in missing]
+            with Workers(model.posterior, processes, executor) as workers:
+                tasks = [(settings, run.seed, index, str(folder.resolve())) for index in missing]
                 for index, one in workers.as_finished(_run, tasks):
                     done[index] = one
                     if progress is not None:

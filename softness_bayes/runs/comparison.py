@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -23,6 +24,7 @@ from softness_bayes.results.from_result import differences, experiment_of, optio
 from softness_bayes.results.result import Result
 from softness_bayes.sampler.diagnostics import Goal
 from softness_bayes.sampler.sampling import Settings, sample_until
+from softness_bayes.sampler.workers import Workers, available_processors
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -60,7 +62,7 @@ class Leave:
     """A kind of unit to leave out, and the function that predicts each such unit."""
 
     name: str
-    predict: Callable[[Result, Settings, Callable[[str], None]], LeftOut]
+    predict: Callable[[Result, Settings, Callable[[str], None], Executor | None], LeftOut]
 
 
 def leave_by_weights(log_density: Array) -> LeftOut:
@@ -75,30 +77,35 @@ def leave_by_weights(log_density: Array) -> LeftOut:
     return LeftOut(logsumexp(weights + log_density.T, axis=1), shape, len(log_density))
 
 
-def _stored(group: str, name: str) -> Callable[[Result, Settings, Callable[[str], None]], LeftOut]:
-    def predict(result: Result, settings: Settings, progress: Callable[[str], None]) -> LeftOut:
+def _stored(group: str, name: str) -> Callable[[Result, Settings, Callable[[str], None], Executor | None], LeftOut]:
+    def predict(
+        result: Result, settings: Settings, progress: Callable[[str], None], executor: Executor | None = None
+    ) -> LeftOut:
         values = result.group(group)[name].values
         return leave_by_weights(values.reshape(-1, values.shape[-1]))
 
     return predict
 
 
-def _refit(result: Result, settings: Settings, progress: Callable[[str], None]) -> LeftOut:
+def _refit(
+    result: Result, settings: Settings, progress: Callable[[str], None], executor: Executor | None = None
+) -> LeftOut:
     """Refit the model without each fabric, because one fabric changes the posterior too much for weights."""
     experiment = experiment_of(result)
     posterior, fabric = build(experiment, options_of(result)).posterior, experiment.ratings.fabric
-    found, unfinished = [], 0
-    for k, name in enumerate(experiment.ratings.fabrics):
-        progress(name)
-        if (fabric == k).all():
-            raise InputError("compare: there is one fabric only; nothing is left to predict it from")
-        density, finished = _anew(posterior, fabric == k, settings, (int(result.attributes["seed"]), 1 << 21, k))
-        found.append(density)
-        unfinished += not finished
-    return LeftOut(np.array(found), np.full(len(found), np.nan), 0, unfinished)
+    if (fabric == fabric[0]).all():
+        raise InputError("compare: there is one fabric only; nothing is left to predict it from")
+    seed, names = int(result.attributes["seed"]), experiment.ratings.fabrics
+    without = [Without(k, name, fabric == k, (seed, 1 << 21, k)) for k, name in enumerate(names)]
+    found = _each_anew(posterior, without, settings, progress, executor)
+    density = np.array([found[k].log_density for k in range(len(names))])
+    unfinished = sum(not one.converged for one in found.values())
+    return LeftOut(density, np.full(len(names), np.nan), 0, unfinished)
 
 
-def _by_condition(result: Result, settings: Settings, progress: Callable[[str], None]) -> LeftOut:
+def _by_condition(
+    result: Result, settings: Settings, progress: Callable[[str], None], executor: Executor | None = None
+) -> LeftOut:
     """Leave out each fabric under each load by weights, or by refits where these fail."""
     experiment = experiment_of(result)
     posterior, conditions = build(experiment, options_of(result)).posterior, experiment.ratings.conditions
@@ -109,30 +116,69 @@ def _by_condition(result: Result, settings: Settings, progress: Callable[[str], 
     theta = np.stack([values[name] for name in posterior.names], axis=-1)
     at = posterior.response(theta), posterior.rating_parameters(theta)
     left = leave_by_weights(block_log_likelihood(observation, *at, conditions.of_rating))
-    density, shape, unfinished = left.log_density.copy(), left.pareto_k.copy(), 0
-    for k in np.flatnonzero(shape > largest_pareto_k(left.draws)).tolist():
-        touched = (
-            f"{experiment.ratings.fabrics[conditions.fabric[k]]} at {experiment.ratings.loads[conditions.load[k]]}"
+    density, shape, seed = left.log_density.copy(), left.pareto_k.copy(), int(result.attributes["seed"])
+    without = [
+        Without(
+            k,
+            f"{experiment.ratings.fabrics[conditions.fabric[k]]} at {experiment.ratings.loads[conditions.load[k]]}",
+            conditions.of_rating == k,
+            (seed, 1 << 22, k),
         )
-        progress(touched)
-        seed = (int(result.attributes["seed"]), 1 << 22, k)
-        density[k], finished = _anew(posterior, conditions.of_rating == k, settings, seed)
-        shape[k], unfinished = np.nan, unfinished + (not finished)
-    return LeftOut(density, shape, left.draws, unfinished)
+        for k in np.flatnonzero(shape > largest_pareto_k(left.draws)).tolist()
+    ]
+    found = _each_anew(posterior, without, settings, progress, executor)
+    for k, one in found.items():
+        density[k], shape[k] = one.log_density, np.nan
+    return LeftOut(density, shape, left.draws, sum(not one.converged for one in found.values()))
 
 
-def _anew(
-    posterior: Posterior, rows: NDArray[np.bool_], settings: Settings, seed: tuple[int, int, int]
-) -> tuple[float, bool]:
-    """Return the log density of some ratings given all others, sampled without them, and whether that converged."""
-    observation = posterior.observation
+class Without(NamedTuple):
+    """A unit that a model is sampled anew without."""
+
+    unit: int
+    name: str
+    rows: NDArray[np.bool_]
+    """Which ratings are its."""
+    seed: tuple[int, int, int]
+
+
+class Anew(NamedTuple):
+    """Prediction of a unit by a model that was sampled without it."""
+
+    unit: int
+    log_density: float
+    """Of the unit's ratings given all others."""
+    converged: bool
+
+
+def _each_anew(
+    posterior: Posterior,
+    without: Sequence[Without],
+    settings: Settings,
+    progress: Callable[[str], None],
+    executor: Executor | None,
+) -> dict[int, Anew]:
+    """Sample a model without each of some units, each a task of its own; by index."""
+    found: dict[int, Anew] = {}
+    processes = min(settings.processes or available_processors(), max(len(without), 1))
+    names = {one.unit: one.name for one in without}
+    with Workers(posterior, processes, executor) as workers:
+        for one in workers.as_finished(_anew, [(one, replace(settings, processes=1)) for one in without]):
+            found[one.unit] = one
+            progress(names[one.unit])
+    return found
+
+
+def _anew(posterior: Posterior, left: Without, settings: Settings) -> Anew:
+    """Sample a model without a unit, and predict that."""
+    observation, rows = posterior.observation, left.rows
     rest = posterior.with_term(observation.without(rows))
-    sampled = sample_until(rest, settings, np.random.SeedSequence(seed[0], spawn_key=seed[1:]))
+    sampled = sample_until(rest, settings, np.random.SeedSequence(left.seed[0], spawn_key=left.seed[1:]))
     kept = sampled.chains.kept(sampled.verdict.burn_in, _DRAWS)
     theta = posterior.natural(kept.coordinates).reshape(-1, posterior.space.dimension)
     at = posterior.response(theta), posterior.rating_parameters(theta)
     density = block_log_likelihood(observation, *at, rows.astype(np.intp))[:, 1]
-    return float(logsumexp(density) - np.log(density.size)), sampled.verdict.converged
+    return Anew(left.unit, float(logsumexp(density) - np.log(density.size)), sampled.verdict.converged)
 
 
 LEAVE: Mapping[str, Leave] = MappingProxyType(
@@ -211,6 +257,7 @@ def compare(
     leave: str | Leave = "rating",
     settings: Settings = REFIT,
     progress: Callable[[str], None] = lambda _: None,
+    executor: Executor | None = None,
 ) -> Comparison:
     """Rank models that were fitted to the same ratings by their predictions of left-out ratings.
 
@@ -226,7 +273,10 @@ def compare(
     settings
         How a model is sampled anew.
     progress
-        Told what is being sampled.
+        Told what was sampled.
+    executor
+        An executor that samples models anew instead of `settings.processes` processes, one as one task, with the same
+        draws.
 
     Raises
     ------
@@ -245,7 +295,7 @@ def compare(
     _require_comparable(results)
     told = differences(dict(results))
     found = {
-        label: leave.predict(result, settings, lambda unit, of=label: progress(f"{of} without {unit}"))  # type: ignore[misc]
+        label: leave.predict(result, settings, lambda unit, of=label: progress(f"{of} without {unit}"), executor)  # type: ignore[misc]
         for label, result in results.items()
     }
     order = sorted(found, key=lambda label: -float(found[label].log_density.sum()))

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import time
 import zlib
 from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import Executor
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -14,10 +16,10 @@ from softness_bayes.checking.pooling import LEAST_TABLES
 from softness_bayes.checkpoints.checkpoint import Checkpoint
 from softness_bayes.checkpoints.identity import identity
 from softness_bayes.data import Compression, Experiment
-from softness_bayes.errors import InputError, ResourceError, SoftnessError
+from softness_bayes.errors import InputError, LockedError, ResourceError, SoftnessError
 from softness_bayes.files.lock import Lock
 from softness_bayes.files.outputs import require_outputs, write_outputs
-from softness_bayes.files.run_files import CHECKPOINT, MANIFEST, POSTERIOR
+from softness_bayes.files.run_files import CHECKPOINT, MANIFEST, POSTERIOR, RUNS
 from softness_bayes.files.spreadsheet import csv_of
 from softness_bayes.model.options import ModelOptions
 from softness_bayes.parameters.priors import Prior
@@ -44,8 +46,8 @@ if TYPE_CHECKING:
 STUDY = "study"
 """The verb that the files are listed under."""
 
-RUNS, LOCK = "runs", "lock"
-"""Folder of the separate runs, and the lock of a study under way."""
+LOCK = "lock"
+"""Lock of a study under way."""
 
 TABLES, INDIVIDUAL, POPULATION, REPORT, FIGURE = "tables.csv", "individual.csv", "population.csv", "study.md", "forest"
 MADE = (TABLES, INDIVIDUAL, POPULATION, REPORT, f"{FIGURE}.png", f"{FIGURE}.pdf")
@@ -53,6 +55,10 @@ MADE = (TABLES, INDIVIDUAL, POPULATION, REPORT, f"{FIGURE}.png", f"{FIGURE}.pdf"
 
 CONVERGED, UNCONVERGED, REFUSED = "converged", "not converged", "refused"
 """Outcomes of a table."""
+
+
+WAIT = 1.0
+"""Time [s] between two looks at a directory that another process holds."""
 
 
 class Outcome(NamedTuple):
@@ -170,6 +176,7 @@ def study(
     progress: Callable[[int, Outcome], None] | None = None,
     refused: Mapping[str, str] | None = None,
     kept: Mapping[str, Kept] | None = None,
+    executor: Executor | None = None,
     **options: Any,
 ) -> Study:
     """Fit many tables separately, and pool chosen parameters of those that have converged.
@@ -196,6 +203,9 @@ def study(
         Names of tables that could not be read, with the reason.
     kept
         How the command line records each run.
+    executor
+        An executor that runs the fits instead of processes of this machine, one as one task, with the same draws; its
+        workers share the directory (see `runs.cluster`).
     **options
         Single options in place of those of `model` and `run`, by name.
 
@@ -216,9 +226,13 @@ def study(
     (directory / RUNS).mkdir(parents=True, exist_ok=True)
     found = {name: Outcome(name, REFUSED, why) for name, why in refused.items()}
     with Lock(directory / LOCK) as lock:
-        tasks = [(name, data, str(directory / RUNS / name), (kept or {}).get(name)) for name, data in tables.items()]
+        home = directory if executor is None else directory.resolve()
+        tasks = [
+            (name, data, str(home / RUNS / name), (kept or {}).get(name), executor is not None)
+            for name, data in tables.items()
+        ]
         processes = min(request.run.processes or available_processors(), max(len(tasks), 1))
-        with Workers(request, processes) as workers:
+        with Workers(request, processes, executor) as workers:
             for one in workers.as_finished(fit_table, tasks):
                 found[one.table] = one
                 if progress is not None:
@@ -228,15 +242,24 @@ def study(
 
 
 def fit_table(
-    request: Request, name: str, data: Experiment | Compression, directory: str, kept: Kept | None
+    request: Request, name: str, data: Experiment | Compression, directory: str, kept: Kept | None, patient: bool
 ) -> Outcome:
-    """Fit one table in its own directory, from wherever its run is; an error of the table is its outcome."""
-    try:
-        return _fit(request, name, data, Path(directory), kept)
-    except ResourceError:
-        raise
-    except SoftnessError as error:
-        return Outcome(name, REFUSED, str(error))
+    """Fit one table in its own directory, from wherever its run is; an error of the table is its outcome.
+
+    If `patient`, the end of another process in that directory is waited for: on a cluster it may be the task of a
+    client that was killed, which goes on to its end.
+    """
+    while True:
+        try:
+            return _fit(request, name, data, Path(directory), kept)
+        except ResourceError:
+            raise
+        except LockedError as error:
+            if not patient:
+                return Outcome(name, REFUSED, str(error))
+            time.sleep(WAIT)
+        except SoftnessError as error:
+            return Outcome(name, REFUSED, str(error))
 
 
 def _fit(request: Request, name: str, data: Experiment | Compression, directory: Path, kept: Kept | None) -> Outcome:

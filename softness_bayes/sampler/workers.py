@@ -1,4 +1,4 @@
-"""Tasks on one resident object, in this process or in several, with the same results."""
+"""Tasks on one resident object, in this process, in several or on an executor, with the same results."""
 
 from __future__ import annotations
 
@@ -9,14 +9,13 @@ import sys
 import tempfile
 import threading
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import Future, ProcessPoolExecutor, as_completed
-from concurrent.futures.process import BrokenProcessPool
+from concurrent.futures import BrokenExecutor, Executor, Future, ProcessPoolExecutor, as_completed
 from contextlib import contextmanager
 from functools import lru_cache
 from multiprocessing import get_context, parent_process, resource_tracker
 from multiprocessing.context import BaseContext
 from types import TracebackType
-from typing import Any, Self, TypeVar
+from typing import Any, Protocol, Self, TypeVar, runtime_checkable
 
 from threadpoolctl import ThreadpoolController
 
@@ -71,6 +70,14 @@ def available_processors() -> int:
     return os.cpu_count() or 1
 
 
+@runtime_checkable
+class Sharing(Protocol):
+    """An executor that sends a value once, however many tasks take it."""
+
+    def share(self, value: Any) -> Any:
+        """Return what stands for a value among the arguments of a task; the task receives the value itself."""
+
+
 class Workers:
     """Processes that each hold one object and work on it; a context manager.
 
@@ -84,12 +91,18 @@ class Workers:
         The object that tasks work on; sent to each process once.
     processes
         Number of processes; with one, the tasks run in this one.
+    executor
+        An executor that runs the tasks instead, of other processes or machines; it stays open. If it is `Sharing`, the
+        resident is sent once, otherwise with every task.
     """
 
-    def __init__(self, resident: Any, processes: int) -> None:
+    def __init__(self, resident: Any, processes: int, executor: Executor | None = None) -> None:
         self._resident, self._processes, self._renewed = resident, processes, 0
         self._pool: ProcessPoolExecutor | None = None
-        if processes > 1:
+        self._given = executor
+        if executor is not None:
+            self._sent = executor.share(resident) if isinstance(executor, Sharing) else resident
+        elif processes > 1:
             prepare(type(resident).__module__)
             self._pool = self._new_pool()
 
@@ -115,11 +128,16 @@ class Workers:
 
     def _submit(self, work: Callable[..., Result], task: tuple[Any, ...]) -> Future[Result]:
         """Submit a task; if a process has died meanwhile, to new ones."""
+        if self._given is not None:
+            try:
+                return self._given.submit(_on_one_thread, work, self._sent, task)
+            except BrokenExecutor:
+                raise ResourceError(_LOST) from None
         assert self._pool is not None
         with _shielded():
             try:
                 return self._pool.submit(_in_worker, work, task)
-            except BrokenProcessPool:
+            except BrokenExecutor:
                 self._renew()
                 return self._pool.submit(_in_worker, work, task)
 
@@ -131,6 +149,8 @@ class Workers:
         ResourceError
             If that has happened too often.
         """
+        if self._given is not None:
+            raise ResourceError(_LOST) from None
         if self._pool is None or self._renewed == RENEWALS:
             raise ResourceError(_DIED) from None
         self._renewed += 1
@@ -148,8 +168,17 @@ class Workers:
                     self._renewed = 0
                     del left[futures[future]]
                     yield futures[future], result
-            except BrokenProcessPool:
+            except BrokenExecutor:
                 self._renew()
+            finally:
+                if self._given is not None:
+                    for future in futures:
+                        future.cancel()  # without effect on those that are done
+
+    @property
+    def _alone(self) -> bool:
+        """True if tasks run in this process."""
+        return self._pool is None and self._given is None
 
     def map(self, work: Callable[..., Result], tasks: Sequence[tuple[Any, ...]]) -> list[Result]:
         """Return ``work(resident, *task)`` of every task, in order; ``work`` is a function of a module.
@@ -159,7 +188,7 @@ class Workers:
         ResourceError
             If processes died again and again.
         """
-        if self._pool is None:
+        if self._alone:
             return [_on_one_thread(work, self._resident, task) for task in tasks]
         found = dict(self._finished(work, tasks))
         return [found[k] for k in range(len(tasks))]
@@ -174,21 +203,21 @@ class Workers:
         ResourceError
             From that function, as in `map`.
         """
-        if self._pool is None:
+        if self._alone:
             return lambda: _on_one_thread(work, self._resident, task)
         future = self._submit(work, task)
 
         def finished() -> Result:
             try:
                 return future.result()
-            except BrokenProcessPool:
+            except BrokenExecutor:
                 return self.map(work, [task])[0]
 
         return finished
 
     def as_finished(self, work: Callable[..., Result], tasks: Sequence[tuple[Any, ...]]) -> Iterator[Result]:
         """Yield ``work(resident, *task)`` of every task as soon as it finishes, in any order; otherwise as `map`."""
-        if self._pool is None:
+        if self._alone:
             yield from (_on_one_thread(work, self._resident, task) for task in tasks)
             return
         for _, result in self._finished(work, tasks):
@@ -199,6 +228,9 @@ _DIED = (
     "a worker process died repeatedly: it was killed, or memory ran out. Use fewer processes, which need less memory. "
     "In a script, the call must stand under 'if __name__ == \"__main__\":'; with processes=1 no worker is needed"
 )
+
+
+_LOST = "the executor lost its workers: they were killed, or memory ran out"
 
 
 _resident: Any = None

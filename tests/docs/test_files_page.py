@@ -23,7 +23,7 @@ from softness_bayes.cli.interrupts import SIGNALS
 from softness_bayes.cli.report import REPORT
 from softness_bayes.data import LABELS, NUMBERS
 from softness_bayes.files.listing import LISTING
-from softness_bayes.files.run_files import CHECKPOINT, FILES
+from softness_bayes.files.run_files import CHECKPOINT, FILES, RUNS
 from softness_bayes.likelihood.directions import FREE
 from softness_bayes.model import individual
 from softness_bayes.model.scenes import usual_values
@@ -187,7 +187,7 @@ def test_files_of_commands(tmp_path):
     assert rows["compare"] == [COMPARISON]
     assert rows["rank"] == [*rank.MADE, rank.AGREEMENT, "--against"]
     assert rows["report"] == [REPORT]
-    assert {*rows["study"]} == {*study.MADE, f"{study.RUNS}/"}
+    assert {*rows["study"]} == {*study.MADE, f"{RUNS}/"}
     names = ("RANKS", "COVERAGE", "VERDICT", "MANIFEST")
     kept = {*(getattr(calibrate, name) for name in names), f"{calibrate.FIGURE}.png", f"{calibrate.REPLICATES}/"}
     assert {*rows["calibrate"]} == kept

@@ -15,6 +15,7 @@ from softness_bayes.cli.study import _end
 from softness_bayes.data.study_tables import Listed, list_tables
 from softness_bayes.errors import InputError, LockedError, NotConvergedError, NumericalError
 from softness_bayes.files.lock import Lock
+from softness_bayes.files.run_files import RUNS
 from softness_bayes.model.build import build_skin
 from softness_bayes.model.options import ModelOptions
 from softness_bayes.model.scenes import usual_values
@@ -25,7 +26,7 @@ from softness_bayes.results.result import Result
 from softness_bayes.runs import study as studies
 from softness_bayes.runs.plate import sample_skin
 from softness_bayes.runs.population import pool_results, population_of
-from softness_bayes.runs.study import CONVERGED, LOCK, MADE, REFUSED, RUNS, UNCONVERGED, Outcome, Study, seed_of, study
+from softness_bayes.runs.study import CONVERGED, LOCK, MADE, REFUSED, UNCONVERGED, Outcome, Study, seed_of, study
 from softness_bayes.touch.contact import STRAIN
 from softness_bayes.touch.readings import MENDED
 from support.command_line import FIXED, call, few_ratings, refused
@@ -170,6 +171,12 @@ def test_what_cannot_be_pooled(done, tmp_path):
     other = sample_skin(TABLES["A"], OPTIONS, priors={"b": LogNormal(50, 1.0)}, max_steps=20, processes=1)
     with pytest.raises(InputError, match=r"lognormal\(30,1\) in A and lognormal\(50,1\) in D"):
         pool_results({**results, "D": other})
+
+
+def test_status_of_a_study(done):
+    said = call("status", done.directory).stdout
+    assert "of 3 runs that have begun 3 have ended (3 converged), 0 are running" in said
+    assert "B: it has ended, its results are written" in said
 
 
 def test_a_study_under_way_is_not_disturbed(done):

@@ -40,6 +40,14 @@ processes = click.option(
 )
 """Gives a verb `processes`."""
 
+dask = click.option(
+    "--dask",
+    metavar="SCHEDULER",
+    help="Run on an existing Dask cluster instead of processes of this machine: the address of its scheduler, as in "
+    "tcp://10.0.0.1:8786, or its scheduler file. Its workers have this version, one thread each, and share --out.",
+)
+"""Gives a verb `dask`, an address or a file, or None."""
+
 no_figures = click.option("--no-figures", is_flag=True, help="Leave out the figures.")
 """Gives a verb `no_figures`."""
 

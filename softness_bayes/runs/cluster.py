@@ -1,0 +1,227 @@
+"""Executor of an existing Dask cluster, whose workers have this version and share the directory."""
+
+from __future__ import annotations
+
+import hashlib
+import pickle
+import secrets
+from collections.abc import Callable, Iterator, Mapping
+from concurrent.futures import CancelledError, Executor, Future
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
+
+from softness_bayes.errors import InputError, ResourceError
+from softness_bayes.files.outputs import require_directory
+from softness_bayes.provenance import VERSION
+from softness_bayes.results.versions import versions
+
+if TYPE_CHECKING:
+    from distributed import Client
+
+Result = TypeVar("Result")
+
+INSTALL = "pip install 'softness-bayes[dask]'"
+"""Command that installs what speaks with a cluster."""
+
+TIMEOUT = 10.0
+"""Time [s] in which a scheduler must answer."""
+
+SCHEDULER = "at the scheduler"
+"""Address of the report of the scheduler itself."""
+
+_NAMED = 3  # workers in a message
+
+
+class Worker(NamedTuple):
+    """State of one worker, as it reports it."""
+
+    versions: Mapping[str, str]
+    shares: bool
+    """Whether it sees the client's directory."""
+    threads: int
+
+
+class Cluster(Executor):
+    """An executor that runs tasks on a Dask cluster, and sends a shared value to the scheduler once, by its content.
+
+    The scheduler gives the task of a killed worker to another one. Use `cluster`, which connects and checks.
+
+    Parameters
+    ----------
+    client
+        A client of the cluster.
+    """
+
+    def __init__(self, client: Client) -> None:
+        self._client, self._executor, self._versions = client, client.get_executor(pure=False), versions()
+
+    def share(self, value: Any) -> Any:
+        """Return the cluster's handle of a value; a task that takes it receives the value."""
+        content = pickle.dumps(value)
+        digest = hashlib.sha256(content).hexdigest()
+        return self._client.submit(pickle.loads, content, key=f"softness-bayes-{digest}")
+
+    def submit(self, work: Callable[..., Result], /, *task: Any, **named: Any) -> Future[Result]:
+        """Submit a task; its future fails with `ResourceError` if its workers were killed again and again."""
+        found: Future[Result] = Future()
+        running = self._executor.submit(_alike, self._versions, work, *task, **named)
+        found.add_done_callback(lambda asked: running.cancel() if asked.cancelled() else None)
+        running.add_done_callback(lambda done: _pass_on(done, found))
+        return found
+
+    def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
+        """Leave the cluster, which goes on for others."""
+        self._executor.shutdown(wait=wait and not cancel_futures)
+
+
+@contextmanager
+def cluster(scheduler: str, directory: Path | None = None) -> Iterator[Cluster]:
+    """Connect to a cluster that is running.
+
+    Parameters
+    ----------
+    scheduler
+        Address of its scheduler, as in ``tcp://10.0.0.1:8786``, or path of its scheduler file.
+    directory
+        Directory that the workers must share with this process; None if tasks need none.
+
+    Raises
+    ------
+    InputError
+        If Dask is not installed, there is no such scheduler, it has no workers, or these have other versions, more
+        than one thread each, or another disk.
+    """
+    with _client(scheduler) as client:
+        found = _workers(client, directory)
+        require_workers(scheduler, found, directory)
+        yield Cluster(client)
+
+
+def require_workers(scheduler: str, found: Mapping[str, Worker | BaseException], directory: Path | None = None) -> None:
+    """Raise an error for a cluster whose workers cannot be used.
+
+    Parameters
+    ----------
+    scheduler
+        Its name, for messages.
+    found
+        Report of each worker by its address, or the error that it gave instead.
+    directory
+        The directory that they must share.
+
+    Raises
+    ------
+    InputError
+        Naming the workers and the reason.
+    """
+    if not found:
+        raise InputError(f"{scheduler}: the scheduler has no workers; start some, as with 'dask worker --nthreads 1'")
+    own = versions()
+    faults: dict[str, str] = {}
+    for address, one in found.items():
+        if isinstance(one, BaseException):
+            faults[address] = f"cannot run softness-bayes ({one})"
+        elif differ := [name for name in own if one.versions.get(name) != own[name]]:
+            faults[address] = "has " + ", ".join(
+                f"{name.removeprefix(VERSION)} {one.versions.get(name)} (here {own[name]})" for name in differ
+            )
+        elif one.threads != 1:
+            faults[address] = f"has {one.threads} threads; start it with --nthreads 1, and more workers with --nworkers"
+        elif directory is not None and not one.shares:
+            faults[address] = f"does not see {directory.resolve()}: the workers must share this directory"
+    if faults:
+        said = [f"worker {address} {fault}" for address, fault in faults.items()]
+        shown = "; ".join(said[:_NAMED]).replace(f"worker {SCHEDULER}", "the scheduler itself")
+        more = f"; and {len(faults) - _NAMED} more" if len(faults) > _NAMED else ""
+        raise InputError(f"{scheduler}: {shown}{more}")
+
+
+@contextmanager
+def _client(scheduler: str) -> Iterator[Client]:
+    try:
+        from distributed import Client
+    except ImportError:
+        raise InputError(f"--dask needs Dask: {INSTALL}") from None
+    asked: dict[str, Any] = {"address": scheduler}
+    if "://" not in scheduler:
+        if not Path(scheduler).is_file():
+            raise InputError(
+                f"{scheduler}: no such scheduler file; expected one, or an address such as tcp://10.0.0.1:8786"
+            )
+        asked = {"scheduler_file": scheduler}
+    try:
+        client = Client(**asked, timeout=TIMEOUT, set_as_default=False)
+    except (OSError, ValueError, KeyError) as error:
+        raise InputError(f"{scheduler}: no scheduler answers there ({str(error).splitlines()[0]})") from None
+    with client:
+        yield client
+
+
+def _workers(client: Client, directory: Path | None) -> dict[str, Worker | BaseException]:
+    """Return the report of every worker, or the error that it gave instead."""
+    token, path = secrets.token_hex(8), None
+    if directory is not None:
+        require_directory(directory)
+        directory.mkdir(parents=True, exist_ok=True)
+        path = directory.resolve() / f".shared-{token}"
+        path.write_text(token, encoding="ascii")
+    try:
+        reports = client.run(_report, None if path is None else str(path), token, on_error="return")
+        threads = client.nthreads()
+        found: dict[str, Worker | BaseException] = {}
+        if reports:  # the scheduler reads the tasks too
+            found[SCHEDULER] = _of_the_scheduler(client)
+        for address, one in reports.items():
+            failed = isinstance(one, BaseException)
+            found[address] = one if failed else Worker(one[0], one[1], threads.get(address, 1))
+        return found
+    finally:
+        if path is not None:
+            path.unlink(missing_ok=True)
+
+
+def _of_the_scheduler(client: Client) -> Worker | BaseException:
+    """Return the report of the scheduler, which needs no directory and runs no task, or its error."""
+    try:
+        return Worker(client.run_on_scheduler(versions), True, 1)
+    except Exception as error:
+        return error
+
+
+def _report(path: str | None, token: str) -> tuple[dict[str, str], bool]:
+    """Return versions of a worker, and whether it sees a file."""
+    seen = ""
+    if path is not None:
+        with suppress(OSError):
+            seen = Path(path).read_text(encoding="ascii")
+    return versions(), seen == token
+
+
+def _alike(expected: Mapping[str, str], work: Callable[..., Result], *task: Any, **named: Any) -> Result:
+    """Run a task on a worker as elsewhere: with the same versions, though it may have joined after others were asked.
+
+    Inside, libraries take Dask as one thread: xarray would ask the scheduler for a lock to write a file in memory.
+    """
+    import dask
+
+    if versions() != expected:
+        raise InputError(f"a worker has other versions than this process: {versions()}, expected {expected}")
+    with dask.config.set(scheduler="synchronous"):
+        return work(*task, **named)
+
+
+def _pass_on(done: Future[Result], found: Future[Result]) -> None:
+    """Give a task's result, or its error as one of ours, to another future."""
+    from distributed import KilledWorker
+
+    if not found.set_running_or_notify_cancel():
+        return
+    try:
+        found.set_result(done.result())
+    except KilledWorker as error:
+        found.set_exception(ResourceError(f"workers of the cluster died again and again at one task: {error}"))
+    except (CancelledError, OSError) as error:
+        found.set_exception(ResourceError(f"the cluster was lost ({error or 'its scheduler ended'})"))
+    except BaseException as error:
+        found.set_exception(error)

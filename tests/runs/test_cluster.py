@@ -1,0 +1,215 @@
+"""One way to run many: executors give the same draws, clusters that cannot be used are refused, the killed go on."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from concurrent.futures import BrokenExecutor, Executor, Future, ThreadPoolExecutor
+
+import numpy as np
+import pytest
+
+from softness_bayes.claims import TOUCHES, evaluate_claims
+from softness_bayes.claims.report import claims_table
+from softness_bayes.data import compression_csv
+from softness_bayes.errors import InputError, ResourceError
+from softness_bayes.files.run_files import RUNS
+from softness_bayes.model.scenes import usual_values
+from softness_bayes.model.simulation import simulate_compression
+from softness_bayes.results.versions import versions
+from softness_bayes.runs import cluster as clusters
+from softness_bayes.runs.cluster import SCHEDULER, Worker, cluster, require_workers
+from softness_bayes.sampler.workers import Workers
+from softness_bayes.touch.readings import MENDED, NAMED_READINGS
+from support.command_line import call, refused
+from support.paths import ROOT
+
+# executors
+
+
+def add(resident, number):
+    return resident + number
+
+
+class Shared(ThreadPoolExecutor):
+    """An executor that counts what it is given to share, and has a handle for it."""
+
+    def __init__(self):
+        super().__init__(2)
+        self.shared = []
+
+    def share(self, value):
+        self.shared.append(value)
+        return ("handle", len(self.shared) - 1)
+
+    def submit(self, work, /, *task):
+        values = (self.shared[a[1]] if isinstance(a, tuple) and a[:1] == ("handle",) else a for a in task)
+        return super().submit(work, *values)
+
+
+def test_workers_on_an_executor():
+    tasks = [(k,) for k in range(9)]
+    with ThreadPoolExecutor(2) as executor, Workers(3, 4, executor) as workers:
+        assert workers.map(add, tasks) == [3 + k for k in range(9)]
+        assert sorted(workers.as_finished(add, tasks)) == [3 + k for k in range(9)]
+        assert workers.start(add, 5)() == 8
+
+
+def test_a_resident_is_shared_once():
+    with Shared() as executor, Workers(3, 1, executor) as workers:
+        assert workers.map(add, [(1,), (2,)]) == [4, 5]
+        assert executor.shared == [3]
+
+
+def test_an_executor_stays_open():
+    with ThreadPoolExecutor(1) as executor:
+        with Workers(3, 1, executor):
+            pass
+        assert executor.submit(add, 1, 2).result() == 3
+
+
+class Broken(Executor):
+    """An executor whose workers have died, before or after the task came."""
+
+    def __init__(self, at_once):
+        self.at_once = at_once
+
+    def submit(self, work, /, *task):
+        if self.at_once:
+            raise BrokenExecutor
+        future = Future()
+        future.set_exception(BrokenExecutor())
+        return future
+
+
+@pytest.mark.parametrize("at_once", [True, False])
+def test_a_broken_executor(at_once):
+    with Workers(3, 1, Broken(at_once)) as workers, pytest.raises(ResourceError, match="lost its workers"):
+        workers.map(add, [(1,)])
+
+
+def test_claims_on_an_executor():
+    touches = {"indentation": TOUCHES["indentation"][:2]}
+    readings = {name: NAMED_READINGS[name] for name in ("mended", "hertz")}
+    here = claims_table(evaluate_claims(readings, ["default"], touches, draws=0))
+    with ThreadPoolExecutor(2) as executor:
+        there = claims_table(evaluate_claims(readings, ["default"], touches, draws=0, executor=executor))
+    assert there.equals(here)
+
+
+# clusters that cannot be used
+
+GOOD = Worker(versions(), True, 1)
+OTHER = GOOD._replace(versions={**versions(), "version_numpy": "1.0"})
+
+
+@pytest.mark.parametrize(
+    ("found", "said"),
+    [
+        ({}, "has no workers"),
+        (
+            {"tcp://a": GOOD, "tcp://b": GOOD._replace(versions={**versions(), "version_numpy": "1.0"})},
+            "b has numpy 1.0",
+        ),
+        ({"tcp://b": ModuleNotFoundError("softness_bayes")}, "b cannot run softness-bayes"),
+        ({"tcp://a": GOOD._replace(threads=4)}, "a has 4 threads"),
+        ({"tcp://a": GOOD, "tcp://c": GOOD._replace(shares=False)}, "c does not see"),
+        ({SCHEDULER: Worker({}, True, 1), "tcp://a": GOOD}, "the scheduler itself has python None"),
+        ({f"tcp://{k}": GOOD._replace(threads=2) for k in range(5)}, "and 2 more"),
+    ],
+)
+def test_workers_that_are_refused(found, said, tmp_path):
+    with pytest.raises(InputError, match=said):
+        require_workers("tcp://s", found, tmp_path)
+
+
+def test_workers_that_are_not_refused(tmp_path):
+    require_workers("tcp://s", {"tcp://a": GOOD, "tcp://b": GOOD}, tmp_path)
+    require_workers("tcp://s", {"tcp://a": GOOD._replace(shares=False)})
+
+
+def test_without_dask(monkeypatch):
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    with pytest.raises(InputError, match=r"softness-bayes\[dask\]"), cluster("tcp://127.0.0.1:1"):
+        pass
+
+
+def test_no_scheduler(monkeypatch, tmp_path):
+    pytest.importorskip("distributed")
+    monkeypatch.setattr(clusters, "TIMEOUT", 0.3)
+    for missing, said in (
+        (tmp_path / "scheduler.json", "no such scheduler file"),
+        ("tcp://127.0.0.1:1", "no scheduler"),
+    ):
+        refused(call("claims", "--dask", missing, "--draws", 0, "--out", tmp_path / "out"), said)
+    assert not (tmp_path / "out").exists()
+
+
+# a real scheduler and two workers
+
+
+def started(*command):
+    environment = os.environ | {"PYTHONPATH": str(ROOT), "OMP_NUM_THREADS": "1"}
+    program = [sys.executable, "-m", *map(str, command)]
+    return subprocess.Popen(program, env=environment, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, cwd=ROOT)
+
+
+def until(what, seconds=240.0):
+    end = time.monotonic() + seconds
+    while not what():
+        assert time.monotonic() < end, "it has not come to pass"
+        time.sleep(0.05)
+
+
+@pytest.fixture
+def real_cluster(tmp_path):
+    pytest.importorskip("distributed")
+    file, processes = tmp_path / "scheduler.json", []
+
+    def worker():
+        where = ["--scheduler-file", file, "--local-directory", tmp_path / "scratch"]
+        processes.append(started("dask", "worker", *where, "--nthreads", 1, "--no-nanny", "--no-dashboard"))
+        return processes[-1]
+
+    processes.append(started("dask", "scheduler", "--port", 0, "--no-dashboard", "--scheduler-file", file))
+    until(file.exists)
+    yield file, worker
+    for process in processes:
+        process.kill()
+        process.wait()
+
+
+@pytest.mark.slow
+def test_a_study_whose_workers_and_client_are_killed(real_cluster, tmp_path):
+    """It ends with the very draws of an undisturbed one on this machine."""
+    file, worker = real_cluster
+    lines = ["table,compression"]
+    for k in range(5):
+        values = usual_values(MENDED, given={"b": 60.0 + 20 * k}, n_fingers=4)
+        made = simulate_compression(np.random.default_rng(k), values, fingers=4)
+        (tmp_path / f"F{k}.csv").write_text(compression_csv(made.compression))
+        lines.append(f"F{k},F{k}.csv")
+    (tmp_path / "list.csv").write_text("\n".join(lines) + "\n")
+    held = [f"--fix={one}" for one in ("m=2", "tau_b=0.3", "tau_m=0.5", "varsigma_f=0.1")]
+    asked = ["study", tmp_path / "list.csv", *held, "--priors", "wide", "--max-steps", 2000, "--seed", 5]
+    there = [*asked, "--out", tmp_path / "there", "--dask", file]
+    first, _ = worker(), worker()
+    refused(call(*asked, "--out", tmp_path / "no", "--dask", tmp_path / "no.json"), "no such scheduler file")
+    runs = tmp_path / "there" / RUNS
+
+    client = started("softness_bayes", *there)
+    until(lambda: len(list(runs.glob("*/checkpoint/lock"))) > 1)
+    first.send_signal(signal.SIGKILL)
+    until(lambda: list(runs.glob("*/posterior.nc")))
+    client.send_signal(signal.SIGKILL)
+    client.wait()
+    worker()
+    again = started("softness_bayes", *there)
+    assert again.wait(timeout=300) == 0
+
+    assert call(*asked, "--out", tmp_path / "here").returncode == 0
+    for name in (*(f"{RUNS}/F{k}/summary.csv" for k in range(5)), "individual.csv", "population.csv"):
+        assert (tmp_path / "there" / name).read_bytes() == (tmp_path / "here" / name).read_bytes(), name
