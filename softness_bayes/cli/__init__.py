@@ -12,6 +12,7 @@ from typing import Any
 import click
 
 from softness_bayes import __version__
+from softness_bayes.cli.advice import of_input, of_usage
 from softness_bayes.cli.interrupts import guarded, tell_kept
 from softness_bayes.cli.streams import open_closed_streams, tolerant_streams
 from softness_bayes.cli.terminal import visible_streams
@@ -21,6 +22,8 @@ STARTED = time.monotonic()
 """Time [s] at which the command began, after Python itself had started."""
 
 VERBS: Mapping[str, str] = {
+    "demo": "Run a complete small example, from tables to a report, in seconds.",
+    "new": "Write tables and scripts to start from into a directory.",
     "check": "Validate data files and say what was understood.",
     "plan": "Say how 'sample' would evaluate the model with the same options: stages, nodes, errors and cost.",
     "sample": "Sample the posterior of skin, transduction and rating parameters given ratings.",
@@ -46,6 +49,8 @@ VERBS: Mapping[str, str] = {
 PRINTING = ("check", "plan", "status", "predict", "target")
 """Verbs whose result is what they print, unless they have an --out; others write it to files."""
 
+TYPED = f"{__name__}.typed"
+"""Key of the words of a command line."""
 LESS_MEMORY = "each process needs its share: fewer --processes need less"
 """Advice where memory ran out."""
 
@@ -96,14 +101,24 @@ class VerbGroup(click.Group):
                     click.echo(f"warning: {said}", err=True)
                 raise
 
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        """Read the words of a command line, which are kept for advice."""
+        ctx.meta[TYPED] = list(args)
+        return super().parse_args(ctx, args)
+
     def invoke(self, ctx: click.Context) -> Any:
         """Run a verb."""
         try:
             return super().invoke(ctx)
+        except click.UsageError as error:
+            if said := of_usage(error, ctx.meta[TYPED]):
+                raise click.UsageError(f"{error.format_message()}\n{said}", error.ctx) from None
+            raise
         except SoftnessError as error:
             if isinstance(error, (NumericalError, ResourceError)):
                 tell_kept()
             click.echo(f"error: {error}", err=True)
+            _advise(str(error), ctx)
             ctx.exit(error.exit_code)
         except MemoryError as error:
             tell_kept()
@@ -111,7 +126,9 @@ class VerbGroup(click.Group):
             ctx.exit(ResourceError.exit_code)
         except OSError as error:
             tell_kept()
-            click.echo(f"error: {error.filename or 'file'}: {error.strerror or error}", err=True)
+            message = f"{error.filename or 'file'}: {error.strerror or error}"
+            click.echo(f"error: {message}", err=True)
+            _advise(message, ctx)
             ctx.exit(2)
 
 
@@ -120,6 +137,11 @@ def _prints(words: Sequence[str]) -> bool:
     verb = next((word for word in words if word in VERBS), None)
     to_file = any(word.partition("=")[0] == "--out" for word in words)
     return verb is None or "--help" in words or "-h" in words or (verb in PRINTING and not to_file)
+
+
+def _advise(message: str, ctx: click.Context) -> None:
+    if said := of_input(message, ctx.meta[TYPED]):
+        click.echo(said, err=True)
 
 
 @click.group(cls=VerbGroup, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110})

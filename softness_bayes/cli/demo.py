@@ -1,0 +1,86 @@
+"""`softness-bayes demo`: a complete small example, from tables to a report."""
+
+from __future__ import annotations
+
+import shlex
+from pathlib import Path
+from typing import Any
+
+import click
+
+from softness_bayes.cli.new import EXAMPLE, NEW, example
+from softness_bayes.cli.options.run import force, processes
+from softness_bayes.cli.options.values import FILE
+from softness_bayes.errors import NotConvergedError
+
+TITLE = "EXAMPLE: simulated ratings of fabrics that do not exist"
+HELD = {
+    "m": 2,
+    "alpha": 20.3,
+    "beta": 0.6,
+    "eps": 0.1,
+    "c_Na": 1.05,
+    "c_K": 1.16,
+    "c_L": 1,
+    "c_A": 1.5,
+}
+"""Parameters that are held at the values behind the example, so that it takes seconds."""
+STEPS = 3000
+"""Largest number of steps; the example needs about 800."""
+
+
+@click.command()
+@click.option(
+    "--out",
+    type=FILE,
+    default=Path("softness-demo"),
+    show_default=True,
+    metavar="DIR",
+    help="Directory to write to.",
+)
+@processes
+@force
+def command(out: Path, processes: int | None, force: bool) -> None:
+    """Run a complete small example, from tables to a report, in seconds.
+
+    Writes what 'new' writes to --out, samples the posterior and makes its report, and shows the commands that do so.
+    The ratings are simulated, and most parameters are held at the values behind them: an analysis of your own samples
+    all of them, which takes minutes. Exit code 3 if the run has not converged, as for any run.
+    """
+    from softness_bayes.cli.check import command as check
+    from softness_bayes.cli.report import command as report
+    from softness_bayes.cli.sample import command as sample
+    from softness_bayes.files.outputs import require_outputs, write_outputs
+
+    results, data = out / "results", out / "ratings.csv"
+    require_outputs(out, EXAMPLE, NEW, force)
+    click.echo(TITLE)
+    write_outputs(out, example(), NEW)
+    _shown("new", out)
+    _run(check, "check", "--data", data)
+    held = [part for name, value in HELD.items() for part in ("--fix", f"{name}={value}")]
+    words = ["--data", data, "--out", results, "--modulus-cv", "0", *held, "--max-steps", STEPS, "--no-figures"]
+    words += ["--force"] if force else []
+    words += [] if processes is None else ["--processes", processes]
+    ended: NotConvergedError | None = None
+    try:
+        _run(sample, "sample", *words)
+    except NotConvergedError as error:
+        ended = error
+    _run(report, "report", results, "--title", TITLE)
+    click.echo(
+        f"\nthis was an EXAMPLE, with most parameters held at the values behind it; open {results / 'report.html'}"
+    )
+    click.echo("in a browser. With tables of your own, begin with\n  softness-bayes new my-study")
+    if ended is not None:
+        raise ended
+
+
+def _shown(*words: Any) -> None:
+    click.echo(f"\n$ {shlex.join(['softness-bayes', *map(str, words)])}")
+
+
+def _run(verb: click.Command, *words: Any) -> None:
+    """Run a verb after showing its command."""
+    _shown(*words)
+    verb.main([str(word) for word in words[1:]], prog_name=f"softness-bayes {words[0]}", standalone_mode=False)

@@ -1,0 +1,41 @@
+"""`softness-bayes new`: tables and scripts to start from, explained in place."""
+
+from __future__ import annotations
+
+from importlib.resources import files
+from pathlib import Path
+
+import click
+
+from softness_bayes.cli.options.run import force
+from softness_bayes.cli.options.values import FILE
+
+NEW = "new"
+EXAMPLE = ("ratings.csv", "fabrics.csv", "analysis.sh", "analysis.py", "README.md")
+"""The files, which `softness_bayes/example` holds; a script in Python is kept there as text."""
+
+
+def example() -> dict[str, str]:
+    """Return the files by their names."""
+    home = files("softness_bayes") / "example"
+    kept = {name: name + ".txt" if name.endswith(".py") else name for name in EXAMPLE}
+    return {name: (home / file).read_text(encoding="utf-8") for name, file in kept.items()}
+
+
+@click.command()
+@click.argument("directory", type=FILE, metavar="DIR")
+@force
+def command(directory: Path, force: bool) -> None:
+    """Write tables and scripts to start from into DIR.
+
+    ratings.csv and fabrics.csv hold a small example, whose column 'note' explains the others: replace their rows by
+    yours. analysis.sh (command line) and analysis.py (Python) lead from these tables to a report and to answers.
+    """
+    from softness_bayes.files.outputs import require_outputs, write_outputs
+
+    require_outputs(directory, EXAMPLE, NEW, force)
+    write_outputs(directory, example(), NEW)
+    click.echo(f"{directory}: {', '.join(EXAMPLE)}")
+    click.echo("the tables hold an EXAMPLE (simulated): replace their rows by yours; then")
+    click.echo(f"  softness-bayes check --data {directory / 'ratings.csv'}    how they are understood")
+    click.echo(f"  sh {directory / 'analysis.sh'}    the whole analysis (or: python {directory / 'analysis.py'})")
