@@ -16,7 +16,7 @@ import numpy as np
 
 from softness_bayes.errors import InputError
 from softness_bayes.likelihood.directions import RatingDirection, direction_named
-from softness_bayes.likelihood.scales import MAGNITUDE, Scale, scale_named
+from softness_bayes.likelihood.scales import MAGNITUDE, Scale, name_of_scale, scale_named
 from softness_bayes.parameters.priors import Prior, parse_prior
 from softness_bayes.sampler.serial import as_json
 from softness_bayes.touch.readings import ALTERNATIVES, Readings
@@ -332,7 +332,7 @@ _CODECS: Mapping[str, _Codec] = MappingProxyType(
             lambda value: json.loads(str(value)), lambda value: as_json(value, "options of the run")
         ),
         "RatingDirection": _Codec(lambda value: direction_named(str(value)), lambda value: value.name),
-        "Scale": _Codec(lambda value: scale_named(str(value)), lambda value: value.name),
+        "Scale": _Codec(lambda value: scale_named(str(value)), name_of_scale),
     }
 )
 """By the type of the field."""

@@ -23,7 +23,7 @@ STARTED = time.monotonic()
 
 VERBS: Mapping[str, str] = {
     "demo": "Run a complete small example, from tables to a report, in seconds.",
-    "new": "Write tables and scripts to start from into a directory.",
+    "new": "Write tables and scripts to start from into DIR.",
     "check": "Validate data files and say what was understood.",
     "plan": "Say how 'sample' would evaluate the model with the same options: stages, nodes, errors and cost.",
     "sample": "Sample the posterior of skin, transduction and rating parameters given ratings.",
@@ -32,8 +32,8 @@ VERBS: Mapping[str, str] = {
     "plot": "Draw the figures of a finished run.",
     "simulate": "Simulate ratings of fabrics from stated parameters.",
     "report": "Write one page about a finished run, to read, print or send.",
-    "readings": "List and explain the readings of the model's equations.",
-    "priors": "List and explain the parameters with their priors, the laws and the sets of priors.",
+    "readings": "List and explain the readings of every place of the model, or of one PLACE.",
+    "priors": "List and explain the parameters with their priors, the laws of priors and the sets of priors.",
     "figures": "List and explain the figures of a finished run.",
     "compare": "Rank finished runs by how well they predict what is left out.",
     "predict": "Predict contact, stress, firing and ratings for fabrics under loads.",

@@ -73,7 +73,7 @@ def command(
     and with --design what they can tell of every parameter before any sampling, in some seconds.
     """
     from softness_bayes.data import Compression
-    from softness_bayes.likelihood.scales import RATING_SCALES
+    from softness_bayes.likelihood.scales import scale_named
     from softness_bayes.model.as_given import as_given
     from softness_bayes.model.build import choose_direction
     from softness_bayes.model.options import ModelOptions
@@ -85,7 +85,7 @@ def command(
     if isinstance(experiment, Compression):
         _forces_alone(experiment, design or figure is not None, as_json)
         return
-    readings, of_scale = choice.resolve(), RATING_SCALES[scale]
+    readings, of_scale = choice.resolve(), scale_named(scale)
     asked = ModelOptions(readings=readings, scale=of_scale, slider_ends=slider_ends, n_categories=n_categories)
     if not as_json:
         _show_tables(experiment, asked)

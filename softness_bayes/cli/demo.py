@@ -8,8 +8,8 @@ from typing import Any
 
 import click
 
-from softness_bayes.cli.new import EXAMPLE, NEW, example
-from softness_bayes.cli.options.run import force, processes
+from softness_bayes.cli.new import EXAMPLE, NEW, example, require_none
+from softness_bayes.cli.options.run import processes
 from softness_bayes.cli.options.values import FILE
 from softness_bayes.errors import NotConvergedError
 
@@ -30,37 +30,28 @@ STEPS = 3000
 
 
 @click.command()
-@click.option(
-    "--out",
-    type=FILE,
-    default=Path("softness-demo"),
-    show_default=True,
-    metavar="DIR",
-    help="Directory to write to.",
-)
+@click.argument("directory", type=FILE, default=Path("softness-demo"), metavar="[DIR]")
 @processes
-@force
-def command(out: Path, processes: int | None, force: bool) -> None:
+def command(directory: Path, processes: int | None) -> None:
     """Run a complete small example, from tables to a report, in seconds.
 
-    Writes what 'new' writes to --out, samples the posterior and makes its report, and shows the commands that do so.
+    Writes what 'new' writes into DIR (by default softness-demo), samples the posterior and makes its report, and shows the commands that do so.
     The ratings are simulated, and most parameters are held at the values behind them: an analysis of your own samples
     all of them, which takes minutes. Exit code 3 if the run has not converged, as for any run.
     """
     from softness_bayes.cli.check import command as check
     from softness_bayes.cli.report import command as report
     from softness_bayes.cli.sample import command as sample
-    from softness_bayes.files.outputs import require_outputs, write_outputs
+    from softness_bayes.files.outputs import write_outputs
 
-    results, data = out / "results", out / "ratings.csv"
-    require_outputs(out, EXAMPLE, NEW, force)
+    results, data = directory / "results", directory / "ratings.csv"
+    require_none(directory, [*EXAMPLE, results.name])
     click.echo(TITLE)
-    write_outputs(out, example(), NEW)
-    _shown("new", out)
+    write_outputs(directory, example(), NEW)
+    _shown("new", directory)
     _run(check, "check", "--data", data)
     held = [part for name, value in HELD.items() for part in ("--fix", f"{name}={value}")]
     words = ["--data", data, "--out", results, "--modulus-cv", "0", *held, "--max-steps", STEPS, "--no-figures"]
-    words += ["--force"] if force else []
     words += [] if processes is None else ["--processes", processes]
     ended: NotConvergedError | None = None
     try:

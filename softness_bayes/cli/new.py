@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import os
+from collections.abc import Sequence
 from importlib.resources import files
 from pathlib import Path
 
 import click
 
-from softness_bayes.cli.options.run import force
 from softness_bayes.cli.options.values import FILE
+from softness_bayes.errors import InputError
 
 NEW = "new"
 EXAMPLE = ("ratings.csv", "fabrics.csv", "analysis.sh", "analysis.py", "README.md")
@@ -22,18 +24,30 @@ def example() -> dict[str, str]:
     return {name: (home / file).read_text(encoding="utf-8") for name, file in kept.items()}
 
 
+def require_none(directory: Path, names: Sequence[str] = EXAMPLE) -> None:
+    """Raise an error if a directory has files of these names, which are never replaced.
+
+    Raises
+    ------
+    InputError
+        Naming them.
+    """
+    if present := [name for name in names if os.path.lexists(directory / name)]:
+        raise InputError(f"{directory}: {', '.join(present)} exists, and nothing is replaced; choose another directory")
+
+
 @click.command()
 @click.argument("directory", type=FILE, metavar="DIR")
-@force
-def command(directory: Path, force: bool) -> None:
+def command(directory: Path) -> None:
     """Write tables and scripts to start from into DIR.
 
     ratings.csv and fabrics.csv hold a small example, whose column 'note' explains the others: replace their rows by
     yours. analysis.sh (command line) and analysis.py (Python) lead from these tables to a report and to answers.
+    Nothing is replaced: a file of one of these names in DIR is named and stays.
     """
-    from softness_bayes.files.outputs import require_outputs, write_outputs
+    from softness_bayes.files.outputs import write_outputs
 
-    require_outputs(directory, EXAMPLE, NEW, force)
+    require_none(directory)
     write_outputs(directory, example(), NEW)
     click.echo(f"{directory}: {', '.join(EXAMPLE)}")
     click.echo("the tables hold an EXAMPLE (simulated): replace their rows by yours; then")

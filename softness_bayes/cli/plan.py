@@ -26,7 +26,7 @@ def command(files: DataFiles, model: ModelChoice, scale: str) -> None:
     log(N/N_ref + eps); costs are the time for each parameter vector in batches of 64, measured here and now.
     """
     from softness_bayes.data import Compression
-    from softness_bayes.likelihood.scales import RATING_SCALES
+    from softness_bayes.likelihood.scales import scale_named
     from softness_bayes.model.build import build
     from softness_bayes.model.cost import BATCH, ladder, left_out, seconds
     from softness_bayes.model.resolution import DRAWS, prior_draws
@@ -35,7 +35,7 @@ def command(files: DataFiles, model: ModelChoice, scale: str) -> None:
     data = files.read()
     if isinstance(data, Compression):
         raise InputError("plan: forces alone are fitted without a response: give --data")
-    built = build(data, model.options(scale=RATING_SCALES[scale]))
+    built = build(data, model.options(scale=scale_named(scale)))
     scene, chosen, draws = built.scene, built.resolution, prior_draws(built.posterior.space)
     assert chosen is not None, "the command line asks for an accuracy"
     d = chosen.discretisation

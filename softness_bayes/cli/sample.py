@@ -105,13 +105,13 @@ def command(
         workers.prepare("softness_bayes.runs.run")  # they import what they need while this process does
     from softness_bayes.checkpoints.checkpoint import Checkpoint
     from softness_bayes.data import Compression
-    from softness_bayes.likelihood.scales import RATING_SCALES
+    from softness_bayes.likelihood.scales import scale_named
     from softness_bayes.results.request import Request, RunOptions
 
     data = files.read()
     if isinstance(data, Compression):
         model = _model_of_forces(model)
-    options = model.options(scale=RATING_SCALES[scale], noise=noise)
+    options = model.options(scale=scale_named(scale), noise=noise)
     if _evaluated(data, options):
         return
     how = RunOptions(

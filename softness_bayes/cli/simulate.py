@@ -113,7 +113,7 @@ def command(
     from softness_bayes.files.outputs import require_outputs, write_outputs
     from softness_bayes.likelihood.directions import direction_named
     from softness_bayes.likelihood.error_laws import error_law_named
-    from softness_bayes.likelihood.scales import RATING_SCALES
+    from softness_bayes.likelihood.scales import scale_named
     from softness_bayes.model.fingers import finger_of
     from softness_bayes.model.scenes import usual_values
     from softness_bayes.model.simulation import simulate_ratings
@@ -134,7 +134,7 @@ def command(
         missing,
         None if typical_rating is None else math.log(typical_rating),
         direction_named(direction),
-        RATING_SCALES[scale],
+        scale_named(scale),
         slope,
         _resolution(fabrics, loads, usual, chosen, touching, accuracy),
         touching,

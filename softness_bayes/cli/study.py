@@ -96,7 +96,7 @@ def command(
     """
     from softness_bayes.data.study_tables import list_tables
     from softness_bayes.files.run_files import RUNS
-    from softness_bayes.likelihood.scales import RATING_SCALES
+    from softness_bayes.likelihood.scales import scale_named
     from softness_bayes.results.request import RunOptions
     from softness_bayes.runs.study import Kept, study
 
@@ -117,7 +117,7 @@ def command(
             found = study(
                 tables,
                 out,
-                model.options(scale=RATING_SCALES[scale]),
+                model.options(scale=scale_named(scale)),
                 run,
                 [name.strip() for name in pooled.split(",") if name.strip()],
                 spreads,

@@ -16,6 +16,7 @@ from softness_bayes.likelihood.intervals import IntervalModel, IntervalRatings, 
 from softness_bayes.likelihood.load_errors import LoadErrors
 from softness_bayes.likelihood.magnitude import LogRatings, RatingModel
 from softness_bayes.likelihood.orders import OrderModel, OrderRatings
+from softness_bayes.likelihood.own import require_model
 from softness_bayes.likelihood.pairs import PairModel, PairRatings
 from softness_bayes.likelihood.plate import CompressionForces
 from softness_bayes.likelihood.ratings import RatingsLikelihood, RatingsModel
@@ -79,6 +80,10 @@ def rating_model(
     InputError
         If there is none for that scale and that error law.
     """
+    if scale.model is not None:
+        own: RatingsModel = scale.model(direction)
+        require_model(scale, own)
+        return own
     models = RATING_MODELS if exact else OF_INTERVALS
     error = error or next((law for one, law in models if one == scale), NORMAL)
     if (scale, error) not in models:

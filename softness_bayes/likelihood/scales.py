@@ -12,6 +12,7 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Literal, Protocol
 
 from softness_bayes.errors import InputError, quoted
+from softness_bayes.supplied import FORM, installed, is_supplied, reference, require_reference, supplied
 
 if TYPE_CHECKING:
     import numpy as np
@@ -99,6 +100,8 @@ class Scale:
     natural: Callable[[Any], NDArray[np.float64]]
     require: Callable[[Filed], None]
     log_slope: Callable[[Any], NDArray[np.float64]]
+    model: Callable[[Any], Any] | None = None
+    """Makes the observation model of a direction, where scale and model are a user's own."""
 
 
 def _log(values: Any) -> NDArray[np.float64]:
@@ -263,6 +266,10 @@ RATING_SCALES: Mapping[str, Scale] = MappingProxyType(
 """The readings of the rating scale, by name; the first is the default."""
 
 
+OWN_SCALES = "ratings"
+"""Group of the scales, with their models, that installed packages supply."""
+
+
 def scale_named(name: str) -> Scale:
     """Return a scale of ratings by its name.
 
@@ -271,9 +278,36 @@ def scale_named(name: str) -> Scale:
     InputError
         If there is none of that name.
     """
-    if name not in RATING_SCALES:
-        raise InputError(f"ratings: scale {name!r} is not known, expected {' or '.join(RATING_SCALES)}")
-    return RATING_SCALES[name]
+    if name in RATING_SCALES:
+        return RATING_SCALES[name]
+    if not is_supplied(OWN_SCALES, name):
+        known = " or ".join([*RATING_SCALES, *installed(OWN_SCALES)])
+        raise InputError(f"ratings: scale {name!r} is not known, expected {known}, or {FORM} for one of your own")
+    found = supplied(OWN_SCALES, name)
+    if not isinstance(found, Scale) or found.model is None:
+        raise InputError(f"ratings: {name} is {found!r:.60}, expected a Scale with a 'model' of your own")
+    return found
+
+
+def name_of_scale(scale: Scale) -> str:
+    """Return the name by which files and options know a scale: of a user's own, its importable name if it has one."""
+    return scale.name if RATING_SCALES.get(scale.name) == scale else reference(scale) or scale.name
+
+
+def require_name(scale: Scale) -> None:
+    """Raise an error for a scale that a stored run could not find again by its name.
+
+    Raises
+    ------
+    InputError
+        With the reason.
+    """
+    if RATING_SCALES.get(scale.name) == scale:
+        return
+    if scale.model is None:
+        known = ", ".join(RATING_SCALES)
+        raise InputError(f"ratings: the scale {quoted(scale.name)} has no 'model' of its own; expected one, or {known}")
+    require_reference(f"ratings: the scale {quoted(scale.name)}", scale)
 
 
 PLATE_FORCE = replace(

@@ -15,6 +15,7 @@ from softness_bayes.data.steps import steps_of_raters
 from softness_bayes.errors import InputError
 from softness_bayes.likelihood.design import Design
 from softness_bayes.likelihood.error_laws import GUMBEL, LAPSES, NORMAL, STUDENT, ErrorLaw
+from softness_bayes.likelihood.models import rating_model
 from softness_bayes.likelihood.orders import MOST_TIED, shares
 from softness_bayes.likelihood.scales import CATEGORIES, MAGNITUDE, PAIRS, RANKS, SLIDER, STANDARDISED
 from softness_bayes.likelihood.stated import Stated
@@ -62,6 +63,8 @@ def as_given(ratings: Ratings, options: ModelOptions) -> AsGiven:
             f"{ratings.source}: the rows are pairs of fabrics (column fabric_2), which are {PAIRS.name}, not "
             f"{options.scale.name} ratings; add --ratings {PAIRS.name}"
         )
+    if options.scale.model is not None:
+        return _as_modelled(ratings, options)
     alone = _closed_form_alone(ratings, options)
     # steps of 0 ask for what the closed form has: exact numbers
     asked = bool(options.resolution) or (ratings.resolution is not None and bool(np.nansum(ratings.resolution)))
@@ -85,6 +88,20 @@ def as_given(ratings: Ratings, options: ModelOptions) -> AsGiven:
     count = _count_of(ratings, options)
     note = f"ratings: {count} ordered categories" if count else _of_numbers(ratings, said, alone)
     return AsGiven(said, law, note, f"errors: {why}", count)
+
+
+def _as_modelled(ratings: Ratings, options: ModelOptions) -> AsGiven:
+    """Return exact numbers with the errors of a user's own observation model."""
+    name, law = options.scale.name, rating_model(options.scale).error
+    if options.resolution is not None or ratings.resolution is not None or options.errors not in (None, law):
+        raise InputError(
+            f"ratings: the model of {name}, of your own, says what its numbers and errors are; leave out --resolution "
+            "and --errors, and a column resolution"
+        )
+    none = np.zeros(len(ratings))
+    said = Stated(ratings.rating, none, none, np.full(len(ratings), np.inf))
+    note = f"ratings: {options.scale.meaning}, as the model of {name}, of your own, takes them"
+    return AsGiven(said, law, note, f"errors: {law.meaning}, as that model has them")
 
 
 def stated(ratings: Ratings, resolution: float | None = None) -> Stated:

@@ -18,8 +18,9 @@ from softness_bayes.likelihood.directions import FREE, RISES, RatingDirection
 from softness_bayes.likelihood.individual import IndividualModel
 from softness_bayes.likelihood.load_errors import LoadErrors
 from softness_bayes.likelihood.models import rating_model, under_uncertain_loads
+from softness_bayes.likelihood.own import try_likelihood
 from softness_bayes.likelihood.plate import CompressionForces
-from softness_bayes.likelihood.ratings import RatingParameters, RatingsModel
+from softness_bayes.likelihood.ratings import RatingParameters, RatingsLikelihood, RatingsModel
 from softness_bayes.likelihood.scales import MAGNITUDE, STANDARDISED
 from softness_bayes.model.as_given import AsGiven, as_given
 from softness_bayes.model.fabric_moduli import fabric_moduli
@@ -155,7 +156,17 @@ def build(experiment: Experiment, options: ModelOptions = ModelOptions()) -> Exp
     posterior = Posterior(
         _bent(space, scene, chosen.direction).with_moduli(moduli), (observation, *plates), scene, others, fingers
     )
+    if options.scale.model is not None:
+        _try_own(observation, posterior)
     return ExperimentModel(experiment, options, posterior, scene, chosen, resolution, given)
+
+
+def _try_own(observation: RatingsLikelihood, posterior: Posterior) -> None:
+    """Call all of a user's own observation model at two draws of the prior, before a run depends on it."""
+    drawn = posterior.space.draw_prior(np.random.default_rng(0), 2)
+    values = posterior.space.values(drawn).items()
+    named = {name: np.broadcast_to(np.asarray(value, float), (len(drawn),)) for name, value in values}
+    try_likelihood(observation, posterior.mean_rate(drawn), named)
 
 
 def build_skin(compression: Compression, options: ModelOptions) -> SkinModel:

@@ -14,7 +14,7 @@ from softness_bayes.errors import InputError
 from softness_bayes.kinds import numbers, refuse, require_kind
 from softness_bayes.likelihood.directions import RatingDirection, direction_named
 from softness_bayes.likelihood.error_laws import NORMAL, ErrorLaw, error_law_named
-from softness_bayes.likelihood.scales import MAGNITUDE, RATING_SCALES, Scale
+from softness_bayes.likelihood.scales import MAGNITUDE, Scale, name_of_scale, require_name, scale_named
 from softness_bayes.model.fingers import finger_of, values_of
 from softness_bayes.model.individual import require_individual
 from softness_bayes.parameters.fabric_moduli import UNKNOWN_MODULUS, require_law
@@ -142,6 +142,7 @@ class ModelOptions:
             With the reason.
         """
         self.readings.require_names()
+        require_name(self.scale)
         for name, prior in {**self.priors, "unknown moduli": self.unknown_modulus}.items():
             require_storable(f"prior of {name}", prior)
 
@@ -164,7 +165,7 @@ class ModelOptions:
             "readings": self.readings.names,
             "direction": None if self.direction is None else self.direction.name,
             "direction_decided": "direction" in self.decided,
-            "scale": self.scale.name,
+            "scale": name_of_scale(self.scale),
             **({"finger": values_of(self.finger)} if self.finger != Finger() else {}),
             **({} if self.modulus_cv is None else {"modulus_cv": self.modulus_cv}),
             **({"unknown_modulus": str(self.unknown_modulus)} if self.unknown_modulus != UNKNOWN_MODULUS else {}),
@@ -200,7 +201,7 @@ class ModelOptions:
             prior_set=record["prior_set"],
             readings=Readings().override(record["readings"]),
             direction=None if record["direction"] is None else direction_named(record["direction"]),
-            scale=RATING_SCALES[record["scale"]],
+            scale=scale_named(record["scale"]),
             # records of earlier versions have none: the finger was the usual one
             finger=finger_of(record.get("finger", {})),
             modulus_cv=record.get("modulus_cv"),
@@ -222,7 +223,7 @@ class ModelOptions:
         return {
             **{f"reading of {place}": name for place, name in self.readings.names.items()},
             "direction": "of the data" if self.direction is None else self.direction.name,
-            "scale of the ratings": self.scale.name,
+            "scale of the ratings": name_of_scale(self.scale),
             **({"finger": str(self.finger)} if self.finger != Finger() else {}),
             **({"load_cv": str(self.load_cv)} if self.load_cv else {}),
             **({"raters' own fingers": ", ".join(self.individual)} if self.individual else {}),

@@ -8,6 +8,7 @@ from itertools import zip_longest
 from typing import NamedTuple
 
 from softness_bayes.files.command_line import storable
+from softness_bayes.likelihood.scales import name_of_scale
 from softness_bayes.model.fingers import values_of
 from softness_bayes.model.options import ModelOptions
 from softness_bayes.parameters.fabric_moduli import UNKNOWN_MODULUS
@@ -122,7 +123,8 @@ def _model(options: ModelOptions) -> list[str]:
 
 def _rating(options: ModelOptions, exact_reweight: bool) -> list[str]:
     """Return the options that only a run on ratings has."""
-    words = ["--ratings", options.scale.name, "--direction", options.direction.name if options.direction else "auto"]
+    direction = options.direction.name if options.direction else "auto"
+    words = ["--ratings", name_of_scale(options.scale), "--direction", direction]
     words += ["--errors", options.errors.name] if options.errors else []
     words += [] if options.resolution is None else ["--resolution", repr(float(options.resolution))]
     words += [] if options.n_categories is None else ["--categories", str(options.n_categories)]

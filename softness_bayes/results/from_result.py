@@ -11,6 +11,7 @@ from softness_bayes.data import Compression, Experiment, Fabrics, Ratings
 from softness_bayes.data.columns import LOAD_CV, RESOLUTION
 from softness_bayes.defaults import ACCURACY
 from softness_bayes.likelihood.error_laws import NORMAL, error_law_named
+from softness_bayes.likelihood.scales import name_of_scale
 from softness_bayes.model.fingers import values_of
 from softness_bayes.model.options import ModelOptions
 from softness_bayes.parameters.declared import EVERY_PARAMETER
@@ -139,7 +140,7 @@ def _model(result: Stored) -> dict[str, str]:
     options = options_of(result)
     return {
         **options.readings.names,
-        "ratings": options.scale.name,
+        "ratings": name_of_scale(options.scale),
         "direction": result.provenance.direction.direction.name,
         **({"individual": ",".join(options.individual)} if options.individual else {}),
         **{name: str(prior) for name, prior in options.priors.items()},

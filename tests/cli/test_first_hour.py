@@ -30,10 +30,13 @@ def test_templates_are_read_as_they_are_and_say_that_they_are_examples(tmp_path)
     for name in EXAMPLE:
         assert "EXAMPLE" in (home / name).read_text(encoding="utf-8"), name
     compile((home / "analysis.py").read_text(encoding="utf-8"), "analysis.py", "exec")
-    # nothing that was edited is replaced
+    # nothing is replaced, be it edited or not
     (home / "ratings.csv").write_text("mine")
-    refused(call("new", home, "--force"), "ratings.csv")
-    assert (home / "ratings.csv").read_text() == "mine"
+    (home / "fabrics.csv").unlink()
+    before = {path.name: path.read_bytes() for path in home.iterdir()}
+    for verb in ("new", "demo"):
+        refused(call(verb, home), "ratings.csv", "exists, and nothing is replaced; choose another directory")
+    assert {path.name: path.read_bytes() for path in home.iterdir()} == before
 
 
 def test_every_command_of_the_shell_script_is_one(tmp_path):
@@ -51,7 +54,7 @@ def test_the_demo_goes_from_tables_to_a_report_and_owns_up_to_too_few_steps(tmp_
     monkeypatch.setattr(demo, "HELD", BRIEF)
     monkeypatch.setattr(demo, "STEPS", 4)
     with quickly():
-        done = call("demo", "--out", "demo", "--processes", "1", cwd=tmp_path)
+        done = call("demo", "demo", "--processes", "1", cwd=tmp_path)
     assert done.returncode == 3, done.stderr
     assert "not converged after 4 steps" in done.stderr
     result = Result.load(tmp_path / "demo" / "results")
@@ -62,7 +65,7 @@ def test_the_demo_goes_from_tables_to_a_report_and_owns_up_to_too_few_steps(tmp_
     assert done.stdout.startswith(demo.TITLE)
     assert "this was an EXAMPLE" in done.stdout
     assert "$ softness-bayes sample --data demo/ratings.csv" in done.stdout
-    refused(call("demo", "--out", "demo", cwd=tmp_path), "ratings.csv")
+    refused(call("demo", "demo", cwd=tmp_path), "results exists")
 
 
 @pytest.mark.slow

@@ -74,8 +74,8 @@ WRITERS = {
     "plot": (["RUN", "--figures", "prior", "--format", "png"], False, ["prior.png"]),
     "report": (["RUN"], True, ["report.html"]),
 }
-WITHOUT = {"check", "plan", "status", "resume"}
-"""Verbs that write nothing, and `resume`, which has no --out."""
+WITHOUT = {"check", "plan", "status", "resume", "readings", "priors", "figures", "new", "demo"}
+"""Verbs that write nothing; `resume`, which has no --out; `new` and `demo`, which replace nothing (test_first_hour)."""
 
 
 def options(verb):

@@ -102,6 +102,49 @@ def test_a_whole_study_with_values_of_ones_own_at_the_command_line(tmp_path):
     assert done.returncode == 0, done.stderr
 
 
+@pytest.fixture(scope="module")
+def modelled_run(tmp_path_factory):
+    """A run on an observation model of one's own."""
+    out = tmp_path_factory.mktemp("modelled") / "out"
+    held = {name: value for name, value in OPTIONS["fix"].items() if name not in ("tau", "eps")}
+    options = OPTIONS | {"fix": held, "max_steps": 4, "scale": own_values.AGREEMENT}
+    with quickly():
+        sample(experiment(standardised=True), **options).save(out)
+    return out
+
+
+def test_an_observation_model_of_ones_own_passes_through_later_commands(modelled_run):
+    result = Result.load(modelled_run)
+    assert result.scale == own_values.AGREEMENT
+    fabrics = modelled_run.parent / "fabrics.csv"
+    fabrics.write_text("fabric,effective_modulus_kpa\nfelt,30\n")
+    done = call("predict", "--posterior", modelled_run, "--fabrics", fabrics, "--force-n", "1")
+    assert done.returncode == 0, done.stderr
+    assert "typical_rating" in done.stdout
+    assert f"--ratings {OWN}:AGREEMENT" in repetition(result).commands[0]
+
+
+@pytest.mark.slow
+def test_a_study_of_an_observation_model_of_ones_own_at_the_command_line(tmp_path):
+    few_ratings(tmp_path)
+    text = (tmp_path / "ratings.csv").read_text().splitlines()
+    column = text[0].split(",").index("rating")
+    rows = [row.split(",") for row in text[1:]]
+    scores = np.log([float(row[column]) for row in rows])
+    scores = (scores - scores.mean()) / scores.std()
+    made = [[*row[:column], f"{y:.3f}", *row[column + 1 :]] for row, y in zip(rows, scores, strict=True)]
+    (tmp_path / "ratings.csv").write_text("\n".join([text[0], *(",".join(row) for row in made)]) + "\n")
+    held = [w for pair in zip(FIXED[::2], FIXED[1::2], strict=True) for w in pair]
+    held = [w for k, w in enumerate(held) if not any(n in held[k | 1] for n in ("tau=", "eps="))]
+    given = ["--ratings", f"{OWN}:AGREEMENT", *held]
+    done = call("sample", "--data", "ratings.csv", "--out", "own", *given, *QUICK, cwd=tmp_path)
+    assert done.returncode == 3, done.stderr
+    for verb in (["resume", "own", "--more-steps", "2", "--no-figures"], ["report", "own"], ["plot", "own"]):
+        done = call(*verb, cwd=tmp_path)
+        assert done.returncode in (0, 3), done.stderr
+    assert f"--ratings {OWN}:AGREEMENT" in (tmp_path / "own" / "report.html").read_text(encoding="utf-8")
+
+
 LOCAL = replace(HERTZ, name="mine")
 
 
@@ -113,6 +156,10 @@ LOCAL = replace(HERTZ, name="mine")
         ({"priors": {"b": 80}}, r"prior of b: 80 has no 'median', expected a prior, such as"),
         ({"priors": [("b", "lognormal(80,0.3)")]}, r"priors: .*expected a mapping"),
         ({"priors": {"b": "lognormal(80;0.3)"}}, r"expected lognormal\(median, sd_log, \[bound\]\) with numbers"),
+        ({"scale": own_values.NOT_A_MODEL}, r"the model of nothing has no 'scale', expected all that"),
+        ({"scale": own_values.LACKING}, r"the model of lacking: typical fails: ZeroDivisionError: no idea"),
+        ({"scale": replace(own_values.AGREEMENT, model=None)}, r"the scale 'agreement' has no 'model' of its own"),
+        ({"scale": own_values.AGREEMENT, "resolution": 1.0}, r"of your own, says what its numbers and errors are"),
         ({"readings": Readings(membrane=LEAKY)}, r"channel multipliers cannot be sampled with the membrane leaky"),
         (
             {"readings": Readings(skin_displacement=replace(DISPLACEMENT, name="cubic", power=3))},
@@ -124,7 +171,7 @@ def test_what_cannot_pass_is_refused_before_the_first_step(options, told, monkey
     monkeypatch.setattr(sampling, "walk", lambda *_: pytest.fail("the run has begun"))
     free = {name: value for name, value in OPTIONS.items() if name != "fix"}
     with pytest.raises(InputError, match=told), quickly():
-        sample(experiment(), **{**free, **options})
+        sample(experiment("scale" in options), **{**free, **options})
 
 
 def test_a_law_defined_inside_a_function_is_refused(monkeypatch):

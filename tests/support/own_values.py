@@ -6,6 +6,8 @@ import numpy as np
 from matplotlib.figure import Figure
 from scipy.stats import gamma
 
+from softness_bayes.likelihood.scales import STANDARDISED
+from softness_bayes.likelihood.z_scores import StandardisedModel
 from softness_bayes.parameters.law import Law
 from softness_bayes.touch.neuron.membrane import CONNOR_STEVENS
 from softness_bayes.touch.stress import ATTENUATED, HERTZ, LINE, Pressure
@@ -65,3 +67,38 @@ def failing(result, style):
 
 
 NOT_A_FIGURE = 3
+
+
+def agreement_model(direction):
+    return AgreementModel(direction)
+
+
+AGREEMENT = replace(
+    STANDARDISED, name="agreement", meaning="agreement with 'this is soft'", label="agreement", model=agreement_model
+)
+
+
+@dataclass(frozen=True)
+class AgreementModel(StandardisedModel):
+    """A line in the response with wide errors; the likelihood is that of z-scores."""
+
+    scale = AGREEMENT
+    needs = ("varsigma",)
+
+
+def without_residuals(direction):
+    return Lacking(direction)
+
+
+LACKING = replace(AGREEMENT, name="lacking", model=without_residuals)
+
+
+@dataclass(frozen=True)
+class Lacking(AgreementModel):
+    scale = LACKING
+
+    def typical(self, effects, drive):
+        raise ZeroDivisionError("no idea")
+
+
+NOT_A_MODEL = replace(AGREEMENT, name="nothing", model=lambda direction: 3)

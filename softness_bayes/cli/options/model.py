@@ -435,12 +435,30 @@ slider = click.option(
 )
 """Gives a verb `slider_ends`, two numbers."""
 
+
+class _Scale(click.Choice[str]):
+    """The scales of ratings by their names, and users' own by their importable names."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        from softness_bayes.likelihood.scales import OWN_SCALES, scale_named
+        from softness_bayes.supplied import is_supplied
+
+        if not (isinstance(value, str) and value not in self.choices and is_supplied(OWN_SCALES, value)):
+            return super().convert(value, param, ctx)
+        try:
+            scale_named(value)
+        except ValueError as error:
+            raise click.BadParameter(str(error)) from None
+        return value
+
+
 rating_scale = click.option(
     "--ratings",
     "scale",
-    type=click.Choice([*RATING_SCALES]),
+    type=_Scale(RATING_SCALES),
     default=MAGNITUDE.name,
     show_default=True,
-    help=f"Whether ratings are {', or '.join(scale.meaning for scale in RATING_SCALES.values())}.",
+    help=f"Whether ratings are {', or '.join(scale.meaning for scale in RATING_SCALES.values())}; "
+    "or one of your own, as in mymodule:SCALE.",
 )
 """Gives a verb `scale`, the name of a reading of the rating scale."""
