@@ -35,9 +35,10 @@ STEPS = 3000
 def command(directory: Path, processes: int | None) -> None:
     """Run a complete small example, from tables to a report, in seconds.
 
-    Writes what 'new' writes into DIR (by default softness-demo), samples the posterior and makes its report, and shows the commands that do so.
-    The ratings are simulated, and most parameters are held at the values behind them: an analysis of your own samples
-    all of them, which takes minutes. Exit code 3 if the run has not converged, as for any run.
+    Writes what 'new' writes into DIR (by default softness-demo), samples the posterior and makes its report, and shows
+    the commands that do so. The ratings are simulated, and most parameters are held at the values behind them: an
+    analysis of your own samples all of them, which takes minutes. Exit code 3 if the run has not converged, as for any
+    run.
     """
     from softness_bayes.cli.check import command as check
     from softness_bayes.cli.report import command as report
