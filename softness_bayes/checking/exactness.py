@@ -16,6 +16,8 @@ HARMLESS = 0.05
 
 Pareto k does not depend on scale: differences of 1e-6 with heavy tails have k > 0.6."""
 
+_CERTAIN = 5.0
+
 LARGEST_K = 0.7
 """Pareto k above which weighted means are unreliable."""
 
@@ -57,6 +59,24 @@ class Exactness:
         return float(self.difference.std())
 
     @property
+    def certain(self) -> bool:
+        """True if more draws would hardly call the approximation anything but exact enough.
+
+        The differences' standard deviation plus five of its standard errors (jackknife) is then still harmless, and
+        so is the largest deviation.
+        """
+        return self.sd + _CERTAIN * self.sd_error <= HARMLESS and self.largest <= HARMLESS
+
+    @property
+    def sd_error(self) -> float:
+        """Standard error of the standard deviation of the differences, by the jackknife."""
+        n, apart = self.difference.size, (self.difference - self.difference.mean()) ** 2
+        if n < 3:
+            return np.inf
+        without = np.sqrt(np.maximum((apart.sum() - apart * n / (n - 1)) / (n - 1), 0.0))
+        return float(np.sqrt((n - 1) / n * ((without - without.mean()) ** 2).sum()))
+
+    @property
     def largest(self) -> float:
         """Largest deviation of a difference from their mean."""
         return float(np.abs(self.difference - self.difference.mean()).max())
@@ -78,12 +98,13 @@ class Exactness:
         if self.shift.size:
             moved = int(np.abs(self.shift).argmax())
             most = f"; no mean moves by more than {np.abs(self.shift[moved]):.1g} sd ({self.names[moved]})"
+        error = f" ± {self.sd_error:.1g}" if np.isfinite(self.sd_error) else ""
         tail = f", Pareto k {self.pareto_k:.2f}" if self.sd > HARMLESS else ""
         verdict = "Exact enough" if self.exact_enough else "Not exact enough"
         return (
             f"{verdict}: against {self.rates} and a finer quadrature the log-likelihood of "
-            f"{self.difference.size} draws differs by {self.sd:.1g} (sd), {self.largest:.1g} at most; importance "
-            f"weights keep {self.efficiency:.1%} of the effective sample size{tail}{most}."
+            f"{self.difference.size} draws differs by {self.sd:.1g} (sd{error}), {self.largest:.1g} at most; "
+            f"importance weights keep {self.efficiency:.1%} of the effective sample size{tail}{most}."
         )
 
 

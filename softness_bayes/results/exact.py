@@ -18,7 +18,10 @@ from softness_bayes.touch.scene import Scene
 Array = NDArray[np.float64]
 
 EXACT_DRAWS = 200
-"""Posterior draws at which the log-likelihood is compared with an exact one."""
+"""Posterior draws at which the log-likelihood is compared with an exact one at most."""
+
+FIRST_DRAWS = 40
+"""Of these so many come first; the others only if the answer is not certain then."""
 
 EXACT_PARTS = 4
 """Tasks that the comparison is divided into, for as many processes."""
@@ -36,6 +39,8 @@ def exact_log_likelihood(posterior: Posterior, theta: Array) -> Array:
 def begin_comparison(posterior: Posterior, theta: Array, workers: Workers, reweight: bool) -> Callable[[], Exactness]:
     """Start to compute the exact log-likelihood at evenly spaced draws; return a function that awaits the comparison.
 
+    The comparison ends with the first draws if these leave no doubt that the fast likelihood is exact enough.
+
     Parameters
     ----------
     posterior
@@ -48,16 +53,34 @@ def begin_comparison(posterior: Posterior, theta: Array, workers: Workers, rewei
         Whether to compare at `REWEIGHT_DRAWS` draws, which are to be weighted, instead of `EXACT_DRAWS`.
     """
     compared = theta[evenly(theta.shape, REWEIGHT_DRAWS if reweight else EXACT_DRAWS)]
-    # in parts that do not depend on the number of processes, nor then do the last bits
-    parts = [workers.start(exact_log_likelihood, part) for part in np.array_split(compared, EXACT_PARTS)]
+    first = slice(None) if reweight else _first(len(compared))
+    begun = _begin_exact(posterior, compared[first], workers)
 
     def finished() -> Exactness:
-        fast = posterior.log_likelihood(compared)
+        fast, names = posterior.log_likelihood(compared), posterior.names
         rates = SAME_RATES if _scene(posterior).firing.noise else EXACT_RATES
-        exact = np.concatenate([part() for part in parts])
-        return compare_likelihoods(posterior.names, compared, fast, exact, rates)
+        exact = np.full(len(compared), np.nan)
+        exact[first] = begun()
+        found = compare_likelihoods(names, compared[first], fast[first], exact[first], rates)
+        rest = np.full(len(compared), True)
+        rest[first] = False
+        if found.certain or not rest.any():
+            return found
+        exact[rest] = _begin_exact(posterior, compared[rest], workers)()
+        return compare_likelihoods(names, compared, fast, exact, rates)
 
     return finished
+
+
+def _begin_exact(posterior: Posterior, theta: Array, workers: Workers) -> Callable[[], Array]:
+    # in parts that do not depend on the number of processes, nor then do the last bits
+    parts = [workers.start(exact_log_likelihood, part) for part in np.array_split(theta, EXACT_PARTS) if len(part)]
+    return lambda: np.concatenate([part() for part in parts])
+
+
+def _first(size: int) -> slice:
+    """Return the first draws to be compared, evenly spaced among all."""
+    return slice(None, None, max(1, size // FIRST_DRAWS))
 
 
 def exactness_stats(exactness: Exactness, shape: tuple[int, ...]) -> dict[str, Variable]:
@@ -70,7 +93,10 @@ def exactness_stats(exactness: Exactness, shape: tuple[int, ...]) -> dict[str, V
     shape
         Shape of all draws, (chains, draws, ...).
     """
-    index = evenly(shape, exactness.difference.size)
+    size = exactness.difference.size
+    every = evenly(shape, REWEIGHT_DRAWS if size > EXACT_DRAWS else EXACT_DRAWS)
+    among = slice(None) if size == every[0].size else _first(every[0].size)
+    index = every[0][among], every[1][among]
     found = {}
     for name, values in (
         ("exact_difference", exactness.difference),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from pathlib import Path
 
 from softness_bayes.checkpoints.checkpoint import Checkpoint
 from softness_bayes.data import Compression, Experiment
@@ -18,6 +19,9 @@ from softness_bayes.sampler.workers import available_processors
 
 DRAWING = 4
 """Largest number of processes that draw figures; each takes a second to start."""
+
+RUN_FORMATS = ("png", "csv")
+"""Formats of the figures of a run; the fonts of a PDF take as long as all else about it."""
 
 
 def model_of(data: Experiment | Compression, options: ModelOptions) -> ExperimentModel | SkinModel:
@@ -71,6 +75,13 @@ def sample_kept(
 
         processes = min(run.processes or available_processors(), DRAWING)
         names = [*figures_of(result), *own_figures] if own_figures else None
-        draw_figures(result, checkpoint.directory / "figures", names, processes=processes)
+        directory = checkpoint.directory / "figures"
+        draw_figures(result, directory, names, _formats(directory), processes=processes)
     checkpoint.finish()
     return result
+
+
+def _formats(directory: Path) -> tuple[str, ...]:
+    """Return the formats of a run's figures, and those in which they were drawn there before, which would be old."""
+    there = (suffix for suffix in ("pdf", "svg") if any(directory.glob(f"*.{suffix}")))
+    return (*RUN_FORMATS, *there)

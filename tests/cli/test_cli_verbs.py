@@ -11,9 +11,9 @@ import pandas as pd
 import pytest
 
 from softness_bayes.plotting import figures
-from softness_bayes.plotting.style import USUAL_FORMATS
 from softness_bayes.results.result import Result
 from softness_bayes.results.stages import Stage
+from softness_bayes.runs.kept import RUN_FORMATS
 from softness_bayes.touch.readings import MENDED
 from support.command_line import FIXED, HELD, QUICK, TOUCH, call, refused, run
 from support.paths import DATA
@@ -224,7 +224,7 @@ def test_an_effect_per_fabric_from_end_to_end(tmp_path, brief_pilot, monkeypatch
     assert result.attributes["prior_omega"] == "halfnormal(0.5)"
     assert [str(load) for load in result.loads] == ["1.2 N"]
     drawn = {path.name for path in (tmp_path / "out" / "figures").iterdir() if path.stat().st_size > 1000}
-    assert drawn - {".softness-bayes.json"} == {f"{name}.{suffix}" for name in few_figures for suffix in USUAL_FORMATS}
+    assert drawn - {".softness-bayes.json"} == {f"{name}.{suffix}" for name in few_figures for suffix in RUN_FORMATS}
 
 
 @pytest.mark.parametrize(
