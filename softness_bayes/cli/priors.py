@@ -9,7 +9,7 @@ from softness_bayes.cli.options.words import explained
 
 @click.command()
 def command() -> None:
-    """List and explain the parameters with their priors, the laws of priors and the sets of priors.
+    """List and explain the parameters with their priors, the laws and the sets of priors.
 
     --prior NAME='LAW(NUMBERS)' gives one parameter another prior, --priors SET takes a set. A law of your own goes by
     its importable name, as in --prior b='mypackage.laws:Gamma(2,0.02)'.

@@ -11,7 +11,7 @@ from softness_bayes.cli.options.words import explained
 @click.command()
 @click.argument("place", required=False, metavar="[PLACE]", shell_complete=places)
 def command(place: str | None) -> None:
-    """List and explain the readings of every place of the model, or of one PLACE.
+    """List and explain the readings of the model's equations.
 
     --reading PLACE=NAME chooses one in every command that has it, --readings SET a whole set. A reading of your own
     goes by its importable name, as in --reading pressure=mypackage.pressures:mine.

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from bokeh.embed import components
@@ -74,19 +74,23 @@ def _reach(every: list[Shown], what: str) -> tuple[float, float]:
 
 def _chart(name: str, first: Shown, label: str, ends: tuple[float, float], axis: Literal["log", "linear"]) -> figure:
     """Return a chart of one quantity; its models are named after it, as in ``rate/band``."""
+    # by name, because Bokeh's own types do not know those that it gives to axes and tools
+    options: dict[str, Any] = {
+        "x_axis_type": "log",
+        "y_axis_type": axis,
+        "x_axis_label": AXES[0].label,
+        "y_axis_label": label,
+        "tools": "",
+    }
     chart = figure(
         name=name,
         height=HEIGHT,
         sizing_mode="stretch_width",
-        x_axis_type="log",
-        y_axis_type=axis,
         x_range=Range1d(start=first.ends[0], end=first.ends[1]),
         y_range=Range1d(start=ends[0], end=ends[1]),
-        x_axis_label=AXES[0].label,
-        y_axis_label=label,
         title=Title(text=first.title, text_font=FONT, text_font_size="15px", text_color=INK),
-        tools="",
         toolbar_location=None,
+        **options,
     )
     band = ColumnDataSource(dict(getattr(first, name)), name=f"{name}/band")
     turn = ColumnDataSource(dict(first.turn), name=f"{name}/turn")
