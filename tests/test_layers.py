@@ -50,6 +50,7 @@ PROGRAMS = {
     "tools.finger_coverage",
     "tools.input_coverage",
     "tools.rating_coverage",
+    "tools.real_cloth",
     "tools.rooms",
     "tools.surface_build",
 }

@@ -77,6 +77,7 @@ def command(
     from softness_bayes.model.as_given import as_given
     from softness_bayes.model.build import choose_direction
     from softness_bayes.model.options import ModelOptions
+    from softness_bayes.model.reach import reach_of
     from softness_bayes.model.understanding import foreseen, understood, warnings
 
     if figure is not None:
@@ -87,14 +88,18 @@ def command(
         return
     readings, of_scale = choice.resolve(), scale_named(scale)
     asked = ModelOptions(readings=readings, scale=of_scale, slider_ends=slider_ends, n_categories=n_categories)
+    reached = reach_of(experiment, asked)
     if not as_json:
+        if reached:
+            click.echo(f"warning: {reached}\n")
         _show_tables(experiment, asked)
     given = as_given(experiment.ratings, asked)
     found = warnings(experiment, asked, given)
+    noted = [*experiment.notes, *([reached] if reached else []), *found]
     direction = choose_direction(experiment, asked, given)
     told = foreseen(experiment, asked) if design else None
     if as_json:
-        every = understood(experiment, asked, given, direction, [*experiment.notes, *found])
+        every = understood(experiment, asked, given, direction, noted)
         click.echo(json.dumps(every | {"design": told}, indent=1, ensure_ascii=False))
     else:
         _show_model(given, direction, found)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -37,6 +37,9 @@ PREDICT = "predict"
 
 DRAWS = 400
 """Posterior draws that a table of credible limits is made of."""
+
+REACHED = 16
+"""Posterior draws at which it is judged what lies within the model's reach."""
 
 
 @click.command()
@@ -92,6 +95,7 @@ def command(
     from softness_bayes.files.spreadsheet import csv_of
     from softness_bayes.model.fingers import finger_of
     from softness_bayes.model.prediction import prediction_table
+    from softness_bayes.model.reach import reach_of_priors
     from softness_bayes.model.scenes import scene_of, touch_parameters, usual_values
 
     if out is not None:
@@ -105,10 +109,13 @@ def command(
         parameters, compiled = touch_parameters(named), partial(scene_of, fabrics, loads, named, chosen)
         scene = _accurate(partial(compiled, finger=finger_of(finger)), named, parameters, accuracy)
         table = prediction_table(fabrics, scene, parameters)
+        reached = reach_of_priors(fabrics, loads, chosen, prior_set, values, finger_of(finger))
     else:
         if values or finger or not choice.is_default or prior_set != "default":
             raise InputError("--posterior brings its own parameters, readings and finger: leave out --set and others")
-        table, scene, parameters = _of_run(posterior, fabrics, loads, accuracy, raters, seed)
+        table, scene, parameters, reached = _of_run(posterior, fabrics, loads, accuracy, raters, seed)
+    if reached:
+        click.echo(f"warning: {reached}", err=True)
     text = csv_of(table, index=False)
     if out is None:
         click.echo(text, nl=False)
@@ -121,8 +128,8 @@ def command(
 
 def _of_run(
     directory: Path, fabrics: Fabrics, loads: tuple[Load, ...], accuracy: float, raters: int | None, seed: int
-) -> tuple[pd.DataFrame, Scene, TouchParameters]:
-    """Return what a finished run predicts, the scene, and the draws.
+) -> tuple[pd.DataFrame, Scene, TouchParameters, str]:
+    """Return what a finished run predicts, the scene, the draws, and a note if most of it is out of reach.
 
     Raises
     ------
@@ -132,6 +139,7 @@ def _of_run(
     import pandas as pd
 
     from softness_bayes.model.prediction import drawn_parameters, prediction_table
+    from softness_bayes.model.reach import COARSE, reach_note
     from softness_bayes.model.scenes import scene_of
     from softness_bayes.results.rating_table import rating_columns
 
@@ -140,10 +148,17 @@ def _of_run(
             raise InputError(f"{directory}: a run without ratings, which says nothing of the receptors; give --set")
         named, noise = result.values(DRAWS), result.provenance.rating_model.noise
         parameters = drawn_parameters(named)
-        compiled = partial(scene_of, fabrics, loads, named, result.readings, noise=noise, finger=result.finger)
+        readings, finger = result.readings, result.finger
+        compiled = partial(scene_of, fabrics, loads, named, readings, noise=noise, finger=finger)
         scene = _accurate(compiled, named, parameters, accuracy)
         ratings = rating_columns(result, fabrics, scene, DRAWS, raters, seed)
-        return pd.concat([prediction_table(fabrics, scene, parameters), ratings], axis=1), scene, parameters
+        table = pd.concat([prediction_table(fabrics, scene, parameters), ratings], axis=1)
+
+        def under(pressed: Sequence[Load]) -> Scene:
+            return scene_of(fabrics, tuple(pressed), named, readings, discretisation=COARSE, noise=noise, finger=finger)
+
+        few = type(parameters)(*(value[:: max(1, DRAWS // REACHED)] for value in parameters))
+        return table, scene, parameters, reach_note(under, loads, few, {})
 
 
 def _accurate(

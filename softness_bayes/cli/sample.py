@@ -212,6 +212,7 @@ def run(
         If a limit was reached first; everything is written all the same.
     """
     from softness_bayes.model.build import ExperimentModel
+    from softness_bayes.model.reach import reach_of
     from softness_bayes.results.versions import versions
     from softness_bayes.runs.kept import model_of, sample_kept
 
@@ -220,6 +221,8 @@ def run(
     for note in data.notes:
         click.echo(f"note: {note}", err=True)
     if isinstance(model, ExperimentModel):
+        if said := reach_of(model.experiment, model.options):
+            click.echo(f"warning: {said}", err=True)
         click.echo(_direction_note(model), err=True)
         for said in (model.given.note, model.given.errors_note):
             click.echo(f"note: {said}", err=True)

@@ -1,0 +1,171 @@
+"""Reach of the model: the touches that make receptors fire in a geometry that has a meaning, and what adds to them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from softness_bayes.data import Experiment, Fabrics
+from softness_bayes.errors import InputError
+from softness_bayes.model.build import moduli_of
+from softness_bayes.model.options import ModelOptions
+from softness_bayes.model.scenes import scene_of, touch_parameters, usual_values
+from softness_bayes.parameters.fabric_moduli import FabricModuli
+from softness_bayes.touch.contact import Finger, Force, Indentation, Load
+from softness_bayes.touch.neuron.membrane import Channels
+from softness_bayes.touch.parameters import TouchParameters
+from softness_bayes.touch.readings import Readings
+from softness_bayes.touch.scene import Discretisation, Scene
+
+Array = NDArray[np.float64]
+
+MOST = 0.5
+"""Share of the touches from which they are said to lie outside of the model's reach."""
+
+GAIN = 0.1
+"""Least gain in the share within reach for which a change is recommended."""
+
+DEEP = 0.75
+"""Indentation, in radii of the fingertip, from which the geometry counts as meaningless."""
+
+OTHER_LOADS: Mapping[type, tuple[Load, ...]] = {
+    Force: tuple(map(Force, (0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0))),
+    Indentation: tuple(map(Indentation, (0.5e-3, 1e-3, 1.5e-3, 2e-3, 3e-3))),
+}
+"""Loads of each kind among which a better one is looked for."""
+
+SKINS = ("default", "in-vivo")
+"""Sets of priors whose skin is tried."""
+
+COARSE = Discretisation(nodes=8, field_tolerance=1e-3)
+"""Discretisation that is enough to tell whether anything fires."""
+
+
+class Reach(NamedTuple):
+    """Shares of draws and touches, and the same for each touch, shape (touches,)."""
+
+    silent: Array
+    """No receptor fires."""
+    questionable: Array
+    """The contact radius exceeds R/2."""
+    meaningless: Array
+    """It is R or more, or the indentation `DEEP` R or more."""
+    within: Array
+    """Receptors fire, and the geometry is not meaningless."""
+
+
+def reach(scene: Scene, parameters: TouchParameters) -> Reach:
+    """Return the reach of the model for every touch of a scene.
+
+    Parameters
+    ----------
+    scene
+        Fabrics under loads.
+    parameters
+        One parameter vector, or draws, shape (draws,).
+    """
+    contact, radius = scene.contact(parameters), scene.fingertip(parameters).radius
+    silent = scene.total_rate(parameters) <= 0
+    extent = contact.radius / radius
+    beyond = (extent >= 1.0) | (contact.indentation >= DEEP * radius)
+    found = (silent, extent > 0.5, beyond, ~silent & ~beyond)
+    return Reach(*(np.mean(np.atleast_2d(each), axis=0) for each in found))
+
+
+def reach_note(
+    scene_under: Callable[[Sequence[Load]], Scene],
+    loads: Sequence[Load],
+    parameters: TouchParameters,
+    others: Mapping[str, TouchParameters],
+) -> str:
+    """Say how much of what is asked lies outside of the model's reach, and what would change it; else nothing.
+
+    Parameters
+    ----------
+    scene_under
+        Returns the scene of all fabrics under some loads.
+    loads
+        The loads that are asked for.
+    parameters
+        One parameter vector, or draws.
+    others
+        What else the skin may be, by the option that chooses it.
+    """
+    scene = scene_under(loads)
+    here = reach(scene, parameters)
+    if here.within.mean() >= MOST:
+        return ""
+    silent, questionable, meaningless, within = (f"{each.mean():.0%}" for each in here)
+    said = (
+        f"most of what is asked lies outside of the model's reach: of {scene.n_conditions} pairs of fabric and load, "
+        f"no receptor fires in {silent}, and the geometry is meaningless (contact radius from R, or indentation from "
+        f"{DEEP:g} R, on) in {meaningless} and questionable (contact radius above R/2) in {questionable}; {within} "
+        "are within reach"
+    )
+    kinds = [kind for kind in OTHER_LOADS if any(isinstance(load, kind) for load in loads)]
+    tried = [load for kind in kinds for load in OTHER_LOADS[kind]]
+    wider = scene_under(tried)
+    changes = []
+    for option, skin in {"": parameters, **others}.items():
+        share = np.bincount(wider.load, reach(wider, skin).within) / np.bincount(wider.load)
+        best = int(share.argmax())
+        same = float(reach(scene, skin).within.mean()) if option else -1.0
+        if same >= share[best] - 0.01:
+            changes.append((same, option))
+        else:
+            changes.append((float(share[best]), f"{tried[best]}{f' with {option}' if option else ''}"))
+    gains = [f"{share:.0%} under {name}" for share, name in changes if share >= here.within.mean() + GAIN]
+    if gains:
+        return f"{said}. Within reach would be {', '.join(gains)}"
+    ends = f"{tried[0]} to {tried[-1]}" if len(kinds) == 1 else "the usual forces and indentations"
+    skins = f", with {' or '.join(others)} or without," if others else ""
+    return f"{said}. No load from {ends}{skins} brings {GAIN:.0%} more within reach"
+
+
+def reach_of_priors(
+    fabrics: Fabrics,
+    loads: Sequence[Load],
+    readings: Readings,
+    prior_set: str = "default",
+    given: Mapping[str, float] | None = None,
+    finger: Finger = Finger(),
+    moduli: FabricModuli | None = None,
+) -> str:
+    """Return `reach_note` at the medians of the priors, tried with the skin of other sets of priors.
+
+    Parameters
+    ----------
+    fabrics, loads, readings, prior_set, given, finger, moduli
+        As `scene_of` and `usual_values` take them.
+    """
+    values = usual_values(readings, prior_set, given)
+
+    def scene_under(pressed: Sequence[Load]) -> Scene:
+        # the surface of rates is at hand; the curve of single channels takes a second
+        for held in ({name: x for name, x in values.items() if name not in Channels._fields}, values):
+            try:
+                return scene_of(
+                    fabrics, tuple(pressed), held, readings, discretisation=COARSE, finger=finger, moduli=moduli
+                )
+            except InputError:
+                if held is values:
+                    raise
+        raise AssertionError("one of them returns or raises")
+
+    skin = {name: values for name in SKINS if name != prior_set for values in [usual_values(readings, name)]}
+    others = {f"--priors {name}": touch_parameters({**values, "b": x["b"], "m": x["m"]}) for name, x in skin.items()}
+    return reach_note(scene_under, loads, touch_parameters(values), others)
+
+
+def reach_of(experiment: Experiment, options: ModelOptions) -> str:
+    """Return `reach_of_priors` for the rated pairs of an experiment's fabrics and loads, all of them combined."""
+    known = {name: prior.median for name, prior in options.priors.items()} | dict(options.fix)
+    given = {name: value for name, value in known.items() if name in TouchParameters._fields}
+    loads = experiment.ratings.loads
+    moduli = moduli_of(experiment, options)
+    return reach_of_priors(
+        experiment.fabrics, loads, options.readings, options.prior_set, given, options.finger, moduli
+    )

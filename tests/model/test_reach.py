@@ -1,0 +1,82 @@
+"""Touches beyond the model's reach are said before anything else, with what would change it; others are not."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from softness_bayes.data import Experiment, Fabrics
+from softness_bayes.model.options import ModelOptions
+from softness_bayes.model.reach import COARSE, DEEP, reach, reach_of, reach_of_priors
+from softness_bayes.model.scenes import scene_of, touch_parameters, usual_values
+from softness_bayes.model.simulation import simulate_ratings
+from softness_bayes.touch.contact import Finger, Force, Indentation
+from softness_bayes.touch.neuron.membrane import Channels
+from softness_bayes.touch.readings import MENDED
+from support.command_line import call
+
+SOFT = Fabrics(tuple(f"cloth {k}" for k in range(30)), effective_modulus=np.geomspace(300.0, 2.6e5, 30))
+
+
+def values_of(prior_set="default"):
+    """Return medians of the priors but for the channels, so that rates come from their surface."""
+    return {name: x for name, x in usual_values(MENDED, prior_set).items() if name not in Channels._fields}
+
+
+STIFF = Fabrics(("drill", "felt", "board"), effective_modulus=np.array([2e5, 6e5, 2e6]))
+
+
+@pytest.mark.parametrize("prior_set", ["default", "in-vivo"])
+def test_shares_are_those_of_each_touch(prior_set):
+    values = usual_values(MENDED, prior_set)
+    scene = scene_of(SOFT, (Force(1.0), Indentation(2e-3)), values_of(prior_set), MENDED, discretisation=COARSE)
+    found, contact = reach(scene, touch_parameters(values)), scene.contact(touch_parameters(values))
+    response, radius = scene.respond(touch_parameters(values)), Finger().radius
+    assert (found.silent == (response.responding == 0)).all()
+    beyond = (contact.radius >= radius) | (contact.indentation >= DEEP * radius)
+    assert (found.meaningless == beyond).all()
+    assert (found.within == (response.responding > 0) & ~beyond).all()
+    assert found.meaningless[scene.load == 0].any()
+    assert not found.meaningless[scene.load == 1].any()
+
+
+def test_soft_cloth_is_out_of_reach_and_the_note_says_by_how_much():
+    values = usual_values(MENDED)
+    scene = scene_of(SOFT, (Force(0.1),), values_of(), MENDED, discretisation=COARSE)
+    here = reach(scene, touch_parameters(values))
+    said = reach_of_priors(SOFT, (Force(0.1),), MENDED)
+    assert said.startswith("most of what is asked lies outside of the model's reach: of 30 pairs of fabric and load")
+    assert f"no receptor fires in {here.silent.mean():.0%}" in said
+    assert f"{here.within.mean():.0%} are within reach" in said
+    # a larger force is named, and brings what it says
+    better = scene_of(SOFT, (Force(1.0),), values_of(), MENDED, discretisation=COARSE)
+    share = reach(better, touch_parameters(values)).within.mean()
+    assert f"Within reach would be {share:.0%} under 1 N" in said
+    thin = Fabrics(("gauze", "tulle"), effective_modulus=np.array([10.0, 20.0]))
+    hopeless = reach_of_priors(thin, (Force(1.0),), MENDED)
+    assert "No load from 0.05 N to 5 N, with --priors in-vivo or without," in hopeless
+
+
+def test_stiff_cloth_gets_no_note():
+    assert reach_of_priors(STIFF, (Indentation(2e-3),), MENDED) == ""
+    made = simulate_ratings(np.random.default_rng(0), STIFF, (Indentation(2e-3),), usual_values(MENDED), participants=3)
+    rated = Experiment(made.ratings, STIFF, ())
+    assert reach_of(rated, ModelOptions()) == ""
+    # the run's own skin decides
+    assert reach_of(rated, ModelOptions(fix={"sigma_0": 1e3}))
+
+
+def test_the_commands_say_it_first(tmp_path):
+    names = SOFT.names[::6]
+    cloth = [f"{name},{modulus / 1e3:g}" for name, modulus in zip(names, SOFT.effective_modulus[::6], strict=True)]
+    (tmp_path / "fabrics.csv").write_text("\n".join(["fabric,effective_modulus_kpa", *cloth]))
+    rows = [f"P{k},{name},0.1,{10 + k + j}" for k in range(3) for j, name in enumerate(names)]
+    (tmp_path / "ratings.csv").write_text("\n".join(["participant,fabric,force_n,rating", *rows]))
+    begin = f"warning: most of what is asked lies outside of the model's reach: of {len(names)} pairs"
+    checked = call("check", "--data", tmp_path / "ratings.csv")
+    assert checked.returncode == 0, checked.stderr
+    assert checked.stdout.startswith(begin)
+    touch = ["predict", "--fabrics", tmp_path / "fabrics.csv", "--force-n", "0.1", "--accuracy", "0.01"]
+    assert call(*touch).stderr.startswith(begin)
+    (tmp_path / "fabrics.csv").write_text("fabric,effective_modulus_kpa\nfelt,600\n")
+    assert begin[:30] not in call(*touch).stderr
