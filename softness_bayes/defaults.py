@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 ACCURACY = 1e-3
 """Bound of the response's numerical error, relative to its peak."""
 
@@ -18,3 +20,20 @@ PRIOR_SET = "default"
 
 SEED = 0
 """Seed of all random numbers."""
+
+MOST_SHOWN = 12
+"""Loads that figures draw and lists name one by one; of more, as many are shown, evenly spread."""
+
+
+def shown_of(count: int, most: int = MOST_SHOWN) -> list[int]:
+    """Return the indices that are shown of so many: all of them, or some evenly spread, the ends among them."""
+    if count <= most:
+        return list(range(count))
+    return [round(k * (count - 1) / (most - 1)) for k in range(most)]
+
+
+def in_words(names: Sequence[str], joined: str = ", ") -> str:
+    """Return names joined; of more than are shown, their number and the first and the last."""
+    if len(names) <= MOST_SHOWN:
+        return joined.join(names)
+    return f"{len(names)} loads, {names[0]} to {names[-1]}"

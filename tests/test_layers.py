@@ -44,6 +44,7 @@ HOMES = {
 PROGRAMS = {
     "tools.api_pages",
     "tools.benchmark_firing",
+    "tools.benchmark_loads",
     "tools.benchmark_moves",
     "tools.doc_tables",
     "tools.firing_sample_build",

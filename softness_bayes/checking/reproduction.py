@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from softness_bayes.checking.levelled import NEEDED, Power, Tables, departs, fall, power
 from softness_bayes.checking.quantities import DROP, PLACE, TURNS_OVER, Additive, Columns, Layout, Quantity
+from softness_bayes.defaults import shown_of
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -107,7 +108,13 @@ def turning_sentences(table: pd.DataFrame) -> list[str]:
         "does the model reproduce the turning point (maximum)? A yes needs a check that would reject a response that "
         f"levels off at its peak in at least {NEEDED:.0%} of simulated tables"
     )
-    return [head, *(f"{load}: {words[answer]}; {seen}" for load, answer, seen in inflection_reproduced(table))]
+    found = inflection_reproduced(table)
+    shown = shown_of(len(found))
+    lines = [f"{load}: {words[answer]}; {seen}" for load, answer, seen in (found[k] for k in shown)]
+    if len(shown) < len(found):
+        counts = ", ".join(f"{word} {sum(one.reproduced is answer for one in found)}" for answer, word in words.items())
+        lines.insert(0, f"of {len(found)} loads: {counts}; {len(shown)} of them:")
+    return [head, *lines]
 
 
 def _seen(rows: dict[str, pd.Series]) -> str:

@@ -27,6 +27,9 @@ FEWEST_FABRICS = 5
 RESAMPLES, SHUFFLES = 500, 1999
 """Number of random weights of the participants, and of random orders of the fabrics if there are too many for all."""
 
+MANY_CONDITIONS = 200
+"""Number of conditions above which means are found by way of the participants, if these are fewer."""
+
 _ALL_ORDERS = 720  # of six fabrics
 _SEED = 0  # the same for every table: the answer depends on the data alone
 _CELLS = 2_000_000  # of the matrices that are solved at once
@@ -118,6 +121,8 @@ def condition_means(layout: Layout, y: FloatArray, weights: FloatArray) -> Float
     within = np.zeros_like(cells)
     np.add.at(within, (design.participant, design.condition), y - mean[design.participant])
     size = design.n_conditions
+    if size > max(MANY_CONDITIONS, design.n_participants):
+        return _means_by_participants(layout, y, weights)
     found, step = np.empty((len(weights), size)), max(1, _CELLS // size**2)
     for first in range(0, len(weights), step):
         w = weights[first : first + step]
@@ -126,6 +131,32 @@ def condition_means(layout: Layout, y: FloatArray, weights: FloatArray) -> Float
         trace = np.trace(laplacian, axis1=1, axis2=2)[:, None, None]
         ridge = 1.0 / size + 1e-9 * np.where(trace > 0, trace, 1.0) * np.eye(size)
         found[first : first + step] = np.linalg.solve(laplacian + ridge, (w @ within)[..., None])[..., 0]
+    return found - found.mean(axis=-1, keepdims=True)
+
+
+def _means_by_participants(layout: Layout, y: FloatArray, weights: FloatArray) -> FloatArray:
+    """Return `condition_means` by solving for the participants, of whom there are fewer than conditions."""
+    from scipy.sparse.csgraph import connected_components  # imported here because it takes a third of a second
+
+    design = layout.design
+    cells = design.cells
+    total = np.zeros_like(cells)
+    np.add.at(total, (design.participant, design.condition), y - y.mean())
+    shared = (cells @ cells.T) > 0
+    _, part_of_person = connected_components(shared)
+    part = part_of_person[cells.argmax(axis=0)]
+    member = np.eye(part.max() + 1)[part]
+    found = np.empty((len(weights), design.n_conditions))
+    for k, w in enumerate(weights):
+        own = w[:, None] * cells
+        inverse = 1.0 / np.maximum(own.sum(axis=0), 1e-300)
+        laplacian = np.diag(own.sum(axis=1)) - (own * inverse) @ own.T
+        aim = w * total.sum(axis=1) - own @ (inverse * (w @ total))
+        # known up to a constant for each part of the table, which is taken from the means
+        scale = np.sqrt(np.maximum(np.diagonal(laplacian), 1e-300))
+        person = np.linalg.lstsq(laplacian / scale[:, None] / scale, aim / scale, rcond=1e-10)[0] / scale
+        found[k] = inverse * (w @ (total - cells * person[:, None]))
+    found -= (found @ (member / member.sum(axis=0))) @ member.T
     return found - found.mean(axis=-1, keepdims=True)
 
 

@@ -12,6 +12,7 @@ from softness_bayes.cli.design_lines import design_lines
 from softness_bayes.cli.options.model import ReadingChoice, categories, rating_scale, readings, slider
 from softness_bayes.cli.options.run import force
 from softness_bayes.cli.options.tables import DataFiles, data_files
+from softness_bayes.defaults import MOST_SHOWN, shown_of
 from softness_bayes.errors import InputError
 
 if TYPE_CHECKING:
@@ -23,9 +24,6 @@ if TYPE_CHECKING:
     from softness_bayes.model.as_given import AsGiven
     from softness_bayes.model.options import ModelOptions
     from softness_bayes.parameters.fabric_moduli import FabricModuli
-
-MOST_LOADS = 12
-"""Largest number of loads of a kind that are listed one by one."""
 
 CHECK = "check"
 """The command under which its figure is listed."""
@@ -140,12 +138,11 @@ def _show_model(given: AsGiven, direction: Choice, found: list[str]) -> None:
         click.echo(f"note: {note}")
     click.echo(f"\nWhat do the numbers say?\n{given.note}\n{given.errors_note}")
     click.echo("\nDo ratings rise or fall with stiffness?")
-    lines = direction.evidence.lines
-    if len(lines) > MOST_LOADS + 2:
-        click.echo(f"(of {len(lines) - 2} loads, {MOST_LOADS} are shown)")
-        step = (len(lines) - 3) / (MOST_LOADS - 1)
-        lines = [*(lines[round(k * step)] for k in range(MOST_LOADS)), *lines[-2:]]
-    for line in lines:
+    *loads, whole, reading = direction.evidence.lines
+    shown = shown_of(len(loads))
+    if len(shown) < len(loads):
+        click.echo(f"({len(shown)} of {len(loads)} loads are shown)")
+    for line in (*(loads[k] for k in shown), whole, reading):
         click.echo(line)
 
 
@@ -178,12 +175,12 @@ def _draw(figure: Path, experiment: Experiment, asked: ModelOptions, given: AsGi
     """Draw data and fabrics beside the prior's response."""
     from softness_bayes.files.outputs import write_outputs
     from softness_bayes.model.understanding import prior_responses
-    from softness_bayes.plotting.design import design_figure, shown_loads
+    from softness_bayes.plotting.design import design_figure
     from softness_bayes.plotting.rating import observed_ratings
     from softness_bayes.plotting.style import files_of
 
     ratings = experiment.ratings
-    shown = shown_loads(len(ratings.loads))
+    shown = shown_of(len(ratings.loads))
     grid, response, of_conditions = prior_responses(experiment, asked, shown, PRIOR_DRAWS)
     conditions = ratings.conditions
     place = {load: k for k, load in enumerate(shown)}
@@ -251,7 +248,7 @@ def _loads(ratings: Ratings) -> str:
     counts, parts = np.bincount(ratings.load), []
     for column, kind, _ in LOAD_COLUMNS:
         own = [i for i, load in enumerate(ratings.loads) if isinstance(load, kind)]
-        if len(own) > MOST_LOADS:
+        if len(own) > MOST_SHOWN:
             first, last = ratings.loads[own[0]], ratings.loads[own[-1]]
             parts.append(f"{len(own)} different {column.label}s, {first} to {last} ({counts[own].sum()} ratings)")
         else:

@@ -18,6 +18,9 @@ def design_lines(told: dict[str, Any]) -> list[str]:
         f"Expected posterior sd over prior sd, at {told['truths']} truths from the prior: median (10 to 90 % of them).",
         "Linearised, without sampling: of 36 widths of test runs, 34 lay within a factor of 1.5 of these.",
     ]
+    given, used = told["loads"]
+    if used < given:
+        lines.append(f"Neighbours among the {given} loads are taken for one another: {used} loads.")
     for name, ratio in told["sd_ratio"].items():
         lines.append(f"  {name:14} {_limits(ratio)}")
     if told["not_foreseen"]:

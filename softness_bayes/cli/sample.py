@@ -18,7 +18,7 @@ from softness_bayes.cli.options.run import force, max_time, no_figures, out, own
 from softness_bayes.cli.options.tables import DataFiles, data_files
 from softness_bayes.cli.options.values import Number, whole
 from softness_bayes.cli.running import command_line, in_numbers, record_of
-from softness_bayes.defaults import MAX_STEPS, NOISE
+from softness_bayes.defaults import MAX_STEPS, NOISE, shown_of
 from softness_bayes.errors import InputError, NotConvergedError
 from softness_bayes.ranges import NOISES, STEPS
 
@@ -353,6 +353,9 @@ def _turning(result: Result) -> str:
 
     columns = ["p_interior", "prior_p_interior", "p_inside", "p_none", "p_silent"]
     columns += ["e_fab_kpa_low", "e_fab_kpa", "e_fab_kpa_high"]
+    table = result.inflection()
+    shown = shown_of(len(table))
+    left_out = f"\n({len(shown)} of {len(table)} loads)" if len(shown) < len(table) else ""
     low, *_, high = (f"{float(f'{end:.3g}'):,.10g}" for end in result.group("predictions")["e_fab_kpa"].values)
     return (
         "turning point of the response: a maximum (the paper's inflection) that exceeds the response at both ends of\n"
@@ -360,7 +363,7 @@ def _turning(result: Result) -> str:
         "(p_interior), the same under the\nprior, the probabilities of one among the fabrics' moduli (p_inside), of "
         "none and of no firing; then E_fab at the\nturning point [kPa], median and 90 % limits. Each number ± its "
         "Monte-Carlo standard error.\n"
-        f"{with_errors(result.inflection(), columns).to_string()}"
+        f"{with_errors(table.iloc[shown], columns).to_string()}{left_out}"
     )
 
 

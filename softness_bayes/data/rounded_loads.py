@@ -1,4 +1,4 @@
-"""Loads rounded on request, so that nearly equal ones become one."""
+"""Loads made equal: rounded on request, or few in place of many."""
 
 from __future__ import annotations
 
@@ -15,6 +15,19 @@ from softness_bayes.touch.contact import Load
 
 SHOWN = 3
 """Number of groups of loads that a note lists."""
+
+
+def with_few_loads(ratings: Ratings, most: int) -> Ratings:
+    """Return ratings whose loads of each kind are at most so many: neighbours become their geometric mean."""
+    loads: list[Load] = []
+    place = np.empty(len(ratings.loads), dtype=np.intp)
+    for _, kind, value in LOAD_COLUMNS:
+        own = [k for k, load in enumerate(ratings.loads) if isinstance(load, kind)]
+        for group in np.array_split(own, min(len(own), most)) if own else []:
+            values = [value(ratings.loads[k]) for k in group]
+            place[group] = len(loads)
+            loads.append(kind(values[0] if len(values) == 1 else float(f"{np.exp(np.mean(np.log(values))):.4g}")))
+    return replace(ratings, loads=tuple(loads), load=place[ratings.load])
 
 
 def with_rounded_loads(ratings: Ratings, step: float) -> Ratings:

@@ -109,7 +109,7 @@ class _Foresight:
         self.space = self.posterior.space
         self.rounding = _rounding(model.given.said, model.options.scale.additive)
         rng = np.random.default_rng(0)
-        few = TRUTHS * CONDITIONS // max(planned.design.n_conditions, CONDITIONS)
+        few = TRUTHS * CONDITIONS // max(model.scene.n_conditions, CONDITIONS)
         drawn = self._scores(self.space.draw_prior(rng, TRUTHS - 1))
         self.truths = np.vstack([np.zeros(drawn.shape[1]), drawn])[: max(few, FEWEST_TRUTHS)]
         if truths is not None:

@@ -13,6 +13,7 @@ from softness_bayes.checking.quantities import Layout
 from softness_bayes.checking.raters import raters_apart
 from softness_bayes.data import LOAD_COLUMNS, Compression, Experiment
 from softness_bayes.data.oddities import oddities
+from softness_bayes.data.rounded_loads import with_few_loads
 from softness_bayes.likelihood.scales import CATEGORIES, RANKS
 from softness_bayes.model.as_given import AsGiven
 from softness_bayes.model.build import COARSE, build, design_of, moduli_of
@@ -24,6 +25,9 @@ Array = NDArray[np.float64]
 
 SCHEMA = 1
 """Version of the schema of `understood`, which files.md documents."""
+
+MOST_LOADS = 8
+"""Loads of a kind that a design is foreseen with: of more, neighbours are taken for one."""
 
 LIMITS = (0.1, 0.5, 0.9)
 """Quantiles over the truths that are stated."""
@@ -148,7 +152,9 @@ def foreseen(experiment: Experiment, options: ModelOptions) -> dict[str, Any]:
     InputError
         As `build` and `foresee`.
     """
-    model = build(experiment, options if options.discretisation else options.decide(discretisation=COARSE))
+    few = with_few_loads(experiment.ratings, MOST_LOADS)
+    grouped = experiment._replace(ratings=few)
+    model = build(grouped, options if options.discretisation else options.decide(discretisation=COARSE))
     now = as_it_is(model)
     expected = foresee(model, now)
     more = []
@@ -164,6 +170,7 @@ def foreseen(experiment: Experiment, options: ModelOptions) -> dict[str, Any]:
         )
     return {
         "truths": len(expected.bits),
+        "loads": [len(experiment.ratings.loads), len(few.loads)],
         "bits": _quantiles(expected.bits),
         **_ratios(expected),
         "not_foreseen": [name for name in model.posterior.space.names if name not in expected.names],

@@ -18,6 +18,7 @@ from softness_bayes.plotting.panels import (
     grid_of_panels,
     legend_below,
     number_ticks,
+    say_left_out,
     title,
 )
 from softness_bayes.plotting.rating import Observed
@@ -26,14 +27,6 @@ from softness_bayes.touch.contact import Load
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
-MOST_LOADS = 8
-"""Number of loads that are drawn."""
-
-
-def shown_loads(count: int, most: int = MOST_LOADS) -> list[int]:
-    """Return the indices of the loads that are drawn where there are many: evenly spread, the ends among them."""
-    return sorted({*np.linspace(0, count - 1, min(count, most)).round().astype(int).tolist()})
 
 
 def _limits(means: Array, scale: Scale) -> tuple[float, float]:
@@ -107,7 +100,6 @@ def design_figure(
         for twin in twins:
             if scale.axis == "log":
                 number_ticks(twin.yaxis)
-        if n_loads is not None and n_loads > len(loads):
-            figure.suptitle(f"{len(loads)} of {n_loads} loads", fontsize=style.small)
+        say_left_out(figure, len(loads), len(loads) if n_loads is None else n_loads, style)
         legend_below(figure, [*panels, *twins])
     return figure

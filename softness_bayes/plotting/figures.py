@@ -5,11 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from softness_bayes.checking.inflection import Curves, Inflection
+from softness_bayes.defaults import shown_of
 from softness_bayes.errors import InputError
 from softness_bayes.files.outputs import require_outputs, write_outputs
 from softness_bayes.plotting.chains import rank_figure, trace_figure
@@ -19,6 +21,7 @@ from softness_bayes.plotting.drawing import Drawing, Source, own_drawing
 from softness_bayes.plotting.inflection import inflection_figure
 from softness_bayes.plotting.membrane import membrane_figure
 from softness_bayes.plotting.names import short_name
+from softness_bayes.plotting.panels import say_left_out
 from softness_bayes.plotting.parameters import corner_figure, informative, prior_figure
 from softness_bayes.plotting.rating import Observed, observed_ratings, rating_figure
 from softness_bayes.plotting.response import ratio_figure, response_figure
@@ -32,6 +35,7 @@ if TYPE_CHECKING:
 
     from softness_bayes.parameters.priors import Prior
     from softness_bayes.plotting.drawable import Drawable
+    from softness_bayes.touch.contact import Load
 
 Array = NDArray[np.float64]
 
@@ -49,16 +53,53 @@ TOLD: Mapping[str, str] = MappingProxyType(
 """Axis labels of the test quantities; `scale` is the unit of the additive scale."""
 
 
+class _Some(NamedTuple):
+    """The loads of a result that are drawn: all of them, or some of many."""
+
+    result: Drawable
+    which: list[int]
+
+    @classmethod
+    def of(cls, result: Drawable) -> _Some:
+        return cls(result, shown_of(len(result.loads)))
+
+    @property
+    def loads(self) -> list[Load]:
+        return [self.result.loads[k] for k in self.which]
+
+    def curves(self) -> Curves:
+        modulus, *others = self.result.curves()
+        return Curves(modulus, *(values[:, self.which] for values in others))
+
+    def inflections(self) -> Inflection:
+        return Inflection._make(values[:, self.which] for values in self.result.inflections())
+
+    def observed(self) -> Observed:
+        """Return the ratings of these loads, which are numbered as they are drawn."""
+        every = _observed(self.result)
+        here = np.flatnonzero(np.isin(every.load, self.which))
+        some = Observed._make(values[here] for values in every)
+        return some._replace(load=np.searchsorted(self.which, some.load))
+
+    def said(self, figure: Figure, style: Style) -> Figure:
+        """Return a figure that says how many loads it leaves out."""
+        with style.applied():
+            say_left_out(figure, len(self.which), len(self.result.loads), style)
+        return figure
+
+
 def _response(result: Drawable, style: Style) -> Figure:
-    return response_figure(
-        result.curves(),
-        result.loads,
+    some = _Some.of(result)
+    drawn = response_figure(
+        some.curves(),
+        some.loads,
         _fabric_modulus(result),
-        inflection=result.inflections(),
+        inflection=some.inflections(),
         finger_radius=_finger_radius(result),
         names=_fabric_names(result),
         style=style,
     )
+    return some.said(drawn, style)
 
 
 def _finger_radius(result: Drawable) -> float:
@@ -70,22 +111,24 @@ def _finger_radius(result: Drawable) -> float:
 
 
 def _response_ratio(result: Drawable, style: Style) -> Figure:
-    names = _fabric_names(result)
-    return ratio_figure(result.curves(), result.loads, _fabric_modulus(result), names=names, style=style)
+    some, names = _Some.of(result), _fabric_names(result)
+    drawn = ratio_figure(some.curves(), some.loads, _fabric_modulus(result), names=names, style=style)
+    return some.said(drawn, style)
 
 
 def _rating(result: Drawable, style: Style, against_ratio: bool = False) -> Figure:
-    stored = result.group("predictions").isel(chain=0)
-    return rating_figure(
+    stored, some = result.group("predictions").isel(chain=0), _Some.of(result)
+    drawn = rating_figure(
         stored["e_fab_kpa"].values * 1e3,
-        stored["typical_rating"].values,
-        _observed(result),
-        result.loads,
+        stored["typical_rating"].values[:, some.which],
+        some.observed(),
+        some.loads,
         scale=result.scale,
-        skin_modulus=stored["e_skin_kpa"].values * 1e3 if against_ratio else None,
-        names=_fabric_names(result) * len(result.loads),
+        skin_modulus=stored["e_skin_kpa"].values[:, some.which] * 1e3 if against_ratio else None,
+        names=_fabric_names(result) * len(some.loads),
         style=style,
     )
+    return some.said(drawn, style)
 
 
 def _rating_ratio(result: Drawable, style: Style) -> Figure:
@@ -93,7 +136,9 @@ def _rating_ratio(result: Drawable, style: Style) -> Figure:
 
 
 def _inflection(result: Drawable, style: Style) -> Figure:
-    return inflection_figure(result.inflections(), result.loads, _fabric_modulus(result), style=style)
+    some = _Some.of(result)
+    drawn = inflection_figure(some.inflections(), some.loads, _fabric_modulus(result), style=style)
+    return some.said(drawn, style)
 
 
 def _corner(result: Drawable, style: Style) -> Figure:
@@ -157,10 +202,11 @@ def _checks(result: Drawable, style: Style) -> Figure:
     from softness_bayes.checking.quantities import Columns
 
     modulus = dict(zip(result.group("constant_data")["fabric"].values, _fabric_modulus(result), strict=True))
-    means, shown, scale = [], [], result.scale.short
+    means, shown, scale, some = [], [], result.scale.short, _Some.of(result)
+    drawn_loads = {ALL, *map(str, some.loads)}
     for found in posterior_quantities(result.tree):
         if found.quantity.columns is Columns.CONDITION:
-            for load in dict.fromkeys(load for load, _, _ in found.labels):
+            for load in dict.fromkeys(load for load, _, _ in found.labels if load in drawn_loads):
                 here = [k for k, label in enumerate(found.labels) if label[0] == load]
                 limits = np.array(
                     [[getattr(found.findings[k], name) for k in here] for name in ("observed", "low", "high")]
@@ -174,8 +220,9 @@ def _checks(result: Drawable, style: Style) -> Figure:
             shown += [
                 Replicated(told + (f", {load}" if load != ALL else ""), finding.observed, values, finding.p_value)
                 for (load, _, _), finding, values in zip(found.labels, found.findings, found.replicated.T, strict=True)
+                if load in drawn_loads
             ]
-    return checks_figure(means, shown, scale, style=style)
+    return some.said(checks_figure(means, shown, scale, style=style), style)
 
 
 def _loo_pit(result: Drawable, style: Style) -> Figure:

@@ -207,6 +207,12 @@ def short(value: float) -> str:
     return f"{float(f'{value:.3g}'):.12g}"
 
 
+def say_left_out(figure: Figure, shown: int, count: int, style: Style) -> None:
+    """Write at the head of a figure how many of the loads it shows, if not all."""
+    if shown < count:
+        figure.suptitle(f"{shown} of {count} loads, evenly spread", fontsize=style.small)
+
+
 def legend_below(figure: Figure, axes: Sequence[Axes], more: str = "") -> None:
     """Draw a legend of the panels' labelled artists, each label once, below them, and a line of words below it."""
     handles: dict[str, Any] = {}

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 from softness_bayes.checking.check_table import unreproduced_sentence
 from softness_bayes.checking.identifiability import information_sentences
 from softness_bayes.checking.levelled import DOUBTFUL
+from softness_bayes.defaults import in_words, shown_of
 from softness_bayes.report.findings import (
     Agreement,
     Convergence,
@@ -132,7 +133,7 @@ def _errors(finding: FastModel) -> list[str]:
 
 
 def _turning(finding: TurningPoints) -> tuple[str, list[str]]:
-    yes, no, unknown = (", ".join(finding.loads(answer)) for answer in (True, False, None))
+    yes, no, unknown = (in_words(finding.loads(answer)) for answer in (True, False, None))
     if no:
         answer = f"Not under {no}"
     elif yes:
@@ -145,7 +146,7 @@ def _turning(finding: TurningPoints) -> tuple[str, list[str]]:
         f"{one.load}: {REPRODUCED[one.reproduced]}; {one.seen}. All loads and the model together: the response turns "
         f"over with probability {_likely(finding.table.loc[one.load], 'p_interior')} (prior: "
         f"{_likely(finding.table.loc[one.load], 'prior_p_interior')})."
-        for one in finding.judged
+        for one in (finding.judged[k] for k in shown_of(len(finding.judged)))
     ]
     return answer, details
 

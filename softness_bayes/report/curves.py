@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from softness_bayes.checking.turning_points import PERCENTS
+from softness_bayes.defaults import shown_of
 from softness_bayes.plotting.panels import title
 from softness_bayes.plotting.rating import observed_ratings
 from softness_bayes.report.words import share
@@ -59,7 +60,7 @@ def shown(result: Result) -> dict[str, list[Shown]]:
     Parameters
     ----------
     result
-        A finished run on ratings; the curves are those it stores.
+        A finished run on ratings; the curves are those it stores. Of many loads some are shown, evenly spread.
     """
     curves, table = result.curves(), result.inflection()
     typical = result.group("predictions").isel(chain=0)["typical_rating"].values
@@ -67,7 +68,8 @@ def shown(result: Result) -> dict[str, list[Shown]]:
     names = [str(name) for name in result.group("constant_data")["fabric"].values]
     modulus, ratio = curves.modulus * 1e-3, curves.modulus / curves.skin_modulus
     found: dict[str, list[Shown]] = {axis.name: [] for axis in AXES}
-    for k, load in enumerate(result.loads):
+    for k in shown_of(len(result.loads)):
+        load = result.loads[k]
         row, observed = table.loc[str(load)], _observed(result, k)
         turns = {"e_fab": _turn(row, "e_fab_kpa"), "ratio": _turn(row, "ratio")}
         layouts = {

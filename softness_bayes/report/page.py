@@ -17,6 +17,7 @@ from softness_bayes.checking.check_table import check_table
 from softness_bayes.checking.fabric_ratings import fabric_rating_table
 from softness_bayes.checking.identifiability import direction_table
 from softness_bayes.checking.misfit import fit_of
+from softness_bayes.defaults import MOST_SHOWN, in_words
 from softness_bayes.errors import InputError
 from softness_bayes.files.outputs import require_outputs, write_outputs
 from softness_bayes.files.run_files import FABRIC_RATINGS
@@ -189,7 +190,8 @@ def subject(result: Result) -> str:
     if result.has_ratings:
         people = result.group("log_likelihood_participant").sizes["participant"]
         fabrics = result.group("constant_data").sizes["fabric"]
-        loads = " and ".join(", ".join(map(str, result.loads)).rsplit(", ", 1))
+        loads = in_words([str(load) for load in result.loads])
+        loads = loads if len(result.loads) > MOST_SHOWN else " and ".join(loads.rsplit(", ", 1))
         ratings = int(np.isfinite(result.group("observed_data")["rating"].values).sum())
         parts.append(f"{ratings} ratings of {fabrics} fabrics by {people} participants under {loads}")
     if result.has_compression:

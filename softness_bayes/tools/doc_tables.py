@@ -57,6 +57,12 @@ def hard_cases(results: Path) -> str:
     return table(list(rows[0]), (list(row.values()) for row in rows))
 
 
+def loads(results: Path) -> str:
+    """Return compiling and calling with many loads, from ``tools.benchmark_loads``."""
+    head = ["kind", "distinct loads", "table", "conditions", "compiled in [s]", "call [ms per vector]", "error / peak"]
+    return table(head, (list(row.values()) for row in _rows(results / "loads.csv")))
+
+
 def calibration(results: Path) -> str:
     """Return the verdict of the kept calibration, and how often its intervals hold the truth."""
     rows = _rows(results / "calibration" / "coverage.csv")
@@ -74,6 +80,7 @@ TABLES: Mapping[tuple[str, str], Callable[[Path], str]] = {
     ("claims.md", "claims"): claims,
     ("benchmarks.md", "bench"): bench,
     ("benchmarks.md", "moves"): moves,
+    ("benchmarks.md", "loads"): loads,
     ("benchmarks.md", "hard-cases"): hard_cases,
     ("calibration.md", "calibration"): calibration,
 }

@@ -8,6 +8,7 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.stats import page_trend_test, spearmanr
 
+from softness_bayes.checking import trend
 from softness_bayes.checking.quantities import Layout
 from softness_bayes.checking.trend import LEVEL, find_trend, mean_correlation
 from softness_bayes.data import Experiment, Fabrics, Ratings
@@ -52,6 +53,20 @@ def test_correlations_of_a_whole_table_are_those_of_scipy(rng):
     assert found.fabrics == (7, 7, 7)
     for one in (*found.loads, found.mean):
         assert one.low <= one.value <= one.high
+
+
+@pytest.mark.parametrize("parts", [1, 2])
+def test_means_of_many_conditions_are_those_of_the_dense_solution(parts, rng, monkeypatch):
+    """Also of a table in two parts without a common participant."""
+    person, condition = rng.integers(0, 10, 300), rng.integers(0, 60, 300)
+    condition = np.where(person < 5, condition % 30, 30 + condition % 30) if parts == 2 else condition
+    used, condition = np.unique(condition, return_inverse=True)
+    design = Design(condition, person, used % 6, 10)
+    layout = Layout(design, np.geomspace(1e3, 1e6, used.size), used // 6)
+    y, weights = rng.normal(size=300), np.vstack([np.ones(10), rng.exponential(size=(4, 10))])
+    dense = trend.condition_means(layout, y, weights)
+    monkeypatch.setattr(trend, "MANY_CONDITIONS", 20)
+    assert_allclose(trend.condition_means(layout, y, weights), dense, atol=1e-4)
 
 
 def test_gaps_do_not_bend_the_means(rng):

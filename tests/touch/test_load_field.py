@@ -61,7 +61,13 @@ def felt(readings, load, profile, modulus, share, root):
     return profile.peak[0] / peak, stress(distance[0], modulus, radius, *chosen) / peak
 
 
-@pytest.mark.parametrize("pressure", ALTERNATIVES["pressure"].values(), ids=lambda p: p.name)
+PRESSURES = [
+    pytest.param(one, id=name, marks=[] if one is Readings().pressure else [pytest.mark.slow])
+    for name, one in ALTERNATIVES["pressure"].items()
+]
+
+
+@pytest.mark.parametrize("pressure", PRESSURES)
 @pytest.mark.parametrize("kind", ENDS)
 def test_every_load_of_the_range_has_its_field(kind, pressure, rng):
     readings = Readings(pressure=pressure)
@@ -156,7 +162,7 @@ def test_receptors_at_the_surface_have_no_field():
         LoadTable(*ENDS["force"], Finger(receptor_depth=0.0), Readings(), RANGE, 1e-3)
 
 
-@pytest.mark.parametrize("loads", [FORCES, DEPTHS], ids=["force", "indentation"])
+@pytest.mark.parametrize("loads", [pytest.param(FORCES, marks=pytest.mark.slow), DEPTHS], ids=["force", "indentation"])
 def test_fingers_that_vary_have_one_table_for_many_loads(loads, draws, smooth_firing):
     box = FingerBox((7e-3, 9e-3), (0.6e-3, 0.8e-3))
     parameters = draws(4)
