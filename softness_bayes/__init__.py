@@ -48,6 +48,7 @@ if TYPE_CHECKING:
     from softness_bayes.results.result import Result as Result
     from softness_bayes.runs.calibrate import CalibrationScene as CalibrationScene
     from softness_bayes.runs.calibrate import calibrate as calibrate
+    from softness_bayes.runs.calibrate import calibrate_like as calibrate_like
     from softness_bayes.runs.comparison import compare as compare
     from softness_bayes.runs.plate import sample_skin as sample_skin
     from softness_bayes.runs.population import pool_results as pool_results
@@ -106,6 +107,7 @@ _HOMES = {
     "Scene": "touch.scene",
     "Style": "plotting.style",
     "calibrate": "runs.calibrate",
+    "calibrate_like": "runs.calibrate",
     "claims_table": "claims.report",
     "compare": "runs.comparison",
     "build": "model.build",

@@ -7,14 +7,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NoReturn
 
 import click
+from click.core import ParameterSource
 
 from softness_bayes.cli.interrupts import keeping
 from softness_bayes.cli.options.model import ModelChoice, model_choice
 from softness_bayes.cli.options.run import dask, seed
 from softness_bayes.cli.options.tables import decimal, load_options
 from softness_bayes.cli.options.values import whole
-from softness_bayes.cli.running import executor_of
-from softness_bayes.errors import NotConvergedError, NumericalError
+from softness_bayes.cli.running import executor_of, reading
+from softness_bayes.errors import InputError, NotConvergedError, NumericalError
 from softness_bayes.ranges import PARTICIPANTS, PROCESSES, REPLICATES, STEPS
 
 if TYPE_CHECKING:
@@ -32,6 +33,12 @@ if TYPE_CHECKING:
     show_default=True,
     metavar="N",
     help="Draws of the prior that are simulated and fitted; more may be asked for later.",
+)
+@click.option(
+    "--like",
+    type=click.Path(path_type=Path),
+    metavar="DIR",
+    help="Calibrate where the posterior of this run is, in its design and with its model, instead of over the prior.",
 )
 @click.option(
     "--fabrics", type=click.Path(path_type=Path), metavar="FILE", help="Fabric table (CSV); by default eight fabrics."
@@ -71,6 +78,7 @@ if TYPE_CHECKING:
 )
 def command(
     replicates: int,
+    like: Path | None,
     fabrics: Path | None,
     decimal: str | None,
     indentation_mm: tuple[float, ...],
@@ -91,7 +99,11 @@ def command(
     participants' effects, and under each load of whether and where the response turns over. The verdict says
     which faults so many replicates could have seen. Without fabrics and loads a small scene is rated. Writes
     to --out: a file per replicate (an interrupted run continues where it was), ranks.csv, coverage.csv,
-    ecdf.png and verdict.txt. Exit code 3: some replicates have not converged; 4: not calibrated.
+    ecdf.png and verdict.txt.
+
+    --like DIR draws the parameters from the posterior of a finished run instead, and simulates ratings of new raters
+    under its loads, with its missing cells and observation model; each fit is of the run's ratings and the simulated
+    ones together. Exit code 3: some replicates have not converged; 4: not calibrated.
     """
     from softness_bayes.data import Fabrics, loads_of
     from softness_bayes.results.request import RunOptions
@@ -100,21 +112,28 @@ def command(
         USUAL_LOADS,
         CalibrationScene,
         calibrate,
+        calibrate_like,
         finished,
+        finished_like,
     )
 
-    scene = CalibrationScene(
-        USUAL_FABRICS if fabrics is None else Fabrics.read(fabrics, decimal=decimal),
-        loads_of(indentation_mm, force_n) or USUAL_LOADS,
-        participants,
-    )
-    options = model.options()
     run = RunOptions(max_steps=max_steps, processes=processes, seed=seed)
+    if like is not None:
+        _require_no_design()
+        with reading(like) as (result,):
+            begin, end = partial(calibrate_like, result), partial(finished_like, result)
+    else:
+        scene = CalibrationScene(
+            USUAL_FABRICS if fabrics is None else Fabrics.read(fabrics, decimal=decimal),
+            loads_of(indentation_mm, force_n) or USUAL_LOADS,
+            participants,
+        )
+        begin, end = partial(calibrate, scene, model.options()), partial(finished, scene, model.options())
     bar = _Bar(replicates)
     with keeping(lambda: _kept(out, replicates)), executor_of(None if so_far else dask, out) as executor:
         try:
-            judge = finished if so_far else partial(calibrate, progress=bar.show, executor=executor)
-            found = judge(scene, options, run, replicates, out)
+            judge = end if so_far else partial(begin, progress=bar.show, executor=executor)
+            found = judge(run, replicates, out)
         finally:
             bar.close()
     _report(found, out)
@@ -124,6 +143,24 @@ def command(
         raise NotConvergedError(f"{len(found.unfinished)} of {replicates} replicates are not finished")
     if found.unconverged:
         raise NotConvergedError(f"{found.unconverged} replicates have not converged at --max-steps {max_steps}")
+
+
+_WITH_LIKE = ("replicates", "like", "max_steps", "processes", "dask", "so_far", "seed", "out")
+
+
+def _require_no_design() -> None:
+    """Raise an error for an option of the design or the model beside --like, whose run has both.
+
+    Raises
+    ------
+    InputError
+        Naming it.
+    """
+    context = click.get_current_context()
+    for option in context.command.params:
+        given = context.get_parameter_source(option.name or "") is not ParameterSource.DEFAULT
+        if given and option.name not in _WITH_LIKE:
+            raise InputError(f"{option.opts[0]}: --like takes design and model from the run; leave it out")
 
 
 def _report(found: Calibrated, out: Path) -> None:

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 from collections.abc import Callable, Mapping
 from concurrent.futures import Executor
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from softness_bayes import __version__, ranges
 from softness_bayes.checking.rank_words import verdict
@@ -25,7 +27,9 @@ from softness_bayes.model.build import ExperimentModel, build
 from softness_bayes.model.fingers import values_of
 from softness_bayes.model.options import ModelOptions
 from softness_bayes.model.posterior import Posterior
+from softness_bayes.results.from_result import experiment_of, options_of
 from softness_bayes.results.request import Request, RunOptions
+from softness_bayes.results.result import Result
 from softness_bayes.runs.replicate import replicate
 from softness_bayes.sampler.sampling import Settings
 from softness_bayes.sampler.workers import Workers, available_processors
@@ -42,6 +46,9 @@ CALIBRATE = "calibrate"
 
 LONG = 2_000
 """Steps beyond which a replicate is counted as one that ran longer."""
+
+TRUTHS = 4000
+"""Most draws of a run's posterior among which the truths of replicates like it are chosen."""
 
 ENSEMBLES = 2
 """Independent ensembles of each replicate: the least that can disagree."""
@@ -208,6 +215,90 @@ def calibrate(
     model.posterior.space.require_sampled()
     settings = settings or _usual(run)
     manifest = _manifest(scene, Request(model.options, run), settings)
+    return _calibrated(Source(model.posterior), manifest, run, count, directory, progress, settings, executor)
+
+
+def calibrate_like(
+    result: Result,
+    run: RunOptions,
+    count: int,
+    directory: Path,
+    progress: Callable[[int, Replicate], None] | None = None,
+    settings: Settings | None = None,
+    executor: Executor | None = None,
+) -> Calibrated:
+    """Calibrate the inference about the data of a finished run, where its posterior is (posterior SBC).
+
+    Each replicate draws parameters from the run's posterior, and simulates ratings of new raters in its design: with
+    its missing cells, loads and observation model. The fit is of the run's ratings and the simulated ones together.
+
+    Parameters
+    ----------
+    result
+        A run on ratings that has converged.
+    run, count, directory, progress, settings, executor
+        As `calibrate` takes them.
+
+    Raises
+    ------
+    InputError
+        If the run has not converged, or as `calibrate`.
+    LockedError
+        If another process is calibrating there.
+    """
+    ranges.REPLICATES.require("calibration: number of replicates", count)
+    settings = settings or _usual(run)
+    source, manifest = _like(result, run, settings)
+    return _calibrated(source, manifest, run, count, directory, progress, settings, executor)
+
+
+def finished_like(
+    result: Result, run: RunOptions, count: int, directory: Path, settings: Settings | None = None
+) -> Calibrated:
+    """Return the replicates of `calibrate_like` that are finished, and run none; otherwise as `finished`."""
+    _, manifest = _like(result, run, settings or _usual(run))
+    return _so_far(manifest, count, directory)
+
+
+class Source(NamedTuple):
+    """Origin of replicates: the model, and draws of its posterior if their truths are some of these."""
+
+    posterior: Posterior
+    truths: NDArray[np.float64] | None = None
+
+
+def _like(result: Result, run: RunOptions, settings: Settings) -> tuple[Source, dict[str, Any]]:
+    """Return the source of replicates like a run, and all that decides the ranks."""
+    if not result.provenance.ending.converged:
+        raise InputError(f"{result.source}: the run has not converged, so that its draws are not those of a posterior")
+    posterior = build(experiment_of(result), options_of(result)).posterior
+    values = result.values(TRUTHS)
+    truths = np.stack([np.asarray(values[name]) for name in posterior.names], axis=-1)
+    manifest = {
+        "version": __version__,
+        "seed": run.seed,
+        "draws": DRAWS,
+        "like": hashlib.sha256(truths.tobytes()).hexdigest()[:32],
+        "ratings": result.provenance.rating_data.digest_ratings,
+        "options": Request.of(result).model.record(),
+        "ensembles": settings.ensembles,
+        "max_steps": settings.max_steps,
+        "goal": str(settings.goal),
+    }
+    return Source(posterior, truths), manifest
+
+
+def _calibrated(
+    source: Source,
+    manifest: dict[str, Any],
+    run: RunOptions,
+    count: int,
+    directory: Path,
+    progress: Callable[[int, Replicate], None] | None,
+    settings: Settings,
+    executor: Executor | None,
+) -> Calibrated:
+    """Run the replicates that a directory lacks."""
     folder = _made_folder(directory, manifest)
     with Lock(directory / LOCK) as lock:
         _require_alike(directory, manifest)
@@ -218,7 +309,7 @@ def calibrate(
         missing = [index for index in range(count) if index not in done]
         if missing:
             processes = min(run.processes or available_processors(), len(missing))
-            with Workers(model.posterior, processes, executor) as workers:
+            with Workers(source, processes, executor) as workers:
                 tasks = [(settings, run.seed, index, str(folder.resolve())) for index in missing]
                 for index, one in workers.as_finished(_run, tasks):
                     done[index] = one
@@ -257,7 +348,12 @@ def finished(
         If none is finished.
     """
     settings = settings or _usual(run)
-    _require_alike(directory, _manifest(scene, Request(scene.model(options).options, run), settings))
+    return _so_far(_manifest(scene, Request(scene.model(options).options, run), settings), count, directory)
+
+
+def _so_far(manifest: dict[str, Any], count: int, directory: Path) -> Calibrated:
+    """Return the replicates that are finished."""
+    _require_alike(directory, manifest)
     done = _finished(directory / REPLICATES, count)
     if not done:
         raise InputError(f"{directory}: no replicate of a calibration is finished there")
@@ -273,9 +369,9 @@ def _finished(folder: Path, count: int) -> dict[int, Replicate]:
     return {index: _read(path) for index in range(count) if (path := _path(folder, index)).is_file()}
 
 
-def _run(posterior: Posterior, settings: Settings, seed: int, index: int, folder: str) -> tuple[int, Replicate]:
+def _run(source: Source, settings: Settings, seed: int, index: int, folder: str) -> tuple[int, Replicate]:
     """Run one replicate and leave its file."""
-    one = replicate(posterior, settings, seed, index)
+    one = replicate(source.posterior, settings, seed, index, truths=source.truths)
     write_whole(_path(Path(folder), index), (json.dumps(one._asdict(), indent=1) + "\n").encode())
     return index, one
 

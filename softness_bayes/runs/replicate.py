@@ -1,4 +1,8 @@
-"""One replicate of simulation-based calibration: parameters drawn from the prior, ratings simulated, fitted, ranked.
+"""One replicate of simulation-based calibration: parameters drawn, ratings simulated, fitted, ranked.
+
+Parameters are drawn from the prior, or from the posterior of a run; then the fit is of that run's data and the
+simulated ones together, of which the parameters are a posterior draw too (Säilynoja, Schmitt, Bürkner and Vehtari,
+arXiv:2502.03279, 2025).
 
 The log-likelihood is among the ranked quantities, because it detects a posterior that ignores the data and equals
 the prior (Modrák et al., Bayesian Analysis 20, 461, 2025).
@@ -8,6 +12,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,11 +38,12 @@ def replicate(
     seed: int,
     index: int,
     assume: Callable[[Likelihood], Likelihood] = right,
+    truths: FloatArray | None = None,
 ) -> Replicate:
-    """Draw from the prior, simulate ratings, sample their posterior and rank the truth.
+    """Draw parameters, simulate ratings, sample their posterior and rank the truth.
 
     No prior draw is left out, including those without any firing. Space, compiled scene and design are those
-    of `posterior`; its ratings are ignored.
+    of `posterior`; its ratings are ignored, unless the parameters are draws of their posterior.
 
     Parameters
     ----------
@@ -46,15 +52,20 @@ def replicate(
     settings
         How to sample.
     seed, index
-        Seeds of the prior draw, the ratings and the walk.
+        Seeds of the draw, the ratings and the walk.
     assume
         Function from the right observation to the one of the fit.
+    truths
+        Draws of the posterior in natural units, shape (draws, dimension), one of which is taken in place of one of the
+        prior. The raters of the simulated ratings are others than those of the posterior's own.
     """
     made, walk = (np.random.SeedSequence(seed, spawn_key=(index, part)) for part in (0, 1))
     rng = np.random.default_rng(made)
-    theta = posterior.space.draw_prior(rng, 1)[0]
+    theta = posterior.space.draw_prior(rng, 1)[0] if truths is None else truths[rng.integers(len(truths))]
     observation, true_effects = _simulate(posterior.observation, posterior, theta, rng)
     fitted = posterior.with_term(assume(observation))
+    if truths is not None:
+        fitted = replace(fitted, terms=(*fitted.terms, posterior.observation))
     sampled = sample_until(fitted, settings, walk)
     draws = fitted.natural(independent(sampled, DRAWS, rng))
     effects = observation.draw_effects(rng, fitted.response(draws), fitted.rating_parameters(draws))
