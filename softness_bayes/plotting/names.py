@@ -43,9 +43,25 @@ def short_name(name: str, longest: int = LONGEST) -> str:
     return name.replace("$", r"\$")
 
 
+def short_names(names: Sequence[str]) -> list[str]:
+    """Return short names; if two become the same, what all names begin and end with is left out of them."""
+    short = [short_name(name) for name in names]
+    if len({*short}) == len({*names}):
+        return short
+    begin, end = _shared(names), _shared([name[::-1] for name in names])
+    inner = [name[begin : len(name) - end] if begin + end < len(name) else name for name in names]
+    return [short_name(f"…{name}{'…' * bool(end)}") for name in inner]
+
+
+def _shared(names: Sequence[str]) -> int:
+    """Return the number of letters that all names begin with."""
+    first, last = min(names), max(names)
+    return next((k for k, (a, b) in enumerate(zip(first, last, strict=False)) if a != b), min(len(first), len(last)))
+
+
 def room_for(names: Sequence[str], style: Style) -> float:
     """Return the height that upright names take above a panel [in]; 0 without names."""
-    several = sorted(map(short_name, names), key=len)[-MEASURED:]
+    several = sorted(short_names(names), key=len)[-MEASURED:]
     longest = max((_length(name, style.small) for name in several), default=0.0)
     return (longest + LEAD + SPARE) / 72.0 if names else 0.0
 
@@ -120,10 +136,9 @@ def name_fabrics(axes: Axes, places: ArrayLike, names: Sequence[str], style: Sty
     above = offset_copy(axes.transAxes, fig=figure, y=LEAD, units="points")
     lead = {"arrowstyle": "-", "color": GUIDE, "linewidth": 0.6, "shrinkA": 0.0, "shrinkB": 0.0, "relpos": (0.5, 0.0)}
     lead["patchA"] = None  # cutting the line at the letters' box takes half the time of a figure
+    written = short_names(names)
     for k, at in zip(order, apart(share[order], distance), strict=True):
-        words = axes.annotate(
-            short_name(names[k]), (share[k], 1.0), (at, 1.0), "axes fraction", above, lead, rotation=90
-        )
+        words = axes.annotate(written[k], (share[k], 1.0), (at, 1.0), "axes fraction", above, lead, rotation=90)
         words.set(ha="center", va="bottom", fontsize=style.small, color=INK, gid=f"name/{gid}/{names[k]}")
     feet = LineCollection([[(x[k], 0.0), (x[k], 1.0)] for k in order], colors=GUIDE, linewidths=0.5, zorder=0.2)
     feet.set(transform=axes.get_xaxis_transform(), gid=f"guide/{gid}")

@@ -32,6 +32,10 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
+CROWD = 60
+"""Number of points in a panel from which they are drawn small."""
+
+
 class Observed(NamedTuple):
     """Ratings of each condition in short, every field of shape (conditions,)."""
 
@@ -237,9 +241,13 @@ def _draw_observed(
     gid: str,
     names: Sequence[str] = (),
 ) -> None:
-    spread = axes.vlines(x, observed.low[here], observed.high[here], color=style.tint(style.data, 0.6), linewidth=0.8)
-    spread.set(label="± 1 sd between participants", gid=f"spread/{gid}", zorder=2)
-    points = axes.plot(x, observed.mean[here], "o", color=style.data, markersize=3, gid=f"ratings/{gid}")[0]
-    points.set(label=scale.mean, zorder=3)
+    # very many points are small, and below the curve
+    many = np.size(x) > CROWD
+    colour, width = style.tint(style.data, 0.35 if many else 0.6), 0.3 if many else 0.8
+    spread = axes.vlines(x, observed.low[here], observed.high[here], color=colour, linewidth=width)
+    spread.set(label="± 1 sd between participants", gid=f"spread/{gid}", zorder=1.6 if many else 2)
+    size = 1.2 if many else 3
+    points = axes.plot(x, observed.mean[here], "o", color=style.data, markersize=size, gid=f"ratings/{gid}")[0]
+    points.set(label=scale.mean, zorder=1.7 if many else 3)
     for marks in (spread, points):
         name_rows(marks, names)

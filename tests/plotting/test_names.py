@@ -16,7 +16,7 @@ from softness_bayes import plotting
 from softness_bayes.parameters.priors import LogNormal, Truncated
 from softness_bayes.plotting.checks import FEW, Means, Replicated, checks_figure
 from softness_bayes.plotting.data import carry, data_of
-from softness_bayes.plotting.names import LONGEST, apart, name_fabrics, short_name
+from softness_bayes.plotting.names import LONGEST, apart, name_fabrics, short_name, short_names
 from softness_bayes.plotting.panels import number_ticks
 from softness_bayes.plotting.parameters import informative
 from softness_bayes.plotting.style import DATA, files_of
@@ -81,6 +81,14 @@ def test_long_names_keep_both_ends() -> None:
     assert len(first) == LONGEST
     assert first != second
     assert first.startswith("cotton")
+
+
+def test_names_that_differ_in_the_middle_stay_apart() -> None:
+    names = [f"fabric number {k:03d} of the lot" for k in range(600)]
+    assert short_names(names)[7] == "…007…"
+    assert len({*short_names(names)}) == 600
+    assert short_names(["lawn", "felt"]) == ["lawn", "felt"]
+    assert short_names(["cloth", "cloth"]) == ["cloth", "cloth"]  # nothing tells them apart
 
 
 def test_fabrics_outside_of_a_panel_are_not_named() -> None:
