@@ -10,7 +10,7 @@ import click
 from click.core import ParameterSource
 
 from softness_bayes.cli.interrupts import keeping
-from softness_bayes.cli.options.model import ModelChoice, model_choice
+from softness_bayes.cli.options.model import ModelChoice, model_choice, rating_scale
 from softness_bayes.cli.options.run import dask, seed
 from softness_bayes.cli.options.tables import decimal, load_options
 from softness_bayes.cli.options.values import whole
@@ -47,6 +47,7 @@ if TYPE_CHECKING:
 @load_options(True, ". Repeatable.")
 @click.option("--participants", type=whole(PARTICIPANTS), default=20, show_default=True, help="Number of raters.")
 @model_choice
+@rating_scale
 @click.option(
     "--max-steps",
     type=whole(STEPS),
@@ -85,6 +86,7 @@ def command(
     force_n: tuple[float, ...],
     participants: int,
     model: ModelChoice,
+    scale: str,
     max_steps: int,
     processes: int | None,
     dask: str | None,
@@ -106,6 +108,7 @@ def command(
     ones together. Exit code 3: some replicates have not converged; 4: not calibrated.
     """
     from softness_bayes.data import Fabrics, loads_of
+    from softness_bayes.likelihood.scales import RATING_SCALES
     from softness_bayes.results.request import RunOptions
     from softness_bayes.runs.calibrate import (
         USUAL_FABRICS,
@@ -128,7 +131,8 @@ def command(
             loads_of(indentation_mm, force_n) or USUAL_LOADS,
             participants,
         )
-        begin, end = partial(calibrate, scene, model.options()), partial(finished, scene, model.options())
+        options = model.options(scale=RATING_SCALES[scale])
+        begin, end = partial(calibrate, scene, options), partial(finished, scene, options)
     bar = _Bar(replicates)
     with keeping(lambda: _kept(out, replicates)), executor_of(None if so_far else dask, out) as executor:
         try:

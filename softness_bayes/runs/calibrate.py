@@ -23,10 +23,14 @@ from softness_bayes.files.outputs import require_outputs, write_outputs
 from softness_bayes.files.spreadsheet import csv_of
 from softness_bayes.files.whole import sweep, write_whole
 from softness_bayes.likelihood.directions import RISES, direction_named
-from softness_bayes.model.build import ExperimentModel, build
+from softness_bayes.likelihood.models import rating_model
+from softness_bayes.likelihood.scales import MAGNITUDE, SLIDER
+from softness_bayes.model.build import COARSE, ExperimentModel, build
 from softness_bayes.model.fingers import values_of
 from softness_bayes.model.options import ModelOptions
 from softness_bayes.model.posterior import Posterior
+from softness_bayes.model.scenes import usual_values
+from softness_bayes.model.simulation import simulate_ratings
 from softness_bayes.results.from_result import experiment_of, options_of
 from softness_bayes.results.request import Request, RunOptions
 from softness_bayes.results.result import Result
@@ -77,12 +81,32 @@ class CalibrationScene:
     participants: int = 20
 
     def model(self, options: ModelOptions) -> ExperimentModel:
-        """Return the model of the scene, built once for all replicates; its ratings are all 1, to be replaced."""
+        """Return the model of the scene, built once for all replicates; its ratings are to be replaced."""
+        options = replace(options, direction=options.direction or RISES)  # there are no data to take it from
+        if options.scale is not MAGNITUDE:
+            law = options.errors or rating_model(options.scale).error
+            exact = 0.0 if options.scale is SLIDER and options.resolution is None else options.resolution
+            options = replace(options, errors=law, resolution=exact)
+        return build(Experiment(self._ratings(options), self.fabrics, ()), options)
+
+    def _ratings(self, options: ModelOptions) -> Ratings:
+        """Return ratings of the design on the scale: all 1, or simulated where those would not be on it."""
+        if options.scale is not MAGNITUDE:
+            return simulate_ratings(
+                np.random.default_rng(0),
+                self.fabrics,
+                self.loads,
+                usual_values(options.readings),
+                options.readings,
+                self.participants,
+                scale=options.scale,
+                discretisation=COARSE,
+                finger=options.finger,
+                categories=options.n_categories,
+            ).ratings
         names = [f"P{k}" for k in range(1, self.participants + 1)]
         table = np.ones((self.participants, len(self.fabrics), len(self.loads)))
-        ratings = Ratings.crossed(names, self.fabrics.names, self.loads, table)
-        direction = options.direction or RISES  # there are no data to take it from
-        return build(Experiment(ratings, self.fabrics, ()), replace(options, direction=direction))
+        return Ratings.crossed(names, self.fabrics.names, self.loads, table)
 
 
 @dataclass(frozen=True)

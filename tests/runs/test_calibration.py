@@ -28,6 +28,7 @@ from softness_bayes.errors import InputError, LockedError
 from softness_bayes.files.lock import Lock
 from softness_bayes.likelihood.directions import INVERSE
 from softness_bayes.likelihood.magnitude import LogRatings, RatingModel
+from softness_bayes.likelihood.scales import RATING_SCALES
 from softness_bayes.model.options import ModelOptions
 from softness_bayes.parameters.declared import PARAMETERS
 from softness_bayes.plotting.calibration import rank_ecdf_figure
@@ -567,3 +568,19 @@ def test_the_kept_calibration_says_what_its_ranks_say():
     assert 0 < table["true_turns[2.5 mm]"].sum() < len(table)
     shares = pd.read_csv(kept / "coverage.csv")["share"].to_numpy()
     np.testing.assert_allclose(shares, [row["share"] for row in found.coverage()])
+
+
+@pytest.mark.parametrize("scale", RATING_SCALES.values(), ids=RATING_SCALES)
+def test_every_scale_is_calibrated(scale):
+    """The model of a design simulates tables of its scale from its own parameters, which its likelihood takes."""
+    scene = CalibrationScene(participants=3)
+    options = ModelOptions(
+        fix={**PAPER_CHANNELS._asdict(), "b": 20.0}, scale=scale, discretisation=Discretisation(8, 9.0, 1e-4)
+    )
+    posterior = scene.model(options).posterior
+    observed, rng = posterior.observation, np.random.default_rng(1)
+    truth = posterior.space.draw_prior(rng, 1)
+    parameters, rate = posterior.rating_parameters(truth), posterior.response(truth)
+    effects = observed.new_effects(rng, parameters, (1,))
+    made = observed.replicate(rng, observed.drive(rate, parameters), parameters, effects, rate)[0]
+    assert np.isfinite(observed.with_values(made).log_likelihood(rate, parameters)).all()
