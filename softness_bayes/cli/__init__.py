@@ -46,7 +46,7 @@ VERBS: Mapping[str, str] = {
 }
 """Verb -> its one-line help; `softness_bayes.cli.<verb>` holds the click command `command`."""
 
-PRINTING = ("check", "plan", "status", "predict", "target")
+PRINTING = ("check", "plan", "status", "readings", "priors", "figures", "predict", "target")
 """Verbs whose result is what they print, unless they have an --out; others write it to files."""
 
 TYPED = f"{__name__}.typed"
@@ -135,8 +135,9 @@ class VerbGroup(click.Group):
 def _prints(words: Sequence[str]) -> bool:
     """Return whether a command line asks for something printed rather than for files."""
     verb = next((word for word in words if word in VERBS), None)
+    helped = verb is None or "--help" in words or "-h" in words
     to_file = any(word.partition("=")[0] == "--out" for word in words)
-    return verb is None or "--help" in words or "-h" in words or (verb in PRINTING and not to_file)
+    return helped or (verb in PRINTING and not to_file)
 
 
 def _advise(message: str, ctx: click.Context) -> None:

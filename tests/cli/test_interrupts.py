@@ -18,6 +18,7 @@ import pytest
 
 from softness_bayes.__main__ import quieten_libraries
 from softness_bayes.checkpoints.checkpoint import read_status
+from softness_bayes.cli import VERBS, _prints
 from softness_bayes.cli.interrupts import _beginning
 from softness_bayes.errors import ResourceError
 from softness_bayes.sampler import workers as processes
@@ -339,6 +340,17 @@ def test_a_full_output_does_not_make_a_failure_of_files_that_are_written(tmp_pat
     assert done.returncode == 0
     assert "warning: standard output: No space left on device; what was printed is not complete" in done.stderr
     assert (tmp_path / "simulated" / "ratings.csv").exists()
+
+
+def test_verbs_whose_result_is_printed_are_known():
+    """Of a new verb this must be decided: what it prints may be all that it does."""
+    printing = {verb for verb in VERBS if _prints([verb])}
+    files = {"demo", "new", "sample", "resume", "plot", "simulate", "report", "compare", "rank"}
+    assert printing == {"check", "plan", "status", "readings", "priors", "figures", "predict", "target"}
+    assert {*VERBS} - printing == files | {"claims", "bench", "study", "calibrate"}
+    assert not _prints(["predict", "--posterior", "results", "--out=table.csv"])
+    assert _prints(["sample", "--help"])
+    assert _prints(["--version"])
 
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="closes streams as a shell does")
