@@ -4,17 +4,18 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from operator import attrgetter
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from softness_bayes.data.columns import FORCE, INDENTATION, LOAD_CV, RATING, RESOLUTION, SECOND_FABRIC, Column
+from softness_bayes.data.columns import FORCE, INDENTATION, LOAD_CV, RATING, RESOLUTION, Column
 from softness_bayes.data.fabrics import Fabrics, log_sd
 from softness_bayes.data.headers import LOADED, RATED
 from softness_bayes.data.names import alike_notes, guess, natural
+from softness_bayes.data.pairs import unpaired
 from softness_bayes.data.plausible import missing_codes
 from softness_bayes.data.tables import (
     MISSING,
@@ -253,7 +254,7 @@ class Ratings:
         """Return the ratings of a table, without those of 0 if asked for; other arguments as of `read`."""
         given = _given_load(table, indentation_mm, force_n)
         table.require("fabric", RATING.name)
-        table = _unpaired(table)
+        table = unpaired(table)
         filed = table.numbers(RATING)
         texts = table.cells[RATING.name]
         for i in missing_codes(texts, filed):
@@ -334,45 +335,6 @@ def _fabrics_in(table: Table, fabrics: Fabrics | None) -> Sequence[str]:
             more = f", as in {count - 1} other rows" if count > 1 else ""
             table.fault(labels.index(name), "fabric", f"{problem}{more}")
     return labels
-
-
-_OTHER = {"0": "1", "1": "0", "0.5": "0.5", "1.0": "0", "0.0": "1", "": ""}
-"""Answer for the second fabric of a pair, by that for the first."""
-
-
-def _unpaired(table: Table) -> Table:
-    """Return a table of pairs of fabrics with two rows for each, a list of its own; any other as it is."""
-    if SECOND_FABRIC not in table:
-        return table
-    if "list" in table:
-        table.faults.add_general(
-            f"columns {table.titles[SECOND_FABRIC]!r} and {table.titles['list']!r}: each row is a pair, which is a "
-            "list of its own; leave one column out"
-        )
-    answers = ["" if text.casefold() in MISSING else text.replace(",", ".") for text in table.cells[RATING.name]]
-    for i, text in enumerate(answers):
-        if text not in _OTHER:
-            table.fault(
-                i,
-                RATING.name,
-                "expected 1 if the first fabric of the pair was softer, 0 if the second was, or 0.5 if neither, got "
-                f"{quoted(table.cells[RATING.name][i])}",
-            )
-        if table.cells["fabric"][i] == table.cells[SECOND_FABRIC][i]:
-            table.fault(
-                i, SECOND_FABRIC, f"expected another fabric than {quoted(table.cells['fabric'][i])}, got the same"
-            )
-    table.labels(SECOND_FABRIC)
-    table.check()
-    both = table.take(np.repeat(np.arange(len(table)), 2))
-    second = {"fabric": table.cells[SECOND_FABRIC], RATING.name: [_OTHER[text] for text in answers]}
-    first = {"fabric": table.cells["fabric"], RATING.name: answers}
-    cells = {**both.cells, "list": [str(i + 1) for i in range(len(table)) for _ in range(2)]}
-    cells |= {name: [text for pair in zip(first[name], second[name], strict=True) for text in pair] for name in first}
-    del cells[SECOND_FABRIC]
-    titles = {**both.titles, "list": table.titles[SECOND_FABRIC]}
-    note = f"rows are pairs: 1 says that {table.titles['fabric']} was softer than {table.titles[SECOND_FABRIC]}"
-    return replace(both, cells=cells, titles=titles, notes=(*both.notes, note))
 
 
 def _lists_in(table: Table, by: Sequence[str]) -> IntArray | None:

@@ -16,7 +16,8 @@ from softness_bayes.errors import InputError
 from softness_bayes.likelihood.design import Design
 from softness_bayes.likelihood.error_laws import GUMBEL, LAPSES, NORMAL, STUDENT, ErrorLaw
 from softness_bayes.likelihood.models import rating_model
-from softness_bayes.likelihood.orders import MOST_TIED, shares
+from softness_bayes.likelihood.orders import shares
+from softness_bayes.likelihood.places import MOST_TIED
 from softness_bayes.likelihood.scales import CATEGORIES, MAGNITUDE, PAIRS, RANKS, SLIDER, STANDARDISED
 from softness_bayes.likelihood.stated import Stated
 from softness_bayes.model.options import ModelOptions

@@ -15,7 +15,8 @@ from softness_bayes.likelihood.categories import CategoryModel
 from softness_bayes.likelihood.design import Design
 from softness_bayes.likelihood.directions import FALLS
 from softness_bayes.likelihood.error_laws import GUMBEL, error_law_named
-from softness_bayes.likelihood.orders import GUMBEL_SD, MOST_TIED, OrderModel, OrderRatings, shares
+from softness_bayes.likelihood.orders import GUMBEL_SD, OrderModel, OrderRatings, shares
+from softness_bayes.likelihood.places import MOST_TIED
 from softness_bayes.likelihood.ratings import RatingParameters
 
 RATE = np.array([0.0, 2.0, 7.0, 30.0])

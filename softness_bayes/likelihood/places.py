@@ -1,0 +1,180 @@
+"""Places in lists, side by side, and the probabilities of their orders after Plackett and Luce (model.md 9)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from softness_bayes.errors import InputError
+
+FloatArray = NDArray[np.float64]
+IndexArray = NDArray[np.intp]
+
+MOST_TIED = 6
+"""Largest number of touches that share a place: the orders that they may have are summed, 2^n steps of it."""
+
+
+@dataclass(frozen=True)
+class Places:
+    """Lists side by side, each from its top down, in slots of which shorter lists fill the first alone."""
+
+    row: IndexArray
+    """Row of each slot, shape (lists, slots); any row where there is none."""
+    group: IndexArray
+    """Number of each slot's group of equal places, from the top down, likewise."""
+    present: NDArray[np.bool_]
+    """Whether there is a touch, likewise."""
+    filled: NDArray[np.bool_]
+    """Whether there was one before some were taken away, likewise."""
+
+    @classmethod
+    def of(cls, values: FloatArray, place: IndexArray) -> Places:
+        """Return the lists of rows with these values and indices of lists."""
+        order = np.lexsort((-values, place))
+        count = np.bincount(place)
+        slot = np.arange(order.size) - np.repeat(np.cumsum(count) - count, count)
+        shape = (count.size, int(count.max()))
+        row, filled = np.zeros(shape, np.intp), np.zeros(shape, bool)
+        row[place[order], slot], filled[place[order], slot] = order, True
+        new = np.ones(shape, bool)
+        new[:, 1:] = values[row][:, 1:] != values[row][:, :-1]
+        group = np.cumsum(new | ~filled, axis=1) - 1
+        tied = max(int(np.bincount(g[f]).max()) for g, f in zip(group, filled, strict=True))
+        if tied > MOST_TIED:
+            raise InputError(
+                f"ratings: {tied} touches of one list share a place, expected at most {MOST_TIED}: numbers with so "
+                "many ties are categories"
+            )
+        return cls(row, group, filled, filled)
+
+    @property
+    def width(self) -> int:
+        """Number of slots."""
+        return self.row.shape[1]
+
+    def among(self, chosen: NDArray[np.bool_]) -> Places:
+        """Return the lists of some touches alone, shape (lists, slots)."""
+        return Places(self.row, self.group, self.filled & chosen, self.filled)
+
+    def without(self, slot: int) -> Places:
+        """Return the lists without the touches of one slot."""
+        return self.among(np.arange(self.width) != slot)
+
+    def by_row(self, values: FloatArray) -> FloatArray:
+        """Return values (..., lists, slots) by row, (..., rows)."""
+        found = np.empty((*values.shape[:-2], int(self.filled.sum())))
+        found[..., self.row[self.filled]] = values[..., self.filled]
+        return found
+
+    def reordered(self, latent: FloatArray, values: FloatArray) -> FloatArray:
+        """Return the lists' places in the order of latent numbers (..., rows), of the same shape."""
+        drawn = np.where(self.filled, latent[..., self.row], -np.inf)
+        rank = np.argsort(np.argsort(-drawn, axis=-1, kind="stable"), axis=-1, kind="stable")
+        own = np.broadcast_to(values[self.row], rank.shape)
+        return self.by_row(np.take_along_axis(own, rank, axis=-1))
+
+    def log_factors(self, worth: FloatArray, extra: FloatArray | None = None) -> FloatArray:
+        """Return log probabilities whose sum over slots is that of each list's order, (..., lists, slots).
+
+        Parameters
+        ----------
+        worth
+            Log worths in the sense of Luce, shape (..., lists, slots).
+        extra
+            Log worth of one more touch, which comes after the whole list, shape (..., lists).
+        """
+        worth = np.where(self.present, worth, -np.inf)
+        rest = np.logaddexp.accumulate(worth[..., ::-1], axis=-1)[..., ::-1]
+        if extra is not None:
+            rest = np.logaddexp(rest, extra[..., None])
+        with np.errstate(invalid="ignore"):
+            found = np.where(self.present, worth - rest, 0.0)
+        below = np.full((*rest.shape[:-1], 1), -np.inf) if extra is None else extra[..., None]
+        rest = np.concatenate([rest, np.broadcast_to(below, (*rest.shape[:-1], 1))], axis=-1)
+        for tie in self._ties:
+            of, members = tie.of[:, None], tie.first[:, None] + np.arange(tie.size)
+            joint = _log_first(
+                worth[..., of, members], self.present[of, members], rest[..., tie.of, tie.first + tie.size]
+            )
+            found[..., of, members] = 0.0
+            found[..., tie.of, tie.first] = joint
+        return found
+
+    def log_chances(self, worth: FloatArray, slot: int) -> tuple[FloatArray, FloatArray]:
+        """Return log chances of the touches of one slot, which are absent here, given the order of the others.
+
+        Returns
+        -------
+        above, lower : ndarray, shape (..., lists)
+            Log probability to come below all groups above its own; and below the next group of those present, too.
+        """
+        own = self.group[:, [slot]]
+        each = self.log_factors(worth, worth[..., slot]) - self.log_factors(worth)
+        over = self.present & (self.group < own)
+        under = np.where(self.present & (self.group > own), self.group, self.group.max() + 1)
+        least = under.min(axis=1, keepdims=True)
+        upto = self.present & (self.group <= least)
+        # a tie's probability stands in its first slot, present or not
+        above = np.where(_of_groups(over, self.group), each, 0.0).sum(axis=-1)
+        lower = np.where(_of_groups(upto, self.group), each, 0.0).sum(axis=-1)
+        last = (least > self.group.max())[:, 0]
+        return above, np.where(last, -np.inf, lower)
+
+    @cached_property
+    def _ties(self) -> list[_Tie]:
+        """The groups of equal places, by their size."""
+        found = []
+        new = np.ones(self.group.shape, bool)
+        new[:, 1:] = self.group[:, 1:] != self.group[:, :-1]
+        of, first = np.nonzero(new & self.filled)
+        size = (self.filled[of] & (self.group[of] == self.group[of, first][:, None])).sum(axis=1)
+        for n in np.unique(size[size > 1]).tolist():
+            found.append(_Tie(n, of[size == n], first[size == n]))
+        return found
+
+
+class _Tie(NamedTuple):
+    """Groups of so many equal places: their lists, and the first slot of each."""
+
+    size: int
+    of: IndexArray
+    first: IndexArray
+
+
+def _of_groups(chosen: NDArray[np.bool_], group: IndexArray) -> NDArray[np.bool_]:
+    """Return the slots of the groups of which a member is chosen, shape (lists, slots)."""
+    same = group[:, :, None] == group[:, None, :]
+    return np.asarray((same & chosen[:, None, :]).any(axis=-1))
+
+
+def _log_first(worth: FloatArray, present: NDArray[np.bool_], rest: FloatArray) -> FloatArray:
+    """Return the log probability that some touches come before all others, in whatever order.
+
+    The first of them is one of each; then the others of them come before the rest likewise.
+
+    Parameters
+    ----------
+    worth
+        Their log worths, shape (..., k).
+    present
+        Which of them there are, shape (groups, k).
+    rest
+        Log of the total worth of all that come later, shape (...).
+    """
+    size = worth.shape[-1]
+    found = [np.zeros(rest.shape)]
+    for subset in range(1, 2**size):
+        members = [k for k in range(size) if subset >> k & 1]
+        total = np.logaddexp(rest, np.logaddexp.reduce(worth[..., members], axis=-1))
+        with np.errstate(invalid="ignore"):  # where all of them are absent
+            terms = [found[subset ^ (1 << k)] + worth[..., k] - total for k in members]
+            ordered = np.logaddexp.reduce(np.stack(terms), axis=0)
+        # a subset with an absent member is the subset without it
+        for k in members:
+            ordered = np.where(present[:, k], ordered, found[subset ^ (1 << k)])
+        found.append(ordered)
+    return found[-1]
