@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 from softness_bayes.errors import InputError, ResourceError
 from softness_bayes.files.outputs import require_directory
+from softness_bayes.files.whole import write_whole
 from softness_bayes.provenance import VERSION
 from softness_bayes.results.versions import versions
 
@@ -165,7 +166,7 @@ def _workers(client: Client, directory: Path | None) -> dict[str, Worker | BaseE
         require_directory(directory)
         directory.mkdir(parents=True, exist_ok=True)
         path = directory.resolve() / f".shared-{token}"
-        path.write_text(token, encoding="ascii")
+        write_whole(path, token.encode("ascii"))
     try:
         reports = client.run(_report, None if path is None else str(path), token, on_error="return")
         threads = client.nthreads()
