@@ -141,12 +141,16 @@ def _of_run(
     from softness_bayes.model.prediction import drawn_parameters, prediction_table
     from softness_bayes.model.reach import COARSE, reach_note
     from softness_bayes.model.scenes import scene_of
+    from softness_bayes.parameters.declared import SHAPE_PARAMETERS
     from softness_bayes.results.rating_table import rating_columns
+    from softness_bayes.touch.parameters import TouchParameters
 
     with reading(directory) as (result,):
         if not result.has_ratings:
             raise InputError(f"{directory}: a run without ratings, which says nothing of the receptors; give --set")
         named, noise = result.values(DRAWS), result.provenance.rating_model.noise
+        if lacking := [n for n in TouchParameters._fields if n not in named and n not in SHAPE_PARAMETERS]:
+            raise KeyError(lacking[0])  # `reading` names the file
         parameters = drawn_parameters(named)
         readings, finger = result.readings, result.finger
         compiled = partial(scene_of, fabrics, loads, named, readings, noise=noise, finger=finger)

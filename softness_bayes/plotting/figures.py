@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from softness_bayes.checking.inflection import Curves, Inflection
 from softness_bayes.defaults import shown_of
 from softness_bayes.errors import InputError
 from softness_bayes.files.outputs import require_outputs, write_outputs
@@ -33,6 +32,7 @@ from softness_bayes.supplied import FORM, installed, is_supplied, supplied
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+    from softness_bayes.checking.inflection import Curves, Inflection
     from softness_bayes.parameters.priors import Prior
     from softness_bayes.plotting.drawable import Drawable
     from softness_bayes.touch.contact import Load
@@ -68,10 +68,14 @@ class _Some(NamedTuple):
         return [self.result.loads[k] for k in self.which]
 
     def curves(self) -> Curves:
+        from softness_bayes.checking.inflection import Curves  # imported here because it imports SciPy
+
         modulus, *others = self.result.curves()
         return Curves(modulus, *(values[:, self.which] for values in others))
 
     def inflections(self) -> Inflection:
+        from softness_bayes.checking.inflection import Inflection  # likewise
+
         return Inflection._make(values[:, self.which] for values in self.result.inflections())
 
     def observed(self) -> Observed:

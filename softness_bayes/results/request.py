@@ -112,7 +112,7 @@ class Request(NamedTuple):
             model = ModelOptions.from_record(record)
             of_the_run = {name: value for name, value in record.items() if name not in model.record()}
             return cls(model, RunOptions(**of_the_run))
-        except (AttributeError, KeyError, TypeError) as error:
+        except (AttributeError, InputError, KeyError, TypeError) as error:
             raise InputError(f"options of a run that this version cannot read: {error}") from None
 
     @classmethod

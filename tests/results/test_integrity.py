@@ -285,7 +285,7 @@ def test_options_that_lack_something_are_refused(runs):
     found = Result.load(runs / "ratings")
     options = json.loads(found.attributes["options"])
     found.tree.attrs["options"] = json.dumps({**options, "scale": "another"})
-    with pytest.raises(InputError, match="options of a run that this version cannot read: 'another'"):
+    with pytest.raises(InputError, match=r"options of a run that this version cannot read: .*'another'"):
         Request.of(found)
     found.tree.attrs["options"] = json.dumps({key: options[key] for key in options if key != "discretisation"})
     for read in (options_of, Request.of):

@@ -100,7 +100,7 @@ def test_nothing_is_computed_or_left_of_a_run_that_could_not_be_stored(tmp_path,
         r"fabric 'A\\x00'": (data._replace(ratings=fabrics), OPTIONS),
         r"finger 'A\\x00'": (data._replace(compression=fingers), OPTIONS),
         r"command 'a\\x00b'": (data, OPTIONS | {"command": "a\0b"}),
-        "options of the run: 'max_steps'": (data, OPTIONS | {"max_steps": 1j}),
+        "max_steps: expected a whole number of steps, got 1j": (data, OPTIONS | {"max_steps": 1j}),
     }
     for said, (asked, options) in cases.items():
         with quickly(), pytest.raises(InputError, match=said):
