@@ -214,7 +214,7 @@ def _as_pairs(ratings: Ratings, options: ModelOptions, said: Stated, sizes: NDAr
             f"each row, a column list names the two rows of a pair, and --ratings {RANKS.name} takes longer lists"
         )
     note = f"ratings: answers to {int((sizes == 2).sum())} pairs of touches; the larger number is that of the softer"
-    note += f"; {tied} answers call both equal, and tell nothing" if tied else ""
+    note += f"; {tied} of them call both equal, and tell nothing" if tied else ""
     law = options.errors or NORMAL
     more = "; --errors lapses models guesses too" if law == NORMAL else ""
     return AsGiven(said, law, note, f"errors: {law.meaning}, so that an answer is a probit of the difference{more}")
