@@ -14,7 +14,7 @@ from softness_bayes.checking.raters import raters_apart
 from softness_bayes.data import LOAD_COLUMNS, Compression, Experiment
 from softness_bayes.data.oddities import oddities
 from softness_bayes.data.rounded_loads import with_few_loads
-from softness_bayes.likelihood.scales import CATEGORIES, RANKS
+from softness_bayes.likelihood.scales import CATEGORIES, PAIRS, RANKS
 from softness_bayes.model.as_given import AsGiven
 from softness_bayes.model.build import COARSE, build, design_of, moduli_of
 from softness_bayes.model.design_information import Expected, foresee
@@ -50,7 +50,7 @@ def warnings(experiment: Experiment, options: ModelOptions, given: AsGiven) -> l
     if apart.constant:
         same = ", ".join(names[k] for k in apart.constant)
         found.append(f"looks wrong: all ratings of {same} are the same, so they tell nothing of fabrics")
-    return [*found, *oddities(ratings, options.scale not in (CATEGORIES, RANKS))]
+    return [*found, *oddities(ratings, options.scale not in (CATEGORIES, RANKS, PAIRS))]
 
 
 def understood(
