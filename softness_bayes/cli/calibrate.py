@@ -10,7 +10,8 @@ import click
 from click.core import ParameterSource
 
 from softness_bayes.cli.interrupts import keeping
-from softness_bayes.cli.options.model import ModelChoice, model_choice, rating_scale
+from softness_bayes.cli.options.model import ModelChoice, model_choice
+from softness_bayes.cli.options.ratings import rating_scale
 from softness_bayes.cli.options.run import dask, seed
 from softness_bayes.cli.options.tables import decimal, load_options
 from softness_bayes.cli.options.values import whole
@@ -108,7 +109,7 @@ def command(
     ones together. Exit code 3: some replicates have not converged; 4: not calibrated.
     """
     from softness_bayes.data import Fabrics, loads_of
-    from softness_bayes.likelihood.scales import RATING_SCALES
+    from softness_bayes.likelihood.scales import scale_named
     from softness_bayes.results.request import RunOptions
     from softness_bayes.runs.calibrate import (
         USUAL_FABRICS,
@@ -131,7 +132,7 @@ def command(
             loads_of(indentation_mm, force_n) or USUAL_LOADS,
             participants,
         )
-        options = model.options(scale=RATING_SCALES[scale])
+        options = model.options(scale=scale_named(scale))
         begin, end = partial(calibrate, scene, options), partial(finished, scene, options)
     bar = _Bar(replicates)
     with keeping(lambda: _kept(out, replicates)), executor_of(None if so_far else dask, out) as executor:

@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING
 import click
 
 from softness_bayes.cli.design_lines import design_lines
-from softness_bayes.cli.options.model import ReadingChoice, categories, rating_scale, readings, slider
+from softness_bayes.cli.options.model import ReadingChoice, readings
+from softness_bayes.cli.options.ratings import categories, rating_scale, slider
 from softness_bayes.cli.options.run import force
 from softness_bayes.cli.options.tables import DataFiles, data_files
 from softness_bayes.defaults import MOST_SHOWN, shown_of

@@ -6,7 +6,8 @@ from typing import TYPE_CHECKING
 
 import click
 
-from softness_bayes.cli.options.model import ModelChoice, model_choice, rating_scale
+from softness_bayes.cli.options.model import ModelChoice, model_choice
+from softness_bayes.cli.options.ratings import rating_scale
 from softness_bayes.cli.options.tables import DataFiles, data_files
 from softness_bayes.errors import InputError
 

@@ -13,7 +13,8 @@ from click.core import ParameterSource
 
 from softness_bayes.cli import STARTED
 from softness_bayes.cli.interrupts import keeping
-from softness_bayes.cli.options.model import ModelChoice, model_choice, rating_scale
+from softness_bayes.cli.options.model import ModelChoice, model_choice
+from softness_bayes.cli.options.ratings import rating_scale
 from softness_bayes.cli.options.run import force, max_time, no_figures, out, own_figures, processes, seed
 from softness_bayes.cli.options.tables import DataFiles, data_files
 from softness_bayes.cli.options.values import Number, whole

@@ -11,20 +11,8 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from softness_bayes import __version__
-from softness_bayes.cli.options.model import (
-    ReadingChoice,
-    accuracy,
-    categories,
-    direction,
-    finger,
-    load_cv,
-    prior_set,
-    rating_scale,
-    readings,
-    resolution,
-    set_values,
-    simulated_errors,
-)
+from softness_bayes.cli.options.model import ReadingChoice, accuracy, finger, load_cv, prior_set, readings, set_values
+from softness_bayes.cli.options.ratings import categories, direction, rating_scale, resolution, simulated_errors
 from softness_bayes.cli.options.run import force, out, seed
 from softness_bayes.cli.options.tables import Touches, touches
 from softness_bayes.cli.options.values import Number, whole

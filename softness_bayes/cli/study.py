@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, NoReturn
 import click
 
 from softness_bayes.cli.interrupts import keeping
-from softness_bayes.cli.options.model import ModelChoice, model_choice, rating_scale, spreads
+from softness_bayes.cli.options.model import ModelChoice, model_choice, spreads
+from softness_bayes.cli.options.ratings import rating_scale
 from softness_bayes.cli.options.run import dask, max_time, seed
 from softness_bayes.cli.options.tables import DataFiles, reading_options
 from softness_bayes.cli.options.values import FILE, whole

@@ -83,7 +83,7 @@ class CalibrationScene:
     def model(self, options: ModelOptions) -> ExperimentModel:
         """Return the model of the scene, built once for all replicates; its ratings are to be replaced."""
         options = replace(options, direction=options.direction or RISES)  # there are no data to take it from
-        if options.scale is not MAGNITUDE:
+        if options.scale is not MAGNITUDE and options.scale.model is None:
             law = options.errors or rating_model(options.scale).error
             exact = 0.0 if options.scale is SLIDER and options.resolution is None else options.resolution
             options = replace(options, errors=law, resolution=exact)

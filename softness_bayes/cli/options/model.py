@@ -1,4 +1,4 @@
-"""Options of the model: parameters, priors, readings, finger, accuracy, direction and scale of ratings."""
+"""Options of the model: parameters, priors, readings, finger and accuracy, and all of a model that is fitted."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from softness_bayes.cli.options import completion
-from softness_bayes.cli.options.values import Number, Verb, finite, named, whole
-from softness_bayes.defaults import ACCURACY, ERRORS, PRIOR_SET
-from softness_bayes.likelihood.directions import FREE, RATING_DIRECTIONS, RISES, direction_named
-from softness_bayes.likelihood.scales import MAGNITUDE, RATING_SCALES
-from softness_bayes.ranges import ACCURACIES, CATEGORIES_RANGE, LOAD_ERRORS, RELATIVE_ERRORS, RESOLUTIONS
+from softness_bayes.cli.options.ratings import AUTO, categories, direction_of_data, errors, resolution, slider
+from softness_bayes.cli.options.values import Number, Verb, finite, named
+from softness_bayes.defaults import ACCURACY, PRIOR_SET
+from softness_bayes.likelihood.directions import direction_named
+from softness_bayes.ranges import ACCURACIES, LOAD_ERRORS, RELATIVE_ERRORS
 
 if TYPE_CHECKING:
     from softness_bayes.model.options import ModelOptions
@@ -127,9 +127,6 @@ _READING_SET = click.option(
 )
 
 
-AUTO = "auto"
-
-
 @dataclass(frozen=True)
 class ReadingChoice:
     """The readings asked for on the command line."""
@@ -238,38 +235,6 @@ individual = click.option(
 )
 """Gives a verb `individual`, a tuple of names."""
 
-errors = click.option(
-    "--errors",
-    "errors",
-    type=click.Choice([AUTO, *ERRORS]),
-    default=AUTO,
-    show_default=True,
-    help="Law of the errors of log ratings: normal, student (Student's t with sampled degrees of freedom) or lapses "
-    "(normal, but for a share of lapses over the rater's range); auto takes student where the table's residuals have "
-    "heavier tails than normal ones.",
-)
-"""Gives a verb `errors`, a name or `AUTO`."""
-
-simulated_errors = click.option(
-    "--errors",
-    "errors",
-    type=click.Choice(ERRORS),
-    default=ERRORS[0],
-    show_default=True,
-    help="Law of the errors of log ratings: normal, student (Student's t, nu by --set) or lapses (--set lapse=0.03).",
-)
-"""Gives a verb `errors`, a name."""
-
-resolution = click.option(
-    "--resolution",
-    "resolution",
-    type=Number(RESOLUTIONS),
-    metavar="STEP",
-    help="Step of the grid of numbers that raters use, as in 1 for whole numbers; 0 takes ratings as exact numbers. By "
-    "default the grid of each rater is found.",
-)
-"""Gives a verb `resolution`, a number or None."""
-
 accuracy = click.option(
     "--accuracy",
     type=Number(ACCURACIES),
@@ -280,36 +245,6 @@ accuracy = click.option(
     "resolution that keeps to it over the parameters in question is chosen; 'plan' shows how.",
 )
 """Gives a verb `accuracy`."""
-
-
-class _Direction(click.Choice[str]):
-    """The directions of ratings, by their names or former names."""
-
-    def __init__(self, *also: str) -> None:
-        super().__init__([*also, *RATING_DIRECTIONS])
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        former = {one.former: one.name for one in RATING_DIRECTIONS.values()}
-        return super().convert(former.get(value, value), param, ctx)
-
-
-direction = click.option(
-    "--direction",
-    type=_Direction(),
-    default=RISES.name,
-    show_default=True,
-    help="Whether ratings rise or fall with the response.",
-)
-"""Gives a verb `direction`, the name of a reading of what is rated."""
-
-_DIRECTION_OF_DATA = click.option(
-    "--direction",
-    type=_Direction(AUTO, FREE.name),
-    default=AUTO,
-    show_default=True,
-    help="Whether ratings rise or fall with the response; auto takes what the data show, or "
-    f"{RISES.name} where they do not tell; {FREE.name} samples both, each with prior probability 1/2.",
-)
 
 
 @dataclass(frozen=True)
@@ -368,7 +303,7 @@ def model_choice(verb: Verb) -> Verb:
     @prior
     @prior_set
     @readings
-    @_DIRECTION_OF_DATA
+    @direction_of_data
     @finger
     @modulus_cv
     @unknown_modulus
@@ -403,62 +338,3 @@ def model_choice(verb: Verb) -> Verb:
         return verb(model=model, **others)
 
     return wrapped
-
-
-def _ends(context: click.Context, parameter: click.Parameter, text: str) -> tuple[float, float]:
-    try:
-        low, high = (float(part) for part in text.split(","))
-    except ValueError:
-        raise click.BadParameter(f"{text!r}, expected two numbers, as in 0,100") from None
-    if not -1e100 < low < high < 1e100:
-        raise click.BadParameter(f"{text!r}, expected the lower end first, as in 0,100")
-    return low, high
-
-
-categories = click.option(
-    "--categories",
-    "n_categories",
-    type=whole(CATEGORIES_RANGE),
-    metavar="K",
-    help="Number of ordered categories (--ratings categories), by default the largest number in the table.",
-)
-"""Gives a verb `n_categories`, a number or None."""
-
-slider = click.option(
-    "--slider",
-    "slider_ends",
-    callback=_ends,
-    default="0,1",
-    show_default=True,
-    metavar="LOW,HIGH",
-    help="Numbers of the two ends of a slider (--ratings slider).",
-)
-"""Gives a verb `slider_ends`, two numbers."""
-
-
-class _Scale(click.Choice[str]):
-    """The scales of ratings by their names, and users' own by their importable names."""
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        from softness_bayes.likelihood.scales import OWN_SCALES, scale_named
-        from softness_bayes.supplied import is_supplied
-
-        if not (isinstance(value, str) and value not in self.choices and is_supplied(OWN_SCALES, value)):
-            return super().convert(value, param, ctx)
-        try:
-            scale_named(value)
-        except ValueError as error:
-            raise click.BadParameter(str(error)) from None
-        return value
-
-
-rating_scale = click.option(
-    "--ratings",
-    "scale",
-    type=_Scale(RATING_SCALES),
-    default=MAGNITUDE.name,
-    show_default=True,
-    help=f"Whether ratings are {', or '.join(scale.meaning for scale in RATING_SCALES.values())}; "
-    "or one of your own, as in mymodule:SCALE.",
-)
-"""Gives a verb `scale`, the name of a reading of the rating scale."""
