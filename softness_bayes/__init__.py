@@ -46,9 +46,9 @@ if TYPE_CHECKING:
     from softness_bayes.plotting.style import Style as Style
     from softness_bayes.results.request import RunOptions as RunOptions
     from softness_bayes.results.result import Result as Result
-    from softness_bayes.runs.calibrate import CalibrationScene as CalibrationScene
     from softness_bayes.runs.calibrate import calibrate as calibrate
     from softness_bayes.runs.calibrate import calibrate_like as calibrate_like
+    from softness_bayes.runs.calibration_scene import CalibrationScene as CalibrationScene
     from softness_bayes.runs.comparison import compare as compare
     from softness_bayes.runs.plate import sample_skin as sample_skin
     from softness_bayes.runs.population import pool_results as pool_results
@@ -74,7 +74,7 @@ if TYPE_CHECKING:
 _HOMES = {
     "ALTERNATIVES": "touch.readings",
     "CATEGORIES": "likelihood.scales",
-    "CalibrationScene": "runs.calibrate",
+    "CalibrationScene": "runs.calibration_scene",
     "Compression": "data",
     "Discretisation": "touch.scene",
     "Experiment": "data",

@@ -112,14 +112,12 @@ def command(
     from softness_bayes.likelihood.scales import scale_named
     from softness_bayes.results.request import RunOptions
     from softness_bayes.runs.calibrate import (
-        USUAL_FABRICS,
-        USUAL_LOADS,
-        CalibrationScene,
         calibrate,
         calibrate_like,
         finished,
         finished_like,
     )
+    from softness_bayes.runs.calibration_scene import USUAL_FABRICS, USUAL_LOADS, CalibrationScene
 
     run = RunOptions(max_steps=max_steps, processes=processes, seed=seed)
     if like is not None:

@@ -17,7 +17,7 @@ from softness_bayes.report.page import report_page
 from softness_bayes.results.exact import exact_log_likelihood
 from softness_bayes.results.from_result import options_of
 from softness_bayes.results.result import Result
-from softness_bayes.runs.calibrate import CalibrationScene
+from softness_bayes.runs.calibration_scene import CalibrationScene
 from softness_bayes.runs.replicate import replicate
 from softness_bayes.runs.run import sample
 from softness_bayes.sampler.sampling import Settings

@@ -9,7 +9,7 @@ from softness_bayes.model.build import build
 from softness_bayes.model.options import ModelOptions
 from softness_bayes.model.scenes import usual_values
 from softness_bayes.model.simulation import simulate_ratings
-from softness_bayes.runs.calibrate import CalibrationScene
+from softness_bayes.runs.calibration_scene import CalibrationScene
 from softness_bayes.sampler.sampling import Settings, sample_until
 from softness_bayes.touch.readings import MENDED
 from softness_bayes.touch.scene import Discretisation
