@@ -126,10 +126,13 @@ def condition_means(layout: Layout, y: FloatArray, weights: FloatArray) -> Float
     found, step = np.empty((len(weights), size)), max(1, _CELLS // size**2)
     for first in range(0, len(weights), step):
         w = weights[first : first + step]
-        laplacian = (w @ cells)[..., None] * np.eye(size) - cells.T @ ((w / count)[..., None] * cells)
-        # means are known up to a constant, which is removed; in a disconnected table, up to one for each part
-        trace = np.trace(laplacian, axis1=1, axis2=2)[:, None, None]
-        ridge = 1.0 / size + 1e-9 * np.where(trace > 0, trace, 1.0) * np.eye(size)
+        total = w @ cells
+        laplacian = total[..., None] * np.eye(size) - cells.T @ ((w / count)[..., None] * cells)
+        # means are known up to a constant, which is removed; in a disconnected table, up to one for each part; where
+        # everybody rated one condition alone, nothing but rounding is left of the trace
+        trace, rows = np.trace(laplacian, axis1=1, axis2=2), total.sum(axis=-1)
+        scale = np.where(trace > 1e-6 * rows, trace, rows)[:, None, None]
+        ridge = 1.0 / size + 1e-9 * scale * np.eye(size)
         found[first : first + step] = np.linalg.solve(laplacian + ridge, (w @ within)[..., None])[..., 0]
     return found - found.mean(axis=-1, keepdims=True)
 

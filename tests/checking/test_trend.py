@@ -69,6 +69,17 @@ def test_means_of_many_conditions_are_those_of_the_dense_solution(parts, rng, mo
     assert_allclose(trend.condition_means(layout, y, weights), dense, atol=1e-4)
 
 
+@pytest.mark.parametrize("ratings", [[0.25, 101.75, 203.25, 304.75, 406.25], [0.3, 0.1, 0.7, 0.2, 0.9]])
+def test_means_where_nobody_rated_two_conditions_are_finite(ratings):
+    """A rater's only rating says nothing of conditions: all means are 0, not a singular matrix."""
+    layout = Layout(Design([0, 1, 2, 3, 4], [0, 1, 2, 3, 4], [0, 1, 2, 3, 4], 5), np.geomspace(1e3, 1e6, 5), [0] * 5)
+    weights = np.vstack([np.ones(5), np.where(np.eye(5), 1e-9, 1.0)])
+    assert_allclose(trend.condition_means(layout, np.log(ratings), weights), 0.0, atol=1e-6)
+    two = Layout(Design([0, 1, 2, 3, 4, 4], [0, 1, 2, 3, 3, 4], [0, 1, 2, 3, 4], 5), layout.modulus, layout.load)
+    found = trend.condition_means(two, np.log([*ratings, 8.0]), np.where(np.arange(5) == 3, 1e-9, 1.0)[None])
+    assert np.isfinite(found).all()
+
+
 def test_gaps_do_not_bend_the_means(rng):
     """The softest fabric is rated by those who give small numbers alone: plain means would have ratings rise."""
     layout = layout_of(6, np.geomspace(1e3, 1e6, 6))
