@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
@@ -109,16 +110,17 @@ def _student_slopes(errors: FloatArray, parameters: Any) -> tuple[FloatArray, ..
     )
 
 
-_GUMBEL_SD = np.pi / np.sqrt(6.0)
+GUMBEL_SD = math.pi / math.sqrt(6.0)
+"""Standard deviation of Gumbel's law of scale 1."""
 
 
 def _gumbel(errors: FloatArray) -> FloatArray:
     """Return standardised errors in units of the law's own scale, about its mode."""
-    return _GUMBEL_SD * errors + np.euler_gamma
+    return GUMBEL_SD * errors + np.euler_gamma
 
 
 def _draw_gumbel(rng: np.random.Generator, shape: tuple[int, ...], parameters: Any) -> FloatArray:
-    return (rng.gumbel(size=shape) - np.euler_gamma) / _GUMBEL_SD
+    return (rng.gumbel(size=shape) - np.euler_gamma) / GUMBEL_SD
 
 
 def _gumbel_score(errors: FloatArray, parameters: Any) -> FloatArray:
@@ -127,12 +129,12 @@ def _gumbel_score(errors: FloatArray, parameters: Any) -> FloatArray:
 
 def _log_gumbel_density(errors: FloatArray, parameters: Any) -> FloatArray:
     z = _gumbel(errors)
-    return np.log(_GUMBEL_SD) - z - np.exp(-z)
+    return np.log(GUMBEL_SD) - z - np.exp(-z)
 
 
 def _gumbel_slopes(errors: FloatArray, parameters: Any) -> tuple[FloatArray, ...]:
     """Return the derivatives of the density over itself: polynomials in t = exp(-z)."""
-    t, unit = np.exp(-_gumbel(errors)), _GUMBEL_SD
+    t, unit = np.exp(-_gumbel(errors)), GUMBEL_SD
     return (
         unit * (t - 1.0),
         unit**2 * (t * (t - 3.0) + 1.0),

@@ -19,7 +19,7 @@ from softness_bayes.likelihood.dense_integrals import DenseIntegrals
 from softness_bayes.likelihood.design import Design
 from softness_bayes.likelihood.error_laws import NORMAL, ErrorLaw
 from softness_bayes.likelihood.interval_law import Rows, below, score_at
-from softness_bayes.likelihood.magnitude import RatingModel, log_rate
+from softness_bayes.likelihood.magnitude import RatingModel
 from softness_bayes.likelihood.mu_nodes import log_sum
 from softness_bayes.likelihood.pieces import in_pieces
 from softness_bayes.likelihood.random_effects import Effects
@@ -270,10 +270,6 @@ class IntervalRatings(RatingsLikelihood):
             return found.reshape(*shape, -1)
 
         return in_pieces(whole, self._loo_width, mean_rate, parameters)
-
-    def predictor(self, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
-        """Return log(N/N_ref + eps), shape (..., conditions): a slope is an exponent."""
-        return log_rate(mean_rate, parameters)
 
     def draw_effects(self, rng: np.random.Generator, mean_rate: FloatArray, parameters: RatingParameters) -> Effects:
         """Draws of mu and participants' scales given the ratings, from their laws on grids."""

@@ -187,11 +187,6 @@ class RatingModel:
         return LogRatings(ratings, design, self)
 
 
-def log_rate(mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
-    """Return log(N/N_ref + eps), shape (..., conditions)."""
-    return np.asarray(np.log(mean_rate + np.asarray(parameters.eps, float)[..., None]))
-
-
 class LogRatings(RatingsLikelihood):
     """Positive ratings under a `RatingModel`, with mu, participants and fabrics integrated out.
 
@@ -280,10 +275,6 @@ class LogRatings(RatingsLikelihood):
         level = math.log(model.centre), model.spread
         density = participant_log_density(self.design, self._log, *level, drive, _spreads(parameters))
         return density - np.bincount(person, self._log, self.design.n_participants)
-
-    def predictor(self, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
-        """Return log(N/N_ref + eps), shape (..., conditions): a slope is an exponent."""
-        return log_rate(mean_rate, parameters)
 
     def draw_effects(self, rng: np.random.Generator, mean_rate: FloatArray, parameters: RatingParameters) -> Effects:
         """Exact draws of mu, participants and fabrics given the ratings, one for each point of the batch."""

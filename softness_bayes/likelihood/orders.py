@@ -7,7 +7,6 @@ has a closed form; so has that of a partial order, in which the order of tied to
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
@@ -20,8 +19,8 @@ from scipy.special import expit, ndtri
 from softness_bayes.errors import InputError
 from softness_bayes.likelihood.contract import Effects
 from softness_bayes.likelihood.design import Design
-from softness_bayes.likelihood.error_laws import GUMBEL, ErrorLaw
-from softness_bayes.likelihood.magnitude import RatingModel, log_rate
+from softness_bayes.likelihood.error_laws import GUMBEL, GUMBEL_SD, ErrorLaw
+from softness_bayes.likelihood.magnitude import RatingModel
 from softness_bayes.likelihood.pieces import in_pieces
 from softness_bayes.likelihood.places import Places
 from softness_bayes.likelihood.ratings import RatingParameters, RatingsLikelihood
@@ -31,9 +30,6 @@ from softness_bayes.parameters.priors import Prior
 
 FloatArray = NDArray[np.float64]
 IndexArray = NDArray[np.intp]
-
-GUMBEL_SD = math.pi / math.sqrt(6.0)
-"""Standard deviation of Gumbel's law of scale 1."""
 
 LEAST_SPREAD = 1e-8
 """Least spread of noise, in the log."""
@@ -208,8 +204,7 @@ class OrderRatings(RatingsLikelihood):
 
     def log_likelihood(self, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
         """Log probability of all orders together, shape (...); arguments as `LogRatings.log_likelihood`."""
-        worth = self._worth(mean_rate, parameters)
-        return self._places.log_factors(worth).sum(axis=(-2, -1))
+        return self._by_list(mean_rate, parameters).sum(axis=-1)
 
     def log_likelihood_loo(self, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
         """Log probability of each touch's place given the order of all others of its list, shape (..., rows)."""
@@ -240,8 +235,7 @@ class OrderRatings(RatingsLikelihood):
 
     def log_likelihood_participants(self, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
         """Log probability of all orders of each participant, shape (draws, participants): they are independent."""
-        each = self._places.log_factors(self._worth(mean_rate, parameters)).sum(axis=-1)
-        return each @ self._member
+        return self._by_list(mean_rate, parameters) @ self._member
 
     def expected(self, mean_rate: FloatArray, parameters: RatingParameters, effects: Effects) -> FloatArray:
         """Return the expected share of its lists that lies below each condition, shape (..., conditions)."""
@@ -284,14 +278,10 @@ class OrderRatings(RatingsLikelihood):
             np.add.at(found, (own[:, None], own), mates)
         return found
 
-    def predictor(self, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
-        """Return log(N/N_ref + eps), shape (..., conditions)."""
-        return log_rate(mean_rate, parameters)
-
     def draw_effects(self, rng: np.random.Generator, mean_rate: FloatArray, parameters: RatingParameters) -> Effects:
         """Return the unit of the noise: there are no effects to draw."""
         shape = np.broadcast_shapes(mean_rate.shape[:-1], *(np.shape(v) for v in parameters))
-        return OrderEffects(np.broadcast_to(self.model.noise_of(parameters), shape))
+        return self.new_effects(rng, parameters, shape)
 
     def replicate(
         self,
@@ -302,8 +292,7 @@ class OrderRatings(RatingsLikelihood):
         mean_rate: FloatArray | None = None,
     ) -> FloatArray:
         """Return the places that every list has in a simulated order, shape (..., rows); ties keep their places."""
-        latent = self.model.draw_latent(rng, self.design, drive, parameters)
-        return self._places.reordered(latent, self.values)
+        return self._places.reordered(self._latent(rng, drive, parameters), self.values)
 
     def residual(self, mean_rate: FloatArray, parameters: RatingParameters, effects: Effects) -> FloatArray:
         """Return a normal score times the spread for each touch, shape (..., rows).
@@ -312,20 +301,28 @@ class OrderRatings(RatingsLikelihood):
         the touches that were taken before, at a share of its probability that was drawn once, so that all are
         independent and normal under the model.
         """
-
-        def scored(mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
-            worth, places, found = self._worth(mean_rate, parameters), self._places, []
-            for k in range(places.width):
-                above, lower = places.among(self._turn[places.row] < self._turn[places.row[:, [k]]]).log_chances(
-                    worth, k
-                )
-                found.append(np.stack([np.exp(lower), np.exp(above)]))
-            lower, above = (places.by_row(end) for end in np.stack(found, axis=-1))
-            share = np.clip(lower + self._shares * (above - lower), 1e-300, 1.0 - 1e-16)
-            return np.asarray(ndtri(share))
-
         width = self._places.width * self.design.n_rows
-        return self.model.error_sd(parameters)[..., None] * in_pieces(scored, width, mean_rate, parameters)
+        share = np.clip(in_pieces(self._place_among_earlier, width, mean_rate, parameters), 1e-300, 1.0 - 1e-16)
+        return np.asarray(self.model.error_sd(parameters)[..., None] * ndtri(share))
+
+    def _place_among_earlier(self, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
+        """Return the distribution function of each touch's place among those taken before it, shape (..., rows)."""
+        worth, places, found = self._worth(mean_rate, parameters), self._places, []
+        for k in range(places.width):
+            earlier = places.among(self._turn[places.row] < self._turn[places.row[:, [k]]])
+            log_above, log_lower = earlier.log_chances(worth, k)
+            above, lower = np.exp(log_above), np.exp(log_lower)
+            found.append(np.stack([lower, above - lower]))
+        lower, own = (places.by_row(part) for part in np.stack(found, axis=-1))
+        return np.asarray(lower + self._shares * own)
+
+    def _by_list(self, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
+        """Return the log probability of each list's order, shape (..., lists)."""
+        return self._places.log_factors(self._worth(mean_rate, parameters)).sum(axis=-1)
+
+    def _latent(self, rng: np.random.Generator, drive: FloatArray, parameters: RatingParameters) -> FloatArray:
+        """Return the numbers whose order is a simulated answer's, shape (..., rows)."""
+        return self.model.draw_latent(rng, self.design, drive, parameters)
 
     @cached_property
     def _member(self) -> FloatArray:
@@ -355,9 +352,9 @@ def shares(numbers: FloatArray, lists: IndexArray) -> FloatArray:
     lists
         Index of each row's list, shape (rows,).
     """
+    order = np.argsort(lists, kind="stable")
     found = np.empty(np.shape(numbers))
-    for one in np.unique(lists):
-        rows = np.flatnonzero(lists == one)
+    for rows in np.split(order, np.flatnonzero(np.diff(lists[order])) + 1):
         own = numbers[..., rows]
         below = (own[..., None, :] < own[..., :, None]).sum(axis=-1)
         equal = (own[..., None, :] == own[..., :, None]).sum(axis=-1) - 1

@@ -8,17 +8,18 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.special import log_ndtr, ndtr, ndtri
+from scipy.special import log_ndtr, ndtr
 
 from softness_bayes.errors import InputError
-from softness_bayes.likelihood.contract import Effects
 from softness_bayes.likelihood.design import Design
 from softness_bayes.likelihood.error_laws import NORMAL, ErrorLaw
-from softness_bayes.likelihood.orders import LEAST_SPREAD, OrderModel, OrderRatings, shares
+from softness_bayes.likelihood.orders import LEAST_SPREAD, OrderModel, OrderRatings
+from softness_bayes.likelihood.places import index_within
 from softness_bayes.likelihood.ratings import RatingParameters
 from softness_bayes.likelihood.scales import PAIRS, Scale
 from softness_bayes.likelihood.stated import Stated
@@ -64,17 +65,6 @@ class PairModel(OrderModel):
         guess = self.guesses(parameters)[..., None]
         return (1.0 - guess) * told + 0.5 * guess
 
-    def draw_ratings(
-        self,
-        rng: np.random.Generator,
-        design: Design,
-        drive: FloatArray,
-        parameters: RatingParameters,
-        effects: Effects,
-    ) -> FloatArray:
-        """Return the share of a participant's rows that lie below each row, without guesses, shape (..., rows)."""
-        return shares(self.draw_latent(rng, design, drive, parameters), design.participant)
-
     def guesses(self, parameters: RatingParameters) -> FloatArray:
         """Return the share of guesses, shape (...) or ()."""
         return np.asarray(parameters.lapse, float) if self.law.lapses else np.asarray(0.0)
@@ -107,54 +97,34 @@ class PairRatings(OrderRatings):
         super().__init__(ratings, design, model, over, lists)
         if self._places.width > 2:
             raise InputError(f"ratings: a list holds {self._places.width} touches, expected pairs")
-        self._complete = self._places.filled.all(axis=1)
         # two equal places say nothing
-        self._told = self._complete & (self._places.group[:, -1] > 0)
-
-    def log_likelihood(self, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
-        """Log probability of all answers together, shape (...)."""
-        return self._by_pair(mean_rate, parameters).sum(axis=-1)
+        self._told = self._places.filled.all(axis=1) & (self._places.group[:, -1] > 0)
 
     def log_likelihood_loo(self, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
         """Log probability of each touch's place given the other's, that of the pair, shape (..., rows)."""
-        return self._by_pair(mean_rate, parameters)[..., self._of_row]
+        return self._by_list(mean_rate, parameters)[..., self._of_row]
 
     def below_loo(self, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
         """Probability of a lower place than each touch's, plus half that of its own, shape (..., rows)."""
         own = np.exp(self.log_likelihood_loo(mean_rate, parameters))
         return np.where(self._upper, 1.0 - 0.5 * own, 0.5 * own)
 
-    def log_likelihood_participants(self, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
-        """Log probability of all answers of each participant, shape (draws, participants)."""
-        return self._by_pair(mean_rate, parameters) @ self._member
-
-    def replicate(
-        self,
-        rng: np.random.Generator,
-        drive: FloatArray,
-        parameters: RatingParameters,
-        effects: Effects,
-        mean_rate: FloatArray | None = None,
-    ) -> FloatArray:
-        """Return simulated answers, shape (..., rows)."""
-        latent = self.model.draw_latent(rng, self.design, drive, parameters)
+    def _latent(self, rng: np.random.Generator, drive: FloatArray, parameters: RatingParameters) -> FloatArray:
+        """Return the numbers whose order is a simulated answer's, shape (..., rows); a guess puts two in any order."""
+        latent = super()._latent(rng, drive, parameters)
         guessed = rng.random((*latent.shape[:-1], len(self._list))) < self.model.guesses(parameters)[..., None]
-        # a guess puts the two in any order
-        latent = np.where(guessed[..., self._of_row], rng.standard_normal(latent.shape), latent)
-        return self._places.reordered(latent, self.values)
+        return np.where(guessed[..., self._of_row], rng.standard_normal(latent.shape), latent)
 
-    def residual(self, mean_rate: FloatArray, parameters: RatingParameters, effects: Effects) -> FloatArray:
-        """Return a normal score times the spread for each touch, shape (..., rows), as `OrderRatings.residual`.
+    def _place_among_earlier(self, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
+        """Return the distribution function of each touch's place given an earlier one's, shape (..., rows).
 
-        The touch of a pair that is taken first has no other one to compare it with: its score is drawn alone.
+        The touch of a pair that is taken first has no other one to compare it with: its number is drawn alone.
         """
         own = np.exp(self.log_likelihood_loo(mean_rate, parameters))
         share = np.where(self._upper, 1.0 - own + self._shares * own, self._shares * own)
-        share = np.where(self._second, share, self._shares)
-        score = ndtri(np.clip(share, 1e-300, 1.0 - 1e-16))
-        return np.asarray(self.model.error_sd(parameters)[..., None] * score)
+        return np.where(self._second, share, self._shares)
 
-    def _by_pair(self, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
+    def _by_list(self, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
         """Return the log probability of each pair's answer, shape (..., pairs); 0 of what is no answer."""
         worth = self._worth(mean_rate, parameters)
         if self._places.width < 2:
@@ -166,14 +136,14 @@ class PairRatings(OrderRatings):
                 found = np.logaddexp(np.log1p(-guess) + found, np.log(0.5 * guess))
         return np.where(self._told, found, 0.0)
 
-    @property
+    @cached_property
     def _upper(self) -> NDArray[np.bool_]:
         """Rows with the higher place of their pair, shape (rows,); of a tie both count as halves of it."""
         found = np.zeros(self.design.n_rows, bool)
         found[self._places.row[self._told, 0]] = True
         return found
 
-    @property
+    @cached_property
     def _second(self) -> NDArray[np.bool_]:
         """Rows that are taken after the other one of their pair, if that was told apart, shape (rows,)."""
         pair, later = self._places.row[self._told], np.zeros(self.design.n_rows, bool)
@@ -184,8 +154,4 @@ class PairRatings(OrderRatings):
 
 def _successive(design: Design) -> IndexArray:
     """Return the lists of successive pairs of rows of each participant, shape (rows,)."""
-    order = np.argsort(design.participant, kind="stable")
-    count = np.bincount(design.participant)
-    own = np.empty(design.n_rows, np.intp)
-    own[order] = np.arange(design.n_rows) - np.repeat(np.cumsum(count) - count, count)
-    return design.participant * design.n_rows + own // 2
+    return design.participant * design.n_rows + index_within(design.participant) // 2

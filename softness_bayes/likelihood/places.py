@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from functools import cached_property
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -18,6 +17,14 @@ MOST_TIED = 6
 """Largest number of touches that share a place: the orders that they may have are summed, 2^n steps of it."""
 
 
+class Tie(NamedTuple):
+    """Groups of so many equal places: their lists, and the first slot of each."""
+
+    size: int
+    of: IndexArray
+    first: IndexArray
+
+
 @dataclass(frozen=True)
 class Places:
     """Lists side by side, each from its top down, in slots of which shorter lists fill the first alone."""
@@ -30,26 +37,27 @@ class Places:
     """Whether there is a touch, likewise."""
     filled: NDArray[np.bool_]
     """Whether there was one before some were taken away, likewise."""
+    ties: tuple[Tie, ...]
+    """The groups of equal places, by their size."""
 
     @classmethod
     def of(cls, values: FloatArray, place: IndexArray) -> Places:
         """Return the lists of rows with these values and indices of lists."""
         order = np.lexsort((-values, place))
-        count = np.bincount(place)
-        slot = np.arange(order.size) - np.repeat(np.cumsum(count) - count, count)
+        slot, count = index_within(place[order]), np.bincount(place)
         shape = (count.size, int(count.max()))
         row, filled = np.zeros(shape, np.intp), np.zeros(shape, bool)
         row[place[order], slot], filled[place[order], slot] = order, True
         new = np.ones(shape, bool)
         new[:, 1:] = values[row][:, 1:] != values[row][:, :-1]
-        group = np.cumsum(new | ~filled, axis=1) - 1
-        tied = max(int(np.bincount(g[f]).max()) for g, f in zip(group, filled, strict=True))
-        if tied > MOST_TIED:
+        new |= ~filled
+        ties = _ties(new, filled)
+        if ties and ties[-1].size > MOST_TIED:
             raise InputError(
-                f"ratings: {tied} touches of one list share a place, expected at most {MOST_TIED}: numbers with so "
-                "many ties are categories"
+                f"ratings: {ties[-1].size} touches of one list share a place, expected at most {MOST_TIED}: numbers "
+                "with so many ties are categories"
             )
-        return cls(row, group, filled, filled)
+        return cls(row, np.cumsum(new, axis=1) - 1, filled, filled, ties)
 
     @property
     def width(self) -> int:
@@ -58,7 +66,7 @@ class Places:
 
     def among(self, chosen: NDArray[np.bool_]) -> Places:
         """Return the lists of some touches alone, shape (lists, slots)."""
-        return Places(self.row, self.group, self.filled & chosen, self.filled)
+        return replace(self, present=self.filled & chosen)
 
     def without(self, slot: int) -> Places:
         """Return the lists without the touches of one slot."""
@@ -95,7 +103,7 @@ class Places:
             found = np.where(self.present, worth - rest, 0.0)
         below = np.full((*rest.shape[:-1], 1), -np.inf) if extra is None else extra[..., None]
         rest = np.concatenate([rest, np.broadcast_to(below, (*rest.shape[:-1], 1))], axis=-1)
-        for tie in self._ties:
+        for tie in self.ties:
             of, members = tie.of[:, None], tie.first[:, None] + np.arange(tie.size)
             joint = _log_first(
                 worth[..., of, members], self.present[of, members], rest[..., tie.of, tie.first + tie.size]
@@ -124,25 +132,23 @@ class Places:
         last = (least > self.group.max())[:, 0]
         return above, np.where(last, -np.inf, lower)
 
-    @cached_property
-    def _ties(self) -> list[_Tie]:
-        """The groups of equal places, by their size."""
-        found = []
-        new = np.ones(self.group.shape, bool)
-        new[:, 1:] = self.group[:, 1:] != self.group[:, :-1]
-        of, first = np.nonzero(new & self.filled)
-        size = (self.filled[of] & (self.group[of] == self.group[of, first][:, None])).sum(axis=1)
-        for n in np.unique(size[size > 1]).tolist():
-            found.append(_Tie(n, of[size == n], first[size == n]))
-        return found
+
+def index_within(groups: IndexArray) -> IndexArray:
+    """Return the index of each element among those of its group, in their order, shape (n,)."""
+    order, count = np.argsort(groups, kind="stable"), np.bincount(groups)
+    found = np.empty(groups.size, np.intp)
+    found[order] = np.arange(groups.size) - np.repeat(np.cumsum(count) - count, count)
+    return found
 
 
-class _Tie(NamedTuple):
-    """Groups of so many equal places: their lists, and the first slot of each."""
-
-    size: int
-    of: IndexArray
-    first: IndexArray
+def _ties(new: NDArray[np.bool_], filled: NDArray[np.bool_]) -> tuple[Tie, ...]:
+    """Return the groups of equal places by their size; a group begins where ``new``, shape (lists, slots)."""
+    of, first = np.nonzero(new)
+    size = np.diff(np.append(np.flatnonzero(new), new.size))
+    shared = filled[of, first] & (size > 1)
+    return tuple(
+        Tie(n, of[shared & (size == n)], first[shared & (size == n)]) for n in np.unique(size[shared]).tolist()
+    )
 
 
 def _of_groups(chosen: NDArray[np.bool_], group: IndexArray) -> NDArray[np.bool_]:

@@ -60,6 +60,11 @@ class RatingParameters(NamedTuple):
         return cls(*(values.get(name, np.nan) for name in cls._fields))
 
 
+def log_rate(mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
+    """Return log(N/N_ref + eps), shape (..., conditions)."""
+    return np.asarray(np.log(mean_rate + np.asarray(parameters.eps, float)[..., None]))
+
+
 class RatingsModel(Model, Protocol):
     """A model of ratings of any design."""
 
@@ -167,6 +172,10 @@ class RatingsLikelihood(Likelihood):
     def drive_at(self, elsewhere: FloatArray, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
         """Return `drive` at other mean rates [Hz], shape (..., k)."""
         return np.asarray(self.model.drive_at(elsewhere, self._over, mean_rate, parameters))
+
+    def predictor(self, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
+        """Return log(N/N_ref + eps), shape (..., conditions): a slope is an exponent."""
+        return log_rate(mean_rate, parameters)
 
     def expected(self, mean_rate: FloatArray, parameters: RatingParameters, effects: Effects) -> FloatArray:
         """Return the typical rating of each condition of the design [as filed], shape (..., conditions)."""
