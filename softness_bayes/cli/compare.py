@@ -45,11 +45,12 @@ def command(
     """Rank finished runs by how well they predict what is left out.
 
     The runs are of the same ratings under different readings, directions, priors or effects. Each prediction
-    is a density of the ratings as filed; their logs are summed (elpd) and compared unit by unit. Ratings and
-    participants are left out by importance weights (PSIS); fabrics by sampling each model anew without them,
-    which takes about as long as the runs did times the fabrics; single conditions by weights, or anew where these fail.
-    The difference is judged by the largest of its standard errors: of single units, and of clusters of ratings by
-    fabric, condition and participant. Weights are those of the mixture of runs that predicts best (stacking).
+    is a density of the ratings as filed; their logs are summed (elpd) and compared unit by unit. Ratings (lists and
+    pairs as a whole) and participants are left out by importance weights (PSIS); fabrics by sampling each model anew
+    without them, which takes about as long as the runs did times the fabrics; single conditions by weights, or anew
+    where these fail. The difference is judged by the largest of its standard errors: of single units, and of clusters
+    of ratings by fabric, condition and participant. Weights are those of the mixture of runs that predicts best
+    (stacking).
     """
     from dataclasses import replace
 

@@ -117,6 +117,14 @@ class Likelihood(ABC):
     def log_likelihood_loo(self, mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
         """Return the log density of each observation given all the others, shape (..., rows)."""
 
+    def log_likelihood_answers(self, mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
+        """Return the log density of each answer given all the others, shape (..., answers).
+
+        By default every observation is an answer; several rows are one where a scale has a word for it
+        (`Scale.answer`).
+        """
+        return self.log_likelihood_loo(mean_rate, parameters)
+
     @abstractmethod
     def below_loo(self, mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
         """Return the probability of a smaller observation than each one, given all the others, shape (..., rows).

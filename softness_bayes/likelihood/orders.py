@@ -237,6 +237,10 @@ class OrderRatings(RatingsLikelihood):
         """Log probability of all orders of each participant, shape (draws, participants): they are independent."""
         return self._by_list(mean_rate, parameters) @ self._member
 
+    def log_likelihood_answers(self, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
+        """Log probability of each list's order, shape (..., lists): lists are independent, given the parameters."""
+        return in_pieces(self._by_list, self._places.width * self.design.n_rows, mean_rate, parameters)
+
     def expected(self, mean_rate: FloatArray, parameters: RatingParameters, effects: Effects) -> FloatArray:
         """Return the expected share of its lists that lies below each condition, shape (..., conditions)."""
         return in_pieces(self._expected, self.design.n_conditions**2, mean_rate, parameters)

@@ -100,6 +100,8 @@ class Scale:
     natural: Callable[[Any], NDArray[np.float64]]
     require: Callable[[Filed], None]
     log_slope: Callable[[Any], NDArray[np.float64]]
+    answer: str = ""
+    """What several rows make together, in a word, where they are one answer; empty where each row is an answer."""
     model: Callable[[Any], Any] | None = None
     """Makes the observation model of a direction, where scale and model are a user's own."""
 
@@ -251,6 +253,7 @@ RANKS = replace(
     unit="place",
     short="share",
     label="place [share of the list below]",
+    answer="list",
     drawn=(0.0, 1.0),
     require=_accept,
 )
@@ -259,6 +262,7 @@ PAIRS = replace(
     name="pairs",
     meaning="answers to pairs of touches, the larger number for the softer one",
     label="answer [share of pairs won]",
+    answer="pair",
 )
 RATING_SCALES: Mapping[str, Scale] = MappingProxyType(
     {scale.name: scale for scale in (MAGNITUDE, STANDARDISED, SLIDER, CATEGORIES, RANKS, PAIRS)}

@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from types import MappingProxyType
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -87,6 +87,23 @@ def _stored(group: str, name: str) -> Callable[[Result, Settings, Callable[[str]
     return predict
 
 
+def _by_rating(
+    result: Result, settings: Settings, progress: Callable[[str], None], executor: Executor | None = None
+) -> LeftOut:
+    """Leave out each rating; of lists and pairs, whose rows depend on one another, each one as a whole."""
+    if not result.scale.answer:
+        return _stored("log_likelihood_loo", "rating")(result, settings, progress, executor)
+    posterior = build(experiment_of(result), options_of(result)).posterior
+    return leave_by_weights(posterior.observation.log_likelihood_answers(*_at_draws(posterior, result)))
+
+
+def _at_draws(posterior: Posterior, result: Result) -> tuple[Array, Any]:
+    """Return mean rates and rating parameters at the draws that are weighted, in a batch."""
+    values = result.values(_WEIGHTED)
+    theta = np.stack([values[name] for name in posterior.names], axis=-1)
+    return posterior.response(theta), posterior.rating_parameters(theta)
+
+
 def _refit(
     result: Result, settings: Settings, progress: Callable[[str], None], executor: Executor | None = None
 ) -> LeftOut:
@@ -111,11 +128,8 @@ def _by_condition(
     posterior, conditions = build(experiment, options_of(result)).posterior, experiment.ratings.conditions
     if len(conditions.fabric) < 2:
         raise InputError("compare: there is one condition only; nothing is left to predict it from")
-    observation = posterior.observation
-    values = result.values(_WEIGHTED)
-    theta = np.stack([values[name] for name in posterior.names], axis=-1)
-    at = posterior.response(theta), posterior.rating_parameters(theta)
-    left = leave_by_weights(block_log_likelihood(observation, *at, conditions.of_rating))
+    at = _at_draws(posterior, result)
+    left = leave_by_weights(block_log_likelihood(posterior.observation, *at, conditions.of_rating))
     density, shape, seed = left.log_density.copy(), left.pareto_k.copy(), int(result.attributes["seed"])
     without = [
         Without(
@@ -185,7 +199,7 @@ LEAVE: Mapping[str, Leave] = MappingProxyType(
     {
         leave.name: leave
         for leave in (
-            Leave("rating", _stored("log_likelihood_loo", "rating")),
+            Leave("rating", _by_rating),
             Leave("participant", _stored("log_likelihood_participant", "ratings_of_participant")),
             Leave("fabric", _refit),
             Leave("condition", _by_condition),
@@ -211,7 +225,7 @@ class Comparison:
         unfinished, how many refits did not converge; converged, whether the run itself had; model, what
         sets it apart. Both errors take units as independent, but not the ratings within one.
     leave
-        The kind of unit that was left out.
+        The kind of unit that was left out; of ratings that are places in lists, the list.
     interior
         Probability of an interior maximum under each load, averaged over the models with their weights.
     """
@@ -314,7 +328,8 @@ def compare(
         }
         for rank, (label, weight) in enumerate(zip(order, weights, strict=True), 1)
     }
-    return Comparison(pd.DataFrame.from_dict(rows, orient="index").rename_axis("result"), leave.name, interior)
+    unit = (results[order[0]].scale.answer if leave.name == "rating" else "") or leave.name
+    return Comparison(pd.DataFrame.from_dict(rows, orient="index").rename_axis("result"), unit, interior)
 
 
 def _differences(log_density: Array, best: Array, clusters: Mapping[str, NDArray[np.intp]]) -> dict[str, float]:
@@ -354,6 +369,8 @@ def _clusters(result: Result, leave: Leave) -> dict[str, NDArray[np.intp]]:
     ratings = experiment_of(result).ratings
     if leave.name == "condition":
         return {"fabric": ratings.conditions.fabric}
+    if result.scale.answer:
+        return {"participant": ratings.participant[np.unique(ratings.own_lists, return_index=True)[1]]}
     return {"fabric": ratings.fabric, "condition": ratings.conditions.of_rating, "participant": ratings.participant}
 
 

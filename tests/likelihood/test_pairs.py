@@ -51,6 +51,15 @@ def test_guesses_bound_the_chances():
     )
 
 
+def test_each_pair_is_one_answer():
+    """Rows of a pair share its density, so their sum counts every answer twice; answers count it once."""
+    observed = asked([[0, 1], [2, 1], [3, 0]], [1, 1, 0])
+    whole = observed.log_likelihood(RATE, POINT)
+    assert observed.log_likelihood_answers(RATE, POINT).shape == (3,)
+    assert_allclose(observed.log_likelihood_answers(RATE, POINT).sum(), whole, rtol=1e-12)
+    assert_allclose(observed.log_likelihood_loo(RATE, POINT).sum(), 2.0 * whole, rtol=1e-12)
+
+
 def test_replicated_shares_are_the_chances():
     observed, rng = asked([[2, 1]] * 4000, [1] * 4000, LAPSES), np.random.default_rng(1)
     point = POINT._replace(lapse=np.float64(0.2))
