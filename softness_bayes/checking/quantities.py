@@ -91,6 +91,15 @@ class Layout:
         present = int((self.design.cells.sum(axis=1) > 0).sum())
         return self.design.n_rows - int(np.linalg.matrix_rank(self._laplacian, hermitian=True)) - present
 
+    @property
+    def leverage(self) -> FloatArray:
+        """Weight of each row in its own fitted value, shape (rows,): a residual's variance is 1 less this."""
+        cells, count = self.design.cells, np.maximum(self.design.cells.sum(axis=1), 1.0)
+        shares, inverse = cells / count[:, None], np.linalg.pinv(self._laplacian, hermitian=True)
+        mixed, who, of = shares @ inverse, self.design.participant, self.design.condition
+        own = 1.0 / count + (mixed * shares).sum(axis=1)
+        return np.asarray(own[who] + np.diag(inverse)[of] - 2.0 * mixed[who, of])
+
     def fit(self, ratings: ArrayLike) -> Additive:
         """Fit log ratings additively by participants and conditions.
 

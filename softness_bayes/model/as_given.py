@@ -31,6 +31,9 @@ HEAVY = 4.0
 FEWEST = 30
 """Degrees of freedom of the residuals below which errors are normal by default: kurtosis then tells little."""
 
+LEAST_FREE = 1e-3
+"""Standard deviation of a residual, in that of an error, below which it says nothing of the law of errors."""
+
 MOST_STEPS = 5
 """Largest number of different steps of grids that are named."""
 
@@ -337,6 +340,9 @@ def _law_of(ratings: Ratings, said: Stated, options: ModelOptions) -> tuple[Erro
         return NORMAL, "normal, because too few ratings repeat a condition to tell; --errors overrides"
     participant = np.nan_to_num(fit.participant)[design.participant]
     residual = options.scale.additive(said.values) - fit.condition[design.condition] - participant
+    # ratings that alone determine their condition have no residual, and would pass for a narrow peak
+    spread = np.sqrt(np.maximum(1.0 - layout.leverage, 0.0))
+    residual = residual[spread > LEAST_FREE] / spread[spread > LEAST_FREE]
     kurtosis = float((residual**4).mean() / (residual**2).mean() ** 2 - 3.0)
     error = float(np.sqrt(24.0 / layout.residual_freedom))
     numbers = f"(excess kurtosis of the residuals {kurtosis:.2f} ± {error:.2f}); --errors overrides"

@@ -118,6 +118,8 @@ def test_the_additive_fit_is_least_squares(rng):
         freedom = rows - np.linalg.matrix_rank(columns)
         assert fit.sd[k] ** 2 * freedom == pytest.approx(((y[k] - columns @ best) ** 2).sum())
     assert fit.participant.mean() == pytest.approx(0)
+    projection = columns @ np.linalg.pinv(columns)
+    np.testing.assert_allclose(Layout(who, MODULUS, LOAD).leverage, np.diag(projection), atol=1e-10)
 
 
 def test_participants_and_gaps_do_not_move_the_conditions(rng):

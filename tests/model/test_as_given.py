@@ -160,6 +160,17 @@ def test_the_table_decides_between_normal_and_heavy_tails():
     assert "too few ratings" in as_given(few, QUICK).errors_note
 
 
+def test_conditions_that_hardly_repeat_are_no_heavy_tails():
+    """Forces as they were measured: most ratings alone determine their condition, and leave no residual."""
+    table, loads = simulated(0, 30)[0].ratings, tuple(Indentation(d) for d in np.linspace(1e-3, 3e-3, 40))
+    students = 0
+    for seed in range(12):
+        rng = np.random.default_rng(seed)
+        own = {"load": rng.integers(len(loads), size=len(table)), "rating": np.exp(rng.normal(2.0, 0.4, len(table)))}
+        students += as_given(replace(table, loads=loads, **own), QUICK).law is STUDENT
+    assert students == 0
+
+
 def test_what_has_no_model_is_refused():
     experiment, _ = simulated(resolution=1.0)
     own = replace(QUICK, priors={"omega": HalfNormal(0.5)})
