@@ -5,282 +5,18 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
-import numpy as np
-from numpy.typing import NDArray
-
-from softness_bayes.defaults import shown_of
 from softness_bayes.errors import InputError
 from softness_bayes.files.outputs import require_outputs, write_outputs
-from softness_bayes.plotting.chains import rank_figure, trace_figure
-from softness_bayes.plotting.checks import Means, Replicated, checks_figure, loo_pit_figure
-from softness_bayes.plotting.compression import compression_figure
+from softness_bayes.plotting import contents
 from softness_bayes.plotting.drawing import Drawing, Source, own_drawing
-from softness_bayes.plotting.inflection import inflection_figure
-from softness_bayes.plotting.membrane import membrane_figure
-from softness_bayes.plotting.names import short_name
-from softness_bayes.plotting.panels import say_left_out
-from softness_bayes.plotting.parameters import corner_figure, informative, prior_figure
-from softness_bayes.plotting.rating import Observed, observed_ratings, rating_figure
-from softness_bayes.plotting.response import ratio_figure, response_figure
 from softness_bayes.plotting.style import PLOT, USUAL, USUAL_FORMATS, Style, files_of, require_formats
-from softness_bayes.plotting.touch import Touches, touch_figure
 from softness_bayes.sampler.workers import Workers
 from softness_bayes.supplied import FORM, installed, is_supplied, supplied
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
-    from softness_bayes.checking.inflection import Curves, Inflection
-    from softness_bayes.parameters.priors import Prior
     from softness_bayes.plotting.drawable import Drawable
-    from softness_bayes.touch.contact import Load
-
-Array = NDArray[np.float64]
-
-TOLD: Mapping[str, str] = MappingProxyType(
-    {
-        "turns over": "turns over [–]",
-        "inflection e_fab_kpa": "turning point [kPa]",
-        "drop beyond inflection": "drop [{scale}]",
-        "spread of participants": "spread of participants [{scale}]",
-        "residual spread": "residual spread [{scale}]",
-        "largest residual / sd": "largest residual / sd [–]",
-        "smallest residual / sd": "smallest residual / sd [–]",
-    }
-)
-"""Axis labels of the test quantities; `scale` is the unit of the additive scale."""
-
-
-class _Some(NamedTuple):
-    """The loads of a result that are drawn: all of them, or some of many."""
-
-    result: Drawable
-    which: list[int]
-
-    @classmethod
-    def of(cls, result: Drawable) -> _Some:
-        return cls(result, shown_of(len(result.loads)))
-
-    @property
-    def loads(self) -> list[Load]:
-        return [self.result.loads[k] for k in self.which]
-
-    def curves(self) -> Curves:
-        from softness_bayes.checking.inflection import Curves  # imported here because it imports SciPy
-
-        modulus, *others = self.result.curves()
-        return Curves(modulus, *(values[:, self.which] for values in others))
-
-    def inflections(self) -> Inflection:
-        from softness_bayes.checking.inflection import Inflection  # likewise
-
-        return Inflection._make(values[:, self.which] for values in self.result.inflections())
-
-    def observed(self) -> Observed:
-        """Return the ratings of these loads, which are numbered as they are drawn."""
-        every = _observed(self.result)
-        here = np.flatnonzero(np.isin(every.load, self.which))
-        some = Observed._make(values[here] for values in every)
-        return some._replace(load=np.searchsorted(self.which, some.load))
-
-    def said(self, figure: Figure, style: Style) -> Figure:
-        """Return a figure that says how many loads it leaves out."""
-        with style.applied():
-            say_left_out(figure, len(self.which), len(self.result.loads), style)
-        return figure
-
-
-def _response(result: Drawable, style: Style) -> Figure:
-    some = _Some.of(result)
-    drawn = response_figure(
-        some.curves(),
-        some.loads,
-        _fabric_modulus(result),
-        inflection=some.inflections(),
-        finger_radius=_finger_radius(result),
-        names=_fabric_names(result),
-        style=style,
-    )
-    return some.said(drawn, style)
-
-
-def _finger_radius(result: Drawable) -> float:
-    """Return the finger's radius [m]; results that do not record it are of the usual finger."""
-    from softness_bayes.touch.contact import Finger
-
-    constant = result.group("constant_data")
-    return float(constant["finger_radius_mm"]) * 1e-3 if "finger_radius_mm" in constant else Finger().radius
-
-
-def _response_ratio(result: Drawable, style: Style) -> Figure:
-    some, names = _Some.of(result), _fabric_names(result)
-    drawn = ratio_figure(some.curves(), some.loads, _fabric_modulus(result), names=names, style=style)
-    return some.said(drawn, style)
-
-
-def _rating(result: Drawable, style: Style, against_ratio: bool = False) -> Figure:
-    stored, some = result.group("predictions").isel(chain=0), _Some.of(result)
-    drawn = rating_figure(
-        stored["e_fab_kpa"].values * 1e3,
-        stored["typical_rating"].values[:, some.which],
-        some.observed(),
-        some.loads,
-        scale=result.scale,
-        skin_modulus=stored["e_skin_kpa"].values[:, some.which] * 1e3 if against_ratio else None,
-        names=_fabric_names(result) * len(some.loads),
-        style=style,
-    )
-    return some.said(drawn, style)
-
-
-def _rating_ratio(result: Drawable, style: Style) -> Figure:
-    return _rating(result, style, against_ratio=True)
-
-
-def _inflection(result: Drawable, style: Style) -> Figure:
-    some = _Some.of(result)
-    drawn = inflection_figure(some.inflections(), some.loads, _fabric_modulus(result), style=style)
-    return some.said(drawn, style)
-
-
-def _corner(result: Drawable, style: Style) -> Figure:
-    every = _sampled(result)
-    draws = _draws(result, "posterior", every)
-    first = informative(draws)
-    names = [every[k] for k in first]
-    left_out = len(every) - len(first)
-    note = f"{left_out} less correlated parameters are left out:\n'softness-bayes plot --all'" if left_out else ""
-    return corner_figure(draws[:, first], _labels(names), names=names, note=note, style=style)
-
-
-def _corner_all(result: Drawable, style: Style) -> Figure:
-    names = _sampled(result)
-    return corner_figure(_draws(result, "posterior", names), _labels(names), names=names, style=style)
-
-
-def _prior(result: Drawable, style: Style) -> Figure:
-    names = _sampled(result)
-    posterior, prior = (_draws(result, group, names) for group in ("posterior", "prior"))
-    return prior_figure(posterior, prior, _labels(names), laws=_laws(result, names), style=style)
-
-
-def _laws(result: Drawable, names: Sequence[str]) -> list[Prior | None]:
-    """Return the law of each parameter's prior within the parameter's range; None where the result has none."""
-    from softness_bayes.parameters.declared import EVERY_PARAMETER
-    from softness_bayes.parameters.priors import Truncated
-    from softness_bayes.provenance import Provenance
-
-    declared = Provenance(result.tree.attrs).priors
-    return [
-        Truncated(declared[name], -np.inf, EVERY_PARAMETER[name].largest) if name in declared else None
-        for name in names
-    ]
-
-
-def _trace(result: Drawable, style: Style) -> Figure:
-    names = _sampled(result)
-    return trace_figure(*_walkers(result, names), _labels(names), style=style)
-
-
-def _rank(result: Drawable, style: Style) -> Figure:
-    names = _sampled(result)
-    return rank_figure(*_walkers(result, names), _labels(names), style=style)
-
-
-def _compression(result: Drawable, style: Style) -> Figure:
-    stored, constant = result.group("predictions").isel(chain=0), result.group("constant_data")
-    return compression_figure(
-        stored["plate_indentation_mm"].values * 1e-3,
-        stored["typical_force_n"].values,
-        constant["force_indentation_mm"].values * 1e-3,
-        result.group("observed_data")["plate_force_n"].values,
-        constant["finger_index"].values,
-        style=style,
-    )
-
-
-def _checks(result: Drawable, style: Style) -> Figure:
-    from softness_bayes.checking.check_table import ALL, posterior_quantities
-    from softness_bayes.checking.quantities import Columns
-
-    modulus = dict(zip(result.group("constant_data")["fabric"].values, _fabric_modulus(result), strict=True))
-    means, shown, scale, some = [], [], result.scale.short, _Some.of(result)
-    drawn_loads = {ALL, *map(str, some.loads)}
-    for found in posterior_quantities(result.tree):
-        if found.quantity.columns is Columns.CONDITION:
-            for load in dict.fromkeys(load for load, _, _ in found.labels if load in drawn_loads):
-                here = [k for k, label in enumerate(found.labels) if label[0] == load]
-                limits = np.array(
-                    [[getattr(found.findings[k], name) for k in here] for name in ("observed", "low", "high")]
-                )
-                called = [found.labels[k][1] for k in here]
-                means.append(
-                    Means(load, np.array([modulus[name] for name in called]), limits[0], limits[1], limits[2], called)
-                )
-        elif found.quantity.columns is not Columns.PARTICIPANT:
-            told = TOLD[found.quantity.name].format(scale=scale)
-            shown += [
-                Replicated(told + (f", {load}" if load != ALL else ""), finding.observed, values, finding.p_value)
-                for (load, _, _), finding, values in zip(found.labels, found.findings, found.replicated.T, strict=True)
-                if load in drawn_loads
-            ]
-    return some.said(checks_figure(means, shown, scale, style=style), style)
-
-
-def _loo_pit(result: Drawable, style: Style) -> Figure:
-    from softness_bayes.checking.check_table import LOO_PIT, PIT_POINTS
-
-    return loo_pit_figure(result.group("constant_data")[LOO_PIT].values, PIT_POINTS, style=style)
-
-
-def _touch(result: Drawable, style: Style) -> Figure:
-    stored = result.group("illustrations")
-    low, middle, high = (stored.sel(quantile=level) for level in (0.025, 0.5, 0.975))
-
-    def limits(name: str) -> Array:
-        return np.stack([part[name].values for part in (low, middle, high)]) * 1e3
-
-    touches = Touches(
-        stored["distance_mm"].values * 1e-3,
-        limits("touch_pressure_kpa"),
-        limits("touch_stress_kpa"),
-        middle["touch_rate_hz"].values,
-        middle["touch_radius_mm"].values * 1e-3,
-        [str(name) for name in stored["touch_load"].values],
-        _touched_names(result),
-        stored["touch_e_fab_kpa"].values * 1e3,
-        np.stack([stored[f"receptor_{side}_mm"].values for side in "xy"], axis=-1) * 1e-3,
-        stored["pad_mm"].values * 1e-3,
-        stored["contact_centre_mm"].values * 1e-3,
-    )
-    return touch_figure(touches, style=style)
-
-
-def _touched_names(result: Drawable) -> list[str]:
-    """Return what the fabrics of the figure of a touch are, with the names of those that were rated."""
-    stored, modulus = result.group("illustrations"), _fabric_modulus(result)
-    found = []
-    for what, at in zip(stored["touch_fabric"].values, stored["touch_e_fab_kpa"].values * 1e3, strict=True):
-        same = np.flatnonzero(np.isclose(modulus, at, rtol=1e-6))
-        found.append(f"{what} ({short_name(_fabric_names(result)[same[0]])})" if same.size else str(what))
-    return found
-
-
-def _membrane(result: Drawable, style: Style) -> Figure:
-    stored, examples = result.group("predictions").isel(chain=0), result.group("illustrations")
-    return membrane_figure(
-        stored["current_ua_cm2"].values,
-        stored["firing_rate_hz"].values,
-        stored["rheobase_ua_cm2"].values,
-        stored["largest_current_ua_cm2"].values,
-        examples["spike_time_ms"].values,
-        examples["train_current_ua_cm2"].values,
-        float(examples["train_duration_ms"]),
-        style=style,
-    )
-
 
 CURVES = Source("predictions/total_rate", "the run had no ratings, so it has no response curves")
 REPLICATES = Source("posterior_predictive/rating_of_new_participants", "it holds no replicated ratings")
@@ -294,23 +30,29 @@ FORCES = Source("predictions/typical_force_n", "the run had no compression data"
 
 FIGURES: Mapping[str, Drawing] = MappingProxyType(
     {
-        "response": Drawing(_response, "response against E_fab under each load", (CURVES,)),
-        "response_ratio": Drawing(_response_ratio, "response against E_fab / E_skin", (CURVES,)),
-        "rating": Drawing(_rating, "predicted and observed ratings against E_fab", (CURVES,)),
-        "rating_ratio": Drawing(_rating_ratio, "predicted and observed ratings against E_fab / E_skin", (CURVES,)),
-        "inflection": Drawing(_inflection, "where the response turns over under each load", (CURVES,)),
-        "predictive_checks": Drawing(
-            _checks, "test quantities of the ratings among those of replicates", (CURVES, REPLICATES)
+        "response": Drawing(contents.response, "response against E_fab under each load", (CURVES,)),
+        "response_ratio": Drawing(contents.response_ratio, "response against E_fab / E_skin", (CURVES,)),
+        "rating": Drawing(contents.rating, "predicted and observed ratings against E_fab", (CURVES,)),
+        "rating_ratio": Drawing(
+            contents.rating_ratio, "predicted and observed ratings against E_fab / E_skin", (CURVES,)
         ),
-        "loo_pit": Drawing(_loo_pit, "ratings in their predictions from all the others", (CURVES, PIT)),
-        "touch": Drawing(_touch, "pressure and stress under the pad, and its receptors by their rate", (CURVES, TOUCH)),
-        "membrane": Drawing(_membrane, "firing rate against current, and example spike trains", (CURVES, FIRING)),
-        "corner": Drawing(_corner, "the posterior of the most correlated pairs of parameters"),
-        "corner_all": Drawing(_corner_all, "the posterior of every pair of parameters", on_request=True),
-        "prior": Drawing(_prior, "prior against posterior of every parameter"),
-        "trace": Drawing(_trace, "the course of the ensembles"),
-        "rank": Drawing(_rank, "ranks of the draws of each ensemble"),
-        "compression": Drawing(_compression, "force of a rigid plate against indentation", (FORCES,)),
+        "inflection": Drawing(contents.inflection, "where the response turns over under each load", (CURVES,)),
+        "predictive_checks": Drawing(
+            contents.checks, "test quantities of the ratings among those of replicates", (CURVES, REPLICATES)
+        ),
+        "loo_pit": Drawing(contents.loo_pit, "ratings in their predictions from all the others", (CURVES, PIT)),
+        "touch": Drawing(
+            contents.touch, "pressure and stress under the pad, and its receptors by their rate", (CURVES, TOUCH)
+        ),
+        "membrane": Drawing(
+            contents.membrane, "firing rate against current, and example spike trains", (CURVES, FIRING)
+        ),
+        "corner": Drawing(contents.corner, "the posterior of the most correlated pairs of parameters"),
+        "corner_all": Drawing(contents.corner_all, "the posterior of every pair of parameters", on_request=True),
+        "prior": Drawing(contents.prior, "prior against posterior of every parameter"),
+        "trace": Drawing(contents.trace, "the course of the ensembles"),
+        "rank": Drawing(contents.rank, "ranks of the draws of each ensemble"),
+        "compression": Drawing(contents.compression, "force of a rigid plate against indentation", (FORCES,)),
     }
 )
 """Every figure by the name of its file: the only list of them."""
@@ -421,49 +163,3 @@ def draw_figures(
 
 def _drawn(result: Drawable, name: str, formats: tuple[str, ...], style: Style) -> dict[str, bytes]:
     return files_of(figure_named(name)(result, style), file_of(name), formats, style)
-
-
-def _fabric_modulus(result: Drawable) -> Array:
-    return result.group("constant_data")["effective_modulus_kpa"].values * 1e3
-
-
-def _fabric_names(result: Drawable) -> list[str]:
-    return [str(name) for name in result.group("constant_data")["fabric"].values]
-
-
-def _observed(result: Drawable) -> Observed:
-    """Return the ratings by condition, a condition being a fabric under a load."""
-    constant, modulus = result.group("constant_data"), _fabric_modulus(result)
-    participant, fabric, load = (constant[f"{what}_index"].values for what in ("participant", "fabric", "load"))
-    count = len(result.loads)
-    return observed_ratings(
-        result.group("observed_data")["rating"].values,
-        load * modulus.size + fabric,
-        participant,
-        np.tile(modulus, count),
-        np.repeat(np.arange(count), modulus.size),
-        scale=result.scale,
-    )
-
-
-def _sampled(result: Drawable) -> list[str]:
-    from softness_bayes.parameters.declared import EVERY_PARAMETER
-
-    return [name for name in EVERY_PARAMETER if name in result.group("posterior")]
-
-
-def _labels(names: Sequence[str]) -> list[str]:
-    from softness_bayes.parameters.declared import EVERY_PARAMETER
-
-    return [EVERY_PARAMETER[name].label for name in names]
-
-
-def _draws(result: Drawable, group: str, names: Sequence[str]) -> Array:
-    """Return draws of all chains side by side in time, shape (draws, parameters)."""
-    stored = result.group(group)
-    return np.stack([stored[name].values.T.ravel() for name in names], axis=-1)
-
-
-def _walkers(result: Drawable, names: Sequence[str]) -> tuple[Array, NDArray[np.intp]]:
-    stored = result.group("posterior")
-    return np.stack([stored[name].values for name in names], axis=-1), stored["ensemble"].values

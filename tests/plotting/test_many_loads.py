@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from softness_bayes.defaults import MOST_SHOWN, in_words, shown_of
-from softness_bayes.plotting import FIGURES, USUAL
-from softness_bayes.plotting import figures as figures_module
+from softness_bayes.plotting import FIGURES, USUAL, contents
 from softness_bayes.touch.contact import Force
 from support.figures import finished_run
 
@@ -27,7 +26,7 @@ def test_many_names_are_counted():
 @pytest.fixture
 def few_shown(monkeypatch):
     """The two loads of a finished run are more than are shown."""
-    monkeypatch.setattr(figures_module, "shown_of", lambda count: [1])
+    monkeypatch.setattr(contents, "shown_of", lambda count: [1])
     return finished_run()
 
 
@@ -41,8 +40,8 @@ def test_a_figure_says_how_many_loads_it_leaves_out(name, few_shown):
 
 
 def test_the_ratings_that_are_drawn_are_those_of_the_load(few_shown):
-    some = figures_module._Some.of(few_shown)
-    every = figures_module._observed(few_shown)
+    some = contents._Some.of(few_shown)
+    every = contents._observed(few_shown)
     assert some.loads == [Force(0.5)]
     assert set(some.observed().load) == {0}
     np.testing.assert_array_equal(some.observed().mean, every.mean[every.load == 1])
