@@ -17,7 +17,7 @@ def command() -> None:
     from softness_bayes.parameters.declared import EVERY_PARAMETER, HELD, PRIOR_SETS, SHAPE_PARAMETERS
     from softness_bayes.parameters.priors import LAWS, PRIORS, form_of
     from softness_bayes.supplied import installed
-    from softness_bayes.touch.contact import STRAIN
+    from softness_bayes.touch.skin import STRAIN
 
     click.echo("parameters, with their priors in the units given:")
     rows = []

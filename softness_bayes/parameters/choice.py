@@ -23,10 +23,10 @@ from softness_bayes.parameters.declared import (
 from softness_bayes.parameters.priors import Prior, as_priors
 from softness_bayes.parameters.signed import Signed, magnitude
 from softness_bayes.parameters.space import ParameterSpace
-from softness_bayes.touch.contact import STRAIN, SkinDisplacement
 from softness_bayes.touch.neuron.membrane import CONNOR_STEVENS, Channels, Membrane
 from softness_bayes.touch.neuron.surface import FiringSurface
 from softness_bayes.touch.neuron.surface_design import DESIGNS
+from softness_bayes.touch.skin import STRAIN, SkinDisplacement
 
 _ROUNDING = 1e-9
 

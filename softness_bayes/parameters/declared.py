@@ -8,8 +8,8 @@ from types import MappingProxyType
 
 from softness_bayes.parameters.priors import HalfNormal, LogNormal, Normal, Prior, Truncated, Uniform
 from softness_bayes.ranges import CATEGORIES_RANGE, Range
-from softness_bayes.touch.contact import DISPLACEMENT, STRAIN, SkinDisplacement
 from softness_bayes.touch.neuron.fixed_channels import LARGEST_CURRENT
+from softness_bayes.touch.skin import DISPLACEMENT, STRAIN, SkinDisplacement
 
 _POSITIVE = Range(1e-6, 1e6)
 _MULTIPLIER = Range(0.1, 10.0)

@@ -22,12 +22,13 @@ import numpy as np
 from numpy.polynomial import chebyshev
 from numpy.typing import NDArray
 
-from softness_bayes.touch.contact import Fingertip, Fingertips, SkinDisplacement, skin_modulus
+from softness_bayes.touch.contact import Fingertip, Fingertips
 from softness_bayes.touch.field import StressField
 from softness_bayes.touch.finger_field import FingerField, profiles
 from softness_bayes.touch.neuron.firing import RateCurve
 from softness_bayes.touch.parameters import TouchParameters
 from softness_bayes.touch.population import Drive, Population
+from softness_bayes.touch.skin import SkinDisplacement, skin_modulus
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]

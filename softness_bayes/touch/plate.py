@@ -7,7 +7,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from softness_bayes.touch.contact import STRAIN, Finger, SkinDisplacement
+from softness_bayes.touch.contact import Finger
+from softness_bayes.touch.skin import STRAIN, SkinDisplacement
 
 Array = NDArray[np.float64]
 

@@ -24,7 +24,6 @@ from softness_bayes.touch.contact import (
     log_compliance_ratio,
     reduced_modulus,
     require_loads,
-    skin_modulus,
 )
 from softness_bayes.touch.discretisation import Discretisation
 from softness_bayes.touch.family import MANY, Family
@@ -37,6 +36,7 @@ from softness_bayes.touch.readings import Readings
 from softness_bayes.touch.receptors import ReceptorCount, kink_distances
 from softness_bayes.touch.response import BeyondHertz, Response
 from softness_bayes.touch.shared_fields import MANY_LOADS, covered_moduli, cut, fields_of
+from softness_bayes.touch.skin import skin_modulus
 
 Array = NDArray[np.float64]
 

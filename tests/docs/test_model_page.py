@@ -16,13 +16,19 @@ from softness_bayes.likelihood.models import rating_model
 from softness_bayes.likelihood.scales import RATING_SCALES
 from softness_bayes.parameters.declared import EVERY_PARAMETER, HELD, PRIOR_SETS
 from softness_bayes.parameters.priors import LAWS, parse_prior
-from softness_bayes.touch.contact import DISPLACEMENT, STRAIN, Finger, Force, Indentation, solve_contact
+from softness_bayes.touch.contact import (
+    Finger,
+    Force,
+    Indentation,
+    solve_contact,
+)
 from softness_bayes.touch.neuron.membrane import CONNOR_STEVENS, MEMBRANES, PAPER_CHANNELS
 from softness_bayes.touch.neuron.onset import onset
 from softness_bayes.touch.neuron.rate import firing_rate
 from softness_bayes.touch.plate import plate_force
 from softness_bayes.touch.readings import ALTERNATIVES, MENDED, NAMED_READINGS
 from softness_bayes.touch.receptors import receptor_current, receptors_within
+from softness_bayes.touch.skin import DISPLACEMENT, STRAIN
 from softness_bayes.touch.stress import PRINCIPAL
 from support.pages import (
     blocks,

@@ -12,11 +12,11 @@ from softness_bayes.parameters.choice import parameter_space
 from softness_bayes.parameters.coordinates import Bent, HalfLine, Interval, Line, Scaled, coordinate_for
 from softness_bayes.parameters.declared import HELD, PARAMETERS, PRIOR_SETS, SHAPE_PARAMETERS
 from softness_bayes.parameters.priors import HalfNormal, LogNormal, Normal, Uniform
-from softness_bayes.touch.contact import DISPLACEMENT, STRAIN
 from softness_bayes.touch.neuron.fixed_channels import LARGEST_CURRENT
 from softness_bayes.touch.neuron.membrane import HODGKIN_HUXLEY, PAPER_CHANNELS, Channels
 from softness_bayes.touch.neuron.surface_design import DESIGNS
 from softness_bayes.touch.parameters import TouchParameters
+from softness_bayes.touch.skin import DISPLACEMENT, STRAIN
 
 EVERYTHING = parameter_space(free=HELD)
 
