@@ -13,17 +13,18 @@ from collections.abc import Callable, Iterable, Mapping
 from contextlib import ExitStack, suppress
 from pathlib import Path
 from types import TracebackType
-from typing import Any, NamedTuple, Self
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from softness_bayes.checkpoints.manifest import read_manifest, sealed
 from softness_bayes.checkpoints.salvage import Earlier, Whole, kept_states, last_whole, whole_state
+from softness_bayes.checkpoints.status import Status, status_of
 from softness_bayes.checkpoints.vacancy import is_kept, remove_run, require_vacant
 from softness_bayes.checkpoints.words import differences, failure_table
 from softness_bayes.errors import InputError
-from softness_bayes.files.lock import Lock, is_held, require_free
+from softness_bayes.files.lock import Lock, require_free
 from softness_bayes.files.outputs import require_outputs, write_outputs
 from softness_bayes.files.run_files import (
     CHECKPOINT,
@@ -35,9 +36,8 @@ from softness_bayes.files.run_files import (
     RUN,
 )
 from softness_bayes.files.whole import write_whole
-from softness_bayes.sampler.diagnostics import Verdict
 from softness_bayes.sampler.schedule import Schedule
-from softness_bayes.sampler.serial import as_json, packed, state_of, state_values, unpacked, verdict_of
+from softness_bayes.sampler.serial import as_json, packed, state_of, state_values, unpacked
 from softness_bayes.sampler.starts import Target
 from softness_bayes.sampler.state import RunState
 
@@ -46,46 +46,6 @@ INTERVAL = 2.0
 
 MOST_PIECES = 64
 """Number of pieces of the chains at which they are merged into one."""
-
-
-class Status(NamedTuple):
-    """Status of a run, read without disturbing it."""
-
-    running: bool
-    """Whether a process holds the directory."""
-    piloting: bool
-    """Whether the run is still in its pilot walk."""
-    steps: int
-    """Steps of that walk."""
-    missing: int
-    """Estimate of the steps still to go."""
-    seconds: float
-    """Time spent."""
-    failures: int
-    """Points at which the density could not be computed."""
-    ended: bool
-    """Whether the run has converged or reached a limit."""
-    written: bool
-    """Whether the results beside the checkpoint are those of these steps."""
-    max_steps: int
-    """Largest number of steps, in whole strides."""
-    verdict: Verdict | None
-    """The last look."""
-
-
-def read_status(directory: str | Path) -> Status:
-    """Return the status of a run, without any effect on the process that runs it.
-
-    Raises
-    ------
-    InputError
-        If the directory holds no checkpoint, or one of another version.
-    """
-    home = Path(directory) / CHECKPOINT
-    running = is_held(home / LOCK)
-    if running and not (home / MANIFEST).exists():  # it still looks for a place to start
-        return Status(True, True, 0, 0, 0.0, 0, False, False, 0, None)
-    return _status(read_manifest(Path(directory)), running)
 
 
 class Checkpoint:
@@ -304,7 +264,7 @@ class Checkpoint:
     @property
     def status(self) -> Status | None:
         """Status of the kept run; None before the first state."""
-        return None if self._manifest is None else _status(self._manifest, True)
+        return None if self._manifest is None else status_of(self._manifest, True)
 
     def _write(self, state: RunState, schedule: Schedule, target: Target) -> None:
         self._serial += 1
@@ -394,19 +354,3 @@ class Checkpoint:
 def _read(directory: Path, salvage: bool) -> Whole:
     """Return what to continue from: what the manifest names, or the last whole state."""
     return last_whole(directory) if salvage else Whole(read_manifest(directory), "")
-
-
-def _status(manifest: Mapping[str, Any], running: bool) -> Status:
-    state, piloting = manifest["state"], manifest["piloting"]
-    return Status(
-        running=running,
-        piloting=piloting,
-        steps=0 if piloting else state["steps"],
-        missing=manifest["missing"],
-        seconds=state["seconds"],
-        failures=state["failures"],
-        ended=state["ended"],
-        written=not piloting and manifest["written"] == state["steps"],
-        max_steps=manifest["max_steps"],
-        verdict=verdict_of(state["verdict"]),
-    )

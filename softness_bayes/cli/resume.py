@@ -16,7 +16,7 @@ from softness_bayes.errors import InputError
 from softness_bayes.ranges import STEPS
 
 if TYPE_CHECKING:
-    from softness_bayes.checkpoints.checkpoint import Status
+    from softness_bayes.checkpoints.status import Status
     from softness_bayes.results.request import RunOptions
 
 

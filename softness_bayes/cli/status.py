@@ -10,7 +10,7 @@ import click
 from softness_bayes.cli.running import in_numbers
 
 if TYPE_CHECKING:
-    from softness_bayes.checkpoints.checkpoint import Status
+    from softness_bayes.checkpoints.status import Status
 
 
 @click.command()
@@ -21,7 +21,7 @@ def command(directory: Path) -> None:
     Prints steps, what the last look at the chains found, the verdict, and whether a process is at it. Reads one
     small file of DIR, which the run replaces whole every few seconds. Of a study, a line for each run that has begun.
     """
-    from softness_bayes.checkpoints.checkpoint import read_status
+    from softness_bayes.checkpoints.status import read_status
     from softness_bayes.files.run_files import CHECKPOINT, MANIFEST, RUNS
 
     if (directory / RUNS).is_dir() and not (directory / CHECKPOINT).exists():

@@ -15,8 +15,9 @@ import numpy as np
 import pytest
 
 from softness_bayes.checkpoints import checkpoint as storage
-from softness_bayes.checkpoints.checkpoint import Checkpoint, read_status
+from softness_bayes.checkpoints.checkpoint import Checkpoint
 from softness_bayes.checkpoints.manifest import read_manifest
+from softness_bayes.checkpoints.status import read_status
 from softness_bayes.errors import InputError, LockedError
 from softness_bayes.files import whole
 from softness_bayes.files.lock import Lock, is_held

@@ -13,8 +13,9 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from softness_bayes.checkpoints.checkpoint import Checkpoint, Status, read_status
+from softness_bayes.checkpoints.checkpoint import Checkpoint
 from softness_bayes.checkpoints.manifest import read_manifest, sealed
+from softness_bayes.checkpoints.status import Status, read_status
 from softness_bayes.cli.resume import _continued
 from softness_bayes.files.lock import Lock
 from softness_bayes.likelihood.magnitude import LogRatings

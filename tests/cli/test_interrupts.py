@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 
 from softness_bayes.__main__ import quieten_libraries
-from softness_bayes.checkpoints.checkpoint import read_status
+from softness_bayes.checkpoints.status import read_status
 from softness_bayes.cli import VERBS, _prints
 from softness_bayes.cli.interrupts import _beginning
 from softness_bayes.errors import ResourceError
