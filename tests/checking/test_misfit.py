@@ -11,7 +11,7 @@ from scipy.stats import f
 from softness_bayes.checking.flatness import explain
 from softness_bayes.checking.misfit import TYPICAL, fit_of
 from softness_bayes.checking.quantities import Layout
-from softness_bayes.cli.sample import _report
+from softness_bayes.cli.printed import print_result
 from softness_bayes.likelihood.directions import FALLS, RISES
 from softness_bayes.report import page
 from softness_bayes.report.cards import cards
@@ -157,7 +157,7 @@ def test_a_readout_against_its_data_says_so_first_and_is_never_green(upside_down
     assert not any(finding.standing is Standing.GOOD for finding in found)
     assert "This fit has failed." in page.report_page(result)
     assert "the fit has failed: the readout runs against" in result._repr_html_().partition("Converged")[0]
-    _report(result, tmp_path)
+    print_result(result, tmp_path)
     first, *_, trust, learnt, following = capsys.readouterr().out.splitlines()
     assert first.startswith("the fit has failed: the readout runs against the data")
     assert trust.startswith("Trust it?  No: ")
@@ -177,7 +177,7 @@ def test_left_to_the_data_the_same_table_fits(upside_down, plain, capsys, tmp_pa
     follows = next(finding for finding in cards(findings(result)) if "follow" in finding.question)
     assert (follows.answer, follows.standing) == ("Yes", Standing.GOOD)
     assert "has failed" not in page.report_page(result)
-    _report(result, tmp_path)
+    print_result(result, tmp_path)
     out = capsys.readouterr().out
     assert "the fit has failed" not in out
     assert found["verdict"] in out.splitlines()

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from softness_bayes.checking.softest import Softest
-from softness_bayes.cli.sample import _report
+from softness_bayes.cli.printed import print_result
 from softness_bayes.report.conclusion import Facts, Skin, Turn, conclude, facts_of
 from support.report_runs import converged
 
@@ -132,7 +132,7 @@ def test_what_sample_prints_ends_with_the_three_lines_of_the_results_values(runs
         assert facts.converged is ended
         assert bool(facts.skin) is (name == "skin")
         assert [turn.load for turn in facts.turns] == ([*map(str, one.loads)] if name == "ratings" else [])
-        _report(one, tmp_path, "took 1 s")
+        print_result(one, tmp_path, "took 1 s")
         assert tuple(capsys.readouterr().out.splitlines()[-3:]) == conclude(facts, str(tmp_path)).lines
 
 

@@ -1,0 +1,108 @@
+"""Printed account of a finished run."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from softness_bayes.defaults import shown_of
+
+if TYPE_CHECKING:
+    from softness_bayes.checking.misfit import Fit
+    from softness_bayes.results.result import Result
+
+
+def print_result(result: Result, out: Path, times: str = "") -> None:
+    """Print summary, turning points, checks and verdict, the time taken, and the conclusion in three lines."""
+    from softness_bayes.checking.misfit import fit_of
+    from softness_bayes.report.conclusion import conclude, facts_of
+
+    found, summary = result.provenance, result.summary()
+    fit = fit_of(result.tree) if result.has_ratings else None
+    faults = [] if fit is None else [f"the fit has failed: {fault}" for fault in fit.faults]
+    for fault in faults:
+        click.echo(fault)
+    left_out = ("contraction", "psens_prior_mcse", "psens_likelihood_mcse")  # said in words, or kept in the file
+    shown = summary.drop(columns=[*left_out])
+    shown.insert(list(shown).index("prior_sd") + 1, "sd/prior_sd", summary["sd"] / summary["prior_sd"])
+    click.echo(shown.to_string(float_format=lambda x: f"{x:.4g}", na_rep="–"))
+    click.echo()
+    for sentence in result.learnt():
+        click.echo(sentence)
+    if result.has_compression:
+        click.echo(f"\n{found.plate.force_check}")
+    if fit is not None:
+        _print_ratings(result, fit)
+    click.echo(f"written to {out}; 'softness-bayes report {out}' makes one page of it")
+    click.echo(found.verdict)
+    if fit is not None and fit.silence_note:
+        click.echo(fit.silence_note)
+    if times:
+        click.echo(times)
+    click.echo()
+    for line in conclude(facts_of(result), str(out)).lines:
+        click.echo(line)
+
+
+def _turning(result: Result) -> str:
+    """Return where the response turns over, with what counts as that, the prior's probability and sampling errors."""
+    from softness_bayes.checking.turning_points import with_errors
+
+    columns = ["p_interior", "prior_p_interior", "p_inside", "p_none", "p_silent"]
+    columns += ["e_fab_kpa_low", "e_fab_kpa", "e_fab_kpa_high"]
+    table = result.inflection()
+    shown = shown_of(len(table))
+    left_out = f"\n({len(shown)} of {len(table)} loads)" if len(shown) < len(table) else ""
+    low, *_, high = (f"{float(f'{end:.3g}'):,.10g}" for end in result.group("predictions")["e_fab_kpa"].values)
+    return (
+        "turning point of the response: a maximum (the paper's inflection) that exceeds the response at both ends of\n"
+        f"the range, {low} and {high} kPa, by {result.least_drop:.0%} of itself. Columns: its probability "
+        "(p_interior), the same under the\nprior, the probabilities of one among the fabrics' moduli (p_inside), of "
+        "none and of no firing; then E_fab at the\nturning point [kPa], median and 90 % limits. Each number ± its "
+        "Monte-Carlo standard error.\n"
+        f"{with_errors(table.iloc[shown], columns).to_string()}{left_out}"
+    )
+
+
+def _print_ratings(result: Result, fit: Fit) -> None:
+    """Print turning points and checks of what the ratings say."""
+    from softness_bayes.checking.check_table import check_sentences
+    from softness_bayes.provenance import NOT_ASKED
+
+    found = result.provenance
+    errors, residuals, silence, model = found.errors, found.residuals, found.silence, found.rating_model
+    click.echo(f"\n{_turning(result)}\n")
+    for sentence in (
+        fit.sentence,
+        *([found.direction.said] if found.direction.said else []),
+        *check_sentences(result.tables["predictive_checks"]),
+        *([] if fit.choice.against_data else residuals.sentences),
+        *([] if fit.choice.against_data else result.said_of_moduli()),
+        *([result.said_of_loads()] if result.load_cv.any() else []),
+        *(said for said in (found.rating_model.rating_note, found.rating_model.rating_errors_note) if said),
+    ):
+        click.echo(sentence)
+    click.echo(
+        f"no receptor fires in any condition: {silence.prior_silent_everywhere:.1%} of prior draws, "
+        f"{silence.posterior_silent_everywhere:.1%} of posterior draws; in an average condition: "
+        f"{silence.prior_silent_conditions:.0%} and {silence.posterior_silent_conditions:.0%}"
+    )
+    if silence.contact_beyond_half_radius:
+        click.echo(
+            f"contact radius above R/2, where Hertz's geometry is questionable: "
+            f"{silence.contact_beyond_half_radius:.0%} of draws and conditions; above R, where it is "
+            f"meaningless: {silence.contact_beyond_radius:.0%}"
+        )
+    if found.held_eps:
+        click.echo(found.held_eps)
+    click.echo(
+        f"numerical error of the response: at most {errors.numerical_error:.1e} of its peak over the draws; "
+        f"accuracy: {NOT_ASKED if model.accuracy is None else model.accuracy}"
+    )
+    click.echo(
+        f"error of the firing rates: at most {errors.firing_error:.1e} of the peak, if every receptor had the "
+        "largest error of its surface; their effect on the posterior:"
+    )
+    click.echo(errors.exactness)

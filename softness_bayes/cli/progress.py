@@ -1,0 +1,70 @@
+"""Progress of a run on the terminal."""
+
+from __future__ import annotations
+
+import time
+from typing import TYPE_CHECKING, NoReturn
+
+import click
+
+from softness_bayes.cli import STARTED
+from softness_bayes.cli.running import in_numbers
+
+if TYPE_CHECKING:
+    from tqdm import tqdm
+
+    from softness_bayes.results.stages import Stage
+    from softness_bayes.sampler.sampling import Progress
+
+
+class Bar:
+    """Progress on the terminal: steps against the estimate of what it takes to converge, then a line for each stage."""
+
+    def __init__(self) -> None:
+        self._bar: tqdm[NoReturn] | None = None
+        self._stage: Stage | None = None
+        self.begin(0.0)
+
+    def begin(self, before: float) -> None:
+        """Begin to measure; `before` is the time [s] that earlier sessions of the run have sampled."""
+        self._before, self._begun, self._sampled = before, time.monotonic(), 0.0
+
+    def stage(self, stage: Stage) -> None:
+        """Write a line for a stage after the walk."""
+        self.close()
+        self._stage = stage
+        click.echo(str(stage), err=True)
+
+    @property
+    def drawing(self) -> bool:
+        """True if figures are being drawn, which is the last stage."""
+        return self._stage is not None and self._stage.number == len(type(self._stage))
+
+    def show(self, progress: Progress) -> None:
+        """Move the bar; its end moves too when a look changes the estimate."""
+        self._sampled = progress.seconds - self._before
+        if self._bar is None:  # not before there is progress: an input error comes first and stands alone
+            from tqdm import tqdm
+
+            self._begun = time.monotonic() - self._sampled
+            self._bar = tqdm(
+                total=1, initial=progress.steps, unit="step", desc="sampling", leave=False, dynamic_ncols=True
+            )
+        self._bar.total = progress.steps + progress.missing
+        self._bar.update(progress.steps - self._bar.n)
+        if progress.verdict is not None:
+            self._bar.set_postfix_str(in_numbers(progress.verdict, progress.seconds))
+
+    def times(self) -> str:
+        """Say how long the command took, and what for."""
+        begun, whole = self._begun - STARTED, time.monotonic() - STARTED
+        return (
+            f"took {whole:.1f} s: {begun:.1f} s to start, {self._sampled:.1f} s to sample, "
+            f"{whole - begun - self._sampled:.1f} s for all that follows"
+        )
+
+    def close(self) -> None:
+        """Clear the line."""
+        if self._bar is not None:
+            self._bar.close()
+            self._bar = None
