@@ -58,7 +58,8 @@ def command(
     from softness_bayes.files.command_line import endings
     from softness_bayes.files.outputs import require_outputs, write_outputs
     from softness_bayes.files.spreadsheet import csv_of
-    from softness_bayes.runs.comparison import LEAVE, REFIT, compare
+    from softness_bayes.runs.comparison import REFIT, compare
+    from softness_bayes.runs.left_out import LEAVE
 
     require_outputs(out, [COMPARISON], COMPARE, force)
     labels = endings(directories)

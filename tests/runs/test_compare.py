@@ -28,7 +28,8 @@ from softness_bayes.model.simulation import simulate_compression, simulate_ratin
 from softness_bayes.results import request
 from softness_bayes.results.from_result import differences, experiment_of, options_of
 from softness_bayes.results.result import Result
-from softness_bayes.runs.comparison import LEAVE, Leave, LeftOut, compare, leave_by_weights
+from softness_bayes.runs.comparison import compare
+from softness_bayes.runs.left_out import LEAVE, Leave, LeftOut, leave_by_weights
 from softness_bayes.runs.plate import sample_skin
 from softness_bayes.runs.run import sample
 from softness_bayes.sampler.diagnostics import Goal
