@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
+from softness_bayes.data.content import content_of
 from softness_bayes.data.headers import Sought, understood
 from softness_bayes.data.names import listing
 from softness_bayes.data.sheets import Number, Sheet, sheet_of, text_sheet
@@ -48,7 +49,7 @@ def read_sheet(source: TableSource, sought: Sought, renames: Mapping[str, str]) 
     if not isinstance(source, (str, os.PathLike)):
         return _frame_sheet(_require_frame(source), f"DataFrame of {sought.sheet}")
     path = Path(source)
-    content, suffix = _content(path), path.suffix.casefold()
+    content, suffix = content_of(path), path.suffix.casefold()
     if suffix in _WORKBOOKS:
         return _chosen(path, _workbook(path, content), sought, renames)
     if suffix in _PARQUET:
@@ -60,21 +61,12 @@ def read_sheet(source: TableSource, sought: Sought, renames: Mapping[str, str]) 
     return text_sheet(path, content)
 
 
-def _content(path: Path) -> bytes:
-    try:
-        return path.read_bytes()
-    except OSError as error:
-        raise InputError(f"{path}: {error.strerror}") from None
-    except ValueError as error:  # a path with a NUL
-        raise InputError(f"{str(path)!r}: {error}") from None
-
-
 def has_sheet(source: str | Path, sought: Sought, renames: Mapping[str, str]) -> bool:
     """Return whether a workbook of several sheets has one for the columns looked for."""
     path = Path(source)
     if path.suffix.casefold() not in _WORKBOOKS:
         return False
-    sheets = _workbook(path, _content(path))
+    sheets = _workbook(path, content_of(path))
     return len(sheets) > 1 and len(_candidates(sheets, sought, renames)) == 1
 
 
