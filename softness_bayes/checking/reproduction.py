@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from softness_bayes.checking.levelled import NEEDED, Power, Tables, departs, fall, power
+from softness_bayes.checking.levelled import DOUBTFUL, NEEDED, Power, Tables, departs, fall, power
 from softness_bayes.checking.quantities import DROP, PLACE, TURNS_OVER, Additive, Columns, Layout, Quantity
 from softness_bayes.defaults import shown_of
 
@@ -113,7 +113,8 @@ def turning_sentences(table: pd.DataFrame) -> list[str]:
     lines = [f"{load}: {words[answer]}; {seen}" for load, answer, seen in (found[k] for k in shown)]
     if len(shown) < len(found):
         counts = ", ".join(f"{word} {sum(one.reproduced is answer for one in found)}" for answer, word in words.items())
-        lines.insert(0, f"of {len(found)} loads: {counts}; {len(shown)} of them:")
+        chance = f"of a right model at most about {DOUBTFUL * len(found):.1g} would be no"
+        lines.insert(0, f"of {len(found)} loads: {counts} ({chance}); {len(shown)} of them:")
     return [head, *lines]
 
 

@@ -3,6 +3,7 @@
 import dataclasses
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from softness_bayes.checking.check_table import check_sentences, check_table, layout_of
@@ -79,6 +80,15 @@ def test_without_power_nothing_is_said_to_be_reproduced(rng):
     assert all("ratings cannot tell" in load and "is not known" in load for load in loads)
     table = check_table(tree(rng)).drop(columns=["power", "power_mcse"])  # of a file that an earlier version wrote
     assert [one.reproduced for one in inflection_reproduced(table)] == [None, None]
+
+
+def test_of_many_loads_some_fail_by_chance(rng):
+    table = check_table(tree(rng))
+    one = table[table["load"] == "1 mm"]
+    _, counts, *loads, _ = check_sentences(pd.concat([one.assign(load=f"{k} mm") for k in range(40)]))
+    assert counts.startswith("of 40 loads: yes ")
+    assert counts.endswith("(of a right model at most about 2 would be no); 12 of them:")
+    assert len(loads) == 12
 
 
 def test_deviations_are_named(rng):
