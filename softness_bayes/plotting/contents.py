@@ -10,6 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from softness_bayes.defaults import shown_of
+from softness_bayes.plotting.answers import (
+    categories_figure,
+    counts_of,
+    psychometric_figure,
+    rows_of_pairs,
+    wins_of,
+)
 from softness_bayes.plotting.chains import rank_figure, trace_figure
 from softness_bayes.plotting.checks import Means, Replicated, checks_figure, loo_pit_figure
 from softness_bayes.plotting.compression import compression_figure
@@ -233,6 +240,40 @@ def checks(result: Drawable, style: Style) -> Figure:
                 if load in drawn_loads
             ]
     return some.said(checks_figure(means, shown, scale, style=style), style)
+
+
+def categories(result: Drawable, style: Style) -> Figure:
+    """Draw the number of ratings in each category."""
+    some, load = _Some.of(result), result.group("constant_data")["load_index"].values
+    observed, again = _answers(result)
+    most = int(max(observed.max(), again.max()))
+    counts = [
+        counts_of(str(result.loads[k]), observed[load == k], again[:, load == k], most)
+        for k in some.which
+        if (load == k).any()
+    ]
+    return some.said(categories_figure(counts, style=style), style)
+
+
+def psychometric(result: Drawable, style: Style) -> Figure:
+    """Draw answers to pairs with the fabric that was asked about most often."""
+    constant, some = result.group("constant_data"), _Some.of(result)
+    load, fabric = constant["load_index"].values, constant["fabric_index"].values
+    fallback = constant["participant_index"].values * len(result.loads) + load
+    rows = rows_of_pairs(constant["list_index"].values if "list_index" in constant else fallback)
+    observed, again = (values[..., rows[:, 0]] for values in _answers(result))
+    shown, names, modulus = [], _fabric_names(result), _fabric_modulus(result)
+    for k in some.which:
+        here = load[rows[:, 0]] == k
+        if here.any():
+            asked = fabric[rows[here]]
+            shown.append(wins_of(str(result.loads[k]), names, modulus, asked, observed[here], again[:, here]))
+    return some.said(psychometric_figure(shown, style=style), style)
+
+
+def _answers(result: Drawable) -> tuple[Array, Array]:
+    """Return ratings, shape (rows,), and those of replicates, shape (draws, rows)."""
+    return result.group("observed_data")["rating"].values, result.group("posterior_predictive")["rating"].values[0]
 
 
 def loo_pit(result: Drawable, style: Style) -> Figure:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 from softness_bayes.errors import InputError
@@ -12,6 +12,7 @@ from softness_bayes.plotting.style import USUAL, Style
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+    from softness_bayes.likelihood.scales import Scale
     from softness_bayes.plotting.drawable import Drawable
 
 
@@ -44,16 +45,22 @@ class Drawing:
         Variables that it needs.
     on_request
         Whether it is drawn only if it is asked for.
+    only
+        The scale of ratings that it is for; None if for any.
     """
 
     draw: Callable[[Drawable, Style], Figure]
     shows: str
     needs: tuple[Source, ...] = ()
     on_request: bool = False
+    only: Scale | None = None
 
     def lacks(self, result: Drawable) -> str:
         """Return why a result lacks the data of this figure; empty if it has them."""
-        return next((source.absent for source in self.needs if not source.is_in(result)), "")
+        if missing := next((source.absent for source in self.needs if not source.is_in(result)), ""):
+            return missing
+        wrong = self.only is not None and result.scale != self.only
+        return f"its ratings are {result.scale.meaning}" if wrong else ""
 
     def __call__(self, result: Drawable, style: Style = USUAL) -> Figure:
         """Draw the figure.
@@ -95,4 +102,4 @@ def own_drawing(name: str, given: Any) -> Drawing:
             raise InputError(f"figures: {name}, of your own, returns {figure!r:.60}, expected a matplotlib Figure")
         return figure
 
-    return Drawing(draw, drawing.shows, drawing.needs, drawing.on_request)
+    return replace(drawing, draw=draw)

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from softness_bayes.errors import InputError
 from softness_bayes.files.outputs import require_outputs, write_outputs
+from softness_bayes.likelihood.scales import CATEGORIES, PAIRS
 from softness_bayes.plotting import contents
 from softness_bayes.plotting.drawing import Drawing, Source, own_drawing
 from softness_bayes.plotting.style import PLOT, USUAL, USUAL_FORMATS, Style, files_of, require_formats
@@ -39,6 +40,15 @@ FIGURES: Mapping[str, Drawing] = MappingProxyType(
         "inflection": Drawing(contents.inflection, "where the response turns over under each load", (CURVES,)),
         "predictive_checks": Drawing(
             contents.checks, "test quantities of the ratings among those of replicates", (CURVES, REPLICATES)
+        ),
+        "categories": Drawing(
+            contents.categories, "ratings in each category beside those of replicates", (REPLICATES,), only=CATEGORIES
+        ),
+        "psychometric": Drawing(
+            contents.psychometric,
+            "answers to pairs against the modulus, beside those of replicates",
+            (REPLICATES,),
+            only=PAIRS,
         ),
         "loo_pit": Drawing(contents.loo_pit, "ratings in their predictions from all the others", (CURVES, PIT)),
         "touch": Drawing(
