@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+import os
 import re
 import shlex
 from collections.abc import Callable, Mapping, Sequence
-from pathlib import Path
 
 import click
 
@@ -46,7 +46,7 @@ def of_usage(error: click.UsageError, typed: Sequence[str]) -> str:
         option = next(iter(error.param.opts), "") if error.param is not None else ""
         return f"{TRY}{PROGRAM} {LISTS[option]}" if option in LISTS else ""
     extra = re.search(r"unexpected extra arguments? \(([^ ]+)\)", error.format_message())
-    if extra and verb is not None and verb in ("check", "plan", "sample") and Path(extra[1]).is_file():
+    if extra and verb is not None and verb in ("check", "plan", "sample") and os.path.isfile(extra[1]):
         return f"{TRY}{shlex.join([PROGRAM, verb, '--data', extra[1]])}"
     return f"{TRY}{PROGRAM} {verb} {WORKS[verb]}" if verb is not None and verb in WORKS else ""
 

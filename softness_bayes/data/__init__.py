@@ -234,6 +234,7 @@ def ratings_csv(ratings: Ratings, fabrics: Fabrics | None = None) -> str:
     if ratings.lists is not None:
         columns["list"] = [str(number + 1) for number in ratings.lists]
     columns[RATING.name] = [RATING.write(value) for value in ratings.rating]
+    columns |= {name: [own[i] for i in ratings.participant] for name, own in ratings.covariates.items()}
     if fabrics is not None:
         places = {name: i for i, name in enumerate(fabrics.names)}
         place = [places[name] for name in names]
@@ -280,6 +281,6 @@ def _write(path: str | Path, text: str) -> None:
 def _csv(columns: Mapping[str, Sequence[str]]) -> str:
     text = io.StringIO(newline="")
     writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(columns)
+    writer.writerow(map(escaped, columns))
     writer.writerows([map(escaped, row) for row in zip(*columns.values(), strict=True)])
     return text.getvalue()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from operator import attrgetter
 from typing import Any, NamedTuple
 
@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from softness_bayes.data.columns import FORCE, INDENTATION, LOAD_CV, RATING, RESOLUTION, Column
+from softness_bayes.data.covariates import covariates_in
 from softness_bayes.data.fabrics import Fabrics, log_sd
 from softness_bayes.data.headers import LOADED, RATED
 from softness_bayes.data.names import alike_notes, guess, natural
@@ -123,6 +124,8 @@ class Ratings:
     """Step (n,) of the grid of numbers that the rater uses, NaN where a row has none; None if the table has none."""
     lists: IntArray | None = None
     """Index (n,) of the list that each rating is a place in; None if the table names none."""
+    covariates: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    """Covariates by name: a text for each participant, as written, which no model uses."""
 
     def __post_init__(self) -> None:
         arrays = {"participant": int, "fabric": int, "load": int, "rating": float, "rows": int}
@@ -270,7 +273,7 @@ class Ratings:
         faulty = np.array([table.is_faulty(i, RATING.name) for i in range(len(table))])
         if not (rated.size or faulty.any()):
             table.faults.add_general(f"column {table.titles[RATING.name]!r}: there is no rating in any row")
-        notes = [*table.notes]
+        whole, notes = table, []
         if missing := int((~kept).sum()):
             notes.append(f"{missing} of {len(table)} ratings are missing")
         if zeros:
@@ -294,7 +297,8 @@ class Ratings:
             notes.append(f"looks wrong: all {rated.size} ratings are {filed[rated[0]]:g}, so they tell nothing")
 
         participants = natural(by)
-        notes += alike_notes("participant", participants)
+        covariates, noted = covariates_in(whole, participants)
+        notes = [*noted, *notes, *alike_notes("participant", participants)]
         rated_fabrics = set(what)
         names = natural(what) if fabrics is None else [name for name in fabrics.names if name in rated_fabrics]
         distinct = sorted(set(touches), key=_rank)
@@ -316,6 +320,7 @@ class Ratings:
             load_cv=load_cv,
             resolution=resolution,
             lists=_lists_in(table, by),
+            covariates=covariates,
         )
 
 

@@ -57,6 +57,8 @@ class Table:
     """Title of the column that each row is from, if the file has one for each fabric."""
     made: tuple[str, ...] = ()
     """Standard names of the columns that such a file does not have."""
+    others: Mapping[str, Sequence[str]] = field(default_factory=dict)
+    """Title of a column that is not used -> its cells."""
     faults: Faults = field(default_factory=Faults)
     """What is wrong in the table, as far as it has been looked at."""
 
@@ -84,9 +86,12 @@ class Table:
 
     def take(self, index: IntArray) -> Table:
         """Return the rows at `index`."""
-        cells = {name: [texts[i] for i in index] for name, texts in self.cells.items()}
+        cells, others = (
+            {name: [texts[i] for i in index] for name, texts in columns.items()}
+            for columns in (self.cells, self.others)
+        )
         columns = [self.columns[i] for i in index] if self.columns else ()
-        return replace(self, cells=cells, rows=self.rows[index], columns=columns)
+        return replace(self, cells=cells, others=others, rows=self.rows[index], columns=columns)
 
     def require(self, *names: str) -> None:
         """Raise an error for a table without one of the columns `names`, with all other problems found."""
@@ -188,9 +193,8 @@ def _table(sheet: Sheet, sought: Sought, renames: Mapping[str, str], decimal: st
         if both := [f"'{label}'" for label in natural(total) if 0 < padded[at[name], label] < total[label]]:
             notes.append(f"column {name!r}: {listing(both)} with spaces at the ends and without are taken as the same")
     cells |= {name: [str(unescaped(text)) for text in cells[name]] for name in LABELS if name in cells}
-    unused = [title for j, title in enumerate(header) if title and j not in at.values()]
-    if unused:
-        notes.append(f"unused columns: {listing(unused)}")
+    unused = {title: j for j, title in enumerate(header) if title and j not in at.values()}
+    notes += unused_note([*unused])
     titles = {name: header[j] for name, j in at.items()}
     if sheet.columns:
         titles[RATING.name] = " … ".join(dict.fromkeys((sheet.columns[0], sheet.columns[-1])))
@@ -212,7 +216,13 @@ def _table(sheet: Sheet, sought: Sought, renames: Mapping[str, str], decimal: st
         notes=tuple(notes),
         columns=sheet.columns,
         made=sheet.made,
+        others={title: [str(unescaped(record[j])) for record in sheet.body] for title, j in unused.items()},
     )
+
+
+def unused_note(titles: Sequence[str]) -> list[str]:
+    """Return the note on columns that are not used, nothing if there are none."""
+    return [f"unused columns: {listing(titles)}"] if titles else []
 
 
 def check_renames(renames: Mapping[str, str], *tables: Table) -> None:

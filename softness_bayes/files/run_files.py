@@ -25,6 +25,9 @@ MODULUS_ERRORS = "modulus_errors"
 FINGERS = "rater_fingers"
 """The table of raters' own fingers, if they differ."""
 
+RATERS = "raters"
+"""The table of raters with their covariates, if there are any."""
+
 FABRIC_RATINGS = "fabric_ratings"
 """The table of rated and predicted softness of every fabric under every load."""
 
@@ -35,6 +38,7 @@ TABLES: Mapping[str, str | list[str]] = {
     MODULI: "fabric",
     MODULUS_ERRORS: "quantity",
     FINGERS: ["participant", "quantity"],
+    RATERS: "participant",
 }
 """Further tables of a result by the name of their file, with the columns that identify a row."""
 

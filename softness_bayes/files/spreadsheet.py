@@ -37,7 +37,8 @@ def csv_of(table: pd.DataFrame, index: bool = True) -> str:
     index
         Whether the index is among the columns.
     """
-    return _mapped(table.reset_index() if index else table, escaped).to_csv(index=False, lineterminator="\n")
+    named = _mapped(table.reset_index() if index else table, escaped)
+    return named.rename(columns=escaped).to_csv(index=False, lineterminator="\n")
 
 
 def table_of(source: Any, index: str | list[str] | None = None) -> pd.DataFrame:
@@ -52,7 +53,7 @@ def table_of(source: Any, index: str | list[str] | None = None) -> pd.DataFrame:
     """
     import pandas as pd
 
-    table = _mapped(pd.read_csv(source), unescaped)
+    table = _mapped(pd.read_csv(source).rename(columns=unescaped), unescaped)
     return table if index is None else table.set_index(index)
 
 

@@ -104,7 +104,12 @@ def understood(
             "greatest": float(ratings.rating.max()),
         },
         "participants": [
-            {"name": name, "ratings": int(counts["participant"][k]), "step": steps[k]}
+            {
+                "name": name,
+                "ratings": int(counts["participant"][k]),
+                "step": steps[k],
+                "covariates": {title: own[k] for title, own in ratings.covariates.items()},
+            }
             for k, name in enumerate(ratings.participants)
         ],
         "fabrics": cloth,

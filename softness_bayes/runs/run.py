@@ -17,7 +17,7 @@ from softness_bayes.checkpoints.checkpoint import Checkpoint
 from softness_bayes.checkpoints.identity import identity, require_density
 from softness_bayes.data import Compression, Experiment
 from softness_bayes.files.command_line import storable
-from softness_bayes.files.run_files import FABRIC_RATINGS, FINGERS, MODULI, MODULUS_ERRORS
+from softness_bayes.files.run_files import FABRIC_RATINGS, FINGERS, MODULI, MODULUS_ERRORS, RATERS
 from softness_bayes.likelihood.directions import direction_named
 from softness_bayes.model.build import ExperimentModel, build
 from softness_bayes.model.options import ModelOptions
@@ -34,6 +34,7 @@ from softness_bayes.provenance import (
     family_of,
 )
 from softness_bayes.results.assembly import assembled
+from softness_bayes.results.raters import rater_table, with_covariates
 from softness_bayes.results.request import Request, RunOptions
 from softness_bayes.results.result import Result
 from softness_bayes.results.result_file import SCHEMA
@@ -218,7 +219,9 @@ def sample_model(
     if (moduli := modulus_table(tree)) is not None:
         tables[MODULI] = moduli
     if (fingers := finger_table(tree)) is not None:
-        tables[FINGERS] = fingers
+        tables[FINGERS] = with_covariates(fingers, experiment.ratings)
+    if (raters := rater_table(tree, experiment.ratings)) is not None:
+        tables[RATERS] = raters
     if shifts is not None:
         tables[MODULUS_ERRORS] = shifts
     return Result(tree, summary.join(information_table(tree)), tables)

@@ -375,6 +375,7 @@ KINDS = (
     Kind("an unknown verb", nothing, ("No such command 'chek'", "check"), ("chek",)),
     Kind("an unknown option", nothing, ("No such option", "--dta"), ("check", "--dta", "ratings.csv")),
     Kind("an option without a value", nothing, ("--data",), ("check", "--data")),
+    Kind("a stray word", nothing, ("unexpected extra argument", "x" * 99), (*SAMPLE, "x" * 300)),
     Kind("no table at all", nothing, ("--data",), ("sample", "--out", "new")),
     Kind("a decimal mark that is none", nothing, ("--decimal", "x"), (*CHECK, "--decimal", "x")),
     Kind("steps that are no number", nothing, ("--max-steps", "many"), (*SAMPLE, "--max-steps", "many")),

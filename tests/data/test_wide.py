@@ -59,7 +59,7 @@ def test_a_column_per_fabric_and_load(file, titles):
     bare = ", ".join(title.strip('"') for title in titles)
     assert f"ratings.csv: one column per fabric and load: {bare}" in read.notes
     assert Ratings.read(path, CLOTH).fabrics == ("voile", "denim")
-    assert "ratings.csv: unused columns: age" in read.notes
+    assert read.covariates["age"]
 
 
 def test_forces_and_indentations_side_by_side(file):
@@ -105,7 +105,7 @@ def test_what_may_be_a_misspelt_fabric_is_refused(file):
     path = file("participant,age,voile,demin,felt\nP1,30,5,6,7\n")
     assert "column 'demin': 'demin' is not a known fabric (did you mean 'denim'?)" in refusal(path, CLOTH, force_n=1)
     read = Ratings.read(file("participant,age,voile,denim\nP1,30,5,6\n"), CLOTH, force_n=1)
-    assert "ratings.csv: unused columns: age" in read.notes
+    assert read.covariates == {"age": ("30",)}
 
 
 @pytest.mark.parametrize(

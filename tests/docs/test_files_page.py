@@ -97,7 +97,8 @@ def everything(tmp_path_factory):
     with quickly():
         rated = experiment()
         fabrics = replace(rated.fabrics, effective_modulus_cv=np.array([0.1, 0.2, np.nan, np.nan]))
-        ratings = replace(rated.ratings, load_cv=np.where(rated.ratings.load == 0, 0.05, np.nan))
+        ages = {"age": tuple(f"0{k}" for k in range(len(rated.ratings.participants)))}
+        ratings = replace(rated.ratings, load_cv=np.where(rated.ratings.load == 0, 0.05, np.nan), covariates=ages)
         given = rated._replace(ratings=ratings, fabrics=fabrics, compression=made.compression)
         result = sample(given, **options)
     return run_of(result, tmp_path_factory.mktemp("everything"), "rc")
@@ -115,7 +116,11 @@ def own_fingers(tmp_path_factory):
         patch.setattr(individual, "NODES", {3: dict.fromkeys(SPREAD_OF, 3)})
         for name in ("RESPONSE_NODES", "SKIN_NODES", "FINER_RESPONSE_NODES", "FINER_SKIN_NODES"):
             patch.setattr(individual, name, 8)
-        result = sample(experiment(), **OPTIONS | {"max_steps": 10}, individual=tuple(SPREAD_OF))
+        rated = experiment()
+        sexes = {"sex": ("f",) * len(rated.ratings.participants)}
+        rated = rated._replace(ratings=replace(rated.ratings, covariates=sexes))
+        result = sample(rated, **OPTIONS | {"max_steps": 10}, individual=tuple(SPREAD_OF))
+    assert set(result.tables["rater_fingers"]["sex"]) == {"f", ""}
     return run_of(result, tmp_path_factory.mktemp("fingers"), "r")
 
 
@@ -307,6 +312,16 @@ def test_tables_of_a_run(name, runs):
             continue
         kept = run.result.summary() if name == "summary" else run.result.tables[name]
         require_same({str(title) for title in kept.reset_index().columns}, rows_after(f"`{name}`"))
+
+
+def test_raters_have_their_covariates(everything, z_scores):
+    found = everything.result.tables["raters"]
+    assert [*found.reset_index().columns, "{covariate}"] == [*rows_after("`raters`")[:-1], "age", "{covariate}"]
+    assert found["age"].tolist()[:2] == ["00", "01"]
+    assert (found["effect_low"] < found["effect"]).all()
+    assert (found["effect"] < found["effect_high"]).all()
+    assert found["ratings"].sum() == everything.tree["observed_data"]["rating"].size
+    assert "raters" not in z_scores.result.tables
 
 
 def test_quantities_of_the_checks(everything):

@@ -1,0 +1,80 @@
+"""Participants' covariates: further columns of a table of ratings that are constant within each participant."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+from softness_bayes.data.columns import LABELS, NUMBERS
+from softness_bayes.data.names import listing
+from softness_bayes.data.tables import MISSING, Table, unused_note
+from softness_bayes.errors import quoted
+from softness_bayes.files.spreadsheet import unescaped
+
+OWN_COLUMNS = frozenset(
+    {*LABELS, *NUMBERS, "finger", "ratings", "effect", "effect_low", "effect_high", "quantity", "median", "low", "high"}
+    | {"ratio"}
+)
+"""Names that columns have in the tables of a run that stand beside covariates, and in tables of ratings."""
+
+
+def covariates_in(table: Table, participants: Sequence[str]) -> tuple[dict[str, tuple[str, ...]], list[str]]:
+    """Return the covariates of a table by name, each with a text for each participant, and the table's notes.
+
+    A column is one if no participant has two different texts in it, empty cells and those for missing numbers aside,
+    and some participant has several rows: where everybody has one, any column is constant. A participant's text is as
+    written, empty where all cells are. Notes say which columns are covariates, and which by another name.
+
+    Parameters
+    ----------
+    table
+        All rows of the table, also those without a rating.
+    participants
+        Names of those who are kept.
+    """
+    if "participant" not in table or not table.others:
+        return {}, [*table.notes]
+    by = table.cells["participant"]
+    if len(set(by)) == len(by):
+        return {}, [*table.notes]
+    found, varying = {}, []
+    for title, texts in table.others.items():
+        told: dict[str, dict[str, None]] = {name: {} for name in by}
+        for name, text in zip(by, texts, strict=True):
+            told[name].setdefault(text)
+        known = {name: [text for text in own if text.casefold() not in MISSING] for name, own in told.items()}
+        several = [name for name, own in known.items() if len(own) > 1]
+        if not any(known.values()):
+            continue  # an empty column
+        if several:
+            varying += [(title, several[0])] if 2 * len(several) < len(known) else []
+            continue
+        found[title] = tuple((known[name] or [*told[name]])[0] for name in participants)
+    return _named(found, table.others), _noted(table, found, varying)
+
+
+def _named(found: Mapping[str, tuple[str, ...]], titles: Mapping[str, Sequence[str]]) -> dict[str, tuple[str, ...]]:
+    return {kept_name(title, titles): texts for title, texts in found.items()}
+
+
+def kept_name(title: str, titles: Mapping[str, Sequence[str]]) -> str:
+    """Return the name by which a covariate is kept: its own, unless a table of a run has a column of that name."""
+    own = name = unescaped(title)
+    others = {other.casefold() for other in titles}
+    while name.casefold() in OWN_COLUMNS or (name != own and name.casefold() in others):
+        name += " (covariate)"
+    return name
+
+
+def _noted(table: Table, found: Mapping[str, tuple[str, ...]], varying: Sequence[tuple[str, str]]) -> list[str]:
+    """Return the notes of a table, in which covariates are no unused columns."""
+    left = unused_note([title for title in table.others if title not in found])
+    notes = [note for note in table.notes if note not in unused_note([*table.others])] + left
+    if found:
+        notes.append(f"kept as covariates of participants, which no model uses: {listing([*found])}")
+    for title in found:
+        if (name := kept_name(title, table.others)) != unescaped(title):
+            notes.append(
+                f"covariate {quoted(title)} is kept as {quoted(name)}, since tables have a column of that name"
+            )
+    notes += [f"column {quoted(title)} is no covariate: it varies within {quoted(name)}" for title, name in varying]
+    return notes
