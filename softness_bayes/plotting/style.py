@@ -7,6 +7,7 @@ import logging
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, fields, replace
+from functools import cache
 from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Self
@@ -40,6 +41,13 @@ DATA = "csv"
 
 USUAL_FORMATS = ("png", "pdf", DATA)
 """Formats of a run's figures."""
+
+OTHER_SCRIPTS = (
+    *("Noto Sans CJK JP", "Noto Sans CJK SC", "Noto Sans CJK KR", "Noto Sans JP", "Noto Sans SC", "Noto Sans KR"),
+    *("Hiragino Sans", "PingFang SC", "Apple SD Gothic Neo", "Yu Gothic", "Microsoft YaHei", "Malgun Gothic"),
+    *("Source Han Sans", "IPAexGothic", "WenQuanYi Zen Hei", "Noto Sans Devanagari", "Arial Unicode MS"),
+)
+"""Families of fonts, of those installed, for names with letters that the usual font lacks."""
 
 RC: Mapping[str, Any] = MappingProxyType(
     {
@@ -156,9 +164,10 @@ class Style:
     @contextmanager
     def applied(self) -> Iterator[None]:
         """Apply this style to matplotlib inside a ``with`` block."""
-        from matplotlib import style
+        from matplotlib import rcParams, style
 
         with style.context(["default", dict(self.rc)]):
+            rcParams["font.family"] = [*rcParams["font.family"], *_other_families()]
             yield
 
     def tint(self, colour: str, strength: float) -> tuple[float, float, float]:
@@ -167,6 +176,15 @@ class Style:
 
         red, green, blue = (1.0 - strength * (1.0 - channel) for channel in to_rgb(colour))
         return red, green, blue
+
+
+@cache
+def _other_families() -> tuple[str, ...]:
+    """Return the families of `OTHER_SCRIPTS` that are installed; only letters that the usual font lacks take them."""
+    from matplotlib.font_manager import fontManager
+
+    installed = set(fontManager.get_font_names())
+    return tuple(name for name in OTHER_SCRIPTS if name in installed)
 
 
 @contextmanager

@@ -9,17 +9,19 @@ import pandas as pd
 import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.font_manager import findfont, get_font
 from matplotlib.text import Annotation
 from numpy.testing import assert_allclose
 
 from softness_bayes import plotting
 from softness_bayes.parameters.priors import LogNormal, Truncated
+from softness_bayes.plotting import style as styles
 from softness_bayes.plotting.checks import FEW, Means, Replicated, checks_figure
 from softness_bayes.plotting.data import carry, data_of
 from softness_bayes.plotting.names import LONGEST, apart, name_fabrics, short_name, short_names
 from softness_bayes.plotting.panels import number_ticks
 from softness_bayes.plotting.parameters import informative
-from softness_bayes.plotting.style import DATA, files_of
+from softness_bayes.plotting.style import DATA, USUAL, files_of
 from support.figures import FABRICS, LOADS, artist, drawn, invented_curves
 
 
@@ -177,3 +179,24 @@ def test_few_replicates_are_drawn_one_by_one(rng) -> None:
     assert words == [f"p = 0.50\nin {n} of 500 replicates" for n in (FEW - 1, FEW)]
     # the one fabric that lies outside of its limits is named
     assert [text.get_text() for text in figure.axes[0].texts] == ["felt"]
+
+
+def test_letters_that_the_usual_font_lacks_come_from_another_that_is_installed(monkeypatch):
+    """A letter of STIX stands for those of other scripts; without that family it is missing, which matplotlib says."""
+    usual, other = (get_font(findfont(family)).get_charmap() for family in ("DejaVu Sans", "STIXGeneral"))
+    letter = chr(min(set(other) - set(usual)))
+
+    def drawn():
+        with USUAL.applied():
+            figure = Figure()
+            figure.text(0.5, 0.5, f"satin {letter}")
+            FigureCanvasAgg(figure).draw()
+
+    monkeypatch.setattr(styles, "OTHER_SCRIPTS", ("No such family", "STIXGeneral"))
+    styles._other_families.cache_clear()
+    drawn()
+    monkeypatch.setattr(styles, "OTHER_SCRIPTS", ("No such family",))
+    styles._other_families.cache_clear()
+    with pytest.warns(UserWarning, match="missing from font"):
+        drawn()
+    styles._other_families.cache_clear()
