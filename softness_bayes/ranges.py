@@ -97,6 +97,8 @@ PARTICIPANTS = Count(1, 10_000)
 """Simulated raters."""
 PANEL = Count(1, 10_000)
 """New raters whose mean rating is predicted."""
+PORTS = Count(0, 65_535)
+"""Ports of this machine; 0 stands for any that is free."""
 RANKED = Count(1, 2000)
 """Fabrics of a ranking, whose table of pairs grows with the square of their number."""
 FINGERS = Count(0, 10_000)

@@ -26,6 +26,7 @@ LAYERS = (
     {"model", "plotting"},
     {"bench", "checkpoints", "claims", "results"},
     {"cli.options", "report", "runs"},
+    {"explore"},
     {"cli", "tools"},
     {"__main__"},
 )
@@ -33,16 +34,18 @@ LAYERS = (
 RANK = {name: rank for rank, names in enumerate(LAYERS) for name in names}
 HOMES = {
     "arviz": {"arviz_bridge"},
-    "bokeh": {"report.charts"},
+    "bokeh": {"explore.page", "explore.server", "report.charts", "tools.benchmark_explore"},
     "dask": {"runs.cluster"},
     "distributed": {"runs.cluster"},
     "emcee": {"sampler.moves", "sampler.sampling"},
     "jinja2": {"report.page"},
     "openpyxl": {"data.workbooks"},
+    "tornado": {"explore.server"},
 }
 """Modules outside of which a library may not be imported."""
 PROGRAMS = {
     "tools.api_pages",
+    "tools.benchmark_explore",
     "tools.benchmark_firing",
     "tools.benchmark_loads",
     "tools.benchmark_moves",
@@ -130,6 +133,7 @@ def test_forward_model_needs_numpy_and_scipy_only():
         ("plotting", {"results", "runs"}),
         ("bench", {"runs"}),
         ("report", {"sampler", "runs"}),
+        ("explore", {"sampler", "runs"}),
     ],
 )
 def test_a_room_knows_nothing_of(room, never):

@@ -39,6 +39,7 @@ VERBS: Mapping[str, str] = {
     "predict": "Predict contact, stress, firing and ratings for fabrics under loads.",
     "rank": "Rank fabrics by predicted softness: the higher the typical rater's rating, the softer.",
     "target": "Find the effective moduli that give a wished rating, and how probable it is that any does.",
+    "explore": "Move the model's parameters on a page of this machine, and see what its response does.",
     "claims": "Say which of the paper's claims hold under which readings of its equations.",
     "bench": "Measure time and error of the forward model on this machine, beside other ways to compute it.",
     "study": "Fit many tables separately, and pool parameters over them.",

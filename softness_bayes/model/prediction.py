@@ -55,7 +55,7 @@ def prediction_table(
     response = scene.respond(parameters, modulus)
     touched = scene.modulus if modulus is None else modulus[:, scene.fabric]
     columns: dict[str, object] = {"fabric": [fabrics.names[i] for i in scene.fabric]}
-    for name, values in _quantities(response, touched).items():
+    for name, values in quantities(response, touched).items():
         if values.ndim == 1:
             columns[name] = values
         else:
@@ -77,7 +77,16 @@ def drawn_parameters(values: Mapping[str, ArrayLike]) -> TouchParameters:
     return TouchParameters(*np.broadcast_arrays(*touch_parameters(values), batch)[:-1])
 
 
-def _quantities(response: Response, modulus: Array) -> dict[str, Array]:
+def quantities(response: Response, modulus: Array) -> dict[str, Array]:
+    """Return the columns of `prediction_table` that are numbers, each of the shape of the response.
+
+    Parameters
+    ----------
+    response
+        Of a scene.
+    modulus
+        E_fab [Pa] of each condition, shape (..., conditions).
+    """
     contact = response.contact
     return {
         "indentation_mm": contact.indentation * 1e3,

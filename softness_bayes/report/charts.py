@@ -58,7 +58,7 @@ def charts(first: Shown, every: list[Shown], scale: Scale) -> Charts:
     _fabrics(rate, first, foot=True)
     _fabrics(rating, first, foot=False)
     for chart in (rate, rating):
-        _dress(chart)
+        dress(chart)
     script, places = components({"rate": rate, "rating": rating})
     return Charts(Resources("inline", components=["bokeh"]).render_js(), script, places)
 
@@ -129,7 +129,7 @@ def _fabrics(chart: figure, first: Shown, foot: bool) -> None:
     chart.add_tools(HoverTool(renderers=[marks], tooltips=rows))
 
 
-def _dress(chart: figure) -> None:
+def dress(chart: figure) -> None:
     """Style a chart like the page."""
     chart.background_fill_color = chart.border_fill_color = None
     chart.outline_line_color = None

@@ -31,7 +31,9 @@ class Profiles(NamedTuple):
     """Firing rate of a receptor there [Hz]."""
 
 
-def touch_profiles(scene: Scene, parameters: TouchParameters, distance: ArrayLike) -> Profiles:
+def touch_profiles(
+    scene: Scene, parameters: TouchParameters, distance: ArrayLike, modulus: Array | None = None
+) -> Profiles:
     """Evaluate every condition of a scene along a line from the contact's axis outwards.
 
     Parameters
@@ -42,13 +44,15 @@ def touch_profiles(scene: Scene, parameters: TouchParameters, distance: ArrayLik
         A batch of parameter vectors, shape (draws,).
     distance
         Distances from the axis [m], shape (distances,).
+    modulus
+        E_fab [Pa] of each fabric in place of the scene's own, shape (draws, fabrics).
 
     Raises
     ------
     InputError
         If a parameter is outside the range that the chain accepts.
     """
-    r, contact = np.asarray(distance, float), scene.contact(parameters)
+    r, contact = np.asarray(distance, float), scene.contact(parameters, modulus)
     parameters = TouchParameters(*np.broadcast_arrays(*parameters))
     shares = np.array_split(np.arange(len(contact.radius)), -(-len(contact.radius) // DRAWS_AT_ONCE))
     parts = [

@@ -27,6 +27,7 @@ from softness_bayes.data import (
 )
 from softness_bayes.data.faults import SHOWN
 from softness_bayes.errors import InputError
+from softness_bayes.explore import subject
 from softness_bayes.model import build, resolution
 from softness_bayes.parameters.declared import EVERY_PARAMETER
 from softness_bayes.results import fitted
@@ -200,6 +201,8 @@ def stubbed(monkeypatch):
         (calibrate, "calibrate"),
         (bench, "_measure"),
         (sample_verb, "run"),
+        (subject, "of_priors"),
+        (subject, "of_run"),
     ):
         monkeypatch.setattr(module, name, stop)
 

@@ -347,7 +347,7 @@ def test_verbs_whose_result_is_printed_are_known():
     printing = {verb for verb in VERBS if _prints([verb])}
     files = {"demo", "new", "sample", "resume", "plot", "simulate", "report", "compare", "rank"}
     assert printing == {"check", "plan", "status", "readings", "priors", "figures", "predict", "target"}
-    assert {*VERBS} - printing == files | {"claims", "bench", "study", "calibrate"}
+    assert {*VERBS} - printing == files | {"claims", "bench", "study", "calibrate", "explore"}
     assert not _prints(["predict", "--posterior", "results", "--out=table.csv"])
     assert _prints(["sample", "--help"])
     assert _prints(["--version"])

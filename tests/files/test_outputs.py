@@ -79,7 +79,7 @@ WRITERS = {
     "plot": (["RUN", "--figures", "prior", "--format", "png"], False, ["prior.png"]),
     "report": (["RUN"], True, ["report.html"]),
 }
-WITHOUT = {"check", "plan", "status", "resume", "readings", "priors", "figures", "new", "demo"}
+WITHOUT = {"check", "plan", "status", "resume", "readings", "priors", "figures", "new", "demo", "explore"}
 """Verbs that write nothing, or one figure (`check`); `resume`, which has no --out; `new` and `demo`, which replace
 nothing (test_first_hour)."""
 

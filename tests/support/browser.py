@@ -16,6 +16,8 @@ from typing import Any
 import websocket
 
 PROGRAMS = ("chromium", "chromium-browser", "google-chrome")
+RESOLVED = "MAP * ~NOTFOUND , EXCLUDE 127.0.0.1"
+"""Names that are found: none, but for this machine's own address."""
 PATIENCE = 60.0
 """Time [s] after which a browser that does not answer has failed."""
 
@@ -50,6 +52,12 @@ class Page:
         self.events.clear()
         self("Page.navigate", url=path.resolve().as_uri())
         self.wait("document.readyState === 'complete' && location.protocol === 'file:'")
+
+    def visit(self, address: str) -> None:
+        """Load a page of a server on this machine, and wait until it stands."""
+        self.events.clear()
+        self("Page.navigate", url=address)
+        self.wait(f"document.readyState === 'complete' && location.href === {json.dumps(address)}")
 
     def script(self, expression: str) -> Any:
         """Return the value of an expression; a promise is awaited."""
@@ -102,7 +110,11 @@ class Page:
 def browser(program: str, home: Path) -> Iterator[Page]:
     """Run a browser with a directory of its own, and end it."""
     flags = ["--headless=new", "--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage", "--no-first-run"]
-    flags += ["--disable-background-networking", "--disable-component-update", "--host-resolver-rules=MAP * ~NOTFOUND"]
+    flags += [
+        "--disable-background-networking",
+        "--disable-component-update",
+        "--host-resolver-rules=MAP * ~NOTFOUND , EXCLUDE 127.0.0.1",
+    ]
     flags += ["--remote-allow-origins=*", "--remote-debugging-port=0", f"--user-data-dir={home}", "about:blank"]
     process = subprocess.Popen([program, *flags], stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
     try:

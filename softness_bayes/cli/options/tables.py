@@ -226,9 +226,24 @@ class Touches:
         InputError
             If columns are named of a table that is not given.
         """
+        return self.among(result.fabrics, result.loads)
+
+    @property
+    def asked(self) -> bool:
+        """True if any option was given."""
+        return bool(self.fabrics or self.columns or self.indentation_mm or self.force_n or self.decimal)
+
+    def among(self, fabrics: Fabrics, loads: tuple[Load, ...]) -> tuple[Fabrics, tuple[Load, ...]]:
+        """Return the fabrics and the distinct loads, or these where none are asked for.
+
+        Raises
+        ------
+        InputError
+            If columns are named of a table that is not given.
+        """
         if self.columns and self.fabrics is None:
             raise InputError("--column names columns of the fabric table: give --fabrics, or leave it out")
-        return self._fabrics() or result.fabrics, self._loads() or result.loads
+        return self._fabrics() or fabrics, self._loads() or loads
 
     def _fabrics(self) -> Fabrics | None:
         from softness_bayes.data import Fabrics
@@ -252,6 +267,15 @@ def touches_of_run(verb: Verb) -> Verb:
         False,
         "Fabric table (CSV, Excel or Parquet); by default the fabrics of the run.",
         " of the touch. Repeatable; by default as rated.",
+    )(verb)
+
+
+def touches_or_example(verb: Verb) -> Verb:
+    """Give a verb the same options, without which fabrics and loads are those of an example."""
+    return _touches(
+        False,
+        "Fabric table (CSV, Excel or Parquet); by default six fabrics of an example.",
+        " of the touch. Repeatable; by default indentations of 1, 2 and 3 mm.",
     )(verb)
 
 

@@ -1,0 +1,101 @@
+"""`softness-bayes explore`: the fast model on a page of sliders."""
+
+from __future__ import annotations
+
+import webbrowser
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from softness_bayes.cli.options.model import ReadingChoice, finger, fix, prior, prior_set, readings
+from softness_bayes.cli.options.tables import Touches, touches_or_example
+from softness_bayes.cli.options.values import FILE, whole
+from softness_bayes.cli.running import reading
+from softness_bayes.defaults import PRIOR_SET
+from softness_bayes.errors import InputError
+from softness_bayes.ranges import PORTS
+
+if TYPE_CHECKING:
+    from softness_bayes.explore.subject import Subject
+    from softness_bayes.parameters.priors import Prior
+
+
+@click.command()
+@click.argument("directory", type=FILE, required=False, metavar="[DIR]")
+@touches_or_example
+@fix
+@prior
+@prior_set
+@readings
+@finger
+@click.option(
+    "--port",
+    type=whole(PORTS),
+    default=0,
+    show_default=True,
+    metavar="N",
+    help="Port on this machine's loopback address; 0 for any that is free.",
+)
+@click.option("--show", is_flag=True, help="Open the page in the browser.")
+def command(
+    directory: Path | None,
+    touches: Touches,
+    fixed: dict[str, float],
+    priors: dict[str, Prior],
+    prior_set: str,
+    choice: ReadingChoice,
+    finger: dict[str, float],
+    port: int,
+    show: bool,
+) -> None:
+    """Move the model's parameters on a page of this machine, and see what its response does.
+
+    Without DIR the parameters start at the medians of their priors; with the DIR of a finished run at those of its
+    posterior, with its finger, fabrics and loads, and its data and credible bands behind the curves. Sliders reach over
+    the central 98 % of each prior. The page shows the command that repeats its numbers. It is served on 127.0.0.1
+    alone, until Ctrl-C; writes nothing.
+    """
+    from softness_bayes.explore.picture import picture
+    from softness_bayes.explore.server import listening, serve
+
+    def told(address: str) -> None:
+        click.echo(address)
+        click.echo("Ctrl-C ends it", err=True)
+        if show:
+            webbrowser.open(address)
+
+    with listening(port) as opened:
+        if directory is None:
+            subject = _of_priors(touches, fixed, priors, prior_set, choice, finger)
+        else:
+            if touches.asked or fixed or priors or finger or not choice.is_default or prior_set != PRIOR_SET:
+                raise InputError(
+                    "DIR brings its own fabrics, loads, priors, readings and finger: leave out the options of these, "
+                    "or DIR"
+                )
+            subject = _of_run(directory)
+        picture(subject, subject.start)  # compiles the scene, and refuses now what the page could not draw
+        serve(subject, opened, told)
+
+
+def _of_run(directory: Path) -> Subject:
+    from softness_bayes.explore.subject import of_run
+
+    with reading(directory) as (result,):
+        return of_run(result)
+
+
+def _of_priors(
+    touches: Touches,
+    fixed: dict[str, float],
+    priors: dict[str, Prior],
+    prior_set: str,
+    choice: ReadingChoice,
+    finger: dict[str, float],
+) -> Subject:
+    from softness_bayes.explore.subject import EXAMPLE_LOADS, example_fabrics, of_priors
+    from softness_bayes.model.fingers import finger_of
+
+    fabrics, loads = touches.among(example_fabrics(), EXAMPLE_LOADS)
+    return of_priors(fabrics, loads, choice.resolve(), prior_set, priors, fixed, finger_of(finger))

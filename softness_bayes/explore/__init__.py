@@ -1,0 +1,1 @@
+"""Fast model in the hand: a page of sliders on this machine, and what it shows."""

@@ -1,0 +1,62 @@
+"""Command lines that repeat the numbers of a state: one table of one fabric, and `predict` with every parameter."""
+
+from __future__ import annotations
+
+import csv
+import io
+import shlex
+
+from softness_bayes.data.ratings import LOAD_COLUMNS
+from softness_bayes.explore.subject import State, Subject
+from softness_bayes.model.fingers import values_of
+from softness_bayes.parameters.declared import SHAPE_PARAMETERS
+from softness_bayes.parameters.fabric_moduli import KPA
+from softness_bayes.touch.contact import Load
+from softness_bayes.touch.parameters import TouchParameters
+from softness_bayes.touch.readings import Readings
+
+TABLE = "explored.csv"
+"""The table of the fabric, which the first line writes."""
+
+NOISY = "# the membrane's noise of this run is no option of predict: rates differ"
+"""Line in place of the exact numbers where there is noise."""
+
+
+def repeating(subject: Subject, state: State) -> str:
+    """Return the lines that repeat the touch of a state: a table of its fabric, and the prediction for it."""
+    values = subject.values(state)
+    words = ["softness-bayes", "predict", "--fabrics", TABLE, *_load(subject.loads[state.load])]
+    words += [
+        word
+        for name in TouchParameters._fields
+        if name in values and name not in SHAPE_PARAMETERS
+        for word in ("--set", f"{name}={_written(values[name])}")
+    ]
+    finger = values_of(subject.finger) | {f"{n}_mm": values[n] for n in SHAPE_PARAMETERS if n in values}
+    words += [word for name, value in finger.items() for word in ("--finger", f"{name}={_written(value)}")]
+    usual = Readings().names
+    changed = {place: name for place, name in subject.readings.names.items() if name != usual[place]}
+    words += [word for place, name in changed.items() for word in ("--reading", f"{place}={name}")]
+    lines = [f"printf '%s\\n' {' '.join(map(shlex.quote, _table(subject, state)))} > {TABLE}", shlex.join(words)]
+    return "\n".join([*([NOISY] if subject.noise else []), *lines])
+
+
+def _table(subject: Subject, state: State) -> list[str]:
+    """Return the rows of a table of the fabric alone."""
+    if state.fabric is None:
+        name, modulus, poisson = "explored", state.modulus_kpa, subject.poisson_ratio
+    else:
+        fabrics, k = subject.fabrics, state.fabric
+        name, modulus, poisson = fabrics.names[k], fabrics.effective_modulus[k] / KPA, fabrics.poisson_ratio[k]
+    row, text = (name, _written(modulus), _written(poisson)), io.StringIO()
+    csv.writer(text, lineterminator="\n").writerows([("fabric", "effective_modulus_kpa", "poisson_ratio"), row])
+    return text.getvalue().splitlines()
+
+
+def _written(number: float) -> str:
+    return repr(float(number)).removesuffix(".0")
+
+
+def _load(load: Load) -> list[str]:
+    column = next(entry.column for entry in LOAD_COLUMNS if isinstance(load, entry.kind))
+    return [f"--{column.name.replace('_', '-')}", str(load).partition(" ")[0]]

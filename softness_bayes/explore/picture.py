@@ -1,0 +1,131 @@
+"""Pictures of a state: what the page shows for one setting of its sliders, computed without it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from softness_bayes.checking.inflection import Inflection, Outcome, find_inflection, response_curves
+from softness_bayes.defaults import ACCURACY
+from softness_bayes.explore.command import repeating
+from softness_bayes.explore.subject import State, Subject
+from softness_bayes.model.prediction import quantities
+from softness_bayes.model.scenes import touch_parameters
+from softness_bayes.parameters.fabric_moduli import KPA
+from softness_bayes.plotting.panels import title
+from softness_bayes.plotting.response import HERTZ_LIMIT
+from softness_bayes.touch.pad import touch_profiles
+from softness_bayes.touch.parameters import TouchParameters
+from softness_bayes.touch.receptors import kink_distances
+
+Array = NDArray[np.float64]
+
+DISTANCES = 81
+"""Points from the contact's axis to the pad's farthest corner, closer together near the axis."""
+
+
+class Picture(NamedTuple):
+    """All that depends on the state, in the units of the axes."""
+
+    modulus: Array
+    """E_fab of the curves [kPa], shape (points,)."""
+    rate: Array
+    """Response [spikes/s], shape (loads, points)."""
+    rating: Array | None
+    """Typical rating, same shape; None without a run."""
+    turn: Array
+    """E_fab at the turning point under each load [kPa], NaN where there is none."""
+    fabric: str
+    """The fabric that is touched, in words."""
+    chosen: Mapping[str, float]
+    """Quantities of its touch under the chosen load, as `predict` names them, and with a run the typical rating."""
+    distance: Array
+    """From the contact's axis [mm], shape (distances,)."""
+    stress: Array
+    """Stress at the receptors' depth there [kPa]."""
+    firing: Array
+    """Firing rate of a receptor there [Hz]."""
+    receptors: Array
+    """Firing rate of each receptor of the pad [Hz]."""
+    told: tuple[str, ...]
+    """What the response does, and what lies out of reach, a sentence each."""
+    command: str
+    """The lines that repeat the quantities of the touch."""
+
+
+def picture(subject: Subject, state: State) -> Picture:
+    """Return what a state looks like.
+
+    Raises
+    ------
+    InputError
+        If a value is one that the chain cannot take.
+    """
+    values = subject.values(state)
+    one = TouchParameters(*(np.atleast_1d(value) for value in touch_parameters(values)))
+    curves, touch = response_curves(subject.curves, one), subject.touch(state)
+    fabrics = subject.fabrics.effective_modulus
+    found = find_inflection(curves, ACCURACY, (float(fabrics.min()), float(fabrics.max())), subject.least_drop)
+    name = "a fabric without a name" if state.fabric is None else subject.fabrics.names[state.fabric]
+    moduli = np.append(fabrics, state.modulus_kpa * KPA)[None]
+    response = touch.respond(one, moduli)
+    columns = quantities(response, moduli[:, touch.fabric])
+    chosen = {quantity: float(column[0, 0]) for quantity, column in columns.items()}
+    rating = None
+    if subject.rated is not None:
+        every = np.tile(chosen["total_rate_hz"], (len(subject.loads), 1))
+        both = subject.rated.typical(values, np.concatenate([curves.total_rate[0], every], axis=1))
+        rating, chosen["typical_rating"] = both[:, :-1], float(both[state.load, -1])
+    distance = kink_distances(subject.finger)[-1] * np.linspace(0.0, 1.0, DISTANCES) ** 1.5
+    profiles = touch_profiles(touch, one, distance, moduli)
+    away = np.hypot(*(subject.receptors - subject.finger.contact_centre).T)
+    return Picture(
+        curves.modulus / KPA,
+        curves.total_rate[0],
+        rating,
+        found.modulus[0] / KPA,
+        f"{name}, {chosen['e_fab_kpa']:.4g} kPa",
+        chosen,
+        distance * 1e3,
+        profiles.stress[0, 0] / KPA,
+        profiles.rate[0, 0],
+        np.interp(away, distance, profiles.rate[0, 0]),
+        (_response_in_words(subject, state, found), *_reach(subject, values, chosen)),
+        repeating(subject, state),
+    )
+
+
+def _response_in_words(subject: Subject, state: State, found: Inflection) -> str:
+    load = title(subject.loads[state.load])
+    match Outcome(int(found.outcome[0, state.load])):
+        case Outcome.SILENT:
+            return f"{load}: no receptor fires, whatever the modulus."
+        case Outcome.INTERIOR:
+            return f"{load}: the response turns over at E_fab = {found.modulus[0, state.load] / KPA:.4g} kPa."
+    return (
+        f"{load}: the response has no turning point: its maximum does not exceed both ends of the range of moduli by "
+        f"{subject.least_drop:.0%}."
+    )
+
+
+def _reach(subject: Subject, values: Mapping[str, float], chosen: Mapping[str, float]) -> list[str]:
+    """Say where the touch is silent, its geometry questionable, or its modulus beyond those that were rated."""
+    said = []
+    if not chosen["total_rate_hz"]:
+        said.append("No receptor fires under this fabric: the model cannot tell it from other silent ones.")
+    tip = values.get("radius", subject.finger.radius * 1e3)
+    extent = chosen["contact_radius_mm"] / tip
+    if extent > HERTZ_LIMIT:
+        word, limit = ("meaningless", "R") if extent >= 1.0 else ("questionable", "R/2")
+        said.append(
+            f"Out of reach: the contact's radius of {chosen['contact_radius_mm']:.3g} mm exceeds {limit}, with R = "
+            f"{tip:.3g} mm, where Hertz's geometry is {word}."
+        )
+    if subject.rated is not None:
+        low, high = subject.rated.span
+        if not low * (1 - 1e-6) <= chosen["e_fab_kpa"] <= high * (1 + 1e-6):
+            said.append(f"This modulus is beyond those that were rated, {low:.3g} to {high:.3g} kPa.")
+    return said

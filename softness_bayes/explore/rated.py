@@ -1,0 +1,84 @@
+"""Data and posterior of a finished run behind the curves, and the typical rating at any parameters."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from softness_bayes.defaults import shown_of
+from softness_bayes.parameters.fabric_moduli import KPA
+from softness_bayes.report.curves import Shown, shown
+from softness_bayes.results.fitted import Fitted
+from softness_bayes.results.result import Result
+from softness_bayes.touch.scene import Scene
+
+Array = NDArray[np.float64]
+
+DRAWS = 400
+"""Posterior draws that medians are of."""
+
+EFFECTS = 64
+"""Draws of the ratings' level given data and parameters, whose median is shown; the same random numbers each time, so
+that curves move smoothly."""
+
+
+class Rated:
+    """The model of a finished run on ratings, made once.
+
+    Parameters
+    ----------
+    result
+        The run.
+
+    Raises
+    ------
+    InputError
+        If the run lacks what its model is made from.
+    """
+
+    shown: Sequence[Shown]
+    """Posterior bands, data and turning point under each load, of many loads under some of them."""
+    load: Sequence[int]
+    """Index of each of these loads among those of the run."""
+
+    def __init__(self, result: Result) -> None:
+        fitted = Fitted(result, DRAWS)
+        self.shown, self.load = shown(result)["e_fab"], shown_of(len(result.loads))
+        self.source, self.scale, self.posterior = result.source, result.scale, fitted.posterior
+        self.medians = {name: float(np.median(values)) for name, values in fitted.named.items()}
+        if not isinstance(fitted.posterior.scene, Scene):
+            raise TypeError("expected the posterior of a compiled scene")
+        self.scene = fitted.posterior.scene
+        own = self.posterior.space.modulus(self._theta(self.medians))
+        self.moduli = result.fabrics.effective_modulus if own is None else own
+        self.span = float(self.moduli.min()) / KPA, float(self.moduli.max()) / KPA
+
+    def _theta(self, values: Mapping[str, float]) -> Array:
+        return np.array([values[name] for name in self.posterior.names])
+
+    def typical(self, values: Mapping[str, float], rate: Array) -> Array:
+        """Return the typical rater's rating of touches with some responses [as filed].
+
+        It is the median over the level of the ratings given the data and these parameters.
+
+        Parameters
+        ----------
+        values
+            Every parameter by name, in natural units.
+        rate
+            Responses [spikes/s], shape (loads, k), a row for each load of `shown`.
+        """
+        theta = np.repeat(self._theta(values)[None], EFFECTS, axis=0)
+        posterior, observed = self.posterior, self.posterior.observation
+        rated = np.repeat(posterior.response(theta[:1]), EFFECTS, axis=0)
+        parameters = posterior.rating_parameters(theta)
+        effects = observed.draw_effects(np.random.default_rng(0), rated, parameters)
+        elsewhere = np.broadcast_to(rate.reshape(-1) / self.scene.n_receptors, (EFFECTS, rate.size))
+        drive = observed.drive_at(elsewhere, rated, parameters).reshape(EFFECTS, *rate.shape)
+        found = [
+            observed.typical(rated, parameters, effects, drive[:, k], np.flatnonzero(self.scene.load == load))
+            for k, load in enumerate(self.load)
+        ]
+        return np.asarray(np.median(np.stack(found, axis=1), axis=0))

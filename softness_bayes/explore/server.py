@@ -1,0 +1,83 @@
+"""Server of the page: on the loopback address alone, and for pages of its own address alone."""
+
+from __future__ import annotations
+
+import errno
+import logging
+from collections.abc import Callable
+from socket import IPPROTO_TCP, TCP_NODELAY, create_server, socket
+
+from bokeh.application import Application
+from bokeh.application.handlers.function import FunctionHandler
+from bokeh.document import Document
+from bokeh.server.server import BaseServer
+from bokeh.server.tornado import BokehTornado
+from tornado.httpserver import HTTPServer
+from tornado.ioloop import IOLoop
+
+from softness_bayes.errors import InputError
+from softness_bayes.explore.page import Page
+from softness_bayes.explore.subject import Subject
+
+ADDRESS = "127.0.0.1"
+"""The loopback address: nobody else on a network reaches it."""
+
+_TAKEN = {errno.EADDRINUSE: "it is in use", errno.EACCES: "it needs other rights"}
+
+
+def listening(port: int) -> socket:
+    """Return a socket that listens on a port of the loopback address; 0 stands for any that is free.
+
+    Raises
+    ------
+    InputError
+        If the port is taken.
+    """
+    try:
+        return create_server((ADDRESS, port))
+    except OSError as error:
+        reason = _TAKEN.get(error.errno or 0, error.strerror)
+        raise InputError(f"--port {port}: {reason}; expected a free port, or 0 for any that is free") from None
+
+
+def serve(subject: Subject, opened: socket, told: Callable[[str], None]) -> None:
+    """Serve the page of a subject until the process is interrupted.
+
+    Parameters
+    ----------
+    subject
+        What is explored.
+    opened
+        From `listening`.
+    told
+        Takes the page's address once it is served.
+    """
+    server = page_server(subject, opened)
+    told(address_of(server))
+    server.io_loop.start()
+
+
+def page_server(subject: Subject, opened: socket) -> BaseServer:
+    """Return a server of the page, in the event loop of this thread, which is still to be started."""
+    for name in ("bokeh", "tornado"):
+        logger = logging.getLogger(name)
+        logger.handlers, logger.propagate = [logging.NullHandler()], False
+
+    def begin(document: Document) -> None:
+        Page(subject, document)
+
+    application = Application(FunctionHandler(begin))
+    opened.setblocking(False)
+    opened.setsockopt(IPPROTO_TCP, TCP_NODELAY, 1)  # small messages wait for no others
+    port = opened.getsockname()[1]
+    tornado = BokehTornado({"/": application}, extra_websocket_origins=[f"{ADDRESS}:{port}"])
+    http = HTTPServer(tornado)
+    http.add_socket(opened)
+    server = BaseServer(IOLoop.current(), tornado, http)
+    server.start()
+    return server
+
+
+def address_of(server: BaseServer) -> str:
+    """Return the address of a server's page."""
+    return f"http://{ADDRESS}:{server.port}/"

@@ -1,0 +1,250 @@
+"""Subjects of an exploration: the scene and the ranges of its parameters, compiled once and then only evaluated."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from importlib.resources import as_file, files
+
+import numpy as np
+from numpy.typing import NDArray
+
+from softness_bayes.checking.inflection import LEAST_DROP, RANGE_FACTOR
+from softness_bayes.data import Fabrics
+from softness_bayes.errors import InputError
+from softness_bayes.explore.rated import Rated
+from softness_bayes.explore.span import Span, span_of
+from softness_bayes.model.fingers import box_of_priors, require_one_source
+from softness_bayes.model.scenes import firing_of
+from softness_bayes.parameters.choice import parameter_space
+from softness_bayes.parameters.fabric_moduli import KPA
+from softness_bayes.parameters.priors import Prior
+from softness_bayes.results.result import Result
+from softness_bayes.touch.contact import Finger, FingerBox, Indentation, Load
+from softness_bayes.touch.neuron.fixed_channels import Firing
+from softness_bayes.touch.pad import draw_receptors
+from softness_bayes.touch.parameters import TouchParameters
+from softness_bayes.touch.readings import Readings
+from softness_bayes.touch.scene import Scene
+
+Array = NDArray[np.float64]
+
+POINTS = 161
+"""Moduli of a response curve, as many as a run stores."""
+
+EXAMPLE_LOADS: tuple[Load, ...] = (Indentation(1e-3), Indentation(2e-3), Indentation(3e-3))
+"""Loads of the example."""
+
+RATED_PARAMETERS = ("gamma", "eps")
+"""Parameters behind the response that move the typical rating; those of its spread are kept where they are."""
+
+
+@dataclass(frozen=True)
+class State:
+    """Settings of all sliders and choices.
+
+    Parameters
+    ----------
+    values
+        The parameters that have a slider, by name in natural units.
+    load
+        Index of the load.
+    fabric
+        Index of the fabric, or None for one of the modulus below.
+    modulus_kpa
+        E_fab of a fabric without a name [kPa].
+    """
+
+    values: Mapping[str, float]
+    load: int
+    fabric: int | None
+    modulus_kpa: float
+
+
+@dataclass(frozen=True, eq=False)
+class Subject:
+    """All that stays while sliders move.
+
+    Parameters
+    ----------
+    spans
+        The parameters that have a slider, with their ranges and where they start.
+    others
+        Values of all others by name, in natural units: held ones, and of a run the posterior medians.
+    fabrics
+        Fabrics by their effective moduli.
+    loads
+        The loads.
+    readings, finger, noise
+        Readings of the model, fingertip, and strength of the membrane's noise.
+    firing
+        Source of the rate curves.
+    box
+        Radii and depths of the receptors that fingers may have.
+    poisson_ratio
+        nu_fab of the curve, and of a fabric without a name [-].
+    least_drop
+        Share of a maximum by which it exceeds both ends to be a turning point.
+    rated
+        Data and posterior of a run; None without one.
+    """
+
+    spans: tuple[Span, ...]
+    others: Mapping[str, float]
+    fabrics: Fabrics
+    loads: tuple[Load, ...]
+    readings: Readings
+    finger: Finger
+    firing: Firing
+    box: FingerBox | None
+    poisson_ratio: float
+    noise: float = 0.0
+    least_drop: float = LEAST_DROP
+    rated: Rated | None = None
+
+    @property
+    def start(self) -> State:
+        """The state at the beginning: the medians, and the fabric in the middle under the last load."""
+        middle = int(np.argsort(self.fabrics.effective_modulus)[len(self.fabrics) // 2])
+        kpa = self.fabrics.effective_modulus[middle] / KPA
+        values = {span.name: span.start for span in self.spans}
+        return State(values, len(self.loads) - 1, middle, float(f"{kpa:.4g}"))
+
+    @cached_property
+    def ends(self) -> tuple[float, float]:
+        """Ends of the curves [Pa]: a tenth of the softest fabric, and ten times the stiffest."""
+        moduli = self.fabrics.effective_modulus
+        return float(moduli.min()) / RANGE_FACTOR, float(moduli.max()) * RANGE_FACTOR
+
+    @cached_property
+    def curves(self) -> Scene:
+        """The scene of the curves: `POINTS` moduli under every load."""
+        return self._scene(np.geomspace(*self.ends, POINTS), np.full(POINTS, self.poisson_ratio))
+
+    @cached_property
+    def touches(self) -> Scene:
+        """The scene of the fabrics, and last of one that may have any modulus, under every load."""
+        free = float(np.sqrt(self.ends[0] * self.ends[1]))
+        moduli = np.append(self.fabrics.effective_modulus, free)
+        return self._scene(moduli, np.append(self.fabrics.poisson_ratio, self.poisson_ratio), self.ends)
+
+    @cached_property
+    def _touch(self) -> dict[tuple[int, int], Scene]:
+        return {}
+
+    def touch(self, state: State) -> Scene:
+        """Return the scene of the touch of a state alone; made once for each fabric and load."""
+        fabric = len(self.fabrics) if state.fabric is None else state.fabric
+        if (fabric, state.load) not in self._touch:
+            here = (self.touches.fabric == fabric) & (self.touches.load == state.load)
+            self._touch[fabric, state.load] = self.touches.take(np.flatnonzero(here))
+        return self._touch[fabric, state.load]
+
+    def _scene(self, moduli: Array, poisson: Array, ends: tuple[float, float] | None = None) -> Scene:
+        return Scene(
+            moduli,
+            poisson,
+            self.loads,
+            self.firing,
+            finger=self.finger,
+            readings=self.readings,
+            modulus_range=ends,
+            finger_box=self.box,
+        )
+
+    @cached_property
+    def receptors(self) -> Array:
+        """Places of a pad's receptors [m], shape (receptors, 2): one finger drawn at random, the same each time."""
+        return draw_receptors(np.random.default_rng(0), self.finger, self.readings.receptor_density)
+
+    def values(self, state: State) -> dict[str, float]:
+        """Return every parameter by name, in natural units."""
+        return {**self.others, **state.values}
+
+
+def example_fabrics() -> Fabrics:
+    """Return the fabrics of the example that 'new' writes."""
+    with as_file(files("softness_bayes") / "example" / "fabrics.csv") as path:
+        return Fabrics.read(path)
+
+
+def of_priors(
+    fabrics: Fabrics,
+    loads: Sequence[Load],
+    readings: Readings = Readings(),
+    prior_set: str = "default",
+    priors: Mapping[str, Prior] | None = None,
+    fix: Mapping[str, float] | None = None,
+    finger: Finger = Finger(),
+) -> Subject:
+    """Return the chain under some priors, at their medians.
+
+    Parameters
+    ----------
+    fabrics, loads
+        What is touched, and how.
+    readings, prior_set, priors, fix, finger
+        As a run takes them. What is fixed has no slider.
+
+    Raises
+    ------
+    InputError
+        If these do not fit together, or a fabric has no modulus.
+    """
+    require_one_source(priors or {}, finger)
+    space = parameter_space(
+        fix=fix,
+        priors=priors,
+        prior_set=prior_set,
+        skin_displacement=readings.skin_displacement,
+        membrane=readings.membrane,
+    )
+    values = {name: float(value) for name, value in space.values(space.median).items()}
+    chain = tuple(p for p in space.sampled if p.name in TouchParameters._fields)
+    known = Fabrics(
+        fabrics.names, effective_modulus=fabrics.modulus(readings.fabric_modulus), poisson_ratio=fabrics.poisson_ratio
+    )
+    others = {name: value for name, value in values.items() if name not in {p.name for p in chain}}
+    return Subject(
+        tuple(span_of(p, values[p.name]) for p in chain),
+        others,
+        known,
+        tuple(loads),
+        readings,
+        finger,
+        firing_of(others, readings.membrane),
+        box_of_priors(chain, finger),
+        float(np.median(known.poisson_ratio)),
+    )
+
+
+def of_run(result: Result) -> Subject:
+    """Return the finger, fabrics, loads and data of a finished run, at the medians of its posterior.
+
+    Raises
+    ------
+    InputError
+        If the run had no ratings, or lacks what its model is made from.
+    """
+    if not result.has_ratings:
+        raise InputError(f"{result.source}: a run without ratings, which has no response to explore")
+    rated = Rated(result)
+    space, scene, medians = rated.posterior.space, rated.scene, rated.medians
+    moved = tuple(p for p in space.chain if p.name in (*TouchParameters._fields, *RATED_PARAMETERS))
+    varied, seen = {p.name for p in moved}, result.fabrics
+    fabrics = Fabrics(seen.names, effective_modulus=rated.moduli, poisson_ratio=seen.poisson_ratio)
+    return Subject(
+        tuple(span_of(p, medians[p.name]) for p in moved),
+        {name: value for name, value in medians.items() if name not in varied},
+        fabrics,
+        tuple(result.loads[k] for k in rated.load),
+        result.readings,
+        result.finger,
+        scene.firing,
+        scene.finger_box,
+        float(np.median(scene.poisson)),
+        result.provenance.rating_model.noise,
+        result.least_drop,
+        rated,
+    )

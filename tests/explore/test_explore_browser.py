@@ -1,0 +1,116 @@
+"""The page in a real browser: a moved slider moves the curve, and its words and command follow."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from softness_bayes.explore.picture import picture
+from softness_bayes.report.curves import shown
+from support.browser import browser, find_browser
+from support.report_runs import EVIL
+
+pytestmark = pytest.mark.browser
+
+DRAWN = "typeof Bokeh !== 'undefined' && Bokeh.documents.length > 0 && Bokeh.documents[0].is_idle"
+MODEL = "Bokeh.documents[0].get_model_by_name({!r})"
+COLUMN = "Array.from(" + MODEL + ".data[{!r}])"
+HANDLE = "Bokeh.index.find_one_by_id({0}.id).el.shadowRoot.querySelector('.noUi-handle')"
+
+
+@pytest.fixture(scope="module")
+def window(tmp_path_factory, of_ratings, served):
+    """The page of a run on ratings, drawn."""
+    program = find_browser()
+    if program is None:
+        pytest.skip("no browser: install chromium (apt-get install chromium) to run these tests")
+    with served(of_ratings) as address, browser(program, tmp_path_factory.mktemp("browser")) as opened:
+        opened.resize(1300)
+        opened.visit(address)
+        opened.wait(DRAWN)
+        opened.address = address
+        yield opened
+        opened.visit("about:blank")
+
+
+def column(window, name, key):
+    return np.array(window.script(COLUMN.format(name, key)), float)
+
+
+def wait_for(window, text):
+    window.wait(f"{MODEL.format('command')}.text.includes({json.dumps(text)})")
+
+
+def test_it_shows_the_run_in_silence(window, of_ratings, result):
+    found, load = picture(of_ratings, of_ratings.start), of_ratings.start.load
+    np.testing.assert_allclose(column(window, "curve", "rate"), found.rate[load])
+    np.testing.assert_allclose(column(window, "curve", "rating"), found.rating[load])
+    expected = shown(result)["e_fab"][load]
+    for name in ("rate", "rating"):
+        for key in ("low95", "high50"):
+            np.testing.assert_allclose(column(window, f"{name}/band", key), getattr(expected, name)[key])
+    np.testing.assert_allclose(column(window, "data", "mean"), expected.fabrics["mean"])
+    assert window.complaints() == []
+    # everything comes from this server, and no name became an element
+    own = (window.address, window.address.replace("http", "ws"), "data:", "blob:")
+    assert [one for one in window.requested() if not one.startswith(own)] == []
+    assert EVIL in window.script(f"{MODEL.format('fabric')}.options.map(one => one[1])")
+    assert window.script("document.querySelectorAll('script').length") < 10
+
+
+def test_a_moved_slider_moves_the_curve(window, of_ratings):
+    before = column(window, "curve", "rate")
+    handle = HANDLE.format(MODEL.format("b"))
+    window.script(f"{handle}.focus()")
+    for kind in ("keyDown", "keyUp"):
+        window("Input.dispatchKeyEvent", type=kind, key="PageDown", code="PageDown", windowsVirtualKeyCode=34)
+    window.wait(f"{MODEL.format('curve')}.data.rate[80] !== {float(before[80])!r}")
+    span = next(one for one in of_ratings.spans if one.name == "b")
+    state = of_ratings.start
+    b = span.value(window.script(f"{MODEL.format('b')}.value"))
+    assert b < state.values["b"]
+    found = picture(of_ratings, replace(state, values={**state.values, "b": b}))
+    wait_for(window, f"--set b={b:g}")
+    np.testing.assert_allclose(column(window, "curve", "rate"), found.rate[state.load])
+    assert window.script(f"{MODEL.format('command')}.text") == found.command
+    assert found.told[0] in window.script(f"{MODEL.format('told')}.text")
+    # the number beside the slider is the one that is computed with
+    title = f"Bokeh.index.find_one_by_id({MODEL.format('b')}.id).el.shadowRoot.querySelector('.bk-slider-value')"
+    assert window.script(f"{title}.textContent") == f"{b:g}"
+
+
+def test_time_of_a_redraw_is_told(window, of_ratings):
+    """From the slider's event to the new curve's data, through the server and back; shown by ``pytest -s``."""
+    span = next(one for one in of_ratings.spans if one.name == "sigma_0")
+    places = np.linspace(span.place(span.low), span.place(span.high), 22)[1:-1].tolist()
+    taken = window.script(
+        f"(async () => {{ const source = {MODEL.format('curve')}, slider = {MODEL.format('sigma_0')}, taken = []; "
+        f"for (const place of {places}) {{ const begun = performance.now(); "
+        "const drawn = new Promise(done => source.properties.data.change.connect(() => done())); "
+        "slider.value = place; await drawn; taken.push(performance.now() - begun); } return taken; })()"
+    )
+    assert len(taken) == 20
+    print(f"\nsource changed {np.median(taken):.0f} ms after the slider (median of 20; longest {max(taken):.0f} ms)")
+
+
+def test_loads_and_reset(window, of_ratings):
+    start = of_ratings.start
+    window.script(f"{MODEL.format('load')}.value = '0'")
+    wait_for(window, "--indentation-mm 2")
+    window.script(f"{MODEL.format('reset')}.trigger_event(new (Bokeh.require('core/bokeh_events').ButtonClick)())")
+    wait_for(window, "--force-n 1.5")
+    assert window.script(f"{MODEL.format('command')}.text") == picture(of_ratings, start).command
+    assert window.complaints() == []
+
+
+def test_the_command_is_text_that_can_be_selected(window):
+    view = f"Bokeh.index.find_one_by_id({MODEL.format('command')}.id)"
+    text = window.script(
+        f"(() => {{ const pre = {view}.el.shadowRoot.querySelector('pre'); const range = document.createRange(); "
+        "range.selectNodeContents(pre); return range.toString(); })()"
+    )
+    assert text.startswith("printf ")
+    assert "softness-bayes predict --fabrics explored.csv" in text

@@ -1,0 +1,183 @@
+"""The server of the page: who reaches it, who may speak to it, and how the command begins and refuses."""
+
+from __future__ import annotations
+
+import http.client
+import os
+import signal
+import socket
+import subprocess
+import sys
+import time
+import urllib.parse
+
+import pytest
+import websocket
+from bokeh.document import Document
+from bokeh.events import ButtonClick
+
+from softness_bayes.cli import explore
+from softness_bayes.errors import InputError
+from softness_bayes.explore import server
+from softness_bayes.explore.page import ANY, Page
+from softness_bayes.explore.picture import picture
+from softness_bayes.explore.server import listening
+from support.command_line import call, refused
+from support.paths import ROOT
+
+
+@pytest.fixture(scope="module")
+def address(of_medians, served):
+    with served(of_medians) as address:
+        yield urllib.parse.urlsplit(address)
+
+
+def knock(address, origin):
+    """Ask for the page's channel as a page of some origin does; return the answer's status."""
+    try:
+        channel = websocket.create_connection(f"ws://{address.netloc}/ws", origin=origin, timeout=20, subprotocols=[])
+    except websocket.WebSocketBadStatusException as refusal:
+        return refusal.status_code
+    channel.close()
+    return 101
+
+
+def test_it_listens_on_the_loopback_address_alone():
+    with listening(0) as opened:
+        assert opened.getsockname()[0] == "127.0.0.1"
+
+
+def test_other_origins_are_refused(address):
+    assert knock(address, f"http://{address.netloc}") != 403
+    for origin in (
+        "http://evil.example",
+        f"http://evil.example:{address.port}",
+        f"http://127.0.0.1:{address.port + 1}",
+        "http://127.0.0.1",
+        "null",
+    ):
+        assert knock(address, origin) == 403
+
+
+def test_the_page_needs_no_network(address):
+    asked = http.client.HTTPConnection(address.hostname, address.port, timeout=20)
+    asked.request("GET", "/")
+    text = asked.getresponse().read().decode()
+    asked.close()
+    assert "softness-bayes explore" in text
+    assert "https://" not in text
+    assert "http://" not in text.replace(f"http://{address.netloc}", "")
+
+
+def test_a_port_that_is_taken_is_refused():
+    with listening(0) as taken:
+        port = taken.getsockname()[1]
+        with pytest.raises(InputError, match=f"--port {port}: it is in use; expected a free port"), listening(port):
+            pass
+    with listening(port):  # it was closed
+        pass
+
+
+# the page without a browser
+
+
+@pytest.fixture
+def page(of_medians):
+    return Page(of_medians, Document())
+
+
+def test_a_slider_redraws_and_reset_goes_back(page, of_medians):
+    before = page.command.text, page.sources["curve"].data["rate"]
+    page.sliders["b"].value = of_medians.spans[0].place(50.0)
+    assert page.state.values["b"] == 50.0
+    found = picture(of_medians, page.state)
+    assert page.sources["curve"].data["rate"] == found.rate[page.state.load].tolist()
+    assert page.command.text == found.command
+    assert "--set b=50 " in page.command.text
+    page.reset._trigger_event(ButtonClick(page.reset))
+    assert page.state == of_medians.start
+    assert page.command.text == before[0]
+    assert page.sources["curve"].data["rate"] == before[1]
+
+
+def test_fabric_and_modulus_follow_each_other(page):
+    page.fabric.value = "2"
+    assert page.modulus.value(page.sliders["E_fab"].value) == pytest.approx(900.0, rel=1e-4)
+    assert "canvas, 900 kPa" in page.table.text
+    page.sliders["E_fab"].value = page.modulus.place(300.0)
+    assert (page.fabric.value, page.state.fabric, page.state.modulus_kpa) == ("", None, 300.0)
+    assert page.fabric.options[-1][1] == ANY
+    page.load.value = "0"
+    assert page.state.load == 0
+    assert "Indentation 1 mm" in page.told.text
+
+
+def test_what_the_model_refuses_is_said_and_the_charts_stay(page, monkeypatch):
+    before = page.sources["curve"].data
+
+    def refuse(*_):
+        raise InputError("b <1>")
+
+    monkeypatch.setattr("softness_bayes.explore.page.picture", refuse)
+    page.load.value = "0"
+    assert page.told.text == "<p>This cannot be drawn: b &lt;1&gt;</p>"
+    assert page.sources["curve"].data is before
+
+
+# the command
+
+
+@pytest.fixture
+def unserved(monkeypatch):
+    """The command up to the moment when it would serve."""
+    seen = []
+    monkeypatch.setattr(server, "serve", lambda subject, opened, told: (seen.append(subject), told("http://there/")))
+    return seen
+
+
+def test_the_command_prints_the_address(unserved, monkeypatch):
+    opened = []
+    monkeypatch.setattr(explore.webbrowser, "open", opened.append)
+    done = call("explore")
+    assert (done.returncode, done.stdout, done.stderr) == (0, "http://there/\n", "Ctrl-C ends it\n")
+    assert opened == []
+    (subject,) = unserved
+    assert [str(load) for load in subject.loads] == ["1 mm", "2 mm", "3 mm"]
+    assert "example denim" in subject.fabrics.names
+    assert call("explore", "--show", "--force-n", "1", "--fix", "m=2").returncode == 0
+    assert opened == ["http://there/"]
+    assert [str(load) for load in unserved[1].loads] == ["1 N"]
+    assert "m" not in [span.name for span in unserved[1].spans]
+
+
+def test_bad_input_is_refused(unserved, tmp_path, report_run):
+    refused(call("explore", tmp_path), "posterior.nc: no such file; expected the posterior.nc of a run")
+    refused(call("explore", tmp_path / "none"), "no such file")
+    report_run("skin").save(tmp_path / "skin")
+    refused(call("explore", tmp_path / "skin"), "without ratings")
+    refused(call("explore", tmp_path / "skin", "--fix", "m=2"), "DIR brings its own")
+    refused(call("explore", "--column", "fabric=x"), "give --fabrics")
+    refused(call("explore", "--port", "70000"), "70000")
+    refused(call("explore", "--fix", "c_Na=3"), "c_Na")
+    with socket.create_server(("127.0.0.1", 0)) as other:
+        refused(call("explore", "--port", other.getsockname()[1]), "it is in use; expected a free port, or 0")
+    assert unserved == []
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_ends_it_quietly(number):
+    command = [sys.executable, "-W", "error", "-m", "softness_bayes", "explore"]
+    running = subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=os.environ | {"PYTHONPATH": str(ROOT)}
+    )
+    address = urllib.parse.urlsplit(running.stdout.readline().strip())
+    asked = http.client.HTTPConnection(address.hostname, address.port, timeout=60)
+    asked.request("GET", "/nothing")
+    assert asked.getresponse().status == 404
+    asked.close()
+    begun = time.monotonic()
+    running.send_signal(number)
+    out, err = running.communicate(timeout=20)
+    assert time.monotonic() - begun < 3
+    assert (running.returncode, out, err) == (128 + number, "", "Ctrl-C ends it\ninterrupted\n")
