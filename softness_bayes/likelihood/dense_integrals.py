@@ -51,7 +51,10 @@ class DenseIntegrals(RaterIntegrals):
             none = np.zeros((len(one.level), 1))
             rest = np.hstack([none, before]) + np.hstack([none, after])[:, ::-1] + one.log_prior[:, None]
             if one.shared:
-                weight = np.stack([log_sum(rest[:, k, None] + one.law, axis=0) for k in range(rest.shape[1])], axis=-1)
+                largest = rest.max(axis=0)
+                with np.errstate(divide="ignore"):
+                    weight = np.log(np.exp(one.law).T @ np.exp(rest - largest)) + largest
+                weight = np.maximum(weight, -1e300)
             else:
                 weight = (rest[:, None] + one.law[..., None]).reshape(-1, rest.shape[1])
             weight = weight - log_sum(rest, axis=0)
