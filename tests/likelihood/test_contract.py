@@ -135,7 +135,7 @@ def dense_student(y, rate, p):
     """Log ratings with Student's t errors, summed over dense grids of the level and of every rater's scale."""
     x = np.log(rate + p.eps)[DESIGN.condition]
     left = np.log(y) - p.gamma * (x - x.mean())
-    level, scale = np.linspace(-13.0, 19.0, 1601), np.linspace(-9.0, 9.0, 901)
+    level, scale = np.linspace(-13.0, 19.0, 401), np.linspace(-9.0, 9.0, 301)
     total = norm.logpdf(level, np.log(20.0), 3.0) + np.log(level[1] - level[0])
     own = level[:, None] + p.tau * scale
     for rater in range(3):
@@ -380,6 +380,12 @@ def many(case):
     return np.tile(rate, (DRAWS, 1)), type(point)(*(np.full(DRAWS, value) for value in point))
 
 
+def of_tables(y, made, ask):
+    """What is asked of each replicated table; of those that are equal, as categories often are, once."""
+    distinct, place = np.unique(made, axis=0, return_inverse=True)
+    return np.array([ask(y.with_values(values)) for values in distinct])[place.ravel()]
+
+
 def replicates_fit_the_density(case):
     """Tables replicated at one point have its density p: that at another point, q, has a mean ratio q / p of 1."""
     y, rng = case.observed, np.random.default_rng(5)
@@ -390,9 +396,9 @@ def replicates_fit_the_density(case):
     name = next(n for n in ("varsigma", "varsigma_f") if n in y.model.needs)
     # a category tells less of the spread than a number does
     other = point._replace(**{name: (0.9 if case.numbers is None else 0.4) * getattr(point, name)})
-    tables = [y.with_values(values) for values in made[:800]]
-    ratio = [(table.log_likelihood(first, other) - table.log_likelihood(first, point))[0] for table in tables]
-    weight = np.exp(ratio)
+    both = type(point)(*(np.append(p, q) for p, q in zip(point, other, strict=True)))
+    density = of_tables(y, made[:800], lambda table: table.log_likelihood(np.tile(first, (2, 1)), both))
+    weight = np.exp(density[:, 1] - density[:, 0])
     assert abs(weight.mean() - 1.0) < 5.0 * weight.std() / np.sqrt(weight.size)
     assert weight.std() > 0.1  # the other point is told apart
 
@@ -403,10 +409,9 @@ def replicates_have_uniform_places(case):
     rate, points = many(case)
     made = y.replicate(rng, y.drive(rate, points), points, y.new_effects(rng, points, (DRAWS,)), rate)[:400]
     first, point = case.at(slice(0, 1))
-    tables = [y.with_values(values) for values in made]
-    places = np.array([table.below_loo(first, point)[0] for table in tables])
+    places = of_tables(y, made, lambda table: table.below_loo(first, point)[0])
     if case.numbers is not None:
-        chance = np.exp([table.log_likelihood_loo(first, point)[0] for table in tables])
+        chance = np.exp(of_tables(y, made, lambda table: table.log_likelihood_loo(first, point)[0]))
         places = places + (rng.uniform(size=places.shape) - 0.5) * chance
     for row in range(ROWS):
         assert kstest(places[:, row], "uniform").pvalue > 1e-4, row
