@@ -234,11 +234,16 @@ def test_steady_current_refuses_nonsense() -> None:
 # --- exact rates ----------------------------------------------------------------------------------------------------
 
 
+def stored(name: str, membrane: Membrane) -> dict[str, np.ndarray]:
+    """Columns of a file of reference values, of one membrane."""
+    with (REFERENCE / name).open() as file:
+        rows = [row for row in csv.DictReader(file) if row["membrane"] == membrane.name]
+    return {key: np.array([float(row[key]) for row in rows]) for key in rows[0] if key != "membrane"}
+
+
 @every_membrane
 def test_rates_of_other_simulators(membrane: Membrane) -> None:
-    with (REFERENCE / "firing_rate.csv").open() as file:
-        rows = [row for row in csv.DictReader(file) if row["membrane"] == membrane.name]
-    column = {key: np.array([float(row[key]) for row in rows]) for key in rows[0] if key != "membrane"}
+    column = stored("firing_rate.csv", membrane)
     channels = Channels(*(column[key] for key in ("c_na", "c_k", "c_l", "c_a")))
     rate = firing_rate(column["current_ua_cm2"], channels, membrane)
     silent = column["rate_hz"] == 0.0
@@ -246,39 +251,32 @@ def test_rates_of_other_simulators(membrane: Membrane) -> None:
     np.testing.assert_allclose(rate[~silent], column["rate_hz"][~silent], rtol=1e-6)
 
 
-@pytest.mark.parametrize(
-    ("membrane", "channels", "current", "duration"),
-    [
-        (CONNOR_STEVENS, PAPER_CHANNELS, 20.3, 250.0),
-        (CONNOR_STEVENS, Channels(1.1, 1.1, 0.95, 1.4), 38.0, 150.0),
-        (CONNOR_STEVENS, CORNER, 17.2, 450.0),
-        (HODGKIN_HUXLEY, PAPER_CHANNELS, 25.0, 250.0),
-        (PRINTED, PAPER_CHANNELS, 60.0, 300.0),
-    ],
-)
-def test_rate_agrees_with_tight_integration(
-    membrane: Membrane, channels: Channels, current: float, duration: float
-) -> None:
-    expected = oracle_rate(membrane.name, channels, current, duration)
-    assert expected > 0.0
-    assert firing_rate(current, channels, membrane) == pytest.approx(expected, rel=3e-7)
+@every_membrane
+def test_rate_agrees_with_tight_integration(membrane: Membrane) -> None:
+    column = stored("tight_rate.csv", membrane)
+    channels = Channels(*(column[key] for key in ("c_na", "c_k", "c_l", "c_a")))
+    assert (column["rate_hz"] > 0.0).all()
+    rate = firing_rate(column["current_ua_cm2"], channels, membrane)
+    np.testing.assert_allclose(rate, column["rate_hz"], rtol=3e-7)
+
+
+@pytest.mark.slow
+@every_membrane
+def test_tight_integration_gives_the_stored_rates(membrane: Membrane) -> None:
+    for *multipliers, current, duration, rate in zip(*stored("tight_rate.csv", membrane).values(), strict=True):
+        assert oracle_rate(membrane.name, Channels(*multipliers), current, duration) == pytest.approx(rate, rel=1e-9)
 
 
 @pytest.mark.parametrize(
-    ("membrane", "current"),
+    ("membrane", "currents"),
     [
-        (CONNOR_STEVENS, 17.9),
-        (HODGKIN_HUXLEY, 9.0),  # one spike, then rest
-        (PRINTED, 49.0),  # several spikes, then rest
-        (CONNOR_STEVENS, 250.0),  # depolarisation block
-        (HODGKIN_HUXLEY, 250.0),
-        (PRINTED, 250.0),
-        (CONNOR_STEVENS, 0.0),
-        (CONNOR_STEVENS, -20.0),
+        (CONNOR_STEVENS, [-20.0, 0.0, 17.9, 250.0]),  # the last in depolarisation block
+        (HODGKIN_HUXLEY, [9.0, 250.0]),  # one spike, then rest
+        (PRINTED, [49.0, 250.0]),  # several spikes, then rest
     ],
 )
-def test_silence_is_exactly_zero(membrane: Membrane, current: float) -> None:
-    assert firing_rate(current, membrane=membrane) == 0.0
+def test_silence_is_exactly_zero(membrane: Membrane, currents: list[float]) -> None:
+    np.testing.assert_array_equal(firing_rate(currents, membrane=membrane), 0.0)
 
 
 def test_firing_begins_arbitrarily_slowly_above_a_fold() -> None:
