@@ -72,7 +72,7 @@ def report_run(once):
 @pytest.fixture(scope="session", autouse=True)
 def one_membrane(once):
     """Make each rate curve of fixed channels and each example train once, not in every test of something else."""
-    curve, train = made_once(once, fixed_channels.exact_curve), made_once(once, pictures.spike_times)
+    curve, train = made_once(once, fixed_channels.known_curve), made_once(once, pictures.spike_times)
 
     def spike_times(current, channels, membrane, duration, strength, rng):
         if strength:
@@ -81,7 +81,7 @@ def one_membrane(once):
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(noise, "exact_curve", curve)
-        patch.setattr(fixed_channels, "exact_curve", curve)
+        patch.setattr(fixed_channels, "known_curve", curve)
         patch.setattr(pictures, "spike_times", spike_times)
         yield
 

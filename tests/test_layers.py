@@ -49,6 +49,7 @@ PROGRAMS = {
     "tools.benchmark_firing",
     "tools.benchmark_loads",
     "tools.benchmark_moves",
+    "tools.curve_build",
     "tools.doc_tables",
     "tools.firing_sample_build",
     "tools.finger_coverage",

@@ -33,7 +33,7 @@ from softness_bayes.touch.neuron.fixed_channels import Firing
 from softness_bayes.touch.parameters import TouchParameters, checked_rows
 from softness_bayes.touch.population import Drive, Population, Sums
 from softness_bayes.touch.readings import Readings
-from softness_bayes.touch.receptors import ReceptorCount, kink_distances
+from softness_bayes.touch.receptors import kink_distances, receptor_count
 from softness_bayes.touch.response import BeyondHertz, Response
 from softness_bayes.touch.shared_fields import MANY_LOADS, covered_moduli, cut, fields_of
 from softness_bayes.touch.skin import skin_modulus
@@ -101,7 +101,7 @@ class Scene:
         self._log_k = log_compliance_ratio(self.modulus, self.poisson, finger)
         compression = np.array([one.compression(finger, readings.skin_displacement) for one in loads])
         self._log_scale, self._skin_power = compression[self.load].T
-        self.count = ReceptorCount(finger, readings.receptor_density)
+        self.count = receptor_count(finger, readings.receptor_density)
         used = [index for index in range(len(self.loads)) if (self.load == index).any()]
         self.columns = [np.flatnonzero(self.load == index) for index in used]
         covered = covered_moduli(self.modulus, self.poisson, finger, modulus_range)
@@ -301,7 +301,7 @@ class Scene:
             raise InputError("scene: expected at least one condition")
         part._finer = None
         part.__dict__.pop("_many_loads", None)
-        part.finger, part.count = finger, ReceptorCount(finger, self.readings.receptor_density)
+        part.finger, part.count = finger, receptor_count(finger, self.readings.receptor_density)
         for name in ("fabric", "load", "modulus", "poisson", "_log_k", "_log_scale", "_skin_power"):
             setattr(part, name, getattr(self, name)[chosen])
         places = [np.flatnonzero(np.isin(chosen, columns)) for columns in self.columns]

@@ -47,7 +47,7 @@ def quickly() -> Iterator[None]:
     )
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(request, "Settings", functools.partial(Settings, pilot=(20,), optima=1, ensembles=2))
-        patch.setattr(fixed_channels, "exact_curve", lambda *_: curve)
+        patch.setattr(fixed_channels, "known_curve", lambda *_: curve)
         patch.setattr(pictures, "spike_times", lambda *_: np.array([12.0, 30.0, 48.0]))
         scenes.curve_of_held.cache_clear()  # no curve of the membrane itself, nor this one for whoever comes after
         yield

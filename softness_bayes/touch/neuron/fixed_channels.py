@@ -8,12 +8,16 @@ import numpy as np
 
 from softness_bayes.errors import NumericalError
 from softness_bayes.kinds import require_kind, require_members
-from softness_bayes.touch.neuron.firing import RateCurve, exact_curve
+from softness_bayes.touch.neuron.firing import RateCurve
+from softness_bayes.touch.neuron.known_curves import known_curve
 from softness_bayes.touch.neuron.membrane import CONNOR_STEVENS, PAPER_CHANNELS, Channels, Driven, Membrane
 from softness_bayes.touch.neuron.noise import noisy_curve
 
 LARGEST_CURRENT = 150.0
 """Largest alpha [µA/cm²] with a rate curve: depolarisation block starts at 154-210 (model.md 7)."""
+
+USUAL_CURRENT = 40.0
+"""Largest current [µA/cm²] of the usual curve."""
 
 
 class Firing(Protocol):
@@ -47,7 +51,7 @@ class FixedChannels:
         self,
         channels: Channels = PAPER_CHANNELS,
         membrane: Membrane = CONNOR_STEVENS,
-        max_current: float = 40.0,
+        max_current: float = USUAL_CURRENT,
         noise: float = 0.0,
         nodes: int = 18,
     ) -> None:
@@ -63,7 +67,7 @@ class FixedChannels:
     def _made(self, max_current: float, nodes: int) -> RateCurve:
         if self.noise:
             return noisy_curve(self.noise, self.channels, self.membrane, max_current)
-        return exact_curve(self.channels, self.membrane, max_current, nodes)
+        return known_curve(self.channels, self.membrane, max_current, nodes)
 
     def exact(self) -> FixedChannels:
         """Return a source with more nodes, made once; itself where the curve is an average over noise."""

@@ -1,0 +1,28 @@
+"""Builder of the shipped rate curves: ``python -m softness_bayes.tools.curve_build``, which takes a minute."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from softness_bayes.touch import neuron
+from softness_bayes.touch.accuracy import RATE_NODES
+from softness_bayes.touch.neuron.firing import RateCurve, exact_curve
+from softness_bayes.touch.neuron.fixed_channels import LARGEST_CURRENT, USUAL_CURRENT
+from softness_bayes.touch.neuron.known_curves import CURVES, key, text_of
+from softness_bayes.touch.neuron.membrane import CONNOR_STEVENS, HODGKIN_HUXLEY, PAPER_CHANNELS
+
+CASES = [
+    *((PAPER_CHANNELS, CONNOR_STEVENS, USUAL_CURRENT, nodes) for nodes in RATE_NODES),
+    (PAPER_CHANNELS, CONNOR_STEVENS, LARGEST_CURRENT, RATE_NODES[-1]),
+    *((PAPER_CHANNELS, HODGKIN_HUXLEY, USUAL_CURRENT, nodes) for nodes in RATE_NODES),
+]
+"""Arguments of `exact_curve`: what runs with the paper's channels ask for."""
+
+
+def build() -> dict[str, RateCurve]:
+    """Return the curves by their keys."""
+    return {key(*case): exact_curve(*case) for case in CASES}
+
+
+if __name__ == "__main__":
+    (Path(neuron.__file__).parent / CURVES).write_text(text_of(build()), encoding="utf-8")

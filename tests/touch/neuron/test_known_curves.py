@@ -1,0 +1,58 @@
+"""The shipped rate curves: those that computation gives, found for their own arguments alone."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from softness_bayes.tools.curve_build import CASES
+from softness_bayes.touch.neuron import known_curves
+from softness_bayes.touch.neuron.firing import RateCurve, exact_curve
+from softness_bayes.touch.neuron.known_curves import key, known_curve, text_of
+from softness_bayes.touch.neuron.membrane import CONNOR_STEVENS, PAPER_CHANNELS, PRINTED
+
+
+def require_same(kept: RateCurve, made: RateCurve) -> None:
+    # exp differs in its last bits between processors
+    np.testing.assert_allclose(kept.rheobase, made.rheobase, rtol=1e-9)
+    np.testing.assert_allclose(kept.onset_rate, made.onset_rate, rtol=1e-6)
+    current = np.linspace(0.0, kept.max_current, 200)
+    np.testing.assert_allclose(kept.rate(current), made.rate(current), rtol=1e-6, atol=1e-6)
+    assert kept.max_current == made.max_current
+    np.testing.assert_allclose(kept.error, made.error, rtol=0.1, atol=1e-6)
+
+
+def test_the_usual_curve_is_the_computed_one() -> None:
+    assert CASES[0] == (PAPER_CHANNELS, CONNOR_STEVENS, 40.0, 18)
+    require_same(known_curve(*CASES[0]), exact_curve(*CASES[0]))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("case", CASES, ids=lambda case: f"{case[1].name}-{case[2]}-{case[3]}")
+def test_every_shipped_curve_is_the_computed_one(case) -> None:
+    require_same(known_curve(*case), exact_curve(*case))
+
+
+def test_the_file_holds_the_curves_of_its_cases_and_every_digit() -> None:
+    kept = known_curves._kept()
+    assert [*kept] == [key(*case) for case in CASES]
+    path = known_curves.resources.files("softness_bayes.touch.neuron") / known_curves.CURVES
+    assert path.read_text(encoding="utf-8") == text_of(kept)
+
+
+@pytest.mark.parametrize(
+    "other",
+    [
+        (PAPER_CHANNELS._replace(c_K=1.1600000001), CONNOR_STEVENS, 40.0, 18),
+        (PAPER_CHANNELS, replace(CONNOR_STEVENS, g_na=120.5), 40.0, 18),
+        (PAPER_CHANNELS, PRINTED, 40.0, 18),
+        (PAPER_CHANNELS, CONNOR_STEVENS, 41.0, 18),
+        (PAPER_CHANNELS, CONNOR_STEVENS, 40.0, 19),
+    ],
+    ids=["multiplier", "conductance", "membrane", "current", "nodes"],
+)
+def test_other_arguments_are_computed(other, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(known_curves, "exact_curve", lambda *arguments: arguments)
+    assert known_curve(*other) == other
