@@ -376,7 +376,9 @@ class LooPit(NamedTuple):
     """Pareto k of the importance weights; above 0.7 they are unreliable."""
 
 
-def loo_pit(observation: Likelihood, mean_rate: FloatArray, parameters: Parameters) -> LooPit:
+def loo_pit(
+    observation: Likelihood, mean_rate: FloatArray, parameters: Parameters, alone: FloatArray | None = None
+) -> LooPit:
     """Return the probability integral transform of each rating given all the others.
 
     With the effects of participants and fabrics integrated out, p(y_i | y_-i, theta) is known in closed
@@ -390,8 +392,11 @@ def loo_pit(observation: Likelihood, mean_rate: FloatArray, parameters: Paramete
         The ratings.
     mean_rate, parameters
         Draws, batch shape (draws,).
+    alone
+        Log density of each rating given all the others, if it is known.
     """
-    alone = observation.log_likelihood_loo(mean_rate, parameters)
+    if alone is None:
+        alone = observation.log_likelihood_loo(mean_rate, parameters)
     below = observation.below_loo(mean_rate, parameters)
     if (rows := observation.discrete).any():
         share = np.random.default_rng(_SEED).uniform(-0.5, 0.5, int(rows.sum()))

@@ -44,13 +44,17 @@ def simultaneous_band(size: int, points: ArrayLike, probability: float = 0.95) -
     points = np.asarray(points, float)
     below, above = _tails(size, points)
     least, most = 0.0, 1.0 - probability  # bounds of the local level; the upper one is right for a single point
+    wide = narrow = _limits(below, above, least)
     for _ in range(_HALVINGS):
         level = 0.5 * (least + most)
-        if _stays(size, points, *_limits(below, above, level)) >= probability:
-            least = level
+        limits = _limits(below, above, level)
+        # limits are whole counts, so that close levels have the same, whose probability is known
+        known = np.array_equal(limits, wide), np.array_equal(limits, narrow)
+        if known[0] or (not known[1] and _stays(size, points, *limits) >= probability):
+            least, wide = level, limits
         else:
-            most = level
-    low, high = _limits(below, above, least)
+            most, narrow = level, limits
+    low, high = wide
     return Band(points, low / size, high / size)
 
 

@@ -97,7 +97,8 @@ def command(
     from softness_bayes.sampler import workers
 
     if processes != 1:
-        workers.prepare("softness_bayes.runs.run")  # they import what they need while this process does
+        drawing = () if no_figures else ("softness_bayes.plotting.libraries",)
+        workers.prepare("softness_bayes.runs.run", *drawing)  # they import what they need while this process does
     from softness_bayes.checkpoints.checkpoint import Checkpoint
     from softness_bayes.data import Compression
     from softness_bayes.likelihood.scales import scale_named

@@ -358,7 +358,8 @@ def _observed(result: Drawable) -> Observed:
 def _sampled(result: Drawable) -> list[str]:
     from softness_bayes.parameters.declared import EVERY_PARAMETER
 
-    return [name for name in EVERY_PARAMETER if name in result.group("posterior")]
+    stored = result.group("posterior")
+    return [name for name in EVERY_PARAMETER if name in stored]
 
 
 def _labels(names: Sequence[str]) -> list[str]:

@@ -167,9 +167,10 @@ def draw_figures(
     require_formats(formats)
     require_outputs(directory, [f"{file_of(name)}.{suffix}" for name in chosen for suffix in formats], PLOT)
     with Workers(result, min(processes, len(chosen))) as workers:
-        drawn = workers.map(_drawn, [(name, tuple(formats), style) for name in chosen])
-    return write_outputs(directory, {name: content for files in drawn for name, content in files.items()}, PLOT)
+        every = workers.map(drawn, [(name, tuple(formats), style) for name in chosen])
+    return write_outputs(directory, {name: content for files in every for name, content in files.items()}, PLOT)
 
 
-def _drawn(result: Drawable, name: str, formats: tuple[str, ...], style: Style) -> dict[str, bytes]:
+def drawn(result: Drawable, name: str, formats: Sequence[str], style: Style = USUAL) -> dict[str, bytes]:
+    """Draw one figure of a result, and return the contents of its files by their names."""
     return files_of(figure_named(name)(result, style), file_of(name), formats, style)

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from softness_bayes import arviz_bridge
 from softness_bayes.checking.checks import check_fabrics
 from softness_bayes.checking.exactness import Exactness
 from softness_bayes.checking.finger_check import STEP as SKIN_STEP
@@ -35,12 +36,12 @@ from softness_bayes.results.draws import (
     draws_of,
 )
 from softness_bayes.results.exact import begin_comparison, exactness_stats
-from softness_bayes.results.groups import Groups, Variable, evenly, merged, sampled_groups, tree_of
+from softness_bayes.results.groups import Groups, Variable, evenly, merged, named, sampled_groups, tree_of
 from softness_bayes.results.modulus_shifts import modulus_shifts
 from softness_bayes.results.plate import plate_attributes, plate_groups
 from softness_bayes.results.predictions import illustration_groups, prediction_group, turning_groups
 from softness_bayes.results.replicates import Replicates, draw_replicates, predictive_groups, prior_groups
-from softness_bayes.results.stages import Listener, Stage, unheard
+from softness_bayes.results.stages import Beginning, Listener, Stage, unheard
 from softness_bayes.results.summary import reweighted, summarise
 from softness_bayes.sampler.chains import Chains
 from softness_bayes.sampler.workers import Workers
@@ -75,6 +76,7 @@ def assembled(
     attributes: Mapping[str, Any],
     reweight: bool = False,
     listener: Listener = unheard,
+    figures: Beginning | None = None,
 ) -> Assembled:
     """Return all that is computed from the draws of one run.
 
@@ -94,6 +96,8 @@ def assembled(
         Whether summary, predictions and replicates are those of draws weighted by the exact likelihood.
     listener
         Called when a stage begins.
+    figures
+        Begun as soon as what they show is known.
 
     Raises
     ------
@@ -104,13 +108,17 @@ def assembled(
     kept = chains.kept(burn_in, DRAWS_PER_WALKER)
     theta = kept.by_walker(posterior.natural(kept.coordinates))
     comparison = begin_comparison(posterior, theta, workers, reweight)
+    if figures is not None:
+        walk = {"posterior": named(posterior.space, theta)}
+        figures.begin_walk(tree_of(walk, {arviz_bridge.ENSEMBLE: kept.ensemble}, attributes))
     draws = draws_of(experiment, posterior, kept, theta, rng)
     if reweight:
         listener(Stage.EXACT)
     known = comparison() if reweight else None
     if known is not None:
         draws = replace(draws, log_weight=known.log_weight)
-    drawn, error, grid = draw_replicates(rng, draws), numerical_error(draws), curve_scene(draws.scene)
+    drawn = draw_replicates(rng, draws, workers)
+    error, grid = numerical_error(draws), curve_scene(draws.scene)
     groups = _groups(draws, drawn, error, grid, listener)
     turn = groups["predictions"]["inflection_e_fab_kpa"].values[0] * 1e3
     shown, axes = illustration_groups(draws, drawn, turn)
@@ -132,6 +140,8 @@ def assembled(
         {**coordinates(draws, grid), **axes},
         {**attributes, **levels, **found},
     )
+    if figures is not None:
+        figures.begin_usual(tree)
     shifts = modulus_shifts(draws, groups["inflection"])
     return Assembled(_with_picks(tree, draws), summary_of(draws, exactness), shifts)
 
@@ -157,8 +167,9 @@ def _groups(draws: RatedDraws, drawn: Replicates, error: float, grid: Scene, lis
     """Return every group but those of the posterior itself, which wait for the exact likelihood."""
     listener(Stage.LEFT_OUT)
     few = draws.subset(REPLICATES)
-    pit = loo_pit(draws.ratings, few.mean_rate, few.parameters)
-    predicted = predictive_groups(draws, drawn)
+    alone = draws.ratings.log_likelihood_loo(few.mean_rate, few.parameters)
+    pit = loo_pit(draws.ratings, few.mean_rate, few.parameters, alone)
+    predicted = predictive_groups(draws, drawn, alone)
     listener(Stage.PREDICTIONS)
     groups: Groups = {
         **prior_groups(draws, drawn),

@@ -24,7 +24,10 @@ FIRST_DRAWS = 40
 """Of these so many come first; the others only if the answer is not certain then."""
 
 EXACT_PARTS = 4
-"""Tasks that the comparison is divided into, for as many processes."""
+"""Tasks that the comparison is divided into at most, for as many processes; `FIRST_DRAWS` are one task.
+
+Draws are integrated side by side, and fewer take as long: 40 draws in four tasks take three times the work of one.
+"""
 
 
 def exact_log_likelihood(posterior: Posterior, theta: Array) -> Array:
@@ -74,7 +77,8 @@ def begin_comparison(posterior: Posterior, theta: Array, workers: Workers, rewei
 
 def _begin_exact(posterior: Posterior, theta: Array, workers: Workers) -> Callable[[], Array]:
     # in parts that do not depend on the number of processes, nor then do the last bits
-    parts = [workers.start(exact_log_likelihood, part) for part in np.array_split(theta, EXACT_PARTS) if len(part)]
+    count = min(EXACT_PARTS, -(-len(theta) // FIRST_DRAWS))
+    parts = [workers.start(exact_log_likelihood, part) for part in np.array_split(theta, count)]
     return lambda: np.concatenate([part() for part in parts])
 
 

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from collections.abc import Callable
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from softness_bayes.results.groups import Groups, Variable
+from softness_bayes.sampler.workers import Workers
 from softness_bayes.touch.contact import Load
-from softness_bayes.touch.neuron.membrane import Channels
+from softness_bayes.touch.neuron.membrane import Channels, Membrane
 from softness_bayes.touch.neuron.spikes import spike_times
 from softness_bayes.touch.pad import touch_profiles
 from softness_bayes.touch.parameters import TouchParameters
@@ -136,24 +138,43 @@ class Trains(NamedTuple):
     """Times of each train's spikes [ms]."""
 
 
-def example_trains(rng: np.random.Generator, scene: Scene, parameters: TouchParameters) -> Trains:
-    """Return trains at `EXCESSES` of the way from the median rheobase to the median alpha.
+def example_trains(
+    rng: np.random.Generator, scene: Scene, parameters: TouchParameters, workers: Workers | None = None
+) -> Callable[[], Trains]:
+    """Begin trains at `EXCESSES` of the way from the median rheobase to the median alpha; return what awaits them.
 
     Parameters
     ----------
     rng
-        Source of the membrane's noise, if the scene has any.
+        Source of the membrane's noise, if the scene has any: then trains are made at once.
     scene
         The scene of the data.
     parameters
         Draws of the chain's parameters, shape (draws,).
+    workers
+        Where trains without noise are made, beside everything else.
     """
     rheobase = _rheobase(scene, parameters)
     alpha, least = float(np.median(parameters.alpha)), float(np.median(rheobase))
     channels = Channels(*(float(np.median(getattr(parameters, name))) for name in Channels._fields))
     given = least + np.array(EXCESSES) * (alpha - least) if least < alpha else np.array([alpha])
     membrane, noise = scene.readings.membrane, scene.firing.noise
-    return Trains(given, tuple(spike_times(float(each), channels, membrane, DURATION, noise, rng) for each in given))
+    if noise or workers is None:
+        made = Trains(given, _trains(None, given, channels, membrane, noise, rng))
+        return lambda: made
+    begun = workers.start(_trains, given, channels, membrane)
+    return lambda: Trains(given, begun())
+
+
+def _trains(
+    _: Any,
+    given: Array,
+    channels: Channels,
+    membrane: Membrane,
+    noise: float = 0.0,
+    rng: np.random.Generator | None = None,
+) -> tuple[Array, ...]:
+    return tuple(spike_times(float(each), channels, membrane, DURATION, noise, rng) for each in given)
 
 
 def membrane_illustration(
@@ -166,7 +187,7 @@ def membrane_illustration(
     Parameters
     ----------
     trains
-        From `example_trains`.
+        Awaited from `example_trains`.
     scene
         The scene of the data.
     parameters

@@ -100,5 +100,5 @@ def illustration_groups(draws: RatedDraws, drawn: Replicates, turn: Array) -> tu
     """
     touched, fired = (draws.touch(draws.subset(size).theta) for size in (ILLUSTRATED, CURVES))
     touch, along = touch_illustration(drawn.receptors, draws.scene, touched, turn)
-    membrane, currents = membrane_illustration(drawn.trains, draws.scene, fired)
+    membrane, currents = membrane_illustration(drawn.trains(), draws.scene, fired)
     return merged(touch, membrane), {**along, **currents}

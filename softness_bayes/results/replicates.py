@@ -7,6 +7,7 @@ result.
 from __future__ import annotations
 
 import copy
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -22,6 +23,7 @@ from softness_bayes.results.draws import CURVES, REPLICATES, RatedDraws, Subset
 from softness_bayes.results.groups import Groups, Variable, named
 from softness_bayes.results.pictures import Trains, example_trains
 from softness_bayes.results.plate import PlateReplicates, draw_plate
+from softness_bayes.sampler.workers import Workers
 from softness_bayes.touch.pad import draw_receptors
 
 Array = NDArray[np.float64]
@@ -45,11 +47,11 @@ class Replicates(NamedTuple):
     """Forces of a plate; None without compression data."""
     receptors: Array
     """Places of the pad's receptors [m], shape (receptors, 2)."""
-    trains: Trains
-    """Example spike trains."""
+    trains: Callable[[], Trains]
+    """Awaits the example spike trains."""
 
 
-def draw_replicates(rng: np.random.Generator, draws: RatedDraws) -> Replicates:
+def draw_replicates(rng: np.random.Generator, draws: RatedDraws, workers: Workers | None = None) -> Replicates:
     """Draw everything random in a result but the walk and its effects.
 
     Parameters
@@ -58,6 +60,8 @@ def draw_replicates(rng: np.random.Generator, draws: RatedDraws) -> Replicates:
         Source of all draws; the order of the function's lines decides the numbers.
     draws
         The draws of the run.
+    workers
+        Where example trains are made, beside everything else.
     """
     few, ratings = draws.subset(REPLICATES), draws.ratings
     drive = ratings.drive(few.mean_rate, few.parameters)
@@ -69,14 +73,21 @@ def draw_replicates(rng: np.random.Generator, draws: RatedDraws) -> Replicates:
     prior = _prior_rated(rng, draws)
     plate = _plate(rng, draws, few)
     receptors = draw_receptors(rng, draws.scene.finger, draws.scene.readings.receptor_density)
-    trains = example_trains(rng, draws.scene, draws.touch(draws.subset(CURVES).theta))
+    trains = example_trains(rng, draws.scene, draws.touch(draws.subset(CURVES).theta), workers)
     return Replicates(again, anew, level, prior, plate, receptors, trains)
 
 
-def predictive_groups(draws: RatedDraws, drawn: Replicates) -> Groups:
-    """Return replicated ratings of the same and of new participants, and densities of each rating given all others."""
+def predictive_groups(draws: RatedDraws, drawn: Replicates, alone: Array) -> Groups:
+    """Return replicated ratings of the same and of new participants, and densities of ratings given others.
+
+    Parameters
+    ----------
+    draws, drawn
+        The draws of the run, and what was drawn after it.
+    alone
+        Log density of each rating given all others, at `REPLICATES` draws.
+    """
     few = draws.subset(REPLICATES)
-    alone = draws.ratings.log_likelihood_loo(few.mean_rate, few.parameters)
     whole = draws.ratings.log_likelihood_participants(few.mean_rate, few.parameters)
     replicates = {"rating": Variable(drawn.again[None], ROWS), NEW_PARTICIPANTS: Variable(drawn.anew[None], ROWS)}
     return {

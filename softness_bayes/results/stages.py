@@ -4,6 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from enum import Enum
+from typing import TYPE_CHECKING, Protocol
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 
 class Stage(Enum):
@@ -33,3 +37,13 @@ Listener = Callable[[Stage], None]
 
 def unheard(_: Stage) -> None:
     """Do nothing."""
+
+
+class Beginning(Protocol):
+    """Work that begins as soon as some groups of a result are known, such as drawing them."""
+
+    def begin_walk(self, tree: xr.DataTree) -> None:
+        """Take the posterior's draws, before anything is computed from them."""
+
+    def begin_usual(self, tree: xr.DataTree) -> None:
+        """Take all groups, before tables are made of them."""

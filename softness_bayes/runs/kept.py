@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from pathlib import Path
+from typing import TYPE_CHECKING
 
 from softness_bayes.checkpoints.checkpoint import Checkpoint
 from softness_bayes.data import Compression, Experiment
@@ -15,13 +15,10 @@ from softness_bayes.results.stages import Listener, Stage, unheard
 from softness_bayes.runs.plate import sample_skin_model
 from softness_bayes.runs.run import sample_model
 from softness_bayes.sampler.sampling import Progress
-from softness_bayes.sampler.workers import available_processors
+from softness_bayes.sampler.workers import Workers
 
-DRAWING = 4
-"""Largest number of processes that draw figures; each takes a second to start."""
-
-RUN_FORMATS = ("png", "csv")
-"""Formats of the figures of a run; the fonts of a PDF take as long as all else about it."""
+if TYPE_CHECKING:
+    from softness_bayes.runs.drawing import FiguresUnderWay
 
 
 def model_of(data: Experiment | Compression, options: ModelOptions) -> ExperimentModel | SkinModel:
@@ -63,25 +60,22 @@ def sample_kept(
     InputError, NumericalError
         As `runs.run.sample`.
     """
-    if isinstance(model, ExperimentModel):
-        result = sample_model(model, run, progress, checkpoint, listener)
-    else:
-        result = sample_skin_model(model, run, progress, checkpoint, listener)
-    listener(Stage.FILES)
-    result.save(checkpoint.directory)
-    if own_figures is not None:
-        listener(Stage.FIGURES)
-        from softness_bayes.plotting.figures import draw_figures, figures_of
-
-        processes = min(run.processes or available_processors(), DRAWING)
-        names = [*figures_of(result), *own_figures] if own_figures else None
-        directory = checkpoint.directory / "figures"
-        draw_figures(result, directory, names, _formats(directory), processes=processes)
+    with run.settings.workers(model.posterior) as workers:
+        figures = None if own_figures is None else _figures(workers, checkpoint)
+        if isinstance(model, ExperimentModel):
+            result = sample_model(model, run, progress, checkpoint, listener, workers, figures)
+        else:
+            result = sample_skin_model(model, run, progress, checkpoint, listener, workers)
+        listener(Stage.FILES)
+        result.save(checkpoint.directory)
+        if figures is not None:
+            listener(Stage.FIGURES)
+            figures.write(result, own_figures or ())
     checkpoint.finish()
     return result
 
 
-def _formats(directory: Path) -> tuple[str, ...]:
-    """Return the formats of a run's figures, and those in which they were drawn there before, which would be old."""
-    there = (suffix for suffix in ("pdf", "svg") if any(directory.glob(f"*.{suffix}")))
-    return (*RUN_FORMATS, *there)
+def _figures(workers: Workers, checkpoint: Checkpoint) -> FiguresUnderWay:
+    from softness_bayes.runs.drawing import FiguresUnderWay  # a run without figures does without its libraries
+
+    return FiguresUnderWay(workers, checkpoint.directory / "figures")

@@ -25,6 +25,7 @@ from softness_bayes.results.stages import Listener, Stage, unheard
 from softness_bayes.results.summary import summarise
 from softness_bayes.runs.run import labels_of, outcome, requested, rng_after, walked
 from softness_bayes.sampler.sampling import Progress, sampled_of
+from softness_bayes.sampler.workers import Workers
 
 Array = NDArray[np.float64]
 
@@ -72,15 +73,16 @@ def sample_skin_model(
     progress: Callable[[Progress], None] | None = None,
     checkpoint: Checkpoint | None = None,
     listener: Listener = unheard,
+    workers: Workers | None = None,
 ) -> Result:
     """Sample a model of compression data that was built; arguments, and what raises, as `sample_skin`.
 
-    The listener is told of later stages.
+    The listener is told of later stages; the workers, by default new ones, hold the posterior and stay open.
     """
     compression, posterior, request = model.compression, model.posterior, Request(model.options, run)
     asked = requested(posterior, request)
     arviz_bridge.require_storable(asked, labels_of(compression))
-    state = walked(compression, posterior, request, progress, checkpoint)
+    state = walked(compression, posterior, request, progress, checkpoint, workers)
     listener(Stage.REPLICATES)
     sampled = sampled_of(state)
     rng = rng_after(run)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from contextlib import nullcontext
 from typing import Any
 
 import numpy as np
@@ -38,7 +39,7 @@ from softness_bayes.results.raters import rater_table, with_covariates
 from softness_bayes.results.request import Request, RunOptions
 from softness_bayes.results.result import Result
 from softness_bayes.results.result_file import SCHEMA
-from softness_bayes.results.stages import Listener, Stage, unheard
+from softness_bayes.results.stages import Beginning, Listener, Stage, unheard
 from softness_bayes.results.versions import versions
 from softness_bayes.sampler.sampling import Progress, progress_of, sampled_of, walk
 from softness_bayes.sampler.state import RunState
@@ -177,8 +178,20 @@ def sample_model(
     progress: Callable[[Progress], None] | None = None,
     checkpoint: Checkpoint | None = None,
     listener: Listener = unheard,
+    workers: Workers | None = None,
+    figures: Beginning | None = None,
 ) -> Result:
-    """Sample a model that was built; arguments, and what raises, as `sample`; the listener is told of later stages."""
+    """Sample a model that was built; other arguments, and what raises, as `sample`.
+
+    Parameters
+    ----------
+    listener
+        Told of the stages after the walk.
+    workers
+        Processes that hold the posterior, and stay open; by default new ones.
+    figures
+        Begun as soon as what they show is known.
+    """
     experiment, posterior, options, chosen = model.experiment, model.posterior, model.options, model.direction
     request = Request(options, run)
     asked = {
@@ -199,7 +212,7 @@ def sample_model(
     }
     arviz_bridge.require_storable(asked, labels_of(experiment))
     arviz_bridge.prepare()
-    with run.settings.workers(posterior) as workers:
+    with nullcontext(workers) if workers is not None else run.settings.workers(posterior) as workers:
         state = walked(experiment, posterior, request, progress, checkpoint, workers)
         sampled, rng = sampled_of(state), rng_after(run)
         tree, summary, shifts = assembled(
@@ -212,6 +225,7 @@ def sample_model(
             {**asked, **outcome(state)},
             run.exact_reweight,
             listener,
+            figures,
         )
     listener(Stage.TABLES)
     tables = {"directions": direction_table(tree), "predictive_checks": check_table(tree)}

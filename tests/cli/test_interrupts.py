@@ -142,7 +142,7 @@ def test_an_interrupt_ends_a_run_quietly_at_any_time(tmp_path, seed):
     "place",
     [
         "softness_bayes.results.assembly:draw_replicates",  # all that follows the walk
-        "softness_bayes.plotting.figures:draw_figures",
+        "softness_bayes.runs.drawing:_finished",  # workers are drawing
         "softness_bayes.model.build:resolution_for",
     ],
 )

@@ -7,7 +7,7 @@ import pytest
 
 from softness_bayes.checking.inflection import curve_scene
 from softness_bayes.model.build import build
-from softness_bayes.results.draws import draws_of
+from softness_bayes.results.draws import REPLICATES, draws_of
 from softness_bayes.results.predictions import illustration_groups, prediction_group, turning_groups
 from softness_bayes.results.replicates import draw_replicates, predictive_groups, prior_groups
 from softness_bayes.results.request import Request
@@ -52,11 +52,12 @@ def test_what_is_drawn_depends_on_the_seed_alone(draws):
 
 def test_groups_do_not_depend_on_the_order_in_which_they_are_made(draws):
     drawn = draw_replicates(np.random.default_rng(1), draws)
-    grid = curve_scene(draws.scene)
+    grid, few = curve_scene(draws.scene), draws.subset(REPLICATES)
+    alone = draws.ratings.log_likelihood_loo(few.mean_rate, few.parameters)
     turn = np.full((len(draws.subset(400).theta), len(draws.scene.loads)), np.nan)
     makers = [
         lambda: prior_groups(draws, drawn),
-        lambda: predictive_groups(draws, drawn),
+        lambda: predictive_groups(draws, drawn, alone),
         lambda: prediction_group(draws, grid, 1e-3),
         lambda: turning_groups(draws, 1e-3),
         lambda: illustration_groups(draws, drawn, turn),

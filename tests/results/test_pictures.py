@@ -118,7 +118,7 @@ def test_few_loads_are_illustrated(count, shown):
 
 
 def test_rate_curves_and_trains_are_those_of_the_membrane(scene, draws, rng):
-    groups, axes = membrane_illustration(example_trains(rng, scene, draws), scene, draws)
+    groups, axes = membrane_illustration(example_trains(rng, scene, draws)(), scene, draws)
     current, rate = axes["current_ua_cm2"], groups["predictions"]["firing_rate_hz"].values
     curve = scene.firing.curve
     assert rate.shape == (1, 12, current.size)
@@ -136,7 +136,7 @@ def test_rate_curves_and_trains_are_those_of_the_membrane(scene, draws, rng):
 
 def test_a_silent_membrane_has_an_empty_train(scene, draws, rng):
     quiet = draws._replace(alpha=np.full(12, 5.0))
-    groups, axes = membrane_illustration(example_trains(rng, scene, quiet), scene, quiet)
+    groups, axes = membrane_illustration(example_trains(rng, scene, quiet)(), scene, quiet)
     assert np.isnan(groups[ILLUSTRATIONS]["spike_time_ms"].values).all()
     assert groups["predictions"]["firing_rate_hz"].values.max() == 0
     assert axes["current_ua_cm2"][[0, -1]].tolist() == [0.0, 5.0]

@@ -1,0 +1,10 @@
+"""Libraries that every figure needs, imported at once: for a server that processes are forked from."""
+
+import logging
+
+logging.getLogger().addHandler(logging.NullHandler())  # such as matplotlib's remarks on its cache
+
+import matplotlib.backends.backend_agg  # noqa: E402
+import matplotlib.figure  # noqa: E402, F401
+import pandas  # noqa: E402, F401
+import xarray  # noqa: E402, F401

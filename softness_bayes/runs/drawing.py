@@ -1,0 +1,114 @@
+"""Figures of a run, drawn by its workers beside what else follows the walk."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from softness_bayes.files.outputs import write_outputs
+from softness_bayes.plotting.figures import FIGURES, drawn, figures_of
+from softness_bayes.plotting.style import PLOT
+from softness_bayes.results.result import Result
+from softness_bayes.sampler.workers import Workers
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+RUN_FORMATS = ("png", "csv")
+"""Formats of the figures of a run; the fonts of a PDF take as long as all else about it."""
+
+OF_THE_WALK = ("corner", "trace", "rank")
+"""Figures of the posterior's draws alone, which are known before anything is computed from them."""
+
+LARGE = (
+    "posterior",
+    "posterior_predictive",
+    "prior_predictive",
+    "sample_stats",
+    "log_prior",
+    "log_likelihood",
+    "log_likelihood_loo",
+)
+"""Groups with many numbers, which are sent only for figures that name them as needed; `posterior` for those that name
+none."""
+
+
+class FiguresUnderWay:
+    """Figures that workers draw, each as soon as what it shows is known.
+
+    Parameters
+    ----------
+    workers
+        Who draws; without other processes, figures are drawn when they are written.
+    directory
+        Where they will be written.
+    """
+
+    def __init__(self, workers: Workers, directory: Path) -> None:
+        self._workers, self._directory = workers, directory
+        self._begun: dict[str, Callable[[], dict[str, bytes]]] = {}
+
+    def begin_walk(self, tree: xr.DataTree) -> None:
+        """Begin the figures of the posterior's draws; the tree holds these alone."""
+        self._begin(_result(tree), OF_THE_WALK)
+
+    def begin_usual(self, tree: xr.DataTree) -> None:
+        """Begin the toolkit's own figures of all groups of a result, whose tables are not made yet."""
+        result = _result(tree)
+        self._begin(result, [name for name in figures_of(result) if name in FIGURES])
+
+    def write(self, result: Result, own: Sequence[str]) -> list[Path]:
+        """Draw what is not begun, such as a user's own figures, wait for all figures and write them.
+
+        Raises
+        ------
+        InputError
+            If a figure of the user's own fails, or another file is in the way.
+        """
+        self._begin(result, [*figures_of(result), *own])
+        return write_outputs(self._directory, _finished(self._begun.values()), PLOT)
+
+    @cached_property
+    def _formats(self) -> tuple[str, ...]:
+        """Formats, found when the first figure begins: by then files of a run that is replaced are gone."""
+        return formats_in(self._directory)
+
+    def _begin(self, result: Result, names: Iterable[str]) -> None:
+        for name in names:
+            if name not in self._begun:
+                shown = replace(result, tree=_needed(result.tree, name)) if name in FIGURES else result
+                self._begun[name] = self._workers.start(_drawn_of, shown, name, self._formats)
+
+
+def formats_in(directory: Path) -> tuple[str, ...]:
+    """Return the formats of a run's figures, and those in which they were drawn there before, which would be old."""
+    there = (suffix for suffix in ("pdf", "svg") if any(directory.glob(f"*.{suffix}")))
+    return (*RUN_FORMATS, *there)
+
+
+def _result(tree: xr.DataTree) -> Result:
+    """Return groups as a result that has no tables yet."""
+    import pandas as pd
+
+    return Result(tree, pd.DataFrame())
+
+
+def _needed(tree: xr.DataTree, name: str) -> xr.DataTree:
+    """Return the groups of a result without the large ones that a figure does not show."""
+    import xarray as xr
+
+    named = {source.place.partition("/")[0] for source in FIGURES[name].needs} or {"posterior"}
+    kept = {group: node for group, node in tree.children.items() if group not in LARGE or group in named}
+    return xr.DataTree(tree.to_dataset(), children=kept)
+
+
+def _finished(begun: Iterable[Callable[[], dict[str, bytes]]]) -> dict[str, bytes]:
+    """Wait for figures, and return the contents of all files by their names."""
+    return {name: content for finished in begun for name, content in finished().items()}
+
+
+def _drawn_of(_: Any, result: Result, name: str, formats: tuple[str, ...]) -> dict[str, bytes]:
+    return drawn(result, name, formats)
