@@ -37,7 +37,7 @@ for name in {modules!r}:
     importlib.import_module(f"softness_bayes.{{name}}")
 """
 OTHERS = (
-    *("arviz", "asyncio", "bokeh.embed", "bokeh.plotting", "click", "concurrent.futures.process", "emcee"),
+    *("arviz", "asyncio", "bokeh.embed", "bokeh.plotting", "click", "concurrent.futures.process", "corner", "emcee"),
     *("filelock", "h5netcdf", "h5py", "jinja2", "matplotlib.figure", "matplotlib.backends.backend_agg"),
     *("multiprocessing.resource_tracker", "pandas", "pdoc", "scipy.optimize", "scipy.stats", "subprocess", "tempfile"),
     *("threadpoolctl", "tqdm", "xarray"),

@@ -30,9 +30,6 @@ POINTS = 241
 MOST_PARAMETERS = 6
 """Number of parameters in a corner plot of the most informative pairs."""
 
-BINS = 24
-"""Bins of a corner plot's histograms along each parameter."""
-
 FEWEST_DRAWS_FOR_CONTOURS = 400
 """Number of draws below which the corner plot shows points."""
 
@@ -88,6 +85,7 @@ def corner_figure(
         If labels and draws disagree, a draw is not finite, a parameter does not vary, or there are
         fewer draws than parameters.
     """
+    import corner
     import pandas as pd
     from matplotlib.figure import Figure
 
@@ -96,65 +94,34 @@ def corner_figure(
     count, dimension = values.shape
     contours = count >= FEWEST_DRAWS_FOR_CONTOURS
     tints = [style.tint(style.posterior, strength) for strength in TINTS]
-    edges = [np.linspace(low, high, BINS + 1) for low, high in _ranges(values, 0.05)]
     with style.applied():
         width = style.page if dimension > 3 else style.column
         figure = Figure(figsize=(width, width))
-        panels: Any = figure.subplots(dimension, dimension, squeeze=False)
-        for row, column in np.ndindex(dimension, dimension):
-            axes: Axes = panels[row, column]
-            x, y = values[:, column], values[:, row]
-            if column > row:
-                axes.set_axis_off()
-                continue
-            axes.set_xlim(edges[column][0], edges[column][-1])
-            if column == row:
-                height = axes.hist(x, bins=edges[row].tolist(), histtype="step", color=style.posterior, linewidth=0.8)[
-                    0
-                ]
-                axes.set_ylim(0.0, 1.1 * np.max(height))
-                axes.set_yticks([])
-            else:
-                axes.set_ylim(edges[row][0], edges[row][-1])
-                if contours:
-                    _draw_regions(axes, x, y, edges[column], edges[row], tints, style)
-                else:
-                    axes.plot(x, y, "o", ms=2.0, mec="none", color=style.posterior, alpha=0.5, zorder=-1)
+        figure.subplots(dimension, dimension, squeeze=False)
+        corner.corner(
+            values,
+            bins=24,
+            range=_ranges(values, 0.05),
+            labels=[_stacked(label) for label in labels],
+            color=style.posterior,
+            smooth=1.0 if contours else None,
+            levels=LEVELS,
+            plot_density=False,
+            plot_datapoints=not contours,
+            plot_contours=contours,
+            fill_contours=contours,
+            max_n_ticks=3 if dimension <= 6 else 2,
+            fig=figure,
+            contour_kwargs={"linewidths": 0.6},
+            contourf_kwargs={"colors": ["white", *tints[::-1]]},
+            hist_kwargs={"linewidth": 0.8},
+            data_kwargs={"alpha": 0.5},
+        )
         _tidy(figure, dimension, width)
-        for k, label in enumerate(map(_stacked, labels)):
-            panels[-1, k].set_xlabel(label)
-            if k > 0:
-                panels[k, 0].set_ylabel(label)
         if dimension > 1 and (contours or note):
             _region_legend(figure, tints if contours else (), note, style)
         carry(figure, pd.DataFrame(values, columns=list(names or labels)))
     return figure
-
-
-def _draw_regions(
-    axes: Axes, x: Array, y: Array, columns: Array, rows: Array, tints: Sequence[Any], style: Style
-) -> None:
-    """Draw the regions of highest density that hold the shares `LEVELS` of draws, of a smoothed histogram."""
-    from scipy.ndimage import gaussian_filter
-
-    density = gaussian_filter(np.histogram2d(x, y, bins=(columns, rows))[0], 1.0)
-    falling = np.sort(density, axis=None)[::-1]
-    held = np.cumsum(falling) / falling.sum()
-    last = np.searchsorted(held, np.asarray(LEVELS), side="right") - 1
-    levels = np.sort(falling[np.maximum(last, 0)])
-    levels[:-1] -= 1e-4 * levels[:-1] * (np.diff(levels) == 0)
-    # one cell more on every side as high as the last, then one at the bottom, so that regions close at the edges
-    closed = np.pad(np.pad(density, 1, mode="edge"), 1, constant_values=density.min())
-    across, along = (_beyond(0.5 * (edges[1:] + edges[:-1])) for edges in (columns, rows))
-    steps = [0.0, *levels, 1.0001 * density.max()]
-    axes.contourf(across, along, closed.T, steps, colors=["white", *tints[::-1]], antialiased=False)
-    axes.contour(across, along, closed.T, levels, colors=[style.posterior], linewidths=0.6)
-
-
-def _beyond(middles: Array) -> Array:
-    """Return evenly spaced places with two more on both sides."""
-    step = middles[1] - middles[0]
-    return np.concatenate([middles[0] + step * np.array([-2, -1]), middles, middles[-1] + step * np.array([1, 2])])
 
 
 def _require_varying(values: Array, labels: Sequence[str]) -> None:
@@ -180,7 +147,7 @@ def _region_legend(figure: Figure, tints: Sequence[tuple[float, float, float]], 
 
 
 def _tidy(figure: Figure, dimension: int, width: float) -> None:
-    """Fit margins, ticks and labels to a page; only the outermost panels have numbers."""
+    """Fit corner's margins, ticks and labels, made for wide panels, to a page."""
     from matplotlib.ticker import FixedLocator, MaxNLocator
 
     margin, gap = 0.64, 0.05  # in
@@ -196,7 +163,7 @@ def _tidy(figure: Figure, dimension: int, width: float) -> None:
     for place, axes in enumerate(figure.axes):
         row, column = divmod(place, dimension)
         axes.set_gid(f"corner/{row}/{column}")
-        axes.tick_params(length=2, labelrotation=45, labelbottom=row == dimension - 1, labelleft=column == 0)
+        axes.tick_params(length=2, labelrotation=45)
         for axis in (axes.xaxis, axes.yaxis) if column < row else (axes.xaxis,) if column == row else ():
             low, high = axis.get_view_interval()
             ticks = np.asarray(MaxNLocator(4 if dimension <= 6 else 3).tick_values(low, high))

@@ -62,7 +62,7 @@ def test_help_lists_the_verbs_without_importing_them():
 
 @pytest.mark.parametrize("verb", VERBS)
 def test_help_of_a_verb_needs_no_heavy_library_and_agrees_with_the_list(verb):
-    heavy = ("numpy", "pandas", "scipy", "xarray", "arviz", "emcee", "matplotlib")
+    heavy = ("numpy", "pandas", "scipy", "xarray", "arviz", "emcee", "matplotlib", "corner")
     program = (
         "import sys; from softness_bayes.cli import main\n"
         f"main([{verb!r}, '--help'], standalone_mode=False)\n"
