@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from softness_bayes.likelihood.error_laws import NORMAL as NORMAL
     from softness_bayes.likelihood.error_laws import STUDENT as STUDENT
     from softness_bayes.likelihood.scales import CATEGORIES as CATEGORIES
+    from softness_bayes.likelihood.scales import MAGNITUDE as MAGNITUDE
     from softness_bayes.likelihood.scales import PAIRS as PAIRS
     from softness_bayes.likelihood.scales import RANKS as RANKS
     from softness_bayes.likelihood.scales import SLIDER as SLIDER
@@ -101,6 +102,7 @@ _HOMES = {
     "Result": "results.result",
     "RunOptions": "results.request",
     "STUDENT": "likelihood.error_laws",
+    "MAGNITUDE": "likelihood.scales",
     "PAIRS": "likelihood.scales",
     "RANKS": "likelihood.scales",
     "SLIDER": "likelihood.scales",

@@ -139,12 +139,7 @@ def simulate_ratings(
     loads = require_loads("loads", loads)
     _require_of_scale(scale, resolution, load_cv)
     _require_ranges(participants, participants * len(fabrics) * len(loads), missing, mu)
-    model: Any = rating_model(scale, direction, GUMBEL if scale is RANKS and errors == NORMAL else errors)
-    if categories is not None:
-        if scale is not CATEGORIES:
-            raise InputError(f"simulate: {categories} categories, expected none for {scale.name} ratings")
-        CATEGORIES_RANGE.require("simulate: number of categories", categories)
-        model = replace(model, categories=categories)
+    model = _model_of(scale, direction, errors, categories)
     levels = _levels(model, scale, mu, slope)
     scene = scene_of(fabrics, loads, values, readings, discretisation=discretisation, finger=finger)
     rate = scene.total_rate(touch_parameters(values))
@@ -172,12 +167,28 @@ def simulate_ratings(
     filed[rng.random(filed.size) < missing] = np.nan
     # conditions run load by load
     table = filed.reshape(participants, len(loads), len(fabrics)).transpose(0, 2, 1)
-    if scale is RANKS:
-        table = _places(table)
+    table = _places(table) if scale is RANKS else table
     ratings = Ratings.crossed(_numbered("P", participants), fabrics.names, loads, table)
     if load_cv:
         ratings = replace(ratings, load_cv=np.full(len(ratings), load_cv))
     return Simulation(ratings, _truth(model, values, drawn), effect, responses)
+
+
+def _model_of(scale: Scale, direction: RatingDirection, errors: ErrorLaw, categories: int | None) -> Any:
+    """Return the rating model; normal errors stand for Gumbel's where participants put fabrics in order.
+
+    Raises
+    ------
+    InputError
+        If a number of categories is given for another scale, or out of range.
+    """
+    model: Any = rating_model(scale, direction, GUMBEL if scale is RANKS and errors == NORMAL else errors)
+    if categories is None:
+        return model
+    if scale is not CATEGORIES:
+        raise InputError(f"simulate: {categories} categories, expected none for {scale.name} ratings")
+    CATEGORIES_RANGE.require("simulate: number of categories", categories)
+    return replace(model, categories=categories)
 
 
 def _places(table: NDArray[np.float64]) -> NDArray[np.float64]:
