@@ -13,22 +13,11 @@ from softness_bayes.cli import VERBS, main
 from softness_bayes.cli.options import model, tables
 from softness_bayes.cli.options import run as run_options
 from softness_bayes.errors import InputError, SoftnessError
+from support.command_line import call, run
 from support.paths import ROOT, SHARED
 
 RATINGS = "participant,fabric,indentation_mm,rating\nP1,a,1,5\nP2,b,1,7\nP1,b,2,NA\nP2,a,1,8\n"
 FABRICS = "fabric,effective_modulus_kpa\na,12.5\nb,80\nc,90\n"
-
-
-def run(*arguments: str | Path) -> subprocess.CompletedProcess[str]:
-    program = "from softness_bayes.cli import main; main(prog_name='softness-bayes')"
-    return subprocess.run(
-        [sys.executable, "-W", "error", "-c", program, *map(str, arguments)],
-        capture_output=True,
-        text=True,
-        env=os.environ | {"PYTHONPATH": str(ROOT), "PYTHONUTF8": "1"},
-        timeout=60,
-        check=False,
-    )
 
 
 @pytest.fixture
@@ -122,7 +111,7 @@ def test_check_shows_moduli_in_the_reading_that_is_asked_for(files):
     cloth.write_text("fabric,tensile_modulus_mpa,thickness_mm,poisson_ratio\na,10,0.5,0.25\nb,20,0.4,0.25\n")
     shown = []
     for reading in ("printed", "plate"):
-        done = run("check", "--data", ratings, "--fabrics", cloth, "--reading", f"fabric_modulus={reading}")
+        done = call("check", "--data", ratings, "--fabrics", cloth, "--reading", f"fabric_modulus={reading}")
         assert done.returncode == 0, done.stderr
         (line,) = (line for line in done.stdout.splitlines() if line.split()[:1] == ["a"])
         shown.append(float(line.split()[1]))
@@ -131,7 +120,7 @@ def test_check_shows_moduli_in_the_reading_that_is_asked_for(files):
 
 def test_check_says_what_it_understood(files):
     ratings, cloth = files
-    done = run("check", "--data", ratings, "--fabrics", cloth)
+    done = call("check", "--data", ratings, "--fabrics", cloth)
     assert done.returncode == 0, done.stderr
     lines = {line.partition(" ")[0]: line for line in done.stdout.splitlines()}
     assert "3, from 5 to 8; 1 missing" in lines["ratings"]
@@ -152,18 +141,18 @@ def test_check_counts_many_loads_and_lists_few(tmp_path):
     rows = ["P1,a,1,,5,10", "P1,b,2,,6,100", *forces]
     head = "participant,fabric,indentation_mm,force_n,rating,effective_modulus_kpa"
     path.write_text("\n".join([head, *rows]) + "\n")
-    shown = run("check", "--data", path).stdout
+    shown = call("check", "--data", path).stdout
     assert "1 mm (1 ratings), 2 mm (1 ratings), 20 different forces, 0.9 N to 1.09 N (20 ratings)" in shown
 
 
 def test_check_of_one_participant_without_loads(files):
     ratings, cloth = files
     ratings.write_text("fabric;softness\na;1,5\nb;2\n")
-    without = run("check", "--data", ratings, "--fabrics", cloth, "--column", "rating=softness")
+    without = call("check", "--data", ratings, "--fabrics", cloth, "--column", "rating=softness")
     assert without.returncode == 2
     assert "--indentation-mm" in without.stderr
     assert "--force-n" in without.stderr
-    done = run("check", "--data", ratings, "--fabrics", cloth, "--column", "rating=softness", "--force-n", "0.5")
+    done = call("check", "--data", ratings, "--fabrics", cloth, "--column", "rating=softness", "--force-n", "0.5")
     assert done.returncode == 0, done.stderr
     assert "0.5 N (2 ratings)" in done.stdout
     assert "cannot be estimated" in done.stdout
@@ -185,7 +174,7 @@ def test_check_names_the_place_of_a_fault(files):
 def test_check_refuses_negative_ratings(files):
     ratings, cloth = files
     ratings.write_text(RATINGS.replace("P2,b,1,7", "P2,b,1,-1"))
-    done = run("check", "--data", ratings, "--fabrics", cloth)
+    done = call("check", "--data", ratings, "--fabrics", cloth)
     assert done.returncode == 2
     assert done.stderr.startswith(f"error: {ratings}: row 3, column 'rating': expected a magnitude estimate")
     assert "Traceback" not in done.stderr
@@ -193,7 +182,9 @@ def test_check_refuses_negative_ratings(files):
 
 @pytest.mark.skipif(not SHARED.is_dir(), reason="the shared data lie beside the project only")
 def test_check_of_the_laboratory_ratings():
-    done = run("check", "--data", SHARED / "data" / "lab_ratings.csv", "--fabrics", SHARED / "data" / "lab_fabrics.csv")
+    done = call(
+        "check", "--data", SHARED / "data" / "lab_ratings.csv", "--fabrics", SHARED / "data" / "lab_fabrics.csv"
+    )
     assert done.returncode == 0, done.stderr
     assert "30 (P01 … P30)" in done.stdout
 

@@ -16,7 +16,7 @@ from softness_bayes.results.stages import Stage
 from softness_bayes.runs.drawing import RUN_FORMATS
 from softness_bayes.touch.readings import MENDED
 from support.command_line import FIXED, HELD, QUICK, TOUCH, call, refused, run
-from support.paths import DATA
+from support.paths import DATA, ROOT
 
 # predict
 
@@ -88,7 +88,7 @@ def test_simulate_makes_the_data_byte_for_byte(tmp_path):
     (command,) = re.findall(r"^softness-bayes simulate .*$", text, re.MULTILINE)
     arguments = shlex.split(command)[1:]
     assert arguments[-2:] == ["--out", "again"]
-    done = run(*arguments[:-1], tmp_path)
+    done = call(*arguments[:-1], tmp_path, cwd=ROOT)
     assert done.returncode == 0, done.stderr
     names = ["compression.csv", "fabrics.csv", "ratings.csv", "truth.json"]
     assert sorted(path.name for path in tmp_path.iterdir()) == [".softness-bayes.json", *names]

@@ -1,9 +1,6 @@
 """The forward model as a table: its columns, units, limits and gaps."""
 
 import io
-import os
-import subprocess
-import sys
 
 import numpy as np
 import pandas as pd
@@ -15,6 +12,7 @@ from softness_bayes.model.prediction import prediction_table
 from softness_bayes.touch.contact import Force, Indentation, solve_contact
 from softness_bayes.touch.parameters import TouchParameters
 from softness_bayes.touch.scene import Scene
+from support.command_line import call
 from support.paths import SHARED
 
 QUANTITIES = [
@@ -118,29 +116,8 @@ def test_618_real_fabrics_after_renaming_two_columns():
     path = SHARED / "data" / "fabric_bending_618_drapetester.csv"
     if not path.is_file():
         pytest.skip("the measured fabrics lie beside the project only")
-    done = subprocess.run(
-        [
-            sys.executable,
-            "-W",
-            "error",
-            "-c",
-            "from softness_bayes.cli import main; main()",
-            "predict",
-            "--fabrics",
-            str(path),
-            "--column",
-            "fabric=fabric_id",
-            "--column",
-            "bending_rigidity_n_m=bending_warp_N_m",
-            "--indentation-mm",
-            "3",
-        ],
-        capture_output=True,
-        text=True,
-        env=os.environ | {"PYTHONUTF8": "1"},
-        timeout=120,
-        check=False,
-    )
+    columns = ["--column", "fabric=fabric_id", "--column", "bending_rigidity_n_m=bending_warp_N_m"]
+    done = call("predict", "--fabrics", path, *columns, "--indentation-mm", "3")
     assert done.returncode == 0, done.stderr
     table, source = pd.read_csv(io.StringIO(done.stdout)), pd.read_csv(path)
     assert list(table) == ["fabric", *QUANTITIES, "readings"]
