@@ -106,11 +106,11 @@ def few_pictures():
 
 
 @pytest.fixture(scope="session")
-def births(once):
+def births():
     """Three channel vectors of Hodgkin's and Huxley's membrane, its own first, and their onsets: folds of orbits."""
     from support import onsets
 
-    return once("births", onsets.births)
+    return onsets.births()
 
 
 @pytest.fixture(scope="session")

@@ -16,7 +16,7 @@ from softness_bayes.touch.neuron.limit_cycle import Budget
 from softness_bayes.touch.neuron.membrane import HODGKIN_HUXLEY, PAPER_CHANNELS, PRINTED, Channels, Membrane
 from softness_bayes.touch.neuron.onset import Onset
 from softness_bayes.touch.neuron.rate import firing_rate
-from support.onsets import CORNER, HODGKIN_HUXLEY_OWN
+from support.onsets import CORNER, EXACT_ENOUGH, HODGKIN_HUXLEY_OWN
 
 
 @pytest.fixture(scope="module")
@@ -48,7 +48,7 @@ def test_curve_of_a_jump_in_the_corner(
     assert curve.onset_rate > 8.0
     assert curve.error.onset_hertz < 0.5
     current = curve.rheobase + np.append(1.1e-3, rng.uniform(0.0, 20.0, 40))
-    assert np.abs(curve.rate(current) - firing_rate(current, CORNER)).max() < 0.01
+    assert np.abs(curve.rate(current) - firing_rate(current, CORNER, tolerance=EXACT_ENOUGH)).max() < 0.01
 
 
 def test_curve_of_a_fold_of_orbits(
@@ -69,7 +69,7 @@ def test_curves_of_folds_of_orbits_with_their_onsets(
 def _require_curve(channels: Channels, membrane: Membrane, max_current: float, rng: np.random.Generator) -> None:
     curve = exact_curve(channels, membrane, max_current, nodes=20)
     current = rng.uniform(curve.rheobase + 1e-3, max_current, 60)
-    error = np.abs(curve.rate(current) - firing_rate(current, channels, membrane))
+    error = np.abs(curve.rate(current) - firing_rate(current, channels, membrane, EXACT_ENOUGH))
     assert error.max() < 0.05
     assert curve.rate(curve.rheobase - 1e-6) == 0.0
 
@@ -155,7 +155,6 @@ def test_a_search_ends_when_its_steps_are_spent() -> None:
     assert refusal.value.exit_code == 4
     for part in ("c_A = 0.5", "1000 steps", "µA/cm²", "c_A 0.5 to 2", "connor-stevens"):
         assert part in str(refusal.value)
-    assert exact_curve(steps=4000).rheobase < 18.0  # the paper's need less
 
 
 def test_a_budget_counts_the_steps_of_all_calls() -> None:

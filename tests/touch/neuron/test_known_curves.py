@@ -26,7 +26,8 @@ def require_same(kept: RateCurve, made: RateCurve) -> None:
 
 def test_the_usual_curve_is_the_computed_one() -> None:
     assert CASES[0] == (PAPER_CHANNELS, CONNOR_STEVENS, 40.0, 18)
-    require_same(known_curve(*CASES[0]), exact_curve(*CASES[0]))
+    # the steps that it may take are far fewer than those that a search may
+    require_same(known_curve(*CASES[0]), exact_curve(*CASES[0], steps=4000))
 
 
 @pytest.mark.slow

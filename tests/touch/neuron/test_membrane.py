@@ -28,8 +28,9 @@ from softness_bayes.touch.neuron.membrane import (
 from softness_bayes.touch.neuron.onset import Onset, onset, rheobase
 from softness_bayes.touch.neuron.rate import firing_rate
 from softness_bayes.touch.neuron.rosenbrock import step, travel
+from softness_bayes.touch.neuron.surface import FiringSurface
 from softness_bayes.touch.neuron.vector_field import Cells
-from support.onsets import CORNER, HODGKIN_HUXLEY_OWN
+from support.onsets import CORNER, HODGKIN_HUXLEY_OWN, search_births
 from support.paths import REFERENCE
 
 every_membrane = pytest.mark.parametrize("membrane", MEMBRANES.values(), ids=MEMBRANES.keys())
@@ -287,11 +288,21 @@ def test_firing_begins_arbitrarily_slowly_above_a_fold() -> None:
     assert (np.diff(ratio) > 0.0).all()
 
 
+PATIENT = 0.18668151656502305
+"""Rate [Hz] of the paper's membrane 0.0175² µA/cm² above the fold, integrated with a tolerance of 1e-11."""
+
+
 def test_continuation_agrees_with_waiting() -> None:
     found = fold(_one(), CONNOR_STEVENS)
     current = found.current + 0.0175**2
+    assert firing_rate(current)[0] == pytest.approx(PATIENT, rel=3e-7)
+
+
+@pytest.mark.slow
+def test_waiting_gives_the_stored_rate() -> None:
+    current = fold(_one(), CONNOR_STEVENS).current + 0.0175**2
     patient = steady_orbit(Cells.of(CONNOR_STEVENS, _one(), current), rest(_one(), CONNOR_STEVENS), 1e-11)
-    assert firing_rate(current)[0] == pytest.approx(patient.rate[0], rel=3e-7)
+    assert patient.rate[0] == pytest.approx(PATIENT, rel=1e-9)
 
 
 def test_rates_broadcast() -> None:
@@ -351,8 +362,25 @@ def test_rheobase_above_a_fold_that_is_not_followed_by_firing(corner_onset: Onse
     assert onset(CORNER, expected=begin.rheobase + 0.5).rheobase == pytest.approx(begin.rheobase, abs=2e-6)
 
 
-def test_rheobase_at_a_fold_of_orbits(born_onset: Onset) -> None:
+def test_rheobase_at_a_fold_of_orbits(births: tuple[Channels, Onset], born_onset: Onset) -> None:
     _require_birth(born_onset, HODGKIN_HUXLEY, HODGKIN_HUXLEY_OWN, 6.2603, 50.33)
+    channels, stored = births
+    expected = FiringSurface.load(HODGKIN_HUXLEY).curve(Channels(*(float(c[2]) for c in channels))).rheobase
+    found = onset(Channels(*(float(c[2]) for c in channels)), HODGKIN_HUXLEY, expected)
+    _require_found(found, Onset(*(x[2] for x in stored)))
+
+
+@pytest.mark.slow
+def test_searches_find_the_stored_folds_of_orbits(births: tuple[Channels, Onset]) -> None:
+    channels, found = search_births()
+    np.testing.assert_allclose(channels, births[0], rtol=1e-12)
+    _require_found(found, births[1])
+
+
+def _require_found(found: Onset, stored: Onset) -> None:
+    assert found.born.all()
+    np.testing.assert_allclose(found.rheobase, stored.rheobase, atol=1e-6)
+    np.testing.assert_allclose(found.rate, stored.rate, atol=2e-3)  # its slope by the current is infinite there
 
 
 @pytest.mark.slow
