@@ -15,6 +15,10 @@ NOISE = 0.0
 
 ERRORS = ("normal", "student", "lapses")
 """Names of the error laws of ratings, `likelihood.error_laws.ERROR_LAWS`: listed here so that help needs no NumPy."""
+
+LEFT_OUT = ("rating", "participant", "fabric", "condition")
+"""Names of the units that a comparison leaves out, `runs.left_out.LEAVE`; likewise."""
+
 PRIOR_SET = "default"
 """Named set of priors."""
 

@@ -9,6 +9,7 @@ import click
 from softness_bayes.cli.options.run import dask
 from softness_bayes.cli.options.values import whole
 from softness_bayes.cli.running import executor_of, reading
+from softness_bayes.defaults import LEFT_OUT
 from softness_bayes.ranges import STEPS
 
 COMPARE, COMPARISON = "compare", "compare.csv"
@@ -19,8 +20,8 @@ COMPARE, COMPARISON = "compare", "compare.csv"
 @click.option(
     "--leave",
     "left_out",
-    type=click.Choice(["rating", "participant", "fabric", "condition"]),
-    default="rating",
+    type=click.Choice(LEFT_OUT),
+    default=LEFT_OUT[0],
     show_default=True,
     help="What is predicted from all the rest: single ratings, participants, fabrics, or fabrics under single loads.",
 )

@@ -10,7 +10,7 @@ CLOSE = 0.02
 """Relative distance of two loads that may have been meant to be one."""
 
 AT_AN_END = 0.1
-"""Share of a rater's ratings at the largest (smallest) of all raters above which it is a ceiling (floor)."""
+"""Share of all ratings at the largest (smallest) number above which it is a ceiling (floor)."""
 
 TIED = 0.5
 """Share of equal pairs among one rater's ratings of different fabrics under one load that is remarked."""

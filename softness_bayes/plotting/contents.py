@@ -10,15 +10,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from softness_bayes.defaults import shown_of
-from softness_bayes.plotting.answers import (
+from softness_bayes.plotting.chains import rank_figure, trace_figure
+from softness_bayes.plotting.checks import Means, Replicated, checks_figure, loo_pit_figure
+from softness_bayes.plotting.choices import (
     categories_figure,
     counts_of,
     psychometric_figure,
     rows_of_pairs,
     wins_of,
 )
-from softness_bayes.plotting.chains import rank_figure, trace_figure
-from softness_bayes.plotting.checks import Means, Replicated, checks_figure, loo_pit_figure
 from softness_bayes.plotting.compression import compression_figure
 from softness_bayes.plotting.inflection import inflection_figure
 from softness_bayes.plotting.membrane import membrane_figure

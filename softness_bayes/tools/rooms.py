@@ -1,4 +1,4 @@
-"""Drawing of the rooms and of the direction of imports: ``python -m softness_bayes.tools.rooms``.
+"""Drawing of the rooms, and the list of their modules: ``python -m softness_bayes.tools.rooms``.
 
 A room is a folder of the package or a module at its top. The drawing has one row for each floor: a room stands one
 floor above the highest room that it imports. Lines that others imply are left out.
@@ -15,6 +15,8 @@ import softness_bayes
 
 PACKAGE = Path(softness_bayes.__file__).parent
 FILE = PACKAGE / "docs" / "architecture.svg"
+MODULES = PACKAGE / "docs" / "modules.md"
+"""The page that lists all modules."""
 START = "__main__"
 """The module that starts the program, which is no room."""
 BOX, GAP, ROW = 146, 16, 56
@@ -32,23 +34,24 @@ def _modules() -> dict[str, Path]:
     return found
 
 
+def _room(name: str, modules: Mapping[str, Path]) -> str:
+    """Return the room of a module: its folder, or itself at the package's top."""
+    return name if modules[name].name == "__init__.py" else name.rpartition(".")[0] or name
+
+
 def imports() -> Imports:
     """Return the rooms that each room imports."""
     modules = _modules()
     own = f"{softness_bayes.__name__}."
-
-    def room(name: str) -> str:
-        return name if modules[name].name == "__init__.py" else name.rpartition(".")[0] or name
-
-    found: dict[str, set[str]] = {room(name): set() for name in modules}
+    found: dict[str, set[str]] = {_room(name, modules): set() for name in modules}
     for name, path in modules.items():
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
             if isinstance(node, ast.ImportFrom) and node.module:
                 for alias in node.names:
                     full = f"{node.module}.{alias.name}".removeprefix(own)
                     target = full if full in modules else node.module.removeprefix(own)
-                    if target in modules and room(target) != room(name):
-                        found[room(name)].add(room(target))
+                    if target in modules and _room(target, modules) != _room(name, modules):
+                        found[_room(name, modules)].add(_room(target, modules))
     return {name: frozenset(others) for name, others in found.items()}
 
 
@@ -135,10 +138,36 @@ def drawing(imported: Imports) -> str:
     return "\n".join([*parts, "</svg>"]) + "\n"
 
 
+def listing() -> str:
+    """Return the page that says what each module holds, in the first paragraph of its docstring."""
+    modules, rooms = _modules(), [name for floor in reversed(floors(imports())) for name in floor]
+    parts = [
+        "# Modules\n\nWhat each file holds, room by room from the bottom up, in the words of its own first line. "
+        "`python -m\nsoftness_bayes.tools.rooms` writes this page. "
+        "[Architecture](architecture.md) says which room may import which.\n"
+    ]
+    for room in rooms:
+        inside = sorted(name for name in modules if _room(name, modules) == room)
+        rows = [f"| [{_file(modules[name])}](../{_file(modules[name])}) | {_first(modules[name])} |" for name in inside]
+        parts.append("\n".join([f"## {room}\n", "| file | what it holds |", "|---|---|", *rows]) + "\n")
+    return "\n".join(parts)
+
+
+def _file(path: Path) -> str:
+    return path.relative_to(PACKAGE).as_posix()
+
+
+def _first(path: Path) -> str:
+    """Return the first paragraph of a module's docstring, on one line."""
+    said = ast.get_docstring(ast.parse(path.read_text(encoding="utf-8"))) or ""
+    return " ".join(said.partition("\n\n")[0].split()).replace("|", "\\|")
+
+
 def main() -> None:
-    """Write the drawing into the guide."""
-    FILE.write_text(drawing(imports()), encoding="utf-8")
-    print(f"{FILE}: written")
+    """Write the drawing and the list of modules into the guide."""
+    for file, text in ((FILE, drawing(imports())), (MODULES, listing())):
+        file.write_text(text, encoding="utf-8")
+        print(f"{file}: written")
 
 
 if __name__ == "__main__":

@@ -14,6 +14,7 @@ from scipy.stats import multivariate_normal, norm
 from softness_bayes import arviz_bridge
 from softness_bayes.checking.ranking import clustered_error, stacking_weights
 from softness_bayes.data import Experiment, Fabrics
+from softness_bayes.defaults import LEFT_OUT
 from softness_bayes.errors import InputError
 from softness_bayes.likelihood.design import Design
 from softness_bayes.likelihood.directions import INVERSE
@@ -56,6 +57,10 @@ def quickly():
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(request, "Settings", functools.partial(Settings, pilot=(40,), optima=1, ensembles=2))
         yield
+
+
+def test_the_command_line_has_every_unit():
+    assert tuple(LEAVE) == LEFT_OUT
 
 
 # smoothed importance weights

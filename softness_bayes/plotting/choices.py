@@ -1,4 +1,4 @@
-"""Answers that are no numbers beside those of replicates: categories, and pairs as psychometric curves."""
+"""Choices instead of numbers, beside those of replicates: categories, and pairs as psychometric curves."""
 
 from __future__ import annotations
 

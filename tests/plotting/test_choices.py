@@ -9,7 +9,7 @@ import xarray as xr
 from softness_bayes.errors import InputError
 from softness_bayes.likelihood.scales import CATEGORIES, MAGNITUDE, PAIRS
 from softness_bayes.plotting import FIGURES, USUAL
-from softness_bayes.plotting.answers import (
+from softness_bayes.plotting.choices import (
     categories_figure,
     counts_of,
     psychometric_figure,
