@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import subprocess
 import sys
+from functools import cache
 from graphlib import TopologicalSorter
 from pathlib import Path
 
@@ -62,10 +63,11 @@ PROGRAMS = {
 """Run with ``python -m``, beside the command line: they may print, and nothing imports them."""
 
 
+@cache
 def own_imports(tree):
     """Return the modules of this package that a module imports."""
     names = {name.removeprefix("softness_bayes.") for name in imports(tree) if name.startswith("softness_bayes.")}
-    return {next((n for n in (name, name.rpartition(".")[0]) if n in MODULES), name) for name in names}
+    return frozenset(next((n for n in (name, name.rpartition(".")[0]) if n in MODULES), name) for name in names)
 
 
 def room(name):

@@ -42,7 +42,7 @@ from softness_bayes.touch.finger_grid import SPREAD_OF
 from softness_bayes.touch.readings import MENDED
 from support.pages import headings, in_the_code, numbers, plain, sections, table, tables
 from support.paths import DATA, ROOT
-from support.report_runs import HELD, OPTIONS, experiment, quickly, z_score_run
+from support.report_runs import HELD, OPTIONS, experiment, quickly
 
 PAGE = "files.md"
 STANDS_FOR = {
@@ -105,8 +105,8 @@ def everything(tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
-def z_scores(tmp_path_factory):
-    return run_of(z_score_run(), tmp_path_factory.mktemp("z"), "r")
+def z_scores(tmp_path_factory, report_run):
+    return run_of(report_run("z-scores"), tmp_path_factory.mktemp("z"), "r")
 
 
 @pytest.fixture(scope="module")

@@ -1,6 +1,7 @@
 """The package's modules as syntax trees."""
 
 import ast
+from functools import cache
 from pathlib import Path
 
 import softness_bayes
@@ -22,6 +23,7 @@ def modules():
 MODULES = modules()
 
 
+@cache
 def imports(tree):
     """Return every name that a module imports, anywhere in it, as absolute dotted names."""
     names = set()
@@ -31,4 +33,4 @@ def imports(tree):
         elif isinstance(node, ast.ImportFrom):
             assert node.level == 0, "imports are absolute"
             names |= {f"{node.module}.{alias.name}" for alias in node.names}
-    return names
+    return frozenset(names)
