@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -13,6 +14,7 @@ from softness_bayes.errors import InputError
 from softness_bayes.model.build import moduli_of
 from softness_bayes.model.options import ModelOptions
 from softness_bayes.model.scenes import scene_of, touch_parameters, usual_values
+from softness_bayes.parameters.declared import SHAPE_PARAMETERS
 from softness_bayes.parameters.fabric_moduli import FabricModuli
 from softness_bayes.touch.contact import Finger, Force, Indentation, Load
 from softness_bayes.touch.neuron.membrane import Channels
@@ -163,9 +165,8 @@ def reach_of_priors(
 def reach_of(experiment: Experiment, options: ModelOptions) -> str:
     """Return `reach_of_priors` for the rated pairs of an experiment's fabrics and loads, all of them combined."""
     known = {name: prior.median for name, prior in options.priors.items()} | dict(options.fix)
+    shape = {name: known.pop(name) * parameter.si for name, parameter in SHAPE_PARAMETERS.items() if name in known}
     given = {name: value for name, value in known.items() if name in TouchParameters._fields}
-    loads = experiment.ratings.loads
+    loads, finger = experiment.ratings.loads, replace(options.finger, **shape)
     moduli = moduli_of(experiment, options)
-    return reach_of_priors(
-        experiment.fabrics, loads, options.readings, options.prior_set, given, options.finger, moduli
-    )
+    return reach_of_priors(experiment.fabrics, loads, options.readings, options.prior_set, given, finger, moduli)

@@ -10,6 +10,7 @@ from softness_bayes.model.options import ModelOptions
 from softness_bayes.model.reach import COARSE, DEEP, reach, reach_of, reach_of_priors
 from softness_bayes.model.scenes import scene_of, touch_parameters, usual_values
 from softness_bayes.model.simulation import simulate_ratings
+from softness_bayes.parameters.priors import Normal, Uniform
 from softness_bayes.touch.contact import Finger, Force, Indentation
 from softness_bayes.touch.neuron.membrane import Channels
 from softness_bayes.touch.readings import MENDED
@@ -64,6 +65,13 @@ def test_stiff_cloth_gets_no_note():
     assert reach_of(rated, ModelOptions()) == ""
     # the run's own skin decides
     assert reach_of(rated, ModelOptions(fix={"sigma_0": 1e3}))
+
+
+def test_a_sampled_finger_has_the_medians_of_its_priors():
+    made = simulate_ratings(np.random.default_rng(0), STIFF, (Indentation(2e-3),), usual_values(MENDED), participants=3)
+    rated = Experiment(made.ratings, STIFF, ())
+    assert reach_of(rated, ModelOptions(priors={"radius": Normal(8, 1), "receptor_depth": Uniform(0.5, 0.9)})) == ""
+    assert "the geometry is meaningless" in reach_of(rated, ModelOptions(priors={"radius": Normal(2.5, 0.1)}))
 
 
 def test_the_commands_say_it_first(tmp_path):
