@@ -26,6 +26,7 @@ WORKS: Mapping[str, str] = {
     "predict": "--posterior results --fabrics fabrics.csv --force-n 1",
     "rank": "results --fabrics fabrics.csv --force-n 1",
     "target": "results --rating 20 --force-n 1",
+    "explore": "results",
     "new": "my-study",
 }
 """Words after a verb with which it works, if files of these names are there."""

@@ -48,7 +48,8 @@ def _table(subject: Subject, state: State) -> list[str]:
     else:
         fabrics, k = subject.fabrics, state.fabric
         name, modulus, poisson = fabrics.names[k], fabrics.effective_modulus[k] / KPA, fabrics.poisson_ratio[k]
-    row, text = (name, _written(modulus), _written(poisson)), io.StringIO()
+    # twelve digits are those of a table, without the rounding of the conversion
+    row, text = (name, f"{modulus:.12g}", f"{poisson:.12g}"), io.StringIO()
     csv.writer(text, lineterminator="\n").writerows([("fabric", "effective_modulus_kpa", "poisson_ratio"), row])
     return text.getvalue().splitlines()
 

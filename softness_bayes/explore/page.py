@@ -17,7 +17,7 @@ from bokeh.models import (
     Range1d,
 )
 from bokeh.models.annotations import ColorBar, Title
-from bokeh.models.widgets import Button, Div, PreText, Select, Slider
+from bokeh.models.widgets import Button, Div, Select, Slider
 from bokeh.palettes import Viridis256
 from bokeh.plotting import figure
 
@@ -29,7 +29,7 @@ from softness_bayes.parameters.fabric_moduli import KPA
 from softness_bayes.plotting.panels import TINTS, title
 from softness_bayes.plotting.style import USUAL
 from softness_bayes.plotting.touch import SEEN
-from softness_bayes.report.charts import INK, TURN_TINT, dress
+from softness_bayes.report.charts import INK, TURN_TINT, dress, plain_ticks
 
 TITLE = "softness-bayes explore"
 
@@ -42,8 +42,10 @@ MODULUS = "E_fab"
 LEAST_RATE = 1e-9
 """Rate from which a receptor has a colour: a silent one is an open circle [Hz]."""
 
-WRAPPED = "pre { white-space: pre-wrap; overflow-wrap: anywhere; user-select: text; }"
+WRAPPED = "white-space: pre-wrap; overflow-wrap: anywhere; user-select: text"
 """Style of a command, of which no word is out of sight."""
+
+REPEAT = "The command that repeats the numbers of this touch:"
 
 POWER = f"return Number(Math.pow(10, tick).toPrecision({DIGITS})).toString()"
 
@@ -88,8 +90,7 @@ class Page:
         self.modulus = Span(MODULUS, "modulus of the fabric", "kPa", low, high, self.state.modulus_kpa, True)
         self.sliders = {span.name: _slider(span) for span in (self.modulus, *subject.spans)}
         self.reset = Button(label="reset", name="reset")
-        self.told, self.table = Div(name="told"), Div(name="touch")
-        self.command = PreText(name="command", sizing_mode="stretch_width", stylesheets=[WRAPPED])
+        self.said = Div(name="said", sizing_mode="stretch_width")
         self.charts = self._charts()
         self._move_to(subject.start)
         self._listen()
@@ -144,7 +145,7 @@ class Page:
         try:
             self.draw(picture(self.subject, state))
         except SoftnessError as error:
-            self.told.text, self.command.text = f"<p>{escape(f'This cannot be drawn: {error}')}</p>", ""
+            self.said.text = f"<p>{escape(f'This cannot be drawn: {error}')}</p>"
 
     # charts
 
@@ -177,6 +178,8 @@ class Page:
         chart.x_range = Range1d(start=self.subject.ends[0] / KPA, end=self.subject.ends[1] / KPA)
         if self.subject.rated is not None:
             self._bands(chart, name)
+        if axis == "log":
+            plain_ticks(chart)
         chart.multi_line("xs", name, source=self.sources["others"], color=USUAL.absent, line_width=1)
         chart.line("x", name, source=self.sources["curve"], color=INK, line_width=2.5)
         chart.vspan(x="x", source=self.sources["turn"], color=USUAL.inflection, line_width=2, line_dash="dashed")
@@ -222,9 +225,8 @@ class Page:
             self._show_load(load)
         self._put_receptors(found)
         words = [*found.told, *([] if rated is None else [f"Posterior of the run: {rated.shown[load].told}"])]
-        self.told.text = "".join(f"<p>{escape(one)}</p>" for one in words)
-        self.table.text = _table(found)
-        self.command.text = found.command
+        # one element: each change of a text lays out the whole page anew, which takes longer than the model
+        self.said.text = _in_words(words, found)
 
     _shown = -1  # the load of the titles, the bands and the data
 
@@ -259,9 +261,8 @@ class Page:
         controls = [self.load, self.fabric, *self.sliders.values(), self.reset]
         left = column(head, *controls, width=330)
         curves = [self.charts[name] for name in ("rating", "rate") if name in self.charts]
-        repeat = Div(text="<b>The command that repeats the numbers of this touch:</b>")
         pads = row(self.charts["firing"], self.charts["pad"], sizing_mode="stretch_width")
-        right = column(*curves, legend, self.told, pads, self.table, repeat, self.command, sizing_mode="stretch_width")
+        right = column(*curves, legend, pads, self.said, sizing_mode="stretch_width")
         return row(left, right, sizing_mode="stretch_width")
 
 
@@ -297,14 +298,16 @@ def _legend(run: bool) -> str:
     return f"<p>{said}</p>"
 
 
-def _table(found: Picture) -> str:
-    """Return the quantities of a touch as a table."""
+def _in_words(words: list[str], found: Picture) -> str:
+    """Return sentences, the quantities of a touch as a table, and the command that repeats them."""
+    told = "".join(f"<p>{escape(one)}</p>" for one in words)
     rows = "".join(
-        f"<tr><td style='padding-right: 2em'>{escape(words)}</td><td>{_shown_number(found.chosen, name)}</td></tr>"
-        for name, words in QUANTITIES.items()
-        if name in found.chosen
+        f"<tr><td style='padding-right: 2em'>{escape(name)}</td><td>{_shown_number(found.chosen, quantity)}</td></tr>"
+        for quantity, name in QUANTITIES.items()
+        if quantity in found.chosen
     )
-    return f"<b>{escape(found.fabric)}</b><table>{rows}</table>"
+    repeat = f"<p><b>{REPEAT}</b></p><pre style='{WRAPPED}'>{escape(found.command)}</pre>"
+    return f"{told}<b>{escape(found.fabric)}</b><table>{rows}</table>{repeat}"
 
 
 def _shown_number(values: Mapping[str, float], name: str) -> str:

@@ -23,7 +23,7 @@ from softness_bayes.touch.receptors import kink_distances
 
 Array = NDArray[np.float64]
 
-DISTANCES = 81
+DISTANCES = 201
 """Points from the contact's axis to the pad's farthest corner, closer together near the axis."""
 
 

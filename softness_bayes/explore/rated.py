@@ -19,9 +19,10 @@ Array = NDArray[np.float64]
 DRAWS = 400
 """Posterior draws that medians are of."""
 
-EFFECTS = 64
-"""Draws of the ratings' level given data and parameters, whose median is shown; the same random numbers each time, so
-that curves move smoothly."""
+EFFECTS, FEW = 63, 15
+"""Draws of the ratings' level given data and parameters, whose median is shown, and as many where each takes integrals
+over intervals. Odd numbers, so that the median of categories is one; the same random numbers each time, so that curves
+move smoothly."""
 
 
 class Rated:
@@ -70,13 +71,14 @@ class Rated:
         rate
             Responses [spikes/s], shape (loads, k), a row for each load of `shown`.
         """
-        theta = np.repeat(self._theta(values)[None], EFFECTS, axis=0)
         posterior, observed = self.posterior, self.posterior.observation
-        rated = np.repeat(posterior.response(theta[:1]), EFFECTS, axis=0)
+        size = EFFECTS if observed.ends is None else FEW
+        theta = np.repeat(self._theta(values)[None], size, axis=0)
+        rated = np.repeat(posterior.response(theta[:1]), size, axis=0)
         parameters = posterior.rating_parameters(theta)
         effects = observed.draw_effects(np.random.default_rng(0), rated, parameters)
-        elsewhere = np.broadcast_to(rate.reshape(-1) / self.scene.n_receptors, (EFFECTS, rate.size))
-        drive = observed.drive_at(elsewhere, rated, parameters).reshape(EFFECTS, *rate.shape)
+        elsewhere = np.broadcast_to(rate.reshape(-1) / self.scene.n_receptors, (size, rate.size))
+        drive = observed.drive_at(elsewhere, rated, parameters).reshape(size, *rate.shape)
         found = [
             observed.typical(rated, parameters, effects, drive[:, k], np.flatnonzero(self.scene.load == load))
             for k, load in enumerate(self.load)

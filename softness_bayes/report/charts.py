@@ -110,9 +110,14 @@ def _chart(name: str, first: Shown, label: str, ends: tuple[float, float], axis:
     rows += [(f"{level} %", f"@low{level}{{0.[00]}} to @high{level}{{0.[00]}}") for level in ("50", "95")]
     chart.add_tools(HoverTool(renderers=[line], mode="vline", tooltips=rows, name=f"{name}/hover"))
     if axis == "log":
-        chart.yaxis.ticker = FixedTicker(ticks=[n * 10.0**k for k in range(-6, 9) for n in (1, 2, 5)])
-        chart.yaxis.formatter = BasicTickFormatter(use_scientific=False)
+        plain_ticks(chart)
     return chart
+
+
+def plain_ticks(chart: figure) -> None:
+    """Write plain numbers along a logarithmic axis of values: 1, 2, 5, 10 and so on."""
+    chart.yaxis.ticker = FixedTicker(ticks=[n * 10.0**k for k in range(-6, 9) for n in (1, 2, 5)])
+    chart.yaxis.formatter = BasicTickFormatter(use_scientific=False)
 
 
 def _fabrics(chart: figure, first: Shown, foot: bool) -> None:

@@ -10,6 +10,7 @@ import subprocess
 import sys
 import time
 import urllib.parse
+from html import escape
 
 import pytest
 import websocket
@@ -87,29 +88,29 @@ def page(of_medians):
 
 
 def test_a_slider_redraws_and_reset_goes_back(page, of_medians):
-    before = page.command.text, page.sources["curve"].data["rate"]
+    before = page.said.text, page.sources["curve"].data["rate"]
     page.sliders["b"].value = of_medians.spans[0].place(50.0)
     assert page.state.values["b"] == 50.0
     found = picture(of_medians, page.state)
     assert page.sources["curve"].data["rate"] == found.rate[page.state.load].tolist()
-    assert page.command.text == found.command
-    assert "--set b=50 " in page.command.text
+    assert escape(found.command) in page.said.text
+    assert "--set b=50 " in page.said.text
     page.reset._trigger_event(ButtonClick(page.reset))
     assert page.state == of_medians.start
-    assert page.command.text == before[0]
+    assert page.said.text == before[0]
     assert page.sources["curve"].data["rate"] == before[1]
 
 
 def test_fabric_and_modulus_follow_each_other(page):
     page.fabric.value = "2"
     assert page.modulus.value(page.sliders["E_fab"].value) == pytest.approx(900.0, rel=1e-4)
-    assert "canvas, 900 kPa" in page.table.text
+    assert "canvas, 900 kPa" in page.said.text
     page.sliders["E_fab"].value = page.modulus.place(300.0)
     assert (page.fabric.value, page.state.fabric, page.state.modulus_kpa) == ("", None, 300.0)
     assert page.fabric.options[-1][1] == ANY
     page.load.value = "0"
     assert page.state.load == 0
-    assert "Indentation 1 mm" in page.told.text
+    assert "Indentation 1 mm" in page.said.text
 
 
 def test_what_the_model_refuses_is_said_and_the_charts_stay(page, monkeypatch):
@@ -120,7 +121,7 @@ def test_what_the_model_refuses_is_said_and_the_charts_stay(page, monkeypatch):
 
     monkeypatch.setattr("softness_bayes.explore.page.picture", refuse)
     page.load.value = "0"
-    assert page.told.text == "<p>This cannot be drawn: b &lt;1&gt;</p>"
+    assert page.said.text == "<p>This cannot be drawn: b &lt;1&gt;</p>"
     assert page.sources["curve"].data is before
 
 
