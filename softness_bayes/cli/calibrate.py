@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from tqdm import tqdm
 
     from softness_bayes.checking.ranks import Replicate
-    from softness_bayes.runs.calibrate import Calibrated
+    from softness_bayes.runs.calibrated import Calibrated
 
 
 @click.command()
@@ -172,7 +172,7 @@ def _report(found: Calibrated, out: Path) -> None:
     from softness_bayes.files.outputs import write_outputs
     from softness_bayes.plotting.calibration import rank_ecdf_figure
     from softness_bayes.plotting.style import files_of
-    from softness_bayes.runs.calibrate import CALIBRATE, FIGURE
+    from softness_bayes.runs.calibrated import CALIBRATE, FIGURE
 
     found.save(out)
     calibration = found.calibration

@@ -12,15 +12,13 @@ from numpy.typing import NDArray
 from softness_bayes.likelihood import student
 from softness_bayes.likelihood.error_laws import ErrorLaw
 from softness_bayes.likelihood.mu_nodes import log_sum
+from softness_bayes.likelihood.quadrature import DENSE, Quadrature, gauss_hermite
 from softness_bayes.likelihood.rater_integrals import (
-    DENSE,
     LEVELS,
     REACH,
     Given,
-    Quadrature,
     RaterIntegrals,
     draw_on,
-    gauss_hermite,
 )
 
 FloatArray = NDArray[np.float64]

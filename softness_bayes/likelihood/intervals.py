@@ -22,18 +22,9 @@ from softness_bayes.likelihood.interval_law import Rows, below, score_at
 from softness_bayes.likelihood.magnitude import RatingModel
 from softness_bayes.likelihood.mu_nodes import log_sum
 from softness_bayes.likelihood.pieces import in_pieces
+from softness_bayes.likelihood.quadrature import DENSE, DENSER, FAST, Quadrature, finer_than, quadrature_for
 from softness_bayes.likelihood.random_effects import Effects
-from softness_bayes.likelihood.rater_integrals import (
-    DENSE,
-    DENSER,
-    FAST,
-    Given,
-    LawParameters,
-    Quadrature,
-    RaterIntegrals,
-    finer_than,
-    quadrature_for,
-)
+from softness_bayes.likelihood.rater_integrals import Given, LawParameters, RaterIntegrals
 from softness_bayes.likelihood.ratings import RatingParameters, RatingsLikelihood
 from softness_bayes.likelihood.scales import SLIDER, Scale
 from softness_bayes.likelihood.stated import Stated

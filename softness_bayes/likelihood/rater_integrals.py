@@ -2,58 +2,28 @@
 
 Given the level mu, raters are independent: a_p = mu + tau zeta with zeta ~ N(0, 1), and a rater's rows have the log
 density l_p(a_p). Newton's method finds the mode of all a_p and mu together. About it l_p is a polynomial: by its first
-four derivatives there (`FAST`), or through values at Chebyshev points (`FINE`). Gauss-Hermite rules about the modes
-then integrate each rater's zeta and the level.
+four derivatives there (`quadrature.FAST`), or through values at Chebyshev points (`quadrature.FINE`). Gauss-Hermite
+rules about the modes then integrate each rater's zeta and the level.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from functools import cache
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.polynomial import chebyshev
-from numpy.polynomial.hermite_e import hermegauss
 from numpy.typing import NDArray
 
-from softness_bayes.likelihood.error_laws import NORMAL, ErrorLaw
+from softness_bayes.likelihood.error_laws import ErrorLaw
 from softness_bayes.likelihood.interval_law import Rows, derivatives, log_probability
 from softness_bayes.likelihood.mu_nodes import log_sum
+from softness_bayes.likelihood.quadrature import FAST, FINE, ROUGHLY, Quadrature, gauss_hermite, to_chebyshev
 
 FloatArray = NDArray[np.float64]
 IndexArray = NDArray[np.intp]
 
-
-class Quadrature(NamedTuple):
-    """Resolution of the integrals over raters' scales and the level."""
-
-    points: int
-    """Chebyshev points at which a rater's log density is computed; 0 for its derivatives at one point alone."""
-    scales: int
-    """Nodes of each rater's scale."""
-    levels: int
-    """Nodes of the level."""
-    settled: float
-    """Newton's method ends once no rater's mode moves by more than this, in its standard deviations."""
-
-
-FAST = Quadrature(0, 7, 5, 1.0)
-"""For raters with many ratings each."""
-FINE = Quadrature(24, 13, 9, 0.05)
-"""For raters with few ratings, and to measure the error of `FAST`."""
-FINEST = Quadrature(40, 13, 13, 0.01)
-"""To measure the error of `FINE`."""
-
-ROUGHLY = Quadrature(12, 9, 5, 0.6)
-"""For parameters at which derivatives do not suffice, far from the data."""
-DENSE, DENSER = Quadrature(0, 9, 0, 0.35), Quadrature(0, 13, 0, 0.2)
-"""For `dense_integrals.DenseIntegrals`, and to measure its error: nodes of zeta, and distance of points in standard
-deviations."""
-
-MANY_ROWS, FEW_ROWS = 20, 10
-"""Ratings of every rater from which `FAST` is used, and below which heavy tails need `DENSE`."""
 
 LEVELS = 33
 """Levels at which the level's law is computed to draw from it."""
@@ -78,21 +48,6 @@ _STEPS = 12  # of Newton's method, at most
 _LEAST_CURVATURE = 0.1  # of its steps, over that of as many normal errors
 _NO_CURVATURE = 0.002  # as that, of the normal law about the mode
 _LOG_ROOT_TWO_PI = 0.5 * math.log(2.0 * math.pi)
-
-
-def quadrature_for(count: FloatArray) -> Quadrature:
-    """Return the quadrature for raters with so many ratings each, shape (raters,)."""
-    return FINE if count.min() < MANY_ROWS else FAST
-
-
-def finer_than(quadrature: Quadrature, count: FloatArray, law: ErrorLaw) -> Quadrature:
-    """Return a quadrature that measures the error of another one, for raters with so many ratings each."""
-    if quadrature in (DENSE, DENSER):
-        return DENSER
-    # equal, not the same: a law that came to a worker is a copy
-    if count.min() < FEW_ROWS and law != NORMAL:
-        return DENSE
-    return FINEST if quadrature == FINE else FINE
 
 
 class LawParameters(NamedTuple):
@@ -305,7 +260,7 @@ class RaterIntegrals:
         values = self.values(given, modes.a[:, None] + x[:, None] * width[:, None])
         # between the points of a function that they do not resolve the polynomial may rise without limit
         most = values.max(axis=1)
-        coefficients = np.moveaxis(_to_chebyshev(quadrature.points) @ values, 1, 0)
+        coefficients = np.moveaxis(to_chebyshev(quadrature.points) @ values, 1, 0)
 
         def evaluate(a: FloatArray) -> FloatArray:
             between = (1,) * (a.ndim - 3)
@@ -406,19 +361,3 @@ def _series(modes: Modes) -> Callable[[FloatArray], FloatArray]:
         return b0 + d * (b1 + d * (b2 + d * (b3 + d * b4)))
 
     return evaluate
-
-
-@cache
-def gauss_hermite(size: int) -> tuple[FloatArray, FloatArray]:
-    """Return nodes x and log weights of the integral of f(x), sum of exp(log weight) f(x): Gauss-Hermite."""
-    x, weight = hermegauss(size)
-    return x, np.log(weight) + 0.5 * x**2
-
-
-@cache
-def _to_chebyshev(size: int) -> FloatArray:
-    """Return the matrix from values at Chebyshev points to coefficients."""
-    k = np.arange(size)
-    matrix = 2.0 / size * np.cos(np.pi * k[:, None] * (k + 0.5) / size)
-    matrix[0] /= 2.0
-    return matrix

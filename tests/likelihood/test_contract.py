@@ -34,7 +34,7 @@ from softness_bayes.likelihood.models import LIKELIHOODS, RATING_MODELS, rating_
 from softness_bayes.likelihood.orders import OrderModel, OrderRatings
 from softness_bayes.likelihood.pairs import PairModel, PairRatings
 from softness_bayes.likelihood.plate import CompressionForces, SkinParameters
-from softness_bayes.likelihood.rater_integrals import DENSE
+from softness_bayes.likelihood.quadrature import DENSE
 from softness_bayes.likelihood.ratings import RatingParameters, RatingsLikelihood
 from softness_bayes.likelihood.scales import CATEGORIES, MAGNITUDE, RATING_SCALES, scale_named
 from softness_bayes.likelihood.uncertain_loads import UncertainLoads

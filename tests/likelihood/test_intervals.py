@@ -13,7 +13,7 @@ from softness_bayes.likelihood.directions import FALLS, RISES
 from softness_bayes.likelihood.error_laws import LAPSES, NORMAL, STUDENT
 from softness_bayes.likelihood.intervals import IntervalModel, IntervalRatings, SliderModel
 from softness_bayes.likelihood.magnitude import RatingModel
-from softness_bayes.likelihood.rater_integrals import DENSE, DENSER, FAST, FINE, FINEST
+from softness_bayes.likelihood.quadrature import DENSE, DENSER, FAST, FINE, FINEST
 from softness_bayes.likelihood.ratings import RatingParameters
 from softness_bayes.likelihood.stated import Stated
 

@@ -33,7 +33,8 @@ from softness_bayes.model.options import ModelOptions
 from softness_bayes.parameters.declared import PARAMETERS
 from softness_bayes.plotting.calibration import rank_ecdf_figure
 from softness_bayes.results.request import Request, RunOptions
-from softness_bayes.runs.calibrate import LONG, Calibrated, calibrate, finished
+from softness_bayes.runs.calibrate import calibrate, finished
+from softness_bayes.runs.calibrated import LONG, Calibrated
 from softness_bayes.runs.calibration_scene import CalibrationScene
 from softness_bayes.runs.ranked_quantities import LOG_LIKELIHOOD, PARTICIPANT, PARTICIPANTS, quantities
 from softness_bayes.runs.replicate import independent, ranks, replicate, right

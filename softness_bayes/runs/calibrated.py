@@ -1,0 +1,103 @@
+"""All replicates of a calibration: their tables, their verdict, and its files."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from softness_bayes.checking.rank_words import verdict
+from softness_bayes.checking.ranks import Calibration, Replicate
+from softness_bayes.files.outputs import write_outputs
+from softness_bayes.files.spreadsheet import csv_of
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+RANKS, COVERAGE, VERDICT, FIGURE = "ranks.csv", "coverage.csv", "verdict.txt", "ecdf"
+
+CALIBRATE = "calibrate"
+"""The verb that the files are listed under."""
+
+LONG = 2_000
+"""Steps beyond which a replicate is counted as one that ran longer."""
+
+
+@dataclass(frozen=True)
+class Calibrated:
+    """All replicates of a calibration.
+
+    Parameters
+    ----------
+    replicates
+        By index.
+    unfinished
+        Indices of those that were asked for and are not among them.
+    """
+
+    replicates: Mapping[int, Replicate]
+    unfinished: tuple[int, ...] = ()
+
+    @property
+    def calibration(self) -> Calibration:
+        """Their ranks."""
+        return Calibration.of([*self.replicates.values()])
+
+    @property
+    def unconverged(self) -> int:
+        """Replicates that did not converge within the steps allowed; their ranks count all the same."""
+        return sum(not one.converged for one in self.replicates.values())
+
+    @property
+    def longer(self) -> int:
+        """Replicates that ran longer than `LONG` steps."""
+        return sum(one.steps > LONG for one in self.replicates.values())
+
+    @property
+    def passed(self) -> bool:
+        """True if all are finished and converged, no test raised an alarm, and there are enough to detect a fault."""
+        return self.decided and not self.calibration.faults() and self.calibration.enough
+
+    @property
+    def decided(self) -> bool:
+        """True if all are finished and converged: the slowest differ from the others, so that none may be missing."""
+        return not self.unconverged and not self.unfinished
+
+    def ranks(self) -> pd.DataFrame:
+        """Return a row per replicate: its walk (steps, autocorrelation_time, converged), then every rank and truth."""
+        import pandas as pd
+
+        rows = {}
+        for index, one in self.replicates.items():
+            found = dict(zip(one.names, one.rank, strict=True))
+            true = {f"true_{name}": value for name, value in zip(one.names, one.truth, strict=True)}
+            rows[index] = {
+                "steps": one.steps,
+                "autocorrelation_time": one.tau,
+                "converged": one.converged,
+                **found,
+                **true,
+            }
+        return pd.DataFrame.from_dict(rows, orient="index").rename_axis("replicate")
+
+    def coverage(self) -> pd.DataFrame:
+        """Return how often central intervals hold the truth, with the tests of each quantity beside it."""
+        import pandas as pd
+
+        calibration = self.calibration
+        judged = pd.DataFrame({name: one._asdict() for name, one in calibration.judge().items()}).T
+        return pd.DataFrame(calibration.coverage()).join(judged, on="quantity").set_index(["quantity", "mass"])
+
+    def sentence(self) -> str:
+        """Return the verdict in one line: the alarms or, without any, the power."""
+        size = len(self.replicates)
+        asked = f"{size} of {size + len(self.unfinished)}" if self.unfinished else f"{size}"
+        left = f"; unfinished: {', '.join(map(str, self.unfinished))}" if self.unfinished else ""
+        walks = f"{self.longer} ran longer than {LONG} steps, {self.unconverged} did not converge{left}"
+        return verdict(self.calibration, f"{asked} replicates ({walks})", self.decided)
+
+    def save(self, directory: Path) -> None:
+        """Write ranks, coverage and verdict, all or none of them; those of an earlier calibration are replaced."""
+        ranks, coverage = csv_of(self.ranks()), csv_of(self.coverage())
+        write_outputs(directory, {RANKS: ranks, COVERAGE: coverage, VERDICT: self.sentence() + "\n"}, CALIBRATE)
