@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from softness_bayes.likelihood.error_laws import LAPSES as LAPSES
     from softness_bayes.likelihood.error_laws import NORMAL as NORMAL
     from softness_bayes.likelihood.error_laws import STUDENT as STUDENT
+    from softness_bayes.likelihood.scales import AGGREGATED as AGGREGATED
     from softness_bayes.likelihood.scales import CATEGORIES as CATEGORIES
     from softness_bayes.likelihood.scales import MAGNITUDE as MAGNITUDE
     from softness_bayes.likelihood.scales import PAIRS as PAIRS
@@ -73,6 +74,7 @@ if TYPE_CHECKING:
     from softness_bayes.touch.stress import stress as stress
 
 _HOMES = {
+    "AGGREGATED": "likelihood.scales",
     "ALTERNATIVES": "touch.readings",
     "CATEGORIES": "likelihood.scales",
     "CalibrationScene": "runs.calibration_scene",

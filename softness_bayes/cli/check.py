@@ -213,6 +213,8 @@ def _summary(experiment: Experiment, modulus: NDArray[np.float64], own_units: bo
     """Return lines that say who rated what, under which loads; moduli in kPa, scales of the raters' own or not."""
     import numpy as np
 
+    from softness_bayes.model.build import raters_told
+
     ratings = experiment.ratings
     each = np.bincount(ratings.participant)
     conditions = ratings.conditions
@@ -228,9 +230,13 @@ def _summary(experiment: Experiment, modulus: NDArray[np.float64], own_units: bo
         f"{rated} of {len(ratings.participants) * pairs} with each participant",
     }
     if own_units:
+        told = raters_told(ratings)
         lines["tau"] = (
-            "several participants: the spread of their rating scales (tau) can be estimated"
-            if len(ratings.participants) > 1
+            f"several {'participants' if ratings.cells is None else 'raters'}: the spread of their rating scales (tau) "
+            "can be estimated"
+            if told > 1
+            else "means without standard deviations: the spread of raters' scales (tau) cannot be estimated"
+            if ratings.cells is not None
             else "one participant: the spread of rating scales between participants (tau) cannot be estimated"
         )
     if len(conditions.fabric) == 1:

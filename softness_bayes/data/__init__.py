@@ -14,11 +14,14 @@ import numpy as np
 
 from softness_bayes.data.columns import (
     FORCE,
+    GEOMETRIC_MEAN,
+    GEOMETRIC_SD,
     INDENTATION,
     LABELS,
     LOAD_CV,
     MODULUS_SOURCES,
     NUMBERS,
+    RATERS,
     RATING,
     RESOLUTION,
     THICKNESS,
@@ -233,7 +236,12 @@ def ratings_csv(ratings: Ratings, fabrics: Fabrics | None = None) -> str:
         columns[RESOLUTION.name] = [RESOLUTION.write(value) for value in ratings.resolution]
     if ratings.lists is not None:
         columns["list"] = [str(number + 1) for number in ratings.lists]
-    columns[RATING.name] = [RATING.write(value) for value in ratings.rating]
+    column = RATING if ratings.cells is None else GEOMETRIC_MEAN
+    columns[column.name] = [RATING.write(value) for value in ratings.rating]
+    if ratings.cells is not None:
+        if ratings.cells.geometric_sd is not None:
+            columns[GEOMETRIC_SD.name] = [GEOMETRIC_SD.write(value) for value in ratings.cells.geometric_sd]
+        columns[RATERS.name] = [str(ratings.cells.raters)] * len(ratings)
     columns |= {name: [own[i] for i in ratings.participant] for name, own in ratings.covariates.items()}
     if fabrics is not None:
         places = {name: i for i, name in enumerate(fabrics.names)}

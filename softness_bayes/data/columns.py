@@ -121,6 +121,13 @@ FORCE = Column("force_n", "force", "N", range=BEARABLE, reason="a finger bears n
 RESOLUTION = Column("resolution", "step of the rater's grid of numbers", "", range=RESOLUTIONS)
 LOAD_CV = Column("load_cv", "relative error of the load", "", range=LOAD_ERRORS)
 RATING = Column("rating", "rating", "")
+MEAN = Column("mean", "arithmetic mean of a cell's ratings", "", range=_POSITIVE)
+GEOMETRIC_MEAN = Column("geometric_mean", "geometric mean of a cell's ratings", "", range=_POSITIVE)
+SD = Column("sd", "standard deviation of a cell's ratings", "", range=_POSITIVE)
+GEOMETRIC_SD = Column(
+    "geometric_sd", "geometric standard deviation of a cell's ratings", "", range=Range(1.0, above=True)
+)
+RATERS = Column("n", "number of raters of a cell", "", range=Range(2.0, 1e6))
 RANK = Column("rank", "rank", "", range=_POSITIVE)
 TENSILE_MODULUS = Column("tensile_modulus_mpa", "tensile modulus", "MPa", power=6, range=_POSITIVE)
 THICKNESS = Column("thickness_mm", "thickness", "mm", power=-3, range=_POSITIVE)
@@ -152,6 +159,11 @@ NUMBERS: Mapping[str, Column] = {
         RESOLUTION,
         RATING,
         RANK,
+        MEAN,
+        GEOMETRIC_MEAN,
+        SD,
+        GEOMETRIC_SD,
+        RATERS,
         TENSILE_MODULUS,
         THICKNESS,
         POISSON_RATIO,
@@ -170,6 +182,8 @@ NUMBERS: Mapping[str, Column] = {
     )
 }
 """The columns of numbers, by name."""
+OF_CELLS = frozenset({MEAN.name, GEOMETRIC_MEAN.name, SD.name, GEOMETRIC_SD.name, RATERS.name})
+"""Columns of cells of several raters, which stand in place of ratings."""
 MODULUS_SOURCES = (EFFECTIVE_MODULUS, EFFECTIVE_MODULUS_LOW, BENDING_RIGIDITY, TENSILE_MODULUS)
 """Sources of a fabric's modulus; the first available one is used. A least modulus needs a largest one, and a tensile
 modulus a thickness."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import difflib
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Container, Mapping, Sequence
 from typing import NamedTuple
 
 from softness_bayes.data.columns import (
@@ -13,11 +13,15 @@ from softness_bayes.data.columns import (
     EFFECTIVE_MODULUS_HIGH,
     EFFECTIVE_MODULUS_LOW,
     FORCE,
+    GEOMETRIC_MEAN,
     INDENTATION,
     LABELS,
     LOAD_CV,
+    MEAN,
     NUMBERS,
+    OF_CELLS,
     RANK,
+    RATERS,
     RATING,
     RESOLUTION,
     SECOND_FABRIC,
@@ -60,7 +64,7 @@ _MODULI = (
     frozenset({BENDING_RIGIDITY.name}),
     frozenset({TENSILE_MODULUS.name, THICKNESS.name}),
 )
-_SCALES = frozenset({RATING.name, RESOLUTION.name, RANK.name})
+_SCALES = frozenset({RATING.name, RESOLUTION.name, RANK.name}) | OF_CELLS
 """Columns of numbers without a unit of their own."""
 _OF_RATINGS = frozenset(
     {"participant", "fabric", SECOND_FABRIC, "trial", "list", RATING.name, RESOLUTION.name, LOAD_CV.name}
@@ -133,7 +137,12 @@ def _places(titles: Sequence[str], renames: Mapping[str, str]) -> dict[str, int]
         for title in (renames.get(name, name).casefold(), name):
             if title in where:
                 at.setdefault(name, where[title])
-    return at
+    return at if holds_cells(at) else {name: j for name, j in at.items() if name not in OF_CELLS}
+
+
+def holds_cells(at: Container[str]) -> bool:
+    """Return whether a table of these columns has means of cells in place of ratings."""
+    return RATING.name not in at and (GEOMETRIC_MEAN.name in at or (MEAN.name in at and RATERS.name in at))
 
 
 def _quantity(name: str) -> str:
@@ -180,7 +189,10 @@ def _seek(found: Header, titles: Sequence[str], sought: Sought, where: str) -> N
         If there are several for one.
     """
     parts = {j: title_and_unit(title) for j, title in enumerate(titles) if title and j not in found.at.values()}
+    cells = holds_cells(found.at)
     for name in sought.without(found.at):
+        if cells and name == RATING.name:
+            continue
         names = {key(title) for title in (title_and_unit(name)[0], name, *SYNONYMS.get(name, ()))}
         near = [j for j, (stem, _) in parts.items() if key(stem) in names or key(titles[j]) in names]
         fitting = [j for j in near if _fits(name, *parts[j], title=titles[j], names=names)]

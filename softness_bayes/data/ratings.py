@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from softness_bayes.data.aggregated import PANEL, Cells, cells_of
 from softness_bayes.data.columns import FORCE, INDENTATION, LOAD_CV, RATING, RESOLUTION, Column
 from softness_bayes.data.covariates import covariates_in
 from softness_bayes.data.fabrics import Fabrics, log_sd
@@ -126,6 +127,8 @@ class Ratings:
     """Index (n,) of the list that each rating is a place in; None if the table names none."""
     covariates: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     """Covariates by name: a text for each participant, as written, which no model uses."""
+    cells: Cells | None = None
+    """Further numbers of cells, if the ratings are geometric means of several raters, who are a participant then."""
 
     def __post_init__(self) -> None:
         arrays = {"participant": int, "fabric": int, "load": int, "rating": float, "rows": int}
@@ -256,6 +259,7 @@ class Ratings:
     ) -> Ratings:
         """Return the ratings of a table, without those of 0 if asked for; other arguments as of `read`."""
         given = _given_load(table, indentation_mm, force_n)
+        table, cells = cells_of(table)
         table.require("fabric", RATING.name)
         table = unpaired(table)
         filed = table.numbers(RATING)
@@ -283,8 +287,9 @@ class Ratings:
         if "participant" in table:
             by = table.labels("participant")
         else:
-            by = [SOLE_PARTICIPANT] * len(table)
-            notes.append("no column 'participant': all ratings are taken as those of one participant")
+            by = [SOLE_PARTICIPANT if cells is None else PANEL] * len(table)
+            if cells is None:
+                notes.append("no column 'participant': all ratings are taken as those of one participant")
         what = _fabrics_in(table, fabrics)
         loads = _loads_in(table, given)
         load_cv = table.numbers(LOAD_CV) if LOAD_CV.name in table else None
@@ -292,6 +297,9 @@ class Ratings:
         table.check()
         touches = [load for load in loads if load is not None]
         notes += _repeats(table, by, what, touches)
+        if cells is not None and len(set(zip(by, what, touches, strict=True))) < len(table):
+            table.faults.add_general("a cell of one fabric and load stands in several rows, expected one")
+            table.check()
         wrong = np.flatnonzero(filed[rated] < 0)
         if rated.size > 2 and np.ptp(filed[rated]) == 0:
             notes.append(f"looks wrong: all {rated.size} ratings are {filed[rated[0]]:g}, so they tell nothing")
@@ -321,6 +329,7 @@ class Ratings:
             resolution=resolution,
             lists=_lists_in(table, by),
             covariates=covariates,
+            cells=None if cells is None else cells.take(used),
         )
 
 

@@ -7,6 +7,7 @@ from functools import partial
 from types import MappingProxyType
 
 from softness_bayes.errors import InputError
+from softness_bayes.likelihood.aggregated import AggregatedModel, AggregatedRatings
 from softness_bayes.likelihood.categories import CategoryModel, CategoryRatings
 from softness_bayes.likelihood.contract import Likelihood
 from softness_bayes.likelihood.directions import RISES, RatingDirection
@@ -20,7 +21,17 @@ from softness_bayes.likelihood.own import require_model
 from softness_bayes.likelihood.pairs import PairModel, PairRatings
 from softness_bayes.likelihood.plate import CompressionForces
 from softness_bayes.likelihood.ratings import RatingsLikelihood, RatingsModel
-from softness_bayes.likelihood.scales import CATEGORIES, MAGNITUDE, PAIRS, RANKS, SLIDER, STANDARDISED, Scale
+from softness_bayes.likelihood.scales import (
+    AGGREGATED,
+    CATEGORIES,
+    MAGNITUDE,
+    PAIRS,
+    RANKS,
+    SLIDER,
+    STANDARDISED,
+    Scale,
+)
+from softness_bayes.likelihood.spreads import RaterSpreads
 from softness_bayes.likelihood.uncertain_loads import UncertainLoads
 from softness_bayes.likelihood.z_scores import StandardisedModel, StandardisedRatings
 
@@ -30,6 +41,7 @@ RATING_MODELS: Mapping[tuple[Scale, ErrorLaw], Callable[[RatingDirection], Ratin
         (MAGNITUDE, STUDENT): partial(IntervalModel, law=STUDENT),
         (MAGNITUDE, LAPSES): partial(IntervalModel, law=LAPSES),
         (STANDARDISED, NORMAL): StandardisedModel,
+        (AGGREGATED, NORMAL): AggregatedModel,
         **{(CATEGORIES, law): partial(CategoryModel, law=law) for law in ERROR_LAWS.values()},
         **{(SLIDER, law): partial(SliderModel, law=law) for law in ERROR_LAWS.values()},
         (RANKS, GUMBEL): OrderModel,
@@ -63,6 +75,8 @@ LIKELIHOODS: tuple[type[Likelihood], ...] = (
     UncertainLoads,
     IndividualRatings,
     StandardisedRatings,
+    AggregatedRatings,
+    RaterSpreads,
     CompressionForces,
 )
 """Every likelihood; each goes through the tests of the contract."""

@@ -222,6 +222,17 @@ class RatingsLikelihood(Likelihood):
         return self.model.with_new_participants(rng, parameters, effects)
 
     @property
+    def raters(self) -> int:
+        """Number of raters: of the participants, or of a panel whose means the ratings are."""
+        return self.design.n_participants
+
+    @property
+    def single(self) -> RatingsModel:
+        """The model of single raters' ratings; another one than `model` where the ratings are means of panels."""
+        model: RatingsModel = self.model
+        return model
+
+    @property
     def ends(self) -> tuple[FloatArray, FloatArray] | None:
         """Ends of the intervals that the ratings stand for, each (rows,); None if they are exact numbers."""
         return None

@@ -203,6 +203,12 @@ MAGNITUDE = Scale(
     require=_require_positive,
     log_slope=_log,
 )
+AGGREGATED = replace(
+    MAGNITUDE,
+    name="aggregated",
+    meaning="geometric means of the magnitude estimates of n raters, with their standard deviations",
+    label="softness rating (geometric mean)",
+)
 STANDARDISED = Scale(
     name="standardised",
     meaning="z-scores",
@@ -265,7 +271,7 @@ PAIRS = replace(
     answer="pair",
 )
 RATING_SCALES: Mapping[str, Scale] = MappingProxyType(
-    {scale.name: scale for scale in (MAGNITUDE, STANDARDISED, SLIDER, CATEGORIES, RANKS, PAIRS)}
+    {scale.name: scale for scale in (MAGNITUDE, STANDARDISED, SLIDER, CATEGORIES, RANKS, PAIRS, AGGREGATED)}
 )
 """The readings of the rating scale, by name; the first is the default."""
 
@@ -324,3 +330,14 @@ PLATE_FORCE = replace(
     require=_accept,
 )
 """The scale of a rigid plate's force on a fingerpad; not a scale of ratings."""
+
+LOG_SD = replace(
+    MAGNITUDE,
+    name="log-sd",
+    meaning="standard deviations of log ratings between raters",
+    unit="log standard deviation",
+    label="standard deviation of log ratings",
+    own_units=False,
+    require=_accept,
+)
+"""The scale of standard deviations between raters; not a scale of ratings."""

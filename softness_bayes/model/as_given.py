@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from softness_bayes.checking.checks import FABRIC_SPREAD
 from softness_bayes.checking.quantities import Layout
 from softness_bayes.data import Ratings
+from softness_bayes.data.aggregated import Cells
 from softness_bayes.data.steps import steps_of_raters
 from softness_bayes.errors import InputError
 from softness_bayes.likelihood.design import Design
@@ -18,7 +19,7 @@ from softness_bayes.likelihood.error_laws import GUMBEL, LAPSES, NORMAL, STUDENT
 from softness_bayes.likelihood.models import rating_model
 from softness_bayes.likelihood.orders import shares
 from softness_bayes.likelihood.places import MOST_TIED
-from softness_bayes.likelihood.scales import CATEGORIES, MAGNITUDE, PAIRS, RANKS, SLIDER, STANDARDISED
+from softness_bayes.likelihood.scales import AGGREGATED, CATEGORIES, MAGNITUDE, PAIRS, RANKS, SLIDER, STANDARDISED
 from softness_bayes.likelihood.stated import Stated
 from softness_bayes.model.options import ModelOptions
 from softness_bayes.ranges import CATEGORIES_RANGE
@@ -49,6 +50,8 @@ class AsGiven(NamedTuple):
     """Why the errors have that law, in a sentence."""
     categories: int = 0
     """Number of ordered categories; 0 on other scales."""
+    raters: int = 0
+    """Number of raters whose mean each rating is; 0 if it is one rater's."""
 
 
 def as_given(ratings: Ratings, options: ModelOptions) -> AsGiven:
@@ -67,6 +70,8 @@ def as_given(ratings: Ratings, options: ModelOptions) -> AsGiven:
             f"{ratings.source}: the rows are pairs of fabrics (column fabric_2), which are {PAIRS.name}, not "
             f"{options.scale.name} ratings; add --ratings {PAIRS.name}"
         )
+    if (ratings.cells is not None) != (options.scale is AGGREGATED):
+        raise InputError(_of_cells(ratings, options))
     if options.scale.model is not None:
         return _as_modelled(ratings, options)
     alone = _closed_form_alone(ratings, options)
@@ -90,8 +95,30 @@ def as_given(ratings: Ratings, options: ModelOptions) -> AsGiven:
     else:
         law, why = _law_of(ratings, said, options)
     count = _count_of(ratings, options)
+    raters = 0 if ratings.cells is None else ratings.cells.raters
     note = f"ratings: {count} ordered categories" if count else _of_numbers(ratings, said, alone)
-    return AsGiven(said, law, note, f"errors: {why}", count)
+    if ratings.cells is not None:
+        note = f"ratings: geometric means of {raters} raters each, {_told_of_spreads(ratings.cells)}"
+    return AsGiven(said, law, note, f"errors: {why}", count, raters)
+
+
+def _told_of_spreads(cells: Cells) -> str:
+    if cells.geometric_sd is None:
+        return "without standard deviations: they tell nothing of the spread of raters' scales (tau)"
+    return f"{int(np.isfinite(cells.geometric_sd).sum())} of them with the standard deviation of their log ratings"
+
+
+def _of_cells(ratings: Ratings, options: ModelOptions) -> str:
+    """Return why cells of several raters, or ratings of single ones, are not of the scale that was asked for."""
+    if ratings.cells is None:
+        return (
+            f"{ratings.source}: {AGGREGATED.name} ratings are geometric means of n raters: expected the columns "
+            "geometric_mean (or mean and sd) and n, and geometric_sd where it is known"
+        )
+    return (
+        f"{ratings.source}: the rows are means of {ratings.cells.raters} raters, which are {AGGREGATED.name}, not "
+        f"{options.scale.name} ratings; add --ratings {AGGREGATED.name}"
+    )
 
 
 def _as_modelled(ratings: Ratings, options: ModelOptions) -> AsGiven:
@@ -297,6 +324,8 @@ def _closed_form_alone(ratings: Ratings, options: ModelOptions) -> str:
     """Return what is asked for that only the closed form of exact ratings with normal errors has; else nothing."""
     if options.scale is STANDARDISED:
         return f"{options.scale.name} ratings"
+    if options.scale is AGGREGATED:
+        return "means of several raters"
     if options.individual:
         return "raters' own fingers (--individual)"
     if ratings.load_log_sd(options.load_cv).any():

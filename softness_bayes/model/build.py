@@ -10,7 +10,7 @@ import numpy as np
 
 from softness_bayes.checking import direction
 from softness_bayes.checking.quantities import Layout
-from softness_bayes.data import Compression, Experiment
+from softness_bayes.data import Compression, Experiment, Ratings
 from softness_bayes.errors import InputError
 from softness_bayes.kinds import require_kind
 from softness_bayes.likelihood.design import Design
@@ -22,6 +22,7 @@ from softness_bayes.likelihood.own import try_likelihood
 from softness_bayes.likelihood.plate import CompressionForces
 from softness_bayes.likelihood.ratings import RatingParameters, RatingsLikelihood, RatingsModel
 from softness_bayes.likelihood.scales import MAGNITUDE, STANDARDISED
+from softness_bayes.likelihood.spreads import RaterSpreads, SpreadModel
 from softness_bayes.model.as_given import AsGiven, as_given
 from softness_bayes.model.fabric_moduli import fabric_moduli
 from softness_bayes.model.fingers import box_of_priors, require_one_source
@@ -153,8 +154,13 @@ def build(experiment: Experiment, options: ModelOptions = ModelOptions()) -> Exp
     if options.individual:
         fingers = family_of(scene, grid_of(options.individual))
     plates = () if experiment.compression is None else (forces_of(experiment.compression, options),)
+    spreads = spreads_between(experiment.ratings)
     posterior = Posterior(
-        _bent(space, scene, chosen.direction).with_moduli(moduli), (observation, *plates), scene, others, fingers
+        _bent(space, scene, chosen.direction).with_moduli(moduli),
+        (observation, *spreads, *plates),
+        scene,
+        others,
+        fingers,
     )
     if options.scale.model is not None:
         _try_own(observation, posterior)
@@ -235,7 +241,7 @@ def space_of(experiment: Experiment, options: ModelOptions, given: AsGiven | Non
         priors=options.priors,
         prior_set=options.prior_set,
         skin_displacement=options.readings.skin_displacement,
-        n_participants=len(experiment.ratings.participants),
+        n_participants=raters_told(experiment.ratings),
         absent=set(RatingParameters._fields) - {*needs, *FINGER_PARAMETERS, *ERROR_PARAMETERS},
         n_fingers=None if experiment.compression is None else len(experiment.compression.participants),
         membrane=options.readings.membrane,
@@ -256,7 +262,8 @@ def _model_of(options: ModelOptions, given: AsGiven, direction: RatingDirection 
     if not options.individual:
         assert options.errors is not None
         model: Any = rating_model(options.scale, direction, options.errors, given.said.exact)
-        return replace(model, categories=given.categories) if given.categories else model
+        model = replace(model, categories=given.categories) if given.categories else model
+        return replace(model, raters=given.raters) if given.raters else model
     if options.scale is not MAGNITUDE:
         raise InputError(f"individual: raters' own fingers need magnitude estimates, not {options.scale.name} ratings")
     return IndividualModel(direction, grid=grid_of(options.individual))
@@ -272,6 +279,24 @@ def design_of(experiment: Experiment) -> Design:
     """Return who rated what, the conditions by fabric, then load."""
     ratings, conditions = experiment.ratings, experiment.ratings.conditions
     return Design(conditions.of_rating, ratings.participant, conditions.fabric, len(ratings.participants))
+
+
+def spreads_between(ratings: Ratings) -> tuple[RaterSpreads, ...]:
+    """Return the likelihood of standard deviations between raters, if ratings are means of cells that have them."""
+    cells = ratings.cells
+    if cells is None or cells.geometric_sd is None:
+        return ()
+    known, conditions = ~np.isnan(cells.geometric_sd), ratings.conditions
+    design = Design(
+        conditions.of_rating[known], ratings.participant[known], conditions.fabric, len(ratings.participants)
+    )
+    return (RaterSpreads(np.log(cells.geometric_sd[known]), design, SpreadModel(cells.raters)),)
+
+
+def raters_told(ratings: Ratings) -> int:
+    """Return how many raters' scales the ratings tell of: those of means, by their standard deviations alone."""
+    own = len(ratings.participants)
+    return ratings.cells.raters if own == 1 and ratings.cells is not None and spreads_between(ratings) else own
 
 
 def forces_of(compression: Compression, options: ModelOptions) -> CompressionForces:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
@@ -98,7 +99,7 @@ class OtherTouches:
 
     def _ratings(self, rng: np.random.Generator, theta: Array, raters: int, modulus: Array | None) -> OtherRatings:
         observed, conditions = self.posterior.observation, self.scene.n_conditions
-        model, scale = observed.model, observed.model.scale
+        model, scale = observed.single, observed.model.scale
         rated, parameters = self.posterior.response(theta), self.posterior.rating_parameters(theta)
         response = self._beside.response(theta[:, : self.posterior.space.n_chain], modulus)
         drive = observed.drive_at(response, rated, parameters)
@@ -126,12 +127,12 @@ class OtherTouches:
         self, rng: np.random.Generator, design: Design, drive: Array, parameters: RatingParameters, others: Effects
     ) -> Array:
         """Return the ratings of one more new rater at every draw, shape (draws, conditions)."""
-        model = self.posterior.observation.model
+        model = self.posterior.observation.single
         effects = model.with_new_participants(rng, parameters, others)
         return np.asarray(model.draw_ratings(rng, design, drive, parameters, effects))
 
 
-def _of_fabrics(effects: dict[str, tuple[Array, tuple[str, ...]]]) -> Array | None:
+def _of_fabrics(effects: Mapping[str, tuple[Array, tuple[str, ...]]]) -> Array | None:
     """Return the sum of all fabrics' own deviations, shape (draws, fabrics); None if the model has none."""
     found = [values for values, axes in effects.values() if axes == ("fabric",)]
     return sum(found[1:], found[0]) if found else None

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import PchipInterpolator
 
 from softness_bayes.data import Compression, Fabrics, Ratings
+from softness_bayes.data.aggregated import PANEL, Cells
 from softness_bayes.data.fabrics import log_sd
 from softness_bayes.errors import InputError
 from softness_bayes.kinds import require_kind, require_mapping
@@ -22,6 +23,7 @@ from softness_bayes.likelihood.models import UNDER_UNCERTAIN_LOADS, rating_model
 from softness_bayes.likelihood.plate import CompressionForces, SkinParameters
 from softness_bayes.likelihood.ratings import RatingParameters
 from softness_bayes.likelihood.scales import (
+    AGGREGATED,
     CATEGORIES,
     LARGEST_LOG_RATING,
     MAGNITUDE,
@@ -139,6 +141,7 @@ def simulate_ratings(
     loads = require_loads("loads", loads)
     _require_of_scale(scale, resolution, load_cv)
     _require_ranges(participants, participants * len(fabrics) * len(loads), missing, mu)
+    _require_averaged(scale, participants, missing)
     model = _model_of(scale, direction, errors, categories)
     levels = _levels(model, scale, mu, slope)
     scene = scene_of(fabrics, loads, values, readings, discretisation=discretisation, finger=finger)
@@ -162,6 +165,9 @@ def simulate_ratings(
         drive = model.drive_at(held, design, rate / scene.n_receptors, parameters)
         touched = _row_by_row(design)
     filed = _rounded(model.draw_ratings(rng, touched, drive, parameters, effects))
+    if scale is AGGREGATED:
+        averaged = _averaged(filed.reshape(participants, -1), scene, fabrics.names, loads)
+        return Simulation(averaged, _truth(model, values, drawn), effect.mean(keepdims=True), responses)
     if resolution:
         filed = _rounded(np.floor(filed / resolution + 0.5) * resolution)
     filed[rng.random(filed.size) < missing] = np.nan
@@ -175,7 +181,9 @@ def simulate_ratings(
 
 
 def _model_of(scale: Scale, direction: RatingDirection, errors: ErrorLaw, categories: int | None) -> Any:
-    """Return the rating model; normal errors stand for Gumbel's where participants put fabrics in order.
+    """Return the rating model; of single raters where their means are asked for.
+
+    Normal errors stand for Gumbel's where participants put fabrics in order.
 
     Raises
     ------
@@ -183,12 +191,30 @@ def _model_of(scale: Scale, direction: RatingDirection, errors: ErrorLaw, catego
         If a number of categories is given for another scale, or out of range.
     """
     model: Any = rating_model(scale, direction, GUMBEL if scale is RANKS and errors == NORMAL else errors)
+    if scale is AGGREGATED:
+        model = model.of_one_rater
     if categories is None:
         return model
     if scale is not CATEGORIES:
         raise InputError(f"simulate: {categories} categories, expected none for {scale.name} ratings")
     CATEGORIES_RANGE.require("simulate: number of categories", categories)
     return replace(model, categories=categories)
+
+
+def _averaged(filed: NDArray[np.float64], scene: Scene, fabrics: tuple[str, ...], loads: tuple[Load, ...]) -> Ratings:
+    """Return geometric means and standard deviations of ratings (people, conditions) under every condition."""
+    log, conditions = np.log(filed), np.arange(filed.shape[1])
+    return Ratings(
+        (PANEL,),
+        fabrics,
+        loads,
+        participant=np.zeros_like(conditions),
+        fabric=scene.fabric,
+        load=scene.load,
+        rating=_rounded(np.exp(log.mean(axis=0))),
+        rows=conditions + 2,
+        cells=Cells(len(filed), _rounded(np.exp(log.std(axis=0, ddof=1)))),
+    )
 
 
 def _places(table: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -301,10 +327,16 @@ def _require_of_scale(scale: Scale, resolution: float, load_cv: float) -> None:
     """Raise an error for a resolution or an error of loads that is out of range, or that the scale does not have."""
     RESOLUTIONS.require("simulate: resolution", resolution)
     LOAD_ERRORS.require("simulate: load_cv", load_cv)
-    if resolution and scale in (STANDARDISED, CATEGORIES, RANKS, PAIRS):
+    if resolution and scale in (AGGREGATED, STANDARDISED, CATEGORIES, RANKS, PAIRS):
         raise InputError(f"simulate: resolution is {resolution}, expected none for {scale.name} ratings")
     if load_cv and scale not in UNDER_UNCERTAIN_LOADS:
         raise InputError(f"simulate: load_cv is {load_cv}, expected none for {scale.name} ratings")
+
+
+def _require_averaged(scale: Scale, participants: int, missing: float) -> None:
+    """Raise an error for means of raters who cannot be averaged."""
+    if scale is AGGREGATED and (missing or participants < 2):
+        raise InputError("simulate: means of raters need at least two of them, and no gaps (missing 0)")
 
 
 def _levels(model: Model, scale: Scale, mu: float | None, slope: float | None) -> dict[str, ArrayLike]:

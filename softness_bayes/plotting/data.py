@@ -91,7 +91,9 @@ def _rows_of(artist: Artist) -> Iterator[_Rows]:
             values, edges, _ = artist.get_data()
             yield _Rows(edges[:-1], values, edges[1:])
         case LineCollection():
-            ends = np.array([segment[[0, -1]] for segment in map(np.asarray, artist.get_segments())]).reshape(-1, 2, 2)
+            # a segment without a known end has no points
+            segments = [np.asarray(segment) for segment in artist.get_segments()]
+            ends = np.array([s[[0, -1]] if len(s) else np.full((2, 2), np.nan) for s in segments]).reshape(-1, 2, 2)
             yield _Rows(ends[:, 0, 0], ends[:, 0, 1], ends[:, 1, 0], ends[:, 1, 1])
         case PathCollection():
             places, colours = np.asarray(artist.get_offsets()), artist.get_array()

@@ -11,7 +11,7 @@ from softness_bayes import arviz_bridge
 from softness_bayes.checking.check_table import LOO_PIT, PARETO_K
 from softness_bayes.checking.fabric_moduli import MODULUS_LAW, UNCERTAIN
 from softness_bayes.checking.quantities import LooPit
-from softness_bayes.data.columns import EFFECTIVE_MODULUS, LOAD_CV, POISSON_RATIO, RESOLUTION
+from softness_bayes.data.columns import EFFECTIVE_MODULUS, GEOMETRIC_SD, LOAD_CV, POISSON_RATIO, RESOLUTION
 from softness_bayes.data.ratings import LOAD_COLUMNS
 from softness_bayes.parameters.declared import EVERY_PARAMETER
 from softness_bayes.parameters.fabric_moduli import FabricModuli
@@ -20,6 +20,9 @@ from softness_bayes.results.draws import RatedDraws
 from softness_bayes.results.groups import Variable
 from softness_bayes.results.plate import plate_coordinates
 from softness_bayes.touch.scene import Scene
+
+RATERS_OF_CELLS = "raters"
+"""Name of the number of raters of each cell."""
 
 RATING_AS_FILED, RATING_LOW, RATING_HIGH = "rating_as_filed", "rating_low", "rating_high"
 """Names of ratings as filed, 0 included, and of the ends of the intervals that they stand for."""
@@ -61,12 +64,22 @@ def constant_group(draws: RatedDraws, pit: LooPit) -> dict[str, Variable]:
         **({} if ratings.load_cv is None else {LOAD_CV.name: Variable(ratings.load_cv, ("rating_row",))}),
         **({} if ratings.resolution is None else {RESOLUTION.name: Variable(ratings.resolution, ("rating_row",))}),
         **({} if ratings.lists is None else {"list_index": Variable(ratings.lists, ("rating_row",))}),
+        **_of_cells(draws),
         **_as_filed(draws),
         **{
             f"{what}_index": Variable(getattr(ratings, what), ("rating_row",))
             for what in ("participant", "fabric", "load")
         },
     }
+
+
+def _of_cells(draws: RatedDraws) -> dict[str, Variable]:
+    """Return the number of raters, and the standard deviations between them, where ratings are means of cells."""
+    cells = draws.experiment.ratings.cells
+    if cells is None:
+        return {}
+    known = {} if cells.geometric_sd is None else {GEOMETRIC_SD.name: Variable(cells.geometric_sd, ("rating_row",))}
+    return {RATERS_OF_CELLS: Variable(np.array(cells.raters)), **known}
 
 
 def _as_filed(draws: RatedDraws) -> dict[str, Variable]:

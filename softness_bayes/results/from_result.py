@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
 from softness_bayes.checking.fabric_moduli import MODULUS_LAW, UNCERTAIN
 from softness_bayes.data import Compression, Experiment, Fabrics, Ratings
-from softness_bayes.data.columns import LOAD_CV, RESOLUTION
+from softness_bayes.data.aggregated import Cells
+from softness_bayes.data.columns import GEOMETRIC_SD, LOAD_CV, RESOLUTION
 from softness_bayes.defaults import ACCURACY
 from softness_bayes.likelihood.error_laws import NORMAL, error_law_named
 from softness_bayes.likelihood.scales import name_of_scale
@@ -17,7 +19,7 @@ from softness_bayes.model.options import ModelOptions
 from softness_bayes.parameters.declared import EVERY_PARAMETER
 from softness_bayes.parameters.fabric_moduli import UNKNOWN_MODULUS
 from softness_bayes.parameters.priors import LogNormal, LogUniform, Prior, parse_prior
-from softness_bayes.results.constants import RATING_AS_FILED
+from softness_bayes.results.constants import RATERS_OF_CELLS, RATING_AS_FILED
 from softness_bayes.results.lookup import Named
 from softness_bayes.results.stored import Stored
 from softness_bayes.touch.scene import Discretisation
@@ -48,8 +50,17 @@ def experiment_of(result: Stored) -> Experiment:
         load_cv=constant[LOAD_CV.name].values if LOAD_CV.name in constant else None,
         resolution=constant[RESOLUTION.name].values if RESOLUTION.name in constant else None,
         lists=constant["list_index"].values if "list_index" in constant else None,
+        cells=_cells_of(constant),
     )
     return Experiment(ratings, fabrics, (), _compression_of(result) if result.has_compression else None)
+
+
+def _cells_of(constant: Any) -> Cells | None:
+    """Return the further numbers of cells whose means were rated, if they were."""
+    if RATERS_OF_CELLS not in constant:
+        return None
+    known = constant[GEOMETRIC_SD.name].values if GEOMETRIC_SD.name in constant else None
+    return Cells(int(constant[RATERS_OF_CELLS]), known)
 
 
 def _unknown_of(result: Stored) -> Prior:

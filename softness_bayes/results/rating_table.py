@@ -55,7 +55,7 @@ def rating_columns(
     import pandas as pd
 
     fitted, rng = Fitted(result, draws), np.random.default_rng(seed)
-    panel = fitted.posterior.observation.design.n_participants if raters is None else raters
+    panel = fitted.posterior.observation.raters if raters is None else raters
     PANEL.require("raters", panel)
     modulus = fitted.modulus(rng, fabrics)
     found = fitted.touches(fabrics, scene).ratings(rng, fitted.theta, panel, modulus)

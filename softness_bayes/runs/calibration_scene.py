@@ -50,7 +50,7 @@ class CalibrationScene:
     def _ratings(self, options: ModelOptions) -> Ratings:
         """Return ratings of the design on the scale: all 1, or simulated where those would not be on it."""
         if options.scale is not MAGNITUDE:
-            return simulate_ratings(
+            made = simulate_ratings(
                 np.random.default_rng(0),
                 self.fabrics,
                 self.loads,
@@ -62,6 +62,8 @@ class CalibrationScene:
                 finger=options.finger,
                 categories=options.n_categories,
             ).ratings
+            # standard deviations between raters are not simulated again for each replicate
+            return made if made.cells is None else replace(made, cells=made.cells._replace(geometric_sd=None))
         names = [f"P{k}" for k in range(1, self.participants + 1)]
         table = np.ones((self.participants, len(self.fabrics), len(self.loads)))
         return Ratings.crossed(names, self.fabrics.names, self.loads, table)

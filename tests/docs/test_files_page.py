@@ -42,7 +42,7 @@ from softness_bayes.touch.finger_grid import SPREAD_OF
 from softness_bayes.touch.readings import MENDED
 from support.pages import headings, in_the_code, numbers, plain, sections, table, tables
 from support.paths import DATA, ROOT
-from support.report_runs import HELD, OPTIONS, experiment, quickly
+from support.report_runs import HELD, OPTIONS, cells_run, experiment, quickly
 
 PAGE = "files.md"
 STANDS_FOR = {
@@ -136,6 +136,11 @@ def grids(tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
+def cells(once, tmp_path_factory):
+    return run_of(once("cells-run", cells_run), tmp_path_factory.mktemp("cells"), "r")
+
+
+@pytest.fixture(scope="module")
 def directory(tmp_path_factory, brief_pilot):
     """What the command line leaves of a run on forces alone."""
     home = tmp_path_factory.mktemp("forces") / "run"
@@ -145,9 +150,9 @@ def directory(tmp_path_factory, brief_pilot):
 
 
 @pytest.fixture(scope="module")
-def runs(everything, z_scores, own_fingers, grids, directory):
+def runs(everything, z_scores, own_fingers, grids, cells, directory):
     forces = Run(Result.load(directory), arviz_bridge.read_netcdf(directory / FILES[0]), frozenset("c"))
-    return everything, z_scores, own_fingers, grids, forces
+    return everything, z_scores, own_fingers, grids, cells, forces
 
 
 def column(rows, title) -> list[str]:

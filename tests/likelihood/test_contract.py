@@ -15,11 +15,12 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.integrate import quad
 from scipy.special import logsumexp
-from scipy.stats import kstest, multivariate_normal, norm
+from scipy.stats import chi2, kstest, multivariate_normal, ncx2, norm
 from scipy.stats import t as student
 
 import softness_bayes
 from softness_bayes.errors import InputError
+from softness_bayes.likelihood.aggregated import AggregatedModel, AggregatedRatings
 from softness_bayes.likelihood.categories import CategoryModel, CategoryRatings
 from softness_bayes.likelihood.contract import NO_RESPONSE, Likelihood
 from softness_bayes.likelihood.design import Design
@@ -37,6 +38,7 @@ from softness_bayes.likelihood.plate import CompressionForces, SkinParameters
 from softness_bayes.likelihood.quadrature import DENSE
 from softness_bayes.likelihood.ratings import RatingParameters, RatingsLikelihood
 from softness_bayes.likelihood.scales import CATEGORIES, MAGNITUDE, RATING_SCALES, scale_named
+from softness_bayes.likelihood.spreads import RaterSpreads, SpreadModel
 from softness_bayes.likelihood.uncertain_loads import UncertainLoads
 from softness_bayes.likelihood.z_scores import StandardisedModel, StandardisedRatings
 from softness_bayes.touch.finger_grid import FingerGrid
@@ -211,6 +213,29 @@ RATED = RatingParameters(
     np.array([4.0, 9.0, 30.0]),
     np.array([0.02, 0.1, 0.01]),
 )
+
+
+def dense_means(y, rate, p):
+    """Log means as one dense normal vector: the average of 9 raters' vectors."""
+    x = np.log(rate + p.eps)[DESIGN.condition]
+    fabric, person = DESIGN.fabric[DESIGN.condition], DESIGN.participant
+    rater = p.tau**2 * (person[:, None] == person) + p.varsigma**2 * np.eye(ROWS)
+    covariance = 9.0 + rater / 9.0 + p.omega**2 * (fabric[:, None] == fabric)
+    law = multivariate_normal(np.log(20.0) - p.gamma * (x - x.mean()), covariance)
+    return law.logpdf(np.log(y)) - np.log(y).sum()
+
+
+def dense_spreads(y, rate, p):
+    """Standard deviations of 9 raters: noncentral chi-squares, integrated over a dense grid of what panels share."""
+    total, variance = 0.0, p.varsigma**2
+    u, step = np.linspace(1e-9, 60.0, 60001, retstep=True)
+    for panel in range(3):
+        own = y[DESIGN.participant == panel]
+        rows = sum(ncx2.logpdf(8 * s * s / variance, 8, u * p.tau**2 / variance) for s in own)
+        total += logsumexp(chi2.logpdf(u, 8) + rows) + np.log(step) + np.log(16 * own / variance).sum()
+    return total
+
+
 SCORED = RatingParameters(*[np.full(3, np.nan)] * 2, np.array([0.5, 0.9, 0.4]), *[np.full(3, np.nan)] * 7)
 PRESSED = SkinParameters(
     np.array([8e3, 6e3, 1e4]),
@@ -268,6 +293,17 @@ CASES = {
         WIDE,
         RATED._replace(omega=[0.0] * 3, tau_b=np.array([0.2, 0.3, 0.4])),
         dense_fingers,
+    ),
+    AggregatedRatings: Case(
+        AggregatedRatings(20.0 * np.exp(NOISE), DESIGN, AggregatedModel(FALLS, raters=9)), RATES, RATED, dense_means
+    ),
+    RaterSpreads: Case(
+        RaterSpreads(0.6 * np.exp(0.4 * NOISE), DESIGN, SpreadModel(9)),
+        np.empty((3, 0)),
+        RATED,
+        dense_spreads,
+        joint=1e-6,
+        left_out=1e-6,
     ),
     StandardisedRatings: Case(StandardisedRatings(NOISE, DESIGN, StandardisedModel(RISES)), RATES, SCORED, dense_line),
     CompressionForces: Case(

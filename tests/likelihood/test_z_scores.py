@@ -18,7 +18,15 @@ from softness_bayes.likelihood.design import Design
 from softness_bayes.likelihood.directions import INVERSE, RATING_DIRECTIONS, SOFTNESS
 from softness_bayes.likelihood.magnitude import RatingParameters
 from softness_bayes.likelihood.models import rating_model
-from softness_bayes.likelihood.scales import CATEGORIES, MAGNITUDE, PAIRS, RANKS, RATING_SCALES, STANDARDISED
+from softness_bayes.likelihood.scales import (
+    AGGREGATED,
+    CATEGORIES,
+    MAGNITUDE,
+    PAIRS,
+    RANKS,
+    RATING_SCALES,
+    STANDARDISED,
+)
 from softness_bayes.likelihood.z_scores import Line, StandardisedModel, StandardisedRatings
 from softness_bayes.model.build import build
 from softness_bayes.model.options import ModelOptions
@@ -272,7 +280,7 @@ def test_the_scale_is_checked_against_the_data(values):
 
 
 def test_names_of_scales_and_what_suits_them(values):
-    assert [*RATING_SCALES] == ["magnitude", "standardised", "slider", "categories", "ranks", "pairs"]
+    assert [*RATING_SCALES] == ["magnitude", "standardised", "slider", "categories", "ranks", "pairs", "aggregated"]
     for options in ({"mu": 2.0}, {"slope": -1.0}, {"slope": np.nan}):
         with pytest.raises(InputError, match="simulate: "):
             simulated(values, participants=2, **options)
@@ -299,7 +307,7 @@ def test_a_run_says_what_its_ratings_were_made_from(values, monkeypatch, scale, 
     model = ModelOptions(fix=held, direction=direction, scale=scale, discretisation=COARSE)
     model = dataclasses.replace(model, n_categories=7) if scale is CATEGORIES else model
     found = sample(Experiment(ratings, CLOTH, ()), model, max_steps=80, processes=1)
-    level = np.log(20) if scale is MAGNITUDE else 0.0
+    level = np.log(20) if scale in (MAGNITUDE, AGGREGATED) else 0.0
     truth = {"gamma": 0.9, "varsigma": 0.4, "eps": 0.1, "mu": level}
     truth = {"varsigma": 0.4, "c0": 0, "c1": 0.6745} if scale is STANDARDISED else truth
     if scale in (RANKS, PAIRS):
@@ -320,7 +328,7 @@ def test_a_run_says_what_its_ratings_were_made_from(values, monkeypatch, scale, 
     assert np.corrcoef(response, unit(typical))[0, 1] * direction.sign > 0.8
     assert found.group("log_likelihood_loo")["rating"].shape == (1, 500, len(ratings))
     figure = FIGURES["rating"](found, USUAL)
-    assert figure.axes[0].get_yscale() == ("log" if scale is MAGNITUDE else "linear")
+    assert figure.axes[0].get_yscale() == scale.axis
     assert figure.axes[0].get_ylabel() == scale.label
 
 

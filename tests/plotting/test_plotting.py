@@ -15,7 +15,7 @@ from numpy.testing import assert_allclose
 from softness_bayes import plotting
 from softness_bayes.checking.inflection import Inflection, find_inflection
 from softness_bayes.errors import InputError
-from softness_bayes.likelihood.scales import MAGNITUDE, RATING_SCALES, Scale
+from softness_bayes.likelihood.scales import RATING_SCALES, Scale
 from softness_bayes.plotting.chains import MOST_STEPS
 from softness_bayes.plotting.inflection import percent
 from softness_bayes.plotting.panels import number_ticks
@@ -179,7 +179,7 @@ def test_rating_shows_prediction_and_data(scale: Scale) -> None:
     )
     figure = drawn(plotting.rating_figure(curves.modulus, rating, observed, loads, scale=scale))
     assert len(figure.axes) == len(loads)
-    assert {axes.get_yscale() for axes in figure.axes} == {"log" if scale is MAGNITUDE else "linear"}
+    assert {axes.get_yscale() for axes in figure.axes} == {scale.axis}
     assert_allclose(artist(figure, "median/3 mm").get_ydata(), np.median(rating[:, 1], axis=0))
     points = artist(figure, "ratings/1 mm")
     assert_allclose(points.get_xydata(), np.column_stack([FABRICS[:2] / 1e3, mean[:2]]))

@@ -1,0 +1,147 @@
+"""Tables of cells: means over n raters who each rated every fabric under every load, as papers print them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from softness_bayes.data.columns import GEOMETRIC_MEAN, GEOMETRIC_SD, MEAN, OF_CELLS, RATERS, RATING, SD
+from softness_bayes.data.headers import holds_cells
+from softness_bayes.data.sheets import Number
+from softness_bayes.data.tables import Table
+from softness_bayes.errors import quoted
+
+FloatArray = NDArray[np.float64]
+
+PANEL = "raters"
+"""Name of the panel in a table without a column of participants."""
+
+MOST_SCATTERED = 1.0
+"""Largest median of standard deviation over mean for which arithmetic means are converted."""
+
+SIMULATED_CELLS = 4000
+"""Cells of simulated raters with which the error of a conversion is measured."""
+
+
+class Cells(NamedTuple):
+    """Further numbers of cells whose geometric means are the ratings."""
+
+    raters: int
+    """Number of raters of each cell."""
+    geometric_sd: FloatArray | None
+    """Geometric standard deviation of the raters' ratings, (n,), NaN where a cell has none; None if no cell has one."""
+
+    def take(self, rows: NDArray[np.intp]) -> Cells:
+        """Return some of the cells."""
+        kept = None if self.geometric_sd is None else self.geometric_sd[rows]
+        return self._replace(geometric_sd=None if kept is None or np.isnan(kept).all() else kept)
+
+
+def cells_of(table: Table) -> tuple[Table, Cells | None]:
+    """Return a table of cells with geometric means as its ratings, and their further numbers; another one as it is.
+
+    Arithmetic means are converted as if a cell's ratings were log-normal. What is wrong is a fault of the table.
+    """
+    if not holds_cells(table.cells):
+        return table, None
+    table.require(RATERS.name)
+    raters, n = table.numbers(RATERS), 2
+    for i in np.flatnonzero(np.isnan(raters) | (raters != np.round(raters))).tolist():
+        if not table.is_faulty(i, RATERS.name):
+            table.fault(i, RATERS.name, f"expected a whole number, got {quoted(table.cells[RATERS.name][i])}")
+    known = raters[~np.isnan(raters)]
+    if known.size:
+        n = int(known.max())
+    if known.size and known.min() < known.max():
+        table.faults.add_general(
+            f"column {table.titles[RATERS.name]!r}: cells of {known.min():g} to {n} raters; expected the same raters "
+            "in every cell: which of them are missing in a cell is not known, and their scales differ"
+        )
+    if GEOMETRIC_MEAN.name in table:
+        name, note = GEOMETRIC_MEAN.name, ""
+        filed = table.cells[name]
+        table.numbers(GEOMETRIC_MEAN)  # those that are none, or not above 0, are faults
+        geometric_sd = table.numbers(GEOMETRIC_SD)
+    else:
+        name = MEAN.name
+        log_mean, log_sd = _converted(table)
+        geometric_sd = np.exp(log_sd)
+        filed = ["" if np.isnan(value) else Number(f"{np.exp(value):.15g}") for value in log_mean]
+        note = "" if table.faults else conversion_note(n, float(np.nanmedian(log_sd)))
+    told = "with" if np.isfinite(geometric_sd).any() else "without"
+    notes = [f"rows are geometric means of {n} raters, {told} the standard deviations of their log ratings"]
+    notes += [note] if note else []
+    if name == GEOMETRIC_MEAN.name and (unused := [table.titles[x.name] for x in (MEAN, SD) if x.name in table]):
+        notes.append(f"columns of arithmetic numbers, not used beside geometric ones: {', '.join(unused)}")
+    cells = {key: texts for key, texts in table.cells.items() if key not in OF_CELLS}
+    made = replace(
+        table,
+        cells=cells | {RATING.name: list(filed)},
+        titles={**table.titles, RATING.name: table.titles[name]},
+        notes=(*table.notes, *notes),
+    )
+    return made, Cells(n, geometric_sd)
+
+
+def _converted(table: Table) -> tuple[FloatArray, FloatArray]:
+    """Return mean and standard deviation of the log ratings of each cell from arithmetic ones, NaN for faults."""
+    mean, sd = table.numbers(MEAN), table.numbers(SD)
+    ratio = sd / mean
+    for i in np.flatnonzero(~np.isnan(mean) & np.isnan(sd)).tolist():
+        if SD.name not in table:
+            table.faults.add_general(
+                f"column {table.titles[MEAN.name]!r}: an arithmetic mean alone does not tell the geometric one; "
+                f"expected a column {SD.name} too, or {GEOMETRIC_MEAN.name}"
+            )
+            break
+        if not table.is_faulty(i, SD.name):
+            table.fault(i, SD.name, "expected a standard deviation beside the mean, got ''")
+    if np.isfinite(ratio).any() and (scattered := float(np.nanmedian(ratio))) > MOST_SCATTERED:
+        table.faults.add_general(
+            f"column {table.titles[SD.name]!r}: standard deviations are {scattered:.2g} times the means (median); "
+            f"beyond {MOST_SCATTERED:g}, few large ratings make an arithmetic mean, and the geometric one does not "
+            f"follow from it; expected columns {GEOMETRIC_MEAN.name} and {GEOMETRIC_SD.name}"
+        )
+    variance = np.log1p(ratio**2)
+    return np.log(mean) - 0.5 * variance, np.sqrt(variance)
+
+
+class ConversionError(NamedTuple):
+    """Errors of the converted numbers of a cell, measured on simulated raters."""
+
+    mean: float
+    """Of the geometric mean, relative (root mean square)."""
+    of_standard_error: float
+    """That of its standard error."""
+    spread: float
+    """Of the standard deviation of log ratings, relative (root mean square)."""
+    bias: float
+    """Its mean error, relative."""
+
+
+def conversion_error(raters: int, log_sd: float) -> ConversionError:
+    """Return the error of converted means and standard deviations of as many log-normal raters, thus scattered."""
+    log = log_sd * np.random.default_rng(0).standard_normal((SIMULATED_CELLS, min(raters, 1000)))
+    rating = np.exp(log)
+    mean, spread = rating.mean(axis=1), log.std(axis=1, ddof=1)
+    variance = np.log1p((rating.std(axis=1, ddof=1) / mean) ** 2)
+    off = np.log(mean) - 0.5 * variance - log.mean(axis=1)
+    ratio = np.sqrt(variance) / spread - 1.0
+    size = float(np.sqrt((off**2).mean()))
+    return ConversionError(
+        size, size * np.sqrt(log.shape[1]) / log_sd, float(np.sqrt((ratio**2).mean())), float(ratio.mean())
+    )
+
+
+def conversion_note(raters: int, log_sd: float) -> str:
+    """Return what is said of a conversion: that it is an approximation, with its measured error."""
+    found = conversion_error(raters, log_sd)
+    return (
+        "arithmetic means and standard deviations are converted as if ratings were log-normal, an approximation: for "
+        f"{raters} simulated raters as scattered as these a converted mean is off by {found.mean:.1%} (rms, "
+        f"{found.of_standard_error:.2f} of its standard error), a converted standard deviation of log ratings by "
+        f"{found.spread:.0%}, with a bias of {found.bias:+.0%}"
+    )

@@ -1,0 +1,113 @@
+"""Geometric means of cells: magnitude estimates averaged over n raters who each rated every cell (model.md 9).
+
+The mean of n log ratings has the law of one rater's log rating with both spreads divided by the square root of n: the
+raters' mean scale is common to all cells of a panel, and the errors are averaged in each cell. What the standard
+deviations of the cells tell of the spreads is in `spreads`; both parts are independent given the parameters.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from softness_bayes.likelihood.design import Design
+from softness_bayes.likelihood.magnitude import LogRatings, RatingModel
+from softness_bayes.likelihood.random_effects import Effects, LeaveOneOut
+from softness_bayes.likelihood.ratings import RatingParameters, RatingsLikelihood
+from softness_bayes.likelihood.scales import AGGREGATED, Scale
+from softness_bayes.likelihood.stated import Stated
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class AggregatedModel(RatingModel):
+    """log m = mu + s_panel ± gamma (x - mean x over the rows) + f_fabric + e, m the geometric mean of n raters.
+
+    s ~ N(0, tau²/n), e ~ N(0, varsigma²/n); mu and f are as of single ratings. A participant of the design is a panel
+    of n raters, each of whom rated all its cells once; tau and varsigma are those of single raters and ratings.
+
+    Parameters
+    ----------
+    raters
+        n.
+    """
+
+    scale: ClassVar[Scale] = AGGREGATED
+    raters: int = 20
+
+    @property
+    def of_one_rater(self) -> RatingModel:
+        """The model of single raters of the same population."""
+        return RatingModel(self.direction, self.centre, self.spread)
+
+    def of_means(self, parameters: RatingParameters) -> RatingParameters:
+        """Return parameters with the spreads of means in place of those of single raters and ratings."""
+        root = math.sqrt(self.raters)
+        return parameters._replace(
+            tau=np.asarray(parameters.tau, float) / root, varsigma=np.asarray(parameters.varsigma, float) / root
+        )
+
+    def error_sd(self, parameters: RatingParameters) -> FloatArray:
+        """Return the standard deviation of a log mean about its panel's, shape (...)."""
+        return super().error_sd(self.of_means(parameters))
+
+    def draw_effects(
+        self,
+        rng: np.random.Generator,
+        parameters: RatingParameters,
+        shape: tuple[int, ...],
+        n_participants: int,
+        n_fabrics: int,
+        levels: Mapping[str, ArrayLike] | None = None,
+    ) -> Effects:
+        """Effects of new panels and new fabrics, of batch ``shape``."""
+        return super().draw_effects(rng, self.of_means(parameters), shape, n_participants, n_fabrics, levels)
+
+    def with_new_participants(
+        self, rng: np.random.Generator, parameters: RatingParameters, effects: Effects
+    ) -> Effects:
+        """These effects with as many panels drawn anew."""
+        return super().with_new_participants(rng, self.of_means(parameters), effects)
+
+    def observe(self, ratings: ArrayLike, design: Design, stated: Stated | None = None) -> RatingsLikelihood:
+        """Return the likelihood of these means under this model."""
+        return AggregatedRatings(ratings, design, self)
+
+
+class AggregatedRatings(LogRatings):
+    """Geometric means under an `AggregatedModel`, with mu, panels and fabrics integrated out.
+
+    Arguments as of `LogRatings`; the participants of the design are panels.
+    """
+
+    def log_likelihood(self, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
+        """Log density of all means together, shape (...)."""
+        return super().log_likelihood(mean_rate, self.model.of_means(parameters))
+
+    def leave_one_out(self, mean_rate: FloatArray, parameters: RatingParameters) -> LeaveOneOut:
+        """The normal law of each log mean given all the others, arrays of shape (..., rows)."""
+        return super().leave_one_out(mean_rate, self.model.of_means(parameters))
+
+    def log_likelihood_participants(self, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
+        """Log density of all means of each panel given all other panels', shape (draws, panels)."""
+        return super().log_likelihood_participants(mean_rate, self.model.of_means(parameters))
+
+    def draw_effects(self, rng: np.random.Generator, mean_rate: FloatArray, parameters: RatingParameters) -> Effects:
+        """Exact draws of mu, panels and fabrics given the means, one for each point of the batch."""
+        return super().draw_effects(rng, mean_rate, self.model.of_means(parameters))
+
+    @property
+    def raters(self) -> int:
+        """Number of raters of a panel."""
+        return int(self.model.raters)
+
+    @property
+    def single(self) -> RatingModel:
+        """The model of single raters."""
+        return self.model.of_one_rater

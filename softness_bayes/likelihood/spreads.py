@@ -1,0 +1,319 @@
+"""Standard deviations of log ratings between the raters of a panel, cell by cell (model.md 9).
+
+In a cell, the sum of squares of n raters' log ratings about their mean is varsigma² times a noncentral chi-square of
+n - 1 degrees of freedom, whose noncentrality is that of the raters' scales: u / varsigma², with u the sum of squares of
+the scales about their mean. All cells of a panel share u, and are independent given it; u / tau² is chi-square. So the
+joint density of a panel's standard deviations is one integral over u, and the means of the cells tell nothing of it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import ClassVar, NamedTuple, Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.special import chndtr, gammaln, logsumexp, ndtri
+
+from softness_bayes.errors import InputError
+from softness_bayes.likelihood.contract import Likelihood
+from softness_bayes.likelihood.design import Design
+from softness_bayes.likelihood.error_laws import NORMAL, ErrorLaw
+from softness_bayes.likelihood.log_bessel import log_bessel, log_bessel_slope
+from softness_bayes.likelihood.pieces import in_pieces
+from softness_bayes.likelihood.ratings import RatingParameters
+from softness_bayes.likelihood.scales import LOG_SD, Scale
+from softness_bayes.parameters.priors import Prior
+
+FloatArray = NDArray[np.float64]
+
+SPREADS = "spreads"
+"""Name of the standard deviations among the terms of a posterior."""
+
+STEP = 0.45
+"""Distance of neighbouring nodes of the integral over u, in standard deviations of its logarithm given the data."""
+
+_LEAST_VARIANCE = 1e-100
+_NEWTON = 25
+_LARGEST_MOVE, _SMALLEST_MOVE = 0.7, 1e-3
+
+
+class SpreadEffects(NamedTuple):
+    """Scatter of the raters of each panel, which all its cells share."""
+
+    scatter: FloatArray
+    """u, the sum of squares of the raters' scales about their mean, shape (..., panels)."""
+
+
+@dataclass(frozen=True)
+class SpreadModel:
+    """(n - 1) S² = varsigma² noncentral chi-square(n - 1, u / varsigma²), u = tau² chi-square(n - 1).
+
+    S is the standard deviation of a cell's log ratings, u its panel's.
+
+    Parameters
+    ----------
+    raters
+        n.
+    """
+
+    scale: ClassVar[Scale] = LOG_SD
+    error: ClassVar[ErrorLaw] = NORMAL
+    needs: ClassVar[tuple[str, ...]] = ("tau", "varsigma")
+    levels: ClassVar[Mapping[str, Prior]] = MappingProxyType({})
+    raters: int
+
+    @property
+    def freedom(self) -> int:
+        """Degrees of freedom of a standard deviation, n - 1."""
+        return self.raters - 1
+
+    def take(self, values: Mapping[str, ArrayLike]) -> RatingParameters:
+        """Return tau and varsigma from values by name; the other parameters of ratings are NaN."""
+        return RatingParameters.among(values)
+
+    def error_sd(self, parameters: RatingParameters) -> FloatArray:
+        """Return 1: residuals are normal scores."""
+        return np.ones_like(np.asarray(parameters.varsigma, float))
+
+    def typical(self, effects: SpreadEffects, drive: FloatArray) -> FloatArray:
+        """Return the standard deviation of the raters' own scales, shape (..., k)."""
+        return np.sqrt(effects.scatter.mean(axis=-1) / self.freedom)[..., None] + 0.0 * drive
+
+    def named_effects(self, effects: SpreadEffects) -> Mapping[str, tuple[FloatArray, tuple[str, ...]]]:
+        """Return the panels' scatter by its name, with its axis beyond the batch's."""
+        return {"scatter": (effects.scatter, ("participant",))}
+
+
+class _Nodes(NamedTuple):
+    """Nodes of the integrals over u, each field of shape (..., panels, nodes)."""
+
+    scatter: FloatArray  # u
+    log_density: FloatArray  # of u and the panel's rows, times the distance of nodes
+
+
+class RaterSpreads(Likelihood):
+    """Standard deviations of log ratings under a `SpreadModel`, with the raters' scales integrated out.
+
+    Parameters
+    ----------
+    log_sd
+        S of every row, shape (rows,), with the denominator n - 1.
+    design
+        Panel (as participant) and condition of every row.
+    model
+        The model.
+
+    Raises
+    ------
+    InputError
+        If a standard deviation is not positive, there is not one for each row, or a panel has one rater.
+    """
+
+    name: ClassVar[str] = SPREADS
+
+    def __init__(self, log_sd: ArrayLike, design: Design, model: SpreadModel) -> None:
+        self.values = np.array(log_sd, float)
+        self.values.flags.writeable = False
+        if self.values.shape != (design.n_rows,):
+            raise InputError(f"spreads: shape {self.values.shape}, expected one for each of {design.n_rows} rows")
+        if not (np.isfinite(self.values) & (self.values > 0)).all():
+            raise InputError("spreads: a standard deviation is not a positive number")
+        if model.raters < 2:
+            raise InputError(f"spreads: {model.raters} raters, expected at least 2")
+        self.design, self.model = design, model
+        self._squares = model.freedom * self.values**2
+        self._log_slope = np.log(2.0 * model.freedom * self.values)
+        self._member = np.eye(design.n_participants)[design.participant]
+        self._n_nodes = math.ceil((14.0 + 55.0 / math.sqrt(2.0 * model.freedom)) / STEP)
+
+    @property
+    def _width(self) -> int:
+        return (self.design.n_rows + self.design.n_participants) * self._n_nodes
+
+    def with_values(self, values: ArrayLike) -> Self:
+        """Return the likelihood of other standard deviations of the same cells."""
+        return type(self)(values, self.design, self.model)
+
+    def without(self, rows: NDArray[np.bool_]) -> Self:
+        """Return the likelihood of the other rows."""
+        return type(self)(self.values[~rows], self.design.without(rows), self.model)
+
+    def log_likelihood(self, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
+        """Return the log density of all standard deviations together, shape (...)."""
+        return self.log_likelihood_participants(mean_rate, parameters).sum(axis=-1)
+
+    def log_likelihood_participants(self, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
+        """Return the log density of each panel's standard deviations, (..., panels): panels share nothing."""
+        return in_pieces(self._by_panel, self._width, mean_rate, parameters)
+
+    def log_likelihood_loo(self, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
+        """Return the log density of each standard deviation given all the others, shape (..., rows)."""
+
+        def density(mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
+            whole = self._by_panel(mean_rate, parameters)
+            rest = [self._by_panel(mean_rate, parameters, k)[..., panel] for k, panel in self._panels]
+            return whole[..., self.design.participant] - np.stack(rest, axis=-1)
+
+        return in_pieces(density, self._width, mean_rate, parameters)
+
+    def below_loo(self, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
+        """Return the probability of a smaller standard deviation than each one, given all the others, (..., rows)."""
+
+        def below(mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
+            found = []
+            for k, panel in self._panels:
+                scatter, rest = (part[..., panel, :] for part in self._nodes(mean_rate, parameters, k))
+                weight = np.exp(rest - logsumexp(rest, axis=-1, keepdims=True))
+                variance = _variance(parameters)[..., None]
+                smaller = chndtr(self._squares[k] / variance, self.model.freedom, scatter / variance)
+                found.append((weight * smaller).sum(axis=-1))
+            return np.clip(np.stack(found, axis=-1), 0.0, 1.0)
+
+        return in_pieces(below, self._width, mean_rate, parameters)
+
+    def drive(self, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
+        """Return 0 for each condition: standard deviations do not depend on the response."""
+        return np.zeros((*mean_rate.shape[:-1], self.design.n_conditions))
+
+    def predictor(self, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
+        """Return 0 for each condition."""
+        return self.drive(mean_rate, parameters)
+
+    def new_effects(
+        self,
+        rng: np.random.Generator,
+        parameters: RatingParameters,
+        shape: tuple[int, ...],
+        levels: Mapping[str, ArrayLike] | None = None,
+    ) -> SpreadEffects:
+        """Return the scatter of the scales of as many new panels, of batch ``shape``."""
+        drawn = rng.chisquare(self.model.freedom, (*shape, self.design.n_participants))
+        return SpreadEffects(np.asarray(parameters.tau, float)[..., None] ** 2 * drawn)
+
+    def with_new_participants(
+        self, rng: np.random.Generator, parameters: RatingParameters, effects: SpreadEffects
+    ) -> SpreadEffects:
+        """Return the scatter of as many other panels."""
+        return self.new_effects(rng, parameters, effects.scatter.shape[:-1])
+
+    def draw_effects(
+        self, rng: np.random.Generator, mean_rate: FloatArray, parameters: RatingParameters
+    ) -> SpreadEffects:
+        """Return draws of the scatter given the standard deviations, one for each point of the batch.
+
+        They are drawn from the density at the nodes, linear in log u between them.
+        """
+        nodes = self._nodes(mean_rate, parameters, finer=4)
+        log_density = nodes.log_density
+        density = np.exp(log_density - log_density.max(axis=-1, keepdims=True))
+        share = np.concatenate([np.zeros((*density.shape[:-1], 1)), density[..., 1:] + density[..., :-1]], axis=-1)
+        below = np.cumsum(share, axis=-1)
+        at = rng.random(below.shape[:-1])[..., None] * below[..., -1:]
+        right = np.minimum((below < at).sum(axis=-1, keepdims=True), below.shape[-1] - 1)
+        left = np.maximum(right - 1, 0)
+        low, high, start, end = (
+            np.take_along_axis(values, k, axis=-1)
+            for values, k in ((below, left), (below, right), (nodes.scatter, left), (nodes.scatter, right))
+        )
+        inside = np.where(high > low, (at - low) / np.where(high > low, high - low, 1.0), 0.0)
+        found = np.where(start > 0, start, 1.0) ** (1.0 - inside) * np.where(end > 0, end, 1.0) ** inside
+        return SpreadEffects(np.where(end > 0, found, 0.0)[..., 0])
+
+    def replicate(
+        self,
+        rng: np.random.Generator,
+        drive: FloatArray,
+        parameters: RatingParameters,
+        effects: SpreadEffects,
+        mean_rate: FloatArray | None = None,
+    ) -> FloatArray:
+        """Return a standard deviation for every row, shape (..., rows)."""
+        variance = _variance(parameters)[..., None]
+        noncentrality = effects.scatter[..., self.design.participant] / variance
+        squares = variance * rng.noncentral_chisquare(self.model.freedom, noncentrality)
+        return np.asarray(np.sqrt(squares / self.model.freedom))
+
+    def residual(self, mean_rate: FloatArray, parameters: RatingParameters, effects: SpreadEffects) -> FloatArray:
+        """Return the normal score of each standard deviation given its panel's scatter, shape (..., rows)."""
+        variance = _variance(parameters)[..., None]
+        noncentrality = effects.scatter[..., self.design.participant] / variance
+        below = chndtr(self._squares / variance, self.model.freedom, noncentrality)
+        return np.asarray(ndtri(np.clip(below, 1e-300, 1.0 - 1e-16)))
+
+    @property
+    def _panels(self) -> list[tuple[int, int]]:
+        """Each row with its panel."""
+        return list(enumerate(self.design.participant.tolist()))
+
+    def _by_panel(self, mean_rate: FloatArray, parameters: RatingParameters, left_out: int | None = None) -> FloatArray:
+        """Return the log density of each panel's rows, without one of all rows if asked, (..., panels)."""
+        return np.asarray(logsumexp(self._nodes(mean_rate, parameters, left_out).log_density, axis=-1))
+
+    def _nodes(
+        self, mean_rate: FloatArray, parameters: RatingParameters, left_out: int | None = None, finer: int = 1
+    ) -> _Nodes:
+        """Return the nodes of the trapezoidal rule in s = log(u / tau²) / 2, about the most probable s of each panel.
+
+        The density falls like exp((n - 1) s) to the left where the prior alone speaks, and faster elsewhere.
+        """
+        shape = np.broadcast_shapes(mean_rate.shape[:-1], np.shape(parameters.tau), np.shape(parameters.varsigma))
+        variance = np.broadcast_to(_variance(parameters), shape)[..., None]
+        tau = np.broadcast_to(np.asarray(parameters.tau, float), shape)[..., None]
+        freedom, order = self.model.freedom, 0.5 * self.model.freedom - 1.0
+        member = (
+            self._member if left_out is None else self._member * (np.arange(len(self._member)) != left_out)[:, None]
+        )
+        # z = unit e^s is the argument of the Bessel function of each row
+        unit = tau * np.sqrt(self._squares) / variance
+        middle, sd = self._peak(unit, tau**2 / variance, member)
+        start = middle - 7.0 * sd - 50.0 * sd**2
+        n_nodes = finer * self._n_nodes
+        step = (middle + 7.0 * sd - start) / (n_nodes - 1)
+        s = start[..., None] + step[..., None] * np.arange(n_nodes)
+        square = np.exp(2.0 * s)
+        constant = (1.0 - 0.5 * freedom) * math.log(2.0) - float(gammaln(0.5 * freedom))
+        log_weight = constant + freedom * s - 0.5 * square + np.log(step)[..., None]
+        person = self.design.participant
+        scaled = (self._squares / variance)[..., None]
+        noncentrality = (tau**2 / variance)[..., None] * square[..., person, :]
+        rows = log_bessel(order, unit[..., None] * np.exp(s[..., person, :])) - 0.5 * (scaled + noncentrality)
+        rows += order * np.log(scaled) + (self._log_slope - np.log(variance))[..., None] - math.log(2.0)
+        return _Nodes(tau[..., None] ** 2 * square, log_weight + member.T @ rows)
+
+    def _peak(self, unit: FloatArray, ratio: FloatArray, member: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the most probable s of each panel and its standard deviation, (..., panels), nearly.
+
+        Parameters
+        ----------
+        unit
+            Argument of each row's Bessel function at s = 0, shape (..., rows).
+        ratio
+            tau² / varsigma², shape (..., 1).
+        member
+            1 where a row is of a panel, shape (rows, panels).
+        """
+        freedom, order = self.model.freedom, 0.5 * self.model.freedom - 1.0
+        pull = 1.0 + ratio * member.sum(axis=0)
+        pushed = unit @ member
+        some = np.maximum(freedom - member.sum(axis=0) * (order + 0.5), 0.25)
+        s = np.log((pushed + np.sqrt(pushed**2 + 4.0 * pull * some)) / (2.0 * pull))
+        curvature, moving = np.ones_like(s), np.ones(s.shape, bool)
+        for _ in range(_NEWTON):
+            z = unit * np.exp(s)[..., self.design.participant]
+            slope, bend = (part @ member for part in log_bessel_slope(order, z))
+            square = pull * np.exp(2.0 * s)
+            curvature = np.maximum(2.0 * square - bend, 0.1 * square)
+            move = np.clip((freedom - square + slope) / curvature, -_LARGEST_MOVE, _LARGEST_MOVE)
+            s = s + np.where(moving, move, 0.0)
+            moving &= np.abs(move) > _SMALLEST_MOVE
+            if not moving.any():
+                break
+        return s, np.minimum(curvature**-0.5, 1.1 / math.sqrt(2.0 * freedom))
+
+
+def _variance(parameters: RatingParameters) -> FloatArray:
+    return np.maximum(np.asarray(parameters.varsigma, float) ** 2, _LEAST_VARIANCE)

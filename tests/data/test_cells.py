@@ -1,0 +1,122 @@
+"""Tables of cells, as papers print them: read, converted with a measured error, refused where they do not tell."""
+
+import numpy as np
+import pytest
+
+from softness_bayes.data import Ratings, ratings_csv
+from softness_bayes.data.aggregated import conversion_error, conversion_note
+from softness_bayes.errors import InputError
+from softness_bayes.likelihood.scales import AGGREGATED, MAGNITUDE
+from softness_bayes.model.as_given import as_given
+from softness_bayes.model.options import ModelOptions
+
+GEOMETRIC = """fabric,indentation_mm,Geometric_Mean,geometric_sd,N
+voile,1,5.5,1.8,20
+denim,1,8,,20
+voile,2,3,1.7,20
+denim,2,,2.0,20
+"""
+ARITHMETIC = "fabric,force_n,mean,sd,n\nvoile,1,5,2.5,20\ndenim,1,8,4,20\n"
+
+
+@pytest.fixture
+def file(tmp_path):
+    def write(text, name="cells.csv"):
+        path = tmp_path / name
+        path.write_text(text, encoding="utf-8")
+        return path
+
+    return write
+
+
+def refusal(path):
+    with pytest.raises(InputError) as caught:
+        Ratings.read(path)
+    return str(caught.value)
+
+
+def test_geometric_means_are_read_as_they_are_and_read_back(file):
+    found = Ratings.read(file(GEOMETRIC))
+    assert found.participants == ("raters",)
+    assert found.rating.tolist() == [5.5, 8.0, 3.0]
+    assert found.cells.raters == 20
+    assert found.cells.geometric_sd.tolist() == pytest.approx([1.8, np.nan, 1.7], nan_ok=True)
+    assert found.notes == (
+        "cells.csv: rows are geometric means of 20 raters, with the standard deviations of their log ratings",
+        "cells.csv: 1 of 4 ratings are missing",
+    )
+    again = Ratings.read(file(ratings_csv(found), "again.csv"))
+    assert again.rating.tolist() == found.rating.tolist()
+    np.testing.assert_array_equal(again.cells.geometric_sd, found.cells.geometric_sd)
+    alone = Ratings.read(file("fabric,force_n,geometric_mean,n\na,1,2,9\nb,1,3,9\n"))
+    assert alone.cells == (9, None)
+    assert "without the standard deviations" in alone.notes[0]
+
+
+def test_arithmetic_means_are_converted_with_a_measured_error(file):
+    found = Ratings.read(file(ARITHMETIC))
+    variance = np.log(1.25)
+    np.testing.assert_allclose(np.log(found.rating), np.log([5.0, 8.0]) - 0.5 * variance)
+    np.testing.assert_allclose(np.log(found.cells.geometric_sd), variance**0.5)
+    said = f"cells.csv: {conversion_note(20, variance**0.5)}"
+    assert said in found.notes
+    assert "an approximation: for 20 simulated raters as scattered as these a converted mean is off by 1.6%" in said
+    assert not [note for note in Ratings.read(file(GEOMETRIC)).notes if "approximation" in note]
+    assert Ratings.read(file(ratings_csv(found), "again.csv")).rating.tolist() == found.rating.tolist()
+
+
+def test_the_stated_error_is_that_of_other_simulated_raters(rng):
+    """The claim, by cells that were not used for it; twice the scatter would contradict it."""
+    stated = conversion_error(20, 0.5)
+    for log_sd, agrees in ((0.5, True), (1.0, False)):
+        log = log_sd * rng.normal(size=(3000, 20))
+        y = np.exp(log)
+        variance = np.log1p((y.std(axis=1, ddof=1) / y.mean(axis=1)) ** 2)
+        off = np.log(y.mean(axis=1)) - 0.5 * variance - log.mean(axis=1)
+        assert (abs(np.sqrt((off**2).mean()) / stated.mean - 1.0) < 0.1) == agrees
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        (GEOMETRIC.replace(",1.8,20", ",1.8,19"), "cells of 19 to 20 raters; expected the same raters in every cell"),
+        (GEOMETRIC.replace(",1.8,20", ",1.8,1"), "row 2, column 'N': expected a number from 2 to 1e+06, got '1'"),
+        (GEOMETRIC.replace(",1.8,20", ",1.8,"), "row 2, column 'N': expected a whole number, got ''"),
+        (GEOMETRIC.replace(",1.8,20", ",1.8,2.5"), "row 2, column 'N': expected a whole number, got '2.5'"),
+        (GEOMETRIC.replace("1.8", "0.8"), "row 2, column 'geometric_sd': expected a finite number above 1, got '0.8'"),
+        (GEOMETRIC.replace("5.5", "0"), "row 2, column 'Geometric_Mean': expected a finite number above 0, got '0'"),
+        (
+            GEOMETRIC.replace("5.5", "five"),
+            "row 2, column 'Geometric_Mean': expected a finite number above 0, got 'five'",
+        ),
+        (GEOMETRIC.replace("voile,2", "voile,1"), "a cell of one fabric and load stands in several rows"),
+        (GEOMETRIC.replace(",N", ",people"), "no column 'n', and no --column n=... says which it is"),
+        (ARITHMETIC.replace("sd", "se"), "column 'mean': an arithmetic mean alone does not tell the geometric one"),
+        (ARITHMETIC.replace("2.5", ""), "row 2, column 'sd': expected a standard deviation beside the mean, got ''"),
+        (ARITHMETIC.replace("2.5", "6").replace("8,4", "8,12"), "standard deviations are 1.4 times the means (median)"),
+    ],
+)
+def test_what_does_not_tell_is_refused(file, text, said):
+    assert said in refusal(file(text))
+
+
+def test_single_ratings_beside_such_columns_stay_single_ratings(file):
+    path = file("participant,fabric,force_n,rating,mean,sd,n\n1,a,1,5,5,1,20\n1,b,1,6,7,2,20\n")
+    found = Ratings.read(path)
+    assert found.cells is None
+    assert found.rating.tolist() == [5.0, 6.0]
+    assert "cells.csv: unused columns: mean, sd" in found.notes
+    assert Ratings.read(file("fabric,force_n,rating,n\na,1,5,20\nb,1,6,20\n")).cells is None
+
+
+def test_the_scale_is_asked_for_by_name(file):
+    cells, single = Ratings.read(file(GEOMETRIC)), Ratings.read(file("fabric,force_n,rating\na,1,5\nb,1,6\n"))
+    with pytest.raises(InputError, match=r"means of 20 raters, which are aggregated.*add --ratings aggregated"):
+        as_given(cells, ModelOptions(scale=MAGNITUDE))
+    with pytest.raises(InputError, match=r"geometric means of n raters: expected the columns geometric_mean"):
+        as_given(single, ModelOptions(scale=AGGREGATED))
+    given = as_given(cells, ModelOptions(scale=AGGREGATED))
+    assert given.raters == 20
+    assert given.note == (
+        "ratings: geometric means of 20 raters each, 2 of them with the standard deviation of their log ratings"
+    )

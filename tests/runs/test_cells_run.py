@@ -1,0 +1,111 @@
+"""A run on means of n raters with their standard deviations, from end to end."""
+
+import numpy as np
+import pytest
+
+from softness_bayes.data import Experiment, read_experiment, write_ratings
+from softness_bayes.errors import InputError
+from softness_bayes.likelihood.scales import AGGREGATED
+from softness_bayes.model.build import build, raters_told
+from softness_bayes.model.options import ModelOptions
+from softness_bayes.model.scenes import usual_values
+from softness_bayes.model.simulation import simulate_ratings
+from softness_bayes.plotting import FIGURES, USUAL
+from softness_bayes.plotting.data import data_of
+from softness_bayes.results.from_result import experiment_of, options_of
+from softness_bayes.results.result import Result
+from softness_bayes.touch.readings import MENDED
+from support.command_line import call, refused
+from support.report_runs import CLOTH, COARSE, HELD, LOADS, RATERS, cells_run
+
+
+@pytest.fixture(scope="module")
+def run(once, tmp_path_factory):
+    directory = tmp_path_factory.mktemp("cells") / "run"
+    once("cells-run", cells_run).save(directory)
+    return directory
+
+
+def test_a_result_keeps_the_cells_and_their_model(run):
+    result = Result.load(run)
+    ratings, options = experiment_of(result).ratings, options_of(result)
+    assert ratings.cells.raters == RATERS
+    assert (ratings.cells.geometric_sd > 1).all()
+    assert any(f"geometric means of {RATERS} raters" in str(said) for said in result.attributes.values())
+    assert options.scale is AGGREGATED
+    posterior = build(experiment_of(result), options).posterior
+    assert [term.name for term in posterior.terms] == ["ratings", "spreads"]
+    assert {"tau", "varsigma"} <= set(posterior.names)
+
+
+def test_standard_deviations_tell_of_both_spreads(run):
+    """20 raters and eight cells: tau is known to about a fifth; the prior alone says a factor of two."""
+    table = Result.load(run).summary()
+    assert 0.5 < table.loc["tau", "mean"] < 1.1
+    assert table.loc["tau", "sd"] < 0.25
+    assert abs(table.loc["varsigma", "mean"] - 0.2) < 5 * table.loc["varsigma", "sd"]
+    assert table.loc["varsigma", "sd"] < 0.08
+
+
+def test_without_them_the_spread_of_scales_is_held():
+    """Means alone do not tell tau from mu: it is held, and the rest is as it was."""
+    made = simulate_ratings(
+        np.random.default_rng(1), CLOTH, LOADS, usual_values(MENDED), participants=9, scale=AGGREGATED
+    ).ratings
+    told = raters_told(made)
+    assert told == 9
+    object.__setattr__(made, "cells", made.cells._replace(geometric_sd=None))
+    assert raters_told(made) == 1
+
+
+def test_the_verbs_take_a_run_on_cells(run, few_pictures, tmp_path):
+    assert call("report", run).returncode == 0
+    touch = ["--fabrics", tmp_path / "cloth.csv", "--force-n", "1"]
+    (tmp_path / "cloth.csv").write_text("fabric,effective_modulus_kpa\nfelt,30\nwool,77\n")
+    done = call("predict", "--posterior", run, *touch)
+    assert done.returncode == 0, done.stderr
+    header, felt, _ = done.stdout.splitlines()
+    row = dict(zip(header.split(","), felt.split(","), strict=False))
+    # by default the mean of as many raters as each cell has, which is known better than one rater's number
+    assert row["raters"] == str(RATERS)
+    one, mean = (np.log(float(row[f"{k}_high"]) / float(row[f"{k}_low"])) for k in ("new_rater_rating", "mean_rating"))
+    assert one > 2 * mean
+    assert call("rank", run, "--force-n", "1").returncode == 0
+
+
+def test_figures_of_one_panel_are_drawn_with_their_data(run):
+    data = data_of(FIGURES["rating"](Result.load(run), USUAL))
+    points = data[data["element"] == "ratings"]
+    assert len(points) == len(CLOTH) * len(LOADS)
+    # one panel has no spread between raters of its own to draw
+    assert data[data["element"] == "spread"]["y"].isna().all()
+
+
+def test_tables_of_cells_go_from_simulate_to_check(tmp_path):
+    ratings = simulate_ratings(
+        np.random.default_rng(1), CLOTH, LOADS, usual_values(MENDED), participants=9, scale=AGGREGATED
+    ).ratings
+    write_ratings(tmp_path / "cells.csv", ratings, CLOTH)
+    assert read_experiment(tmp_path / "cells.csv").ratings.cells.raters == 9
+    done = call("check", "--data", tmp_path / "cells.csv", "--ratings", "aggregated")
+    assert done.returncode == 0, done.stderr
+    assert "tau           several raters: the spread of their rating scales (tau) can be estimated" in done.stdout
+    refused(call("check", "--data", tmp_path / "cells.csv"), "add --ratings aggregated")
+    refused(call("check", "--data", tmp_path / "cells.csv", "--ratings", "aggregated", "--design"), "alone")
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        ({"resolution": 1.0}, "means of several raters are modelled for exact numbers with normal errors alone"),
+        ({"individual": ("b",)}, "individual"),
+        ({"load_cv": 0.1}, "errors of loads .load_cv. are not modelled for aggregated ratings"),
+    ],
+)
+def test_what_means_do_not_have_is_refused(options, said):
+    made = simulate_ratings(
+        np.random.default_rng(1), CLOTH, LOADS, usual_values(MENDED), participants=9, scale=AGGREGATED
+    ).ratings
+    asked = ModelOptions(scale=AGGREGATED, fix=HELD, discretisation=COARSE, **options)
+    with pytest.raises(InputError, match=said):
+        build(Experiment(made, CLOTH, ()), asked)
