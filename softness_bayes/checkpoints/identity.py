@@ -46,12 +46,14 @@ def _digests(data: Experiment | Compression) -> dict[str, str]:
     """Return digests of the tables of some data, by their content."""
     if isinstance(data, Compression):
         return {"compression data": _digest(data.participant, data.indentation, data.force)}
-    ratings, fabrics = data.ratings, data.fabrics
+    ratings, fabrics, cells = data.ratings, data.fabrics, data.ratings.cells
     touched = (ratings.participant, ratings.fabric, ratings.load)
     sources = [text for source in fabrics.cells().values() for text in source]
     return {
         "ratings": _digest(ratings.rating, *touched, np.array([str(load) for load in ratings.loads])),
         **({} if ratings.load_cv is None else {"errors of loads": _digest(ratings.load_cv)}),
+        **({} if cells is None else {"raters": str(cells.raters)}),
+        **({} if cells is None or cells.geometric_sd is None else {"their spread": _digest(cells.geometric_sd)}),
         "fabrics": _digest(np.array(sources)),
         **({} if data.compression is None else _digests(data.compression)),
     }

@@ -81,8 +81,13 @@ def mutated(content: bytes, random: np.random.Generator) -> bytes:
 
 def kept(ratings):
     """What a table of ratings says, whatever its order."""
-    table = zip(ratings.participant, ratings.fabric, ratings.load, ratings.rating, strict=True)
-    return sorted((ratings.participants[p], ratings.fabrics[f], str(ratings.loads[k]), y.hex()) for p, f, k, y in table)
+    cells = ratings.cells
+    spread = [None] * len(ratings) if cells is None or cells.geometric_sd is None else cells.geometric_sd.tolist()
+    table = zip(ratings.participant, ratings.fabric, ratings.load, ratings.rating, spread, strict=True)
+    told = [
+        (ratings.participants[p], ratings.fabrics[f], str(ratings.loads[k]), y.hex(), f"{s}") for p, f, k, y, s in table
+    ]
+    return [cells and cells.raters, *sorted(told)]
 
 
 def reader_of(name: str, random: np.random.Generator) -> str:
