@@ -196,7 +196,7 @@ def stubbed(monkeypatch):
     def stop(*_arguments, **_options):
         raise click.exceptions.Exit(0)
 
-    monkeypatch.setattr(workers, "prepare", lambda _: None)
+    monkeypatch.setattr(workers, "prepare", lambda *_: None)
     for module, name in (
         (build, "build"),
         (build, "choose_direction"),
