@@ -1,5 +1,6 @@
 """Signals at any instant, dead workers, little memory and streams nobody reads: how a command ends."""
 
+import contextlib
 import logging
 import os
 import random
@@ -21,10 +22,12 @@ from softness_bayes.checkpoints.status import read_status
 from softness_bayes.cli import VERBS, _prints
 from softness_bayes.cli.interrupts import _beginning
 from softness_bayes.errors import ResourceError
+from softness_bayes.results.result import Result
 from softness_bayes.sampler import workers as processes
 from softness_bayes.sampler.workers import RENEWALS, Workers
 from support.command_line import FIXED, call, few_ratings
 from support.paths import DATA, ROOT
+from support.report_runs import quickly
 
 PROGRAM = (
     # a shell that runs the tests in the background has interrupts ignored, by its children too
@@ -243,6 +246,57 @@ def test_workers_that_die_again_and_again_are_given_up():
     with Workers(10, 2) as workers, pytest.raises(ResourceError, match="memory ran out") as error:
         workers.map(_die, [(1,)])
     assert error.value.exit_code == 6
+
+
+def workers_of(process):
+    """Return the numbers of a run's workers: processes of its group that are not children of the run itself."""
+    found = []
+    for number in members(process.pid):
+        with contextlib.suppress(OSError):
+            parent = int(Path(f"/proc/{number}/stat").read_text().rpartition(")")[2].split()[1])
+            found += [number] if process.pid not in (number, parent) else []
+    return found
+
+
+def killed_at_work(directory, again):
+    """Sample, and kill the workers once in the walk, or again and again; return the ended process and its errors."""
+    process = began(directory, "sample", "--data", "ratings.csv", "--out", "out", *SAMPLE, before=QUICKLY)
+    while process.poll() is None and not (directory / "out" / "checkpoint" / "manifest.json").exists():
+        time.sleep(0.02)
+    while process.poll() is None:
+        for number in workers_of(process):
+            with contextlib.suppress(ProcessLookupError):
+                os.kill(number, signal.SIGKILL)
+        if not again:
+            break
+        time.sleep(0.02)
+    return process, process.communicate(timeout=300)[1]
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(sys.platform != "linux", reason="looks at processes by /proc")
+def test_a_run_whose_workers_are_killed_goes_on_to_the_same_draws(tmp_path):
+    few_ratings(tmp_path)
+    process, said = killed_at_work(tmp_path, again=False)
+    assert process.returncode == 3, said  # as without the kill: it ends at its --max-steps
+    with quickly():
+        assert call("sample", "--data", tmp_path / "ratings.csv", "--out", tmp_path / "whole", *SAMPLE).returncode == 3
+    one, other = Result.load(tmp_path / "out"), Result.load(tmp_path / "whole")
+    assert one.tree["posterior"].identical(other.tree["posterior"])
+    assert sorted(path.name for path in (tmp_path / "out" / "figures").iterdir()) == sorted(
+        path.name for path in (tmp_path / "whole" / "figures").iterdir()
+    )
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(sys.platform != "linux", reason="looks at processes by /proc")
+def test_a_run_whose_workers_are_killed_again_and_again_has_an_exit_code_of_its_own(tmp_path):
+    few_ratings(tmp_path)
+    process, said = killed_at_work(tmp_path, again=True)
+    assert process.returncode == ResourceError.exit_code == 6, said
+    assert "a worker process died repeatedly" in said
+    assert "'softness-bayes resume out' continues it" in said
+    assert "Traceback" not in said
 
 
 def test_memory_that_runs_out_in_a_worker_arrives():
