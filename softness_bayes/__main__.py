@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import logging
 import os
 import signal
@@ -10,11 +11,14 @@ import warnings
 from types import FrameType
 from typing import NoReturn
 
+from softness_bayes.defaults import GARBAGE
+
 
 def run() -> None:
     """Run the command line."""
     heed_signals()
     quieten_libraries()
+    gc.set_threshold(*GARBAGE)
     from softness_bayes.cli import main
 
     main(prog_name="softness-bayes")

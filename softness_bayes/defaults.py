@@ -25,6 +25,9 @@ PRIOR_SET = "default"
 SEED = 0
 """Seed of all random numbers."""
 
+GARBAGE = (20_000, 20, 20)
+"""How seldom the program and its workers look for garbage, as `gc.set_threshold` takes it."""
+
 MOST_SHOWN = 12
 """Loads that figures draw and lists name one by one; of more, as many are shown, evenly spread."""
 

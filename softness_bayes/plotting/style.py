@@ -36,6 +36,9 @@ METADATA: Mapping[str, Mapping[str, str | None]] = MappingProxyType(
 )
 """Metadata of each format of pictures, without date and program, so that equal figures are equal files."""
 
+COMPRESSION = 3
+"""Effort at making PNG files small, from 1 to 9; the usual 6 takes 1.4 times as long and saves 7 %."""
+
 DATA = "csv"
 """The format of a figure's data: a table of what it shows."""
 
@@ -261,7 +264,8 @@ def files_of(
                 contents[f"{stem}.{name}"] = csv_of(data_of(figure), index=False).encode()
                 continue
             drawn = io.BytesIO()
-            figure.savefig(drawn, format=name, metadata=dict(METADATA[name]))
+            more: dict[str, Any] = {"pil_kwargs": {"compress_level": COMPRESSION}} if name == "png" else {}
+            figure.savefig(drawn, format=name, metadata=dict(METADATA[name]), **more)
             contents[f"{stem}.{name}"] = drawn.getvalue()
     return contents
 

@@ -20,6 +20,7 @@ from typing import Any, Protocol, Self, TypeVar, runtime_checkable
 
 from threadpoolctl import ThreadpoolController
 
+from softness_bayes.defaults import GARBAGE
 from softness_bayes.errors import ResourceError
 
 Result = TypeVar("Result")
@@ -236,8 +237,6 @@ _LOST = "the executor lost its workers: they were killed, or memory ran out"
 
 _resident: Any = None
 
-_SELDOM = (20_000, 20, 20)  # how often a worker looks for garbage, as `gc.set_threshold` takes it
-
 
 def _settle(resident: Any) -> None:
     global _resident
@@ -249,7 +248,7 @@ def _settle(resident: Any) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     # what was imported is no garbage: to look through it again and again is a fifth of the time of a figure
     gc.freeze()
-    gc.set_threshold(*_SELDOM)
+    gc.set_threshold(*GARBAGE)
     threading.Thread(target=_end_with_parent, daemon=True).start()
 
 
