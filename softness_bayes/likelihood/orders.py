@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.special import expit, ndtri
 
 from softness_bayes.errors import InputError
+from softness_bayes.likelihood.comparison_information import Comparisons, order_information
 from softness_bayes.likelihood.contract import Effects
 from softness_bayes.likelihood.design import Design
 from softness_bayes.likelihood.error_laws import GUMBEL, GUMBEL_SD, ErrorLaw
@@ -132,6 +133,28 @@ class OrderModel(RatingModel):
             The model's parameters, for laws with guesses, which are left out without them.
         """
         return np.asarray(expit(apart))
+
+    def guesses(self, parameters: RatingParameters) -> FloatArray:
+        """Return the share of guesses, shape (...) or (); laws without lapses have none."""
+        return np.asarray(parameters.lapse, float) if self.error.lapses else np.asarray(0.0)
+
+    def information(
+        self, compared: Comparisons, drive: FloatArray, slopes: FloatArray, guesses: float = 0.0
+    ) -> FloatArray:
+        """Return the expected information of orders on d parameters, shape (d, d), over simulated orders.
+
+        Parameters
+        ----------
+        compared
+            The lists.
+        drive
+            Drive of each condition in units of the noise, shape (conditions,).
+        slopes
+            Its slopes, shape (conditions, d).
+        guesses
+            From `guesses`.
+        """
+        return order_information(np.random.default_rng(_SEED), compared, drive, slopes)
 
     def named_effects(self, effects: Effects) -> Mapping[str, tuple[FloatArray, tuple[str, ...]]]:
         """Return no effects."""

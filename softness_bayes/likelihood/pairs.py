@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.special import log_ndtr, ndtr
 
 from softness_bayes.errors import InputError
+from softness_bayes.likelihood.comparison_information import Comparisons, pair_information
 from softness_bayes.likelihood.design import Design
 from softness_bayes.likelihood.error_laws import NORMAL, ErrorLaw
 from softness_bayes.likelihood.orders import LEAST_SPREAD, OrderModel, OrderRatings
@@ -65,9 +66,11 @@ class PairModel(OrderModel):
         guess = self.guesses(parameters)[..., None]
         return (1.0 - guess) * told + 0.5 * guess
 
-    def guesses(self, parameters: RatingParameters) -> FloatArray:
-        """Return the share of guesses, shape (...) or ()."""
-        return np.asarray(parameters.lapse, float) if self.law.lapses else np.asarray(0.0)
+    def information(
+        self, compared: Comparisons, drive: FloatArray, slopes: FloatArray, guesses: float = 0.0
+    ) -> FloatArray:
+        """Return the expected information of answers to pairs, shape (d, d); arguments as `OrderModel.information`."""
+        return pair_information(compared, drive, slopes, guesses)
 
     def observe(self, ratings: ArrayLike, design: Design, stated: Stated | None = None) -> PairRatings:
         """Return the likelihood of these answers; without lists, successive rows of a participant are pairs."""

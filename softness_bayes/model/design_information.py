@@ -18,12 +18,14 @@ from scipy.special import ndtr, ndtri
 from softness_bayes.checking.inflection import Outcome, turning_points
 from softness_bayes.checking.sensitivity import prior_moments
 from softness_bayes.errors import InputError
+from softness_bayes.likelihood.comparison_information import Comparisons
 from softness_bayes.likelihood.design import Design
 from softness_bayes.likelihood.error_laws import STUDENT
 from softness_bayes.likelihood.expected_information import Group, Moments, normal_information
+from softness_bayes.likelihood.orders import OrderModel
 from softness_bayes.likelihood.plate import CompressionForces, plate_line
 from softness_bayes.likelihood.ratings import RatingParameters
-from softness_bayes.likelihood.scales import MAGNITUDE, SLIDER, STANDARDISED
+from softness_bayes.likelihood.scales import MAGNITUDE, PAIRS, RANKS, SLIDER, STANDARDISED
 from softness_bayes.likelihood.stated import Stated
 from softness_bayes.model.build import ExperimentModel
 from softness_bayes.model.hypothetical import Planned
@@ -88,14 +90,14 @@ def foresee(model: ExperimentModel, planned: Planned, truths: Array | None = Non
     Raises
     ------
     InputError
-        If the ratings are categories or ranks, raters have fingers of their own, or loads have errors.
+        If the ratings are categories, raters have fingers of their own, or loads have errors.
     """
     posterior = model.posterior
-    linear = model.options.scale in (MAGNITUDE, SLIDER, STANDARDISED)
-    if not linear or posterior.fingers is not None or posterior.other_loads is not None:
+    known = model.options.scale in (MAGNITUDE, SLIDER, STANDARDISED, RANKS, PAIRS)
+    if not known or posterior.fingers is not None or posterior.other_loads is not None:
         raise InputError(
-            "design: what it tells is foreseen for magnitude estimates, sliders and z-scores of the typical finger "
-            "under loads without errors alone"
+            "design: what it tells is foreseen for magnitude estimates, sliders, z-scores, ranks and pairs, of the "
+            "typical finger under loads without errors alone"
         )
     return _Foresight(model, planned, truths).found()
 
@@ -179,15 +181,30 @@ class _Foresight:
         steps = np.swapaxes(root, 1, 2)
         points = np.concatenate([centre[:, None], centre[:, None] + steps, centre[:, None] - steps], axis=1)
         theta, back = self._natural(points), np.asarray(np.linalg.inv(root), float)
-        found = self._of_ratings(theta, back)
+        compared = self.planned.compared
+        found = self._of_ratings(theta, back) if compared is None else self._of_comparisons(compared, theta, back)
         plate = self.posterior.compression
         return found if plate is None else found + self._of_forces(plate, theta, back)
 
+    def _of_comparisons(self, compared: Comparisons, theta: Array, back: Array) -> Array:
+        model: OrderModel = self.posterior.observation.model
+        parameters, drive = self._driven(theta)
+        drive = drive / _at(model.noise_of(parameters), theta)[..., None]
+        slopes = np.einsum("tkc,tkd->tcd", _secants(drive), back)
+        guesses = _at(model.guesses(parameters), theta)[:, 0]
+        parts = zip(drive[:, 0], slopes, guesses, strict=True)
+        return np.stack([model.information(compared, *part) for part in parts])
+
+    def _driven(self, theta: Array) -> tuple[RatingParameters, Array]:
+        """Return the rating parameters at points (truths, k, d), and the drives of the design's conditions there."""
+        parameters = self.posterior.rating_parameters(theta)
+        rate = self.planned.rate(self.posterior, theta.reshape(-1, theta.shape[-1])).reshape(*theta.shape[:2], -1)
+        drive = self.posterior.observation.model.drive(self.planned.design, rate, parameters)
+        return parameters, np.broadcast_to(drive, (*theta.shape[:2], rate.shape[-1]))
+
     def _of_ratings(self, theta: Array, back: Array) -> Array:
         model, planned = self.posterior.observation.model, self.planned
-        parameters = self.posterior.rating_parameters(theta)
-        rate = planned.rate(self.posterior, theta.reshape(-1, theta.shape[-1])).reshape(*theta.shape[:2], -1)
-        drive = np.broadcast_to(model.drive(planned.design, rate, parameters), (*theta.shape[:2], rate.shape[-1]))
+        parameters, drive = self._driven(theta)
         slopes = np.einsum("tkc,tkd->tcd", _secants(drive), back)
         sd = _at(np.sqrt(np.asarray(parameters.varsigma, float) ** 2 * _heavier(model.error, parameters)), theta)
         found = []

@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from softness_bayes.likelihood.comparison_information import Comparisons
 from softness_bayes.likelihood.design import Design
 from softness_bayes.model.build import ExperimentModel, design_of
 from softness_bayes.model.posterior import Posterior
@@ -16,6 +17,7 @@ from softness_bayes.touch.load_field import held
 from softness_bayes.touch.scene import Scene
 
 Array = NDArray[np.float64]
+IndexArray = NDArray[np.intp]
 
 STEPS = (2.0, 4.0, 8.0)
 """Moduli of three further fabrics, as multiples of the stiffest or fractions of the softest."""
@@ -37,6 +39,14 @@ class Planned(NamedTuple):
     """Fabrics and loads of its conditions; fabrics of the experiment come first."""
     n_fabrics: int
     """Number of fabrics of the experiment, whose moduli may be sampled; others have known ones."""
+    compared: Comparisons | None = None
+    """Conditions that are compared with one another; None if ratings are no comparisons."""
+
+    @property
+    def n_answers(self) -> int:
+        """Number of ratings, places in lists, or answers to pairs."""
+        paired = self.compared is not None and self.compared.members.shape[1] == 2
+        return round(self.compared.times.sum()) if self.compared and paired else self.design.n_rows
 
     def rate(self, posterior: Posterior, theta: Array) -> Array:
         """Return the pad's mean rate N/N_ref [Hz] in every condition at points (points, d)."""
@@ -50,7 +60,9 @@ class Planned(NamedTuple):
 
 def as_it_is(model: ExperimentModel) -> Planned:
     """Return the design of an experiment."""
-    return Planned("", design_of(model.experiment), model.scene, len(model.experiment.fabrics.names))
+    design, lists = design_of(model.experiment), model.given.said.lists
+    compared = None if lists is None else Comparisons.of_rows(lists, design.condition)
+    return Planned("", design, model.scene, len(model.experiment.fabrics.names), compared)
 
 
 def others(model: ExperimentModel) -> list[Planned]:
@@ -59,9 +71,10 @@ def others(model: ExperimentModel) -> list[Planned]:
     d, people = now.design, now.design.n_participants
     twice = Design(np.tile(d.condition, 2), np.append(d.participant, d.participant + people), d.fabric, 2 * people)
     again = Design(np.tile(d.condition, 2), np.tile(d.participant, 2), d.fabric, people)
+    double = now.compared and now.compared._replace(times=2.0 * now.compared.times)
     found: list[Planned | None] = [
-        now._replace(name="twice as many raters", design=twice),
-        now._replace(name="every rating twice", design=again),
+        now._replace(name="twice as many raters", design=twice, compared=double),
+        now._replace(name="every rating twice", design=again, compared=double),
         *(_with_load(now, factor) for factor in (HEAVIER, LIGHTER)),
     ]
     moduli = now.scene.modulus
@@ -92,7 +105,34 @@ def _with_load(now: Planned, factor: float) -> Planned | None:
     )
     new = np.full(fabrics.size, len(loads))
     scene = now.scene.under((*loads, load), np.append(now.scene.fabric, fabrics), np.append(now.scene.load, new))
-    return Planned(f"another load, {load}", design, scene, now.n_fabrics)
+    compared = now.compared
+    if compared and compared.members.shape[1] > 2:
+        own = Comparisons.of_rows(pairs[0], extra)
+        compared = compared.with_others(own.members, own.times)
+    elif compared:
+        compared = _with_pairs(compared, np.unique(extra), np.empty(0, np.intp), d.n_participants)
+    return Planned(f"another load, {load}", design, scene, now.n_fabrics, compared)
+
+
+def _with_pairs(compared: Comparisons, new: IndexArray, old: IndexArray, people: int) -> Comparisons:
+    """Return comparisons with more pairs: everybody compares neighbours in a circle of conditions, drawn at random.
+
+    Parameters
+    ----------
+    compared
+        The pairs that there are.
+    new, old
+        Conditions of the circle; pairs of old ones alone are left out.
+    people
+        Number of participants.
+    """
+    first, second = np.triu_indices(new.size + old.size, 1)
+    every = np.append(new, old)
+    some = first < new.size
+    share = 2.0 / max(every.size - 1, 1)
+    return compared.with_others(
+        np.stack([every[first[some]], every[second[some]]], axis=1), np.full(some.sum(), people * share)
+    )
 
 
 def _with_fabrics(now: Planned, moduli: Array, name: str) -> Planned:
@@ -110,4 +150,15 @@ def _with_fabrics(now: Planned, moduli: Array, name: str) -> Planned:
         d.n_participants,
     )
     wider = scene.beside(moduli, np.append(scene.fabric, fabric), np.append(scene.load, load))
-    return Planned(name, design, wider, now.n_fabrics)
+    compared = now.compared
+    if compared and compared.members.shape[1] > 2:
+        # each list takes the further fabrics under its load
+        further = scene.n_conditions + np.arange(moduli.size) * loads.size
+        at = np.searchsorted(loads, scene.load[compared.members[:, 0]])
+        compared = Comparisons(np.concatenate([further + at[:, None], compared.members], axis=1), compared.times)
+    elif compared:
+        for k, one in enumerate(loads):
+            new = scene.n_conditions + np.arange(moduli.size) * loads.size + k
+            old = np.flatnonzero(scene.load == one)
+            compared = _with_pairs(compared, new, old, int((pairs[1] == one).sum()))
+    return Planned(name, design, wider, now.n_fabrics, compared)

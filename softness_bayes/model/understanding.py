@@ -168,7 +168,7 @@ def foreseen(experiment: Experiment, options: ModelOptions) -> dict[str, Any]:
         more.append(
             {
                 "design": planned.name,
-                "further_ratings": planned.design.n_rows - now.design.n_rows,
+                "further_ratings": planned.n_answers - now.n_answers,
                 "bits": round(float(np.median(other.bits - expected.bits)), 3),
                 **_ratios(other),
             }

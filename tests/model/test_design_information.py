@@ -1,14 +1,17 @@
 """Expected posterior widths of a design, against closed forms and against posteriors that were sampled."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from scipy.stats import norm
 
 from softness_bayes.checking.sensitivity import prior_moments
 from softness_bayes.data import Experiment, Fabrics, Ratings
 from softness_bayes.errors import InputError
 from softness_bayes.likelihood.error_laws import NORMAL
-from softness_bayes.likelihood.scales import CATEGORIES, STANDARDISED
+from softness_bayes.likelihood.scales import CATEGORIES, MAGNITUDE, PAIRS, RANKS, STANDARDISED
 from softness_bayes.model.build import COARSE, build
 from softness_bayes.model.design_information import foresee
 from softness_bayes.model.hypothetical import as_it_is, others
@@ -61,6 +64,37 @@ def test_a_straight_line_has_the_width_of_the_closed_form():
     assert found.names == ("gamma",)
     assert_allclose(found.ratio[0, 0], 1.0 / np.sqrt(1.0 + prior**2 * information), rtol=5e-3)
     assert_allclose(found.bits[0], 0.5 * np.log2(1.0 + prior**2 * information), rtol=5e-3)
+
+
+def test_pairs_have_the_width_of_the_closed_form():
+    """Each participant compares neighbours in the order of the table, alike under both loads."""
+    table = experiment().ratings
+    lists = table.participant * 6 + table.load * 3 + table.fabric // 2
+    data = experiment()._replace(ratings=replace(table, lists=lists, rating=(table.fabric % 2).astype(float)))
+    held = {**CHAIN, "varsigma": 0.4}
+    model = built(held, {"gamma": LogNormal(0.8, 0.02)}, data=data, scale=PAIRS)
+    found, now = foresee(model, as_it_is(model)), as_it_is(model)
+    assert (now.n_answers, now.compared.times.tolist()) == (36, [6.0] * 6)
+    x = np.log(model.posterior.mean_rate(np.array([0.8])) + 0.1)
+    pairs = now.compared.members
+    apart = (x[pairs[:, 0]] - x[pairs[:, 1]]) / (np.sqrt(2.0) * 0.4)
+    chance = norm.cdf(0.8 * apart)
+    information = 6.0 * (norm.pdf(0.8 * apart) ** 2 / (chance * (1.0 - chance)) * apart**2).sum()
+    assert_allclose(found.ratio[0, 0], 1.0 / np.sqrt(1.0 + (0.8 * 0.02) ** 2 * information), rtol=5e-3)
+
+
+@pytest.mark.parametrize("scale", [RANKS, PAIRS])
+def test_more_comparisons_tell_more(scale):
+    table = experiment().ratings
+    lists = None if scale is RANKS else table.participant * 6 + table.load * 3 + table.fabric // 2
+    model = built(data=experiment()._replace(ratings=replace(table, lists=lists)), scale=scale)
+    now = foresee(model, as_it_is(model))
+    assert {"gamma", "varsigma", "b"} < {*now.names}
+    further = [one.n_answers - as_it_is(model).n_answers for one in others(model)]
+    # a circle of six under another load; with three new fabrics 21 of 36 pairs have a new one, nine answers a circle
+    assert further == ([72, 72, 36, 36, 36, 36] if scale is RANKS else [36, 36, 36, 36, 63, 63])
+    for planned in others(model):
+        assert np.median(foresee(model, planned).bits - now.bits) > 0
 
 
 def test_more_ratings_tell_more(model):
@@ -130,14 +164,13 @@ def test_what_cannot_be_foreseen_is_refused():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", [3, 11])
-def test_foreseen_widths_are_those_of_posteriors(seed):
+@pytest.mark.parametrize(("seed", "scale"), [(3, MAGNITUDE), (11, MAGNITUDE), (3, RANKS)])
+def test_foreseen_widths_are_those_of_posteriors(seed, scale):
     """At truths from the prior, ratings are simulated and fitted: widths agree within a factor of 1.6."""
-    from dataclasses import replace
-
     from softness_bayes import RunOptions, sample
 
-    model = built(data=experiment(people=20), errors=NORMAL, resolution=0.0)
+    exact = {"errors": NORMAL, "resolution": 0.0} if scale is MAGNITUDE else {"scale": scale}
+    model = built(data=experiment(people=20), **exact)
     posterior, rng = model.posterior, np.random.default_rng(seed)
     truth = posterior.space.draw_prior(rng, 1)
     while (posterior.mean_rate(truth) > 0).mean() < 0.5:

@@ -1,0 +1,113 @@
+"""Expected (Fisher) information of comparisons: answers to pairs, and orders of lists.
+
+Comparisons tell of differences of drives in units of the noise alone, so that there are no effects to integrate out.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import ndtr
+
+FloatArray = NDArray[np.float64]
+IndexArray = NDArray[np.intp]
+
+ORDERS = 8
+"""Simulated orders of each set of conditions, over which the information of an order is averaged."""
+
+
+class Comparisons(NamedTuple):
+    """Sets of conditions that are compared with one another."""
+
+    members: IndexArray
+    """Conditions of each set, shape (sets, width); -1 behind those of a smaller set."""
+    times: FloatArray
+    """Number of times that each set is compared, or its expectation, shape (sets,)."""
+
+    @classmethod
+    def of_rows(cls, lists: IndexArray, condition: IndexArray) -> Comparisons:
+        """Return those of rows, by the index of each row's list and its condition, each of shape (rows,)."""
+        order = np.lexsort((condition, lists))
+        first = np.append(True, np.diff(lists[order]) != 0)
+        of_list = np.cumsum(first) - 1
+        slot = np.arange(order.size) - np.flatnonzero(first)[of_list]
+        members = np.full((of_list[-1] + 1, slot.max() + 1), -1)
+        members[of_list, slot] = condition[order]
+        different, count = np.unique(members, axis=0, return_counts=True)
+        return cls(different, count.astype(float))
+
+    def with_others(self, members: IndexArray, count: FloatArray) -> Comparisons:
+        """Return these sets and others."""
+        width = max(self.members.shape[1], members.shape[1])
+        both = [np.pad(one, ((0, 0), (0, width - one.shape[1])), constant_values=-1) for one in (self.members, members)]
+        return Comparisons(np.concatenate(both), np.append(self.times, count))
+
+
+def pair_information(compared: Comparisons, drive: FloatArray, slopes: FloatArray, guesses: float = 0.0) -> FloatArray:
+    """Return the information of answers to pairs on d parameters, shape (d, d).
+
+    Parameters
+    ----------
+    compared
+        The pairs.
+    drive
+        Drive of each condition in units of the noise of a difference, shape (conditions,).
+    slopes
+        Its slopes, shape (conditions, d).
+    guesses
+        Share of answers that are guesses.
+    """
+    pairs = compared.members[compared.members[:, 1] >= 0]
+    count = compared.times[compared.members[:, 1] >= 0]
+    apart = drive[pairs[:, 0]] - drive[pairs[:, 1]]
+    chance, other = ((1.0 - guesses) * ndtr(sign * apart) + 0.5 * guesses for sign in (1.0, -1.0))
+    steep = (1.0 - guesses) * np.exp(-0.5 * apart**2) / np.sqrt(2.0 * np.pi)
+    # far apart the answer is sure, and tells nothing
+    weight = np.divide(steep**2, chance * other, out=np.zeros_like(apart), where=chance * other > 0)
+    along = slopes[pairs[:, 0]] - slopes[pairs[:, 1]]
+    return np.asarray(along.T @ ((count * weight)[:, None] * along))
+
+
+def order_information(
+    rng: np.random.Generator, compared: Comparisons, drive: FloatArray, slopes: FloatArray, orders: int = ORDERS
+) -> FloatArray:
+    """Return the information of orders after Plackett and Luce on d parameters, shape (d, d).
+
+    The information of an order is the sum over its places of the covariance of slopes among what is left, each weighted
+    by its worth; it is averaged over simulated orders.
+
+    Parameters
+    ----------
+    rng
+        Source of the orders.
+    compared
+        The lists.
+    drive
+        Drive of each condition in units of the noise, shape (conditions,).
+    slopes
+        Its slopes, shape (conditions, d).
+    orders
+        Number of orders of each set.
+    """
+    found = np.zeros((slopes.shape[1],) * 2)
+    there = compared.members >= 0
+    latent = np.where(there, drive[compared.members], -np.inf)
+    for _ in range(orders):
+        place = np.argsort(-(latent + rng.gumbel(size=latent.shape)), axis=1, kind="stable")
+        own = np.take_along_axis(compared.members, place, axis=1)
+        worth = np.where(own >= 0, drive[own], -np.inf)
+        left = np.logaddexp.accumulate(worth[:, ::-1], axis=1)[:, ::-1]
+        some = np.isfinite(left)
+        # chance of each touch at each place up to its own, shape (sets, places, touches)
+        with np.errstate(invalid="ignore"):
+            log_chance = np.where(some[:, :, None], worth[:, None, :] - left[:, :, None], -np.inf)
+        chance = np.triu(np.exp(np.minimum(log_chance, 0.0)))
+        along = slopes[own]
+        mean = chance @ along
+        weight = compared.times[:, None] * chance.sum(axis=1)
+        flat, middle = along.reshape(-1, along.shape[-1]), mean.reshape(-1, along.shape[-1])
+        repeated = np.repeat(compared.times, own.shape[1])[:, None]
+        found += flat.T @ (weight.reshape(-1, 1) * flat) - middle.T @ (repeated * middle)
+    return found / orders
