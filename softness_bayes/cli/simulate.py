@@ -180,7 +180,7 @@ def _forces(
     import numpy as np
 
     from softness_bayes.data import compression_csv
-    from softness_bayes.model.simulation import simulate_compression
+    from softness_bayes.model.simulated_forces import simulate_compression
 
     # numbers of its own, so that the ratings do not depend on whether fingers are pressed
     made = simulate_compression(np.random.default_rng([seed, 1]), values, readings, fingers, shape=shape)

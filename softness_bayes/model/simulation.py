@@ -1,4 +1,4 @@
-"""Simulated ratings and forces of stated parameters."""
+"""Simulated ratings of stated parameters."""
 
 from __future__ import annotations
 
@@ -10,17 +10,15 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import PchipInterpolator
 
-from softness_bayes.data import Compression, Fabrics, Ratings
-from softness_bayes.data.aggregated import PANEL, Cells
+from softness_bayes.data import Fabrics, Ratings
 from softness_bayes.data.fabrics import log_sd
 from softness_bayes.errors import InputError
 from softness_bayes.kinds import require_kind, require_mapping
-from softness_bayes.likelihood.contract import NO_RESPONSE, Model
+from softness_bayes.likelihood.contract import Model
 from softness_bayes.likelihood.design import Design
 from softness_bayes.likelihood.directions import RISES, RatingDirection
 from softness_bayes.likelihood.error_laws import GUMBEL, NORMAL, ErrorLaw
 from softness_bayes.likelihood.models import UNDER_UNCERTAIN_LOADS, rating_model
-from softness_bayes.likelihood.plate import CompressionForces, SkinParameters
 from softness_bayes.likelihood.ratings import RatingParameters
 from softness_bayes.likelihood.scales import (
     AGGREGATED,
@@ -32,13 +30,12 @@ from softness_bayes.likelihood.scales import (
     STANDARDISED,
     Scale,
 )
-from softness_bayes.likelihood.stated import Stated
 from softness_bayes.model.other_loads import scaled
 from softness_bayes.model.scenes import scene_of, touch_parameters
+from softness_bayes.model.simulated_answers import averaged, numbered, paired, places, rounded
 from softness_bayes.parameters.declared import EVERY_PARAMETER
 from softness_bayes.ranges import (
     CATEGORIES_RANGE,
-    FINGERS,
     LOAD_ERRORS,
     PARTICIPANTS,
     RESOLUTIONS,
@@ -155,8 +152,8 @@ def simulate_ratings(
     effect, _ = drawn.get("participant_effect", (np.zeros(participants), ()))
     responses = rate.reshape(len(loads), len(fabrics)).T
     if scale is PAIRS:
-        paired = _paired(rng, model, scene, participants, missing, drive, parameters)
-        ratings = Ratings(_numbered("P", participants), fabrics.names, loads, **paired)
+        asked = rng, model, scene, participants, missing, drive, parameters
+        ratings = paired(*asked, fabrics.names, loads)
         return Simulation(ratings, _truth(model, values, drawn), effect, responses)
     touched = design
     if load_cv:
@@ -164,17 +161,17 @@ def simulate_ratings(
         held = _rates_of_held(scene, touch_parameters(values), design.condition, log_factor) / scene.n_receptors
         drive = model.drive_at(held, design, rate / scene.n_receptors, parameters)
         touched = _row_by_row(design)
-    filed = _rounded(model.draw_ratings(rng, touched, drive, parameters, effects))
+    filed = rounded(model.draw_ratings(rng, touched, drive, parameters, effects))
     if scale is AGGREGATED:
-        averaged = _averaged(filed.reshape(participants, -1), scene, fabrics.names, loads)
-        return Simulation(averaged, _truth(model, values, drawn), effect.mean(keepdims=True), responses)
+        means = averaged(filed.reshape(participants, -1), scene, fabrics.names, loads)
+        return Simulation(means, _truth(model, values, drawn), effect.mean(keepdims=True), responses)
     if resolution:
-        filed = _rounded(np.floor(filed / resolution + 0.5) * resolution)
+        filed = rounded(np.floor(filed / resolution + 0.5) * resolution)
     filed[rng.random(filed.size) < missing] = np.nan
     # conditions run load by load
     table = filed.reshape(participants, len(loads), len(fabrics)).transpose(0, 2, 1)
-    table = _places(table) if scale is RANKS else table
-    ratings = Ratings.crossed(_numbered("P", participants), fabrics.names, loads, table)
+    table = places(table) if scale is RANKS else table
+    ratings = Ratings.crossed(numbered("P", participants), fabrics.names, loads, table)
     if load_cv:
         ratings = replace(ratings, load_cv=np.full(len(ratings), load_cv))
     return Simulation(ratings, _truth(model, values, drawn), effect, responses)
@@ -199,72 +196,6 @@ def _model_of(scale: Scale, direction: RatingDirection, errors: ErrorLaw, catego
         raise InputError(f"simulate: {categories} categories, expected none for {scale.name} ratings")
     CATEGORIES_RANGE.require("simulate: number of categories", categories)
     return replace(model, categories=categories)
-
-
-def _averaged(filed: NDArray[np.float64], scene: Scene, fabrics: tuple[str, ...], loads: tuple[Load, ...]) -> Ratings:
-    """Return geometric means and standard deviations of ratings (people, conditions) under every condition."""
-    log, conditions = np.log(filed), np.arange(filed.shape[1])
-    return Ratings(
-        (PANEL,),
-        fabrics,
-        loads,
-        participant=np.zeros_like(conditions),
-        fabric=scene.fabric,
-        load=scene.load,
-        rating=_rounded(np.exp(log.mean(axis=0))),
-        rows=conditions + 2,
-        cells=Cells(len(filed), _rounded(np.exp(log.std(axis=0, ddof=1)))),
-    )
-
-
-def _places(table: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return each fabric's place among those of one participant and load, from 1, (people, fabrics, loads)."""
-    place = 1.0 + table.argsort(axis=1, kind="stable").argsort(axis=1, kind="stable")
-    return np.where(np.isnan(table), np.nan, place)
-
-
-def _paired(
-    rng: np.random.Generator,
-    model: Any,
-    scene: Scene,
-    participants: int,
-    missing: float,
-    drive: NDArray[np.float64],
-    parameters: RatingParameters,
-) -> dict[str, Any]:
-    """Return the columns of `Ratings` of pairs: each participant compares neighbours in a circle, drawn for each load.
-
-    Parameters
-    ----------
-    rng, model, scene, participants, missing
-        As `simulate_ratings` takes them; the model is that of pairs.
-    drive
-        Of each condition, shape (conditions,).
-    parameters
-        Of the model.
-    """
-    loads = np.unique(scene.load)
-    circles = np.array([[rng.permutation(np.flatnonzero(scene.load == k)) for k in loads] for _ in range(participants)])
-    condition = np.stack([circles, np.roll(circles, -1, axis=2)], axis=-1).reshape(-1, 2)
-    person = np.repeat(np.arange(participants), len(condition) // participants)
-    kept = rng.random(len(condition)) >= missing
-    rows, participant = condition[kept].ravel(), np.repeat(person[kept], 2)
-    lists = np.repeat(np.arange(int(kept.sum())), 2)
-    answers = np.tile([1.0, 0.0], int(kept.sum()))
-    if not rows.size:
-        raise InputError("simulate: all answers are left out at random; take a smaller share, or another seed")
-    zero = np.zeros(rows.size)
-    asked = Design(rows, participant, scene.fabric, participants)
-    observed = model.observe(answers, asked, Stated(answers, zero, zero, zero + np.inf, lists=lists))
-    return {
-        "participant": participant,
-        "fabric": scene.fabric[rows],
-        "load": scene.load[rows],
-        "rating": observed.replicate(rng, drive, parameters, None),
-        "rows": np.arange(2, 2 + rows.size),
-        "n_missing": 2 * int((~kept).sum()),
-        "lists": lists,
-    }
 
 
 def _crossed(scene: Scene, participants: int) -> Design:
@@ -355,76 +286,3 @@ def _levels(model: Model, scale: Scale, mu: float | None, slope: float | None) -
     if slope is not None:
         SLOPES.require("simulate: slope", slope)
     return levels
-
-
-def _rounded(values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return values with as few digits as people and instruments give.
-
-    Rounding also makes files equal on machines whose exponentials differ in their last bits.
-    """
-    return np.array([float(f"{value:.4g}") for value in values])
-
-
-def _numbered(letter: str, count: int) -> tuple[str, ...]:
-    """Return names that sort by their numbers, as P01 to P30."""
-    return tuple(f"{letter}{i:0{len(str(count))}d}" for i in range(1, count + 1))
-
-
-PLATE_DEPTHS = (0.5e-3, 1e-3, 1.5e-3, 2e-3)
-"""Indentations [m] to which simulated fingers are pressed: those of the published measurements."""
-
-
-class SimulatedForces(NamedTuple):
-    """Simulated compression data, and how their fingers depart from the typical one."""
-
-    compression: Compression
-    log_b_effect: NDArray[np.float64]
-    """In ln b, shape (fingers,)."""
-    m_effect: NDArray[np.float64]
-    """In m, shape (fingers,)."""
-
-
-def simulate_compression(
-    rng: np.random.Generator,
-    values: Mapping[str, float],
-    readings: Readings = MENDED,
-    fingers: int = 8,
-    depths: tuple[float, ...] = PLATE_DEPTHS,
-    shape: Finger = Finger(),
-) -> SimulatedForces:
-    """Press a rigid flat plate on simulated fingers, each to every depth once.
-
-    Parameters
-    ----------
-    rng
-        Source of the fingers and the noise.
-    values
-        b, m, tau_b, tau_m and varsigma_f in natural units (`usual_values` with a number of fingers).
-    readings
-        Readings of the model.
-    fingers
-        Their number.
-    depths
-        Indentations [m].
-    shape
-        Shape of every fingertip.
-
-    Raises
-    ------
-    InputError
-        If there is no finger.
-    """
-    require_kind("rng", rng, np.random.Generator, RNG)
-    require_mapping("values", values, VALUES)
-    if missing := [name for name in SkinParameters._fields if name not in values]:
-        raise InputError(f"values: no {missing[0]}, expected all that usual_values(readings, n_fingers=8) returns")
-    replace(FINGERS, low=1).require("simulate: number of fingers", fingers)
-    skin = SkinParameters(*(np.float64(values[n]) * EVERY_PARAMETER[n].si for n in SkinParameters._fields))
-    finger, depth = np.repeat(np.arange(fingers), len(depths)), np.tile(depths, fingers)
-    plate = CompressionForces(
-        depth, np.ones(depth.size), finger, fingers, displacement=readings.skin_displacement, shape=shape
-    )
-    effects = plate.new_effects(rng, skin, ())
-    force = _rounded(plate.replicate(rng, plate.drive(NO_RESPONSE, skin), skin, effects))
-    compression = Compression(_numbered("F", fingers), finger, depth, force, np.arange(2, 2 + force.size))
-    return SimulatedForces(compression, effects.log_b, effects.m)

@@ -27,7 +27,7 @@ from softness_bayes.files.run_files import CHECKPOINT, FILES, RUNS
 from softness_bayes.likelihood.directions import FREE
 from softness_bayes.model import individual
 from softness_bayes.model.scenes import usual_values
-from softness_bayes.model.simulation import simulate_compression
+from softness_bayes.model.simulated_forces import simulate_compression
 from softness_bayes.parameters.declared import EVERY_PARAMETER
 from softness_bayes.parameters.priors import HalfNormal
 from softness_bayes.plotting.data import data_of

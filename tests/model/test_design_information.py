@@ -17,7 +17,7 @@ from softness_bayes.model.design_information import foresee
 from softness_bayes.model.hypothetical import as_it_is, others
 from softness_bayes.model.options import ModelOptions
 from softness_bayes.model.scenes import usual_values
-from softness_bayes.model.simulation import simulate_compression
+from softness_bayes.model.simulated_forces import simulate_compression
 from softness_bayes.parameters.priors import LogNormal
 from softness_bayes.touch.contact import Indentation
 

@@ -14,7 +14,8 @@ from softness_bayes.data import Experiment, Fabrics
 from softness_bayes.likelihood.scales import AGGREGATED, STANDARDISED
 from softness_bayes.model import scenes
 from softness_bayes.model.scenes import usual_values
-from softness_bayes.model.simulation import simulate_compression, simulate_ratings
+from softness_bayes.model.simulated_forces import simulate_compression
+from softness_bayes.model.simulation import simulate_ratings
 from softness_bayes.results import pictures, request
 from softness_bayes.results.result import Result
 from softness_bayes.runs.plate import sample_skin
