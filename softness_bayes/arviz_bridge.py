@@ -7,6 +7,7 @@ ArviZ and xarray are imported inside the functions, because they take seconds an
 
 from __future__ import annotations
 
+import contextlib
 import io
 import math
 import os
@@ -253,7 +254,13 @@ def _arviz() -> Any:
 
 def prepare() -> None:
     """Begin to import ArviZ in the background, which takes a second or two."""
-    threading.Thread(target=_arviz).start()  # not a daemon, so that the process does not end during an import
+    threading.Thread(target=_import).start()  # not a daemon, so that the process does not end during an import
+
+
+def _import() -> None:
+    """Import ArviZ; what fails is raised where it is needed, and does not matter to a process that ends meanwhile."""
+    with contextlib.suppress(Exception):
+        _arviz()
 
 
 def _next_line() -> bool:
