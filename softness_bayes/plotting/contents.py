@@ -242,7 +242,7 @@ def checks(result: Drawable, style: Style) -> Figure:
     return some.said(checks_figure(means, shown, scale, style=style), style)
 
 
-def categories(result: Drawable, style: Style) -> Figure:
+def category_counts(result: Drawable, style: Style) -> Figure:
     """Draw the number of ratings in each category."""
     some, load = _Some.of(result), result.group("constant_data")["load_index"].values
     observed, again = _answers(result)

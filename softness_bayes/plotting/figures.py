@@ -41,8 +41,11 @@ FIGURES: Mapping[str, Drawing] = MappingProxyType(
         "predictive_checks": Drawing(
             contents.checks, "test quantities of the ratings among those of replicates", (CURVES, REPLICATES)
         ),
-        "categories": Drawing(
-            contents.categories, "ratings in each category beside those of replicates", (REPLICATES,), only=CATEGORIES
+        "category_counts": Drawing(
+            contents.category_counts,
+            "ratings in each category beside those of replicates",
+            (REPLICATES,),
+            only=CATEGORIES,
         ),
         "psychometric": Drawing(
             contents.psychometric,

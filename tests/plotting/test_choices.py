@@ -90,9 +90,13 @@ def test_a_run_shows_what_its_scale_has():
     table = data_of(FIGURES["psychometric"](pairs, USUAL))
     seen = table[table["element"] == "observed"].sort_values("panel")
     assert seen["panel"].tolist() == ["1 mm", "2 mm"]
-    table = data_of(FIGURES["categories"](categories, USUAL))
+    table = data_of(FIGURES["category_counts"](categories, USUAL))
     assert table.loc[table["element"] == "observed", "y_end"].tolist() == [1, 1, 0, 0, 0, 2]
-    for name, result in (("psychometric", categories), ("categories", pairs), ("categories", run(MAGNITUDE, [1] * 4))):
+    for name, result in (
+        ("psychometric", categories),
+        ("category_counts", pairs),
+        ("category_counts", run(MAGNITUDE, [1] * 4)),
+    ):
         with pytest.raises(InputError, match="its ratings are"):
             FIGURES[name](result, USUAL)
 

@@ -271,7 +271,7 @@ def test_a_finished_run_has_all_its_figures(tmp_path) -> None:
     result = finished_run()
     paths = plotting.draw_figures(result, tmp_path / "figures", formats=("png",))
     absent = {"corner_all", "predictive_checks", "loo_pit", "touch", "membrane", "compression"}
-    absent |= {"categories", "psychometric"}
+    absent |= {"category_counts", "psychometric"}
     assert [path.stem for path in paths] == [name for name in plotting.FIGURES if name not in absent]
     assert all(path.stat().st_size > 5000 for path in paths)
     rating = plotting.FIGURES["rating"](result, plotting.USUAL)
