@@ -58,7 +58,7 @@ CAPTIONS: Mapping[str, str] = MappingProxyType(
         "touch": "The touch at the posterior's middle: pressure and stress under the pad, receptors by their rate.",
         "membrane": "Firing rate against current with its credible band, and example spike trains.",
         "predictive_checks": "Test quantities of the ratings among those of ratings that the fitted model replicates.",
-        "category_counts": "Number of ratings in each category, with the limits of those that the fitted model replicates.",
+        "category_counts": "Number of ratings in each category, with the limits of those that the model replicates.",
         "psychometric": "Share of answers that call a fabric softer than the standard, with the limits of replicates.",
         "loo_pit": "Rank of each rating in its prediction from all others: level where predictions are right.",
         "inflection": "Posterior of the fabric modulus at the turning point (maximum), and the probability of one.",
