@@ -26,6 +26,9 @@ from softness_bayes.sampler.sampling import Sampled, Settings, sample_until
 FloatArray = NDArray[np.float64]
 IndexArray = NDArray[np.intp]
 
+ROUNDING = 1e-12
+"""Relative difference up to which two values of a quantity are ties."""
+
 
 def right(observation: Likelihood) -> Likelihood:
     """Return the likelihood itself, with which the ratings were made: the fit assumes the right model."""
@@ -103,7 +106,10 @@ def independent(sampled: Sampled, count: int, rng: np.random.Generator) -> Float
 
 
 def ranks(truth: FloatArray, draws: FloatArray, rng: np.random.Generator) -> IndexArray:
-    """Return the number of draws below each true value; ties are broken at random.
+    """Return the number of draws below each true value; ties, values within `ROUNDING`, are broken at random.
+
+    Where no receptor fires, a likelihood of orders or answers is the same number at every point, up to its last digits,
+    which depend on how many points are evaluated together.
 
     Parameters
     ----------
@@ -114,5 +120,6 @@ def ranks(truth: FloatArray, draws: FloatArray, rng: np.random.Generator) -> Ind
     rng
         Source of the broken ties.
     """
-    below, equal = (draws < truth).sum(axis=0), (draws == truth).sum(axis=0)
-    return below + rng.integers(equal + 1)
+    equal = np.abs(draws - truth) <= ROUNDING * np.abs(truth)
+    below = ((draws < truth) & ~equal).sum(axis=0)
+    return below + rng.integers(equal.sum(axis=0) + 1)

@@ -204,6 +204,13 @@ def test_ranks_break_ties_evenly(rng):
     assert np.bincount(found, minlength=5).tolist()[0] == 0
     assert np.abs(np.bincount(found, minlength=5)[1:4] - 200).max() < 60
     assert ranks(np.array([2.5, 0.0]), np.array([[1.0, 1.0], [2.0, 1.0]]), rng).tolist() == [2, 0]
+    # so are values that differ by rounding, as a silent model's likelihood of orders, one by one or together
+    last = -424.18411610980996
+    close = np.full((99, 1), last * (1.0 - 5e-16))
+    close[:9] = -500.0
+    spread = [int(ranks(np.array([last]), close, rng)[0]) for _ in range(600)]
+    assert min(spread) == 9
+    assert max(spread) == 99
 
 
 def test_draws_are_taken_a_tau_apart(rng):
