@@ -122,7 +122,9 @@ def command(
     else:
         write_outputs(out.parent, {out.name: text}, PREDICT)
         click.echo(f"{out}: {len(table)} rows", err=True)
-    if note := _geometry_note(scene, parameters, "of the rows" if posterior is None else "of rows and draws"):
+    of = "of the rows" if posterior is None else "of rows and draws"
+    # the warning says more of the same
+    if not reached and (note := _geometry_note(scene, parameters, of)):
         click.echo(f"note: {note}", err=True)
 
 

@@ -79,7 +79,7 @@ def _show(found: Ranking) -> None:
     """Print the order under each load, long ones without their middle, and what ties."""
     columns = ["order", "fabric", "e_fab_kpa", "typical_rating", "place_low", "place", "place_high", "tie", "p_silent"]
     for one, (load, rows) in zip(found.loads, found.table.groupby("load", sort=False), strict=True):
-        click.echo(f"{load}, the softest first:")
+        click.echo(f"{load}, the softest first (the highest predicted rating):")
         parts = [rows] if len(rows) <= SHOWN else [rows.head(SHOWN // 2), rows.tail(SHOWN // 2)]
         lines = [part[columns].to_string(index=False, float_format="{:.4g}".format) for part in parts]
         click.echo("\n...\n".join(lines))

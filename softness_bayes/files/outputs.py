@@ -48,7 +48,7 @@ def require_outputs(
     _refuse(directory, _objections(directory, present, (by,), inputs))
     if present and not replace:
         shown = ", ".join(path.name for path in present)
-        raise InputError(f"{directory}: {shown} exists; choose another --out, or --force to replace it")
+        raise InputError(f"{directory}: already holds {shown}; choose another --out, or add --force to replace")
 
 
 def write_outputs(directory: Path, contents: Mapping[str, bytes | str], by: str) -> list[Path]:

@@ -295,7 +295,7 @@ def scale_named(name: str) -> Scale:
         raise InputError(f"ratings: scale {name!r} is not known, expected {known}, or {FORM} for one of your own")
     found = supplied(OWN_SCALES, name)
     if not isinstance(found, Scale) or found.model is None:
-        raise InputError(f"ratings: {name} is {found!r:.60}, expected a Scale with a 'model' of your own")
+        raise InputError(f"ratings: {name} is of the kind {type(found).__name__}, expected a Scale with a 'model'")
     return found
 
 

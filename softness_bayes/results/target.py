@@ -57,8 +57,8 @@ class Cloth(NamedTuple):
                 raise InputError(f"target: {column.name} is {shown}, expected {column.expected()}")
         if self.tensile_modulus is not None and self.thickness is not None:
             raise InputError(
-                f"target: {TENSILE_MODULUS.name} and {THICKNESS.name} are both given, which makes the modulus: "
-                "expected one, for which the other is found"
+                f"target: {TENSILE_MODULUS.name} and {THICKNESS.name} are both given, which fixes the modulus: "
+                "give one of them, and the other is found"
             )
 
     def sought(self, modulus: Array, poisson_ratio: float, reading: FabricModulus) -> tuple[Column, Array] | None:

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from softness_bayes.files.outputs import write_outputs
-from softness_bayes.plotting.figures import FIGURES, drawn, figures_of
+from softness_bayes.plotting.figures import FIGURES, drawn, every_figure, figures_of
 from softness_bayes.plotting.style import PLOT
 from softness_bayes.results.result import Result
 from softness_bayes.sampler.workers import Workers
@@ -53,7 +53,7 @@ class FiguresUnderWay:
 
     def begin_walk(self, tree: xr.DataTree) -> None:
         """Begin the figures of the posterior's draws; the tree holds these alone."""
-        self._begin(_result(tree), OF_THE_WALK)
+        self._begin(_result(tree), [name for name in OF_THE_WALK if name in every_figure()])
 
     def begin_usual(self, tree: xr.DataTree) -> None:
         """Begin the toolkit's own figures of all groups of a result, whose tables are not made yet."""

@@ -120,6 +120,7 @@ def ranks(truth: FloatArray, draws: FloatArray, rng: np.random.Generator) -> Ind
     rng
         Source of the broken ties.
     """
+    truth, draws = np.asarray(truth, float), np.asarray(draws, float)
     equal = np.abs(draws - truth) <= ROUNDING * np.abs(truth)
     below = ((draws < truth) & ~equal).sum(axis=0)
     return below + rng.integers(equal.sum(axis=0) + 1)

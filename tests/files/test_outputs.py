@@ -215,7 +215,7 @@ def test_force_replaces_what_the_verb_wrote_and_nothing_else(verb, finished, tmp
     assert {path.name for path in folder.iterdir()} == {LISTING, *names}
     (folder / "thesis.docx").write_bytes(b"years of work")
     before = snapshot(folder)
-    refused(called(verb, finished, target), "exists", "--force")
+    refused(called(verb, finished, target), "already holds", "--force")
     assert snapshot(folder) == before
     assert called(verb, finished, target, "--force").returncode == 0
     after = snapshot(folder)

@@ -106,7 +106,7 @@ def test_agreement_is_that_of_the_fabrics_in_both(ranking):
     assert (found["low"] <= found["high"]).all()
     opposite = ranking.against({name: -rank for name, rank in observed.items()})
     assert_allclose(opposite["value"], -found["value"])
-    with pytest.raises(InputError, match="0 fabrics of 0 different observed ranks, expected 3"):
+    with pytest.raises(InputError, match="0 fabrics with observed ranks, 0 of them different; expected 3"):
         ranking.against({"x": 1.0})
 
 
@@ -179,8 +179,8 @@ def test_the_command_line_ranks(result, saved, tmp_path):
         done = call("rank", saved, "--against", seen)
         again = call("rank", saved, "--against", seen)
     assert done.returncode == 0, done.stderr
-    assert "2 mm, the softest first:" in done.stdout
-    assert "1.5 N, the softest first:" in done.stdout
+    assert "2 mm, the softest first (the highest predicted rating):" in done.stdout
+    assert "1.5 N, the softest first (" in done.stdout
     assert "spearman" in done.stdout
     made = {"ranking.csv", "places.csv", "pairs.csv", "agreement.csv", "ranking.png", "ranking.pdf"}
     assert {path.name for path in (saved / "ranking").iterdir()} == {".softness-bayes.json", *made}
