@@ -69,6 +69,13 @@ def _added(*words: str) -> Callable[[re.Match[str], Sequence[str]], list[str]]:
     return advise
 
 
+def _load(match: re.Match[str], typed: Sequence[str]) -> list[str]:
+    """Return the option that names a column of the table, where one may hold the load, else one that gives it."""
+    if named := re.search(r"--column ((?:indentation_mm|force_n)=(?:'[^']*'|\S+)) takes", match.string):
+        return ["--column", named[1].replace("'", "")]
+    return [] if "--indentation-mm" in typed else ["--indentation-mm", "2"]
+
+
 def _instead(*words: str) -> Callable[[re.Match[str], Sequence[str]], list[str]]:
     def advise(match: re.Match[str], typed: Sequence[str]) -> list[str]:
         return [PROGRAM, *words]
@@ -91,7 +98,7 @@ def _sampled(match: re.Match[str], typed: Sequence[str]) -> list[str]:
 
 ADVICE: Sequence[tuple[str, Callable[[re.Match[str], Sequence[str]], list[str]]]] = (
     (r"the fabrics have no properties", _added("--fabrics", "fabrics.csv")),
-    (r"no load column|no load: give at least one", _added("--indentation-mm", "2")),
+    (r"no load column|no load: give at least one", _load),
     (r"^(.+): is not empty", _elsewhere),
     (r"^(.+): no such file; expected the posterior.nc of a run", _sampled),
     (r"^(.+): no run to continue or to report on", _sampled),

@@ -35,6 +35,14 @@ from softness_bayes.data.units import LONGEST_TITLE, Spelt, Unit, is_unit, names
 from softness_bayes.errors import InputError, quoted
 
 
+class Enough(NamedTuple):
+    """Sets of columns of which one is enough."""
+
+    sets: tuple[frozenset[str], ...]
+    others: frozenset[str]
+    """Columns that are not sought then."""
+
+
 class Sought(NamedTuple):
     """The columns that a table may have by other names.
 
@@ -43,17 +51,18 @@ class Sought(NamedTuple):
     """
 
     names: frozenset[str]
-    either: tuple[tuple[frozenset[str], ...], ...] = ()
-    """Groups of columns of which one set is enough: with that, the others of the group are not sought."""
+    either: tuple[Enough, ...] = ()
     sheet: str = "ratings"
     """Name of the sheet in a workbook of several."""
     marks: tuple[frozenset[str], ...] = (frozenset({RATING.name}),)
     """Sets of columns of which one marks the sheet if none has its name."""
+    given: frozenset[str] = frozenset()
+    """Columns whose value is given beside the table: others that may hold it are named, and not read."""
 
     def without(self, present: Mapping[str, int]) -> list[str]:
         """Return the columns to look for beside those that are there, in the order of declaration."""
-        enough = [group for group in self.either if any(names <= present.keys() for names in group)]
-        done = {name for group in enough for names in group for name in names}
+        enough = [one for one in self.either if any(names <= present.keys() for names in one.sets)]
+        done = {name for one in enough for name in one.others}
         return [n for n in (*LABELS, *NUMBERS) if n in self.names and n not in present and n not in done]
 
 
@@ -71,11 +80,20 @@ _OF_RATINGS = frozenset(
 )
 _OF_FABRICS = frozenset(NUMBERS) - _SCALES - {LOAD_CV.name, INDENTATION.name, FORCE.name}
 
-LOADED = Sought(_OF_RATINGS)
+LOADED = Sought(_OF_RATINGS, given=frozenset().union(*_LOADS))
 """Ratings whose load is given beside the table."""
-RATED = Sought(_OF_RATINGS | frozenset().union(*_LOADS), (_LOADS,))
+RATED = Sought(_OF_RATINGS | frozenset().union(*_LOADS), (Enough(_LOADS, frozenset().union(*_LOADS)),))
 """Ratings, with a load in each row."""
-FABRICS = Sought(_OF_FABRICS | {"fabric"}, (_MODULI,), "fabrics", _MODULI)
+FABRICS = Sought(
+    _OF_FABRICS | {"fabric"},
+    (
+        # a measured rigidity goes before a tensile modulus and a thickness, and is compared with them
+        Enough(_MODULI, frozenset().union(*_MODULI) - {BENDING_RIGIDITY.name}),
+        Enough(_MODULI[:2], frozenset({BENDING_RIGIDITY.name})),
+    ),
+    "fabrics",
+    _MODULI,
+)
 """Fabrics."""
 PRESSED = Sought(
     frozenset({"participant", "indentor", INDENTATION.name, FORCE.name}),
@@ -126,6 +144,7 @@ def understood(titles: Sequence[str], renames: Mapping[str, str], sought: Sought
         if titles[j].casefold() != name and (spelt := title_and_unit(titles[j])[1]) is not None:
             _take_unit(found, name, titles[j], spelt, where)
     _seek(found, titles, sought, where)
+    _pass_over(found, titles, sought.given)
     return found
 
 
@@ -223,6 +242,18 @@ def _seek(found: Header, titles: Sequence[str], sought: Sought, where: str) -> N
             for j in ([] if near else _misspelt(names, parts))
             if j not in found.at.values()
         )
+
+
+def _pass_over(found: Header, titles: Sequence[str], given: frozenset[str]) -> None:
+    """Name the columns that may hold what is given beside the table."""
+    for name in sorted(given - found.at.keys()):
+        names = {key(title) for title in (title_and_unit(name)[0], name, *SYNONYMS.get(name, ()))}
+        for j, title in enumerate(titles):
+            own = {key(title), key(title_and_unit(title)[0])}
+            if own & names and j not in found.at.values() and len(key(title)) > 2:
+                found.notes.append(
+                    f"column {quoted(title)} may hold loads, and is not read: all ratings are taken at the one given"
+                )
 
 
 def _misspelt(names: set[str], parts: Mapping[int, tuple[str, Spelt | None]]) -> list[int]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from softness_bayes.data.ratings import LOAD_COLUMNS, Ratings
+from softness_bayes.ranges import CATEGORIES_RANGE
 
 CLOSE = 0.02
 """Relative distance of two loads that may have been meant to be one."""
@@ -26,7 +27,8 @@ def oddities(ratings: Ratings, numbers: bool = True) -> list[str]:
     numbers
         False for categories and ranks, which have ends and ties by their nature.
     """
-    return [*_close_loads(ratings), *(_ends(ratings) + _ties(ratings) if numbers else [])]
+    of_numbers = [*_ends(ratings), *_ties(ratings), *_categories(ratings)] if numbers else []
+    return [*_close_loads(ratings), *of_numbers]
 
 
 def _close_loads(ratings: Ratings) -> list[str]:
@@ -60,6 +62,17 @@ def _ends(ratings: Ratings) -> list[str]:
             f"participants: the scale may have ended there"
         )
     return notes
+
+
+def _categories(ratings: Ratings) -> list[str]:
+    least, most = ratings.rating.min(), ratings.rating.max()
+    whole = (ratings.rating == np.round(ratings.rating)).all()
+    if not whole or ratings.cells is not None or not 1 <= least < most <= CATEGORIES_RANGE.high:
+        return []
+    return [
+        f"all ratings are whole numbers from {least:g} to {most:g}; if they were chosen among so many answers, "
+        "--ratings categories takes them as such"
+    ]
 
 
 def _ties(ratings: Ratings) -> list[str]:

@@ -135,3 +135,30 @@ def test_a_beginners_error_ends_with_a_command_that_would_work(typed, desk):
     _, verb, *words = BEGINNERS[typed].split()
     said = call(verb, "--help").stdout
     assert all(word in said for word in words if word.startswith("--"))
+
+
+CLOTH = "fabric,effective_modulus_kpa,poisson_ratio\nm1,9,0.3\nm2,50,0.3\nm3,400,0.3\n"
+
+
+def test_a_column_that_may_hold_the_load_is_named_not_passed_over(tmp_path):
+    """The advice names the column, and does not give every row one load in its place."""
+    cells = [(p, f, d) for p in range(3) for f in (1, 2, 3) for d in (1, 2)]
+    rows = "\n".join(f"s{p},m{f},{d},{3 + p + 7 * f * d / (f + 2)}" for p, f, d in cells)
+    (tmp_path / "r.csv").write_text(f"subject,material,Indentation,softness\n{rows}\n")
+    (tmp_path / "fabrics.csv").write_text(CLOTH)
+    asked = ["check", "--data", tmp_path / "r.csv"]
+    done = call(*asked)
+    refused(done, "no load column", "--column indentation_mm=Indentation")
+    assert "--indentation-mm 2" not in done.stderr.splitlines()[-1]
+    assert "1 mm" in call(*asked, "--column", "indentation_mm=Indentation").stdout
+    assert "'Indentation' may hold loads, and is not read" in call(*asked, "--indentation-mm", "2").stdout
+
+
+def test_whole_numbers_of_few_values_may_be_categories(tmp_path):
+    rows = "\n".join(f"s{p},m{f},{1 + (p + 2 * f) % 7}" for p in range(8) for f in (1, 2, 3))
+    (tmp_path / "r.csv").write_text(f"participant,fabric,rating\n{rows}\n")
+    (tmp_path / "fabrics.csv").write_text(CLOTH)
+    said = "all ratings are whole numbers from 1 to 7"
+    asked = ["check", "--data", tmp_path / "r.csv", "--indentation-mm", "2"]
+    assert said in call(*asked).stdout
+    assert said not in call(*asked, "--ratings", "categories").stdout

@@ -13,6 +13,7 @@ from softness_bayes.data.synonyms import SYNONYMS, key
 from softness_bayes.data.units import UNITS, title_and_unit, unit_named
 from softness_bayes.errors import InputError
 from softness_bayes.touch.contact import Force, Indentation
+from softness_bayes.touch.readings import MENDED
 
 
 @pytest.fixture
@@ -297,3 +298,13 @@ def test_titles_that_are_other_words_are_not_called_misspelt(file):
         "table.csv: unused columns: t (s), B",
         "table.csv: no column 'participant': all ratings are taken as those of one participant",
     )
+
+
+def test_a_rigidity_by_another_name_goes_before_a_tensile_modulus_too(tmp_path):
+    made = []
+    for title, row in (("bending_rigidity_n_m", "a,2,0.2,0.2,1.96e-6"), ("B (gf.cm2/cm)", "a,2,0.2,0.2,0.02")):
+        (tmp_path / "f.csv").write_text(f"fabric,tensile_modulus_mpa,thickness_mm,poisson_ratio,{title}\n{row}\n")
+        made.append(Fabrics.read(tmp_path / "f.csv"))
+    named, spelt = (one.modulus(MENDED.fabric_modulus) for one in made)
+    np.testing.assert_allclose(spelt, named, rtol=1e-2)
+    assert "B (gf.cm2/cm)" in " ".join(made[1].notes)

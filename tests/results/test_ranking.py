@@ -201,5 +201,5 @@ def test_bad_input_is_refused(report_run, saved, tmp_path):
         refused(call("rank", saved, *out, "--force-n", "-1"), "--force-n")
         refused(call("rank", saved, *out, "--column", "fabric=cloth"), "--column names columns of the fabric table")
         refused(call("rank", saved, *out, "--against", tmp_path / "none.csv"), "none.csv")
-        refused(call("rank", saved, *out, "--against", tmp_path / "two.csv"), "2 fabrics of 2 different")
+        refused(call("rank", saved, *out, "--against", tmp_path / "two.csv"), "2 fabrics with observed ranks")
     assert not (tmp_path / "new").exists()
