@@ -6,8 +6,11 @@ import os
 import re
 import shlex
 from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
 
 import click
+
+from softness_bayes.files.run_files import CHECKPOINT
 
 PROGRAM = "softness-bayes"
 TRY = "try: "
@@ -93,6 +96,8 @@ def _elsewhere(match: re.Match[str], typed: Sequence[str]) -> list[str]:
 
 def _sampled(match: re.Match[str], typed: Sequence[str]) -> list[str]:
     home = match[1].removesuffix("/posterior.nc")
+    if Path(home, CHECKPOINT).is_dir():
+        return [PROGRAM, "resume", home]
     return [PROGRAM, "sample", "--data", "ratings.csv", "--out", home]
 
 

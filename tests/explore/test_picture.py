@@ -12,11 +12,12 @@ import pytest
 from numpy.testing import assert_allclose
 
 from softness_bayes.errors import InputError
+from softness_bayes.explore.command import NOISY
 from softness_bayes.explore.picture import picture
 from softness_bayes.explore.span import span_of
 from softness_bayes.explore.subject import of_priors, of_run
 from softness_bayes.model.other_touches import OtherTouches
-from softness_bayes.model.scenes import touch_parameters, usual_values
+from softness_bayes.model.scenes import firing_of, touch_parameters, usual_values
 from softness_bayes.parameters.declared import PARAMETERS
 from softness_bayes.parameters.priors import HalfNormal, LogNormal, Normal, Uniform
 from softness_bayes.report.curves import shown
@@ -89,7 +90,7 @@ def test_the_curve_is_that_of_the_forward_model(of_medians):
     state = replace(moved(of_medians, b=60.0, sigma_0=7.0), load=1)
     found = picture(of_medians, state)
     parameters = touch_parameters(usual_values(MENDED, given={"b": 60.0, "sigma_0": 7.0}))
-    exact = of_medians.curves.fired_by(of_medians.curves.firing.exact())
+    exact = of_medians.curves.fired_by(firing_of(usual_values(MENDED), MENDED.membrane))
     rate = exact.total_rate(parameters).reshape(found.rate.shape)
     assert_allclose(found.rate, rate, atol=2e-4 * rate.max())
     # at the turning point the curve is highest
@@ -168,6 +169,17 @@ def test_the_command_repeats_readings_and_fingers(tmp_path):
     same(found.chosen, repeated(found.command, tmp_path), 2e-4)
 
 
+def test_the_command_repeats_the_numbers_of_a_run(of_ratings, tmp_path):
+    found = picture(of_ratings, moved(of_ratings, b=70.0))
+    same(found.chosen, repeated(found.command, tmp_path))
+
+
+def test_noise_is_named_beside_the_command(of_medians):
+    command = picture(of_medians, of_medians.start).command
+    noisy = picture(replace(of_medians, noise=0.5), of_medians.start).command
+    assert noisy.splitlines() == [NOISY, *command.splitlines()]
+
+
 @pytest.mark.slow
 def test_the_command_repeats_any_state(of_medians, tmp_path, rng):
     for _ in range(8):
@@ -216,6 +228,16 @@ def test_the_typical_rating_is_that_of_the_fit(of_ratings, result):
     # on the curve, which is that of the median Poisson ratio
     on_curve = np.interp(np.log(found.chosen["e_fab_kpa"]), np.log(found.modulus), found.rating[state.load])
     assert found.chosen["typical_rating"] == pytest.approx(on_curve, rel=1e-2)
+
+
+def test_z_scores_have_a_rating_without_an_exponent(report_run):
+    result = report_run("z-scores")
+    subject = of_run(result)
+    assert [span.name for span in subject.spans] == ["b", "alpha", "sigma_0"]
+    rating = picture(subject, subject.start).rating
+    stored = np.median(result.group("predictions")["typical_rating"].values[0], axis=0)
+    assert_allclose(rating[:, -1], stored[:, -1], atol=0.5)
+    assert rating.min() < 0 < rating.max()
 
 
 def test_what_is_beyond_the_rated_moduli_is_said(of_ratings):

@@ -154,6 +154,9 @@ def test_the_command_prints_the_address(unserved, monkeypatch):
 def test_bad_input_is_refused(unserved, tmp_path, report_run):
     refused(call("explore", tmp_path), "posterior.nc: no such file; expected the posterior.nc of a run")
     refused(call("explore", tmp_path / "none"), "no such file")
+    (tmp_path / "unfinished" / "checkpoint").mkdir(parents=True)
+    unfinished = call("explore", "unfinished", cwd=tmp_path)
+    refused(unfinished, "error: unfinished/posterior.nc: no such file", "try: softness-bayes resume unfinished")
     report_run("skin").save(tmp_path / "skin")
     refused(call("explore", tmp_path / "skin"), "without ratings")
     refused(call("explore", tmp_path / "skin", "--fix", "m=2"), "DIR brings its own")
