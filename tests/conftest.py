@@ -80,7 +80,7 @@ def one_membrane(once):
         return train(current, channels, membrane, duration).copy()
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(noise, "exact_curve", curve)
+        patch.setattr(noise, "exact_curve", made_once(once, noise.exact_curve))
         patch.setattr(fixed_channels, "known_curve", curve)
         patch.setattr(pictures, "spike_times", spike_times)
         yield

@@ -46,7 +46,7 @@ def prepare(*modules: str) -> None:
     if _served():
         from multiprocessing import forkserver  # not on every system
 
-        _context().set_forkserver_preload([*modules, "emcee"])
+        _context().set_forkserver_preload(["softness_bayes.sampler.server", *modules, "emcee"])
         with _shielded():
             forkserver.ensure_running()
 
