@@ -176,6 +176,10 @@ class Checkpoint:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
+        self.leave()
+
+    def leave(self) -> None:
+        """Release the directory, and remove what was made there if nothing was kept; a second call does nothing."""
         self._held.close()
 
     def begin(self, description: Mapping[str, str]) -> RunState | None:
@@ -348,6 +352,7 @@ class Checkpoint:
 
     def _vanish_unused(self, lock: Lock) -> None:
         if self._manifest is None and not (self._home / MANIFEST).exists():
+            self._tidy()  # of a first state whose manifest was not written any more
             lock.vanish()
 
 

@@ -249,6 +249,7 @@ def _kept(checkpoint: Checkpoint, drawing: bool = False) -> str:
         out = checkpoint.directory
         return f"the results are written to {out}: 'softness-bayes plot {out}' draws the figures, and {_again(out)}"
     if status is None:
+        checkpoint.leave()  # the process may end before its main thread does so
         return "nothing was kept, because sampling had not begun: start the run again"
     until = "in its pilot walk" if status.piloting else f"up to step {status.steps}"
     return f"the run is kept {until}: {_again(checkpoint.directory)}"

@@ -437,6 +437,16 @@ def test_an_earlier_run_goes_when_the_new_one_has_begun(tmp_path, states):
     same(load(tmp_path), states[0])
 
 
+def test_an_interrupt_before_the_first_manifest_leaves_nothing(tmp_path):
+    """Files of the first state are there, and the manifest that names them is not."""
+    with Checkpoint.create(tmp_path / "run") as checkpoint:
+        for name in ("state-0000001.npz", "piece-0000001.npz"):
+            (tmp_path / "run" / "checkpoint" / name).write_bytes(b"a state")
+        checkpoint.leave()  # as a thread does that ends the process
+        assert not (tmp_path / "run").exists()
+    assert not (tmp_path / "run").exists()
+
+
 @pytest.mark.usefixtures("eager")
 def test_no_room_for_the_first_state_leaves_nothing(tmp_path, states, monkeypatch):
     write = storage.write_whole
