@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from enum import Enum
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -79,13 +80,18 @@ class Layout:
         """Indices of the loads."""
         return np.unique(self.load)
 
-    @property
+    @cached_property
     def _laplacian(self) -> FloatArray:
         """Matrix of the normal equations of the conditions, participants taken away."""
         cells, count = self.design.cells, np.maximum(self.design.cells.sum(axis=1), 1.0)
         return np.diag(cells.sum(axis=0)) - cells.T @ (cells / count[:, None])
 
-    @property
+    @cached_property
+    def _inverse(self) -> FloatArray:
+        """Its pseudoinverse, which costs the cube of the conditions."""
+        return np.asarray(np.linalg.pinv(self._laplacian, hermitian=True))
+
+    @cached_property
     def residual_freedom(self) -> int:
         """Degrees of freedom that the additive fit leaves."""
         present = int((self.design.cells.sum(axis=1) > 0).sum())
@@ -95,7 +101,7 @@ class Layout:
     def leverage(self) -> FloatArray:
         """Weight of each row in its own fitted value, shape (rows,): a residual's variance is 1 less this."""
         cells, count = self.design.cells, np.maximum(self.design.cells.sum(axis=1), 1.0)
-        shares, inverse = cells / count[:, None], np.linalg.pinv(self._laplacian, hermitian=True)
+        shares, inverse = cells / count[:, None], self._inverse
         mixed, who, of = shares @ inverse, self.design.participant, self.design.condition
         own = 1.0 / count + (mixed * shares).sum(axis=1)
         return np.asarray(own[who] + np.diag(inverse)[of] - 2.0 * mixed[who, of])
@@ -112,7 +118,7 @@ class Layout:
         shape, filed = filed.shape[:-1], filed.reshape(-1, filed.shape[-1])
         cells, count = design.cells, design.cells.sum(axis=1)
         shares = cells / np.maximum(count, 1.0)[:, None]
-        inverse, present = np.linalg.pinv(self._laplacian, hermitian=True), count > 0
+        inverse, present = self._inverse, count > 0
         of_person = summing(design.participant, design.n_participants)
         of_condition = summing(design.condition, design.n_conditions)
         freedom = self.residual_freedom

@@ -243,7 +243,10 @@ def run(
 
 
 def _kept(checkpoint: Checkpoint, drawing: bool = False) -> str:
-    """Say how far a run is kept and how to continue it; `drawing` says that only figures are missing."""
+    """Say how far a run is kept and how to continue it, and release the directory of one that kept nothing.
+
+    `drawing` says that only figures are missing.
+    """
     status = checkpoint.status
     if drawing:
         out = checkpoint.directory

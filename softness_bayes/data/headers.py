@@ -67,6 +67,7 @@ class Sought(NamedTuple):
 
 
 _LOADS = (frozenset({INDENTATION.name}), frozenset({FORCE.name}))
+_HELD = frozenset().union(*_LOADS)
 _MODULI = (
     frozenset({EFFECTIVE_MODULUS.name}),
     frozenset({EFFECTIVE_MODULUS_LOW.name, EFFECTIVE_MODULUS_HIGH.name}),
@@ -80,9 +81,9 @@ _OF_RATINGS = frozenset(
 )
 _OF_FABRICS = frozenset(NUMBERS) - _SCALES - {LOAD_CV.name, INDENTATION.name, FORCE.name}
 
-LOADED = Sought(_OF_RATINGS, given=frozenset().union(*_LOADS))
+LOADED = Sought(_OF_RATINGS, given=_HELD)
 """Ratings whose load is given beside the table."""
-RATED = Sought(_OF_RATINGS | frozenset().union(*_LOADS), (Enough(_LOADS, frozenset().union(*_LOADS)),))
+RATED = Sought(_OF_RATINGS | _HELD, (Enough(_LOADS, _HELD),))
 """Ratings, with a load in each row."""
 FABRICS = Sought(
     _OF_FABRICS | {"fabric"},
@@ -212,7 +213,7 @@ def _seek(found: Header, titles: Sequence[str], sought: Sought, where: str) -> N
     for name in sought.without(found.at):
         if cells and name == RATING.name:
             continue
-        names = {key(title) for title in (title_and_unit(name)[0], name, *SYNONYMS.get(name, ()))}
+        names = _keys(name)
         near = [j for j, (stem, _) in parts.items() if key(stem) in names or key(titles[j]) in names]
         fitting = [j for j in near if _fits(name, *parts[j], title=titles[j], names=names)]
         if len(fitting) > 1:
@@ -244,10 +245,15 @@ def _seek(found: Header, titles: Sequence[str], sought: Sought, where: str) -> N
         )
 
 
+def _keys(name: str) -> set[str]:
+    """Return the keys of a column's own name, with and without its unit, and of its synonyms."""
+    return {key(title) for title in (title_and_unit(name)[0], name, *SYNONYMS.get(name, ()))}
+
+
 def _pass_over(found: Header, titles: Sequence[str], given: frozenset[str]) -> None:
     """Name the columns that may hold what is given beside the table."""
     for name in sorted(given - found.at.keys()):
-        names = {key(title) for title in (title_and_unit(name)[0], name, *SYNONYMS.get(name, ()))}
+        names = _keys(name)
         for j, title in enumerate(titles):
             own = {key(title), key(title_and_unit(title)[0])}
             if own & names and j not in found.at.values() and len(key(title)) > 2:

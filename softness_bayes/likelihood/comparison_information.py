@@ -11,6 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr
 
+from softness_bayes.likelihood.places import index_within
+
 FloatArray = NDArray[np.float64]
 IndexArray = NDArray[np.intp]
 
@@ -29,20 +31,24 @@ class Comparisons(NamedTuple):
     @classmethod
     def of_rows(cls, lists: IndexArray, condition: IndexArray) -> Comparisons:
         """Return those of rows, by the index of each row's list and its condition, each of shape (rows,)."""
-        order = np.lexsort((condition, lists))
-        first = np.append(True, np.diff(lists[order]) != 0)
-        of_list = np.cumsum(first) - 1
-        slot = np.arange(order.size) - np.flatnonzero(first)[of_list]
-        members = np.full((of_list[-1] + 1, slot.max() + 1), -1)
+        order = np.argsort(condition, kind="stable")
+        of_list = np.unique(lists[order], return_inverse=True)[1]
+        slot = index_within(of_list)
+        members = np.full((of_list.max() + 1, slot.max() + 1), -1)
         members[of_list, slot] = condition[order]
         different, count = np.unique(members, axis=0, return_counts=True)
         return cls(different, count.astype(float))
 
-    def with_others(self, members: IndexArray, count: FloatArray) -> Comparisons:
+    @property
+    def paired(self) -> bool:
+        """True if no set has more than two conditions."""
+        return self.members.shape[1] == 2
+
+    def with_others(self, members: IndexArray, times: FloatArray) -> Comparisons:
         """Return these sets and others."""
         width = max(self.members.shape[1], members.shape[1])
         both = [np.pad(one, ((0, 0), (0, width - one.shape[1])), constant_values=-1) for one in (self.members, members)]
-        return Comparisons(np.concatenate(both), np.append(self.times, count))
+        return Comparisons(np.concatenate(both), np.append(self.times, times))
 
 
 def pair_information(compared: Comparisons, drive: FloatArray, slopes: FloatArray, guesses: float = 0.0) -> FloatArray:
@@ -59,15 +65,15 @@ def pair_information(compared: Comparisons, drive: FloatArray, slopes: FloatArra
     guesses
         Share of answers that are guesses.
     """
-    pairs = compared.members[compared.members[:, 1] >= 0]
-    count = compared.times[compared.members[:, 1] >= 0]
+    whole = compared.members[:, 1] >= 0
+    pairs, times = compared.members[whole], compared.times[whole]
     apart = drive[pairs[:, 0]] - drive[pairs[:, 1]]
     chance, other = ((1.0 - guesses) * ndtr(sign * apart) + 0.5 * guesses for sign in (1.0, -1.0))
     steep = (1.0 - guesses) * np.exp(-0.5 * apart**2) / np.sqrt(2.0 * np.pi)
     # far apart the answer is sure, and tells nothing
     weight = np.divide(steep**2, chance * other, out=np.zeros_like(apart), where=chance * other > 0)
     along = slopes[pairs[:, 0]] - slopes[pairs[:, 1]]
-    return np.asarray(along.T @ ((count * weight)[:, None] * along))
+    return np.asarray(along.T @ ((times * weight)[:, None] * along))
 
 
 def order_information(

@@ -45,8 +45,9 @@ class Planned(NamedTuple):
     @property
     def n_answers(self) -> int:
         """Number of ratings, places in lists, or answers to pairs."""
-        paired = self.compared is not None and self.compared.members.shape[1] == 2
-        return round(self.compared.times.sum()) if self.compared and paired else self.design.n_rows
+        if self.compared is None or not self.compared.paired:
+            return self.design.n_rows
+        return round(self.compared.times.sum())
 
     def rate(self, posterior: Posterior, theta: Array) -> Array:
         """Return the pad's mean rate N/N_ref [Hz] in every condition at points (points, d)."""
@@ -106,7 +107,7 @@ def _with_load(now: Planned, factor: float) -> Planned | None:
     new = np.full(fabrics.size, len(loads))
     scene = now.scene.under((*loads, load), np.append(now.scene.fabric, fabrics), np.append(now.scene.load, new))
     compared = now.compared
-    if compared and compared.members.shape[1] > 2:
+    if compared and not compared.paired:
         own = Comparisons.of_rows(pairs[0], extra)
         compared = compared.with_others(own.members, own.times)
     elif compared:
@@ -151,7 +152,7 @@ def _with_fabrics(now: Planned, moduli: Array, name: str) -> Planned:
     )
     wider = scene.beside(moduli, np.append(scene.fabric, fabric), np.append(scene.load, load))
     compared = now.compared
-    if compared and compared.members.shape[1] > 2:
+    if compared and not compared.paired:
         # each list takes the further fabrics under its load
         further = scene.n_conditions + np.arange(moduli.size) * loads.size
         at = np.searchsorted(loads, scene.load[compared.members[:, 0]])

@@ -137,8 +137,8 @@ def categories_figure(counts: Sequence[Counts], *, style: Style = USUAL) -> Figu
     InputError
         If there is nothing to show.
     """
-    grid = _panels(len(counts), style)
     with style.applied():
+        grid = _panels(len(counts), style)
         for axes, one in zip(grid.panels, counts, strict=True):
             category = np.arange(1, one.observed.size + 1)
             bars = axes.bar(category, one.observed, color=style.tint(style.data, 0.3), label="observed")
@@ -172,8 +172,8 @@ def psychometric_figure(wins: Sequence[Wins], *, style: Style = USUAL) -> Figure
     InputError
         If there is nothing to show.
     """
-    grid = _panels(len(wins), style)
     with style.applied():
+        grid = _panels(len(wins), style)
         for axes, one in zip(grid.panels, wins, strict=True):
             x = one.modulus / 1e3
             _limits(axes, x, one.replicates, one.load, style)
@@ -200,8 +200,7 @@ def _panels(count: int, style: Style) -> FreePanels:
     """Return a figure with so many panels, or raise an error if there is none."""
     if not count:
         raise InputError("figure: no load has answers to show")
-    with style.applied():
-        return free_panels(count, style, columns=min(count, 3), height=1.6)
+    return free_panels(count, style, columns=min(count, 3), height=1.6)
 
 
 def _limits(axes: Axes, x: Array | IndexArray, replicates: Array, load: str, style: Style) -> None:
