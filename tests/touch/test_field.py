@@ -4,12 +4,10 @@ import math
 
 import numpy as np
 import pytest
-from scipy.interpolate import CubicSpline
 
 from softness_bayes.errors import InputError, NumericalError
 from softness_bayes.touch.contact import Finger, Force, Indentation, Load
 from softness_bayes.touch.field import StressField, profiles
-from softness_bayes.touch.inversion import cubic_spline
 from softness_bayes.touch.neuron.polynomials import clenshaw
 from softness_bayes.touch.readings import ALTERNATIVES, Readings
 from softness_bayes.touch.stress import ATTENUATED, HERTZ, stress
@@ -153,13 +151,3 @@ def test_loads_side_by_side_are_the_loads_alone():
         np.testing.assert_allclose(together.peak[:, where], alone.peak, rtol=1e-14)
         distance = together.squared_distance(y)[:, where]
         np.testing.assert_allclose(distance, alone.squared_distance(y[:, where]), rtol=1e-13)
-
-
-@pytest.mark.parametrize("points", [4, 121])
-def test_the_spline_is_that_of_scipy(rng, points):
-    x, y = np.sort(rng.normal(size=points)), np.cumsum(rng.random(points))
-    at = np.concatenate([x, np.linspace(x[0] - 0.1, x[-1] + 0.1, 80)])
-    whole = CubicSpline(x, y)
-    value, slope = cubic_spline(x, y, at)
-    np.testing.assert_allclose(value, whole(at), rtol=0, atol=1e-12 * np.abs(value).max())
-    np.testing.assert_allclose(slope, whole(at, 1), rtol=0, atol=1e-12 * np.abs(slope).max())
