@@ -15,13 +15,10 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.special import chdtrc
 
-from softness_bayes import arviz_bridge
-from softness_bayes.likelihood.contract import Effects, Likelihood, Parameters
 from softness_bayes.likelihood.design import Design
 from softness_bayes.likelihood.left_out import summing
-from softness_bayes.likelihood.pieces import part_of, pieces
+from softness_bayes.likelihood.pieces import pieces
 from softness_bayes.likelihood.scales import MAGNITUDE, Scale
 
 FloatArray = NDArray[np.float64]
@@ -32,8 +29,6 @@ CLEAR = 2.0
 
 ROUNDING = 1e-12
 """Spread of residuals [-] that counts as zero: rounding errors of log ratings are below it."""
-
-_SEED = 0  # of the places of ratings with probabilities within these
 
 
 class Additive(NamedTuple):
@@ -308,107 +303,3 @@ def joint_limits(replicated: FloatArray, probability: float) -> tuple[FloatArray
         cut = int(np.quantile(depth, 1.0 - probability, method="lower"))
         low[whole], high[whole] = values[cut], values[size - 1 - cut]
     return low, high
-
-
-class ExponentCheck(NamedTuple):
-    """Check for differences between participants' exponents."""
-
-    p_value: float
-    """Probability that replicated residuals follow the response as strongly within participants; NaN where the
-    response varies for nobody."""
-    deviation: float
-    """Standard deviation of participants' own exponents that the excess amounts to."""
-
-    @property
-    def sentence(self) -> str:
-        """Say whether exponents differ, in one line."""
-        if np.isnan(self.p_value):
-            return "participants: exponents cannot be compared, because the response varies for no participant"
-        if self.p_value >= 0.05:
-            return f"participants: no evidence that their exponents differ (p = {self.p_value:.2g})"
-        return (
-            f"participants: their exponents differ by about {self.deviation:.2g} (standard deviation), more than noise "
-            f"explains (p = {self.p_value:.2g}); the model assumes one exponent for all"
-        )
-
-
-def check_exponents(
-    observation: Likelihood, mean_rate: FloatArray, parameters: Parameters, effects: Effects
-) -> ExponentCheck:
-    """Compare how residuals follow the response within participants with what the model replicates.
-
-    The discrepancy is T = sum_p S_p slope_p², slope_p that of participant p's residuals on the logarithm of
-    the response (z-scores: on the standardised response), S_p the sum of squares of the latter about its
-    mean. Given a draw of all parameters and effects, T / varsigma² of replicated residuals follows a
-    chi-squared law with one degree of freedom for each participant under whom the response varies; draws
-    where it varies for nobody are left out.
-
-    Parameters
-    ----------
-    observation
-        The ratings.
-    mean_rate
-        N/N_ref [Hz], shape (draws, conditions).
-    parameters, effects
-        Draws of the rating model's parameters, shape (draws,), and of the effects given them.
-    """
-    design, model = observation.design, observation.model
-    x = observation.predictor(mean_rate, parameters)
-    count = np.maximum(design.cells.sum(axis=1), 1.0)
-    centre = x @ (design.cells / count[:, None]).T
-    squares = x**2 @ design.cells.T - count * centre**2
-    member, products = summing(design.participant, design.n_participants), np.empty_like(centre)
-    for k in pieces(len(x), design.n_rows):
-        residual = observation.residual(mean_rate[k], part_of(parameters, k), part_of(effects, k))
-        along = residual * x[k][:, design.condition]
-        products[k] = (member @ along.T).T - centre[k] * (member @ residual.T).T
-    varies = squares > 1e-9 * np.maximum(x**2 @ design.cells.T, 1e-300)
-    followed = np.where(varies, products**2 / np.where(varies, squares, 1.0), 0.0).sum(axis=1)
-    variance = np.broadcast_to(model.error_sd(parameters) ** 2, followed.shape)
-    freedom, telling = varies.sum(axis=1), varies.any(axis=1)
-    if not telling.any():
-        return ExponentCheck(np.nan, 0.0)
-    p_value = float(chdtrc(freedom[telling], (followed / variance)[telling]).mean())
-    excess = (followed - freedom * variance)[telling] / np.where(varies, squares, 0.0).sum(axis=1)[telling]
-    return ExponentCheck(p_value, float(np.sqrt(max(np.median(excess), 0.0))))
-
-
-class LooPit(NamedTuple):
-    """LOO-PIT: position of each rating in its prediction from all the others, arrays of shape (rows,)."""
-
-    value: FloatArray
-    """Probability of a smaller rating; each is uniform under the model, but they are not independent."""
-    pareto_k: FloatArray
-    """Pareto k of the importance weights; above 0.7 they are unreliable."""
-
-
-def loo_pit(
-    observation: Likelihood, mean_rate: FloatArray, parameters: Parameters, alone: FloatArray | None = None
-) -> LooPit:
-    """Return the probability integral transform of each rating given all the others.
-
-    With the effects of participants and fabrics integrated out, p(y_i | y_-i, theta) is known in closed
-    form. It is averaged over theta with importance weights 1 / p(y_i | y_-i, theta), smoothed by a generalised Pareto
-    law, which turn draws given all ratings into draws given the others (Bürkner, Gabry and Vehtari, Computational
-    Statistics 36, 1243, 2021). Ratings with probabilities, not densities, lie at a share of theirs that is drawn once.
-
-    Parameters
-    ----------
-    observation
-        The ratings.
-    mean_rate, parameters
-        Draws, batch shape (draws,).
-    alone
-        Log density of each rating given all the others, if it is known.
-    """
-    if alone is None:
-        alone = observation.log_likelihood_loo(mean_rate, parameters)
-    below = observation.below_loo(mean_rate, parameters)
-    if (rows := observation.discrete).any():
-        share = np.random.default_rng(_SEED).uniform(-0.5, 0.5, int(rows.sum()))
-        below[:, rows] += share * np.exp(alone[:, rows])
-    value, pareto_k = np.empty(alone.shape[1]), np.empty(alone.shape[1])
-    for k in pieces(alone.shape[1], len(alone)):
-        log_weights, pareto_k[k] = arviz_bridge.psis(-alone[:, k].T)
-        value[k] = (np.exp(log_weights) * below[:, k].T).sum(axis=1)
-    return LooPit(np.clip(value, 0.0, 1.0), pareto_k)

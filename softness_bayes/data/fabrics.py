@@ -10,61 +10,27 @@ import numpy as np
 
 from softness_bayes.data.columns import (
     BENDING_RIGIDITY,
-    BENDING_RIGIDITY_CV,
-    BENDING_RIGIDITY_SD,
     EFFECTIVE_MODULUS,
-    EFFECTIVE_MODULUS_CV,
     EFFECTIVE_MODULUS_HIGH,
     EFFECTIVE_MODULUS_LOW,
-    EFFECTIVE_MODULUS_SD,
-    MODULUS_SOURCES,
     POISSON_RATIO,
     SOLID,
     TENSILE_MODULUS,
-    TENSILE_MODULUS_CV,
-    TENSILE_MODULUS_SD,
     THICKNESS,
-    THICKNESS_CV,
-    THICKNESS_SD,
-    Column,
 )
 from softness_bayes.data.faults import TableError
 from softness_bayes.data.headers import FABRICS
 from softness_bayes.data.names import alike_notes, listing, natural
 from softness_bayes.data.plausible import CLOTH, cloth_notes, other_moduli
+from softness_bayes.data.properties import PROPERTIES, STANDARD_ERRORS, agreed, bases, relative_errors
 from softness_bayes.data.tables import FloatArray, Table, check_renames, read_only, read_table
 from softness_bayes.data.workbooks import TableSource
 from softness_bayes.errors import InputError, quoted
 from softness_bayes.kinds import numbers, refuse
-from softness_bayes.ranges import RELATIVE_ERRORS
 from softness_bayes.touch.contact import PLATE_LENGTH, PRINTED_RIGIDITY, FabricModulus
 
 USUAL_POISSON_RATIO = 0.3
 """Poisson ratio [-] of a fabric for which none is given (model.md 10)."""
-
-PROPERTIES: Mapping[str, Column] = {
-    "tensile_modulus": TENSILE_MODULUS,
-    "thickness": THICKNESS,
-    "poisson_ratio": POISSON_RATIO,
-    "bending_rigidity": BENDING_RIGIDITY,
-    "effective_modulus": EFFECTIVE_MODULUS,
-    "tensile_modulus_cv": TENSILE_MODULUS_CV,
-    "thickness_cv": THICKNESS_CV,
-    "bending_rigidity_cv": BENDING_RIGIDITY_CV,
-    "effective_modulus_cv": EFFECTIVE_MODULUS_CV,
-    "effective_modulus_low": EFFECTIVE_MODULUS_LOW,
-    "effective_modulus_high": EFFECTIVE_MODULUS_HIGH,
-}
-"""Field of `Fabrics` -> its column."""
-
-
-STANDARD_ERRORS: Mapping[str, Column] = {
-    "tensile_modulus": TENSILE_MODULUS_SD,
-    "thickness": THICKNESS_SD,
-    "bending_rigidity": BENDING_RIGIDITY_SD,
-    "effective_modulus": EFFECTIVE_MODULUS_SD,
-}
-"""Property of `Fabrics` -> the column of its standard error in the property's unit; NAME_cv is the relative one."""
 
 _EXPECTED = (
     f"expected {EFFECTIVE_MODULUS.name}, or {BENDING_RIGIDITY.name}, or both {TENSILE_MODULUS.name} and "
@@ -161,7 +127,7 @@ class Fabrics:
     @property
     def basis(self) -> tuple[str, ...]:
         """The column that each fabric's modulus comes from, empty if there is none."""
-        return _bases({name: getattr(self, name) for name in PROPERTIES})
+        return bases({name: getattr(self, name) for name in PROPERTIES})
 
     def modulus(
         self, reading: FabricModulus = PRINTED_RIGIDITY, length: float = PLATE_LENGTH, unknown: float | None = None
@@ -283,10 +249,10 @@ class Fabrics:
         properties: dict[str, Any] = {}
         for name, column in PROPERTIES.items():
             filed = table.numbers(column)
-            properties[name] = np.array([_agreed(table, column, filed, own) for own in rows.values()])
+            properties[name] = np.array([agreed(table, column, filed, own) for own in rows.values()])
         notes = [f"{table.label}: {note}" for note in (*table.notes, *alike_notes("fabric", rows))]
         for name in STANDARD_ERRORS:
-            properties[f"{name}_cv"] = _relative_errors(table, rows, name, properties[name], properties[f"{name}_cv"])
+            properties[f"{name}_cv"] = relative_errors(table, rows, name, properties[name], properties[f"{name}_cv"])
         first = tuple(int(table.rows[own[0]]) for own in rows.values())
         if table.faults:
             _find_more_faults(table, rows, properties, first)
@@ -327,18 +293,6 @@ class Fabrics:
         ]
 
 
-def _bases(properties: Mapping[str, FloatArray]) -> tuple[str, ...]:
-    """Return the column that each fabric's modulus comes from, empty if there is none."""
-    given = {name: ~np.isnan(values) for name, values in properties.items()}
-    measured = (
-        given["effective_modulus"],
-        given["effective_modulus_low"],
-        given["bending_rigidity"],
-        given["tensile_modulus"] & given["thickness"],
-    )
-    return tuple(np.select(measured, [column.name for column in MODULUS_SOURCES], "").tolist())
-
-
 def _find_more_faults(
     table: Table, rows: Mapping[str, list[int]], properties: Mapping[str, Any], first: Sequence[int]
 ) -> None:
@@ -346,7 +300,7 @@ def _find_more_faults(
     faulty = table.faults.rows
     sound = [k for k, own in enumerate(rows.values()) if faulty.isdisjoint(table.rows[own].tolist())]
     some = {name: values[sound] for name, values in properties.items()}
-    if not any(_bases(some)):
+    if not any(bases(some)):
         return
     try:
         names = list(rows)
@@ -359,43 +313,3 @@ def _find_more_faults(
 def log_sd(cv: FloatArray) -> FloatArray:
     """Return the standard deviation of the logarithm of a log-normal quantity with relative standard deviation cv."""
     return np.sqrt(np.log1p(np.asarray(cv, float) ** 2))
-
-
-def _relative_errors(
-    table: Table, rows: Mapping[str, list[int]], name: str, value: FloatArray, cv: FloatArray
-) -> FloatArray:
-    """Return the relative errors of a property by its name, each given as that (`cv`) or in the property's unit.
-
-    A row with both, an error without a value, or an error that is too large is a fault.
-    """
-    column, relative, absolute = PROPERTIES[name], PROPERTIES[f"{name}_cv"], STANDARD_ERRORS[name]
-    filed = table.numbers(absolute)
-    found = np.array(cv)
-    for k, own in enumerate(rows.values()):
-        sd, i = _agreed(table, absolute, filed, own), own[0]
-        if any(table.is_faulty(j, c.name) for j in own for c in (column, relative, absolute) if c.name in table):
-            continue
-        in_units, as_ratio = not np.isnan(sd), not np.isnan(cv[k])
-        given = absolute if in_units else relative
-        if in_units and as_ratio:
-            table.fault(i, given.name, f"expected this or {relative.name}, but not both")
-        elif (in_units or as_ratio) and np.isnan(value[k]):
-            table.fault(i, given.name, f"an error of {column.name}, which has no value in this row")
-        elif in_units:
-            with np.errstate(over="ignore", under="ignore"):
-                found[k] = sd / value[k]
-            if not relative.holds(found[k]):
-                limit = f"expected at most {RELATIVE_ERRORS.high:g} times the value"
-                table.fault(i, given.name, f"{limit}, got {quoted(table.cells[given.name][i])}")
-    return found
-
-
-def _agreed(table: Table, column: Column, filed: FloatArray, own: list[int]) -> float:
-    """Return a fabric's value of a property, the same in all its rows; NaN if no row has one."""
-    given = [i for i in own if not np.isnan(filed[i])]
-    for i in given:
-        if filed[i] != filed[given[0]]:
-            value, first = (table.cells[column.name][j] for j in (i, given[0]))
-            fabric, row = table.cells["fabric"][i], table.rows[given[0]]
-            table.fault(i, column.name, f"{quoted(fabric)} has {quoted(value)} here and {quoted(first)} in row {row}")
-    return float(filed[given[0]]) if given else np.nan

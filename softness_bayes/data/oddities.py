@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from softness_bayes.data.ratings import LOAD_COLUMNS, Ratings
+from softness_bayes.data.loads import LOAD_COLUMNS
+from softness_bayes.data.ratings import Ratings
 from softness_bayes.ranges import CATEGORIES_RANGE
 
 CLOSE = 0.02

@@ -7,8 +7,9 @@ from decimal import ROUND_HALF_EVEN, Decimal
 
 import numpy as np
 
+from softness_bayes.data.loads import LOAD_COLUMNS
 from softness_bayes.data.names import listing
-from softness_bayes.data.ratings import LOAD_COLUMNS, Ratings
+from softness_bayes.data.ratings import Ratings
 from softness_bayes.errors import InputError
 from softness_bayes.ranges import LOAD_STEPS
 from softness_bayes.touch.contact import Load

@@ -6,7 +6,7 @@ import csv
 import io
 import shlex
 
-from softness_bayes.data.ratings import LOAD_COLUMNS
+from softness_bayes.data.loads import LOAD_COLUMNS
 from softness_bayes.explore.subject import State, Subject
 from softness_bayes.model.fingers import values_of
 from softness_bayes.parameters.declared import SHAPE_PARAMETERS

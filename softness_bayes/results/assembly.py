@@ -12,12 +12,13 @@ from numpy.typing import NDArray
 from softness_bayes import arviz_bridge
 from softness_bayes.checking.checks import check_fabrics
 from softness_bayes.checking.exactness import Exactness
+from softness_bayes.checking.exponents import check_exponents
 from softness_bayes.checking.finger_check import STEP as SKIN_STEP
 from softness_bayes.checking.finger_check import check_fingers
 from softness_bayes.checking.force_exponent import check_exponent
 from softness_bayes.checking.inflection import LEAST_DROP, curve_scene
+from softness_bayes.checking.loo_pit import loo_pit
 from softness_bayes.checking.modulus_errors import STEP, check_moduli
-from softness_bayes.checking.quantities import check_exponents, loo_pit
 from softness_bayes.data import Experiment
 from softness_bayes.model.other_fingers import skin_slope
 from softness_bayes.model.other_moduli import drive_slope

@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 from softness_bayes import arviz_bridge
 from softness_bayes.checking.check_table import LOO_PIT, PARETO_K
 from softness_bayes.checking.fabric_moduli import MODULUS_LAW, UNCERTAIN
-from softness_bayes.checking.quantities import LooPit
+from softness_bayes.checking.loo_pit import LooPit
 from softness_bayes.data.columns import EFFECTIVE_MODULUS, GEOMETRIC_SD, LOAD_CV, POISSON_RATIO, RESOLUTION
-from softness_bayes.data.ratings import LOAD_COLUMNS
+from softness_bayes.data.loads import LOAD_COLUMNS
 from softness_bayes.parameters.declared import EVERY_PARAMETER
 from softness_bayes.parameters.fabric_moduli import FabricModuli
 from softness_bayes.parameters.space import ParameterSpace

@@ -7,17 +7,16 @@ import pytest
 from scipy.stats import kstest
 
 from softness_bayes import arviz_bridge
+from softness_bayes.checking.exponents import ExponentSpread, check_exponents
+from softness_bayes.checking.loo_pit import loo_pit
 from softness_bayes.checking.quantities import (
     QUANTITIES,
     Additive,
     Columns,
-    ExponentCheck,
     Layout,
-    check_exponents,
     check_quantity,
     find_turn,
     joint_limits,
-    loo_pit,
 )
 from softness_bayes.checking.uniformity import uniformity_p_value
 from softness_bayes.likelihood.design import Design
@@ -212,7 +211,7 @@ def test_exponents_are_uniform_under_the_model_and_found_when_real(rng):
     assert real.p_value < 1e-3
     assert real.deviation == pytest.approx(0.3 * PLAIN.gamma, rel=0.4)
     assert "exponents differ" in real.sentence
-    assert "no evidence" in ExponentCheck(0.5, 0.0).sentence
+    assert "no evidence" in ExponentSpread(0.5, 0.0).sentence
 
 
 def test_silence_says_nothing_about_exponents(rng):

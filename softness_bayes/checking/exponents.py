@@ -1,0 +1,78 @@
+"""Differences between participants' exponents, which the model takes as one."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import chdtrc
+
+from softness_bayes.likelihood.contract import Effects, Likelihood, Parameters
+from softness_bayes.likelihood.left_out import summing
+from softness_bayes.likelihood.pieces import part_of, pieces
+
+FloatArray = NDArray[np.float64]
+
+
+class ExponentSpread(NamedTuple):
+    """Check for differences between participants' exponents."""
+
+    p_value: float
+    """Probability that replicated residuals follow the response as strongly within participants; NaN where the
+    response varies for nobody."""
+    deviation: float
+    """Standard deviation of participants' own exponents that the excess amounts to."""
+
+    @property
+    def sentence(self) -> str:
+        """Say whether exponents differ, in one line."""
+        if np.isnan(self.p_value):
+            return "participants: exponents cannot be compared, because the response varies for no participant"
+        if self.p_value >= 0.05:
+            return f"participants: no evidence that their exponents differ (p = {self.p_value:.2g})"
+        return (
+            f"participants: their exponents differ by about {self.deviation:.2g} (standard deviation), more than noise "
+            f"explains (p = {self.p_value:.2g}); the model assumes one exponent for all"
+        )
+
+
+def check_exponents(
+    observation: Likelihood, mean_rate: FloatArray, parameters: Parameters, effects: Effects
+) -> ExponentSpread:
+    """Compare how residuals follow the response within participants with what the model replicates.
+
+    The discrepancy is T = sum_p S_p slope_p², slope_p that of participant p's residuals on the logarithm of
+    the response (z-scores: on the standardised response), S_p the sum of squares of the latter about its
+    mean. Given a draw of all parameters and effects, T / varsigma² of replicated residuals follows a
+    chi-squared law with one degree of freedom for each participant under whom the response varies; draws
+    where it varies for nobody are left out.
+
+    Parameters
+    ----------
+    observation
+        The ratings.
+    mean_rate
+        N/N_ref [Hz], shape (draws, conditions).
+    parameters, effects
+        Draws of the rating model's parameters, shape (draws,), and of the effects given them.
+    """
+    design, model = observation.design, observation.model
+    x = observation.predictor(mean_rate, parameters)
+    count = np.maximum(design.cells.sum(axis=1), 1.0)
+    centre = x @ (design.cells / count[:, None]).T
+    squares = x**2 @ design.cells.T - count * centre**2
+    member, products = summing(design.participant, design.n_participants), np.empty_like(centre)
+    for k in pieces(len(x), design.n_rows):
+        residual = observation.residual(mean_rate[k], part_of(parameters, k), part_of(effects, k))
+        along = residual * x[k][:, design.condition]
+        products[k] = (member @ along.T).T - centre[k] * (member @ residual.T).T
+    varies = squares > 1e-9 * np.maximum(x**2 @ design.cells.T, 1e-300)
+    followed = np.where(varies, products**2 / np.where(varies, squares, 1.0), 0.0).sum(axis=1)
+    variance = np.broadcast_to(model.error_sd(parameters) ** 2, followed.shape)
+    freedom, telling = varies.sum(axis=1), varies.any(axis=1)
+    if not telling.any():
+        return ExponentSpread(np.nan, 0.0)
+    p_value = float(chdtrc(freedom[telling], (followed / variance)[telling]).mean())
+    excess = (followed - freedom * variance)[telling] / np.where(varies, squares, 0.0).sum(axis=1)[telling]
+    return ExponentSpread(p_value, float(np.sqrt(max(np.median(excess), 0.0))))
