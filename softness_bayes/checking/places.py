@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Callable, Mapping
 from types import MappingProxyType
 from typing import NamedTuple
@@ -14,7 +13,7 @@ from softness_bayes.errors import InputError
 
 Array = NDArray[np.float64]
 
-TIED = 0.5
+TIED = 0.95
 """Share of the draws in which two fabrics have one rating, from which on they are said to tie."""
 
 FEWEST = 3
@@ -70,13 +69,16 @@ def pairs(rating: ArrayLike) -> Pairs:
 def ties(tie: Array, order: NDArray[np.intp]) -> NDArray[np.intp]:
     """Return the number of each fabric's group of ties, shape (fabrics,); 0 for a fabric that ties with none.
 
-    Neighbours in the order are of one group if their probability of a tie is at least `TIED`.
+    A group follows each other in the order, and its members tie with its first one with a probability of at least
+    `TIED`.
     """
-    found, group = np.zeros(order.size, np.intp), 0
-    for above, below in itertools.pairwise(order):
-        if tie[above, below] >= TIED:
-            group += not found[above]
-            found[above] = found[below] = group
+    found, group, first = np.zeros(order.size, np.intp), 0, order[0]
+    for below in order[1:]:
+        if tie[first, below] >= TIED:
+            group += not found[first]
+            found[first] = found[below] = group
+        else:
+            first = below
     return found
 
 

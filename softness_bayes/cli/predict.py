@@ -21,6 +21,7 @@ from softness_bayes.cli.options.run import seed
 from softness_bayes.cli.options.tables import Touches, touches
 from softness_bayes.cli.options.values import whole
 from softness_bayes.cli.running import reading
+from softness_bayes.defaults import PRIOR_SET
 from softness_bayes.errors import InputError
 from softness_bayes.ranges import PANEL
 
@@ -67,7 +68,7 @@ REACHED = 16
     "--out",
     type=click.Path(path_type=Path, dir_okay=False),
     metavar="FILE",
-    help="CSV file to write; by default the table is printed.",
+    help="CSV file to write; by default the table is printed, to five digits.",
 )
 @click.option("--force", is_flag=True, help="Replace an --out that 'predict' wrote.")
 def command(
@@ -86,13 +87,13 @@ def command(
     """Predict contact, stress, firing and ratings for fabrics under loads.
 
     One row for each fabric and load. Parameters are the medians of their priors; --set changes single
-    ones, --posterior takes the draws of a run instead. Ratings need a run: they are predicted for the typical rater,
-    for a new rater, and as the mean of several, with 50 and 90 % intervals. The last columns say where no receptor
-    fires, where the contact is too large for Hertz's geometry, and what lies beyond the fabrics and loads that were
-    rated.
+    ones, --posterior takes the draws of a run instead, and with --set the medians of its posterior. Ratings need a run:
+    they are predicted for the typical rater, for a new rater, and as the mean of several, with 50 and 90 % intervals.
+    The last columns say where no receptor fires, where the contact is too large for Hertz's geometry, and what lies
+    beyond the fabrics and loads that were rated.
     """
     from softness_bayes.files.outputs import require_outputs, write_outputs
-    from softness_bayes.files.spreadsheet import csv_of
+    from softness_bayes.files.spreadsheet import PRINTED, csv_of
     from softness_bayes.model.fingers import finger_of
     from softness_bayes.model.prediction import prediction_table
     from softness_bayes.model.reach import reach_of_priors
@@ -111,16 +112,17 @@ def command(
         table = prediction_table(fabrics, scene, parameters)
         reached = reach_of_priors(fabrics, loads, chosen, prior_set, values, finger_of(finger))
     else:
-        if values or finger or not choice.is_default or prior_set != "default":
-            raise InputError("--posterior brings its own parameters, readings and finger: leave out --set and others")
-        table, scene, parameters, reached = _of_run(posterior, fabrics, loads, accuracy, raters, seed)
+        if finger or not choice.is_default or prior_set != PRIOR_SET:
+            raise InputError(
+                "--posterior brings its own readings, priors and finger: leave out --finger, --priors and --reading"
+            )
+        table, scene, parameters, reached = _of_run(posterior, values, fabrics, loads, accuracy, raters, seed)
     if reached:
         click.echo(f"warning: {reached}", err=True)
-    text = csv_of(table, index=False)
     if out is None:
-        click.echo(text, nl=False)
+        click.echo(csv_of(table, index=False, digits=PRINTED), nl=False)
     else:
-        write_outputs(out.parent, {out.name: text}, PREDICT)
+        write_outputs(out.parent, {out.name: csv_of(table, index=False)}, PREDICT)
         click.echo(f"{out}: {len(table)} rows", err=True)
     of = "of the rows" if posterior is None else "of rows and draws"
     # the warning says more of the same
@@ -129,14 +131,20 @@ def command(
 
 
 def _of_run(
-    directory: Path, fabrics: Fabrics, loads: tuple[Load, ...], accuracy: float, raters: int | None, seed: int
+    directory: Path,
+    values: Mapping[str, float],
+    fabrics: Fabrics,
+    loads: tuple[Load, ...],
+    accuracy: float,
+    raters: int | None,
+    seed: int,
 ) -> tuple[pd.DataFrame, Scene, TouchParameters, str]:
     """Return what a finished run predicts, the scene, the draws, and a note if most of it is out of reach.
 
     Raises
     ------
     InputError
-        If there is no run, or it had no ratings.
+        If there is no run, or it had no ratings, or a value cannot be set.
     """
     import pandas as pd
 
@@ -144,20 +152,21 @@ def _of_run(
     from softness_bayes.model.reach import COARSE, reach_note
     from softness_bayes.model.scenes import scene_of
     from softness_bayes.parameters.declared import SHAPE_PARAMETERS
+    from softness_bayes.results.fitted import drawn_values
     from softness_bayes.results.rating_table import rating_columns
     from softness_bayes.touch.parameters import TouchParameters
 
     with reading(directory) as (result,):
         if not result.has_ratings:
             raise InputError(f"{directory}: a run without ratings, which says nothing of the receptors; give --set")
-        named, noise = result.values(DRAWS), result.provenance.rating_model.noise
+        named, noise = drawn_values(result, DRAWS, values), result.provenance.rating_model.noise
         if lacking := [n for n in TouchParameters._fields if n not in named and n not in SHAPE_PARAMETERS]:
             raise KeyError(lacking[0])  # `reading` names the file
         parameters = drawn_parameters(named)
         readings, finger = result.readings, result.finger
         compiled = partial(scene_of, fabrics, loads, named, readings, noise=noise, finger=finger)
         scene = _accurate(compiled, named, parameters, accuracy)
-        ratings = rating_columns(result, fabrics, scene, DRAWS, raters, seed)
+        ratings = rating_columns(result, fabrics, scene, DRAWS, raters, seed, values)
         table = pd.concat([prediction_table(fabrics, scene, parameters), ratings], axis=1)
 
         def under(pressed: Sequence[Load]) -> Scene:

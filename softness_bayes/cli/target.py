@@ -53,7 +53,7 @@ _SOUGHT = (("thickness_mm", "thickness", "mm"), ("tensile_modulus_mpa", "tensile
     "--out",
     type=click.Path(path_type=Path, dir_okay=False),
     metavar="FILE",
-    help="CSV file to write; by default the table is printed.",
+    help="CSV file to write; by default the table is printed, to five digits.",
 )
 @click.option("--force", is_flag=True, help="Replace an --out that 'target' wrote.")
 def command(
@@ -77,7 +77,7 @@ def command(
     from softness_bayes.data import loads_of
     from softness_bayes.data.columns import TENSILE_MODULUS, THICKNESS
     from softness_bayes.files.outputs import require_outputs, write_outputs
-    from softness_bayes.files.spreadsheet import csv_of
+    from softness_bayes.files.spreadsheet import PRINTED, csv_of
     from softness_bayes.results.target import Cloth
 
     if out is not None:
@@ -92,11 +92,10 @@ def command(
             raise InputError(f"{directory}: a run without ratings, which predicts none")
         found = result.target(rating, loads or None, *cloth, draws=DRAWS, seed=seed)
     table = found.table
-    text = csv_of(table, index=False)
     if out is None:
-        click.echo(text, nl=False)
+        click.echo(csv_of(table, index=False, digits=PRINTED), nl=False)
     else:
-        write_outputs(out.parent, {out.name: text}, TARGET)
+        write_outputs(out.parent, {out.name: csv_of(table, index=False)}, TARGET)
         click.echo(f"{out}: {len(table)} rows", err=True)
     for load, rows in table.groupby("load", sort=False):
         click.echo(f"{load}: {_said(rows)}", err=True)

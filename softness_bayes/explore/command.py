@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import shlex
+from collections.abc import Mapping
 
 from softness_bayes.data.loads import LOAD_COLUMNS
 from softness_bayes.explore.subject import State, Subject
@@ -18,27 +19,33 @@ from softness_bayes.touch.readings import Readings
 TABLE = "explored.csv"
 """The table of the fabric, which the first line writes."""
 
-NOISY = "# the membrane's noise of this run is no option of predict: rates differ"
-"""Line in place of the exact numbers where there is noise."""
-
 
 def repeating(subject: Subject, state: State) -> str:
     """Return the lines that repeat the touch of a state: a table of its fabric, and the prediction for it."""
-    values = subject.values(state)
     words = ["softness-bayes", "predict", "--fabrics", TABLE, *_load(subject.loads[state.load])]
-    words += [
-        word
-        for name in TouchParameters._fields
-        if name in values and name not in SHAPE_PARAMETERS
-        for word in ("--set", f"{name}={_written(values[name])}")
-    ]
+    if subject.rated is not None:
+        # the run brings its finger, readings and noise, and the medians of what has no slider
+        words += ["--posterior", subject.rated.source, *_set(state.values)]
+    else:
+        words += _of_priors(subject, state)
+    lines = [f"printf '%s\\n' {' '.join(map(shlex.quote, _table(subject, state)))} > {TABLE}", shlex.join(words)]
+    return "\n".join(lines)
+
+
+def _of_priors(subject: Subject, state: State) -> list[str]:
+    """Return the options that give `predict` all values, the finger and the readings."""
+    values = subject.values(state)
+    words = _set({n: values[n] for n in TouchParameters._fields if n in values and n not in SHAPE_PARAMETERS})
     finger = values_of(subject.finger) | {f"{n}_mm": values[n] for n in SHAPE_PARAMETERS if n in values}
     words += [word for name, value in finger.items() for word in ("--finger", f"{name}={_written(value)}")]
     usual = Readings().names
     changed = {place: name for place, name in subject.readings.names.items() if name != usual[place]}
-    words += [word for place, name in changed.items() for word in ("--reading", f"{place}={name}")]
-    lines = [f"printf '%s\\n' {' '.join(map(shlex.quote, _table(subject, state)))} > {TABLE}", shlex.join(words)]
-    return "\n".join([*([NOISY] if subject.noise else []), *lines])
+    return words + [word for place, name in changed.items() for word in ("--reading", f"{place}={name}")]
+
+
+def _set(values: Mapping[str, float]) -> list[str]:
+    """Return the options that set parameters."""
+    return [word for name, value in values.items() for word in ("--set", f"{name}={_written(value)}")]
 
 
 def _table(subject: Subject, state: State) -> list[str]:

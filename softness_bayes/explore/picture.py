@@ -77,7 +77,8 @@ def picture(subject: Subject, state: State) -> Picture:
     rating = None
     if subject.rated is not None:
         every = np.tile(chosen["total_rate_hz"], (len(subject.loads), 1))
-        both = subject.rated.typical(values, np.concatenate([curves.total_rate[0], every], axis=1))
+        touched = np.concatenate([curves.total_rate[0], every], axis=1)
+        both = subject.rated.typical(values, touched, state.fabric)
         rating, chosen["typical_rating"] = both[:, :-1], float(both[state.load, -1])
     distance = kink_distances(subject.finger)[-1] * np.linspace(0.0, 1.0, DISTANCES) ** 1.5
     profiles = touch_profiles(touch, one, distance, moduli)

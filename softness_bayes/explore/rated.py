@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from softness_bayes.defaults import shown_of
+from softness_bayes.model.other_touches import deviations_of_fabrics
 from softness_bayes.parameters.fabric_moduli import KPA
 from softness_bayes.report.curves import Shown, shown
 from softness_bayes.results.fitted import Fitted
@@ -19,10 +20,10 @@ Array = NDArray[np.float64]
 DRAWS = 400
 """Posterior draws that medians are of."""
 
-EFFECTS, FEW = 63, 15
+EFFECTS, FEW = DRAWS, 15
 """Draws of the ratings' level given data and parameters, whose median is shown, and as many where each takes integrals
-over intervals. Odd numbers, so that the median of categories is one; the same random numbers each time, so that curves
-move smoothly."""
+over intervals: an odd number, so that the median of categories is one. They are the draws of `predict` at these values,
+and the same each time, so that curves move smoothly."""
 
 
 class Rated:
@@ -59,7 +60,7 @@ class Rated:
     def _theta(self, values: Mapping[str, float]) -> Array:
         return np.array([values[name] for name in self.posterior.names])
 
-    def typical(self, values: Mapping[str, float], rate: Array) -> Array:
+    def typical(self, values: Mapping[str, float], rate: Array, fabric: int | None = None) -> Array:
         """Return the typical rater's rating of touches with some responses [as filed].
 
         It is the median over the level of the ratings given the data and these parameters.
@@ -70,6 +71,9 @@ class Rated:
             Every parameter by name, in natural units.
         rate
             Responses [spikes/s], shape (loads, k), a row for each load of `shown`.
+        fabric
+            Index of the rated fabric that the last column is of, if it is of one: its own deviation, if the model has
+            them, is added there.
         """
         posterior, observed = self.posterior, self.posterior.observation
         size = EFFECTS if observed.ends is None else FEW
@@ -77,8 +81,12 @@ class Rated:
         rated = np.repeat(posterior.response(theta[:1]), size, axis=0)
         parameters = posterior.rating_parameters(theta)
         effects = observed.draw_effects(np.random.default_rng(0), rated, parameters)
-        elsewhere = np.broadcast_to(rate.reshape(-1) / self.scene.n_receptors, (size, rate.size))
-        drive = observed.drive_at(elsewhere, rated, parameters).reshape(size, *rate.shape)
+        one = posterior.rating_parameters(theta[:1])  # the drive is the same for every draw
+        drive = observed.drive_at(rate.reshape(1, -1) / self.scene.n_receptors, rated[:1], one)
+        drive = np.broadcast_to(drive.reshape(1, *rate.shape), (size, *rate.shape))
+        own = None if fabric is None else deviations_of_fabrics(observed.single.named_effects(effects))
+        if own is not None:
+            drive = np.concatenate([drive[..., :-1], drive[..., -1:] + own[:, None, fabric, None]], axis=-1)
         found = [
             observed.typical(rated, parameters, effects, drive[:, k], np.flatnonzero(self.scene.load == load))
             for k, load in enumerate(self.load)

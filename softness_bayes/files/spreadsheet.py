@@ -12,6 +12,9 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     import pandas as pd
 
+PRINTED = 5
+"""Significant digits of numbers that are printed; files have all."""
+
 _NUMBER = re.compile(r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?")
 _FORMULA = "[=+@\\t\\r\\n\uff1d\uff0b\uff0d\uff20-]"  # the last but one are the full-width forms
 _RUN, _ESCAPED = re.compile(f"'*{_FORMULA}"), re.compile(f"'+{_FORMULA}")
@@ -27,7 +30,7 @@ def unescaped(text: str) -> str:
     return text[1:] if _ESCAPED.match(text) else text
 
 
-def csv_of(table: pd.DataFrame, index: bool = True) -> str:
+def csv_of(table: pd.DataFrame, index: bool = True, digits: int | None = None) -> str:
     """Return a table as CSV with escaped texts; `table_of` reads it again.
 
     Parameters
@@ -36,9 +39,12 @@ def csv_of(table: pd.DataFrame, index: bool = True) -> str:
         Numbers and texts.
     index
         Whether the index is among the columns.
+    digits
+        Significant digits of numbers that are no whole ones; by default all.
     """
     named = _mapped(table.reset_index() if index else table, escaped)
-    return named.rename(columns=escaped).to_csv(index=False, lineterminator="\n")
+    written = None if digits is None else f"%.{digits}g"
+    return named.rename(columns=escaped).to_csv(index=False, lineterminator="\n", float_format=written)
 
 
 def table_of(source: Any, index: str | list[str] | None = None) -> pd.DataFrame:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,6 +35,9 @@ class OtherRatings(NamedTuple):
     """One rating of each of `NEW_RATERS` new raters, shape (draws, raters, conditions); none if nobody was asked."""
     mean: Array
     """Mean of the ratings of as many new raters as were asked, shape (draws, conditions); empty if nobody was."""
+    alike: IndexArray
+    """Number of each condition's group, shape (conditions,): in a group all have one response and one law of ratings,
+    so that their draws are draws of the same."""
 
 
 @dataclass(frozen=True)
@@ -71,6 +74,16 @@ class OtherTouches:
             fingers=None if fingers is None else family_of(self.scene, fingers.grid),
         )
 
+    @cached_property
+    def _by_load(self) -> list[tuple[IndexArray, IndexArray | None]]:
+        """The conditions under each load, and the rated ones that these are met among, where it was rated."""
+        rated = self.posterior.scene
+        if not isinstance(rated, Scene):
+            raise TypeError("expected the posterior of a compiled scene")
+        known = {load: np.flatnonzero(rated.load == k) for k, load in enumerate(rated.loads)}
+        columns = (np.flatnonzero(self.scene.load == k) for k in range(len(self.scene.loads)))
+        return [(here, known.get(load)) for here, load in zip(columns, self.scene.loads, strict=True) if here.size]
+
     def ratings(
         self, rng: np.random.Generator, theta: Array, raters: int = 0, modulus: Array | None = None
     ) -> OtherRatings:
@@ -95,7 +108,9 @@ class OtherTouches:
             self._ratings(rng, theta[k], raters, None if modulus is None else modulus[k])
             for k in pieces(len(theta), columns)
         ]
-        return OtherRatings(*(np.concatenate(part) for part in zip(*parts, strict=True)))
+        *drawn, alike = zip(*parts, strict=True)
+        rate, typical, new, mean = (np.concatenate(part) for part in drawn)
+        return OtherRatings(rate, typical, new, mean, _alike(np.stack(alike)))
 
     def _ratings(self, rng: np.random.Generator, theta: Array, raters: int, modulus: Array | None) -> OtherRatings:
         observed, conditions = self.posterior.observation, self.scene.n_conditions
@@ -106,10 +121,12 @@ class OtherTouches:
         effects = observed.draw_effects(rng, rated, parameters)
         fabrics = np.full(self.scene.fabric_modulus.size, -1) if self.known is None else self.known
         others = model.for_others(rng, parameters, effects, 1, fabrics)
-        own = None if self.known is None else _of_fabrics(model.named_effects(others))
+        own = None if self.known is None else deviations_of_fabrics(model.named_effects(others))
         stated = drive[..., :conditions]
         touched = stated if own is None else stated + own[..., self.scene.fabric]
-        typical = observed.typical(rated, parameters, others, touched)
+        typical = np.empty_like(touched)
+        for columns, among in self._by_load:
+            typical[..., columns] = observed.typical(rated, parameters, others, touched[..., columns], among)
         design = Design(np.arange(conditions), np.zeros(conditions, np.intp), self.scene.fabric, 1)
         asked = max(raters, NEW_RATERS) if raters else 0
         new, total = np.empty((len(theta), NEW_RATERS if raters else 0, conditions)), np.zeros((len(theta), conditions))
@@ -121,7 +138,11 @@ class OtherTouches:
                 with np.errstate(divide="ignore"):  # of a rating of 0 the mean is 0 too
                     total += scale.additive(rating)
         mean = scale.natural(total / raters) if raters else np.empty((len(theta), 0))
-        return OtherRatings(response[..., :conditions] * self.scene.n_receptors, typical, new, mean)
+        # with deviations of their own, fabrics that were rated differ whatever their response
+        fabric = np.full(conditions, -1) if own is None else fabrics[self.scene.fabric]
+        every = response.reshape(len(theta), -1, conditions)  # of raters' own fingers too
+        alike = _alike(np.concatenate([fabric[None], every.reshape(-1, conditions)]))
+        return OtherRatings(response[..., :conditions] * self.scene.n_receptors, typical, new, mean, alike)
 
     def _rating(
         self, rng: np.random.Generator, design: Design, drive: Array, parameters: RatingParameters, others: Effects
@@ -132,7 +153,13 @@ class OtherTouches:
         return np.asarray(model.draw_ratings(rng, design, drive, parameters, effects))
 
 
-def _of_fabrics(effects: Mapping[str, tuple[Array, tuple[str, ...]]]) -> Array | None:
+def _alike(columns: NDArray[Any]) -> IndexArray:
+    """Return the number of each column's group, shape (columns,): equal columns are of one group."""
+    numbers: dict[bytes, int] = {}
+    return np.array([numbers.setdefault(column.tobytes(), len(numbers)) for column in columns.T], np.intp)
+
+
+def deviations_of_fabrics(effects: Mapping[str, tuple[Array, tuple[str, ...]]]) -> Array | None:
     """Return the sum of all fabrics' own deviations, shape (draws, fabrics); None if the model has none."""
     found = [values for values, axes in effects.values() if axes == ("fabric",)]
     return sum(found[1:], found[0]) if found else None

@@ -17,6 +17,7 @@ from softness_bayes.touch.contact import Load
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+    from matplotlib.image import AxesImage
 
 Array = NDArray[np.float64]
 
@@ -28,10 +29,13 @@ WRITTEN = 16
 """Largest number of fabrics whose probabilities are written into the cells."""
 
 LEAST_WRITTEN = 0.05
+KEYED = (0.01, 0.1, 0.5, 1.0)
+"""Probabilities in the key of shades, where none is written into the cells."""
+
 LEAST_FRAMED, LEAST_SAID = 0.02, 0.16
 """Shares of the fabrics from which on a tie is framed, and its number written into the frame."""
 
-_ROW, _SPARE = 0.16, 1.0  # height of a named row and of what is above and below [in]
+_ROW, _SPARE, _KEY = 0.16, 1.0, 0.6  # height of a named row, of what is above and below, and of the key [in]
 _LONGEST = 26  # letters of a name
 
 
@@ -53,8 +57,8 @@ class Order(NamedTuple):
 def ranking_figure(orders: Sequence[Order], scale: Scale, style: Style = USUAL) -> Figure:
     """Draw a row of two panels per load: the probability of each fabric's place, and the predicted ratings.
 
-    The darker a cell, the more probable is the place; among few fabrics the percentage is written into it. Fabrics that
-    tie are framed; those whose receptors are silent are grey.
+    The darker a cell, the more probable is the place: among few fabrics the percentage is written into it, among more
+    there is a key of shades. Fabrics that tie are framed; those whose receptors are silent are grey.
 
     Parameters
     ----------
@@ -81,14 +85,15 @@ def ranking_figure(orders: Sequence[Order], scale: Scale, style: Style = USUAL) 
     if not orders or not all(order.fabrics for order in orders):
         raise InputError("figure: no fabrics in an order")
     rows = max(min(len(order.fabrics), NAMED) for order in orders)
-    height = (_ROW * rows + _SPARE) * len(orders)
+    height = (_ROW * rows + _SPARE + (_KEY if rows > WRITTEN else 0.0)) * len(orders)
     with style.applied():
         figure = Figure(figsize=(style.page, max(height, 2.5)), layout="constrained")
         cells = figure.subplots(len(orders), 2, sharey="row", squeeze=False, width_ratios=[3, 2])
         for order, (left, right) in zip(orders, cells, strict=True):
             _draw_places(left, order, style)
             _draw_ratings(right, order, scale, style)
-            left.set_title(f"{title(order.load)}: probability of each place")
+            unit = " [%]" if len(order.fabrics) <= WRITTEN else ""
+            left.set_title(f"{title(order.load)}: probability of each place{unit}")
             right.set_title("predicted rating, 90 % interval")
         cells[-1][0].set_xlabel("place (1: softest)")
         cells[-1][1].set_xlabel(scale.label)
@@ -135,6 +140,19 @@ def _draw_places(axes: Axes, order: Order, style: Style) -> None:
                 colour = "white" if dark else "black"
                 axes.text(place + 1, k + 1, share, ha="center", va="center", fontsize=style.small - 1, color=colour)
     axes.xaxis.set_major_locator(MaxNLocator(integer=True))
+    if count > WRITTEN:
+        _add_key(axes, cells, style)
+
+
+def _add_key(axes: Axes, cells: AxesImage, style: Style) -> None:
+    """Add the key of shades, whose roots of probabilities are written as probabilities."""
+    (figure, most) = (axes.get_figure(root=True), cells.norm.vmax or 1.0)
+    assert figure is not None
+    ticks = [probability for probability in KEYED if np.sqrt(probability) <= most]
+    key = figure.colorbar(cells, ax=axes, location="bottom", aspect=40, shrink=0.6)
+    key.set_ticks([float(np.sqrt(probability)) for probability in ticks], labels=[f"{one:g}" for one in ticks])
+    key.ax.set_xlabel("probability of the place", fontsize=style.small)
+    key.ax.tick_params(labelsize=style.small)
 
 
 def _draw_ratings(axes: Axes, order: Order, scale: Scale, style: Style) -> None:
@@ -142,10 +160,11 @@ def _draw_ratings(axes: Axes, order: Order, scale: Scale, style: Style) -> None:
     gid, y = str(order.load), np.arange(1, len(order.fabrics) + 1)
     low, middle, high = np.clip(order.rating, *scale.drawn)
     size = 3.0 if y.size <= NAMED else 1.2
-    lines = axes.hlines(
-        y, low, high, color=style.tint(style.posterior, 0.45), linewidth=1.5 if y.size <= NAMED else 0.5
-    )
-    lines.set_gid(f"band90/{gid}")
+    tint = style.tint(style.posterior, 0.45)
+    if y.size <= NAMED:
+        axes.hlines(y, low, high, color=tint, linewidth=1.5, gid=f"band90/{gid}")
+    else:  # many lines with gaps between them would look like a hatch
+        axes.fill_betweenx(y, low, high, step="mid", color=tint, linewidth=0, gid=f"band90/{gid}")
     for what, here, colour in (("rating", ~order.silent, style.posterior), ("silent", order.silent, style.absent)):
         if here.any():
             (points,) = axes.plot(middle[here], y[here], "o", color=colour, markersize=size, gid=f"{what}/{gid}")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -84,7 +84,7 @@ def touch_figure(touches: Touches, *, style: Style = USUAL) -> Figure:
         # the pad's panels have its proportions, which fixes the height
         tall = (width - 0.9) / columns * touches.pad[1] / touches.pad[0]
         words = 0.0 if width >= WIDE else 0.5  # of the legend
-        figure = Figure(figsize=(width, 3.4 + words + rows * (tall + 0.12) + 0.8), layout="constrained")
+        figure = Figure(figsize=(width, 3.6 + words + rows * (tall + 0.12) + 0.8), layout="constrained")
         grid = figure.add_gridspec(rows + 2, columns, height_ratios=[1.7 / tall, 1.4 / tall, *[1.0] * rows])
         _draw_profiles(figure, grid, touches, style)
         ends = _ends_of_rates(touches)
@@ -100,6 +100,7 @@ def touch_figure(touches: Touches, *, style: Style = USUAL) -> Figure:
         for axes in maps[-1]:
             axes.set_xlabel("along the finger [mm]")
         _key_of_rates(figure, [axes for panels in maps for axes in panels], ends)
+        _key_of_receptors(figure, style)
     return figure
 
 
@@ -203,6 +204,20 @@ def _draw_pad(axes: Axes, touches: Touches, load: int, fabric: int, ends: tuple[
     axes.xaxis.set_major_locator(MultipleLocator(5.0))
     axes.yaxis.set_major_locator(MultipleLocator(5.0))
     return axes
+
+
+def _key_of_receptors(figure: Figure, style: Style) -> None:
+    """Say below the maps what their marks are."""
+    from matplotlib import colormaps
+    from matplotlib.lines import Line2D
+
+    dot: dict[str, Any] = {"linestyle": "none", "marker": "o"}
+    keys = [
+        Line2D([], [], color=colormaps[COLOURS](0.7), markersize=4, label="receptor that fires, by its rate", **dot),
+        Line2D([], [], color=style.absent, markerfacecolor="none", markersize=3, label="silent receptor", **dot),
+        Line2D([], [], color="black", linewidth=0.6, label="edge of the contact"),
+    ]
+    figure.legend(handles=keys, loc="outside lower center", ncols=3 if figure.get_figwidth() >= WIDE else 1)
 
 
 def _key_of_rates(figure: Figure, axes: Sequence[Axes], ends: tuple[float, float]) -> None:

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
-from softness_bayes.kinds import numbers, require_kind
+from softness_bayes.kinds import numbers, require_kind, require_mapping
 from softness_bayes.results.read_back import moduli_at
 from softness_bayes.results.stored import Stored
 from softness_bayes.touch.contact import Load, require_loads
@@ -28,6 +28,7 @@ class Answers:
         draws: int = 400,
         raters: int | None = None,
         seed: int = 0,
+        values: Mapping[str, float] | None = None,
     ) -> pd.DataFrame:
         """Predict contact, stress, firing and ratings of fabrics under loads, with their credible limits.
 
@@ -44,6 +45,10 @@ class Answers:
             Number of new raters of whose ratings the mean is predicted; by default as many as rated.
         seed
             Seed of new raters and of the noise of their ratings.
+        values
+            Name -> value in natural units of sampled parameters, as in ``{"b": 80}``. If any are given, all others are
+            held at their posterior medians, and limits are those of the ratings alone: of their level given the data
+            and these parameters, of raters and of noise.
 
         Returns
         -------
@@ -54,22 +59,26 @@ class Answers:
         Raises
         ------
         InputError
-            If the run had no ratings, which say what the receptors do.
+            If the run had no ratings, which say what the receptors do, or a value cannot be set.
         """
         import pandas as pd
 
         from softness_bayes.model.prediction import drawn_parameters, prediction_table
         from softness_bayes.model.scenes import scene_of
+        from softness_bayes.results.fitted import drawn_values
         from softness_bayes.results.rating_table import rating_columns
 
+        if values is not None:
+            require_mapping("values", values, '{"b": 80}')
         _require_fabrics(fabrics)
-        pressed, named = self.loads if loads is None else require_loads("loads", loads), self.values(draws)
+        pressed = self.loads if loads is None else require_loads("loads", loads)
+        named = drawn_values(self, draws, values)
         own = moduli_at(named, self.fabrics) if fabrics is None else None
         fabrics = self.fabrics if fabrics is None else fabrics
         noise = self.provenance.rating_model.noise
         scene = scene_of(fabrics, pressed, named, self.readings, noise=noise, finger=self.finger)
         touched = prediction_table(fabrics, scene, drawn_parameters(named), modulus=own)
-        return pd.concat([touched, rating_columns(self, fabrics, scene, draws, raters, seed)], axis=1)
+        return pd.concat([touched, rating_columns(self, fabrics, scene, draws, raters, seed, values)], axis=1)
 
     def rank(
         self: Stored,

@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 from numpy.typing import NDArray
 
 from softness_bayes.data import Fabrics
+from softness_bayes.errors import InputError
 from softness_bayes.model.build import build
 from softness_bayes.model.fabric_moduli import fabric_moduli
 from softness_bayes.model.other_touches import OtherTouches
 from softness_bayes.model.posterior import Posterior
 from softness_bayes.model.scenes import scene_of
+from softness_bayes.parameters.choice import require_values
+from softness_bayes.parameters.declared import EVERY_PARAMETER
 from softness_bayes.parameters.fabric_moduli import FABRIC_MODULUS, KPA
 from softness_bayes.results.from_result import experiment_of, options_of
 from softness_bayes.results.stored import Stored
@@ -23,6 +28,35 @@ Array = NDArray[np.float64]
 _SAME = 1e-6  # relative difference of moduli below which a fabric is the one that was rated
 
 
+def drawn_values(result: Stored, draws: int, values: Mapping[str, float] | None = None) -> dict[str, Array]:
+    """Return evenly spaced draws of every parameter by name, in natural units: numbers of those that the run held.
+
+    Parameters
+    ----------
+    result
+        The run.
+    draws
+        Number of draws.
+    values
+        If any are given, every draw is one point: these values, and the posterior medians of all others.
+
+    Raises
+    ------
+    InputError
+        If a value is of a parameter that the run did not sample, or out of its range.
+    """
+    named = result.values(draws)
+    if not values:
+        return named
+    sampled = [name for name, drawn in named.items() if np.ndim(drawn)]
+    for name in values:
+        if name not in sampled or name not in EVERY_PARAMETER:
+            free = ", ".join(one for one in sampled if one in EVERY_PARAMETER)
+            raise InputError(f"{name} cannot be set: expected a parameter that the run sampled, one of {free}")
+    require_values(values)
+    return named | {name: np.full_like(named[name], values.get(name, np.median(named[name]))) for name in sampled}
+
+
 class Fitted:
     """The model of a finished run, made anew from what the run stores, and draws of its posterior.
 
@@ -32,17 +66,19 @@ class Fitted:
         The run, on ratings.
     draws
         Number of draws, evenly spaced over the run.
+    values
+        Values in place of the draws, as `drawn_values` takes them.
 
     Raises
     ------
     InputError
-        If the run had no ratings, or lacks what its model is made from.
+        If the run had no ratings, or lacks what its model is made from, or a value cannot be set.
     """
 
-    def __init__(self, result: Stored, draws: int) -> None:
+    def __init__(self, result: Stored, draws: int, values: Mapping[str, float] | None = None) -> None:
         self.result = result
         self.posterior: Posterior = build(experiment_of(result), options_of(result)).posterior
-        self.named = result.values(draws)
+        self.named = drawn_values(result, draws, values)
         drawn = [self.named[name] for name in self.posterior.names]
         self.theta = np.stack(np.broadcast_arrays(*drawn), axis=-1)
 

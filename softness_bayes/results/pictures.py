@@ -29,8 +29,9 @@ QUANTILES = (0.025, 0.25, 0.5, 0.75, 0.975)
 MOST_LOADS = 3
 """Loads that are illustrated: the least, the middle one and the greatest."""
 
-DISTANCES = 81
-"""Points from the contact's axis to the pad's farthest corner, closer together near the axis."""
+NEAR, FAR, REACH = 97, 8, 1.3
+"""Points from the contact's axis to `REACH` radii of the largest contact, where rates fall off steeply, and beyond it
+to the pad's farthest corner."""
 
 UNTABLED = Discretisation(nodes=2, field_tolerance=1e-2)
 """Discretisation of a scene whose tables of stress are not used: they are made quickly."""
@@ -99,8 +100,10 @@ def touch_illustration(
         discretisation=UNTABLED,
         finger_box=scene.finger_box,
     )
-    distance = kink_distances(scene.finger)[-1] * np.linspace(0.0, 1.0, DISTANCES) ** 1.5
-    profiles, contact = touch_profiles(few, parameters, distance), few.contact(parameters)
+    contact, farthest = few.contact(parameters), float(kink_distances(scene.finger)[-1])
+    near = min(REACH * float(np.median(contact.radius, axis=0).max()), 0.9 * farthest)
+    distance = np.append(np.linspace(0.0, near, NEAR), np.geomspace(near, farthest, FAR + 1)[1:])
+    profiles = touch_profiles(few, parameters, distance)
 
     def limits(values: Array) -> NDArray[np.float32]:
         found = np.quantile(values, QUANTILES, axis=0)

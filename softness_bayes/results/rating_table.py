@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from softness_bayes.data import Fabrics
+from softness_bayes.likelihood.design import IndexArray
 from softness_bayes.ranges import PANEL
 from softness_bayes.results.fitted import Fitted
 from softness_bayes.results.reasons import reasons
@@ -24,7 +26,13 @@ LIMITS = {"_low": 0.05, "_low_50": 0.25, "": 0.5, "_high_50": 0.75, "_high": 0.9
 
 
 def rating_columns(
-    result: Stored, fabrics: Fabrics, scene: Scene, draws: int = 400, raters: int | None = None, seed: int = 0
+    result: Stored,
+    fabrics: Fabrics,
+    scene: Scene,
+    draws: int = 400,
+    raters: int | None = None,
+    seed: int = 0,
+    values: Mapping[str, float] | None = None,
 ) -> pd.DataFrame:
     """Return the predicted ratings of every condition of a scene, and why each is what it is.
 
@@ -40,6 +48,8 @@ def rating_columns(
         Number of new raters of whose ratings the mean is predicted; by default as many as rated.
     seed
         Seed of what is drawn given the draws.
+    values
+        Values of parameters in place of the draws, as `fitted.drawn_values` takes them.
 
     Returns
     -------
@@ -54,19 +64,33 @@ def rating_columns(
     """
     import pandas as pd
 
-    fitted, rng = Fitted(result, draws), np.random.default_rng(seed)
+    fitted, rng = Fitted(result, draws, values), np.random.default_rng(seed)
     panel = fitted.posterior.observation.raters if raters is None else raters
     PANEL.require("raters", panel)
     modulus = fitted.modulus(rng, fabrics)
     found = fitted.touches(fabrics, scene).ratings(rng, fitted.theta, panel, modulus)
     new = found.new.reshape(-1, scene.n_conditions)
     columns: dict[str, ArrayLike] = {}
-    for name, values in (("typical_rating", found.typical), ("new_rater_rating", new), ("mean_rating", found.mean)):
-        columns |= {f"{name}{end}": limit for end, limit in limits(values).items()}
+    for name, drawn in (("typical_rating", found.typical), ("new_rater_rating", new), ("mean_rating", found.mean)):
+        columns |= {f"{name}{end}": limit for end, limit in limits(drawn, found.alike).items()}
     columns["raters"] = np.full(scene.n_conditions, panel)
     return pd.DataFrame(columns | reasons(fitted, scene, found.rate, modulus)._asdict())
 
 
-def limits(values: Array) -> dict[str, Array]:
-    """Return the quantiles of draws (draws, columns) by the suffixes of `LIMITS`."""
-    return dict(zip(LIMITS, np.quantile(values, list(LIMITS.values()), axis=0), strict=True))
+def limits(values: Array, alike: IndexArray | None = None) -> dict[str, Array]:
+    """Return the quantiles of draws (draws, columns) by the suffixes of `LIMITS`.
+
+    Parameters
+    ----------
+    values
+        The draws.
+    alike
+        Number of each column's group, shape (columns,), if columns of one group are draws of the same: these have one
+        set of limits, those of all their draws.
+    """
+    levels = list(LIMITS.values())
+    found = np.quantile(values, levels, axis=0)
+    if alike is not None:
+        for group in np.flatnonzero(np.bincount(alike) > 1):
+            found[:, alike == group] = np.quantile(values[:, alike == group], levels)[:, None]
+    return dict(zip(LIMITS, found, strict=True))

@@ -21,6 +21,10 @@ from support.paths import DATA, ROOT
 # predict
 
 
+PRINTED = 5e-5
+"""Relative error of numbers that are printed, to five digits."""
+
+
 def predicted(*arguments, by=call):
     done = by("predict", *TOUCH, *arguments)
     assert done.returncode == 0, done.stderr
@@ -35,14 +39,14 @@ def test_predict_prints_a_table_of_the_medians_and_of_what_is_set():
     assert (stiffer["e_skin_kpa"] > usual["e_skin_kpa"]).all()
     # printed reading of the rigidity: E_ten h^3 / (12 (1 - nu)), l = 1 mm
     modulus = truth.tensile_modulus_mpa * truth.thickness_mm**3 / (12 * (1 - truth.poisson_ratio)) * 1e3
-    np.testing.assert_allclose(usual["e_fab_kpa"], modulus, rtol=1e-9)
+    np.testing.assert_allclose(usual["e_fab_kpa"], modulus, rtol=PRINTED)
 
 
 def test_predict_takes_readings_and_prior_sets():
     plate = predicted("--reading", "fabric_modulus=plate")
     truth = pd.read_csv(DATA / "fabrics.csv")
     modulus = truth.tensile_modulus_mpa * truth.thickness_mm**3 / (12 * (1 - truth.poisson_ratio**2)) * 1e3
-    np.testing.assert_allclose(plate["e_fab_kpa"], modulus, rtol=1e-9)
+    np.testing.assert_allclose(plate["e_fab_kpa"], modulus, rtol=PRINTED)
     assert (plate["readings"] == "mended, fabric_modulus=plate").all()
     soft = predicted("--priors", "in-vivo", "--set", "m=0")
     np.testing.assert_allclose(soft["e_skin_kpa"], 7.5, rtol=1e-9)
@@ -58,11 +62,8 @@ def test_predict_takes_readings_and_prior_sets():
         (["--readings", "mine"], "no set 'mine'"),
         (["--priors", "mine"], "mine"),
         (["--posterior", "nowhere"], "nowhere"),
-        (["--posterior", "nowhere", "--set", "b=80"], "--posterior brings its own parameters"),
-        (
-            ["--posterior", "nowhere", "--readings", "hertz"],
-            "--posterior brings its own parameters, readings and finger",
-        ),
+        (["--posterior", "nowhere", "--set", "b=80"], "nowhere"),
+        (["--posterior", "nowhere", "--readings", "hertz"], "--posterior brings its own readings, priors and finger"),
         (["--posterior", "nowhere", "--reading", "pressure=hertz"], "--posterior brings its own"),
         (["--column", "fabric=name"], "name"),
         (["--indentation-mm", "-1"], "--indentation-mm"),
@@ -107,7 +108,7 @@ def test_simulate_says_what_the_ratings_were_made_from(tmp_path):
     assert story["readings"] == MENDED.names
     table = predicted("--set", "b=70")
     assert [*story["total_rate"]] == ["2 mm"]
-    np.testing.assert_allclose(list(story["total_rate"]["2 mm"].values()), table["total_rate_hz"], rtol=1e-6)
+    np.testing.assert_allclose(list(story["total_rate"]["2 mm"].values()), table["total_rate_hz"], rtol=PRINTED)
     ratings = pd.read_csv(tmp_path / "ratings.csv")
     assert len(ratings) == 3 * 12
     assert ratings["rating"].gt(0).all()
@@ -187,7 +188,8 @@ def test_the_posterior_of_a_run_predicts(alone):
     plain = predicted(*hertz, "--reading", "pressure=hertz")
     # the table says the readings of the run, whatever the defaults are
     assert (table["readings"] == "mended, pressure=hertz").all()
-    np.testing.assert_allclose(table["total_rate_hz"], plain["total_rate_hz"], rtol=1e-9)
+    np.testing.assert_allclose(table["total_rate_hz"], plain["total_rate_hz"], rtol=PRINTED)
+    assert table["total_rate_hz"].max() != float(f"{table['total_rate_hz'].max():.5g}")  # a file has all digits
 
 
 def test_a_directory_in_use_is_refused_and_survives_bad_input(alone):

@@ -12,7 +12,6 @@ import pytest
 from numpy.testing import assert_allclose
 
 from softness_bayes.errors import InputError
-from softness_bayes.explore.command import NOISY
 from softness_bayes.explore.picture import picture
 from softness_bayes.explore.span import span_of
 from softness_bayes.explore.subject import of_priors, of_run
@@ -22,10 +21,12 @@ from softness_bayes.parameters.declared import PARAMETERS
 from softness_bayes.parameters.priors import HalfNormal, LogNormal, Normal, Uniform
 from softness_bayes.report.curves import shown
 from softness_bayes.results.fitted import Fitted
+from softness_bayes.results.result import Result
 from softness_bayes.touch.contact import Indentation
 from softness_bayes.touch.parameters import TouchParameters
 from softness_bayes.touch.readings import MENDED, NAMED_READINGS
 from support.command_line import call
+from support.report_runs import quickly
 
 TOLERANCE = 5e-4
 """Relative difference of rates from the exact curve of held channels and the finer scene that `predict` may choose."""
@@ -38,7 +39,7 @@ def moved(subject, **values):
 
 def repeated(command, folder):
     """Run the lines that a page shows; return the row of the prediction."""
-    table, predict = (shlex.split(line) for line in command.splitlines() if not line.startswith("#"))
+    table, predict = map(shlex.split, command.splitlines())
     assert table[:2] == ["printf", "%s\\n"]
     assert table[-2] == ">"
     (folder / table[-1]).write_text("".join(f"{row}\n" for row in table[2:-2]))
@@ -169,15 +170,18 @@ def test_the_command_repeats_readings_and_fingers(tmp_path):
     same(found.chosen, repeated(found.command, tmp_path), 2e-4)
 
 
-def test_the_command_repeats_the_numbers_of_a_run(of_ratings, tmp_path):
-    found = picture(of_ratings, moved(of_ratings, b=70.0))
-    same(found.chosen, repeated(found.command, tmp_path))
-
-
-def test_noise_is_named_beside_the_command(of_medians):
-    command = picture(of_medians, of_medians.start).command
-    noisy = picture(replace(of_medians, noise=0.5), of_medians.start).command
-    assert noisy.splitlines() == [NOISY, *command.splitlines()]
+def test_the_command_repeats_the_numbers_of_a_run(result, tmp_path):
+    result.save(tmp_path / "run")
+    with quickly():
+        subject = of_run(Result.load(tmp_path / "run"))
+        for state in (moved(subject, b=70.0), replace(subject.start, load=0, fabric=None, modulus_kpa=150.0)):
+            found = picture(subject, state)
+            row = repeated(found.command, tmp_path)
+            same(found.chosen, row)
+            # the same draws of the ratings' level
+            assert float(row["typical_rating"]) == pytest.approx(found.chosen["typical_rating"], rel=1e-3)
+        with pytest.raises(AssertionError):
+            same(picture(subject, moved(subject, b=90.0)).chosen, row)
 
 
 @pytest.mark.slow

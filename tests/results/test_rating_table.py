@@ -90,6 +90,42 @@ def test_reasons(result):
     assert "load below those rated (" in table["remarks"].iloc[-1]
 
 
+def test_equal_responses_have_equal_limits(result):
+    """Silent fabrics have one response: what is drawn for new raters is shared, and is as if drawn for each."""
+    soft = Fabrics(("lint", "fluff", "down", "felt"), effective_modulus=np.array([1.0, 2.0, 3.0, 1e5]))
+    with quickly():
+        found = result.predict(soft, [Indentation(1e-4), Force(1e-3)], draws=60)
+        alone = result.predict(soft.take(("lint",)), [Indentation(1e-4)], draws=60)
+    silent = found[found["p_silent"] == 1.0]
+    assert len(silent) >= 6
+    for name in NAMES:
+        ends = [f"{name}{end}" for end in ("_low", "_low_50", "", "_high_50", "_high")]
+        assert silent[ends].drop_duplicates().shape == (1, 5), name
+        assert_allclose(alone[ends].iloc[0], silent[ends].iloc[0], rtol=0.15)
+    assert found["new_rater_rating_low"].nunique() == len(found) - len(silent) + 1
+
+
+def test_values_may_be_set(result, tmp_path):
+    """Every draw is one point then: no limits of the chain, and the ratings' are those of their level and of raters."""
+    b = result.values(100)["b"]
+    with quickly():
+        plain, low, high = (result.predict(draws=100, values=values) for values in (None, {"b": b.min()}, {"b": 2000}))
+        assert (plain["total_rate_hz_low"] < plain["total_rate_hz_high"]).any()
+        assert_allclose(low["total_rate_hz_low"], low["total_rate_hz_high"])
+        assert (low["e_skin_kpa"] < high["e_skin_kpa"]).all()
+        assert (low["new_rater_rating_low"] < low["typical_rating_low"]).all()
+        # at the medians themselves it is the middle of the posterior's own prediction
+        at = result.predict(draws=100, values={"b": float(np.median(b))})
+        inside = (at["e_skin_kpa"] >= plain["e_skin_kpa_low"]) & (at["e_skin_kpa"] <= plain["e_skin_kpa_high"])
+        assert inside.all()
+        with pytest.raises(InputError, match="m cannot be set: expected a parameter that the run sampled, one of b, "):
+            result.predict(draws=10, values={"m": 2.0})
+        with pytest.raises(InputError, match="values: expected a mapping"):
+            result.predict(draws=10, values=[2.0])
+        with pytest.raises(InputError, match="b is -1"):
+            result.predict(draws=10, values={"b": -1.0})
+
+
 def test_fabrics_with_errors_are_less_certain(result):
     given = Fabrics(("felt", "lint"), effective_modulus=np.array([1e5, 1e5]), effective_modulus_cv=np.array([0, 0.5]))
     with quickly():
@@ -134,6 +170,7 @@ def test_the_command_line_predicts_ratings(result, table, tmp_path):
     assert [*printed] == [*table]
     assert (printed["raters"] == 12).all()
     order = [CLOTH.names.index(name) for name in result.fabrics.names]
+    assert max(len(cell) for cell in done.stdout.splitlines()[1].split(",")[-50:-8]) <= 11  # not 17 digits
     ours = printed["typical_rating"].to_numpy().reshape(2, -1)[:, order].ravel()
     assert_allclose(ours, table["typical_rating"], rtol=0.2)
     assert result.scale is MAGNITUDE

@@ -60,7 +60,7 @@ set_values = click.option(
     callback=named(finite, _require_values),
     shell_complete=completion.parameters,
     metavar="NAME=VALUE",
-    help="Value of a parameter, as in b=80; the others are the medians of their priors. Repeatable.",
+    help="Value of a parameter, as in b=80; the others are at their medians. Repeatable.",
 )
 """Gives a verb `values`, name -> number."""
 
