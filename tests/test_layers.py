@@ -54,6 +54,7 @@ PROGRAMS = {
     "tools.doc_tables",
     "tools.firing_sample_build",
     "tools.finger_coverage",
+    "tools.injected_faults",
     "tools.input_coverage",
     "tools.rating_coverage",
     "tools.real_cloth",

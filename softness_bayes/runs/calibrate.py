@@ -290,7 +290,7 @@ def _json(path: Path, what: str) -> dict[str, Any]:
 def _manifest(scene: CalibrationScene, request: Request, settings: Settings) -> dict[str, Any]:
     """Return all that decides the ranks, as JSON holds it."""
     fabrics, options = scene.fabrics, request.model
-    return {
+    named = {
         "version": __version__,
         "seed": request.run.seed,
         "draws": DRAWS,
@@ -309,6 +309,8 @@ def _manifest(scene: CalibrationScene, request: Request, settings: Settings) -> 
         "max_steps": settings.max_steps,
         "goal": str(settings.goal),
     }
+    # scale, errors, resolution, and whatever else decides the model
+    return {**options.record(), **named}
 
 
 def _require_alike(directory: Path, manifest: dict[str, Any]) -> None:

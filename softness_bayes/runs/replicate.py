@@ -65,7 +65,7 @@ def replicate(
     made, walk = (np.random.SeedSequence(seed, spawn_key=(index, part)) for part in (0, 1))
     rng = np.random.default_rng(made)
     theta = posterior.space.draw_prior(rng, 1)[0] if truths is None else truths[rng.integers(len(truths))]
-    observation, true_effects = _simulate(posterior.observation, posterior, theta, rng)
+    observation, true_effects = simulate(posterior.observation, posterior, theta, rng)
     fitted = posterior.with_term(assume(observation))
     if truths is not None:
         fitted = replace(fitted, terms=(*fitted.terms, posterior.observation))
@@ -80,7 +80,7 @@ def replicate(
     return Replicate((*true,), rank, tuple(truth.tolist()), sampled.verdict.steps, tau, sampled.verdict.converged)
 
 
-def _simulate(
+def simulate(
     observation: Likelihood, posterior: Posterior, theta: FloatArray, rng: np.random.Generator
 ) -> tuple[Likelihood, Effects]:
     """Return ratings made at a point of the prior, and their effects as a batch of one."""

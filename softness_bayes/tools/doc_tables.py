@@ -76,6 +76,15 @@ def calibration(results: Path) -> str:
     return f"> {verdict}\n\n{table(head, [*held, exact])}"
 
 
+def injected_faults(results: Path) -> str:
+    """Return which check finds each injected fault, as ``tools.injected_faults`` writes it."""
+    rows = _rows(results / "injected_faults.csv")
+    cells = (
+        [row["fault"], row["check"], row["replicates"], row["found"].split("; ")[0], row["seconds"]] for row in rows
+    )
+    return table(["fault", "check", "replicates", "what it says first", "time [s]"], cells)
+
+
 TABLES: Mapping[tuple[str, str], Callable[[Path], str]] = {
     ("claims.md", "claims"): claims,
     ("benchmarks.md", "bench"): bench,
@@ -83,6 +92,7 @@ TABLES: Mapping[tuple[str, str], Callable[[Path], str]] = {
     ("benchmarks.md", "loads"): loads,
     ("benchmarks.md", "hard-cases"): hard_cases,
     ("calibration.md", "calibration"): calibration,
+    ("calibration.md", "injected-faults"): injected_faults,
 }
 """What makes each table, by page and name."""
 

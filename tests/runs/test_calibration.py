@@ -27,8 +27,9 @@ from softness_bayes.data import Fabrics
 from softness_bayes.errors import InputError, LockedError
 from softness_bayes.files.lock import Lock
 from softness_bayes.likelihood.directions import INVERSE
+from softness_bayes.likelihood.error_laws import STUDENT
 from softness_bayes.likelihood.magnitude import LogRatings, RatingModel
-from softness_bayes.likelihood.scales import RATING_SCALES
+from softness_bayes.likelihood.scales import RATING_SCALES, SLIDER
 from softness_bayes.model.options import ModelOptions
 from softness_bayes.parameters.declared import PARAMETERS
 from softness_bayes.plotting.calibration import rank_ecdf_figure
@@ -398,6 +399,13 @@ def test_another_calibration_is_not_continued(tmp_path):
         run(tmp_path, 2, seed=1)
     with pytest.raises(InputError, match="participants was 20 and is now 3"):
         run(tmp_path, 2, scene=FakeCalibration(participants=3))
+    for other, said in (
+        ({"scale": SLIDER}, "scale was"),
+        ({"errors": STUDENT}, "errors was"),
+        ({"resolution": 1.0}, "resol"),
+    ):
+        with pytest.raises(InputError, match=said):
+            run(tmp_path, 2, **other)
     with pytest.raises(InputError, match="fix was"):
         run(tmp_path, 2, fix={"m": 2.0})
     (tmp_path / "replicates" / "00000.json").write_text('{"names": ["gamma"]}')
