@@ -134,11 +134,9 @@ def command(
     contents = {RATINGS: ratings_csv(simulation.ratings, fabrics), FABRICS: fabrics_csv(fabrics)}
     story = _truth(simulation, fabrics.names, loads)
     story |= {"seed": seed, "readings": chosen.names, "ratings": scale, "direction": direction}
-    story |= {"finger": finger} if finger else {}
-    story |= {"load_cv": load_cv} if load_cv else {}
-    story |= {"errors": errors} if errors != "normal" else {}
-    story |= {"resolution": resolution} if resolution else {}
-    story |= {"n_categories": n_categories} if n_categories else {}
+    asked = {"finger": finger, "load_cv": load_cv, "errors": "" if errors == "normal" else errors}
+    asked |= {"resolution": resolution, "n_categories": n_categories}
+    story |= {name: value for name, value in asked.items() if value}
     story |= {"version": __version__, "simulated": True}
     pressed = ""
     if fingers:

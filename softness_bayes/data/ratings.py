@@ -226,26 +226,7 @@ class Ratings:
         table.require("fabric", RATING.name)
         table = unpaired(table)
         filed = table.numbers(RATING)
-        texts = table.cells[RATING.name]
-        for i in missing_codes(texts, filed):
-            table.fault(
-                i,
-                RATING.name,
-                f"{texts[i]} looks like a code for a missing rating, since no other one is near it; "
-                "leave the cell of a missing rating empty, or write a rating with decimals, as 999.0",
-            )
-        kept = ~np.isnan(filed)
-        zeros = int((filed == 0).sum()) if drop_zeros else 0
-        rated = np.flatnonzero(kept & (filed != 0) if drop_zeros else kept)
-        faulty = np.array([table.is_faulty(i, RATING.name) for i in range(len(table))])
-        if not (rated.size or faulty.any()):
-            table.faults.add_general(f"column {table.titles[RATING.name]!r}: there is no rating in any row")
-        whole, notes = table, []
-        if missing := int((~kept).sum()):
-            notes.append(f"{missing} of {len(table)} ratings are missing")
-        if zeros:
-            notes.append(f"{zeros} ratings of 0 are left out, which favours what is rated higher")
-        used = np.sort(np.concatenate([rated, np.flatnonzero(faulty & ~kept)]))  # the same rows, if nothing is wrong
+        whole, (rated, used, notes) = table, _rated_rows(table, filed, drop_zeros)
         table = table.take(used)
         if "participant" in table:
             by = table.labels("participant")
@@ -255,8 +236,7 @@ class Ratings:
                 notes.append("no column 'participant': all ratings are taken as those of one participant")
         what = _fabrics_in(table, fabrics)
         loads = loads_in(table, given)
-        load_cv = table.numbers(LOAD_CV) if LOAD_CV.name in table else None
-        resolution = table.numbers(RESOLUTION) if RESOLUTION.name in table else None
+        load_cv, resolution = (table.numbers(c) if c.name in table else None for c in (LOAD_CV, RESOLUTION))
         table.check()
         touches = [load for load in loads if load is not None]
         notes += _repeats(table, by, what, touches)
@@ -266,7 +246,6 @@ class Ratings:
         wrong = np.flatnonzero(filed[rated] < 0)
         if rated.size > 2 and np.ptp(filed[rated]) == 0:
             notes.append(f"looks wrong: all {rated.size} ratings are {filed[rated[0]]:g}, so they tell nothing")
-
         participants = natural(by)
         covariates, noted = covariates_in(whole, participants)
         notes = [*noted, *notes, *alike_notes("participant", participants)]
@@ -299,6 +278,34 @@ class Ratings:
 def _index(values: Sequence[object], distinct: Sequence[object]) -> IntArray:
     place = {value: i for i, value in enumerate(distinct)}
     return np.array([place[value] for value in values], dtype=np.intp)
+
+
+def _rated_rows(table: Table, filed: FloatArray, drop_zeros: bool) -> tuple[IntArray, IntArray, list[str]]:
+    """Return the rows that are rated, those and the faulty ones, and notes on the others.
+
+    A code for a missing rating is a fault, and so is a table without a rating.
+    """
+    texts = table.cells[RATING.name]
+    for i in missing_codes(texts, filed):
+        table.fault(
+            i,
+            RATING.name,
+            f"{texts[i]} looks like a code for a missing rating, since no other one is near it; "
+            "leave the cell of a missing rating empty, or write a rating with decimals, as 999.0",
+        )
+    kept = ~np.isnan(filed)
+    zeros = int((filed == 0).sum()) if drop_zeros else 0
+    rated = np.flatnonzero(kept & (filed != 0) if drop_zeros else kept)
+    faulty = np.array([table.is_faulty(i, RATING.name) for i in range(len(table))])
+    if not (rated.size or faulty.any()):
+        table.faults.add_general(f"column {table.titles[RATING.name]!r}: there is no rating in any row")
+    notes = []
+    if missing := int((~kept).sum()):
+        notes.append(f"{missing} of {len(table)} ratings are missing")
+    if zeros:
+        notes.append(f"{zeros} ratings of 0 are left out, which favours what is rated higher")
+    used = np.sort(np.concatenate([rated, np.flatnonzero(faulty & ~kept)]))  # the same rows, if nothing is wrong
+    return rated, used, notes
 
 
 def _fabrics_in(table: Table, fabrics: Fabrics | None) -> Sequence[str]:

@@ -43,7 +43,6 @@ from softness_bayes.ranges import (
     SLOPES,
 )
 from softness_bayes.touch.contact import Finger, Load, require_loads
-from softness_bayes.touch.parameters import TouchParameters
 from softness_bayes.touch.readings import MENDED, Readings
 from softness_bayes.touch.scene import Discretisation, Scene
 
@@ -152,14 +151,12 @@ def simulate_ratings(
     effect, _ = drawn.get("participant_effect", (np.zeros(participants), ()))
     responses = rate.reshape(len(loads), len(fabrics)).T
     if scale is PAIRS:
-        asked = rng, model, scene, participants, missing, drive, parameters
-        ratings = paired(*asked, fabrics.names, loads)
+        ratings = paired(rng, model, scene, participants, missing, drive, parameters, fabrics.names, loads)
         return Simulation(ratings, _truth(model, values, drawn), effect, responses)
     touched = design
     if load_cv:
-        log_factor = float(log_sd(np.array(load_cv))) * rng.standard_normal(design.n_rows)
-        held = _rates_of_held(scene, touch_parameters(values), design.condition, log_factor) / scene.n_receptors
-        drive = model.drive_at(held, design, rate / scene.n_receptors, parameters)
+        held = _held_rates(rng, scene, values, design, load_cv)
+        drive = model.drive_at(held / scene.n_receptors, design, rate / scene.n_receptors, parameters)
         touched = _row_by_row(design)
     filed = rounded(model.draw_ratings(rng, touched, drive, parameters, effects))
     if scale is AGGREGATED:
@@ -220,27 +217,31 @@ def _truth(
     return truth | {name: float(value) for name, (value, axes) in drawn.items() if not axes}
 
 
-def _rates_of_held(
-    scene: Scene, parameters: TouchParameters, condition: NDArray[np.intp], log_factor: NDArray[np.float64]
+def _held_rates(
+    rng: np.random.Generator, scene: Scene, values: Mapping[str, float], design: Design, load_cv: float
 ) -> NDArray[np.float64]:
     """Return the response [spikes/s] of each rating at the load that was held, shape (rows,).
 
     Parameters
     ----------
-    scene
-        All conditions at their stated loads.
-    condition, log_factor
-        Condition of each rating, and log of its load over the stated one; the response is interpolated between
-        `LOAD_NODES` loads over the range of these.
+    rng
+        Source of the loads: log-normal about the stated ones.
+    scene, values, design
+        All conditions at their stated loads, the parameters, and the condition of each rating. The response is
+        interpolated between `LOAD_NODES` loads.
+    load_cv
+        Relative standard error of the loads.
     """
+    log_factor = float(log_sd(np.array(load_cv))) * rng.standard_normal(design.n_rows)
     reach = np.abs(log_factor).max()
     nodes = np.linspace(-reach, reach, LOAD_NODES)
     loads = tuple(scaled(load, float(np.exp(step))) for load in scene.loads for step in nodes)
     fabric, load = np.repeat(scene.fabric, LOAD_NODES), scene.load[:, None] * LOAD_NODES + np.arange(LOAD_NODES)
-    rates = scene.under(loads, fabric, load.ravel()).total_rate(parameters).reshape(-1, LOAD_NODES)
-    found = np.empty(condition.size)
+    rates = scene.under(loads, fabric, load.ravel()).total_rate(touch_parameters(values)).reshape(-1, LOAD_NODES)
+    found = np.empty(design.n_rows)
     for k, of_load in enumerate(rates):
-        found[condition == k] = PchipInterpolator(nodes, of_load)(log_factor[condition == k])
+        rows = design.condition == k
+        found[rows] = PchipInterpolator(nodes, of_load)(log_factor[rows])
     return found
 
 

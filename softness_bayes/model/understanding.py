@@ -11,7 +11,7 @@ from softness_bayes.checking.direction import Choice
 from softness_bayes.checking.inflection import curve_scene, response_curves
 from softness_bayes.checking.quantities import Layout
 from softness_bayes.checking.raters import raters_apart
-from softness_bayes.data import LOAD_COLUMNS, Compression, Experiment
+from softness_bayes.data import LOAD_COLUMNS, Compression, Experiment, Ratings
 from softness_bayes.data.oddities import oddities
 from softness_bayes.data.rounded_loads import with_few_loads
 from softness_bayes.likelihood.scales import CATEGORIES, PAIRS, RANKS
@@ -67,32 +67,11 @@ def understood(
     notes
         Notes of reading, and `warnings`.
     """
-    ratings, fabrics, moduli = experiment.ratings, experiment.fabrics, moduli_of(experiment, options)
-    conditions = ratings.conditions
+    ratings, conditions = experiment.ratings, experiment.ratings.conditions
     pairs = len(ratings.fabrics) * len(ratings.loads)
     cells = len(set(zip(ratings.participant.tolist(), conditions.of_rating.tolist(), strict=True)))
-    counts = {name: np.bincount(getattr(ratings, name)) for name in ("participant", "fabric", "load")}
+    answers = np.bincount(ratings.participant)
     steps = [float(given.said.step[ratings.participant == k].max()) for k in range(len(ratings.participants))]
-    cloth = []
-    for k, name in enumerate(fabrics.names):
-        law = moduli.laws[k]
-        limits = (None, None) if law is None else tuple(map(float, law.quantile([0.05, 0.95])))
-        cloth.append(
-            {
-                "name": name,
-                "e_fab_kpa": float(moduli.middle[k]) / 1e3,
-                "e_fab_low_kpa": limits[0],
-                "e_fab_high_kpa": limits[1],
-                "modulus_from": fabrics.basis[k] or None,
-                "poisson_ratio": float(fabrics.poisson_ratio[k]),
-                "ratings": int(counts["fabric"][k]),
-            }
-        )
-    loads = []
-    for k, load in enumerate(ratings.loads):
-        column, _, value = next(entry for entry in LOAD_COLUMNS if isinstance(load, entry.kind))
-        number = float(column.write(value(load)))
-        loads.append({"kind": column.label, "value": number, "unit": column.unit, "ratings": int(counts["load"][k])})
     return {
         "schema": SCHEMA,
         "source": ratings.source,
@@ -106,14 +85,14 @@ def understood(
         "participants": [
             {
                 "name": name,
-                "ratings": int(counts["participant"][k]),
+                "ratings": int(answers[k]),
                 "step": steps[k],
                 "covariates": {title: own[k] for title, own in ratings.covariates.items()},
             }
             for k, name in enumerate(ratings.participants)
         ],
-        "fabrics": cloth,
-        "loads": loads,
+        "fabrics": _understood_fabrics(experiment, options),
+        "loads": _understood_loads(ratings),
         "conditions": {
             "rated": len(conditions.fabric),
             "possible": pairs,
@@ -134,6 +113,37 @@ def understood(
         },
         "design": None,
     }
+
+
+def _understood_fabrics(experiment: Experiment, options: ModelOptions) -> list[dict[str, Any]]:
+    """Return each fabric with its modulus, the limits of that if it has an error, and its number of ratings."""
+    fabrics, moduli, counts = experiment.fabrics, moduli_of(experiment, options), np.bincount(experiment.ratings.fabric)
+    found = []
+    for k, name in enumerate(fabrics.names):
+        law = moduli.laws[k]
+        low, high = (None, None) if law is None else tuple(map(float, law.quantile([0.05, 0.95])))
+        found.append(
+            {
+                "name": name,
+                "e_fab_kpa": float(moduli.middle[k]) / 1e3,
+                "e_fab_low_kpa": low,
+                "e_fab_high_kpa": high,
+                "modulus_from": fabrics.basis[k] or None,
+                "poisson_ratio": float(fabrics.poisson_ratio[k]),
+                "ratings": int(counts[k]),
+            }
+        )
+    return found
+
+
+def _understood_loads(ratings: Ratings) -> list[dict[str, Any]]:
+    """Return each load in its unit, and its number of ratings."""
+    counts, found = np.bincount(ratings.load), []
+    for k, load in enumerate(ratings.loads):
+        column, _, value = next(entry for entry in LOAD_COLUMNS if isinstance(load, entry.kind))
+        number = float(column.write(value(load)))
+        found.append({"kind": column.label, "value": number, "unit": column.unit, "ratings": int(counts[k])})
+    return found
 
 
 def understood_forces(compression: Compression) -> dict[str, Any]:

@@ -46,6 +46,12 @@ def checked_conditions(
     return touched, held
 
 
+def distinct(*columns: ArrayLike) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Return the first of each group of conditions that agree in all columns, and each condition's group."""
+    _, first, place = np.unique(np.column_stack(columns), axis=0, return_index=True, return_inverse=True)
+    return first, place.reshape(-1)
+
+
 def indices(values: ArrayLike, size: int, what: str) -> NDArray[np.intp]:
     """Return indices as a read-only array.
 

@@ -100,6 +100,13 @@ class Fingertips(NamedTuple):
         return self._replace(radius=self.radius[rows], receptor_depth=self.receptor_depth[rows])
 
 
+def fingertips(finger: Finger, radius: ArrayLike, receptor_depth: ArrayLike) -> Fingertips:
+    """Return fingers of these radii and receptor depths [m], shape (n, 1); 0 stands for the finger's own."""
+    given = (np.asarray(radius, float), finger.radius), (np.asarray(receptor_depth, float), finger.receptor_depth)
+    own = np.broadcast_arrays(*(np.where(value > 0, value, usual) for value, usual in given))
+    return Fingertips(own[0][..., None], own[1][..., None], finger.poisson_ratio)
+
+
 @dataclass(frozen=True)
 class FingerBox:
     """Range of radius and of receptor depth [m] that tables of stress fields cover, for fingers that vary.
@@ -194,7 +201,7 @@ def require_loads(what: str, loads: Sequence[Load]) -> tuple[Load, ...]:
     Raises
     ------
     InputError
-        If this is no sequence of loads, with what was expected.
+        If this is not a sequence of loads, with what was expected.
     """
     if isinstance(loads, (str, bytes, Indentation, Force)) or not hasattr(loads, "__iter__"):
         refuse(what, loads, f"a sequence of {LOAD}, as in [Indentation(2e-3)]")

@@ -6,21 +6,23 @@ import copy
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from softness_bayes.errors import InputError
 from softness_bayes.kinds import require_kind, require_members
-from softness_bayes.touch.conditions import checked_conditions, checked_fabrics, frozen, indices
+from softness_bayes.touch import batches
+from softness_bayes.touch.conditions import checked_conditions, checked_fabrics, distinct, frozen, indices
 from softness_bayes.touch.contact import (
     Contact,
     Finger,
     FingerBox,
     Fingertip,
-    Fingertips,
     Load,
     ManyLoads,
+    fingertips,
     log_compliance_ratio,
     reduced_modulus,
     require_loads,
@@ -40,8 +42,8 @@ from softness_bayes.touch.skin import skin_modulus
 
 Array = NDArray[np.float64]
 
-CHUNK = 1 << 16
-"""Quadrature nodes evaluated at once: enough for array speed, few enough for the cache."""
+_KEPT = ("loads", "firing", "fabric", "load", "finger", "readings", "discretisation", "modulus_range", "finger_box")
+"""Arguments of a scene that it keeps by their names."""
 
 
 class Scene:
@@ -119,9 +121,8 @@ class Scene:
 
     def _each_once(self) -> tuple[Scene, NDArray[np.intp]] | None:
         """Return the scene of the distinct conditions and each condition's index in it; None if all are distinct."""
-        touched = np.column_stack([self.load, self.modulus, self.poisson])
-        _, first, place = np.unique(touched, axis=0, return_index=True, return_inverse=True)
-        return None if first.size == self.n_conditions else (self.take(first), place.reshape(-1))
+        first, place = distinct(self.load, self.modulus, self.poisson)
+        return None if first.size == self.n_conditions else (self.take(first), place)
 
     @property
     def n_repeated(self) -> int:
@@ -136,16 +137,11 @@ class Scene:
         InputError
             If a vector has a finger of its own and the scene was compiled for one finger.
         """
-        radius, depth = (np.asarray(value, float) for value in (parameters.radius, parameters.receptor_depth))
-        if self.finger_box is None:
-            if radius.any() or depth.any():
-                raise InputError(
-                    "scene: a radius or a receptor_depth is given, but the scene has one finger and no box"
-                )
-            return self.finger
-        given = (radius, self.finger.radius), (depth, self.finger.receptor_depth)
-        own = np.broadcast_arrays(*(np.where(value > 0, value, usual) for value, usual in given))
-        return Fingertips(own[0][..., None], own[1][..., None], self.finger.poisson_ratio)
+        if self.finger_box is not None:
+            return fingertips(self.finger, parameters.radius, parameters.receptor_depth)
+        if np.any(parameters.radius) or np.any(parameters.receptor_depth):
+            raise InputError("scene: a radius or a receptor_depth is given, but the scene has one finger and no box")
+        return self.finger
 
     @property
     def n_conditions(self) -> int:
@@ -203,7 +199,7 @@ class Scene:
         finger = self.fingertip(flat)
         for columns, field in zip(self.columns, self.fields, strict=True):
             family = Family(field, self._log_k[columns], self.readings.skin_displacement)
-            chunk = CHUNK // self.discretisation.nodes
+            chunk = batches.CHUNK // self.discretisation.nodes
             found[:, columns] = family.total_rate(flat, curve, self.population, finger, chunk)
         return found.reshape(*shape, self.n_conditions)
 
@@ -250,7 +246,7 @@ class Scene:
             d = self.discretisation
             nodes, saturation, tolerance = d.nodes + 12, d.saturation + 8.0, 1e-2 * d.field_tolerance
             finer = replace(d, nodes=nodes, saturation=saturation, field_tolerance=tolerance, field_source=None)
-            self._finer = self._with(self._moduli, self._poissons, self.fabric, self.load, finer)
+            self._finer = self._with(discretisation=finer)
         return self._finer
 
     def exact(self) -> Scene:
@@ -333,11 +329,11 @@ class Scene:
     def on_grid(self, modulus: Array) -> Scene:
         """Return the scene of fabrics of these moduli [Pa] and the median Poisson ratio under all loads."""
         poisson = np.full(modulus.size, np.median(self.poisson))
-        return self._with(modulus, poisson, None, None, self.discretisation)
+        return self._with(fabric_modulus=modulus, fabric_poisson=poisson, fabric=None, load=None)
 
     def under(self, loads: Sequence[Load], fabric: ArrayLike, load: ArrayLike) -> Scene:
         """Return the scene of the same fabrics in other conditions: indices of their fabrics and of these loads."""
-        return self._with(self._moduli, self._poissons, fabric, load, self.discretisation, loads)
+        return self._with(loads=loads, fabric=fabric, load=load)
 
     def beside(self, modulus: Array, fabric: ArrayLike, load: ArrayLike) -> Scene:
         """Return the scene with further fabrics of these moduli [Pa] and the median Poisson ratio after its own ones.
@@ -350,30 +346,14 @@ class Scene:
             Indices of the conditions, into all fabrics and the scene's loads.
         """
         poisson = np.append(self._poissons, np.full(modulus.size, np.median(self.poisson)))
-        return self._with(np.append(self._moduli, modulus), poisson, fabric, load, self.discretisation)
+        moduli = np.append(self._moduli, modulus)
+        return self._with(fabric_modulus=moduli, fabric_poisson=poisson, fabric=fabric, load=load)
 
-    def _with(
-        self,
-        modulus: Array,
-        poisson: Array,
-        fabric: ArrayLike | None,
-        load: ArrayLike | None,
-        discretisation: Discretisation,
-        loads: Sequence[Load] | None = None,
-    ) -> Scene:
-        return Scene(
-            modulus,
-            poisson,
-            self.loads if loads is None else loads,
-            self.firing,
-            fabric,
-            load,
-            finger=self.finger,
-            readings=self.readings,
-            discretisation=discretisation,
-            modulus_range=self.modulus_range,
-            finger_box=self.finger_box,
-        )
+    def _with(self, **changed: Any) -> Scene:
+        """Compile a scene of the same arguments but for some."""
+        own = {name: getattr(self, name) for name in _KEPT}
+        own |= {"fabric_modulus": self._moduli, "fabric_poisson": self._poissons}
+        return Scene(**own | changed)
 
     def beyond_hertz(self, parameters: TouchParameters, modulus: Array | None = None) -> BeyondHertz:
         """Return the shares of draws × conditions whose contact leaves the range of Hertz's geometry."""
@@ -383,17 +363,8 @@ class Scene:
     def _chunks(
         self, parameters: TouchParameters, modulus: Array | None
     ) -> tuple[tuple[int, ...], Iterator[tuple[TouchParameters, Contact]]]:
-        require_members("parameters", parameters, ("b", "m"), "TouchParameters, as touch_parameters(values) returns")
-        if modulus is not None:
-            shape = np.broadcast_shapes(*(np.shape(value) for value in parameters), modulus.shape[:-1])
-            parameters = TouchParameters(*(np.broadcast_to(value, shape) for value in parameters))
-            modulus = np.broadcast_to(modulus, (*shape, modulus.shape[-1])).reshape(-1, modulus.shape[-1])
-        shape, flat = checked_rows(parameters)
-        rows = max(1, CHUNK // (self.n_conditions * self.discretisation.nodes))
-        # one after another, so that the memory of a chunk is free before the next
-        parts = (slice(start, start + rows) for start in range(0, max(flat[0].size, 1), rows))
-        chunks = ((TouchParameters(*(value[k] for value in flat)), k) for k in parts)
-        return shape, ((chunk, self._contact(chunk, None if modulus is None else modulus[k])) for chunk, k in chunks)
+        shape, parts = batches.chunks(parameters, modulus, self.n_conditions * self.discretisation.nodes)
+        return shape, ((chunk, self._contact(chunk, own)) for chunk, own in parts)
 
     def _contact(self, parameters: TouchParameters, modulus: Array | None) -> Contact:
         b, m, log_k = parameters.b[:, None], parameters.m[:, None], self._log_k

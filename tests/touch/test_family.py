@@ -8,7 +8,7 @@ import sys
 import numpy as np
 import pytest
 
-from softness_bayes.touch import scene as scene_module
+from softness_bayes.touch import batches
 from softness_bayes.touch.contact import Force, Indentation
 from softness_bayes.touch.family import MANY, NODES, interpolated
 from softness_bayes.touch.readings import Readings
@@ -158,7 +158,7 @@ def extra_memory(*arguments):
     return float(done.stdout)
 
 
-@pytest.mark.parametrize("many", [MANY, 10**9], ids=["interpolated", "evaluated"])
+@pytest.mark.parametrize("many", [MANY, pytest.param(10**9, marks=pytest.mark.slow)], ids=["interpolated", "evaluated"])
 def test_memory_of_ten_thousand_conditions(many):
     # the answer itself takes 0.08 MiB for each vector
     assert extra_memory("total_rate", 16, many) < 100
@@ -174,7 +174,7 @@ def test_evaluation_is_chunked(smooth_firing, paper, monkeypatch):
     """What is handled at once does not grow with the number of vectors."""
     scene = Scene(FABRICS[::20], 0.3, [Indentation(1e-3)], smooth_firing())
     seen = []
-    monkeypatch.setattr(scene_module, "CHUNK", 12_000)
+    monkeypatch.setattr(batches, "CHUNK", 12_000)
     sums = scene.population.sums
     monkeypatch.setattr(
         scene.population, "sums", lambda profile, *rest: seen.append(profile.peak.size) or sums(profile, *rest)

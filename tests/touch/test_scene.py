@@ -130,7 +130,7 @@ def test_the_order_of_arrays_in_memory_does_not_show(scene, rng, paper):
 def test_chunks_do_not_show(scene, rng, paper, monkeypatch):
     parameters = draws(rng, 25, paper)
     whole = scene.respond(parameters)
-    monkeypatch.setattr("softness_bayes.touch.scene.CHUNK", 4 * 15 * 12)
+    monkeypatch.setattr("softness_bayes.touch.batches.CHUNK", 4 * 15 * 12)
     assert_same(scene.respond(parameters), whole)
 
 
