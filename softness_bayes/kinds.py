@@ -42,7 +42,7 @@ def require_members(what: str, value: object, members: Iterable[str], such_as: s
 
 
 def require_mapping(what: str, value: object, such_as: str) -> None:
-    """Raise an error for an argument that is no mapping; arguments, and what raises, as `require_kind`."""
+    """Raise an error for an argument that is not a mapping; arguments, and what raises, as `require_kind`."""
     require_kind(what, value, Mapping, f"a mapping, as in {such_as}")
 
 

@@ -248,7 +248,7 @@ def shift_sentences(table: pd.DataFrame) -> list[str]:
     said = [
         f"if the moduli were wrong by {', '.join(f'{error:.0%}' for error in ERRORS[:-1])} or {ERRORS[-1]:.0%} "
         "(independent errors), posterior means would move, to first order, by these numbers of posterior standard "
-        f"deviations (beyond {LINEAR:g} first order is no guide to the size: declare the errors and see)"
+        f"deviations (beyond {LINEAR:g} first order does not tell the size: declare the errors and see)"
     ]
     for name, row in clear.iterrows():
         moved = ", ".join(_moved(row[column], row[f"{column}_mcse"]) for column in columns)

@@ -63,7 +63,7 @@ def cells_of(table: Table) -> tuple[Table, Cells | None]:
     if GEOMETRIC_MEAN.name in table:
         name, note = GEOMETRIC_MEAN.name, ""
         filed = table.cells[name]
-        table.numbers(GEOMETRIC_MEAN)  # those that are none, or not above 0, are faults
+        table.numbers(GEOMETRIC_MEAN)  # texts that are not numbers above 0 are faults
         geometric_sd = table.numbers(GEOMETRIC_SD)
     else:
         name = MEAN.name

@@ -66,7 +66,7 @@ def kept_name(title: str, titles: Mapping[str, Sequence[str]]) -> str:
 
 
 def _noted(table: Table, found: Mapping[str, tuple[str, ...]], varying: Sequence[tuple[str, str]]) -> list[str]:
-    """Return the notes of a table, in which covariates are no unused columns."""
+    """Return the notes of a table, in which covariates do not count as unused columns."""
     left = unused_note([title for title in table.others if title not in found])
     notes = [note for note in table.notes if note not in unused_note([*table.others])] + left
     if found:
@@ -76,5 +76,5 @@ def _noted(table: Table, found: Mapping[str, tuple[str, ...]], varying: Sequence
             notes.append(
                 f"covariate {quoted(title)} is kept as {quoted(name)}, since tables have a column of that name"
             )
-    notes += [f"column {quoted(title)} is no covariate: it varies within {quoted(name)}" for title, name in varying]
+    notes += [f"column {quoted(title)} is not a covariate: it varies within {quoted(name)}" for title, name in varying]
     return notes

@@ -186,7 +186,7 @@ def _take_unit(found: Header, name: str, title: str, spelt: Spelt, where: str) -
         )
     else:
         found.notes.append(
-            f"column {quoted(title)}: {quoted(text)} is no unit, so values are taken as they are for {name}"
+            f"column {quoted(title)}: {quoted(text)} is not a unit, so values are taken as they are for {name}"
         )
 
 

@@ -59,7 +59,7 @@ _DIFFERENCE = "case, Unicode form or invisible characters"
 
 
 def _look(name: str) -> str:
-    """Return a key that is the same for names which a reader can hardly tell apart."""
+    """Return a key that is the same for names that look alike to a reader."""
     folded = unicodedata.normalize("NFKC", unicodedata.normalize("NFKC", name).casefold())
     return " ".join("".join(c for c in folded if c.isspace() or unicodedata.category(c) not in ("Cf", "Cc")).split())
 

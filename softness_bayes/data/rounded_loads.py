@@ -57,8 +57,8 @@ def with_rounded_loads(ratings: Ratings, step: float) -> Ratings:
             rounded.append(kind(column.parse(f"{(count * unit).normalize():f}")))
         except ValueError as error:
             raise InputError(
-                f"round_load {step:g}: {load} would become {count * unit} {column.unit}, which is no load ({error}); "
-                "give a smaller step"
+                f"round_load {step:g}: {load} would become {count * unit} {column.unit}, which is not a load "
+                f"({error}); give a smaller step"
             ) from None
         groups.setdefault(rounded[-1], []).append(str(load))
     # rounding keeps the order of loads

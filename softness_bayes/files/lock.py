@@ -50,7 +50,7 @@ class Lock:
             if _is_at(handle, self._path):
                 if not _LOCKED.fullmatch(os.read(handle, 32)):
                     os.close(handle)
-                    raise InputError(f"{self._path}: is no lock of a run; move it away, or choose another --out")
+                    raise InputError(f"{self._path}: is not the lock of a run; move it away, or choose another --out")
                 os.ftruncate(handle, 0)
                 os.lseek(handle, 0, os.SEEK_SET)
                 os.write(handle, f"{os.getpid()}\n".encode())

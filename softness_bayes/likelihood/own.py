@@ -23,7 +23,7 @@ MEMBERS = (
 
 
 def require_model(scale: Scale, model: Any) -> None:
-    """Raise an error for what is no model of ratings on a scale.
+    """Raise an error for a value that is not a model of ratings on a scale.
 
     Raises
     ------

@@ -128,7 +128,7 @@ class PairRatings(OrderRatings):
         return np.where(self._second, share, self._shares)
 
     def _by_list(self, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
-        """Return the log probability of each pair's answer, shape (..., pairs); 0 of what is no answer."""
+        """Return the log probability of each pair's answer, shape (..., pairs); 0 where there is no answer."""
         worth = self._worth(mean_rate, parameters)
         if self._places.width < 2:
             return np.zeros(worth.shape[:-1])

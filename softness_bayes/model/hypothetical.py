@@ -40,7 +40,7 @@ class Planned(NamedTuple):
     n_fabrics: int
     """Number of fabrics of the experiment, whose moduli may be sampled; others have known ones."""
     compared: Comparisons | None = None
-    """Conditions that are compared with one another; None if ratings are no comparisons."""
+    """Conditions that are compared with one another; None if ratings are not comparisons."""
 
     @property
     def n_answers(self) -> int:

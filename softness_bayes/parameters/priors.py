@@ -111,7 +111,7 @@ def as_priors(given: Mapping[str, Prior | str]) -> dict[str, Prior]:
 
 
 def require_prior(what: str, prior: Any) -> None:
-    """Raise an error for what is no prior, and for a user's own law that contradicts itself.
+    """Raise an error for a value that is not a prior, and for a user's own law that contradicts itself.
 
     Raises
     ------
@@ -127,7 +127,7 @@ def require_prior(what: str, prior: Any) -> None:
             "'lognormal(100,0.5)'"
         )
     if not is_dataclass(kind) or any(not isinstance(getattr(prior, f.name), (int, float)) for f in fields(kind)):
-        raise InputError(f"{what}: {kind.__name__} is no dataclass of numbers, expected a subclass of Law that is one")
+        raise InputError(f"{what}: {kind.__name__} is not a dataclass of numbers, expected a subclass of Law that is")
     levels = np.linspace(0.1, 0.9, 9)
     places = np.asarray(prior.quantile(levels), float)
     if not np.allclose(prior.cumulative(places), levels, atol=1e-6) or not np.isclose(prior.median, places[4]):

@@ -116,7 +116,7 @@ def write_report(
     Raises
     ------
     InputError
-        If it is a directory, or a file that is no report, or a report that was changed since it was written.
+        If it is a directory, or a file that is not a report, or a report that was changed since it was written.
     """
     path = Path(path)
     if path.is_dir():

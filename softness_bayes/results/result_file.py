@@ -124,7 +124,7 @@ def _tables(path: Path, tree: xr.DataTree) -> dict[str, pd.DataFrame]:
             found: dict[str, Any] = json.loads(str(text.values))
             tables[str(name)] = pd.DataFrame(found["columns"]).set_index(found["index"])
         except (KeyError, TypeError, ValueError):
-            raise InputError(f"{path}: {name!r} of group {TABLES!r} is no table") from None
+            raise InputError(f"{path}: {name!r} of group {TABLES!r} is not a table") from None
     return tables
 
 

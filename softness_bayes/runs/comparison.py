@@ -233,7 +233,7 @@ def _data_that_differ(one: Result, two: Result) -> str:
         name for name in (RATING_LOW, RATING_HIGH) if any(name in r.group("constant_data") for r in (one, two))
     ]
     if any(name not in r.group("constant_data") for r in (one, two) for name in intervals):
-        return "one takes ratings as intervals, whose probabilities are no densities: give both --resolution 0"
+        return "one takes ratings as intervals, whose probabilities are not densities: give both --resolution 0"
     constants = (*intervals, "participant_index", "fabric_index", "load_index", "indentation_mm", "force_n")
     pairs = [
         (r.group("observed_data")["rating"], *(r.group("constant_data")[n] for n in constants)) for r in (one, two)

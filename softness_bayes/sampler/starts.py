@@ -1,7 +1,7 @@
 """Starting points of walkers: spread about several optimised points, each reached from its own prior draw.
 
 A local optimum is weighted by its mass: that of the normal law that matches it in height and curvature (Laplace).
-Its height alone is no measure, because a narrow mode can be far higher than a wide one of the same mass.
+Its height alone says little, because a narrow mode can be far higher than a wide one of the same mass.
 """
 
 from __future__ import annotations

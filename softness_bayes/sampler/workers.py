@@ -246,7 +246,7 @@ def _settle(resident: Any) -> None:
         logging.getLogger().addHandler(logging.NullHandler())
     # the process that waits for the results handles keyboard interrupts
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    # what was imported is no garbage: to look through it again and again is a fifth of the time of a figure
+    # what was imported is never garbage: to look through it again and again is a fifth of the time of a figure
     gc.freeze()
     gc.set_threshold(*GARBAGE)
     threading.Thread(target=_end_with_parent, daemon=True).start()

@@ -18,7 +18,7 @@ FILE = PACKAGE / "docs" / "architecture.svg"
 MODULES = PACKAGE / "docs" / "modules.md"
 """The page that lists all modules."""
 START = "__main__"
-"""The module that starts the program, which is no room."""
+"""The module that starts the program, which is not a room."""
 BOX, GAP, ROW = 146, 16, 56
 """Width of a box, space beside it, and distance of floors [px]."""
 Imports = Mapping[str, frozenset[str]]

@@ -47,7 +47,7 @@ def test_what_is_constant_within_participants_is_kept_as_written(file):
 def test_a_column_that_varies_for_few_is_named_with_one_of_them(file):
     ratings = Ratings.read(file(TABLE.replace("2,NA,felt", "2,44,felt").replace("2,NA,lawn", "2,45,lawn")))
     assert "age" not in ratings.covariates
-    assert "ratings.csv: column 'age' is no covariate: it varies within '2'" in ratings.notes
+    assert "ratings.csv: column 'age' is not a covariate: it varies within '2'" in ratings.notes
     assert not [note for note in ratings.notes if "'mood' is no" in note]  # it varies within most
 
 

@@ -105,7 +105,7 @@ def test_a_header_unit_beside_a_rename_is_converted_or_refused(file):
             cloth(file, f"{title},tensile_modulus_mpa", "250,2", columns={"thickness_mm": title})
     read = cloth(file, "Thickness (KES),tensile_modulus_mpa", "0.2,2", columns={"thickness_mm": "Thickness (KES)"})
     assert read.thickness.tolist() == [0.2e-3]
-    assert any("'KES' is no unit, so values are taken as they are for thickness_mm" in note for note in read.notes)
+    assert any("'KES' is not a unit, so values are taken as they are for thickness_mm" in note for note in read.notes)
 
 
 def test_percentages_of_errors_are_converted(file):

@@ -2,7 +2,7 @@
 
 A spike is an upward crossing of ``SPIKE_VOLTAGE``. Its time is found by repeating the step that crosses it with
 other lengths until the step ends on it, so that it has the full order of the method. The rate is the inverse of the
-converged interval between spikes. Spikes are not counted: those of an onset transient are no sustained firing.
+converged interval between spikes. Spikes are not counted: those of an onset transient are not sustained firing.
 """
 
 from __future__ import annotations
