@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 import gc
 import os
+import sys
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -26,6 +27,7 @@ from support.randomness import SEED, generator_of
 
 # Processes that tests start compile nothing anew, whatever the environment says: that took a third of their time.
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+sys.dont_write_bytecode = False  # or this process hands it on to those that it forks
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

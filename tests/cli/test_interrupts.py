@@ -123,7 +123,9 @@ def sent(directory, delay, number=signal.SIGINT, whole=True):
     return "nothing"
 
 
-@pytest.mark.parametrize("delay", [0.0, 0.02, 0.05, 0.1, 0.3, 1.0, 2.5])
+@pytest.mark.parametrize(
+    "delay", [0.0, 0.05, 0.3, 2.5, *(pytest.param(delay, marks=pytest.mark.slow) for delay in (0.02, 0.1, 1.0))]
+)
 def test_an_interrupt_ends_a_run_quietly_at_its_start(tmp_path, delay):
     sent(tmp_path, delay)
 

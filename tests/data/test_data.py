@@ -439,7 +439,7 @@ def test_negative_ratings_are_refused_on_demand(file, value):
     assert MAGNITUDE.require(Ratings.read(file(edited(RATINGS, 3, "7.25", "0")))) is None
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", [0, 1, *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(2, 20))])
 def test_damaged_files_are_read_or_refused_but_never_crash(file, seed):
     rng = np.random.default_rng(seed)
     marks = list('",;\n\r\t.-0e #\\\x00\x85é٣')

@@ -226,7 +226,7 @@ def test_many_fabrics_take_time_in_proportion(tmp_path):
 
     taken(100)
     # eightfold rows: eight times as long, sixty-four if it were quadratic
-    assert min(taken(16_000) for _ in range(2)) < 25 * min(taken(2_000) for _ in range(3))
+    assert min(taken(8_000) for _ in range(2)) < 25 * min(taken(1_000) for _ in range(3))
 
 
 @pytest.mark.parametrize(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import http.client
 import os
 import signal
@@ -61,10 +62,9 @@ def test_other_origins_are_refused(address):
 
 
 def test_the_page_needs_no_network(address):
-    asked = http.client.HTTPConnection(address.hostname, address.port, timeout=20)
-    asked.request("GET", "/")
-    text = asked.getresponse().read().decode()
-    asked.close()
+    with contextlib.closing(http.client.HTTPConnection(address.hostname, address.port, timeout=120)) as asked:
+        asked.request("GET", "/")
+        text = asked.getresponse().read().decode()
     assert "softness-bayes explore" in text
     assert "https://" not in text
     assert "http://" not in text.replace(f"http://{address.netloc}", "")

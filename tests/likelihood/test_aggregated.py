@@ -63,7 +63,7 @@ def test_one_standard_deviation_is_chi_square(rng):
     assert_allclose(found, expected, atol=1e-6)
 
 
-@pytest.mark.parametrize("raters", [2, 3, 12, 60, 300])
+@pytest.mark.parametrize("raters", [2, 12, 300, *(pytest.param(raters, marks=pytest.mark.slow) for raters in (3, 60))])
 def test_simulated_raters_have_the_law(raters, rng):
     """Standard deviations of simulated single ratings, whose cells share the raters, lie uniformly in it."""
     p = RatingParameters.among({"tau": np.array([0.6]), "varsigma": np.array([0.4])})

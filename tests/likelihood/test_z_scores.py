@@ -296,7 +296,12 @@ def test_names_of_scales_and_what_suits_them(values):
 MADE_FROM = [*((scale, INVERSE) for scale in RATING_SCALES.values()), (MAGNITUDE, SOFTNESS), (STANDARDISED, SOFTNESS)]
 
 
-@pytest.mark.parametrize(("scale", "direction"), MADE_FROM, ids=[f"{s.name}-{d.name}" for s, d in MADE_FROM])
+@pytest.mark.parametrize(
+    ("scale", "direction"),
+    # most other tests of runs are of magnitude estimates that rise with the response
+    [pytest.param(*made, marks=[pytest.mark.slow] * (made == (MAGNITUDE, SOFTNESS))) for made in MADE_FROM],
+    ids=[f"{s.name}-{d.name}" for s, d in MADE_FROM],
+)
 def test_a_run_says_what_its_ratings_were_made_from(values, monkeypatch, scale, direction):
     """Parameters, replicates and the curve of a typical rating are those of the table."""
     monkeypatch.setattr(request, "Settings", functools.partial(Settings, pilot=(40,), optima=1, ensembles=2))

@@ -47,6 +47,7 @@ def log_density(posterior, theta):
     return posterior.log_prior(theta) + posterior.log_likelihood(theta)
 
 
+@pytest.mark.slow
 def test_one_free_parameter_equals_quadrature():
     posterior = fake_posterior(fix=held("gamma"))
     draws = independent_draws(posterior)[:, 0]

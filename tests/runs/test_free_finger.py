@@ -79,7 +79,14 @@ def test_a_run_that_does_not_use_them_does_not_know_them(held_model):
     assert held_model.scene.finger_box is None
 
 
-@pytest.mark.parametrize("names", [("radius",), ("receptor_depth",), ("radius", "receptor_depth")], ids="-".join)
+@pytest.mark.parametrize(
+    "names",
+    [
+        ("radius", "receptor_depth"),
+        *(pytest.param((one,), marks=pytest.mark.slow) for one in ("radius", "receptor_depth")),
+    ],
+    ids="-".join,
+)
 def test_a_prior_of_tiny_width_gives_the_likelihood_of_the_held_finger(held_model, names, rng):
     narrow = {"radius": Normal(8, 1e-4), "receptor_depth": Normal(0.7, 1e-5)}
     options = ModelOptions(fix=HELD, discretisation=FINE, priors={name: narrow[name] for name in names})

@@ -27,6 +27,7 @@ class Normal:
         return rng.standard_normal((size, len(self.names)))
 
 
+@pytest.mark.slow
 def test_the_slow_way_is_told_from_the_quick_one():
     stretch, default = (measure(Normal(6), way, 600) for way in (WAYS["stretch"], [*WAYS.values()][-1]))
     # the stretch move is known for tau near ten times the dimension; proposals from the law itself need a few steps

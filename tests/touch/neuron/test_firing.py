@@ -78,7 +78,8 @@ def test_a_curve_that_never_rises(curve: RateCurve) -> None:
     silent = exact_curve(PAPER_CHANNELS._replace(c_Na=0.0), max_current=15.0)
     assert (silent.rate(np.linspace(-5.0, 15.0, 9)) == 0.0).all()
     low = exact_curve(max_current=17.0)
-    assert low.rheobase == curve.rheobase
+    # exp differs in its last bits between processors, and the usual curve may have been computed on another
+    assert low.rheobase == pytest.approx(float(curve.rheobase), rel=1e-9)
     assert (low.rate(np.array([10.0, 17.0])) == 0.0).all()
 
 

@@ -12,6 +12,8 @@ from softness_bayes.touch.neuron import known_curves
 from softness_bayes.touch.neuron.firing import RateCurve, exact_curve
 from softness_bayes.touch.neuron.known_curves import key, known_curve, text_of
 from softness_bayes.touch.neuron.membrane import CONNOR_STEVENS, PAPER_CHANNELS, PRINTED
+from softness_bayes.touch.neuron.rate import firing_rate
+from support.onsets import EXACT_ENOUGH
 
 
 def require_same(kept: RateCurve, made: RateCurve) -> None:
@@ -24,10 +26,14 @@ def require_same(kept: RateCurve, made: RateCurve) -> None:
     np.testing.assert_allclose(kept.error, made.error, rtol=0.1, atol=1e-6)
 
 
-def test_the_usual_curve_is_the_computed_one() -> None:
+def test_the_usual_curve_goes_through_exact_rates() -> None:
+    """As a whole it is compared with the computed one among the slow tests."""
     assert CASES[0] == (PAPER_CHANNELS, CONNOR_STEVENS, 40.0, 18)
-    # the steps that it may take are far fewer than those that a search may
-    require_same(known_curve(*CASES[0]), exact_curve(*CASES[0], steps=4000))
+    kept = known_curve(*CASES[0])
+    current = kept.rheobase + np.array([-0.01, 0.01, 0.3, 2.0, 9.0, 20.0])
+    exact = firing_rate(current, tolerance=EXACT_ENOUGH)
+    assert exact[0] == 0.0 < exact[1]
+    np.testing.assert_allclose(kept.rate(current), exact, rtol=1e-4)
 
 
 @pytest.mark.slow
