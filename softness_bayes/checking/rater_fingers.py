@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from softness_bayes.likelihood.ratings import SKIN
 from softness_bayes.parameters.declared import PARAMETERS
 from softness_bayes.touch.finger_grid import EFFECT_OF, SPREAD_OF
 
@@ -36,7 +37,8 @@ def finger_table(tree: xr.DataTree) -> pd.DataFrame | None:
     DataFrame
         For each quantity that differs between raters a row for the population (a finger drawn from it) and one for
         each rater: participant and quantity (index); median, low and high (90 % limits) in the quantity's unit;
-        and ratio, the rater's median over that of the typical finger.
+        ratio, the rater's median over that of the typical finger; and pressed, whether forces of a plate on this
+        rater's finger tell of the quantity, beside the ratings.
     """
     import pandas as pd
 
@@ -45,6 +47,7 @@ def finger_table(tree: xr.DataTree) -> pd.DataFrame | None:
     if not names:
         return None
     people, rows = posterior["participant"].values.astype(str), []
+    fingers = posterior["finger"].values.astype(str).tolist() if "finger" in posterior.coords else []
     rng = np.random.default_rng(0)
     for name in names:
         typical = _drawn(tree, posterior, name)
@@ -52,7 +55,8 @@ def finger_table(tree: xr.DataTree) -> pd.DataFrame | None:
         anyone = spread * rng.standard_normal(np.broadcast_shapes(typical.shape, spread.shape))
         own = posterior[EFFECT_OF[name]].values.reshape(-1, people.size)
         columns = {POPULATION: anyone, **dict(zip(people.tolist(), own.T, strict=True))}
-        rows += [_row(who, name, typical, deviation) for who, deviation in columns.items()]
+        pressed = set(fingers) if name in SKIN else set()
+        rows += [{**_row(who, name, typical, own), "pressed": who in pressed} for who, own in columns.items()]
     return pd.DataFrame(rows).set_index(["participant", "quantity"])
 
 
@@ -89,5 +93,12 @@ def finger_sentences(table: pd.DataFrame) -> list[str]:
             f"raters' own {name}: medians from {median.min():.3g} to {median.max():.3g}"
             f"{'' if unit == '–' else f' {unit}'}; 90 % of new raters lie between {anyone['low']:.3g} and "
             f"{anyone['high']:.3g}"
+            f"{_of_forces(raters)}"
         )
     return said
+
+
+def _of_forces(raters: pd.DataFrame) -> str:
+    # results of earlier versions have no such column
+    pressed = int(raters["pressed"].sum()) if "pressed" in raters else 0
+    return f"; forces of a plate tell of {pressed} of {len(raters)} raters" if pressed else ""

@@ -208,6 +208,7 @@ def run(
         If a limit was reached first; everything is written all the same.
     """
     from softness_bayes.model.build import ExperimentModel
+    from softness_bayes.model.pressed import people_note
     from softness_bayes.model.reach import reach_of
     from softness_bayes.results.versions import versions
     from softness_bayes.runs.kept import model_of, sample_kept
@@ -220,7 +221,8 @@ def run(
         if said := reach_of(model.experiment, model.options):
             click.echo(f"warning: {said}", err=True)
         click.echo(_direction_note(model), err=True)
-        for said in (model.given.note, model.given.errors_note):
+        people = people_note(model.experiment, model.options)
+        for said in (model.given.note, model.given.errors_note, *([] if people is None else [people])):
             click.echo(f"note: {said}", err=True)
     bar = Bar()
     with keeping(lambda: _kept(checkpoint, bar.drawing)), checkpoint:

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
-from typing import ClassVar, NamedTuple
+from typing import ClassVar, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -22,9 +22,10 @@ from softness_bayes.likelihood.design import Design
 from softness_bayes.likelihood.magnitude import LogRatings, RatingModel
 from softness_bayes.likelihood.mu_nodes import RaterLaw, about_mu, at_nodes, log_prior, log_sum
 from softness_bayes.likelihood.pieces import in_pieces
-from softness_bayes.likelihood.ratings import RatingParameters
+from softness_bayes.likelihood.pressed import PressedRaters
+from softness_bayes.likelihood.ratings import OF_FORCES, SKIN, RatingParameters
 from softness_bayes.likelihood.stated import Stated
-from softness_bayes.touch.finger_grid import EFFECT_OF, SPREAD_OF, FingerGrid
+from softness_bayes.touch.finger_grid import EFFECT_OF, SPREAD_OF, FingerGrid, SkinLaws
 
 FloatArray = NDArray[np.float64]
 
@@ -58,7 +59,7 @@ class IndividualModel(RatingModel):
         The fingers.
     """
 
-    needs: ClassVar[tuple[str, ...]] = ("gamma", "tau", "varsigma", "eps", *SPREAD_OF.values())
+    needs: ClassVar[tuple[str, ...]] = ("gamma", "tau", "varsigma", "eps", *SPREAD_OF.values(), *OF_FORCES)
     grid: FingerGrid = field(default_factory=lambda: FingerGrid({"b": 3}))
 
     def drive_at(
@@ -128,6 +129,16 @@ class IndividualModel(RatingModel):
         own = {EFFECT_OF[name]: (effects.deviation[..., k], ("participant",)) for k, name in enumerate(self.grid.names)}
         return {"mu": (effects.mu, ()), "participant_effect": (effects.participant, ("participant",)), **own}
 
+    def deviation_of_known(self, finger: NDArray[np.intp], known: SkinLaws, parameters: RatingParameters) -> FloatArray:
+        """Return `deviation` for people of `known`, whose fingers are z standard deviations from their own laws."""
+        found, z = self.deviation(finger, parameters), self.grid.z
+        nothing = np.zeros(self.grid.size)
+        log_b, m = known.deviation(*(z.get(name, nothing)[finger] for name in SKIN))
+        for name, own in zip(SKIN, (log_b, m), strict=True):
+            if name in self.grid.names:
+                found[..., self.grid.names.index(name)] = own
+        return found
+
     def observe(self, ratings: ArrayLike, design: Design, stated: Stated | None = None) -> IndividualRatings:
         """Return the likelihood of these ratings under this model."""
         return IndividualRatings(ratings, design, self)
@@ -136,7 +147,13 @@ class IndividualModel(RatingModel):
 class IndividualRatings(LogRatings):
     """Positive ratings under an `IndividualModel`, with mu, raters' scales and raters' fingers integrated out.
 
-    Parameters and errors as `LogRatings`; mean rates have the columns that `IndividualModel` describes.
+    Parameters and errors as `LogRatings`; mean rates have the columns that `IndividualModel` describes. Behind these
+    are, for each of `pressed`, those of as many fingers of that person (`FingerFamily.total_rate`).
+
+    Parameters
+    ----------
+    pressed
+        Raters of whom there are forces of a plate: the density of the ratings is that given these.
     """
 
     model: IndividualModel
@@ -147,8 +164,14 @@ class IndividualRatings(LogRatings):
         design: Design,
         model: RatingModel,
         over: Design | None = None,
+        pressed: PressedRaters | None = None,
     ) -> None:
         super().__init__(ratings, design, model, over)
+        self.pressed = pressed
+        self._block = np.zeros(design.n_participants, np.intp)
+        if pressed is not None:
+            among = pressed.rater >= 0
+            self._block[pressed.rater[among]] = 1 + np.flatnonzero(among)
         self._centred = self._log - math.log(self.model.centre)
         rows = design.cells.sum(axis=1)
         self._raters = np.flatnonzero(rows)
@@ -166,14 +189,39 @@ class IndividualRatings(LogRatings):
         np.add.at(self._sums, (self._rater, design.condition), self._deviation)
 
     @property
+    def n_blocks(self) -> int:
+        """Number of grids of fingers: that of anybody, and one for each pressed person."""
+        return 1 if self.pressed is None else 1 + self.pressed.size
+
+    @property
     def fabric_of_rate(self) -> NDArray[np.intp]:
         """Fabric of each column of the mean rates."""
-        return np.tile(self.design.fabric, 1 + self.model.grid.size)
+        return np.tile(self.design.fabric, 1 + self.n_blocks * self.model.grid.size)
 
     def with_grid(self, grid: FingerGrid) -> IndividualRatings:
         """Return the likelihood of the same ratings over another grid of fingers."""
         model = IndividualModel(self.model.direction, self.model.centre, self.model.spread, grid)
-        return type(self)(self.values, self.design, model, self._over)
+        return type(self)(self.values, self.design, model, self._over, self.pressed)
+
+    def with_pressed(self, pressed: PressedRaters | None) -> Self:
+        """Return the likelihood of the same ratings given the forces of these people."""
+        return type(self)(self.values, self.design, self.model, self._over, pressed)
+
+    def of_strangers(self) -> Self:
+        """Return the likelihood of the same ratings by people who were not pressed, of as many mean rates."""
+        return self if self.pressed is None else self.with_pressed(self.pressed.as_strangers())
+
+    def skins_of_pressed(self, parameters: RatingParameters) -> SkinLaws | None:
+        """Return what forces say of the skins of pressed raters, if there are any."""
+        return None if self.pressed is None else self.pressed.skins(self.model.grid.names, parameters)
+
+    def with_values(self, values: ArrayLike) -> Self:
+        """Return the likelihood of other ratings of the same rows."""
+        return type(self)(values, self.design, self.model, self._over, self.pressed)
+
+    def without(self, rows: NDArray[np.bool_]) -> Self:
+        """Return the other ratings, with x still centred over all rows."""
+        return type(self)(self.values[~rows], self.design.without(rows), self.model, self._over, self.pressed)
 
     def log_likelihood(self, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
         """Log density of all ratings together, shape (...); arguments as `LogRatings.log_likelihood`."""
@@ -247,7 +295,8 @@ class IndividualRatings(LogRatings):
         expected = tau * (gap - mu[..., None]) / law.variance
         width = np.sqrt(tau * noise / self._rows / law.variance)
         participant[..., self._raters] = expected + width * rng.standard_normal(expected.shape)
-        deviation = self.model.deviation(finger, parameters)
+        deviation = self._deviation_of(finger, parameters)
+        finger = finger + self._block * self.model.grid.size
         return IndividualEffects(mu + math.log(self.model.centre), participant, finger, deviation)
 
     def residual(self, mean_rate: FloatArray, parameters: RatingParameters, effects: Effects) -> FloatArray:
@@ -260,28 +309,59 @@ class IndividualRatings(LogRatings):
     def _loo_width(self) -> int:
         return 20 * self.design.n_rows * self.model.grid.size
 
+    def _deviation_of(self, finger: NDArray[np.intp], parameters: RatingParameters) -> FloatArray:
+        """Return the deviations of each rater's finger of the rater's own grid, (..., participants, quantities)."""
+        deviation, pressed = self.model.deviation(finger, parameters), self.pressed
+        if pressed is None:
+            return deviation
+        # strangers are the last rater's here, and left out
+        known = pressed.skins(self.model.grid.names, parameters)
+        own = self.model.deviation_of_known(finger[..., pressed.rater], known, parameters)
+        among = pressed.rater >= 0
+        deviation[..., pressed.rater[among], :] = own[..., among, :]
+        return deviation
+
     def _drives(self, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
-        """Return the drive of every finger in every condition, shape (..., fingers, conditions)."""
-        width = self.design.n_conditions
-        if mean_rate.shape[-1] != width * (1 + self.model.grid.size):
+        """Return the drive of every finger in every condition, shape (..., grids, fingers, conditions)."""
+        width, size = self.design.n_conditions, self.model.grid.size
+        if mean_rate.shape[-1] != width * (1 + self.n_blocks * size):
             raise InputError(
-                f"ratings: {mean_rate.shape[-1]} mean rates, expected those of {self.model.grid.size} fingers and the "
+                f"ratings: {mean_rate.shape[-1]} mean rates, expected those of {self.n_blocks * size} fingers and the "
                 f"typical one in {width} conditions"
             )
         drive = self.drive(mean_rate, parameters)[..., width:]
-        return drive.reshape(*drive.shape[:-1], -1, width)
+        return drive.reshape(*drive.shape[:-1], -1, size, width)
+
+    def _of_raters(self, values: FloatArray, weights: FloatArray, raters: NDArray[np.intp]) -> FloatArray:
+        """Return sums over conditions of each rater's own fingers, shape (..., fingers, raters).
+
+        Parameters
+        ----------
+        values
+            Of each finger in every condition, shape (..., grids, fingers, conditions).
+        weights
+            Of each rater's conditions, shape (raters, conditions).
+        raters
+            The raters, indices of participants.
+        """
+        found = values[..., 0, :, :] @ weights.T
+        for k in np.flatnonzero(self._block[raters]):
+            found[..., k] = values[..., self._block[raters[k]], :, :] @ weights[k]
+        return found
 
     def _law(self, mean_rate: FloatArray, parameters: RatingParameters) -> RaterLaw:
         drive = self._drives(mean_rate, parameters)
         row = np.maximum(np.asarray(parameters.varsigma, float) ** 2, _LEAST_VARIANCE)[..., None]
         tau = np.asarray(parameters.tau, float)[..., None] ** 2
-        mean = drive @ self._shares.T
-        squares = self._squares - 2.0 * (drive @ self._sums.T) + (drive * drive) @ self._cells.T - self._rows * mean**2
+        mean = self._of_raters(drive, self._shares, self._raters)
+        sums = self._of_raters(drive, self._sums, self._raters)
+        own = self._of_raters(drive * drive, self._cells, self._raters)
+        squares = self._squares - 2.0 * sums + own - self._rows * mean**2
         log_term = self.model.grid.log_weight[:, None] - 0.5 * squares / row[..., None, :]
         variance = row / self._rows + tau
         determinant = (self._rows - 1.0) * np.log(row) + np.log(row + self._rows * tau)
         constant = -0.5 * (self._rows * _LOG_TWO_PI + determinant)
-        shape = drive.shape[:-2]
+        shape = drive.shape[:-3]
         variance, constant = (np.broadcast_to(v, (*shape, self._rows.size)) for v in (variance, constant))
         return self._placed(
             RaterLaw(log_term, self._means - mean, variance, constant, np.zeros(shape), np.zeros(shape))
@@ -304,8 +384,10 @@ class IndividualRatings(LogRatings):
         (..., rows).
         """
         at, condition = self._rater, self.design.condition
+        block = self._block[self.design.participant]
         law = self._law(mean_rate, parameters)
-        drive = self._drives(mean_rate, parameters)
+        drive = np.moveaxis(self._drives(mean_rate, parameters), -2, 0)[..., block, condition]
+        drive = np.moveaxis(drive, 0, -2)  # of each row's rater, (..., fingers, rows)
         row = np.maximum(np.asarray(parameters.varsigma, float) ** 2, _LEAST_VARIANCE)[..., None]
         tau = np.asarray(parameters.tau, float)[..., None] ** 2
         log_raters = at_nodes(law)
@@ -314,7 +396,7 @@ class IndividualRatings(LogRatings):
         rows = self._rows[at]
         left = np.maximum(rows - 1.0, 1.0)
         # the rater's law without this row, finger by finger: (..., fingers, rows)
-        within = self._deviation - drive[..., condition] + (self._means[at] - law.gap[..., at])
+        within = self._deviation - drive + (self._means[at] - law.gap[..., at])
         gap = law.gap[..., at] - within / left
         term = law.log_term[..., at] + 0.5 * within**2 * (rows / left) / row[..., None, :]
         alone = rows == 1
@@ -325,7 +407,7 @@ class IndividualRatings(LogRatings):
         # the row given finger, mu and the rater's other rows
         shrunk = (tau * precision)[..., None, :]
         sd = np.sqrt(row + tau * (1.0 - tau * precision))[..., None, :]
-        base = self._centred - drive[..., condition] - shrunk * gap
+        base = self._centred - drive - shrunk * gap
         for q in range(2 * law.steps + 1):
             mu = (law.centre + (q - law.steps) * law.step)[..., None, None]
             weight = rest[..., q, None, :] + term - 0.5 * (gap - mu) ** 2 * precision[..., None, :]

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.special import ndtr
 
 from softness_bayes.errors import InputError
-from softness_bayes.likelihood.contract import Likelihood
+from softness_bayes.likelihood.contract import NO_RESPONSE, Likelihood
 from softness_bayes.likelihood.design import Design
 from softness_bayes.likelihood.error_laws import NORMAL, ErrorLaw
 from softness_bayes.likelihood.pieces import in_pieces
@@ -92,6 +92,15 @@ class PlateModel:
     def named_effects(self, effects: FingerEffects) -> Mapping[str, tuple[Array, tuple[str, ...]]]:
         """Return the fingers' departures by their names in files, each with its axes beyond the batch's."""
         return {"log_b_effect": (effects.log_b, ("finger",)), "m_effect": (effects.m, ("finger",))}
+
+
+class FingerLaw(NamedTuple):
+    """The normal law of each finger's deviations from the typical one given its forces."""
+
+    mean: Array
+    """Of ln b and of m, shape (..., fingers, 2)."""
+    root: Array
+    """A square root of the covariance: mean + root z for standard normal z, shape (..., fingers, 2, 2)."""
 
 
 class CompressionForces(Likelihood):
@@ -251,6 +260,19 @@ class CompressionForces(Likelihood):
         solved = np.stack([first, gap[..., 1] / law.second - law.gain * first], axis=-1)
         pulled = np.einsum("jab,...ja->...jb", turn, solved)
         return FingerEffects(blank.log_b + tau_b**2 * pulled[..., 0], blank.m + tau_m**2 * pulled[..., 1])
+
+    def finger_law(self, parameters: SkinParameters) -> FingerLaw:
+        """Return what the forces say of each finger's deviations from the typical one, at batch shape (...)."""
+        law = self._law(NO_RESPONSE, parameters)
+        shape = law.residual.shape[:-1]
+        spread = np.stack(np.broadcast_arrays(*(np.asarray(v, float) for v in parameters[2:4])), axis=-1)
+        spread = np.broadcast_to(spread[..., None, :], (*shape, 2))
+        reach = self._turn * spread[..., None, :]  # of one standard deviation of each departure, (..., fingers, 2, 2)
+        turned = np.swapaxes(reach, -1, -2) / law.variance[..., None, None, None]
+        # in standard deviations of the departures: spreads of 0 need no special case
+        covariance = np.linalg.inv(np.eye(2) + turned @ reach)
+        mean = (covariance @ (turned @ law.residual[..., None]))[..., 0]
+        return FingerLaw(spread * mean, spread[..., None] * np.linalg.cholesky(covariance))
 
     def replicate(
         self,

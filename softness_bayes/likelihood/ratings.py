@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, ClassVar, NamedTuple, Protocol, Self
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Protocol, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -13,11 +13,21 @@ from softness_bayes.likelihood.contract import Effects, Likelihood, Model
 from softness_bayes.likelihood.design import Design, IndexArray
 from softness_bayes.likelihood.directions import RatingDirection
 from softness_bayes.likelihood.stated import Stated
+from softness_bayes.touch.finger_grid import SkinLaws
+
+if TYPE_CHECKING:
+    from softness_bayes.likelihood.pressed import PressedRaters
 
 FloatArray = NDArray[np.float64]
 
 RATINGS = "ratings"
 """Name of the ratings among the terms of a posterior."""
+
+SKIN = ("b", "m")
+"""Parameters of the chain that a rigid plate knows, too."""
+
+OF_FORCES = (*SKIN, "varsigma_f")
+"""Fields of `RatingParameters` that forces of a plate have, and ratings where the same fingers were pressed."""
 
 
 class RatingParameters(NamedTuple):
@@ -43,6 +53,12 @@ class RatingParameters(NamedTuple):
     """Degrees of freedom of Student's t errors [-]."""
     lapse: ArrayLike = 0.0
     """Share of lapses among ratings [-]."""
+    b: ArrayLike = np.nan
+    """Modulus at rest of the typical finger [Pa], where raters' own fingers were pressed; likewise the next two."""
+    m: ArrayLike = np.nan
+    """Its stiffening ([-] or [1/m])."""
+    varsigma_f: ArrayLike = np.nan
+    """Standard deviation of a force's log about its finger's [-]."""
     gap_2: ArrayLike = 0.0
     """Width of the second category, in the log [-]; likewise below."""
     gap_3: ArrayLike = 0.0
@@ -235,6 +251,18 @@ class RatingsLikelihood(Likelihood):
     @property
     def ends(self) -> tuple[FloatArray, FloatArray] | None:
         """Ends of the intervals that the ratings stand for, each (rows,); None if they are exact numbers."""
+        return None
+
+    def with_pressed(self, pressed: PressedRaters | None) -> Self:
+        """Return the likelihood given forces on raters' own fingers; the same where raters have the typical one."""
+        return self
+
+    def of_strangers(self) -> Self:
+        """Return the likelihood of the same ratings by people who were not pressed, of as many mean rates."""
+        return self
+
+    def skins_of_pressed(self, parameters: RatingParameters) -> SkinLaws | None:
+        """Return what forces say of the skins of pressed raters, if that is known of anybody."""
         return None
 
     def finer(self) -> Self:

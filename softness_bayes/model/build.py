@@ -20,7 +20,7 @@ from softness_bayes.likelihood.load_errors import LoadErrors
 from softness_bayes.likelihood.models import rating_model, under_uncertain_loads
 from softness_bayes.likelihood.own import try_likelihood
 from softness_bayes.likelihood.plate import CompressionForces
-from softness_bayes.likelihood.ratings import RatingParameters, RatingsLikelihood, RatingsModel
+from softness_bayes.likelihood.ratings import SKIN, RatingParameters, RatingsLikelihood, RatingsModel
 from softness_bayes.likelihood.scales import MAGNITUDE, STANDARDISED
 from softness_bayes.likelihood.spreads import RaterSpreads, SpreadModel
 from softness_bayes.model.as_given import AsGiven, as_given
@@ -30,6 +30,7 @@ from softness_bayes.model.individual import family_of, grid_of, spreads_of
 from softness_bayes.model.options import ModelOptions
 from softness_bayes.model.other_loads import beside
 from softness_bayes.model.posterior import Density, Posterior
+from softness_bayes.model.pressed import pressed_raters
 from softness_bayes.model.resolution import prior_draws, resolution_for
 from softness_bayes.model.scenes import scene_of
 from softness_bayes.parameters.choice import parameter_space
@@ -48,9 +49,6 @@ ALPHA_WIDTH = 0.3
 
 SIGN_WIDTH = 0.1
 """Magnitude of an exponent of either sign below which its coordinate is linear."""
-
-SKIN = ("b", "m")
-"""The parameters of the chain that a rigid plate knows."""
 
 
 @dataclass(frozen=True)
@@ -154,6 +152,8 @@ def build(experiment: Experiment, options: ModelOptions = ModelOptions()) -> Exp
     if options.individual:
         fingers = family_of(scene, grid_of(options.individual))
     plates = () if experiment.compression is None else (forces_of(experiment.compression, options),)
+    if plates:
+        observation = observation.with_pressed(pressed_raters(experiment, options, plates[0]))
     spreads = spreads_between(experiment.ratings)
     posterior = Posterior(
         _bent(space, scene, chosen.direction).with_moduli(moduli),
@@ -242,7 +242,7 @@ def space_of(experiment: Experiment, options: ModelOptions, given: AsGiven | Non
         prior_set=options.prior_set,
         skin_displacement=options.readings.skin_displacement,
         n_participants=raters_told(experiment.ratings),
-        absent=set(RatingParameters._fields) - {*needs, *FINGER_PARAMETERS, *ERROR_PARAMETERS},
+        absent=set(RatingParameters._fields) - {*needs, *SKIN, *FINGER_PARAMETERS, *ERROR_PARAMETERS},
         n_fingers=None if experiment.compression is None else len(experiment.compression.participants),
         membrane=options.readings.membrane,
         spreads=spreads_of(options.individual),

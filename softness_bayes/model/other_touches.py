@@ -66,6 +66,7 @@ class OtherTouches:
     def _beside(self) -> Posterior:
         """The posterior whose forward model is that of these touches; it has no moduli among its parameters."""
         of, fingers = self.posterior, self.posterior.fingers
+        of = of.with_term(of.observation.with_pressed(None))  # new raters' fingers are anybody's
         return replace(
             of,
             space=replace(of.space, sampled=of.space.chain, moduli=None),

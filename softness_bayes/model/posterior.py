@@ -54,8 +54,9 @@ class Density:
     space
         The parameters.
     terms
-        The likelihood of each kind of data, independent of each other given the parameters. Raters and fingers are not
-        matched: the typical finger's b and m are those of the typical rater.
+        The likelihood of each kind of data, independent of each other given the parameters; that of ratings may be
+        given the forces of the same people (`likelihood.pressed`). The typical finger's b and m are those of the
+        typical rater.
     """
 
     space: ParameterSpace
@@ -224,7 +225,8 @@ class Posterior(Density):
         rates = [self.mean_rate_of(touch, known)]
         if self.fingers is not None:
             spreads = {name: self.space.value(SPREAD_OF[name], theta) for name in self.fingers.grid.names}
-            own = self.fingers.total_rate(touch, Spreads(**spreads), known) / self.scene.n_receptors
+            pressed = self.observation.skins_of_pressed(self.rating_parameters(theta))
+            own = self.fingers.total_rate(touch, Spreads(**spreads), known, pressed) / self.scene.n_receptors
             rates.append(own.reshape(*own.shape[:-2], -1))
         rates = [np.broadcast_to(rate, (*theta.shape[:-1], rate.shape[-1])) for rate in rates]
         return rates[0] if len(rates) == 1 else np.concatenate(rates, axis=-1)

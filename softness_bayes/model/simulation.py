@@ -19,7 +19,7 @@ from softness_bayes.likelihood.design import Design
 from softness_bayes.likelihood.directions import RISES, RatingDirection
 from softness_bayes.likelihood.error_laws import GUMBEL, NORMAL, ErrorLaw
 from softness_bayes.likelihood.models import UNDER_UNCERTAIN_LOADS, rating_model
-from softness_bayes.likelihood.ratings import RatingParameters
+from softness_bayes.likelihood.ratings import OF_FORCES, RatingParameters
 from softness_bayes.likelihood.scales import (
     AGGREGATED,
     CATEGORIES,
@@ -212,7 +212,7 @@ def _truth(
     model: Model, values: Mapping[str, float], drawn: Mapping[str, tuple[NDArray[np.float64], tuple[str, ...]]]
 ) -> dict[str, float]:
     """Return the values of all that the model has: parameters, and what it drew for all ratings together."""
-    absent = set(RatingParameters._fields) - set(model.needs)
+    absent = set(RatingParameters._fields) - {*model.needs, *OF_FORCES}
     truth = {name: value for name, value in values.items() if name not in absent}
     return truth | {name: float(value) for name, (value, axes) in drawn.items() if not axes}
 

@@ -20,6 +20,7 @@ from softness_bayes.model.build import COARSE, build, design_of, moduli_of
 from softness_bayes.model.design_information import Expected, foresee
 from softness_bayes.model.hypothetical import as_it_is, others
 from softness_bayes.model.options import ModelOptions
+from softness_bayes.model.pressed import people_note
 
 Array = NDArray[np.float64]
 
@@ -50,6 +51,7 @@ def warnings(experiment: Experiment, options: ModelOptions, given: AsGiven) -> l
     if apart.constant:
         same = ", ".join(names[k] for k in apart.constant)
         found.append(f"looks wrong: all ratings of {same} are the same, so they tell nothing of fabrics")
+    found += [] if (people := people_note(experiment, options)) is None else [people]
     return [*found, *oddities(ratings, options.scale not in (CATEGORIES, RANKS, PAIRS))]
 
 

@@ -175,7 +175,7 @@ def _effects(posterior: Posterior, theta: Array, mean_rate: Array, rng: np.rando
     if posterior.fingers is None:
         return ratings.draw_effects(rng, mean_rate, posterior.rating_parameters(theta))
     flat = theta.reshape(-1, theta.shape[-1])
-    width = posterior.fingers.grid.size * (mean_rate.shape[-1] + ratings.design.n_participants)
+    width = ratings.fabric_of_rate.size + posterior.fingers.grid.size * ratings.design.n_participants
     parts = []
     for k in pieces(len(flat), width):
         parts.append(ratings.draw_effects(rng, posterior.response(flat[k]), posterior.rating_parameters(flat[k])))

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from softness_bayes.checking.ranks import DRAWS, Replicate
 from softness_bayes.likelihood.contract import Effects, Likelihood
+from softness_bayes.likelihood.ratings import RatingsLikelihood
 from softness_bayes.model.posterior import Posterior
 from softness_bayes.runs.ranked_quantities import quantities
 from softness_bayes.sampler.sampling import Sampled, Settings, sample_until
@@ -81,10 +82,11 @@ def replicate(
 
 
 def simulate(
-    observation: Likelihood, posterior: Posterior, theta: FloatArray, rng: np.random.Generator
+    observation: RatingsLikelihood, posterior: Posterior, theta: FloatArray, rng: np.random.Generator
 ) -> tuple[Likelihood, Effects]:
     """Return ratings made at a point of the prior, and their effects as a batch of one."""
     parameters, rate = posterior.rating_parameters(theta), posterior.response(theta)
+    observation = observation.of_strangers()  # nobody has pressed these raters
     effects = observation.new_effects(rng, parameters, ())
     ratings = observation.replicate(rng, observation.drive(rate, parameters), parameters, effects, rate)
     return observation.with_values(ratings), type(effects)(*(each[None] for each in effects))

@@ -21,7 +21,7 @@ from scipy.interpolate import CubicSpline
 from softness_bayes.errors import InputError
 from softness_bayes.touch.field import StressField
 from softness_bayes.touch.finger_field import profiles
-from softness_bayes.touch.finger_grid import FingerGrid
+from softness_bayes.touch.finger_grid import FingerGrid, SkinLaws
 from softness_bayes.touch.neuron.firing import RateCurve
 from softness_bayes.touch.neuron.polynomials import clenshaw
 from softness_bayes.touch.parameters import TouchParameters, checked_rows
@@ -115,7 +115,13 @@ class FingerFamily:
         self._u = chebyshev.chebpts1(response_nodes)
         self._series = np.linalg.inv(chebyshev.chebvander(self._u, response_nodes - 1))
 
-    def total_rate(self, parameters: TouchParameters, spreads: Spreads, modulus: Array | None = None) -> Array:
+    def total_rate(
+        self,
+        parameters: TouchParameters,
+        spreads: Spreads,
+        modulus: Array | None = None,
+        known: SkinLaws | None = None,
+    ) -> Array:
         """Return the total rate [spikes/s] of every finger of the grid in every condition.
 
         Parameters
@@ -126,11 +132,14 @@ class FingerFamily:
             Spreads of fingers, of that shape.
         modulus
             E_fab [Pa] of each fabric in place of the scene's own, shape (..., fabrics).
+        known
+            Laws of the skins of people of whom more is known than the spreads, arrays (..., people).
 
         Returns
         -------
         ndarray
-            Shape (..., fingers, conditions), the fingers in the order of `FingerGrid.z`.
+            Shape (..., fingers, conditions), the fingers in the order of `FingerGrid.z`; then, for each person of
+            `known`, as many fingers, as many standard deviations from the middle of that person's law.
 
         Raises
         ------
@@ -144,20 +153,24 @@ class FingerFamily:
         _, flat = checked_rows(parameters)
         if modulus is not None:
             modulus = np.broadcast_to(modulus, (*shape, modulus.shape[-1])).reshape(-1, modulus.shape[-1])
-        size, width = self.grid.size, self.scene.n_conditions
+        laws = _laws(spread, known, shape)
+        size, width = self.grid.size * laws.log_b.shape[-1], self.scene.n_conditions
         found = np.empty((flat.b.size, size, width))
         rows = max(1, POINTS // (size * width))
         for start in range(0, flat.b.size, rows):
             k = slice(start, start + rows)
             part = TouchParameters(*(value[k] for value in flat))
-            few = Spreads(*(value[k] for value in spread))
-            found[k] = self._rates(part, few, None if modulus is None else modulus[k]).reshape(-1, size, width)
+            few = SkinLaws(*(value[k] for value in laws))
+            rates = self._rates(part, few, spread.sigma_0[k], None if modulus is None else modulus[k])
+            found[k] = rates.reshape(-1, size, width)
         return found.reshape(*shape, size, width)
 
-    def _rates(self, p: TouchParameters, spread: Spreads, modulus: Array | None) -> Array:
-        """Return rates of shape (batch, sigma_0, b, m, conditions)."""
-        log_modulus = self._log_reduced(p, spread, modulus)
-        sigma_0 = p.sigma_0[:, None] * np.exp(np.multiply.outer(spread.sigma_0, self.grid.axis("sigma_0")))
+    def _rates(self, p: TouchParameters, laws: SkinLaws, spread: Array, modulus: Array | None) -> Array:
+        """Return rates of shape (batch, 1 + people, sigma_0, b, m, conditions); `spread` is that of ln sigma_0."""
+        log_modulus = self._log_reduced(p, laws, modulus)
+        people = log_modulus.shape[1]
+        log_modulus = log_modulus.reshape(len(log_modulus), -1, *log_modulus.shape[3:])  # people and b on one axis
+        sigma_0 = p.sigma_0[:, None] * np.exp(np.multiply.outer(spread, self.grid.axis("sigma_0")))
         found = np.empty((len(p.b), sigma_0.shape[1], *log_modulus.shape[1:]))
         curve = self.scene.firing.curves(p)
         rheobase = np.broadcast_to(np.reshape(curve.rheobase, (-1, 1)), (len(p.b), 1))
@@ -178,17 +191,20 @@ class FingerFamily:
             rate = clenshaw(series[:, :, :, k, None, None, None], x) * t * t
             rate[silent] = 0.0
             found[..., columns] = np.maximum(rate, 0.0)
-        return found
+        batch, sensitivities = found.shape[:2]
+        return np.swapaxes(found.reshape(batch, sensitivities, people, -1, *found.shape[3:]), 1, 2)
 
-    def _log_reduced(self, p: TouchParameters, spread: Spreads, modulus: Array | None) -> Array:
-        """Return ln E_star of every finger in every condition, shape (batch, b, m, conditions)."""
-        b = p.b[:, None] * np.exp(np.multiply.outer(spread.b, self._b))
-        m = np.maximum(p.m[:, None] + np.multiply.outer(spread.m, self.grid.axis("m")), 0.0)
-        few = TouchParameters(*(value[:, None, None] for value in p))._replace(b=b[:, :, None], m=m[:, None, :])
+    def _log_reduced(self, p: TouchParameters, laws: SkinLaws, modulus: Array | None) -> Array:
+        """Return ln E_star of every finger in every condition, shape (batch, 1 + people, b, m, conditions)."""
+        log_b, m, b_by_b, m_by_b, m_by_m = (value[..., None] for value in laws)
+        b = p.b[:, None, None] * np.exp(log_b + b_by_b * self._b)
+        away = (m + m_by_b * self._b)[..., None] + (m_by_m * self.grid.axis("m"))[..., None, :]
+        own_m = np.maximum(p.m[:, None, None, None] + away, 0.0)
+        few = TouchParameters(*(value[:, None, None, None] for value in p))._replace(b=b[..., None], m=own_m)
         few = TouchParameters(*np.broadcast_arrays(*few))
-        touched = None if modulus is None else modulus[:, None, None]
+        touched = None if modulus is None else modulus[:, None, None, None]
         known = np.log(self.scene.contact(few, touched).reduced_modulus)
-        return np.einsum("jq,iqmc->ijmc", self._to_b, known, optimize=True)
+        return np.einsum("jq,inqmc->injmc", self._to_b, known, optimize=True)
 
     def _along(self, p: TouchParameters, curve: RateCurve, sigma_0: Array, begins: Array, extent: Array) -> Array:
         """Return the series of (rate / t²) in t under every load, shape (nodes, batch, sigma_0, loads)."""
@@ -210,3 +226,13 @@ class FingerFamily:
         smooth = rate.reshape(batch, sensitivities, loads, nodes)
         smooth = np.divide(smooth, t * t, out=np.zeros_like(smooth), where=t > 0)
         return np.moveaxis(smooth @ self._series.T, -1, 0)
+
+
+def _laws(spread: Spreads, known: SkinLaws | None, shape: tuple[int, ...]) -> SkinLaws:
+    """Return the law of anybody's skin, and then those of people of whom more is known, each (batch, 1 + people)."""
+    nothing = np.zeros_like(spread.b)
+    anybody = SkinLaws(nothing, nothing, spread.b, nothing, spread.m)
+    if known is None:
+        return SkinLaws(*(value[:, None] for value in anybody))
+    own = (np.broadcast_to(v, (*shape, v.shape[-1])).reshape(-1, v.shape[-1]) for v in known)
+    return SkinLaws(*(np.column_stack([value, more]) for value, more in zip(anybody, own, strict=True)))

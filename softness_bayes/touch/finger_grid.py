@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from types import MappingProxyType
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,7 +25,25 @@ AXES = ("sigma_0", "b", "m")
 """Order of the axes of a grid."""
 
 REACH = 4.0
-"""Extent of a grid to either side, in standard deviations; 6e-5 of the fingers lie beyond."""
+"""Usual extent of a grid to either side, in standard deviations; 6e-5 of the fingers lie beyond."""
+
+
+class SkinLaws(NamedTuple):
+    """Normal laws of the deviations of several people's skins from the typical one, arrays (..., people).
+
+    A finger z standard deviations away, in b and in m, deviates by log_b + b_by_b z_b in ln b, and by
+    m + m_by_b z_b + m_by_m z_m in m.
+    """
+
+    log_b: Array
+    m: Array
+    b_by_b: Array
+    m_by_b: Array
+    m_by_m: Array
+
+    def deviation(self, z_b: Array, z_m: Array) -> tuple[Array, Array]:
+        """Return the deviations of ln b and of m of fingers so many standard deviations away."""
+        return self.log_b + self.b_by_b * z_b, self.m + self.m_by_b * z_b + self.m_by_m * z_m
 
 
 @dataclass(frozen=True)
@@ -38,6 +57,8 @@ class FingerGrid:
     ----------
     nodes
         Number of nodes for each quantity that differs between fingers, of b, m and sigma_0; each odd, at least 3.
+    reach
+        Extent of the grid to either side, in standard deviations.
 
     Raises
     ------
@@ -46,6 +67,7 @@ class FingerGrid:
     """
 
     nodes: Mapping[str, int]
+    reach: float = REACH
 
     def __post_init__(self) -> None:
         unknown = [name for name in self.nodes if name not in SPREAD_OF]
@@ -57,14 +79,9 @@ class FingerGrid:
         """Names of the quantities that differ between fingers, in the order of `SPREAD_OF`."""
         return tuple(name for name in SPREAD_OF if name in self.nodes)
 
-    @property
-    def reach(self) -> float:
-        """Extent of the grid to either side, in standard deviations."""
-        return REACH
-
     def axis(self, name: str) -> Array:
         """Return the nodes of one quantity, in standard deviations; 0 alone if all fingers share it."""
-        return np.linspace(-REACH, REACH, self.nodes[name]) if name in self.nodes else np.zeros(1)
+        return np.linspace(-self.reach, self.reach, self.nodes[name]) if name in self.nodes else np.zeros(1)
 
     @property
     def size(self) -> int:
@@ -84,9 +101,9 @@ class FingerGrid:
         weight = np.ones(self.size)
         for z in self.z.values():
             # the rule's ends count half
-            weight = weight * np.exp(-0.5 * z**2) * np.where(np.abs(z) >= REACH, 0.5, 1.0)
+            weight = weight * np.exp(-0.5 * z**2) * np.where(np.abs(z) >= self.reach, 0.5, 1.0)
         return np.asarray(np.log(weight / weight.sum()))
 
     def finer(self) -> FingerGrid:
         """Return the grid with nodes halfway between, the reference for this grid's error."""
-        return FingerGrid({name: 2 * size - 1 for name, size in self.nodes.items()})
+        return FingerGrid({name: 2 * size - 1 for name, size in self.nodes.items()}, self.reach)

@@ -12,8 +12,13 @@ from softness_bayes.checking.rater_fingers import POPULATION
 from softness_bayes.errors import InputError
 from softness_bayes.likelihood.scales import STANDARDISED
 from softness_bayes.model import individual
+from softness_bayes.model.as_given import as_given
 from softness_bayes.model.build import build, design_of
 from softness_bayes.model.options import ModelOptions
+from softness_bayes.model.pressed import people_note
+from softness_bayes.model.scenes import usual_values
+from softness_bayes.model.simulated_forces import simulate_compression
+from softness_bayes.model.understanding import warnings
 from softness_bayes.parameters.priors import HalfNormal, Normal
 from softness_bayes.report.page import report_page
 from softness_bayes.results.from_result import experiment_of, options_of
@@ -21,16 +26,25 @@ from softness_bayes.results.result import Result
 from softness_bayes.runs.run import sample
 from softness_bayes.touch.finger_family import FingerFamily
 from softness_bayes.touch.finger_grid import FingerGrid
+from softness_bayes.touch.readings import MENDED
 from support.command_line import call
 from support.paths import DATA
 from support.report_runs import OPTIONS, experiment, quickly
+
+
+def pressed_too():
+    """The experiment, and forces on the fingers of its third and fifth rater, and on those of two strangers."""
+    whole = experiment()
+    made = simulate_compression(np.random.default_rng(5), usual_values(MENDED, n_fingers=4), fingers=4).compression
+    people = whole.ratings.participants
+    return whole._replace(compression=replace(made, participants=("F1", people[4], "F3", people[2])))
 
 
 @pytest.fixture(scope="module")
 def result(few_pictures):
     with quickly(), pytest.MonkeyPatch.context() as patch:
         patch.setattr(individual, "NODES", {1: {"b": 9}})
-        return sample(experiment(), **OPTIONS, individual=("b",))
+        return sample(pressed_too(), **OPTIONS, individual=("b",))
 
 
 def test_a_result_holds_the_raters_fingers(result):
@@ -45,7 +59,8 @@ def test_a_result_holds_the_raters_fingers(result):
     assert (table["low"] < table["median"]).all()
     assert (table["median"] < table["high"]).all()
     assert "tau_b" in result.summary().index
-    assert any("raters' own b" in line for line in result.learnt())
+    assert any("raters' own b" in line and "plate tell of 2 of 5 raters" in line for line in result.learnt())
+    assert [*table["pressed"]] == [False, False, False, True, False, True]
     assert result.provenance.residuals.finger_check.startswith("fingers:")
 
 
@@ -57,7 +72,7 @@ def test_its_model_comes_back_from_the_file(result, tmp_path):
     options = options_of(again)
     assert options.individual == ("b",)
     with quickly():
-        one, other = build(experiment_of(again), options).posterior, build(experiment(), options).posterior
+        one, other = build(experiment_of(again), options).posterior, build(pressed_too(), options).posterior
         theta = one.space.draw_prior(np.random.default_rng(0), 3)
         assert_allclose(one.log_likelihood(theta), other.log_likelihood(theta), rtol=1e-8)
     assert ModelOptions.from_record(options.record()).individual == ("b",)
@@ -83,10 +98,9 @@ def test_two_raters_and_two_fabrics_agree_with_quadrature():
         posterior, design = model.posterior, design_of(whole)
         few = (design.participant < 2) & (design.fabric[design.condition] < 2)
         posterior = posterior.with_term(posterior.observation.without(~few))
-        grid = FingerGrid({"b": 97})
+        grid = FingerGrid({"b": 169}, reach=7.0)
         posterior = posterior.with_scene(model.scene, None, FingerFamily(model.scene, grid, 48, 30))
         theta = posterior.space.draw_prior(np.random.default_rng(1), 40)
-        # of raters far beyond the grid, four standard deviations away, the two would differ
         theta = theta[np.argsort(posterior.log_likelihood(theta))[-3:]]
         found = posterior.log_likelihood(theta)
         x = np.linspace(-7.0, 7.0, 401)
@@ -102,7 +116,38 @@ def test_two_raters_and_two_fabrics_agree_with_quadrature():
             law = multivariate_normal(cov=9.0 + p.tau**2 * same + p.varsigma**2 * np.eye(person.size))
             mean = np.where(person == 0, drive[:, None, condition], drive[None, :, condition])
             dense = law.logpdf(ratings - np.log(20.0) - mean) + log_w[:, None] + log_w
-            assert_allclose(found[k], logsumexp(dense) - ratings.sum(), rtol=0, atol=2e-4)
+            assert_allclose(found[k], logsumexp(dense) - ratings.sum(), rtol=0, atol=1e-6)
+        # the usual reach leaves out 6e-5 of the fingers of each rater
+        usual = posterior.with_scene(model.scene, None, FingerFamily(model.scene, FingerGrid({"b": 97}), 48, 30))
+        assert_allclose(usual.log_likelihood(theta), found, rtol=0, atol=2e-4)
+
+
+def test_fingers_of_pressed_raters_are_those_of_the_scene():
+    """What the family interpolates for people who were pressed, against the scene asked for each of their fingers."""
+    with quickly():
+        posterior = build(pressed_too(), ModelOptions(fix=OPTIONS["fix"], individual=("b",))).posterior
+        theta = posterior.space.draw_prior(np.random.default_rng(4), 12)
+        observed, touch, scene = posterior.observation, posterior.space.touch(theta), posterior.scene
+        size, width = observed.model.grid.size, observed.design.n_conditions
+        assert [*observed.pressed.rater] == [2, 4]
+        own = posterior.response(theta)[:, -2 * size * width :].reshape(len(theta), 2, size, width)
+        law = observed.pressed.skins(("b",), posterior.rating_parameters(theta))
+        for person in range(2):
+            for finger in range(0, size, 4):
+                away = law.log_b[:, person] + law.b_by_b[:, person] * observed.model.grid.z["b"][finger]
+                rate = scene.total_rate(touch._replace(b=touch.b * np.exp(away))) / scene.n_receptors
+                assert_allclose(np.log(own[:, person, finger] + 0.1), np.log(rate + 0.1), rtol=0, atol=5e-3)
+
+
+def test_the_notes_say_who_was_pressed():
+    whole, alike = pressed_too(), ModelOptions(individual=("b",))
+    assert people_note(experiment(), alike) is None
+    assert "rated and pressed (2 of 5 raters); each is one person" in people_note(whole, alike)
+    assert "without --individual b all raters have the typical finger" in people_note(whole, ModelOptions())
+    said = warnings(whole, ModelOptions(), as_given(whole.ratings, ModelOptions()))
+    assert any("2 of 5 raters" in line for line in said)
+    others = replace(whole.compression, participants=("F1", "F2", "F3", "F4"))
+    assert "taken as different people" in people_note(whole._replace(compression=others), alike)
 
 
 def test_what_cannot_be_combined_is_refused():

@@ -1,0 +1,41 @@
+"""Raters and pressed fingers of the same name, who are one person."""
+
+from __future__ import annotations
+
+from softness_bayes.data import Experiment
+from softness_bayes.data.names import listing
+from softness_bayes.likelihood.plate import CompressionForces
+from softness_bayes.likelihood.pressed import PressedRaters
+from softness_bayes.likelihood.ratings import SKIN
+from softness_bayes.model.options import ModelOptions
+
+
+def pressed_raters(experiment: Experiment, options: ModelOptions, forces: CompressionForces) -> PressedRaters | None:
+    """Return the raters whose own skin forces tell of, found by their names; None if there are none."""
+    if experiment.compression is None or not set(SKIN) & set(options.individual):
+        return None
+    return PressedRaters.of(forces, experiment.ratings.participants, experiment.compression.participants)
+
+
+def people_note(experiment: Experiment, options: ModelOptions) -> str | None:
+    """Say which raters were pressed too, and what becomes of it; None without forces.
+
+    Parameters
+    ----------
+    experiment, options
+        The tables, and what was asked for.
+    """
+    if experiment.compression is None:
+        return None
+    pressed = set(experiment.compression.participants)
+    both = [name for name in experiment.ratings.participants if name in pressed]
+    if not both:
+        return "no rater and no pressed finger have the same name: they are taken as different people"
+    whose = f"{listing(both)}: rated and pressed ({len(both)} of {len(experiment.ratings.participants)} raters)"
+    own = [name for name in SKIN if name in options.individual]
+    if not own:
+        return (
+            f"{whose}; without --individual b all raters have the typical finger, so the forces tell of that one, not "
+            "of each rater's own"
+        )
+    return f"{whose}; each is one person, of whose own {' and '.join(own)} the forces tell beside the ratings"
