@@ -50,6 +50,7 @@ PROGRAMS = {
     "tools.benchmark_firing",
     "tools.benchmark_loads",
     "tools.benchmark_moves",
+    "tools.coverage_page",
     "tools.curve_build",
     "tools.doc_tables",
     "tools.firing_sample_build",

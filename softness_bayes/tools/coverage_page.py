@@ -1,0 +1,151 @@
+"""Table and figure of coverage with uncertain inputs: ``python -m softness_bayes.tools.coverage_page [--results DIR]``.
+
+The kept tables of `input_coverage` and `finger_coverage` are counted: how often 90 % intervals held the truth, with the
+95 % limits of that share. The table is printed as it stands in `docs/calibration.md`; the figure is written beside the
+tables, as `coverage_with_uncertain_inputs.png`.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from scipy.special import betaincinv
+
+FIGURE = "coverage_with_uncertain_inputs.png"
+
+KEPT: Mapping[str, Mapping[str, str]] = {
+    "input_errors": {
+        "true moduli": "exact moduli (control)",
+        "taken as exact": "moduli off by 15 %, taken as exact",
+        "errors declared": "moduli off by 15 %, errors declared",
+    },
+    "finger_spreads": {
+        "typical fingers": "one finger (control)",
+        "taken as typical": "raters' own b, taken as one finger",
+        "own fingers": "raters' own b, `--individual b`",
+    },
+}
+"""What each case of a kept table stands for, by the folder of the table."""
+
+CHECKED: Mapping[str, str] = {"input_errors": "modulus_p", "finger_spreads": "finger_p"}
+"""Column of the p-value of the check that is to notice, by the folder of the table."""
+
+LEVEL = 0.05
+"""p-value below which a check has noticed something."""
+
+INSIDE = 0.05, 0.95
+"""Shares of the draws below the truth between which a 90 % interval holds it."""
+
+WANTED = 0.85, 0.95
+"""Coverage of 90 % intervals that is asked for."""
+
+
+class Share(NamedTuple):
+    """How often intervals held the truth."""
+
+    situation: str
+    quantity: str
+    tables: int
+    share: float
+    noticed: float
+    """Share of the laboratories in which the run's own check noticed something."""
+    low: float
+    """Lower 95 % limit of the share (Clopper and Pearson)."""
+    high: float
+
+
+def counted(folder: Path) -> list[Share]:
+    """Return the shares of all kept tables in a folder of results, in the order of `KEPT`."""
+    found = []
+    for name, situations in KEPT.items():
+        path = folder / name / "coverage.csv"
+        if not path.is_file():
+            continue
+        with path.open(encoding="utf-8", newline="") as file:
+            rows = list(csv.DictReader(file))
+        for case, situation in situations.items():
+            own = [row for row in rows if row["case"] == case]
+            for quantity in dict.fromkeys(row["quantity"] for row in own):
+                of = [row for row in own if row["quantity"] == quantity]
+                noticed = float(np.mean([float(row[CHECKED[name]]) < LEVEL for row in of]))
+                found.append(_share(situation, quantity, [float(row["below"]) for row in of], noticed))
+    return found
+
+
+def _share(situation: str, quantity: str, below: Sequence[float], noticed: float) -> Share:
+    # a turning point that no draw has is not held
+    hits, n = sum(INSIDE[0] <= share <= INSIDE[1] for share in below), len(below)
+    low = float(betaincinv(hits, n - hits + 1, 0.025)) if hits else 0.0
+    high = float(betaincinv(hits + 1, n - hits, 0.975)) if hits < n else 1.0
+    return Share(situation, quantity, n, hits / n, noticed, low, high)
+
+
+def page_lines(found: Sequence[Share]) -> list[str]:
+    """Return the table in Markdown: a row for each situation, the quantities as columns."""
+    quantities = list(dict.fromkeys(share.quantity for share in found))
+    lines = ["| situation | laboratories | noticed | " + " | ".join(quantities) + " |"]
+    lines.append("|" + "---|" * (3 + len(quantities)))
+    for situation in dict.fromkeys(share.situation for share in found):
+        own = {share.quantity: share for share in found if share.situation == situation}
+        cells = [_cell(own.get(quantity)) for quantity in quantities]
+        first = max(own.values(), key=lambda share: share.tables)
+        lines.append(f"| {situation} | {first.tables} | {first.noticed:.0%} | " + " | ".join(cells) + " |")
+    return lines
+
+
+def _cell(share: Share | None) -> str:
+    return "" if share is None else f"{share.share:.2f} ({share.low:.2f}–{share.high:.2f})"
+
+
+def draw(found: Sequence[Share], path: Path) -> None:
+    """Draw all shares with their limits, one panel for each quantity, to a PNG file."""
+    import matplotlib as mpl
+
+    mpl.use("agg")
+    import matplotlib.pyplot as plt
+
+    quantities = list(dict.fromkeys(share.quantity for share in found))
+    situations = list(dict.fromkeys(share.situation for share in found))
+    figure, panels = plt.subplots(
+        1, len(quantities), figsize=(2.0 + 1.5 * len(quantities), 3.2), dpi=110, sharey=True, layout="constrained"
+    )
+    for panel, quantity in zip(np.atleast_1d(panels), quantities, strict=True):
+        panel.axvspan(*WANTED, color="0.9")
+        panel.axvline(0.9, color="0.6", linewidth=0.8)
+        for share in _of(found, quantity):
+            place = situations.index(share.situation)
+            reach = [[share.share - share.low], [share.high - share.share]]
+            panel.errorbar(share.share, place, xerr=reach, fmt="o", markersize=4, color=f"C{place % 3}")
+        panel.set_title(quantity.replace("turning point at", "turn at"), fontsize=8)
+        panel.set_xlim(0, 1)
+        panel.set_xticks([0, 0.5, 0.9], ["0", "0.5", "0.9"], fontsize=8)
+    panels = np.atleast_1d(panels)
+    panels[0].set_yticks(range(len(situations)), [situation.replace("`", "") for situation in situations], fontsize=8)
+    panels[0].invert_yaxis()
+    figure.supxlabel("share of 90 % intervals that hold the truth, with its 95 % limits", fontsize=8)
+    # without the version of the library, so that the same numbers give the same file
+    figure.savefig(path, metadata={"Software": None})
+    plt.close(figure)
+
+
+def _of(found: Iterable[Share], quantity: str) -> list[Share]:
+    return [share for share in found if share.quantity == quantity]
+
+
+def main() -> None:
+    """Print the table and write the figure."""
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser.add_argument("--results", type=Path, default=Path("notebooks/results"), help="folder of the kept tables")
+    folder: Path = parser.parse_args().results
+    found = counted(folder)
+    print("\n".join(page_lines(found)))
+    draw(found, folder / FIGURE)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,57 @@
+"""The table and figure of coverage with uncertain inputs: the page's table is that of the kept fits."""
+
+import csv
+
+import pytest
+from scipy.stats import binom
+
+from softness_bayes.tools.coverage_page import FIGURE, KEPT, counted, draw, page_lines
+from support.paths import ROOT
+
+RESULTS = ROOT / "notebooks" / "results"
+PAGE = ROOT / "softness_bayes" / "docs" / "calibration.md"
+
+
+@pytest.fixture(scope="module")
+def found():
+    return counted(RESULTS)
+
+
+def test_the_page_has_the_kept_shares(found):
+    text = PAGE.read_text(encoding="utf-8")
+    for line in page_lines(found):
+        assert line in text
+    assert (RESULTS / FIGURE).is_file()
+
+
+def test_shares_and_limits_are_those_of_the_rows(found):
+    with (RESULTS / "input_errors" / "coverage.csv").open() as file:
+        rows = [row for row in csv.DictReader(file) if (row["case"], row["quantity"]) == ("taken as exact", "b")]
+    hits = sum(0.05 <= float(row["below"]) <= 0.95 for row in rows)
+    one = next(share for share in found if (share.situation[:12], share.quantity) == ("moduli off b", "b"))
+    assert (one.tables, one.share) == (len(rows), hits / len(rows))
+    # the limits are the shares at which so few, or so many, have a chance of 2.5 %
+    assert binom.sf(hits - 1, len(rows), one.low) == pytest.approx(0.025, abs=1e-9)
+    assert binom.cdf(hits, len(rows), one.high) == pytest.approx(0.025, abs=1e-9)
+
+
+def test_the_negative_controls_fail_and_declared_errors_do_not(found):
+    """Shares that the controls cannot have by chance; of what is declared, none is below 0.85 for certain."""
+    by = {
+        situation: [share for share in found if share.situation == situation]
+        for situation in KEPT["input_errors"].values()
+    }
+    control, exact, declared = by.values()
+    assert sum(share.high < 0.9 for share in exact) >= 4
+    for shares in (control, declared):
+        assert all(share.high > 0.9 for share in shares)
+        assert all(share.share >= 0.85 for share in shares)
+
+
+def test_an_empty_folder_has_nothing(tmp_path):
+    assert counted(tmp_path) == []
+
+
+def test_the_figure_is_drawn(found, tmp_path):
+    draw([share for share in found if share.quantity in ("b", "tau_b")], tmp_path / "one.png")
+    assert (tmp_path / "one.png").read_bytes().startswith(b"\x89PNG")
