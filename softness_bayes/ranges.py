@@ -121,6 +121,8 @@ RELATIVE_ERRORS = Range(0.0, 3.0)
 """Standard errors of a measured quantity relative to its value; 0 is exact."""
 LOAD_ERRORS = Range(0.0, 0.3)
 """Standard errors of a load relative to its stated value; beyond, three loads no longer tell what the error does."""
+SHARED_LOAD_ERRORS = Range(0.0, 0.1)
+"""The same of an error that all ratings of a load share; beyond, the response is no line in it."""
 CATEGORIES_RANGE = Count(2, 11)
 """Ordered categories of ratings."""
 RESOLUTIONS = Range(1e-300, 1e300, zero=True)

@@ -6,7 +6,7 @@ over that law come from three loads, the nodes of a Gauss-Hermite rule: the stat
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -28,7 +28,7 @@ class LoadErrors:
     """Touches, the distinct pairs of a condition and an error of its load, and the responses that each one needs.
 
     The mean rates of a scene are followed by those under the lower load of each uncertain touch, then by those under
-    the higher one.
+    the higher one; by default there is one of each.
 
     Parameters
     ----------
@@ -38,12 +38,15 @@ class LoadErrors:
         Touch of each rating, shape (rows,).
     n_conditions
         Number of conditions.
+    nodes
+        The loads beside the stated one, in standard deviations of the log load, those below it first.
     """
 
     condition: IndexArray
     log_sd: FloatArray
     of_row: IndexArray
     n_conditions: int
+    nodes: tuple[float, ...] = (-NODE, NODE)
 
     @classmethod
     def of(cls, design: Design, log_sd: ArrayLike) -> LoadErrors:
@@ -67,12 +70,18 @@ class LoadErrors:
 
     @property
     def columns(self) -> IndexArray:
-        """Column of the mean rates of each touch under the lower, the stated and the higher load, (touches, 3)."""
-        found, uncertain = np.repeat(self.condition[:, None], 3, axis=1), self.uncertain
-        for side in (0, 1):
-            found[uncertain, 2 * side] = self.n_conditions + side * uncertain.size + np.arange(uncertain.size)
+        """Column of the mean rates of each touch under lower, stated and higher loads, shape (touches, 1 + nodes)."""
+        below = sum(node < 0 for node in self.nodes)
+        found, uncertain = np.repeat(self.condition[:, None], 1 + len(self.nodes), axis=1), self.uncertain
+        for k in range(len(self.nodes)):
+            own = self.n_conditions + k * uncertain.size + np.arange(uncertain.size)
+            found[uncertain, k if k < below else k + 1] = own
         return found
+
+    def at_nodes(self, nodes: tuple[float, ...]) -> LoadErrors:
+        """Return the same touches with other loads beside the stated ones."""
+        return replace(self, nodes=nodes)
 
     def without(self, rows: NDArray[np.bool_]) -> LoadErrors:
         """Return the same touches of the other rows."""
-        return LoadErrors(self.condition, self.log_sd, self.of_row[~rows], self.n_conditions)
+        return replace(self, of_row=self.of_row[~rows])

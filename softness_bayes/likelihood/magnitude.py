@@ -244,12 +244,12 @@ class LogRatings(RatingsLikelihood):
         ndarray, shape (...)
         """
         drive = self.drive(mean_rate, parameters)
-        return self._effects.log_density(drive, _spreads(parameters)) - self._log.sum()
+        return self._effects.log_density(drive, spreads_of(parameters)) - self._log.sum()
 
     def leave_one_out(self, mean_rate: FloatArray, parameters: RatingParameters) -> LeaveOneOut:
         """The normal law of each log rating given all the others, arrays of shape (..., rows)."""
         drive = self.drive(mean_rate, parameters)
-        return self._effects.leave_one_out(drive, _spreads(parameters))
+        return self._effects.leave_one_out(drive, spreads_of(parameters))
 
     def log_likelihood_loo(self, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
         """Log density of each rating given all the others, shape (..., rows)."""
@@ -273,13 +273,13 @@ class LogRatings(RatingsLikelihood):
         """Log density of all ratings of each participant given everybody else's, shape (draws, participants)."""
         drive, model, person = self.drive(mean_rate, parameters), self.model, self.design.participant
         level = math.log(model.centre), model.spread
-        density = participant_log_density(self.design, self._log, *level, drive, _spreads(parameters))
+        density = participant_log_density(self.design, self._log, *level, drive, spreads_of(parameters))
         return density - np.bincount(person, self._log, self.design.n_participants)
 
     def draw_effects(self, rng: np.random.Generator, mean_rate: FloatArray, parameters: RatingParameters) -> Effects:
         """Exact draws of mu, participants and fabrics given the ratings, one for each point of the batch."""
         drive = self.drive(mean_rate, parameters)
-        return self._effects.draw_effects(rng, drive, _spreads(parameters))
+        return self._effects.draw_effects(rng, drive, spreads_of(parameters))
 
     def residual(self, mean_rate: FloatArray, parameters: RatingParameters, effects: Effects) -> FloatArray:
         """Return the residual of each log rating given the effects, shape (..., rows)."""
@@ -289,5 +289,6 @@ class LogRatings(RatingsLikelihood):
         return self.model.error.normal_scores(errors, parameters)
 
 
-def _spreads(parameters: RatingParameters) -> Spreads:
+def spreads_of(parameters: RatingParameters) -> Spreads:
+    """Return the standard deviations of the effects."""
     return Spreads(parameters.tau, parameters.varsigma, parameters.omega)

@@ -6,6 +6,8 @@ from collections.abc import Callable, Mapping
 from functools import partial
 from types import MappingProxyType
 
+from numpy.typing import ArrayLike
+
 from softness_bayes.errors import InputError
 from softness_bayes.likelihood.aggregated import AggregatedModel, AggregatedRatings
 from softness_bayes.likelihood.categories import CategoryModel, CategoryRatings
@@ -31,6 +33,7 @@ from softness_bayes.likelihood.scales import (
     STANDARDISED,
     Scale,
 )
+from softness_bayes.likelihood.shared_loads import SharedLoads
 from softness_bayes.likelihood.spreads import RaterSpreads
 from softness_bayes.likelihood.uncertain_loads import UncertainLoads
 from softness_bayes.likelihood.z_scores import StandardisedModel, StandardisedRatings
@@ -66,6 +69,9 @@ OF_INTERVALS: Mapping[tuple[Scale, ErrorLaw], Callable[[RatingDirection], Rating
 UNDER_UNCERTAIN_LOADS: Mapping[Scale, Callable[..., RatingsLikelihood]] = MappingProxyType({MAGNITUDE: UncertainLoads})
 """The likelihood of ratings whose loads have errors, by their scale, where there is one."""
 
+UNDER_SHARED_LOADS: Mapping[Scale, Callable[..., RatingsLikelihood]] = MappingProxyType({MAGNITUDE: SharedLoads.of})
+"""The same, where all ratings of a load share its error."""
+
 LIKELIHOODS: tuple[type[Likelihood], ...] = (
     LogRatings,
     IntervalRatings,
@@ -73,6 +79,7 @@ LIKELIHOODS: tuple[type[Likelihood], ...] = (
     OrderRatings,
     PairRatings,
     UncertainLoads,
+    SharedLoads,
     IndividualRatings,
     StandardisedRatings,
     AggregatedRatings,
@@ -115,9 +122,35 @@ def under_uncertain_loads(observed: RatingsLikelihood, errors: LoadErrors) -> Ra
         If there is none for the scale of the ratings.
     """
     model = observed.model
-    if model.scale not in UNDER_UNCERTAIN_LOADS:
-        known = ", ".join(scale.name for scale in UNDER_UNCERTAIN_LOADS)
+    return _for_scale(UNDER_UNCERTAIN_LOADS, model.scale, "load_cv")(observed.values, observed.design, model, errors)
+
+
+def under_shared_loads(observed: RatingsLikelihood, log_sd: float, load: ArrayLike) -> RatingsLikelihood:
+    """Return the likelihood of ratings if all ratings of a load share its error.
+
+    Parameters
+    ----------
+    observed
+        Ratings of exact loads.
+    log_sd
+        Standard deviation of the logarithm of each load.
+    load
+        Index of each condition's load, shape (conditions,).
+
+    Raises
+    ------
+    InputError
+        If there is none for the scale of the ratings.
+    """
+    return _for_scale(UNDER_SHARED_LOADS, observed.model.scale, "shared_load_cv")(observed, log_sd, load)
+
+
+def _for_scale(
+    table: Mapping[Scale, Callable[..., RatingsLikelihood]], scale: Scale, name: str
+) -> Callable[..., RatingsLikelihood]:
+    if scale not in table:
+        known = ", ".join(one.name for one in table)
         raise InputError(
-            f"ratings: errors of loads (load_cv) are not modelled for {model.scale.name} ratings, only for {known}"
+            f"ratings: errors of loads ({name}) are not modelled for {scale.name} ratings, only for {known}"
         )
-    return UNDER_UNCERTAIN_LOADS[model.scale](observed.values, observed.design, model, errors)
+    return table[scale]

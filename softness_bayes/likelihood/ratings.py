@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Protocol, Self
+from typing import Any, ClassVar, NamedTuple, Protocol, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -12,11 +12,9 @@ from softness_bayes.errors import InputError
 from softness_bayes.likelihood.contract import Effects, Likelihood, Model
 from softness_bayes.likelihood.design import Design, IndexArray
 from softness_bayes.likelihood.directions import RatingDirection
+from softness_bayes.likelihood.load_errors import LoadErrors
 from softness_bayes.likelihood.stated import Stated
 from softness_bayes.touch.finger_grid import SkinLaws
-
-if TYPE_CHECKING:
-    from softness_bayes.likelihood.pressed import PressedRaters
 
 FloatArray = NDArray[np.float64]
 
@@ -253,8 +251,19 @@ class RatingsLikelihood(Likelihood):
         """Ends of the intervals that the ratings stand for, each (rows,); None if they are exact numbers."""
         return None
 
-    def with_pressed(self, pressed: PressedRaters | None) -> Self:
-        """Return the likelihood given forces on raters' own fingers; the same where raters have the typical one."""
+    @property
+    def load_errors(self) -> LoadErrors | None:
+        """The loads beside the stated ones whose responses are needed; None where loads are exact."""
+        return None
+
+    def with_pressed(self, pressed: Any) -> Self:
+        """Return the likelihood given forces on raters' own fingers; the same where raters have the typical one.
+
+        Parameters
+        ----------
+        pressed
+            `pressed.PressedRaters`, or None where nobody was pressed.
+        """
         return self
 
     def of_strangers(self) -> Self:

@@ -56,6 +56,11 @@ class UncertainLoads(LogRatings):
         return type(self)(self.values[~rows], self.design.without(rows), self.model, errors, self._over)
 
     @property
+    def load_errors(self) -> LoadErrors:
+        """The loads beside the stated ones whose responses are needed."""
+        return self.errors
+
+    @property
     def fabric_of_rate(self) -> IndexArray:
         """Fabric of each column of the mean rates."""
         fabric = self.design.fabric

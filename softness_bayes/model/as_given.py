@@ -330,6 +330,8 @@ def _closed_form_alone(ratings: Ratings, options: ModelOptions) -> str:
         return "raters' own fingers (--individual)"
     if ratings.load_log_sd(options.load_cv).any():
         return "errors of loads (load_cv)"
+    if options.shared_load_cv:
+        return "errors of loads (shared_load_cv)"
     if FABRIC_SPREAD in options.priors:
         return "fabrics' own deviations (a prior of omega)"
     return ""

@@ -17,7 +17,7 @@ from softness_bayes.likelihood.design import Design
 from softness_bayes.likelihood.directions import FREE, RISES, RatingDirection
 from softness_bayes.likelihood.individual import IndividualModel
 from softness_bayes.likelihood.load_errors import LoadErrors
-from softness_bayes.likelihood.models import rating_model, under_uncertain_loads
+from softness_bayes.likelihood.models import rating_model, under_shared_loads, under_uncertain_loads
 from softness_bayes.likelihood.own import try_likelihood
 from softness_bayes.likelihood.plate import CompressionForces
 from softness_bayes.likelihood.ratings import SKIN, RatingParameters, RatingsLikelihood, RatingsModel
@@ -28,7 +28,7 @@ from softness_bayes.model.fabric_moduli import fabric_moduli
 from softness_bayes.model.fingers import box_of_priors, require_one_source
 from softness_bayes.model.individual import family_of, grid_of, spreads_of
 from softness_bayes.model.options import ModelOptions
-from softness_bayes.model.other_loads import beside
+from softness_bayes.model.other_loads import beside, touched_in
 from softness_bayes.model.posterior import Density, Posterior
 from softness_bayes.model.pressed import pressed_raters
 from softness_bayes.model.resolution import prior_draws, resolution_for
@@ -142,13 +142,10 @@ def build(experiment: Experiment, options: ModelOptions = ModelOptions()) -> Exp
     scene = compiled(options.discretisation)
     model, design = _model_of(options, given, chosen.direction), design_of(experiment)
     observation = model.observe(given.said.values, design, None if given.said.exact else given.said)
-    log_sd, others, fingers = experiment.ratings.load_log_sd(options.load_cv), None, None
-    if log_sd.any():
-        if options.individual:
-            raise InputError("individual: raters' own fingers and errors of loads (load_cv) cannot be combined")
-        uncertain = LoadErrors.of(observation.design, log_sd)
-        observation = under_uncertain_loads(observation, uncertain)
-        others = scene.under(*beside(experiment.ratings, uncertain))
+    others, fingers = None, None
+    observation = _with_load_errors(observation, experiment, options)
+    if observation.load_errors is not None:
+        others = scene.under(*beside(touched_in(experiment.ratings), observation.load_errors))
     if options.individual:
         fingers = family_of(scene, grid_of(options.individual))
     plates = () if experiment.compression is None else (forces_of(experiment.compression, options),)
@@ -165,6 +162,28 @@ def build(experiment: Experiment, options: ModelOptions = ModelOptions()) -> Exp
     if options.scale.model is not None:
         _try_own(observation, posterior)
     return ExperimentModel(experiment, options, posterior, scene, chosen, resolution, given)
+
+
+def _with_load_errors(observed: RatingsLikelihood, experiment: Experiment, options: ModelOptions) -> RatingsLikelihood:
+    """Return the likelihood of ratings whose loads have errors, if any are stated.
+
+    Raises
+    ------
+    InputError
+        If they cannot be combined with each other, or with raters' own fingers.
+    """
+    log_sd, shared = experiment.ratings.load_log_sd(options.load_cv), options.shared_load_cv or 0.0
+    if options.individual and (log_sd.any() or shared):
+        raise InputError("individual: raters' own fingers and errors of loads (load_cv) cannot be combined")
+    if log_sd.any() and shared:
+        raise InputError(
+            "shared_load_cv: errors that all ratings of a load share and errors of each rating's own load (load_cv) "
+            "cannot be combined; state the larger one"
+        )
+    if shared:
+        spread = float(np.sqrt(np.log1p(shared**2)))
+        return under_shared_loads(observed, spread, experiment.ratings.conditions.load)
+    return under_uncertain_loads(observed, LoadErrors.of(observed.design, log_sd)) if log_sd.any() else observed
 
 
 def _try_own(observation: RatingsLikelihood, posterior: Posterior) -> None:

@@ -19,7 +19,7 @@ from softness_bayes.model.fingers import finger_of, values_of
 from softness_bayes.model.individual import require_individual
 from softness_bayes.parameters.fabric_moduli import UNKNOWN_MODULUS, require_law
 from softness_bayes.parameters.priors import Prior, as_prior, as_priors, parse_prior, require_storable
-from softness_bayes.ranges import CATEGORIES_RANGE, LOAD_ERRORS, RELATIVE_ERRORS, RESOLUTIONS
+from softness_bayes.ranges import CATEGORIES_RANGE, LOAD_ERRORS, RELATIVE_ERRORS, RESOLUTIONS, SHARED_LOAD_ERRORS
 from softness_bayes.touch.contact import Finger
 from softness_bayes.touch.readings import MENDED, Readings
 from softness_bayes.touch.scene import Discretisation
@@ -68,6 +68,8 @@ class ModelOptions:
     load_cv
         Relative standard error of the loads of ratings that have none of their own in the table; 0 or None if they are
         exact.
+    shared_load_cv
+        Relative standard error of each load that all its ratings share; 0 or None if there is none.
     individual
         What differs between raters' own fingers, some of b, m and sigma_0, each with a sampled spread; by default all
         raters have the typical finger.
@@ -102,6 +104,7 @@ class ModelOptions:
     modulus_cv: float | None = None
     unknown_modulus: Prior = UNKNOWN_MODULUS
     load_cv: float | None = None
+    shared_load_cv: float | None = None
     individual: tuple[str, ...] = ()
     errors: ErrorLaw | None = None
     resolution: float | None = None
@@ -125,6 +128,8 @@ class ModelOptions:
         require_law("unknown_modulus", self.unknown_modulus)
         if self.load_cv is not None:
             LOAD_ERRORS.require("load_cv", self.load_cv)
+        if self.shared_load_cv is not None:
+            SHARED_LOAD_ERRORS.require("shared_load_cv", self.shared_load_cv)
         require_individual(self.individual)
         if self.resolution is not None:
             RESOLUTIONS.require("resolution", self.resolution)
@@ -170,6 +175,7 @@ class ModelOptions:
             **({} if self.modulus_cv is None else {"modulus_cv": self.modulus_cv}),
             **({"unknown_modulus": str(self.unknown_modulus)} if self.unknown_modulus != UNKNOWN_MODULUS else {}),
             **({} if self.load_cv is None else {"load_cv": self.load_cv}),
+            **({} if self.shared_load_cv is None else {"shared_load_cv": self.shared_load_cv}),
             **({"individual": list(self.individual)} if self.individual else {}),
             **({} if self.errors is None else {"errors": self.errors.name, "errors_decided": "errors" in self.decided}),
             **({} if self.resolution is None else {"resolution": self.resolution}),
@@ -207,6 +213,7 @@ class ModelOptions:
             modulus_cv=record.get("modulus_cv"),
             unknown_modulus=parse_prior(record.get("unknown_modulus", str(UNKNOWN_MODULUS))),
             load_cv=record.get("load_cv"),
+            shared_load_cv=record.get("shared_load_cv"),
             individual=tuple(record.get("individual", ())),
             errors=error_law_named(record["errors"]) if "errors" in record else None,
             resolution=record.get("resolution"),
@@ -226,6 +233,7 @@ class ModelOptions:
             "scale of the ratings": name_of_scale(self.scale),
             **({"finger": str(self.finger)} if self.finger != Finger() else {}),
             **({"load_cv": str(self.load_cv)} if self.load_cv else {}),
+            **({"shared_load_cv": str(self.shared_load_cv)} if self.shared_load_cv else {}),
             **({"raters' own fingers": ", ".join(self.individual)} if self.individual else {}),
             **({} if self.errors in (None, NORMAL) else {"errors": self.errors.name}),
             **({} if self.resolution is None else {"resolution": str(self.resolution)}),

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from softness_bayes.data import LOAD_COLUMNS, Ratings
-from softness_bayes.likelihood.load_errors import NODE, LoadErrors
+from softness_bayes.likelihood.load_errors import LoadErrors
 from softness_bayes.touch.contact import Load
 
 IndexArray = NDArray[np.intp]
@@ -25,24 +25,37 @@ class Touched(NamedTuple):
     """Index of each condition's load."""
 
 
-def beside(ratings: Ratings, errors: LoadErrors) -> Touched:
+def touched_in(ratings: Ratings) -> Touched:
+    """Return the conditions that were rated, at their stated loads."""
+    return Touched(ratings.loads, ratings.conditions.fabric, ratings.conditions.load)
+
+
+def beside(stated: Touched, errors: LoadErrors) -> Touched:
     """Return the conditions under the lower and the higher loads of uncertain touches, in the order of their columns.
+
+    Parameters
+    ----------
+    stated
+        The conditions at their stated loads.
+    errors
+        Errors of the loads.
 
     Raises
     ------
     InputError
         If such a load is out of range.
     """
-    conditions, uncertain = ratings.conditions, errors.uncertain
+    uncertain = errors.uncertain
     condition = errors.condition[uncertain]
     every = [
-        scaled(ratings.loads[load], float(np.exp(side * NODE * spread)))
-        for side in (-1.0, 1.0)
-        for load, spread in zip(conditions.load[condition], errors.log_sd[uncertain], strict=True)
+        scaled(stated.loads[load], float(np.exp(node * spread)))
+        for node in errors.nodes
+        for load, spread in zip(stated.load[condition], errors.log_sd[uncertain], strict=True)
     ]
     loads = tuple(dict.fromkeys(every))
     place = {load: k for k, load in enumerate(loads)}
-    return Touched(loads, np.tile(conditions.fabric[condition], 2), np.array([place[load] for load in every]))
+    fabric = np.tile(stated.fabric[condition], len(errors.nodes))
+    return Touched(loads, fabric, np.array([place[load] for load in every]))
 
 
 def scaled(load: Load, factor: float) -> Load:

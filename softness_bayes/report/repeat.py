@@ -113,6 +113,8 @@ def _model(options: ModelOptions) -> list[str]:
     words += [] if options.modulus_cv is None else ["--modulus-cv", repr(float(options.modulus_cv))]
     words += [] if options.unknown_modulus == UNKNOWN_MODULUS else ["--unknown-modulus", str(options.unknown_modulus)]
     words += [] if options.load_cv is None else ["--load-cv", repr(float(options.load_cv))]
+    shared = options.shared_load_cv
+    words += [] if shared is None else ["--shared-load-cv", repr(float(shared))]
     words += ["--priors", options.prior_set]
     for name, prior in options.priors.items():
         words += ["--prior", f"{name}={prior}"]

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from softness_bayes.checking.exactness import EXACT_RATES, SAME_RATES, Exactness, compare_likelihoods
 from softness_bayes.model.individual import finer_family_of
+from softness_bayes.model.other_loads import Touched, beside
 from softness_bayes.model.posterior import ForwardModel, Posterior
 from softness_bayes.results.draws import REWEIGHT_DRAWS
 from softness_bayes.results.groups import Variable, evenly
@@ -34,8 +35,10 @@ def exact_log_likelihood(posterior: Posterior, theta: Array) -> Array:
     """Return the log-likelihood at points theta with exact firing rates and a finer quadrature, shape (points,)."""
     exact, fingers = _scene(posterior).exact(), posterior.fingers
     finer = None if fingers is None else finer_family_of(exact, fingers.grid.finer())
-    others = None if posterior.other_loads is None else _compiled(posterior.other_loads).exact()
     finest = posterior.with_term(posterior.observation.finer())
+    others, errors = None, finest.observation.load_errors
+    if posterior.other_loads is not None and errors is not None:
+        others = exact.under(*beside(Touched(exact.loads, exact.fabric, exact.load), errors))
     return finest.with_scene(exact, others, finer).log_likelihood(theta)
 
 

@@ -126,6 +126,7 @@ def options_of(result: Stored) -> ModelOptions:
         finger=result.finger,
         modulus_cv=asked.get("modulus_cv"),
         load_cv=asked.get("load_cv"),
+        shared_load_cv=asked.get("shared_load_cv"),
         unknown_modulus=_unknown_of(result),
         individual=tuple(asked.get("individual") or ()),
         discretisation=Discretisation(**asked["discretisation"]),
@@ -160,5 +161,6 @@ def _model(result: Stored) -> dict[str, str]:
         **({} if options.errors in (None, NORMAL) else {"errors": options.errors.name}),
         **({} if options.resolution is None else {"resolution": f"{options.resolution:g}"}),
         **({"load_cv": f"{options.load_cv:g}"} if options.load_cv else {}),
+        **({"shared_load_cv": f"{options.shared_load_cv:g}"} if options.shared_load_cv else {}),
         **({"compression": result.provenance.plate.digest_compression[:8]} if result.has_compression else {}),
     }

@@ -253,8 +253,18 @@ class Result(Answers):
         own = constant[LOAD_CV.name].values if LOAD_CV.name in constant else every
         return np.where(np.isnan(own), asked or 0.0, own)
 
+    @property
+    def shared_load_cv(self) -> float:
+        """Relative standard error of each load that all its ratings share, as the run took it; 0 if there is none."""
+        return self.provenance.asked.options.get("shared_load_cv") or 0.0
+
     def said_of_loads(self) -> str:
         """Return in one sentence whether loads were taken as exact."""
+        if self.shared_load_cv:
+            return (
+                f"loads: a relative error of {self.shared_load_cv:.3g} of each load, shared by all its ratings, is "
+                "accounted for"
+            )
         given = self.provenance.asked.options.get("load_cv") is not None or LOAD_CV.name in self.group("constant_data")
         return load_sentence(self.load_cv, given)
 

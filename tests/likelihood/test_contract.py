@@ -38,6 +38,7 @@ from softness_bayes.likelihood.plate import CompressionForces, SkinParameters
 from softness_bayes.likelihood.quadrature import DENSE
 from softness_bayes.likelihood.ratings import RatingParameters, RatingsLikelihood
 from softness_bayes.likelihood.scales import CATEGORIES, MAGNITUDE, RATING_SCALES, scale_named
+from softness_bayes.likelihood.shared_loads import SharedLoads
 from softness_bayes.likelihood.spreads import RaterSpreads, SpreadModel
 from softness_bayes.likelihood.uncertain_loads import UncertainLoads
 from softness_bayes.likelihood.z_scores import StandardisedModel, StandardisedRatings
@@ -103,6 +104,22 @@ def dense_uncertain(y, rate, p):
         variance[row] = np.average((nodes - mean[row]) ** 2, weights=[1, 4, 1])
     covariance = 9.0 + p.tau**2 * (person[:, None] == person) + p.omega**2 * (fabric[:, None] == fabric)
     law = multivariate_normal(np.log(20.0) + mean, covariance + np.diag(p.varsigma**2 + variance))
+    return law.logpdf(np.log(y)) - np.log(y).sum()
+
+
+LOADS, SHARED_SD = np.array([0, 1, 0, 1, 1]), 0.05
+SHARED = np.concatenate([RATES, 0.8 * RATES, 1.3 * RATES + 0.2], axis=1)  # under the stated, lower and higher loads
+
+
+def dense_shared(y, rate, p):
+    """Log ratings as one dense normal vector, the response a line in the factor of each load."""
+    drive = -p.gamma * (np.log(rate + p.eps) - np.log(rate[:CONDITIONS] + p.eps)[DESIGN.condition].mean())
+    stated, low, high = drive[DESIGN.condition + CONDITIONS * np.arange(3)[:, None]]
+    slope = (high - low) / np.sqrt(12.0)
+    fabric, person, load = DESIGN.fabric[DESIGN.condition], DESIGN.participant, LOADS[DESIGN.condition]
+    covariance = 9.0 + p.tau**2 * (person[:, None] == person) + p.omega**2 * (fabric[:, None] == fabric)
+    covariance = covariance + (load[:, None] == load) * np.outer(slope, slope) + p.varsigma**2 * np.eye(ROWS)
+    law = multivariate_normal(np.log(20.0) + stated + (high + low - 2.0 * stated) / 6.0, covariance)
     return law.logpdf(np.log(y)) - np.log(y).sum()
 
 
@@ -245,6 +262,12 @@ PRESSED = SkinParameters(
     [0.2] * 3,
 )
 CASES = {
+    SharedLoads: Case(
+        SharedLoads.of(LogRatings(20.0 * np.exp(NOISE), DESIGN, RatingModel(FALLS)), SHARED_SD, LOADS),
+        SHARED,
+        RATED,
+        dense_shared,
+    ),
     LogRatings: Case(LogRatings(20.0 * np.exp(NOISE), DESIGN, RatingModel(FALLS)), RATES, RATED, dense_ratings),
     IntervalRatings: Case(
         IntervalRatings(20.0 * np.exp(NOISE), DESIGN, IntervalModel(RISES, law=STUDENT), quadrature=DENSE),
@@ -401,7 +424,8 @@ def shuffled(y, order, people):
         return type(y)(y.indentation[order], y.values[order], people[y.finger[order]], y.n_fingers)
     design = Design(y.design.condition[order], people[y.design.participant[order]], y.design.fabric, 3)
     if hasattr(y, "errors"):
-        return type(y)(y.values[order], design, y.model, replace(y.errors, of_row=y.errors.of_row[order]))
+        load = (y.load,) if hasattr(y, "load") else ()
+        return type(y)(y.values[order], design, y.model, replace(y.errors, of_row=y.errors.of_row[order]), *load)
     own = {"quadrature": y._quadrature} if isinstance(y, IntervalRatings) else {}
     own = {"lists": y.lists[order]} if isinstance(y, OrderRatings) else own
     return type(y)(y.values[order], design, y.model, **own)

@@ -19,7 +19,7 @@ from softness_bayes.likelihood.load_errors import NODE, LoadErrors
 from softness_bayes.likelihood.scales import STANDARDISED
 from softness_bayes.model.build import build
 from softness_bayes.model.options import ModelOptions
-from softness_bayes.model.other_loads import beside, scaled
+from softness_bayes.model.other_loads import beside, scaled, touched_in
 from softness_bayes.model.other_moduli import drive_slope, rates_of_other_moduli
 from softness_bayes.model.scenes import scene_of, touch_parameters, usual_values
 from softness_bayes.model.simulation import simulate_ratings
@@ -73,7 +73,7 @@ def test_touches_and_the_loads_beside_them():
     errors = LoadErrors.of(posterior.observation.design, log_sd)
     assert_allclose(np.stack([errors.condition, errors.log_sd], 1)[errors.of_row, 0], conditions.of_rating)
     assert_allclose(errors.log_sd[errors.of_row], log_sd)
-    touched = beside(experiment.ratings, errors)
+    touched = beside(touched_in(experiment.ratings), errors)
     columns = errors.columns - errors.n_conditions
     for touch, (condition, sd) in enumerate(zip(errors.condition, errors.log_sd, strict=True)):
         assert errors.columns[touch, 1] == condition

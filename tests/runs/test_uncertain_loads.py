@@ -8,6 +8,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from softness_bayes.data import Experiment, Ratings, ratings_csv
+from softness_bayes.likelihood import shared_loads
 from softness_bayes.model.build import build
 from softness_bayes.report.findings import input_errors_of
 from softness_bayes.report.page import report_page
@@ -115,3 +116,25 @@ def test_the_command_line_simulates_samples_and_resumes(tmp_path, brief_pilot):
     more = call("resume", home, "--more-steps", "20")
     assert more.returncode == 3
     assert Result.load(home).provenance.ending.steps == 40
+
+
+def test_an_error_that_a_load_shares_goes_through_a_run(few_pictures, tmp_path):
+    with quickly(), pytest.MonkeyPatch.context() as patch:
+        patch.setattr(shared_loads, "FINE_NODES", (-2.0, -1.0, 1.0, 2.0))  # exact fields of other loads take seconds
+        result = sample(experiment(), **OPTIONS, shared_load_cv=0.05)
+        table = result.predict(draws=20)
+    assert (table["new_rater_rating_high"] > table["typical_rating_high"]).all()
+    assert result.said_of_loads() == (
+        "loads: a relative error of 0.05 of each load, shared by all its ratings, is accounted for"
+    )
+    assert "--shared-load-cv 0.05" in report_page(result)
+    assert np.isfinite(result.group("log_likelihood_loo")["rating"].values).all()
+    assert np.isfinite(result.provenance.residuals.modulus_p_value)
+    result.save(tmp_path / "run")
+    assert options_of(Result.load(tmp_path / "run")).shared_load_cv == 0.05
+
+
+def test_a_shared_error_that_is_too_large_is_refused(tmp_path):
+    ended = call("sample", "--data", DATA / "ratings.csv", "--shared-load-cv", "0.2", "--out", tmp_path / "run")
+    assert ended.returncode == 2
+    assert "from 0 to 0.1" in ended.stderr

@@ -14,7 +14,7 @@ from softness_bayes.cli.options.ratings import AUTO, categories, direction_of_da
 from softness_bayes.cli.options.values import Number, Verb, finite, named
 from softness_bayes.defaults import ACCURACY, PRIOR_SET
 from softness_bayes.likelihood.directions import direction_named
-from softness_bayes.ranges import ACCURACIES, LOAD_ERRORS, RELATIVE_ERRORS
+from softness_bayes.ranges import ACCURACIES, LOAD_ERRORS, RELATIVE_ERRORS, SHARED_LOAD_ERRORS
 
 if TYPE_CHECKING:
     from softness_bayes.model.options import ModelOptions
@@ -213,6 +213,16 @@ load_cv = click.option(
 )
 """Gives a verb `load_cv`, a number or None."""
 
+shared_load_cv = click.option(
+    "--shared-load-cv",
+    "shared_load_cv",
+    type=Number(SHARED_LOAD_ERRORS),
+    metavar="X",
+    help="Relative standard error of each load that all its ratings share, as in 0.03 of a press that is set once: one "
+    "factor for each load.",
+)
+"""Gives a verb `shared_load_cv`, a number or None."""
+
 
 def _individual(context: click.Context, parameter: click.Parameter, text: str | None) -> tuple[str, ...]:
     from softness_bayes.model.individual import require_individual
@@ -262,6 +272,7 @@ class ModelChoice:
     modulus_cv: float | None
     unknown_modulus: Prior | None
     load_cv: float | None
+    shared_load_cv: float | None
     individual: tuple[str, ...]
     errors: str = AUTO
     """A name, or `AUTO`."""
@@ -287,6 +298,7 @@ class ModelChoice:
             modulus_cv=self.modulus_cv,
             unknown_modulus=self.unknown_modulus or UNKNOWN_MODULUS,
             load_cv=self.load_cv,
+            shared_load_cv=self.shared_load_cv,
             individual=self.individual,
             errors=None if self.errors == AUTO else error_law_named(self.errors),
             resolution=self.resolution,
@@ -308,6 +320,7 @@ def model_choice(verb: Verb) -> Verb:
     @modulus_cv
     @unknown_modulus
     @load_cv
+    @shared_load_cv
     @individual
     @errors
     @resolution
@@ -325,6 +338,7 @@ def model_choice(verb: Verb) -> Verb:
         modulus_cv: float | None,
         unknown_modulus: Prior | None,
         load_cv: float | None,
+        shared_load_cv: float | None,
         individual: tuple[str, ...],
         errors: str,
         resolution: float | None,
@@ -333,8 +347,9 @@ def model_choice(verb: Verb) -> Verb:
         accuracy: float,
         **others: Any,
     ) -> Any:
-        inexact = modulus_cv, unknown_modulus, load_cv, individual, errors, resolution, slider_ends, n_categories
-        model = ModelChoice(fixed, priors, prior_set, choice, direction, accuracy, finger, *inexact)
+        inexact = modulus_cv, unknown_modulus, load_cv, shared_load_cv, individual
+        as_rated = errors, resolution, slider_ends, n_categories
+        model = ModelChoice(fixed, priors, prior_set, choice, direction, accuracy, finger, *inexact, *as_rated)
         return verb(model=model, **others)
 
     return wrapped

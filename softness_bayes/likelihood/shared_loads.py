@@ -1,0 +1,314 @@
+"""Magnitude estimates whose loads err together: one factor for each load, the same in all its touches (model.md 9).
+
+The factor of a load is log-normal. Over it the response is taken as linear in the factor's logarithm, with the mean
+and the slope that it has over the factor's law; the factors are then integrated out in closed form, like the other
+effects. `OverFactors` takes the responses as they are, and is what the exactness check compares with.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import NamedTuple, Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.special import ndtri
+
+from softness_bayes.likelihood.contract import Effects
+from softness_bayes.likelihood.design import Design, IndexArray
+from softness_bayes.likelihood.load_errors import NODE, OUTER, LoadErrors
+from softness_bayes.likelihood.magnitude import LogRatings, RatingModel, spreads_of
+from softness_bayes.likelihood.pieces import in_pieces
+from softness_bayes.likelihood.random_effects import LeaveOneOut
+from softness_bayes.likelihood.ratings import RatingParameters
+
+FloatArray = NDArray[np.float64]
+
+POINTS = 256
+"""Vectors of factors that the reference sums over, a power of two."""
+
+FINE_NODES = (-4.0, -3.0, -2.0, -1.0, 1.0, 2.0, 3.0, 4.0)
+"""Loads of the reference beside the stated one, in standard deviations of a load's logarithm."""
+
+
+class SharedEffects(NamedTuple):
+    """Effects as `random_effects.Effects`, and the errors of the loads."""
+
+    mu: FloatArray
+    participant: FloatArray
+    fabric: FloatArray
+    load: FloatArray
+    """log of each load over the stated one, in its standard deviations, shape (..., loads)."""
+
+
+class _Factors(NamedTuple):
+    """The normal law of the factors given the ratings, and what they change."""
+
+    middle: FloatArray  # drive over the factors' law, (..., conditions)
+    slope: FloatArray  # change of the drive with the load's factor, (..., loads, conditions)
+    mean: FloatArray  # of the factors, (..., loads)
+    information: FloatArray  # of the ratings on the factors, (..., loads, loads)
+    pull: FloatArray  # gradient of the log density where the factors are 1, (..., loads)
+    base: FloatArray  # log density of the log ratings there, (...)
+
+
+class SharedLoads(LogRatings):
+    """Positive ratings under a `RatingModel`, one factor of each load integrated out beside all other effects.
+
+    Parameters
+    ----------
+    ratings, design, model, over
+        As of `LogRatings`.
+    errors
+        The loads beside the stated ones; its touches are the conditions, whose errors are those of their load.
+    load
+        Index of each condition's load, shape (conditions,).
+    """
+
+    def __init__(
+        self,
+        ratings: ArrayLike,
+        design: Design,
+        model: RatingModel,
+        errors: LoadErrors,
+        load: IndexArray,
+        over: Design | None = None,
+    ) -> None:
+        super().__init__(ratings, design, model, over)
+        self.errors, self.load = errors, np.asarray(load)
+        self._member = np.eye(self.load.max() + 1)[:, self.load]
+
+    @classmethod
+    def of(cls, observed: LogRatings, log_sd: float, load: ArrayLike) -> SharedLoads:
+        """Return the likelihood of the same ratings whose loads err together.
+
+        Parameters
+        ----------
+        observed
+            Ratings of exact loads.
+        log_sd
+            Standard deviation of the logarithm of each load, positive.
+        load
+            Index of each condition's load, shape (conditions,).
+        """
+        conditions = np.arange(observed.design.n_conditions)
+        errors = LoadErrors(
+            conditions, np.full(conditions.size, log_sd), observed.design.condition, observed.design.n_conditions
+        )
+        return cls(observed.values, observed.design, observed.model, errors, np.asarray(load))
+
+    @property
+    def load_errors(self) -> LoadErrors:
+        """The loads beside the stated ones whose responses are needed."""
+        return self.errors
+
+    def with_values(self, values: ArrayLike) -> Self:
+        """Return the likelihood of other ratings of the same rows."""
+        return type(self)(values, self.design, self.model, self.errors, self.load, self._over)
+
+    def without(self, rows: NDArray[np.bool_]) -> Self:
+        """Return the other ratings, with x still centred over all rows."""
+        errors = self.errors.without(rows)
+        return type(self)(self.values[~rows], self.design.without(rows), self.model, errors, self.load, self._over)
+
+    def finer(self) -> OverFactors:
+        """Return the likelihood that takes the responses as they are, summed over the factors."""
+        errors = self.errors.at_nodes(FINE_NODES)
+        return OverFactors(self.values, self.design, self.model, errors, self.load, self._over)
+
+    @property
+    def fabric_of_rate(self) -> IndexArray:
+        """Fabric of each column of the mean rates."""
+        return np.tile(self.design.fabric, 1 + len(self.errors.nodes))
+
+    def drive(self, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
+        """Return the response's contribution in each condition at its stated load, shape (..., conditions)."""
+        return super().drive_at(self._stated(mean_rate), self._stated(mean_rate), parameters)
+
+    def drive_at(self, elsewhere: FloatArray, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
+        """Return `drive` at other mean rates [Hz], shape (..., k)."""
+        return super().drive_at(elsewhere, self._stated(mean_rate), parameters)
+
+    def predictor(self, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
+        """Return log(N/N_ref + eps) at the stated loads, shape (..., conditions)."""
+        return super().predictor(self._stated(mean_rate), parameters)
+
+    def log_likelihood(self, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
+        """Log density of all ratings together, shape (...)."""
+        law = self._factors(mean_rate, parameters)
+        inside = np.eye(law.mean.shape[-1]) + law.information
+        explained = 0.5 * (law.pull * law.mean).sum(axis=-1)
+        return np.asarray(law.base + explained - 0.5 * np.linalg.slogdet(inside)[1] - self._log.sum())
+
+    def leave_one_out(self, mean_rate: FloatArray, parameters: RatingParameters) -> LeaveOneOut:
+        """The normal law of each log rating given all the others, arrays of shape (..., rows)."""
+        law = self._factors(mean_rate, parameters)
+        spreads = spreads_of(parameters)
+        left = self._effects.leave_one_out(law.middle, spreads)
+        # rows of the inverse covariance, applied to the residuals and to what a factor changes
+        diagonal = left.sd**-2
+        solved = (self._log - left.mean) * diagonal
+        columns = []
+        for k in range(self._member.shape[0]):
+            moved = self._effects.leave_one_out(law.middle + law.slope[..., k, :], spreads)
+            columns.append(solved - (self._log - moved.mean) * diagonal)
+        reach = np.stack(columns, axis=-1)  # (..., rows, loads)
+        covariance = np.linalg.inv(np.eye(reach.shape[-1]) + law.information)
+        diagonal = diagonal - np.einsum("...ri,...ij,...rj->...r", reach, covariance, reach)
+        solved = solved - (reach * law.mean[..., None, :]).sum(axis=-1)
+        return LeaveOneOut(self._log - solved / diagonal, diagonal**-0.5)
+
+    def log_likelihood_participants(self, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
+        """Log density of all ratings of each participant given everybody else's, shape (draws, participants)."""
+
+        def alone(rate: FloatArray, some: RatingParameters) -> FloatArray:
+            joint = self.log_likelihood(rate, some)
+            found = np.zeros((*joint.shape, self.design.n_participants))
+            for rater in np.unique(self.design.participant):
+                own = self.design.participant == rater
+                rest = np.zeros(()) if own.all() else self.without(own).log_likelihood(rate, some)
+                found[..., rater] = joint - rest
+            return found
+
+        return in_pieces(alone, self._effects.width, mean_rate, parameters)
+
+    def new_effects(
+        self,
+        rng: np.random.Generator,
+        parameters: RatingParameters,
+        shape: tuple[int, ...],
+        levels: Mapping[str, ArrayLike] | None = None,
+    ) -> Effects:
+        """Return effects of new participants, fabrics and loads, of batch ``shape``."""
+        effects = super().new_effects(rng, parameters, shape, levels)
+        factor = rng.standard_normal((*shape, self._member.shape[0]))
+        return SharedEffects(effects.mu, effects.participant, effects.fabric, factor)
+
+    def draw_effects(self, rng: np.random.Generator, mean_rate: FloatArray, parameters: RatingParameters) -> Effects:
+        """Exact draws of all effects given the ratings, one for each point of the batch; the factors come first."""
+        law = self._factors(mean_rate, parameters)
+        root = np.linalg.cholesky(np.linalg.inv(np.eye(law.mean.shape[-1]) + law.information))
+        factor = law.mean + (root @ rng.standard_normal(law.mean.shape)[..., None])[..., 0]
+        drive = law.middle + (factor[..., None] * law.slope).sum(axis=-2)
+        others = self._effects.draw_effects(rng, drive, spreads_of(parameters))
+        return SharedEffects(others.mu, others.participant, others.fabric, factor)
+
+    def residual(self, mean_rate: FloatArray, parameters: RatingParameters, effects: Effects) -> FloatArray:
+        """Return the residual of each log rating given the effects, shape (..., rows)."""
+        design = self.design
+        touched = self._touched(mean_rate, parameters, effects)
+        expected = effects.mu[..., None] + (touched + effects.fabric[..., design.fabric])[..., design.condition]
+        return self.model.error.normal_scores(
+            self._log - expected - effects.participant[..., design.participant], parameters
+        )
+
+    def replicate(
+        self,
+        rng: np.random.Generator,
+        drive: FloatArray,
+        parameters: RatingParameters,
+        effects: Effects,
+        mean_rate: FloatArray | None = None,
+    ) -> FloatArray:
+        """Return one rating for every row, shape (..., rows), under the loads of `effects` at these mean rates.
+
+        Raises
+        ------
+        TypeError
+            Without mean rates.
+        """
+        if mean_rate is None:
+            raise TypeError("errors of loads move ratings by the response: expected mean rates")
+        moved = self._touched(mean_rate, parameters, effects) - self.drive(mean_rate, parameters)
+        return super().replicate(rng, drive + moved, parameters, effects, mean_rate)
+
+    def _stated(self, mean_rate: FloatArray) -> FloatArray:
+        """Return the mean rates under the stated loads."""
+        return mean_rate[..., : self.design.n_conditions]
+
+    def _touched(self, mean_rate: FloatArray, parameters: RatingParameters, effects: Effects) -> FloatArray:
+        """Return the drive of each condition under the loads of `effects`."""
+        middle, slope = self._line(mean_rate, parameters)
+        return np.asarray(middle + (effects.load[..., None] * slope).sum(axis=-2))
+
+    def _line(self, mean_rate: FloatArray, parameters: RatingParameters) -> tuple[FloatArray, FloatArray]:
+        """Return the drive's mean over the factors' law, and its change with each of them, (..., loads, conditions)."""
+        columns = self.errors.columns
+        lower, stated, higher = np.moveaxis(self.drive_at(mean_rate, mean_rate, parameters)[..., columns], -1, 0)
+        middle = stated + OUTER * (higher + lower - 2.0 * stated)
+        return middle, (OUTER * NODE * (higher - lower))[..., None, :] * self._member
+
+    def _factors(self, mean_rate: FloatArray, parameters: RatingParameters) -> _Factors:
+        """Return the law of the factors.
+
+        The log density is quadratic in the factors: values at 0, at each of them and at pairs of them are all of it.
+        """
+        middle, slope = self._line(mean_rate, parameters)
+        spreads, loads = spreads_of(parameters), slope.shape[-2]
+        one = [slope[..., k, :] for k in range(loads)]
+        pairs = [(i, j) for i in range(loads) for j in range(i)]
+        moves = [np.zeros_like(middle), *one, *(-each for each in one), *(one[i] + one[j] for i, j in pairs)]
+        values = self._effects.log_density(middle + np.stack(moves), spreads)
+        base, up, down = values[0], values[1 : 1 + loads], values[1 + loads : 1 + 2 * loads]
+        pull = np.moveaxis(up - down, 0, -1) / 2.0
+        information = np.zeros((*base.shape, loads, loads))
+        for k in range(loads):
+            information[..., k, k] = np.maximum(2.0 * base - up[k] - down[k], 0.0)
+        for (i, j), both in zip(pairs, values[1 + 2 * loads :], strict=True):
+            information[..., i, j] = information[..., j, i] = up[i] + up[j] - base - both
+        mean = np.asarray(np.linalg.solve(np.eye(loads) + information, pull[..., None])[..., 0], float)
+        return _Factors(middle, slope, mean, information, pull, base)
+
+
+class OverFactors(SharedLoads):
+    """The same ratings with the responses as they are, summed over vectors of factors: the reference of the line.
+
+    Between the loads of `errors.nodes` the drive is interpolated. The vectors are spread evenly over the normal law
+    that the line gives the factors, and weighted: where the response is a line, the sum is exact.
+    """
+
+    def log_likelihood(self, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
+        """Log density of all ratings together, shape (...)."""
+        from scipy.stats import qmc
+
+        law, spreads = self._factors(mean_rate, parameters), spreads_of(parameters)
+        loads = law.mean.shape[-1]
+        root = np.linalg.cholesky(np.linalg.inv(np.eye(loads) + law.information))
+        z = ndtri(qmc.Sobol(loads, seed=1).random(POINTS))
+        knots = np.sort(np.append(self.errors.nodes, 0.0))
+        every = self.drive_at(mean_rate, mean_rate, parameters)[..., self.errors.columns]
+        every = np.moveaxis(every, -1, 0)  # (nodes, ..., conditions), the stated load in the middle
+        terms = []
+        for step in z:
+            factor = law.mean + root @ step
+            drive = _between(knots, every, factor[..., self.load])
+            density = self._effects.log_density(drive, spreads)
+            # the prior of the factors over the law that they are drawn from
+            terms.append(density - 0.5 * (factor**2).sum(axis=-1) + 0.5 * (step**2).sum())
+        terms_of = np.array(terms)
+        largest = terms_of.max(axis=0)
+        total = largest + np.log(np.exp(terms_of - largest).mean(axis=0))
+        return np.asarray(total + np.log(np.diagonal(root, axis1=-2, axis2=-1)).sum(axis=-1) - self._log.sum())
+
+    def _line(self, mean_rate: FloatArray, parameters: RatingParameters) -> tuple[FloatArray, FloatArray]:
+        knots = np.sort(np.append(self.errors.nodes, 0.0))
+        every = np.moveaxis(self.drive_at(mean_rate, mean_rate, parameters)[..., self.errors.columns], -1, 0)
+        weight = np.exp(-0.5 * knots**2)
+        weight /= weight.sum()
+        middle = np.tensordot(weight, every, 1)
+        return middle, np.tensordot(weight * knots, every, 1)[..., None, :] * self._member
+
+
+def _between(knots: FloatArray, values: FloatArray, at: FloatArray) -> FloatArray:
+    """Return values (knots, ..., conditions) at points (..., conditions), by the cubic of four knots about each."""
+    place = np.clip((at - knots[0]) / (knots[1] - knots[0]), 0.0, knots.size - 1.0)
+    first = np.clip(place.astype(int), 1, knots.size - 3)
+    t = place - first
+    four = (np.take_along_axis(values, first[None] + k, 0)[0] for k in (-1, 0, 1, 2))
+    weights = (
+        -t * (t - 1.0) * (t - 2.0) / 6.0,
+        (t + 1.0) * (t - 1.0) * (t - 2.0) / 2.0,
+        -(t + 1.0) * t * (t - 2.0) / 2.0,
+        (t + 1.0) * t * (t - 1.0) / 6.0,
+    )
+    return np.asarray(sum(weight * value for weight, value in zip(weights, four, strict=True)))
