@@ -23,6 +23,7 @@ from bokeh.plotting import figure
 
 from softness_bayes.errors import SoftnessError
 from softness_bayes.explore.picture import Picture, picture
+from softness_bayes.explore.relay import Relay
 from softness_bayes.explore.span import DIGITS, STEPS, Span, rounded
 from softness_bayes.explore.subject import State, Subject
 from softness_bayes.parameters.fabric_moduli import KPA
@@ -46,6 +47,9 @@ WRAPPED = "white-space: pre-wrap; overflow-wrap: anywhere; user-select: text"
 """Style of a command, of which no word is out of sight."""
 
 REPEAT = "The command that repeats the numbers of this touch:"
+
+STEPS_OF_ENDS = (1.0, 1.25, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0, 12.5)
+"""Ends of axes and keys, times a power of ten."""
 
 POWER = f"return Number(Math.pow(10, tick).toPrecision({DIGITS})).toString()"
 
@@ -92,10 +96,15 @@ class Page:
         self.reset = Button(label="reset", name="reset")
         self.said = Div(name="said", sizing_mode="stretch_width")
         self.charts = self._charts()
+        named = {f"{name} title": heading for name, heading in self.titles.items()}
+        distances, colours = self.distances, self.colours
+        models = {**self.sources, **named, "distances": distances, "colours": colours, "said": self.said}
+        self.relay = Relay(models, self.said)
         self._move_to(subject.start)
         self._listen()
         document.title = TITLE
         document.add_root(self._layout())
+        self._shown_already = document.session_context is not None
 
     def _listen(self) -> None:
         for span in self.subject.spans:
@@ -145,7 +154,8 @@ class Page:
         try:
             self.draw(picture(self.subject, state))
         except SoftnessError as error:
-            self.said.text = f"<p>{escape(f'This cannot be drawn: {error}')}</p>"
+            self.relay.set("said", "text", f"<p>{escape(f'This cannot be drawn: {error}')}</p>")
+        self.relay.send(self._shown_already)
 
     # charts
 
@@ -225,15 +235,15 @@ class Page:
             self._show_load(load)
         self._put_receptors(found)
         words = [*found.told, *([] if rated is None else [f"Posterior of the run: {rated.shown[load].told}"])]
-        # one element: each change of a text lays out the whole page anew, which takes longer than the model
-        self.said.text = _in_words(words, found)
+        self.relay.set("said", "text", _in_words(words, found))
 
     _shown = -1  # the load of the titles, the bands and the data
+    _shown_already = False  # whether a browser has the document: from then on the relay's message brings all changes
 
     def _show_load(self, load: int) -> None:
         """Name the load, and put the bands and the data of a run under it behind the curves."""
-        for heading in self.titles.values():
-            heading.text = title(self.subject.loads[load])
+        for name in self.titles:
+            self.relay.set(f"{name} title", "text", title(self.subject.loads[load]))
         if self.subject.rated is not None:
             shown = self.subject.rated.shown[load]
             for name in self.titles:
@@ -245,14 +255,14 @@ class Page:
     def _put_receptors(self, found: Picture) -> None:
         self._put("firing", x=found.distance.tolist(), rate=found.firing.tolist())
         seen = found.distance[found.stress > SEEN * found.stress.max()]
-        self.distances.end = float(seen.max(initial=found.distance[1]))
+        self.relay.set("distances", "end", step_above(float(seen.max(initial=found.distance[1]))))
         (x, y), (across, up) = self.subject.receptors.T * 1e3, self.subject.finger.contact_centre
         self._put("receptors", x=x.tolist(), y=y.tolist(), rate=found.receptors.tolist())
-        self.colours.high = float(found.firing.max()) or 1.0
+        self.relay.set("colours", "high", step_above(float(found.firing.max()) or 1.0))
         self._put("contact", x=[across * 1e3], y=[up * 1e3], radius=[found.chosen["contact_radius_mm"]])
 
     def _put(self, name: str, **columns: Any) -> None:
-        self.sources[name].data = columns
+        self.relay.put(name, columns)
 
     def _layout(self) -> Any:
         about = "the priors' medians" if self.subject.rated is None else self.subject.rated.source
@@ -264,6 +274,12 @@ class Page:
         pads = row(self.charts["firing"], self.charts["pad"], sizing_mode="stretch_width")
         right = column(*curves, legend, pads, self.said, sizing_mode="stretch_width")
         return row(left, right, sizing_mode="stretch_width")
+
+
+def step_above(value: float) -> float:
+    """Return the end of an axis or key that holds a positive value: each new end takes a new layout of its chart."""
+    power = 10.0 ** np.floor(np.log10(value))
+    return float(power * next(step for step in STEPS_OF_ENDS if step * power >= value))
 
 
 def _slider(span: Span) -> Slider:

@@ -95,6 +95,7 @@ def test_time_of_a_redraw_is_told(window, of_ratings):
     """From the slider's event to the new data, through the server and back, and to the screen: see ``pytest -s``."""
     span = next(one for one in of_ratings.spans if one.name == "sigma_0")
     places = np.linspace(span.place(span.low), span.place(span.high), 10)[1:-1].tolist()
+    window.events.clear()
     taken = window.script(
         f"(async () => {{ const source = {MODEL.format('curve')}, slider = {MODEL.format('sigma_0')}, taken = []; "
         f"for (const place of {places}) {{ const begun = performance.now(); "
@@ -106,6 +107,10 @@ def test_time_of_a_redraw_is_told(window, of_ratings):
     )
     data, screen = np.median(taken, axis=0)
     assert len(taken) == 8
+    # one message brings a whole redraw, in three frames, beside the answers to the slider's own: with one message for
+    # each change there are 34 frames
+    frames = sum(event["method"] == "Network.webSocketFrameReceived" for event in window.events)
+    assert frames <= 20 * len(taken)
     print(f"\nafter the slider's event: new data in {data:.0f} ms, drawn in {screen:.0f} ms (medians of {len(taken)})")
 
 
