@@ -48,6 +48,8 @@ CONDITIONS, FABRICS = "deviations of mean ratings", "fabrics' own deviations"
 EXPONENTS, PIT = "participants' own exponents", "LOO-PIT"
 ALONG, FINGERS = "deviations along the response's slope", "raters' deviations along the skin's slope"
 """Checks of residuals at draws of the posterior, beside the test quantities."""
+ONE_SIDED = (CONDITIONS, FABRICS, EXPONENTS, ALONG, FINGERS, PIT)
+"""Those whose p-value is the probability of larger deviations: a large one means that there are few, not a fault."""
 
 PIT_POINTS = np.arange(1, 100) / 100
 """Points at which the distribution function of LOO-PIT values is evaluated."""
@@ -202,9 +204,7 @@ def doubts(table: pd.DataFrame) -> list[str]:
         rows = rows[np.isfinite(rows["p_value"])]
         if rows.empty:
             continue
-        # these p-values are one-sided by construction
-        one_sided = name in (CONDITIONS, FABRICS, EXPONENTS, ALONG, PIT)
-        p_values = rows["p_value"] if one_sided else rows["p_value"].map(_two_sided)
+        p_values = rows["p_value"] if name in ONE_SIDED else rows["p_value"].map(_two_sided)
         if p_values.min() < DOUBTFUL / len(rows):
             worst = rows.iloc[int(np.argmin(p_values))]
             where = " ".join(str(worst[k]) for k in ("fabric", "load", "participant") if worst[k] != ALL)

@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from softness_bayes.checking.check_table import check_sentences, check_table, layout_of
+from softness_bayes.checking.check_table import ONE_SIDED, check_sentences, check_table, doubts, layout_of
 from softness_bayes.checking.quantities import QUANTITIES
 from softness_bayes.checking.reproduction import FALL, LEVELLED, inflection_reproduced
 from support.made_ratings import LAY, MODULUS, SHALLOW, STEEP, tree
@@ -116,3 +116,15 @@ def test_two_fabrics_are_not_judged(rng):
     _, *loads, _ = check_sentences(check_table(groups))
     assert len(loads) == 6
     assert all(load.endswith("the ratings cannot tell; too few fabrics or ratings") for load in loads)
+
+
+@pytest.mark.parametrize("name", ONE_SIDED)
+def test_small_deviations_are_no_fault(name):
+    def table(p_value):
+        index = pd.MultiIndex.from_tuples([("posterior", name)], names=["law", "quantity"])
+        return pd.DataFrame({"p_value": [p_value], "fabric": "all", "load": "all", "participant": "all"}, index=index)
+
+    assert doubts(table(1.0 - 1e-9)) == []
+    assert doubts(table(1e-9)) == [name]
+    # of others either end is
+    assert doubts(table(1.0 - 1e-9).rename(index={name: "mean rating"})) == ["mean rating"]
