@@ -57,6 +57,7 @@ PROGRAMS = {
     "tools.finger_coverage",
     "tools.injected_faults",
     "tools.input_coverage",
+    "tools.outlier_coverage",
     "tools.rating_coverage",
     "tools.real_cloth",
     "tools.rooms",
