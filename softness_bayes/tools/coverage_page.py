@@ -46,7 +46,7 @@ WANTED = 0.85, 0.95
 
 
 class Share(NamedTuple):
-    """How often intervals held the truth."""
+    """Share of the laboratories whose intervals held the truth, and its limits."""
 
     situation: str
     quantity: str
