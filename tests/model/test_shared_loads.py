@@ -10,8 +10,11 @@ from scipy.special import logsumexp
 
 from softness_bayes.data import Experiment, Fabrics
 from softness_bayes.errors import InputError
-from softness_bayes.likelihood.magnitude import spreads_of
+from softness_bayes.likelihood.design import Design
+from softness_bayes.likelihood.magnitude import RatingModel, spreads_of
+from softness_bayes.likelihood.ratings import RatingParameters
 from softness_bayes.likelihood.scales import STANDARDISED
+from softness_bayes.likelihood.shared_loads import SharedLoads
 from softness_bayes.model.build import build
 from softness_bayes.model.options import ModelOptions
 from softness_bayes.model.other_loads import scaled
@@ -64,7 +67,27 @@ def over_factors(experiment, posterior, theta, cv):
     return np.array(found)
 
 
-@pytest.mark.parametrize(("cv", "line"), [(0.05, 0.15), pytest.param(0.01, 0.01, marks=pytest.mark.slow)])
+def test_where_the_response_is_a_line_the_reference_is_the_closed_form():
+    design, load = Design(np.tile(np.arange(4), 3), np.repeat(np.arange(3), 4), np.arange(4), 3), [0, 0, 1, 1]
+    ratings = np.exp(np.random.default_rng(0).normal(3.0, 0.4, 12))
+    line = SharedLoads.of(RatingModel().observe(ratings, design), 0.05, load)
+    p, level, lean = (
+        RatingParameters(1.0, 0.5, 0.3, 0.0, 0.0),
+        np.array([1.0, 2.0, 0.5, 1.5]),
+        np.array([0.2, 0.1, 0.3, -0.2]),
+    )
+    found = []
+    for observed in (line, line.finer()):
+        nodes = np.array([0.0, *observed.load_errors.nodes])
+        found.append(observed.log_likelihood(np.exp(level + nodes[:, None] * lean).ravel(), p))
+    # its vectors are spread by a normal law that ends at four standard deviations, and weighted
+    assert_allclose(found[0], found[1], rtol=0, atol=1e-5)
+    bent = np.exp(level + nodes[:, None] * lean + 0.1 * nodes[:, None] ** 2 * lean).ravel()
+    assert abs(line.finer().log_likelihood(bent, p) - found[0]) > 1e-3
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("cv", "line"), [(0.05, 0.15), (0.01, 0.01)])
 def test_the_line_and_its_reference_agree_with_sums_over_both_factors(cv, line):
     experiment = made()
     posterior = build(experiment, options(shared_load_cv=cv)).posterior
