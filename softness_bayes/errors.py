@@ -42,6 +42,12 @@ class LockedError(SoftnessError):
 
 
 class ResourceError(SoftnessError, RuntimeError):
-    """Memory ran out or a worker process was killed; the same computation may work when repeated."""
+    """Memory ran out; the same computation may work with less of it."""
 
     exit_code = 6
+
+
+class WorkersLostError(ResourceError):
+    """Worker processes died and died again after they were replaced, or their cluster was lost."""
+
+    exit_code = 7

@@ -151,6 +151,6 @@ def _advise(message: str, ctx: click.Context) -> None:
 def main() -> None:
     """Infer how skin and touch receptors turn fabrics into softness, from ratings.
 
-    Exit codes: 0 done, 2 input, 3 not converged, 4 numerical stop, 5 locked by another run, 6 memory ran out or a
-    worker process was killed, 130 interrupted (Ctrl-C), 143 terminated.
+    Exit codes: 0 done, 2 input, 3 not converged, 4 numerical stop, 5 locked by another run, 6 memory ran out, 7
+    worker processes were killed, 130 interrupted (Ctrl-C), 143 terminated.
     """

@@ -11,7 +11,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
-from softness_bayes.errors import InputError, ResourceError
+from softness_bayes.errors import InputError, WorkersLostError
 from softness_bayes.files.outputs import require_directory
 from softness_bayes.files.whole import write_whole
 from softness_bayes.provenance import VERSION
@@ -64,7 +64,7 @@ class Cluster(Executor):
         return self._client.submit(pickle.loads, content, key=f"softness-bayes-{digest}")
 
     def submit(self, work: Callable[..., Result], /, *task: Any, **named: Any) -> Future[Result]:
-        """Submit a task; its future fails with `ResourceError` if its workers were killed again and again."""
+        """Submit a task; its future fails with `WorkersLostError` if its workers were killed again and again."""
         found: Future[Result] = Future()
         running = self._executor.submit(_alike, self._versions, work, *task, **named)
         found.add_done_callback(lambda asked: running.cancel() if asked.cancelled() else None)
@@ -221,8 +221,8 @@ def _pass_on(done: Future[Result], found: Future[Result]) -> None:
     try:
         found.set_result(done.result())
     except KilledWorker as error:
-        found.set_exception(ResourceError(f"workers of the cluster died again and again at one task: {error}"))
+        found.set_exception(WorkersLostError(f"workers of the cluster died again and again at one task: {error}"))
     except (CancelledError, OSError) as error:
-        found.set_exception(ResourceError(f"the cluster was lost ({error or 'its scheduler ended'})"))
+        found.set_exception(WorkersLostError(f"the cluster was lost ({error or 'its scheduler ended'})"))
     except BaseException as error:
         found.set_exception(error)

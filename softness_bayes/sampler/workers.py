@@ -21,7 +21,7 @@ from typing import Any, Protocol, Self, TypeVar, runtime_checkable
 from threadpoolctl import ThreadpoolController
 
 from softness_bayes.defaults import GARBAGE
-from softness_bayes.errors import ResourceError
+from softness_bayes.errors import WorkersLostError
 
 Result = TypeVar("Result")
 
@@ -134,7 +134,7 @@ class Workers:
             try:
                 return self._given.submit(_on_one_thread, work, self._sent, task)
             except BrokenExecutor:
-                raise ResourceError(_LOST) from None
+                raise WorkersLostError(_LOST) from None
         assert self._pool is not None
         with _shielded():
             try:
@@ -148,13 +148,13 @@ class Workers:
 
         Raises
         ------
-        ResourceError
+        WorkersLostError
             If that has happened too often.
         """
         if self._given is not None:
-            raise ResourceError(_LOST) from None
+            raise WorkersLostError(_LOST) from None
         if self._pool is None or self._renewed == RENEWALS:
-            raise ResourceError(_DIED) from None
+            raise WorkersLostError(_DIED) from None
         self._renewed += 1
         self._pool.shutdown(wait=False, cancel_futures=True)
         self._pool = self._new_pool()
@@ -187,7 +187,7 @@ class Workers:
 
         Raises
         ------
-        ResourceError
+        WorkersLostError
             If processes died again and again.
         """
         if self._alone:
@@ -202,7 +202,7 @@ class Workers:
 
         Raises
         ------
-        ResourceError
+        WorkersLostError
             From that function, as in `map`.
         """
         if self._alone:
@@ -227,8 +227,9 @@ class Workers:
 
 
 _DIED = (
-    "a worker process died repeatedly: it was killed, or memory ran out. Use fewer processes, which need less memory. "
-    "In a script, the call must stand under 'if __name__ == \"__main__\":'; with processes=1 no worker is needed"
+    "a worker process died, and the one in its place died too: they were killed, perhaps by the system for want of "
+    "memory. Use fewer processes (--processes 1 needs no worker). "
+    "In a script, the call must stand under 'if __name__ == \"__main__\":'"
 )
 
 

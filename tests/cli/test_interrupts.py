@@ -21,7 +21,7 @@ from softness_bayes.__main__ import quieten_libraries
 from softness_bayes.checkpoints.status import read_status
 from softness_bayes.cli import VERBS, _prints
 from softness_bayes.cli.interrupts import _beginning
-from softness_bayes.errors import ResourceError
+from softness_bayes.errors import WorkersLostError
 from softness_bayes.results.result import Result
 from softness_bayes.sampler import workers as processes
 from softness_bayes.sampler.workers import RENEWALS, Workers
@@ -245,9 +245,9 @@ def test_a_worker_that_dies_is_replaced_and_its_task_done_again(tmp_path, way):
 
 def test_workers_that_die_again_and_again_are_given_up():
     assert RENEWALS > 0
-    with Workers(10, 2) as workers, pytest.raises(ResourceError, match="memory ran out") as error:
+    with Workers(10, 2) as workers, pytest.raises(WorkersLostError, match="the one in its place died too") as error:
         workers.map(_die, [(1,)])
-    assert error.value.exit_code == 6
+    assert error.value.exit_code == 7
 
 
 def workers_of(process):
@@ -295,8 +295,8 @@ def test_a_run_whose_workers_are_killed_goes_on_to_the_same_draws(tmp_path):
 def test_a_run_whose_workers_are_killed_again_and_again_has_an_exit_code_of_its_own(tmp_path):
     few_ratings(tmp_path)
     process, said = killed_at_work(tmp_path, again=True)
-    assert process.returncode == ResourceError.exit_code == 6, said
-    assert "a worker process died repeatedly" in said
+    assert process.returncode == WorkersLostError.exit_code == 7, said
+    assert "a worker process died, and the one in its place died too" in said
     assert "'softness-bayes resume out' continues it" in said
     assert "Traceback" not in said
 
@@ -311,10 +311,13 @@ def test_a_run_that_lost_its_memory_says_how_to_go_on(tmp_path, brief_pilot, mon
 
     few_ratings(tmp_path)
     asked = ["--data", tmp_path / "ratings.csv", *FIXED, "--max-steps", "20", "--processes", "1", "--no-figures"]
-    for error, words in ((MemoryError("no 2 GB"), "memory ran out (no 2 GB)"), (ResourceError("a worker"), "a worker")):
+    for error, words, code in (
+        (MemoryError("no 2 GB"), "memory ran out (no 2 GB)", 6),
+        (WorkersLostError("a worker"), "a worker", 7),
+    ):
         monkeypatch.setattr(assembly, "draw_replicates", lambda *_, error=error: (_ for _ in ()).throw(error))
         done = call("sample", *asked, "--out", tmp_path / words[:6])
-        assert done.returncode == 6
+        assert done.returncode == code
         assert words in done.stderr
         assert f"'softness-bayes resume {tmp_path / words[:6]}' continues it" in done.stderr
 

@@ -15,7 +15,7 @@ import pytest
 from softness_bayes.claims import TOUCHES, evaluate_claims
 from softness_bayes.claims.report import claims_table
 from softness_bayes.data import compression_csv
-from softness_bayes.errors import InputError, ResourceError
+from softness_bayes.errors import InputError, WorkersLostError
 from softness_bayes.files.run_files import RUNS
 from softness_bayes.model.scenes import usual_values
 from softness_bayes.model.simulated_forces import simulate_compression
@@ -87,7 +87,7 @@ class Broken(Executor):
 
 @pytest.mark.parametrize("at_once", [True, False])
 def test_a_broken_executor(at_once):
-    with Workers(3, 1, Broken(at_once)) as workers, pytest.raises(ResourceError, match="lost its workers"):
+    with Workers(3, 1, Broken(at_once)) as workers, pytest.raises(WorkersLostError, match="lost its workers"):
         workers.map(add, [(1,)])
 
 
