@@ -50,11 +50,11 @@ class Normal(Law):
 
     def log_density(self, x: ArrayLike) -> FloatArray:
         """Return the log density at ``x``."""
-        return _standard_normal((np.asarray(x, float) - self.mean) / self.sd) - math.log(self.sd)
+        return _standard_normal(_deviate(np.asarray(x, float), self.mean, self.sd)) - math.log(self.sd)
 
     def cumulative(self, x: ArrayLike) -> FloatArray:
         """Return the probability up to ``x``."""
-        return np.asarray(ndtr((np.asarray(x, float) - self.mean) / self.sd))
+        return np.asarray(ndtr(_deviate(np.asarray(x, float), self.mean, self.sd)))
 
     def quantile(self, p: ArrayLike) -> FloatArray:
         """Return the value at probability ``p``."""
@@ -90,12 +90,12 @@ class HalfNormal(Law):
     def log_density(self, x: ArrayLike) -> FloatArray:
         """Return the log density at ``x``."""
         x = np.asarray(x, float)
-        inside = _standard_normal(x / self.scale) + math.log(2.0 / self.scale)
+        inside = _standard_normal(_deviate(x, 0.0, self.scale)) + math.log(2.0 / self.scale)
         return np.where(x >= 0, inside, -np.inf)
 
     def cumulative(self, x: ArrayLike) -> FloatArray:
         """Return the probability up to ``x``."""
-        return 2.0 * np.asarray(ndtr(np.maximum(np.asarray(x, float), 0.0) / self.scale)) - 1.0
+        return 2.0 * np.asarray(ndtr(_deviate(np.maximum(np.asarray(x, float), 0.0), 0.0, self.scale))) - 1.0
 
     def quantile(self, p: ArrayLike) -> FloatArray:
         """Return the value at probability ``p``."""
@@ -323,6 +323,12 @@ def log_normal_density(
     """Return log densities of log-normal laws, one for all ``x`` or one for each place; -inf if not ``inside``."""
     log_x = np.log(np.where(inside, x, 1.0))
     return np.where(inside, _standard_normal((log_x - log_median) / sd_log) - log_x - normalisation, -np.inf)
+
+
+def _deviate(x: FloatArray, mean: float, sd: float) -> FloatArray:
+    # near the largest number the ratio overflows to inf, and the density is rightly zero there
+    with np.errstate(over="ignore"):
+        return (x - mean) / sd
 
 
 def _standard_normal(deviate: FloatArray) -> FloatArray:
