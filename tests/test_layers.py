@@ -46,6 +46,7 @@ HOMES = {
 """Modules outside of which a library may not be imported."""
 PROGRAMS = {
     "tools.api_pages",
+    "tools.benchmark_autocorrelation",
     "tools.benchmark_explore",
     "tools.benchmark_firing",
     "tools.benchmark_loads",

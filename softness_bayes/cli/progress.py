@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import math
+import sys
 import time
 from typing import TYPE_CHECKING, NoReturn
 
 import click
 
 from softness_bayes.cli import STARTED
-from softness_bayes.cli.running import in_numbers
+from softness_bayes.cli.running import in_numbers, needed
 
 if TYPE_CHECKING:
     from tqdm import tqdm
@@ -17,8 +19,15 @@ if TYPE_CHECKING:
     from softness_bayes.sampler.sampling import Progress
 
 
+LONG = 60.0
+"""Time [s] to go from which a look at the chains is told in a line of its own."""
+
+
 class Bar:
-    """Progress on the terminal: steps against the estimate of what it takes to converge, then a line for each stage."""
+    """Progress on the terminal: steps against the estimate of what it takes to converge, then a line for each stage.
+
+    Where much is left to do, a line says so as soon as the chains have been looked at, and again if it becomes more.
+    """
 
     def __init__(self) -> None:
         self._bar: tqdm[NoReturn] | None = None
@@ -28,6 +37,8 @@ class Bar:
     def begin(self, before: float) -> None:
         """Begin to measure; `before` is the time [s] that earlier sessions of the run have sampled."""
         self._before, self._begun, self._sampled = before, time.monotonic(), 0.0
+        self._start: Progress | None = None
+        self._told = 0.0
 
     def stage(self, stage: Stage) -> None:
         """Write a line for a stage after the walk."""
@@ -54,6 +65,24 @@ class Bar:
         self._bar.update(progress.steps - self._bar.n)
         if progress.verdict is not None:
             self._bar.set_postfix_str(in_numbers(progress.verdict, progress.seconds))
+        if said := self._foreseen(progress):
+            self._bar.write(said, file=sys.stderr)
+
+    def _foreseen(self, progress: Progress) -> str:
+        """Say what the run will need, if that is long and was not said; empty otherwise."""
+        start = self._start
+        if start is None or progress.steps <= start.steps:  # the pace is that of the walk, not that of a pilot
+            self._start = progress
+            return ""
+        verdict = progress.verdict
+        if verdict is None or verdict.converged:
+            return ""
+        steps, most = verdict.foreseen
+        pace = (progress.seconds - start.seconds) / (progress.steps - start.steps)
+        if pace * (steps - progress.steps) < LONG or steps <= self._told:
+            return ""
+        self._told = most if math.isfinite(most) else 1.5 * steps
+        return f"after {verdict.steps} steps: {needed(verdict, pace)}"
 
     def times(self) -> str:
         """Say how long the command took, and what for."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import shlex
 import sys
@@ -77,6 +78,23 @@ def in_numbers(verdict: Verdict, seconds: float) -> str:
         f"({verdict.goal.lengths:.0f} needed), "
         f"R-hat {verdict.r_hat.max():.3f}, ESS {verdict.ess:.0f} ({verdict.ess / max(seconds, 1e-9):.3g}/s)"
     )
+
+
+def needed(verdict: Verdict, pace: float) -> str:
+    """Return how many steps and how much time a run needs in all, in words; `pace` in seconds for a step."""
+    steps, most = verdict.foreseen
+    if not math.isfinite(most):
+        left = _time(pace * (steps - verdict.steps))
+        return f"the run needs at least about {steps} steps in all, {left} more; it is too short yet for a bound"
+    least, longest = (_time(pace * (n - verdict.steps)) for n in (steps, most))
+    return f"the run needs about {steps} steps in all, {least} more, and hardly above {most:.0f}, {longest} more"
+
+
+def _time(seconds: float) -> str:
+    """Return a time in words."""
+    if seconds < 100:
+        return f"{seconds:.0f} s"
+    return f"{seconds / 60:.0f} minutes" if seconds < 6000 else f"{seconds / 3600:.1f} hours"
 
 
 def recorded_files(record: dict[str, Any], directory: Path) -> DataFiles:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from softness_bayes import arviz_bridge
-from softness_bayes.sampler.autocorrelation import autocorrelation_time, indicator_time
+from softness_bayes.sampler.autocorrelation import autocorrelation_time, indicator_time, own_time
 from softness_bayes.sampler.starts import NO_STARTS, Starts
 
 FloatArray = NDArray[np.float64]
@@ -20,7 +20,9 @@ LOG_POSTERIOR = "log posterior"
 
 _TAILS = (0.05, 0.95)
 _APART = 1.1  # R-hat of long ensembles above which they sit in separate modes
-_FEWER = 20.0  # ratio of the expected to the actual effective sample size above which walkers sit in separate modes
+_LONGER = 10.0  # ratio of the times about the common mean and about own means from which walkers sit in separate modes
+_TELLING = 10.0  # autocorrelation times from which a walk bounds how long it will have to be
+_AT_MOST = 2.0  # how many times longer than foreseen from there such a walk becomes at most
 _ESS_STRIDE = 3  # the bulk ESS uses draws this fraction of an autocorrelation time apart
 _R_HAT_DRAWS = 4000  # draws of each ensemble that R-hat uses
 
@@ -63,6 +65,14 @@ class Share(NamedTuple):
     """Its Monte-Carlo standard error."""
 
 
+class Foreseen(NamedTuple):
+    """The steps that a run needs in all, as far as a look can tell."""
+
+    steps: int
+    most: float
+    """The largest number that is to be expected; infinite where the walk is too short for a bound."""
+
+
 @dataclass(frozen=True)
 class Verdict:
     """Result of one convergence check.
@@ -73,10 +83,11 @@ class Verdict:
         Judged quantities: the parameters, the log posterior, and the modes' shares if there are several.
     steps, burn_in, kept
         Steps walked by each ensemble, dropped at the start, and left.
-    walkers
-        Walkers of each ensemble.
+    ensembles, walkers
+        Ensembles, and walkers of each.
     tau
-        Autocorrelation time in steps of each ensemble and quantity, shape (ensembles, quantities).
+        Autocorrelation time of each quantity in steps, about the mean of the walkers of all ensembles, shape
+        (quantities,).
     tau_change
         Relative change of the worst quantity's time since the look before; infinite at the first.
     r_hat
@@ -95,12 +106,16 @@ class Verdict:
         Share of each mode, if there are several.
     starts
         Result of the search for starting points.
+    own
+        Longest autocorrelation time about each walker's own mean of any quantity and ensemble, in steps, where that
+        about the common mean is too long for the goal; else NaN.
     """
 
     names: tuple[str, ...]
     steps: int
     burn_in: int
     kept: int
+    ensembles: int
     walkers: int
     tau: FloatArray
     tau_change: float
@@ -113,6 +128,7 @@ class Verdict:
     goal: Goal
     shares: tuple[Share, ...] = ()
     starts: Starts = NO_STARTS
+    own: float = math.nan
 
     @property
     def converged(self) -> bool:
@@ -121,8 +137,8 @@ class Verdict:
 
     @property
     def worst(self) -> int:
-        """Index of the quantity with the longest autocorrelation time of any ensemble."""
-        return int(self.tau.max(axis=0).argmax())
+        """Index of the quantity with the longest autocorrelation time."""
+        return int(self.tau.argmax())
 
     @property
     def lengths(self) -> float:
@@ -133,7 +149,7 @@ class Verdict:
     def ess(self) -> float:
         """Smallest effective sample size; before it is computed, an estimate from the longest autocorrelation time."""
         known = float(np.min([*self.ess_bulk, *self.ess_tail]))
-        return known if math.isfinite(known) else self.tau.shape[0] * self.walkers * self.lengths
+        return known if math.isfinite(known) else self.ensembles * self.walkers * self.lengths
 
     @property
     def more_steps(self) -> int:
@@ -148,14 +164,19 @@ class Verdict:
             self.kept * (goal.ess / float(np.nanmin([*self.ess_bulk, *self.ess_tail, math.inf])) - 1.0),
             # R-hat² - 1 falls like one over the length if ensembles share a target
             self.kept * ((float(self.r_hat.max()) ** 2 - 1.0) / (goal.r_hat**2 - 1.0) - 1.0),
-            0.1 * self.steps,
+            0.05 * self.steps,
         ]
         return math.ceil(min(max(needs), 20.0 * self.steps))
 
+    @property
+    def foreseen(self) -> Foreseen:
+        """Estimate of all steps, which slow movements that a short walk does not see yet make too small."""
+        steps = self.steps + self.more_steps
+        return Foreseen(steps, _AT_MOST * steps if self.lengths >= _TELLING else math.inf)
+
     def sentence(self) -> str:
         """Return the verdict in one line, with the unmet criteria and an estimate of the missing steps."""
-        ensembles = self.tau.shape[0]
-        head = f"after {self.steps} steps of {ensembles} x {self.walkers} walkers"
+        head = f"after {self.steps} steps of {self.ensembles} x {self.walkers} walkers"
         if self.converged:
             return (
                 f"Converged {head}: {self.lengths:.0f} autocorrelation times kept ({self.slowest}), "
@@ -212,16 +233,16 @@ class Verdict:
     def modes(self) -> str:
         """Ensembles or walkers that seem to sit in separate modes, in words; empty if none do.
 
-        The signs are ensembles that disagree strongly, or walkers whose joint effective sample size is far below
-        the sum of their own, although all are long in their own autocorrelation times.
+        The signs are ensembles that disagree strongly, or walkers whose time about their common mean is many times
+        that about their own means, although all are long in the latter.
         """
-        if not self.lengths >= self.goal.lengths:
+        alone = float(self.tau.max()) if math.isnan(self.own) else self.own
+        if not self.kept >= self.goal.lengths * alone:
             return ""
         if self.r_hat.max() > _APART:
             return f"the ensembles sit in separate modes of {self.names[int(self.r_hat.argmax())]}"
-        alone = self.tau.shape[0] * self.walkers * self.lengths
-        if self.ess_bulk.min() < alone / _FEWER:
-            return f"walkers of an ensemble sit in separate modes of {self.names[int(self.ess_bulk.argmin())]}"
+        if self.tau.max() > _LONGER * alone:
+            return f"walkers of an ensemble sit in separate modes of {self.names[self.worst]}"
         return ""
 
 
@@ -261,12 +282,12 @@ def look(
     walks = np.moveaxis(values, -1, 1)
     first = _burn_in(walks, goal)
     walks = walks[..., first:, :]
-    tau, r_hat = autocorrelation_time(walks), r_hat_between(walks)
+    tau, r_hat = _times(walks), r_hat_between(walks)
     shares: tuple[Share, ...] = ()
     if inside is not None:
         shares, times, apart = _shares(inside[:, first:])
         names = (*names, *(f"the share of mode {k}" for k in range(1, len(shares) + 1)))
-        tau = np.column_stack([tau, np.broadcast_to(times, (len(tau), times.size))])
+        tau = np.concatenate([tau, times])
         r_hat = np.concatenate([r_hat, apart])
     kept, change = stored - first, _tau_change(tau, stride, before)
     missing = np.full(len(names), math.nan)
@@ -274,15 +295,17 @@ def look(
     # effective sample sizes take longest, and are computed only if all other criteria hold
     fits = kept >= goal.lengths * tau.max() and r_hat.max() <= goal.r_hat and change <= goal.tau_change
     if fits:
-        count = values[..., 0].size * kept / stored / tau[0, walks.shape[1] :]  # of the modes' indicators
+        count = values[..., 0].size * kept / stored / tau[walks.shape[1] :]  # of the modes' indicators
         ess = (np.concatenate([_bulk(walks, tau), count]), np.concatenate([ess_tail(walks), count]))
     passed = bool(fits and min(ess[0].min(), ess[1].min()) >= goal.ess)
+    own = float(own_time(walks).max()) * stride if kept < goal.lengths * tau.max() else math.nan
     moved = (np.ptp(walks, axis=-2) > 0).any(axis=1)
     return Verdict(
         names=names,
         steps=stored * stride,
         burn_in=first * stride,
         kept=kept * stride,
+        ensembles=len(values),
         walkers=walkers,
         tau=tau * stride,
         tau_change=change,
@@ -295,13 +318,22 @@ def look(
         goal=goal,
         shares=shares,
         starts=starts,
+        own=own,
     )
+
+
+def _times(walks: FloatArray) -> FloatArray:
+    """Return the autocorrelation time of each quantity, from walks of shape (ensembles, quantities, stored, walkers).
+
+    The walkers of all ensembles share one mean: their times are of one chain, and known twice as well from all of them.
+    """
+    return np.array([autocorrelation_time(np.concatenate([*walks[:, k]], axis=-1)) for k in range(walks.shape[1])])
 
 
 def _burn_in(walks: FloatArray, goal: Goal) -> int:
     """Return how many stored steps to drop, of walks of shape (ensembles, quantities, stored, walkers)."""
     stored = walks.shape[2]
-    late = autocorrelation_time(walks[:, :, stored // 2 :])
+    late = _times(walks[:, :, stored // 2 :])
     reach = np.where(np.isfinite(late), late, np.inf).max()
     return int(min(math.ceil(goal.burn_in * min(reach, stored)), stored // 2))
 
@@ -310,9 +342,8 @@ def _tau_change(tau: FloatArray, stride: int, before: Verdict | None) -> float:
     """Return the relative change of the worst quantity's time since the last check; infinite at the first."""
     if before is None or not np.isfinite(tau).all():
         return math.inf
-    worst = int(tau.max(axis=0).argmax())
-    mean = tau[:, worst].mean() * stride
-    return float(abs(mean / before.tau[:, worst].mean() - 1.0))
+    worst = int(tau.argmax())
+    return float(abs(tau[worst] * stride / before.tau[worst] - 1.0))
 
 
 def _shares(inside: NDArray[np.bool_]) -> tuple[tuple[Share, ...], FloatArray, FloatArray]:
@@ -381,7 +412,7 @@ def _bulk(walks: FloatArray, tau: FloatArray) -> FloatArray:
     """Return ArviZ's bulk ESS with one chain per walker, from thinned draws: nearly the same and much faster."""
     sizes = []
     for k in range(walks.shape[1]):
-        every = max(1, int(tau[:, k].min() / _ESS_STRIDE))
+        every = max(1, int(tau[k] / _ESS_STRIDE))
         chains = np.swapaxes(walks[:, k, ::every], 1, 2)
         sizes.append(arviz_bridge.ess_bulk(chains.reshape(-1, chains.shape[-1])))
     return np.array(sizes)

@@ -51,6 +51,10 @@ PATIENCE = 2.0
 """Time [s] between reports of an ensemble, which limits the loss if the run is killed."""
 
 
+FIRST_LOOK = Schedule().first_look
+"""Steps before the usual first look at the chains."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class Settings(Schedule):
     """Settings of the sampler: a `Schedule`, the ensembles and their moves.

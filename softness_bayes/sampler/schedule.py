@@ -12,12 +12,18 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from softness_bayes.errors import InputError
-from softness_bayes.sampler.autocorrelation import autocorrelation_time
+from softness_bayes.sampler.autocorrelation import own_time
 from softness_bayes.sampler.chains import Segment
 from softness_bayes.sampler.diagnostics import LOG_POSTERIOR, Goal, Verdict, look
 from softness_bayes.sampler.modes import labels, learn_modes
 from softness_bayes.sampler.starts import Target, linear_coordinates
 from softness_bayes.sampler.state import RunState
+
+APART = 0.05
+"""Smallest number of steps between two checks, as a share of the walk."""
+
+PARTS = 4
+"""Possible checks in a round; stored steps are thinned at the end of one."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -31,10 +37,11 @@ class Schedule:
     relearning
         Number of times that a slow walk may become one more stage of the pilot.
     slow, growing
-        Kept steps, in autocorrelation times, below which a walk counts as slow; and the change of that time since the
-        previous check above which it does too, because walkers are still entering tails that the map has not seen.
+        Kept steps, in autocorrelation times about walkers' own means, below which a walk counts as slow; and the
+        change of the time about their common mean since the previous check above which it does too, because walkers
+        are still entering tails that the map has not seen.
     round_steps
-        Checks are made at multiples of this number of steps.
+        The first check is made after three times this number of steps, others at multiples of a quarter of it.
     stored
         Largest number of stored steps of an ensemble; above it every second one is dropped, repeatedly.
     goal
@@ -77,7 +84,8 @@ class Schedule:
         if not 0 <= again < self.relearning or found is None or found.steps != state.steps:
             return state
         growing = self.growing < found.tau_change < math.inf and found.lengths < self.goal.lengths
-        if found.lengths >= self.slow and not growing:
+        # by walkers' own times: that they are far apart is no fault of the map
+        if not found.kept < self.slow * found.own and not growing:
             return state
         return replace(_learn(target, state), stride=1, due=2 * state.steps, before=None, verdict=None)
 
@@ -102,14 +110,16 @@ class Schedule:
         if self.in_pilot(state) or not state.steps:
             return state
         while (
-            state.steps // state.stride > self.stored and self._on_grid(state) and not state.steps % (2 * state.stride)
+            state.steps // state.stride > self.stored
+            and state.steps % self._grid(state) == 0
+            and state.steps % (2 * state.stride) == 0
         ):
             halved = tuple((Segment.join(part).every(2),) for part in state.parts)
             state = replace(state, parts=halved, stride=2 * state.stride)
-        if state.steps >= state.due and self._on_grid(state):
+        if state.steps >= state.due and state.steps % self._grid(state, PARTS) == 0:
             verdict = _look(target, state, self.goal)
-            # at least a tenth more: a check of a long run takes longer than a round
-            wait = max(verdict.more_steps, self.round_steps, -(-state.steps // 10))
+            # a share of the walk at least: a check of a long run takes longer than a few steps
+            wait = max(verdict.more_steps, math.ceil(APART * state.steps))
             joined = tuple((Segment.join(part),) for part in state.parts)
             due = state.steps + min(wait, state.steps)
             state = replace(state, parts=joined, before=verdict, verdict=verdict, due=due)
@@ -119,12 +129,13 @@ class Schedule:
         return replace(state, ended=last is not None and last.converged and state.steps >= self.min_steps)
 
     def next_steps(self, state: RunState, affordable: float) -> int:
-        """Return the steps before the next state: to the grid, a limit or the affordable number, in whole strides."""
+        """Return the steps before the next state: to a check, a limit or the affordable number, in whole strides."""
         if self.in_pilot(state):
             most = self.pilot[state.phase] - state.steps
         else:
-            grid = self._grid(state)
-            most = min(grid - state.steps % grid, self.max_steps - state.steps)
+            grid, fine = self._grid(state), self._grid(state, PARTS)
+            check = fine * max(-(-state.due // fine), state.steps // fine + 1)
+            most = min(grid - state.steps % grid, check - state.steps, self.max_steps - state.steps)
         return max(int(min(most, affordable)) // state.stride * state.stride, state.stride)
 
     def missing(self, state: RunState) -> int:
@@ -135,12 +146,9 @@ class Schedule:
         goal = state.due if state.verdict is None else state.verdict.steps + state.verdict.more_steps
         return max(min(max(goal, self.min_steps), self.max_steps) - steps, 0)
 
-    def _grid(self, state: RunState) -> int:
-        """Return the steps between possible checks: a round, in whole strides."""
-        return -(-self.round_steps // state.stride) * state.stride
-
-    def _on_grid(self, state: RunState) -> bool:
-        return state.steps % self._grid(state) == 0
+    def _grid(self, state: RunState, parts: int = 1) -> int:
+        """Return the steps of a round, or of one of its equal parts, in whole strides."""
+        return -(-max(self.round_steps // parts, 1) // state.stride) * state.stride
 
 
 def _look(target: Target, state: RunState, goal: Goal) -> Verdict:
@@ -160,7 +168,7 @@ def _learn(target: Target, state: RunState) -> RunState:
     stored = state.steps // state.stride
     late = np.stack([segment.coordinates[stored // 2 :] for segment in segments])
     height = np.stack([segment.log_density[stored // 2 :] for segment in segments])
-    tau = autocorrelation_time(np.moveaxis(late, -1, 1)).max()
+    tau = own_time(np.moveaxis(late, -1, 1)).max()  # walkers may still be on their way to one another
     modes = learn_modes(state.modes, late, height, min(float(tau), stored), linear_coordinates(target))
     learnt = modes[0]
     moved = tuple(

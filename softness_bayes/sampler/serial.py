@@ -164,6 +164,9 @@ def verdict_of(values: Mapping[str, Any] | None) -> Verdict | None:
     if values is None:
         return None
     arrays = {name: np.array(values[name], dtype=float) for name in ("tau", "r_hat", "ess_bulk", "ess_tail")}
+    if arrays["tau"].ndim == 2:  # as earlier versions wrote them: a time for each ensemble
+        values = {**values, "ensembles": len(arrays["tau"])}
+        arrays["tau"] = arrays["tau"].max(axis=0)
     return Verdict(**{**values, **arrays, **_tuples(values), "goal": Goal(**values["goal"])})
 
 

@@ -57,6 +57,12 @@ def hard_cases(results: Path) -> str:
     return table(list(rows[0]), (list(row.values()) for row in rows))
 
 
+def autocorrelation(results: Path) -> str:
+    """Return what estimators say of walks of known autocorrelation time, from ``tools.benchmark_autocorrelation``."""
+    head = ["walks", "estimator", "at 20", "at 50", "at 100", "slowest at 50", "true times at the end", "least"]
+    return table(head, (list(row.values()) for row in _rows(results / "autocorrelation.csv")))
+
+
 def loads(results: Path) -> str:
     """Return compiling and calling with many loads, from ``tools.benchmark_loads``."""
     head = ["kind", "distinct loads", "table", "conditions", "compiled in [s]", "call [ms per vector]", "error / peak"]
@@ -89,6 +95,7 @@ TABLES: Mapping[tuple[str, str], Callable[[Path], str]] = {
     ("claims.md", "claims"): claims,
     ("benchmarks.md", "bench"): bench,
     ("benchmarks.md", "moves"): moves,
+    ("benchmarks.md", "autocorrelation"): autocorrelation,
     ("benchmarks.md", "loads"): loads,
     ("benchmarks.md", "hard-cases"): hard_cases,
     ("calibration.md", "calibration"): calibration,

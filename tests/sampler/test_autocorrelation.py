@@ -5,16 +5,33 @@ import numpy as np
 import pytest
 
 from oracles.autoregressive import autoregressive, walks
-from softness_bayes.sampler.autocorrelation import autocorrelation_time, indicator_time
+from softness_bayes.sampler.autocorrelation import autocorrelation_time, indicator_time, own_time
 
 
 @pytest.mark.parametrize("tau", [1.0, 8.0, 30.0])
-def test_autocorrelation_time_is_that_of_the_process_and_emcees(tau):
+def test_own_time_is_emcees_and_both_are_that_of_a_long_process(tau):
     values = autoregressive(np.random.default_rng(1), (3, 3000, 20, 2), tau)
-    observed = autocorrelation_time(walks(values))
-    np.testing.assert_allclose(observed, tau, rtol=0.15)
+    own, common = own_time(walks(values)), autocorrelation_time(walks(values))
+    np.testing.assert_allclose(own, tau, rtol=0.2)
+    np.testing.assert_allclose(common, tau, rtol=0.25)
     for e in range(3):
-        np.testing.assert_allclose(observed[e], emcee.autocorr.integrated_time(values[e], quiet=True), rtol=1e-10)
+        np.testing.assert_allclose(own[e], emcee.autocorr.integrated_time(values[e], quiet=True), rtol=1e-10)
+
+
+def test_the_sum_is_that_of_the_autocorrelations_about_the_mean_of_all_walkers():
+    values = autoregressive(np.random.default_rng(4), (1, 400, 6, 1), 5.0)[0, :, :, 0] + np.arange(6) / 4
+    apart = values - values.mean()
+    lags = np.array([(apart[k:] * apart[: 400 - k]).sum() for k in range(400)]) / (apart**2).sum()
+    sums = 2 * np.cumsum(lags) - 1
+    window = next(m for m in range(400) if m >= 5 * sums[m])
+    assert autocorrelation_time(values) == pytest.approx(sums[window], rel=1e-10)
+
+
+def test_walkers_that_keep_to_places_of_their_own_have_a_long_time():
+    values = autoregressive(np.random.default_rng(5), (1, 1000, 20, 1), 5.0)
+    values[:, :, :6] += 6.0
+    assert own_time(walks(values))[0, 0] == pytest.approx(5, rel=0.2)
+    assert autocorrelation_time(walks(values))[0, 0] > 100
 
 
 def test_a_walker_that_never_moves_has_no_autocorrelation_time():

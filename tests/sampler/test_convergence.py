@@ -49,12 +49,12 @@ def test_a_long_run_converges_at_the_second_look_and_not_before():
 
 
 def test_separated_modes_do_not_converge_however_long_the_run():
-    """The trap: each ensemble is far beyond 50 tau and its tau is stable."""
+    """The trap: each ensemble is far beyond 50 of its own tau."""
     values = autoregressive(np.random.default_rng(9), (4, 4000, 20, 2), 5.0)
     values[..., 0] += np.array([-6, 6, 6, -6])[:, None, None]
     verdict = judged(values, [3000, 3500, 4000])
-    assert verdict.lengths > 50
-    assert verdict.tau_change < 0.03
+    assert verdict.kept > 50 * verdict.own
+    assert verdict.lengths < 2
     assert not verdict.converged
     assert "ensembles disagree about b (R-hat 1." in verdict.sentence()
     assert "the ensembles sit in separate modes of b" in verdict.sentence()
@@ -63,12 +63,12 @@ def test_separated_modes_do_not_converge_however_long_the_run():
 
 
 def test_separated_modes_within_each_ensemble_do_not_converge_either():
-    """The trap: ensembles agree, and no walker's own autocorrelation knows of the other mode."""
+    """The trap: ensembles agree, and no walker's own mean knows of the other mode; that of all walkers does."""
     values = autoregressive(np.random.default_rng(14), (4, 4000, 20, 2), 5.0)
     assert not judged(values, [3000, 3500, 4000]).modes
     values[:, :, :6, 0] += 12
     verdict = judged(values, [3000, 3500, 4000])
-    assert verdict.lengths > 50
+    assert verdict.kept > 50 * verdict.own
     assert verdict.r_hat.max() < 1.01
     assert not verdict.converged
     assert "walkers of an ensemble sit in separate modes of b" in verdict.sentence()
@@ -118,3 +118,25 @@ def test_a_stuck_walker_is_named():
     assert verdict.stuck == 1
     assert not verdict.converged
     assert "1 walker never moved" in verdict.sentence()
+
+
+@pytest.mark.parametrize(("times", "bounded"), [(4, False), (20, True), (30, True)])
+def test_what_a_short_walk_foresees_holds(times, bounded):
+    """Against the steps in which 50 true times are kept after 5 that are dropped."""
+    tau, wrong = 20.0, 0
+    for seed in range(20):
+        values = autoregressive(np.random.default_rng(seed), (4, round(times * tau), 20, 2), tau)
+        steps, most = look(NAMES, values).foreseen
+        assert np.isfinite(most) == bounded
+        wrong += not 0.7 * steps <= 55 * tau <= most
+    assert wrong <= 1
+
+
+def test_a_slow_part_that_a_short_walk_does_not_see_keeps_within_the_bound():
+    """A tenth of the variance moves twelve times more slowly; its sum with the rest has a time of 12 steps."""
+    rng = np.random.default_rng(20)
+    for _ in range(5):
+        quick, slow = (autoregressive(rng, (4, 250, 20, 2), tau) for tau in (6.0, 66.0))
+        steps, most = look(NAMES, np.sqrt(0.9) * quick + np.sqrt(0.1) * slow).foreseen
+        assert 0.5 * 55 * 12 <= steps <= 2.0 * 55 * 12
+        assert most >= 55 * 12

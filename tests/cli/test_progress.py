@@ -1,0 +1,38 @@
+"""Early word of a long run: what it needs, as soon as its chains have been looked at."""
+
+import numpy as np
+
+from oracles.autoregressive import autoregressive
+from softness_bayes.cli.progress import LONG, Bar
+from softness_bayes.sampler.diagnostics import look
+from softness_bayes.sampler.sampling import Progress
+
+
+def shown(capsys, seconds_per_step, tau):
+    """What a bar writes on a walk of 300 steps that is looked at after 300 and at each of ten states after that."""
+    verdict = look(("b", "log posterior"), autoregressive(np.random.default_rng(1), (4, 300, 20, 2), tau))
+    bar = Bar()
+    for steps in (0, 100, 200, 300, *range(310, 400, 10)):
+        seconds = 7.0 + seconds_per_step * steps  # seven for the pilot
+        bar.show(Progress(steps, verdict.more_steps, seconds, verdict if steps >= 300 else None))
+    bar.close()
+    return verdict, [line for line in capsys.readouterr().err.replace("\r", "\n").splitlines() if "needs" in line]
+
+
+def test_a_long_run_says_once_what_it_needs_and_at_most(capsys):
+    verdict, (line,) = shown(capsys, 0.5, 12.0)
+    steps, most = verdict.foreseen
+    left = 0.5 * (steps - 300)
+    assert left > LONG
+    assert f"after 300 steps: the run needs about {steps} steps in all, {left / 60:.0f} minutes more" in line
+    assert f"hardly above {most:.0f}, {0.5 * (most - 300) / 60:.0f} minutes more" in line
+
+
+def test_a_walk_that_is_too_short_gives_no_bound(capsys):
+    _, (line,) = shown(capsys, 0.5, 60.0)
+    assert "at least about" in line
+    assert "too short yet for a bound" in line
+
+
+def test_a_short_run_says_nothing(capsys):
+    assert shown(capsys, 0.01, 12.0)[1] == []
