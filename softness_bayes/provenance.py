@@ -62,6 +62,8 @@ class Ending:
     evaluations: int
     failures: int
     """Evaluations that were not finite."""
+    quick: bool = False
+    """Whether this is a first look, which ended on purpose before the chains had converged."""
 
 
 @dataclass(frozen=True)
@@ -295,6 +297,11 @@ class Provenance:
                 except (KeyError, TypeError, ValueError) as error:
                     raise InputError(f"result: attribute {each.name!r} cannot be {found!r:.60} ({error})") from None
         return section(**values)
+
+
+def is_first_look(attributes: Mapping[Any, Any]) -> bool:
+    """Return whether attributes are those of a first look, `Ending.quick`."""
+    return bool(attributes.get("quick", False))
 
 
 def attributes_of(*sections: Any) -> dict[str, Any]:

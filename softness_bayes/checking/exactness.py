@@ -54,9 +54,14 @@ class Exactness:
     rates: str = EXACT_RATES
 
     @property
+    def checked(self) -> bool:
+        """True if any draw was compared; the numbers of a comparison of none are NaN."""
+        return self.difference.size > 0
+
+    @property
     def sd(self) -> float:
         """Standard deviation of the differences; a common offset does not matter."""
-        return float(self.difference.std())
+        return float(self.difference.std()) if self.checked else np.nan
 
     @property
     def certain(self) -> bool:
@@ -79,21 +84,23 @@ class Exactness:
     @property
     def largest(self) -> float:
         """Largest deviation of a difference from their mean."""
-        return float(np.abs(self.difference - self.difference.mean()).max())
+        return float(np.abs(self.difference - self.difference.mean()).max()) if self.checked else np.nan
 
     @property
     def efficiency(self) -> float:
         """Effective sample size of the weighted draws over their number."""
         weight = np.exp(self.log_weight)
-        return float(weight.sum() ** 2 / (weight**2).sum() / weight.size)
+        return float(weight.sum() ** 2 / (weight**2).sum() / weight.size) if self.checked else np.nan
 
     @property
     def exact_enough(self) -> bool:
-        """True if the error of the approximation is negligible."""
+        """True if the error of the approximation is known to be negligible."""
         return self.sd <= HARMLESS or (self.pareto_k <= LARGEST_K and float(np.abs(self.shift).max(initial=0.0)) <= 0.1)
 
     def sentence(self) -> str:
         """Say how large the difference is and what it does to the posterior, in one line."""
+        if not self.checked:
+            return "Not checked: a first look does not compare the fast model with the exact one."
         most = ""
         if self.shift.size:
             moved = int(np.abs(self.shift).argmax())
@@ -120,11 +127,13 @@ def compare_likelihoods(
     theta
         Draws, shape (draws, parameters).
     fast, exact
-        Log-likelihoods, shape (draws,).
+        Log-likelihoods, shape (draws,); there may be none.
     rates
         Firing rates behind the exact log-likelihood, in words.
     """
     difference = exact - fast
+    if not difference.size:
+        return Exactness(difference, difference, np.nan, np.empty(0), names, rates)
     (log_weight,), (k,) = arviz_bridge.psis(difference[None])
     weight = np.exp(log_weight)[:, None]
     spread = theta.std(axis=0)

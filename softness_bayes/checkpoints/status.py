@@ -36,6 +36,8 @@ class Status(NamedTuple):
     """Largest number of steps, in whole strides."""
     verdict: Verdict | None
     """The last look."""
+    quick: bool = False
+    """Whether it is a first look, begun at the command line."""
 
 
 def read_status(directory: str | Path) -> Status:
@@ -53,6 +55,12 @@ def read_status(directory: str | Path) -> Status:
     return status_of(read_manifest(Path(directory)), running)
 
 
+def _quick(request: Any) -> bool:
+    """Return whether a command line's request, or any of a Python user's own, is that of a first look."""
+    options = request.get("options") if isinstance(request, dict) else None
+    return isinstance(options, dict) and bool(options.get("quick"))
+
+
 def status_of(manifest: Mapping[str, Any], running: bool) -> Status:
     """Return the status of a run by its manifest."""
     state, piloting = manifest["state"], manifest["piloting"]
@@ -67,4 +75,5 @@ def status_of(manifest: Mapping[str, Any], running: bool) -> Status:
         written=not piloting and manifest["written"] == state["steps"],
         max_steps=manifest["max_steps"],
         verdict=verdict_of(state["verdict"]),
+        quick=_quick(manifest["request"]),
     )

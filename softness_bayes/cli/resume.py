@@ -48,9 +48,10 @@ def command(
 
     It goes on in DIR with the options it was begun with, to the draws of a run with the same seed that was never
     interrupted. A run that has ended at its --max-steps gets as many steps again; one that has converged goes on
-    with --more-steps only. If the data, the priors, the readings or anything else that decides the draws is not
-    what it was, the run is refused and the difference named. If files of the checkpoint are damaged, it goes on
-    from the last whole state, and says which and how many steps that costs.
+    with --more-steps only; a first look (sample --quick) goes on to the full run. If the data, the priors, the
+    readings or anything else that decides the draws is not what it was, the run is refused and the difference
+    named. If files of the checkpoint are damaged, it goes on from the last whole state, and says which and how many
+    steps that costs.
     """
     from softness_bayes.checkpoints.checkpoint import Checkpoint
     from softness_bayes.results.request import Request
@@ -108,6 +109,9 @@ def _is_whole(directory: Path) -> bool:
 def _continued(options: RunOptions, status: Status, more_steps: int | None) -> RunOptions:
     """Return the options of a run with limits that let it go on."""
     options = replace(options, command=f"{options.command}; {command_line()}")
+    if options.quick:
+        least = 0 if more_steps is None else status.steps + more_steps
+        return replace(options, quick=False, min_steps=least, max_steps=max(options.max_steps, least))
     if more_steps is not None:
         least = status.steps + more_steps
         return replace(options, min_steps=least, max_steps=max(options.max_steps, least))

@@ -56,6 +56,12 @@ if TYPE_CHECKING:
     show_default=True,
     help="Steps of each ensemble after which the run ends, converged or not.",
 )
+@click.option(
+    "--quick",
+    is_flag=True,
+    help="A first look: ends where the chains are first looked at, unconverged, with few figures and without the "
+    "comparison with the exact model. 'resume' goes on to the full run.",
+)
 @max_time
 @processes
 @no_figures
@@ -70,6 +76,7 @@ def command(
     noise: float,
     exact_reweight: bool,
     max_steps: int,
+    quick: bool,
     max_time: float,
     processes: int | None,
     no_figures: bool,
@@ -92,7 +99,8 @@ def command(
     response turns over under each load; nothing is written.
 
     The run is kept in --out all along: 'status' says how far it is, and 'resume' continues it, interrupted or
-    ended, to the draws of a run that was never interrupted.
+    ended, to the draws of a run that was never interrupted. --quick takes a first look at it; 'resume' goes on from
+    there to the same draws too.
     """
     from softness_bayes.sampler import workers
 
@@ -117,6 +125,7 @@ def command(
         processes=processes,
         seed=seed,
         command=command_line(),
+        quick=quick,
     )
     drawn = None if no_figures else own_figures
     require_drawn(drawn)
@@ -237,7 +246,7 @@ def run(
             bar.close()
     print_result(result, out, bar.times())
     ending = result.provenance.ending
-    if not ending.converged:
+    if not ending.converged and not ending.quick:
         raise NotConvergedError(
             f"not converged after {ending.steps} steps; what was drawn is in {out}, for inspection only; "
             f"'softness-bayes resume {out}' continues the run"

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from softness_bayes.cli.running import in_numbers
+from softness_bayes.cli.running import in_numbers, needed
 
 if TYPE_CHECKING:
     from softness_bayes.checkpoints.status import Status
@@ -38,6 +38,8 @@ def command(directory: Path) -> None:
         click.echo("convergence has not been checked yet")
         return
     click.echo(f"at step {status.verdict.steps}: {in_numbers(status.verdict, status.seconds)}")
+    if not status.verdict.converged and status.steps:
+        click.echo(needed(status.verdict, status.seconds / status.steps))
     click.echo(status.verdict.sentence())
 
 
@@ -60,6 +62,10 @@ def _what(status: Status) -> str:
     """Say whether a run is under way, has ended or was interrupted."""
     if status.running:
         return "a process is running it" + (", in its pilot walk" if status.piloting else "")
+    if status.ended and status.written and status.quick:
+        return (
+            "a first look (--quick), before the chains have converged; 'softness-bayes resume' goes on to the full run"
+        )
     if status.ended and status.written:
         return "it has ended, its results are written"
     return (

@@ -8,12 +8,16 @@ from typing import TYPE_CHECKING, Any
 
 from softness_bayes.errors import InputError
 from softness_bayes.plotting.style import USUAL, Style
+from softness_bayes.provenance import is_first_look
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from softness_bayes.likelihood.scales import Scale
     from softness_bayes.plotting.drawable import Drawable
+
+FIRST_LOOK = "first look: not converged"
+"""Written on every figure of a run that ended at its first look."""
 
 
 @dataclass(frozen=True)
@@ -72,7 +76,10 @@ class Drawing:
         """
         if reason := self.lacks(result):
             raise InputError(f"figure: cannot show {self.shows}: {reason}")
-        return self.draw(result, style)
+        figure = self.draw(result, style)
+        if is_first_look(result.tree.attrs):
+            figure.text(0.99, 0.99, FIRST_LOOK, ha="right", va="top", color="firebrick")
+        return figure
 
 
 def own_drawing(name: str, given: Any) -> Drawing:

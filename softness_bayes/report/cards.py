@@ -86,7 +86,8 @@ def _told(finding: Finding) -> tuple[str, list[str]]:
         case Agreement():
             return _agreement(finding)
         case FastModel():
-            return "Exact enough" if good else "Not exact enough", _errors(finding)
+            answer = "Exact enough" if good else "Not exact enough"
+            return answer if finding.exactness.checked else "Not checked", _errors(finding)
         case TurningPoints():
             return _turning(finding)
         case OtherChecks():

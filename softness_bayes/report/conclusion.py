@@ -22,6 +22,9 @@ from softness_bayes.results.result import Result
 LIKELY = 0.9
 """Probability from which the response is said to turn over, and one minus that up to which it is said not to."""
 
+_AGREE, _ENOUGH = 1.05, 200.0
+"""Largest R-hat and smallest bulk effective sample size at which the findings of a first look are told."""
+
 
 class Turn(NamedTuple):
     """The turning point under one load."""
@@ -74,6 +77,10 @@ class Facts(NamedTuple):
     """The fabric under each load that is most probably the softest."""
     moved: MovedMost | None = None
     """What errors of moduli that are merely assumed to be exact would move most, if it matters."""
+    quick: bool = False
+    """Whether this is a first look, which ended before the chains had converged."""
+    settled: bool = False
+    """Whether the ensembles of a first look agree so far that its findings may be told."""
 
     @property
     def failed(self) -> bool:
@@ -101,6 +108,15 @@ class Conclusion(NamedTuple):
 
 def facts_of(result: Result) -> Facts:
     """Return the values that a conclusion about a result rests on."""
+    facts = _facts(result)
+    if not result.provenance.ending.quick:
+        return facts
+    summary = result.summary()
+    agree = summary["r_hat"].max() <= _AGREE and summary["ess_bulk"].min() >= _ENOUGH
+    return facts._replace(quick=True, settled=bool(agree))
+
+
+def _facts(result: Result) -> Facts:
     ending = result.provenance.ending
     converged, steps = ending.converged, ending.steps
     if not result.has_ratings:
@@ -145,6 +161,11 @@ def _trust(facts: Facts) -> str:
         return "No: the ratings run with stiffness in the opposite direction to the one that the run assumes."
     if facts.flat:
         return "No: the model predicts the same rating for fabrics that were rated differently."
+    if facts.quick:
+        return (
+            f"Not yet: this is a first look, after {facts.steps} steps and before the chains have converged; the fast "
+            "model was not compared with the exact one."
+        )
     if not facts.converged:
         return (
             f"Not yet: the chains have not converged after {facts.steps} steps, and more steps may change any number."
@@ -172,8 +193,12 @@ def _by(shift: float) -> str:
 def _learnt(facts: Facts) -> str:
     if facts.failed:
         return "nothing about skin or receptors, because the model does not describe these ratings."
-    if not facts.converged:
+    if not facts.converged and not facts.settled:
         return "nothing yet: the draws so far are for inspection only."
+    return f"{'at first look, to be confirmed: ' * facts.quick}{_found(facts)}"
+
+
+def _found(facts: Facts) -> str:
     if facts.skin:
         return f"{'; '.join(map(_known, facts.skin))}."
     if not facts.differ:
@@ -229,6 +254,8 @@ def _next(facts: Facts, directory: str | None) -> str:
         )
     if facts.flat or (facts.silent and facts.converged):
         return "check the units of moduli and loads ('softness-bayes check'), then try --priors in-vivo."
+    if facts.quick:
+        return f"'softness-bayes resume {directory or 'DIR'}' goes on to the full run, which needs no step twice."
     if not facts.converged:
         return f"continue the run with 'softness-bayes resume {directory or 'DIR'}'."
     if not facts.exact:

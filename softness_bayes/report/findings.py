@@ -123,7 +123,9 @@ class FastModel(Finding):
 
     @property
     def outcome(self) -> Standing:
-        """Good if exact enough, else bad."""
+        """Good if exact enough, else bad; for information where it was not checked."""
+        if not self.exactness.checked:
+            return Standing.NEUTRAL
         return Standing.GOOD if self.exactness.exact_enough else Standing.BAD
 
 

@@ -146,6 +146,7 @@ def report_page(result: Result, own_figures: Sequence[str] = (), title: str = ""
         author=author,
         subject=subject(result),
         converged=result.provenance.ending.converged,
+        quick=result.provenance.ending.quick,
         faults=fit_of(result.tree).faults if result.has_ratings else [],
         verdict=result.provenance.ending.verdict,
         conclusion=conclude(facts_of(result)),

@@ -61,6 +61,7 @@ def repetition(result: Result) -> Repetition:
         words += ["--accuracy", f"{options.kept_accuracy:g}"]
     elif result.has_ratings:
         notes.append(f"The run was made in Python, with a given resolution: {options.discretisation}.")
+    words += ["--quick"] if run.quick else []
     words += ["--seed", str(run.seed), "--max-steps", str(steps), "--out", AGAIN]
     more = [shlex.join([PROGRAM, "resume", AGAIN, "--more-steps", count]) for count in map(_more_steps, continued)]
     notes.append(

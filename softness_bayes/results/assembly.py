@@ -36,7 +36,7 @@ from softness_bayes.results.draws import (
     RatedDraws,
     draws_of,
 )
-from softness_bayes.results.exact import begin_comparison, exactness_stats
+from softness_bayes.results.exact import begin_comparison, exactness_stats, unchecked
 from softness_bayes.results.groups import Groups, Variable, evenly, merged, named, sampled_groups, tree_of
 from softness_bayes.results.modulus_shifts import modulus_shifts
 from softness_bayes.results.plate import plate_attributes, plate_groups
@@ -78,6 +78,7 @@ def assembled(
     reweight: bool = False,
     listener: Listener = unheard,
     figures: Beginning | None = None,
+    exact: bool = True,
 ) -> Assembled:
     """Return all that is computed from the draws of one run.
 
@@ -99,6 +100,8 @@ def assembled(
         Called when a stage begins.
     figures
         Begun as soon as what they show is known.
+    exact
+        Whether the fast likelihood is compared with the exact one.
 
     Raises
     ------
@@ -108,7 +111,7 @@ def assembled(
     listener(Stage.REPLICATES)
     kept = chains.kept(burn_in, DRAWS_PER_WALKER)
     theta = kept.by_walker(posterior.natural(kept.coordinates))
-    comparison = begin_comparison(posterior, theta, workers, reweight)
+    comparison = begin_comparison(posterior, theta, workers, reweight) if exact else unchecked
     if figures is not None:
         walk = {"posterior": named(posterior.space, theta)}
         figures.begin_walk(tree_of(walk, {arviz_bridge.ENSEMBLE: kept.ensemble}, attributes))
@@ -125,7 +128,7 @@ def assembled(
     shown, axes = illustration_groups(draws, drawn, turn)
     levels = family_of(PRIOR, draws.model.levels)
     # last of all, for it waits for the exact likelihood
-    if not reweight:
+    if exact and not reweight:
         listener(Stage.EXACT)
     exactness = comparison() if known is None else known
     listener(Stage.CHECKS)

@@ -78,6 +78,12 @@ def begin_comparison(posterior: Posterior, theta: Array, workers: Workers, rewei
     return finished
 
 
+def unchecked() -> Exactness:
+    """Return the comparison of no draws."""
+    nothing = np.empty(0)
+    return compare_likelihoods((), nothing, nothing, nothing)
+
+
 def _begin_exact(posterior: Posterior, theta: Array, workers: Workers) -> Callable[[], Array]:
     # in parts that do not depend on the number of processes, nor then do the last bits
     count = min(EXACT_PARTS, -(-len(theta) // FIRST_DRAWS))
@@ -102,7 +108,7 @@ def exactness_stats(exactness: Exactness, shape: tuple[int, ...]) -> dict[str, V
     """
     size = exactness.difference.size
     every = evenly(shape, REWEIGHT_DRAWS if size > EXACT_DRAWS else EXACT_DRAWS)
-    among = slice(None) if size == every[0].size else _first(every[0].size)
+    among = slice(size) if size in (0, every[0].size) else _first(every[0].size)
     index = every[0][among], every[1][among]
     found = {}
     for name, values in (

@@ -14,7 +14,7 @@ from softness_bayes.errors import InputError
 from softness_bayes.kinds import require_kind
 from softness_bayes.model.options import ModelOptions
 from softness_bayes.results.result import Result
-from softness_bayes.sampler.sampling import Settings
+from softness_bayes.sampler.sampling import FIRST_LOOK, Settings
 
 
 @dataclass(frozen=True)
@@ -35,6 +35,9 @@ class RunOptions:
         Whether the result is that of draws weighted by the exact likelihood.
     command
         The command line, for the record.
+    quick
+        Whether the run ends at its first look at the chains, unconverged, and leaves out the comparison with the exact
+        model; the same run without it goes on from there.
     """
 
     max_steps: int = MAX_STEPS
@@ -44,6 +47,7 @@ class RunOptions:
     seed: int = SEED
     exact_reweight: bool = False
     command: str = ""
+    quick: bool = False
 
     def __post_init__(self) -> None:
         for name, kind, expected in (
@@ -55,12 +59,14 @@ class RunOptions:
             ("command", str, "a text"),
         ):
             require_kind(name, getattr(self, name), kind, expected)
+        if self.quick and self.exact_reweight:
+            raise InputError("quick: a first look does without the exact likelihood; leave out exact_reweight or quick")
 
     @property
     def settings(self) -> Settings:
         """Settings of the sampler."""
         return Settings(
-            max_steps=self.max_steps,
+            max_steps=min(self.max_steps, FIRST_LOOK) if self.quick else self.max_steps,
             max_seconds=self.max_seconds,
             min_steps=self.min_steps,
             processes=self.processes,

@@ -20,6 +20,9 @@ if TYPE_CHECKING:
 RUN_FORMATS = ("png", "csv")
 """Formats of the figures of a run; the fonts of a PDF take as long as all else about it."""
 
+FIRST_FIGURES = ("response", "rating", "inflection", "trace", "compression")
+"""Figures of a first look; ``plot`` draws the others."""
+
 OF_THE_WALK = ("corner", "trace", "rank")
 """Figures of the posterior's draws alone, which are known before anything is computed from them."""
 
@@ -77,8 +80,9 @@ class FiguresUnderWay:
         return formats_in(self._directory)
 
     def _begin(self, result: Result, names: Iterable[str]) -> None:
+        first = result.provenance.ending.quick
         for name in names:
-            if name not in self._begun:
+            if name not in self._begun and not (first and name in FIGURES and name not in FIRST_FIGURES):
                 shown = replace(result, tree=_needed(result.tree, name)) if name in FIGURES else result
                 self._begun[name] = self._workers.start(_drawn_of, shown, name, self._formats)
 

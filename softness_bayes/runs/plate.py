@@ -95,7 +95,7 @@ def sample_skin_model(
     groups = plate_groups(compression, forces, skin(theta[evenly(theta.shape, CURVES)]), drawn)
     check = check_exponent(forces, drawn.again)
     own = {"prior": named(posterior.space, prior[None]), "constant_data": held_parameters(posterior.space)}
-    attributes = {**asked, **outcome(state), **plate_attributes(compression, check)}
+    attributes = {**asked, **outcome(state, run), **plate_attributes(compression, check)}
     tree = tree_of(
         merged(sampled_groups(posterior, kept, theta, "compression"), groups, own),
         {arviz_bridge.ENSEMBLE: kept.ensemble, **plate_coordinates(compression)},

@@ -104,12 +104,13 @@ def requested(density: Density, request: Request) -> dict[str, Any]:
     }
 
 
-def outcome(state: RunState) -> dict[str, Any]:
+def outcome(state: RunState, run: RunOptions) -> dict[str, Any]:
     """Return the part of the provenance about the end of the run."""
     verdict = sampled_of(state).verdict
+    said = verdict.sentence()
     return attributes_of(
         Ending(
-            verdict=verdict.sentence(),
+            verdict=f"A first look (quick), no result. {said}" if run.quick else said,
             converged=verdict.converged,
             steps=verdict.steps,
             missing_steps=verdict.more_steps,
@@ -117,6 +118,7 @@ def outcome(state: RunState) -> dict[str, Any]:
             sampling_seconds=state.seconds,
             evaluations=state.nonfinite.evaluations,
             failures=state.nonfinite.count,
+            quick=run.quick,
         )
     )
 
@@ -222,10 +224,11 @@ def sample_model(
             sampled.verdict.burn_in,
             rng,
             workers,
-            {**asked, **outcome(state)},
+            {**asked, **outcome(state, run)},
             run.exact_reweight,
             listener,
             figures,
+            exact=not run.quick,
         )
     listener(Stage.TABLES)
     tables = {"directions": direction_table(tree), "predictive_checks": check_table(tree)}
