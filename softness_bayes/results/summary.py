@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from softness_bayes import arviz_bridge
-from softness_bayes.sampler.diagnostics import ess_tail, r_hat_between
+from softness_bayes.sampler.chain_statistics import ess_tail, r_hat_between
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -9,8 +9,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from softness_bayes import arviz_bridge
 from softness_bayes.sampler.autocorrelation import autocorrelation_time, indicator_time, own_time
+from softness_bayes.sampler.chain_statistics import ess_bulk, ess_tail, r_hat_between
 from softness_bayes.sampler.starts import NO_STARTS, Starts
 
 FloatArray = NDArray[np.float64]
@@ -18,13 +18,10 @@ FloatArray = NDArray[np.float64]
 LOG_POSTERIOR = "log posterior"
 """Name of the log density, which is judged together with the parameters."""
 
-_TAILS = (0.05, 0.95)
 _APART = 1.1  # R-hat of long ensembles above which they sit in separate modes
 _LONGER = 10.0  # ratio of the times about the common mean and about own means from which walkers sit in separate modes
 _TELLING = 10.0  # autocorrelation times from which a walk bounds how long it will have to be
 _AT_MOST = 2.0  # how many times longer than foreseen from there such a walk becomes at most
-_ESS_STRIDE = 3  # the bulk ESS uses draws this fraction of an autocorrelation time apart
-_R_HAT_DRAWS = 4000  # draws of each ensemble that R-hat uses
 
 
 @dataclass(frozen=True)
@@ -296,7 +293,7 @@ def look(
     fits = kept >= goal.lengths * tau.max() and r_hat.max() <= goal.r_hat and change <= goal.tau_change
     if fits:
         count = values[..., 0].size * kept / stored / tau[walks.shape[1] :]  # of the modes' indicators
-        ess = (np.concatenate([_bulk(walks, tau), count]), np.concatenate([ess_tail(walks), count]))
+        ess = (np.concatenate([ess_bulk(walks, tau), count]), np.concatenate([ess_tail(walks), count]))
     passed = bool(fits and min(ess[0].min(), ess[1].min()) >= goal.ess)
     own = float(own_time(walks).max()) * stride if kept < goal.lengths * tau.max() else math.nan
     moved = (np.ptp(walks, axis=-2) > 0).any(axis=1)
@@ -367,52 +364,3 @@ def _shares(inside: NDArray[np.bool_]) -> tuple[tuple[Share, ...], FloatArray, F
         apart[mixed] = np.sqrt(1.0 + halves.var(axis=0, ddof=1)[mixed] / within[mixed])
     error = np.sqrt(share * (1.0 - share) * times / walks[:, 0].size)
     return tuple(Share(*one) for one in zip(share.tolist(), error.tolist(), strict=True)), times, apart
-
-
-def r_hat_between(walks: FloatArray) -> FloatArray:
-    """Return R-hat between ensembles, each taken as one chain with its walkers interleaved in time order.
-
-    Parameters
-    ----------
-    walks
-        Values of shape (ensembles, quantities, steps, walkers).
-
-    Returns
-    -------
-    ndarray, shape (quantities,)
-        Infinite for a quantity that never moves.
-    """
-    ensembles, _, steps, walkers = walks.shape
-    every = max(1, steps * walkers // _R_HAT_DRAWS)
-    thinned = walks[..., ::every, :]
-    chains = [thinned[:, k].reshape(ensembles, -1) for k in range(walks.shape[1])]
-    return np.array([arviz_bridge.r_hat(c) if np.ptp(c) > 0 and c.shape[1] > 3 else math.inf for c in chains])
-
-
-def ess_tail(walks: FloatArray) -> FloatArray:
-    """Return the effective sample size in the tails, from the indicators of the 5 % and 95 % quantiles.
-
-    Parameters
-    ----------
-    walks
-        Values of shape (ensembles, quantities, steps, walkers).
-
-    Returns
-    -------
-    ndarray, shape (quantities,)
-        The smaller of the two tails.
-    """
-    ensembles, _, steps, walkers = walks.shape
-    thresholds = np.quantile(walks, _TAILS, axis=(0, 2, 3))
-    times = [indicator_time(walks, np.broadcast_to(t, walks.shape[:2])).mean(axis=0) for t in thresholds]
-    return ensembles * steps * walkers / np.max(times, axis=0)
-
-
-def _bulk(walks: FloatArray, tau: FloatArray) -> FloatArray:
-    """Return ArviZ's bulk ESS with one chain per walker, from thinned draws: nearly the same and much faster."""
-    sizes = []
-    for k in range(walks.shape[1]):
-        every = max(1, int(tau[k] / _ESS_STRIDE))
-        chains = np.swapaxes(walks[:, k, ::every], 1, 2)
-        sizes.append(arviz_bridge.ess_bulk(chains.reshape(-1, chains.shape[-1])))
-    return np.array(sizes)

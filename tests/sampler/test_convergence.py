@@ -5,7 +5,8 @@ import pytest
 
 from oracles.autoregressive import autoregressive, walks
 from softness_bayes import arviz_bridge
-from softness_bayes.sampler.diagnostics import Goal, look, r_hat_between
+from softness_bayes.sampler.chain_statistics import r_hat_between
+from softness_bayes.sampler.diagnostics import Goal, look
 
 NAMES = ("b", "log posterior")
 
