@@ -75,5 +75,5 @@ def status_of(manifest: Mapping[str, Any], running: bool) -> Status:
         written=not piloting and manifest["written"] == state["steps"],
         max_steps=manifest["max_steps"],
         verdict=verdict_of(state["verdict"]),
-        quick=_quick(manifest["request"]),
+        quick=_quick(manifest.get("request")),
     )
