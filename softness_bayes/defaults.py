@@ -28,6 +28,9 @@ SEED = 0
 GARBAGE = (20_000, 20, 20)
 """How seldom the program and its workers look for garbage, as `gc.set_threshold` takes it."""
 
+ANSWER_DRAWS = 400
+"""Posterior draws of a run behind what it answers: predictions, rankings, targets, the page of sliders."""
+
 MOST_SHOWN = 12
 """Loads that figures draw and lists name one by one; of more, as many are shown, evenly spread."""
 

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from scipy.special import logsumexp, ndtr
 
 from softness_bayes import arviz_bridge
+from softness_bayes.checking.exactness import LARGEST_K
 from softness_bayes.checking.ranking import largest_pareto_k
 from softness_bayes.errors import InputError
 from softness_bayes.parameters.coordinates import Coordinate
@@ -226,7 +227,7 @@ def _unreached(tables: Mapping[str, Separate]) -> Pooled:
         name: Shrunken(_limits(one.value, np.full(one.value.size, 1.0 / one.value.size)), none, np.inf, 0.0, 1.0)
         for name, one in tables.items()
     }
-    return Pooled(none, none, none, np.nan, np.nan, np.nan, np.nan, alone, 0.7)
+    return Pooled(none, none, none, np.nan, np.nan, np.nan, np.nan, alone, LARGEST_K)
 
 
 def _focused(tables: Sequence[Separate], population: Population) -> Grid:

@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from softness_bayes.checking.exactness import LARGEST_K
+
 FloatArray = NDArray[np.float64]
 
 _ITERATIONS, _TOLERANCE = 20_000, 1e-10
@@ -36,7 +38,7 @@ def clustered_error(values: FloatArray, cluster: NDArray[np.intp]) -> float:
 
 def largest_pareto_k(draws: int) -> float:
     """Return the largest Pareto k that so many draws allow (Vehtari et al., JMLR 25, 72, 2024)."""
-    return float(min(1.0 - 1.0 / np.log10(max(draws, 11)), 0.7))
+    return float(min(1.0 - 1.0 / np.log10(max(draws, 11)), LARGEST_K))
 
 
 def stacking_weights(log_density: FloatArray) -> FloatArray:

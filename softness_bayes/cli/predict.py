@@ -21,7 +21,7 @@ from softness_bayes.cli.options.run import seed
 from softness_bayes.cli.options.tables import Touches, touches
 from softness_bayes.cli.options.values import whole
 from softness_bayes.cli.running import reading
-from softness_bayes.defaults import PRIOR_SET
+from softness_bayes.defaults import ANSWER_DRAWS, PRIOR_SET
 from softness_bayes.errors import InputError
 from softness_bayes.ranges import PANEL
 
@@ -35,9 +35,6 @@ if TYPE_CHECKING:
     from softness_bayes.touch.scene import Scene
 
 PREDICT = "predict"
-
-DRAWS = 400
-"""Posterior draws that a table of credible limits is made of."""
 
 REACHED = 16
 """Posterior draws at which it is judged what lies within the model's reach."""
@@ -159,20 +156,20 @@ def _of_run(
     with reading(directory) as (result,):
         if not result.has_ratings:
             raise InputError(f"{directory}: a run without ratings, which says nothing of the receptors; give --set")
-        named, noise = drawn_values(result, DRAWS, values), result.provenance.rating_model.noise
+        named, noise = drawn_values(result, ANSWER_DRAWS, values), result.provenance.rating_model.noise
         if lacking := [n for n in TouchParameters._fields if n not in named and n not in SHAPE_PARAMETERS]:
             raise KeyError(lacking[0])  # `reading` names the file
         parameters = drawn_parameters(named)
         readings, finger = result.readings, result.finger
         compiled = partial(scene_of, fabrics, loads, named, readings, noise=noise, finger=finger)
         scene = _accurate(compiled, named, parameters, accuracy)
-        ratings = rating_columns(result, fabrics, scene, DRAWS, raters, seed, values)
+        ratings = rating_columns(result, fabrics, scene, ANSWER_DRAWS, raters, seed, values)
         table = pd.concat([prediction_table(fabrics, scene, parameters), ratings], axis=1)
 
         def under(pressed: Sequence[Load]) -> Scene:
             return scene_of(fabrics, tuple(pressed), named, readings, discretisation=COARSE, noise=noise, finger=finger)
 
-        few = type(parameters)(*(value[:: max(1, DRAWS // REACHED)] for value in parameters))
+        few = type(parameters)(*(value[:: max(1, ANSWER_DRAWS // REACHED)] for value in parameters))
         return table, scene, parameters, reach_note(under, loads, few, {})
 
 

@@ -11,6 +11,7 @@ from softness_bayes.cli.options.run import seed
 from softness_bayes.cli.options.tables import Touches, touches_of_run
 from softness_bayes.cli.options.values import FILE
 from softness_bayes.cli.running import reading
+from softness_bayes.defaults import ANSWER_DRAWS
 from softness_bayes.errors import InputError
 
 if TYPE_CHECKING:
@@ -19,9 +20,6 @@ if TYPE_CHECKING:
 RANK, FORMATS = "rank", ("png", "pdf")
 ORDER, PLACES, PAIRS, AGREEMENT, FIGURE = "ranking.csv", "places.csv", "pairs.csv", "agreement.csv", "ranking"
 MADE = (ORDER, PLACES, PAIRS, *(f"{FIGURE}.{suffix}" for suffix in FORMATS))
-
-DRAWS = 400
-"""Posterior draws that probabilities are of."""
 
 SHOWN = 20
 """Rows of an order that are printed: the first and the last ones of more."""
@@ -59,7 +57,7 @@ def command(directory: Path, touches: Touches, against: Path | None, seed: int, 
         if not result.has_ratings:
             raise InputError(f"{directory}: a run without ratings, which predicts none")
         fabrics, loads = touches.of_run(result)
-        found = result.rank(fabrics, loads, DRAWS, seed)
+        found = result.rank(fabrics, loads, ANSWER_DRAWS, seed)
     agreement = None if observed is None else found.against(observed)
     tables = {ORDER: found.table, PLACES: found.place_table, PAIRS: found.pair_table}
     tables |= {} if agreement is None else {AGREEMENT: agreement}

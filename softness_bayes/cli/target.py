@@ -11,15 +11,13 @@ from softness_bayes.cli.options.run import seed
 from softness_bayes.cli.options.tables import load_options
 from softness_bayes.cli.options.values import FILE
 from softness_bayes.cli.running import reading
+from softness_bayes.defaults import ANSWER_DRAWS
 from softness_bayes.errors import InputError
 
 if TYPE_CHECKING:
     import pandas as pd
 
 TARGET = "target"
-
-DRAWS = 400
-"""Posterior draws for which the modulus is found."""
 
 _SOUGHT = (("thickness_mm", "thickness", "mm"), ("tensile_modulus_mpa", "tensile modulus", "MPa"))
 
@@ -90,7 +88,7 @@ def command(
     with reading(directory) as (result,):
         if not result.has_ratings:
             raise InputError(f"{directory}: a run without ratings, which predicts none")
-        found = result.target(rating, loads or None, *cloth, draws=DRAWS, seed=seed)
+        found = result.target(rating, loads or None, *cloth, draws=ANSWER_DRAWS, seed=seed)
     table = found.table
     if out is None:
         click.echo(csv_of(table, index=False, digits=PRINTED), nl=False)

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from softness_bayes.defaults import shown_of
+from softness_bayes.defaults import ANSWER_DRAWS, shown_of
 from softness_bayes.model.other_touches import deviations_of_fabrics
 from softness_bayes.parameters.fabric_moduli import KPA
 from softness_bayes.report.curves import Shown, shown
@@ -17,10 +17,7 @@ from softness_bayes.touch.scene import Scene
 
 Array = NDArray[np.float64]
 
-DRAWS = 400
-"""Posterior draws that medians are of."""
-
-EFFECTS, FEW = DRAWS, 15
+EFFECTS, FEW = ANSWER_DRAWS, 15
 """Draws of the ratings' level given data and parameters, whose median is shown, and as many where each takes integrals
 over intervals: an odd number, so that the median of categories is one. They are the draws of `predict` at these values,
 and the same each time, so that curves move smoothly."""
@@ -46,7 +43,7 @@ class Rated:
     """Index of each of these loads among those of the run."""
 
     def __init__(self, result: Result) -> None:
-        fitted = Fitted(result, DRAWS)
+        fitted = Fitted(result, ANSWER_DRAWS)
         self.shown, self.load = shown(result)["e_fab"], shown_of(len(result.loads))
         self.source, self.scale, self.posterior = result.source, result.scale, fitted.posterior
         self.medians = {name: float(np.median(values)) for name, values in fitted.named.items()}

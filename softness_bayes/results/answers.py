@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
+from softness_bayes.defaults import ANSWER_DRAWS
 from softness_bayes.kinds import numbers, require_kind, require_mapping
 from softness_bayes.results.read_back import moduli_at
 from softness_bayes.results.stored import Stored
@@ -25,7 +26,7 @@ class Answers:
         self: Stored,
         fabrics: Fabrics | None = None,
         loads: Sequence[Load] | None = None,
-        draws: int = 400,
+        draws: int = ANSWER_DRAWS,
         raters: int | None = None,
         seed: int = 0,
         values: Mapping[str, float] | None = None,
@@ -84,7 +85,7 @@ class Answers:
         self: Stored,
         fabrics: Fabrics | None = None,
         loads: Sequence[Load] | None = None,
-        draws: int = 400,
+        draws: int = ANSWER_DRAWS,
         seed: int = 0,
     ) -> Ranking:
         """Rank fabrics by predicted softness; arguments and errors as `predict` has them.
@@ -107,7 +108,7 @@ class Answers:
         tensile_modulus: float | None = None,
         thickness: float | None = None,
         poisson_ratio: float | None = None,
-        draws: int = 400,
+        draws: int = ANSWER_DRAWS,
         seed: int = 0,
     ) -> Target:
         """Find the fabrics that have a wished rating.

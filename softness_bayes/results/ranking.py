@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from softness_bayes.checking.places import Pairs, Places, agreement, pairs, places, ties
 from softness_bayes.data import Fabrics
+from softness_bayes.defaults import ANSWER_DRAWS
 from softness_bayes.likelihood.scales import Scale
 from softness_bayes.plotting.style import USUAL, Style
 from softness_bayes.ranges import RANKED
@@ -170,7 +171,9 @@ class Ranking:
         return pd.DataFrame(rows)
 
 
-def rank(result: Stored, fabrics: Fabrics, loads: tuple[Load, ...], draws: int = 400, seed: int = 0) -> Ranking:
+def rank(
+    result: Stored, fabrics: Fabrics, loads: tuple[Load, ...], draws: int = ANSWER_DRAWS, seed: int = 0
+) -> Ranking:
     """Rank fabrics by the rating of the typical rater that a finished run predicts, higher ratings being softer.
 
     Parameters

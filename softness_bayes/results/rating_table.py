@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from softness_bayes.data import Fabrics
+from softness_bayes.defaults import ANSWER_DRAWS
 from softness_bayes.likelihood.design import IndexArray
 from softness_bayes.ranges import PANEL
 from softness_bayes.results.fitted import Fitted
@@ -29,7 +30,7 @@ def rating_columns(
     result: Stored,
     fabrics: Fabrics,
     scene: Scene,
-    draws: int = 400,
+    draws: int = ANSWER_DRAWS,
     raters: int | None = None,
     seed: int = 0,
     values: Mapping[str, float] | None = None,

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from softness_bayes.checking.inflection import RANGE_FACTOR
 from softness_bayes.data import Fabrics
 from softness_bayes.data.columns import EFFECTIVE_MODULUS, POISSON_RATIO, TENSILE_MODULUS, THICKNESS, Column
+from softness_bayes.defaults import ANSWER_DRAWS
 from softness_bayes.errors import InputError
 from softness_bayes.model.other_touches import OtherTouches
 from softness_bayes.parameters.fabric_moduli import KPA
@@ -161,7 +162,7 @@ class Target:
 
 
 def target(
-    result: Stored, rating: float, loads: tuple[Load, ...], cloth: Cloth, draws: int = 400, seed: int = 0
+    result: Stored, rating: float, loads: tuple[Load, ...], cloth: Cloth, draws: int = ANSWER_DRAWS, seed: int = 0
 ) -> Target:
     """Find the fabrics of a wished rating of the typical rater, under each of some loads.
 
