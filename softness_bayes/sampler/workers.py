@@ -9,12 +9,14 @@ import signal
 import sys
 import tempfile
 import threading
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import BrokenExecutor, Executor, Future, ProcessPoolExecutor, as_completed
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import BrokenExecutor, Executor, Future, ProcessPoolExecutor
 from contextlib import contextmanager
 from functools import lru_cache
+from itertools import islice
 from multiprocessing import get_context, parent_process, resource_tracker
 from multiprocessing.context import BaseContext
+from queue import SimpleQueue
 from types import TracebackType
 from typing import Any, Protocol, Self, TypeVar, runtime_checkable
 
@@ -30,6 +32,10 @@ _LONGEST = 60
 
 RENEWALS = 1
 """Number of times that dead processes are replaced without progress before the computation is given up."""
+
+
+AHEAD = 4000
+"""Largest number of tasks that wait at an executor, enough to keep a thousand workers busy."""
 
 
 def _served() -> bool:
@@ -129,7 +135,15 @@ class Workers:
         return ProcessPoolExecutor(self._processes, _context(), _settle, (self._resident,))
 
     def _submit(self, work: Callable[..., Result], task: tuple[Any, ...]) -> Future[Result]:
-        """Submit a task; if a process has died meanwhile, to new ones."""
+        """Submit a task.
+
+        Raises
+        ------
+        BrokenExecutor
+            If a process has died meanwhile.
+        ResourceError
+            If the given executor has lost its workers.
+        """
         if self._given is not None:
             try:
                 return self._given.submit(_on_one_thread, work, self._sent, task)
@@ -137,11 +151,7 @@ class Workers:
                 raise WorkersLostError(_LOST) from None
         assert self._pool is not None
         with _shielded():
-            try:
-                return self._pool.submit(_in_worker, work, task)
-            except BrokenExecutor:
-                self._renew()
-                return self._pool.submit(_in_worker, work, task)
+            return self._pool.submit(_in_worker, work, task)
 
     def _renew(self) -> None:
         """Replace all processes after one of them has died, which breaks the pool.
@@ -160,22 +170,43 @@ class Workers:
         self._pool = self._new_pool()
 
     def _finished(self, work: Callable[..., Result], tasks: Sequence[tuple[Any, ...]]) -> Iterator[tuple[int, Result]]:
-        """Yield number and result of every task as it finishes; tasks whose process died are repeated."""
+        """Yield number and result of every task as it finishes; tasks whose process died are repeated.
+
+        At most `AHEAD` tasks wait at the executor: each takes some kilobytes of this process.
+        """
         left = dict(enumerate(tasks))
         while left:
-            futures = {self._submit(work, task): k for k, task in left.items()}
+            waiting, running = iter(list(left)), dict[Future[Result], int]()
+            done: SimpleQueue[Future[Result]] = SimpleQueue()
             try:
-                for future in as_completed(futures):
-                    result = future.result()
+                self._begin(work, tasks, islice(waiting, AHEAD), running, done)
+                while running:
+                    future = done.get()
+                    k, result = running.pop(future), future.result()
                     self._renewed = 0
-                    del left[futures[future]]
-                    yield futures[future], result
+                    del left[k]
+                    self._begin(work, tasks, islice(waiting, 1), running, done)
+                    yield k, result
             except BrokenExecutor:
                 self._renew()
             finally:
                 if self._given is not None:
-                    for future in futures:
-                        future.cancel()  # without effect on those that are done
+                    for future in running:
+                        future.cancel()
+
+    def _begin(
+        self,
+        work: Callable[..., Result],
+        tasks: Sequence[tuple[Any, ...]],
+        numbers: Iterable[int],
+        running: dict[Future[Result], int],
+        done: SimpleQueue[Future[Result]],
+    ) -> None:
+        """Submit tasks by their numbers; each comes to a queue when it is done."""
+        for k in numbers:
+            future = self._submit(work, tasks[k])
+            running[future] = k
+            future.add_done_callback(done.put)
 
     @property
     def _alone(self) -> bool:
@@ -207,7 +238,11 @@ class Workers:
         """
         if self._alone:
             return lambda: _on_one_thread(work, self._resident, task)
-        future = self._submit(work, task)
+        try:
+            future = self._submit(work, task)
+        except BrokenExecutor:
+            self._renew()
+            future = self._submit(work, task)
 
         def finished() -> Result:
             try:

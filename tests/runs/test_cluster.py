@@ -22,6 +22,7 @@ from softness_bayes.model.simulated_forces import simulate_compression
 from softness_bayes.results.versions import versions
 from softness_bayes.runs import cluster as clusters
 from softness_bayes.runs.cluster import SCHEDULER, Worker, cluster, require_workers
+from softness_bayes.sampler import workers as pool
 from softness_bayes.sampler.workers import Workers
 from softness_bayes.touch.readings import MENDED, NAMED_READINGS
 from support.command_line import call, refused
@@ -62,6 +63,40 @@ def test_a_resident_is_shared_once():
     with Shared() as executor, Workers(3, 1, executor) as workers:
         assert workers.map(add, [(1,), (2,)]) == [4, 5]
         assert executor.shared == [3]
+
+
+def test_few_tasks_wait_at_an_executor(monkeypatch):
+    """However many there are: each takes memory of this process."""
+    monkeypatch.setattr(pool, "AHEAD", 3)
+
+    class Counting(ThreadPoolExecutor):
+        begun = done = most = 0
+
+        def submit(self, work, /, *task):
+            self.begun += 1
+            self.most = max(self.most, self.begun - self.done)
+            future = super().submit(work, *task)
+            future.add_done_callback(lambda _: setattr(self, "done", self.done + 1))
+            return future
+
+    with Counting(1) as executor, Workers(3, 1, executor) as workers:
+        assert workers.map(add, [(k,) for k in range(50)]) == [3 + k for k in range(50)]
+        assert executor.most <= 3
+
+
+def fails(resident, number):
+    if number == 2:
+        raise InputError("no")
+    return number
+
+
+def test_a_failed_task_ends_the_rest():
+    with (
+        ThreadPoolExecutor(1) as executor,
+        Workers(None, 1, executor) as workers,
+        pytest.raises(InputError, match="no"),
+    ):
+        workers.map(fails, [(k,) for k in range(9)])
 
 
 def test_an_executor_stays_open():
