@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, NoReturn
 import click
 from click.core import ParameterSource
 
+from softness_bayes.cli.design_lines import design_lines
 from softness_bayes.cli.interrupts import keeping
 from softness_bayes.cli.options.model import ModelChoice, model_choice
 from softness_bayes.cli.options.ratings import rating_scale
@@ -46,6 +47,12 @@ if TYPE_CHECKING:
 )
 @decimal
 @load_options(True, ". Repeatable.")
+@click.option(
+    "--design",
+    is_flag=True,
+    help="Say what ratings of this design can tell before any is simulated: expected posterior widths; "
+    "nothing is written.",
+)
 @click.option("--participants", type=whole(PARTICIPANTS), default=20, show_default=True, help="Number of raters.")
 @model_choice
 @rating_scale
@@ -85,6 +92,7 @@ def command(
     decimal: str | None,
     indentation_mm: tuple[float, ...],
     force_n: tuple[float, ...],
+    design: bool,
     participants: int,
     model: ModelChoice,
     scale: str,
@@ -107,9 +115,13 @@ def command(
     --like DIR draws the parameters from the posterior of a finished run instead, and simulates ratings of new raters
     under its loads, with its missing cells and observation model; each fit is of the run's ratings and the simulated
     ones together. Exit code 3: some replicates have not converged; 4: not calibrated.
+
+    --design foresees, by linearisation and in some seconds, how far a fit of the design would narrow every parameter,
+    and which other design would help most: ask it before the hours of a calibration.
     """
     from softness_bayes.data import Fabrics, loads_of
     from softness_bayes.likelihood.scales import scale_named
+    from softness_bayes.model.understanding import foreseen
     from softness_bayes.results.request import RunOptions
     from softness_bayes.runs.calibrate import (
         calibrate,
@@ -131,6 +143,10 @@ def command(
             participants,
         )
         options = model.options(scale=scale_named(scale))
+        if design:
+            for line in design_lines(foreseen(*scene.planned(options))):
+                click.echo(line)
+            return
         begin, end = partial(calibrate, scene, options), partial(finished, scene, options)
     bar = _Bar(replicates)
     with keeping(lambda: _kept(out, replicates)), executor_of(None if so_far else dask, out) as executor:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import math
 from collections.abc import Callable
 from concurrent.futures import Executor
 from pathlib import Path
@@ -29,6 +30,7 @@ from softness_bayes.results.result import Result
 from softness_bayes.runs.calibrated import CALIBRATE, COVERAGE, FIGURE, RANKS, VERDICT, Calibrated
 from softness_bayes.runs.calibration_scene import CalibrationScene
 from softness_bayes.runs.replicate import replicate
+from softness_bayes.sampler.diagnostics import Goal
 from softness_bayes.sampler.sampling import Settings
 from softness_bayes.sampler.workers import Workers, available_processors
 
@@ -39,6 +41,10 @@ TRUTHS = 4000
 
 ENSEMBLES = 2
 """Independent ensembles of each replicate: the least that can disagree."""
+
+RANKED = Goal(lengths=20.0, tau_change=math.inf, r_hat=1.02, ess=4.0 * DRAWS, looks=1)
+"""Convergence of a replicate: ranks among `DRAWS` draws need as many independent ones of a walk that has forgotten its
+start, not the precision of quantiles that a run needs."""
 
 
 def calibrate(
@@ -73,7 +79,7 @@ def calibrate(
     progress
         Called with the number of finished replicates and the last of them.
     settings
-        How to sample; `ENSEMBLES` ensembles and `run.max_steps` if left out.
+        How to sample; `ENSEMBLES` ensembles until they meet `RANKED`, or `run.max_steps`, if left out.
     executor
         An executor that runs the replicates instead of processes of this machine, one as one task, with the same
         ranks; its workers share the directory (see `runs.cluster`).
@@ -238,7 +244,7 @@ def _so_far(manifest: dict[str, Any], count: int, directory: Path) -> Calibrated
 
 
 def _usual(run: RunOptions) -> Settings:
-    return Settings(ensembles=ENSEMBLES, max_steps=run.max_steps, processes=1)
+    return Settings(ensembles=ENSEMBLES, max_steps=run.max_steps, processes=1, goal=RANKED)
 
 
 def _finished(folder: Path, count: int) -> dict[int, Replicate]:

@@ -40,12 +40,16 @@ class CalibrationScene:
 
     def model(self, options: ModelOptions) -> ExperimentModel:
         """Return the model of the scene, built once for all replicates; its ratings are to be replaced."""
+        return build(*self.planned(options))
+
+    def planned(self, options: ModelOptions) -> tuple[Experiment, ModelOptions]:
+        """Return the design with made-up ratings of its scale, and the options with what no data can decide."""
         options = replace(options, direction=options.direction or RISES)  # there are no data to take it from
         if options.scale is not MAGNITUDE and options.scale.model is None:
             law = options.errors or rating_model(options.scale).error
             exact = 0.0 if options.scale is SLIDER and options.resolution is None else options.resolution
             options = replace(options, errors=law, resolution=exact)
-        return build(Experiment(self._ratings(options), self.fabrics, ()), options)
+        return Experiment(self._ratings(options), self.fabrics, ()), options
 
     def _ratings(self, options: ModelOptions) -> Ratings:
         """Return ratings of the design on the scale: all 1, or simulated where those would not be on it."""

@@ -141,7 +141,7 @@ class Workers:
         ------
         BrokenExecutor
             If a process has died meanwhile.
-        ResourceError
+        WorkersLostError
             If the given executor has lost its workers.
         """
         if self._given is not None:

@@ -30,11 +30,12 @@ from softness_bayes.likelihood.directions import INVERSE
 from softness_bayes.likelihood.error_laws import STUDENT
 from softness_bayes.likelihood.magnitude import LogRatings, RatingModel
 from softness_bayes.likelihood.scales import RATING_SCALES, SLIDER
+from softness_bayes.model import understanding
 from softness_bayes.model.options import ModelOptions
 from softness_bayes.parameters.declared import PARAMETERS
 from softness_bayes.plotting.calibration import rank_ecdf_figure
 from softness_bayes.results.request import Request, RunOptions
-from softness_bayes.runs.calibrate import calibrate, finished
+from softness_bayes.runs.calibrate import RANKED, calibrate, finished
 from softness_bayes.runs.calibrated import LONG, Calibrated
 from softness_bayes.runs.calibration_scene import CalibrationScene
 from softness_bayes.runs.ranked_quantities import LOG_LIKELIHOOD, PARTICIPANT, PARTICIPANTS, quantities
@@ -548,6 +549,7 @@ def test_the_command_from_end_to_end(tmp_path):
     written = {path.name for path in (tmp_path / "out").iterdir()}
     made = {"manifest.json", "replicates", "ranks.csv", "coverage.csv", "verdict.txt", "ecdf.png"}
     assert written == {".softness-bayes.json", *made}
+    assert json.loads((tmp_path / "out" / "manifest.json").read_text())["goal"] == str(RANKED)
     again = CliRunner().invoke(main, [*arguments, "--seed", "4", "--out", str(tmp_path / "out")])
     assert again.exit_code == 2
     assert "seed was 0 and is now 4" in again.output
@@ -601,3 +603,28 @@ def test_every_scale_is_calibrated(scale):
     effects = observed.new_effects(rng, parameters, (1,))
     made = observed.replicate(rng, observed.drive(rate, parameters), parameters, effects, rate)[0]
     assert np.isfinite(observed.with_values(made).log_likelihood(rate, parameters)).all()
+
+
+def test_what_a_design_can_tell_is_said_and_nothing_is_written(tmp_path, monkeypatch):
+    asked = []
+
+    def foreseen(experiment, options):
+        asked.append((experiment, options))
+        ratio = {"sd_ratio": {"b": [0.1, 0.2, 0.3]}}
+        return {"truths": 16, "loads": [1, 1], "not_foreseen": ["nu"], "turning_points": [], "others": [], **ratio}
+
+    monkeypatch.setattr(understanding, "foreseen", foreseen)
+    out = tmp_path / "out"
+    arguments = ["calibrate", "--design", "--participants", "3", "--ratings", "slider", "--out", str(out)]
+    done = CliRunner().invoke(main, arguments)
+    assert done.exit_code == 0, done.output
+    assert "0.20 (0.10 to 0.30)" in done.output
+    assert "not foreseen: nu" in done.output
+    assert not out.exists()
+    ((experiment, options),) = asked
+    assert len(experiment.ratings.participants) == 3
+    assert options.scale is SLIDER
+    assert options.direction is not None
+    like = CliRunner().invoke(main, ["calibrate", "--design", "--like", str(tmp_path)])
+    assert like.exit_code == 2
+    assert "--design: --like takes design and model" in like.output
