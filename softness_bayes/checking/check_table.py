@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from softness_bayes.checking.grouped import groups_in, merge
 from softness_bayes.checking.levelled import DOUBTFUL, fall_p_value
 from softness_bayes.checking.quantities import (
     DROP,
@@ -56,7 +57,7 @@ PIT_POINTS = np.arange(1, 100) / 100
 
 
 def layout_of(tree: xr.DataTree) -> Layout:
-    """Return participant and condition of every rating in a result."""
+    """Return participant and condition of every rating in a result; of many loads, by their groups."""
     constant = tree["constant_data"].to_dataset()
     fabric, load = constant["fabric_index"].values, constant["load_index"].values
     modulus = constant["effective_modulus_kpa"].values * 1e3
@@ -65,7 +66,9 @@ def layout_of(tree: xr.DataTree) -> Layout:
     people = _values(tree, "log_likelihood_participant", "participant").size
     design = Design(condition, constant["participant_index"].values, fabrics, people)
     found = Provenance(tree.attrs)
-    return Layout(design, modulus[fabrics], loads, found.direction.sign, found.rating_model.rating_scale)
+    layout = Layout(design, modulus[fabrics], loads, found.direction.sign, found.rating_model.rating_scale)
+    groups = groups_in(tree)
+    return merge(layout, groups.of)[0] if groups.merged else layout
 
 
 def check_table(tree: xr.DataTree) -> pd.DataFrame:
@@ -263,8 +266,9 @@ def _row(
 
 def _labels(tree: xr.DataTree, layout: Layout, columns: Columns) -> list[tuple[str, str, str]]:
     """Return load, fabric and participant of every column of a quantity."""
-    groups = {"load": "constant_data", "fabric": "constant_data", "participant": "log_likelihood_participant"}
-    load, fabric, participant = (_values(tree, group, what).astype(str) for what, group in groups.items())
+    groups = {"fabric": "constant_data", "participant": "log_likelihood_participant"}
+    fabric, participant = (_values(tree, group, what).astype(str) for what, group in groups.items())
+    load = groups_in(tree).names
     match columns:
         case Columns.CONDITION:
             return [(load[k], fabric[f], ALL) for k, f in zip(layout.load, layout.design.fabric, strict=True)]

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from softness_bayes.checking.check_table import layout_of
 from softness_bayes.checking.direction import Choice, evidence_in
 from softness_bayes.checking.flatness import Explained, explain
+from softness_bayes.checking.grouped import groups_in
 from softness_bayes.checking.quantities import Layout
 from softness_bayes.provenance import Provenance
 
@@ -102,8 +103,7 @@ def fit_of(tree: xr.DataTree) -> Fit:
     """
     layout, taken, silence = layout_of(tree), Provenance(tree.attrs).direction, Provenance(tree.attrs).silence
     ratings = _values(tree, "observed_data", "rating")
-    loads = [str(load) for load in _values(tree, "constant_data", "load")]
-    evidence = evidence_in(layout, ratings, loads, taken.firing_rises)
+    evidence = evidence_in(layout, ratings, groups_in(tree).names, taken.firing_rises)
     choice = Choice(taken.direction, taken.direction_asked, evidence)
     silent = silence.posterior_silent_everywhere
     predicted = _predicted(tree, silent, layout)
@@ -135,8 +135,15 @@ def predicted_ratings(tree: xr.DataTree, layout: Layout) -> NDArray[np.float64] 
     stored = tree["predictions"].to_dataset() if "predictions" in tree.children else {}
     if TYPICAL not in stored:
         return None
-    by_fabric = np.argsort(np.lexsort((layout.load, layout.design.fabric)))
-    return np.asarray(stored[TYPICAL].values[0], float)[:, by_fabric]
+    constant = tree["constant_data"].to_dataset()
+    rows = constant["fabric_index"].values * constant["load"].size + constant["load_index"].values
+    # stored by fabric and then load; a condition of a layout may hold several of these
+    stored_of, values = np.unique(rows, return_inverse=True)[1], np.asarray(stored[TYPICAL].values[0], float)
+    share = np.zeros((values.shape[1], layout.design.n_conditions))
+    np.add.at(share, (stored_of, layout.design.condition), 1.0)
+    if share.shape[0] == share.shape[1]:
+        return values[:, share.argmax(axis=0)]
+    return np.asarray(values @ (share / share.sum(axis=0)))
 
 
 def _flat(one: Explained) -> str:

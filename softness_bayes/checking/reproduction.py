@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from softness_bayes.checking.grouped import groups_in
 from softness_bayes.checking.levelled import DOUBTFUL, NEEDED, Power, Tables, departs, fall, power
 from softness_bayes.checking.quantities import DROP, PLACE, TURNS_OVER, Additive, Columns, Layout, Quantity
 from softness_bayes.defaults import shown_of
@@ -20,6 +21,9 @@ Array = NDArray[np.float64]
 LEVELLED, SHORTFALL = "levelled_predictive", "levelled_shortfall"
 """Group with the test quantities of tables from a response that levels off, and the variable of `constant_data` with
 the amount by which its mean ratings exceed the model's."""
+
+LOAD_GROUP = "load_group"
+"""Axis of the group `LEVELLED` where many loads are judged in groups; else it is that of loads."""
 
 FALL = "fall beyond inflection / expected"
 """The test quantity of `levelled.fall` under each load."""
@@ -35,7 +39,7 @@ class Alternative(NamedTuple):
 
 
 def alternative(tree: xr.DataTree, layout: Layout, replicates: Additive) -> Alternative | None:
-    """Return the levelled response of a result; None if it stores none.
+    """Return the levelled response of a result; None if it stores none, or none of the groups of its loads.
 
     Parameters
     ----------
@@ -48,12 +52,14 @@ def alternative(tree: xr.DataTree, layout: Layout, replicates: Additive) -> Alte
     """
     if LEVELLED not in tree.children:
         return None
+    stored = tree[LEVELLED].to_dataset().isel(chain=0)
+    names = [f"levelled_{name}" for name in LEVELLED_NAMES]
+    if stored[names[0]].shape[-1] != groups_in(tree).at.size:
+        return None  # a result of many loads, of the versions that judged each of them alone
+    other = Tables(*(stored[name].values[:, layout.loads] for name in names))
     shortfall = np.zeros(layout.design.n_conditions)
     shortfall[layout.design.condition] = tree["constant_data"].to_dataset()[SHORTFALL].values
     expected = replicates.condition.mean(axis=0)
-    stored = tree[LEVELLED].to_dataset().isel(chain=0)
-    names = [f"levelled_{name}" for name in LEVELLED_NAMES]
-    other = Tables(*(stored[name].values[:, layout.loads] for name in names))
     found = power(other, Tables.of(layout, replicates, expected, shortfall))
     quantity = Quantity(FALL, False, Columns.LOAD, lambda layout, fit: fall(layout, fit.condition, expected, shortfall))
     return Alternative(quantity, found)

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from softness_bayes.checking.check_table import layout_of
+from softness_bayes.checking.grouped import groups_in
 from softness_bayes.checking.misfit import predicted_ratings
 
 if TYPE_CHECKING:
@@ -47,7 +48,7 @@ def softest_fabrics(tree: xr.DataTree) -> tuple[Softest, ...]:
     if predicted is None:
         return ()
     constant = tree["constant_data"].to_dataset()
-    fabrics, loads = (constant[what].values.astype(str) for what in ("fabric", "load"))
+    fabrics, loads = constant["fabric"].values.astype(str), groups_in(tree).names
     found = []
     for load in layout.loads:
         here = np.flatnonzero(layout.load == load)
@@ -58,5 +59,5 @@ def softest_fabrics(tree: xr.DataTree) -> tuple[Softest, ...]:
         best = int(share.argmax())
         error = float(np.sqrt(share[best] * (1.0 - share[best]) / len(predicted)))
         name = str(fabrics[layout.design.fabric[here[best]]])
-        found.append(Softest(str(loads[load]), name, float(share[best]), error, here.size))
+        found.append(Softest(loads[load], name, float(share[best]), error, here.size))
     return tuple(found)

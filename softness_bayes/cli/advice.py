@@ -10,29 +10,33 @@ from pathlib import Path
 
 import click
 
+from softness_bayes.cli.at_hand import fabrics_at_hand, ratings_at_hand, runs_at_hand, vacant
 from softness_bayes.files.run_files import CHECKPOINT
 
 PROGRAM = "softness-bayes"
 TRY = "try: "
 """Beginning of the line that gives the command."""
 
-WORKS: Mapping[str, str] = {
-    "check": "--data ratings.csv",
-    "plan": "--data ratings.csv",
-    "sample": "--data ratings.csv --out results",
-    "status": "results",
-    "resume": "results",
-    "plot": "results --figures rating",
-    "simulate": "--fabrics fabrics.csv --indentation-mm 2 --out simulated",
-    "report": "results",
-    "compare": "results other-results",
-    "predict": "--posterior results --fabrics fabrics.csv --force-n 1",
-    "rank": "results --fabrics fabrics.csv --force-n 1",
-    "target": "results --rating 20 --force-n 1",
-    "explore": "results",
-    "new": "my-study",
+RATINGS, FABRICS, RUN, OTHER, NEW, OUT = "{ratings}", "{fabrics}", "{run}", "{other}", "{new}", "{out}"
+"""Places of names in advised commands: of files that are there, and of directories that are not."""
+
+WORKS: Mapping[str, tuple[str, ...]] = {
+    "check": ("--data", RATINGS),
+    "plan": ("--data", RATINGS),
+    "sample": ("--data", RATINGS, "--out", OUT),
+    "status": (RUN,),
+    "resume": (RUN,),
+    "plot": (RUN, "--figures", "rating"),
+    "simulate": ("--fabrics", FABRICS, "--indentation-mm", "2", "--out", "{simulated}"),
+    "report": (RUN,),
+    "compare": (RUN, OTHER),
+    "predict": ("--posterior", RUN, "--force-n", "1"),
+    "rank": (RUN, "--force-n", "1"),
+    "target": (RUN, "--rating", "20", "--force-n", "1"),
+    "explore": (RUN,),
+    "new": (NEW,),
 }
-"""Words after a verb with which it works, if files of these names are there."""
+"""Words after a verb with which it works."""
 
 LISTS: Mapping[str, str] = {
     "--reading": "readings",
@@ -48,21 +52,42 @@ def of_usage(error: click.UsageError, typed: Sequence[str]) -> str:
     verb = error.ctx.info_name if error.ctx is not None else None
     if isinstance(error, click.BadParameter) and not isinstance(error, click.MissingParameter):
         option = next(iter(error.param.opts), "") if error.param is not None else ""
-        return f"{TRY}{PROGRAM} {LISTS[option]}" if option in LISTS else ""
+        listing = LISTS.get(option) or (f"{verb} --help" if verb in WORKS else "")
+        return f"{TRY}{PROGRAM} {listing}" if listing else ""
     extra = re.search(r"unexpected extra arguments? \(([^ ]+)\)", error.format_message())
     if extra and verb is not None and verb in ("check", "plan", "sample") and os.path.isfile(extra[1]):
         return f"{TRY}{shlex.join([PROGRAM, verb, '--data', extra[1]])}"
-    return f"{TRY}{PROGRAM} {verb} {WORKS[verb]}" if verb is not None and verb in WORKS else ""
+    return f"{TRY}{shlex.join([PROGRAM, *_working(verb)])}" if verb is not None and verb in WORKS else ""
 
 
 def of_input(message: str, typed: Sequence[str]) -> str:
-    """Return the advice on an error of files and values; empty if there is none."""
+    """Return the advice on an error of files and values: a command for it, or else the page of the verb."""
     found = [(match, advise) for pattern, advise in ADVICE if (match := re.search(pattern, message))]
     more = [words for match, advise in found for words in advise(match, typed)]
     if not more:
-        return ""
+        verb = next((word for word in typed if word in WORKS), None)
+        return "" if verb is None else f"{TRY}{PROGRAM} {verb} --help"
     own = more[0] == PROGRAM  # a command of its own, not words to add to the one that was typed
     return TRY + shlex.join(more if own else [PROGRAM, *typed, *more])
+
+
+def _working(verb: str) -> list[str]:
+    """Return a verb with words with which it works here; where a file is lacking, the command that makes it."""
+    words = WORKS[verb]
+    runs = runs_at_hand() if RUN in words else []
+    if RUN in words and len(runs) < 1 + (OTHER in words):
+        return _working("sample") if ratings_at_hand() is not None else ["demo"]
+    names: dict[str, str | None] = {
+        RATINGS: ratings_at_hand() if RATINGS in words else None,
+        FABRICS: fabrics_at_hand() if FABRICS in words else None,
+        RUN: next(iter(runs), None),
+        OTHER: next(iter(runs[1:]), None),
+        NEW: vacant("my-study"),
+        OUT: vacant("results"),
+        "{simulated}": vacant("simulated"),
+    }
+    found = [names.get(word, word) for word in words]
+    return ["new", vacant("my-study")] if None in found else [verb, *(word for word in found if word is not None)]
 
 
 def _added(*words: str) -> Callable[[re.Match[str], Sequence[str]], list[str]]:
@@ -79,6 +104,24 @@ def _load(match: re.Match[str], typed: Sequence[str]) -> list[str]:
     return [] if "--indentation-mm" in typed else ["--indentation-mm", "2"]
 
 
+def _fabrics(match: re.Match[str], typed: Sequence[str]) -> list[str]:
+    """Return the option that names a table of fabrics that is there, else the command that writes one."""
+    if "--fabrics" in typed:
+        return []
+    found = fabrics_at_hand()
+    return [PROGRAM, "new", vacant("my-study")] if found is None else ["--fabrics", found]
+
+
+def _named(match: re.Match[str], typed: Sequence[str]) -> list[str]:
+    """Return the options that name columns as a message says."""
+    found = re.findall(r"--column (\w+=(?:'[^']*'|[^\s;]+)) takes", match.string)
+    return [word for one in found[:4] for word in ("--column", one.replace("'", ""))]
+
+
+def _scale(match: re.Match[str], typed: Sequence[str]) -> list[str]:
+    return [] if "--ratings" in typed else ["--ratings", match[1]]
+
+
 def _instead(*words: str) -> Callable[[re.Match[str], Sequence[str]], list[str]]:
     def advise(match: re.Match[str], typed: Sequence[str]) -> list[str]:
         return [PROGRAM, *words]
@@ -87,7 +130,7 @@ def _instead(*words: str) -> Callable[[re.Match[str], Sequence[str]], list[str]]
 
 
 def _elsewhere(match: re.Match[str], typed: Sequence[str]) -> list[str]:
-    other = f"{match[1].rstrip('/')}-2"
+    other = vacant(match[1].rstrip("/"))
     if "--out" not in typed:
         return ["--out", other]
     at = typed.index("--out") + 1
@@ -98,17 +141,30 @@ def _sampled(match: re.Match[str], typed: Sequence[str]) -> list[str]:
     home = match[1].removesuffix("/posterior.nc")
     if Path(home, CHECKPOINT).is_dir():
         return [PROGRAM, "resume", home]
-    return [PROGRAM, "sample", "--data", "ratings.csv", "--out", home]
+    ratings = ratings_at_hand()
+    return [PROGRAM, "demo"] if ratings is None else [PROGRAM, "sample", "--data", ratings, "--out", vacant(home)]
+
+
+def _started(match: re.Match[str], typed: Sequence[str]) -> list[str]:
+    return [PROGRAM, *_working("check")]
+
+
+def _compared(match: re.Match[str], typed: Sequence[str]) -> list[str]:
+    return [PROGRAM, *_working("compare")]
 
 
 ADVICE: Sequence[tuple[str, Callable[[re.Match[str], Sequence[str]], list[str]]]] = (
-    (r"the fabrics have no properties", _added("--fabrics", "fabrics.csv")),
+    (r"the fabrics have no properties", _fabrics),
     (r"no load column|no load: give at least one", _load),
+    (r"^(?!.*no load column).*--column \w+=(?:'[^']*'|\S+) takes", _named),
+    (r"add --ratings (\w+)", _scale),
+    (r"with --decimal \. or --decimal ,|if commas are decimal marks", _added("--decimal", ",")),
+    (r"leave these out with --drop-zeros", _added("--drop-zeros")),
     (r"^(.+): is not empty", _elsewhere),
     (r"^(.+): no such file; expected the posterior.nc of a run", _sampled),
     (r"^(.+): no run to continue or to report on", _sampled),
-    (r"\.(csv|tsv|txt|xlsx|parquet): No such file or directory", _instead("new", "my-study")),
-    (r"^compare: 1 result", _added("other-results")),
+    (r"\.(csv|tsv|txt|xlsx|parquet): No such file or directory", _started),
+    (r"^compare: 1 result", _compared),
     (r"^figures: there is no ", _instead("figures")),
 )
 """Patterns of messages, and the words to add to what was typed, or the command in its place."""

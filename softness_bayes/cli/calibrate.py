@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from tqdm import tqdm
 
     from softness_bayes.checking.ranks import Replicate
+    from softness_bayes.data.decimals import Marks
     from softness_bayes.runs.calibrated import Calibrated
 
 
@@ -89,7 +90,7 @@ def command(
     replicates: int,
     like: Path | None,
     fabrics: Path | None,
-    decimal: str | None,
+    decimal: Marks,
     indentation_mm: tuple[float, ...],
     force_n: tuple[float, ...],
     design: bool,

@@ -13,7 +13,7 @@ from softness_bayes.cli.options.model import ReadingChoice, readings
 from softness_bayes.cli.options.ratings import categories, rating_scale, slider
 from softness_bayes.cli.options.run import force
 from softness_bayes.cli.options.tables import DataFiles, data_files
-from softness_bayes.defaults import MOST_SHOWN, shown_of
+from softness_bayes.defaults import MOST_SHOWN
 from softness_bayes.errors import InputError
 
 if TYPE_CHECKING:
@@ -139,11 +139,7 @@ def _show_model(given: AsGiven, direction: Choice, found: list[str]) -> None:
         click.echo(f"note: {note}")
     click.echo(f"\nWhat do the numbers say?\n{given.note}\n{given.errors_note}")
     click.echo("\nDo ratings rise or fall with stiffness?")
-    *loads, whole, reading = direction.evidence.lines
-    shown = shown_of(len(loads))
-    if len(shown) < len(loads):
-        click.echo(f"({len(shown)} of {len(loads)} loads are shown)")
-    for line in (*(loads[k] for k in shown), whole, reading):
+    for line in direction.evidence.lines:
         click.echo(line)
 
 
@@ -174,23 +170,24 @@ def _require_figure(figure: Path, files: DataFiles, force: bool) -> None:
 
 def _draw(figure: Path, experiment: Experiment, asked: ModelOptions, given: AsGiven) -> None:
     """Draw data and fabrics beside the prior's response."""
+    import numpy as np
+
     from softness_bayes.files.outputs import write_outputs
     from softness_bayes.model.understanding import prior_responses
     from softness_bayes.plotting.design import design_figure
     from softness_bayes.plotting.rating import observed_ratings
     from softness_bayes.plotting.style import files_of
+    from softness_bayes.touch.load_groups import groups_of
 
     ratings = experiment.ratings
-    shown = shown_of(len(ratings.loads))
-    grid, response, of_conditions = prior_responses(experiment, asked, shown, PRIOR_DRAWS)
-    conditions = ratings.conditions
-    place = {load: k for k, load in enumerate(shown)}
-    load = [place.get(k, -1) for k in conditions.load.tolist()]
+    groups = groups_of(ratings.loads)
+    grid, response, modulus = prior_responses(experiment, asked, groups.at.tolist(), PRIOR_DRAWS)
+    pairs, of_rating = np.unique(groups.of[ratings.load] * len(ratings.fabrics) + ratings.fabric, return_inverse=True)
+    load, fabric = np.divmod(pairs, len(ratings.fabrics))
     observed = observed_ratings(
-        given.said.values, conditions.of_rating, ratings.participant, of_conditions, load, scale=asked.scale
+        given.said.values, of_rating, ratings.participant, modulus[fabric], load, scale=asked.scale
     )
-    loads = [ratings.loads[k] for k in shown]
-    drawn = design_figure(grid, response, observed, loads, n_loads=len(ratings.loads), scale=asked.scale)
+    drawn = design_figure(grid, response, observed, groups, scale=asked.scale)
     suffix = figure.suffix.lstrip(".")
     write_outputs(figure.parent, files_of(drawn, figure.stem, (suffix,)), CHECK)
 
@@ -247,10 +244,11 @@ def _summary(experiment: Experiment, modulus: NDArray[np.float64], own_units: bo
 
 
 def _loads(ratings: Ratings) -> str:
-    """Return the loads and their numbers of ratings; of many of a kind, how many there are and how large."""
+    """Return the loads and their numbers of ratings; of many of a kind, how many there are, and their groups."""
     import numpy as np
 
     from softness_bayes.data import LOAD_COLUMNS
+    from softness_bayes.touch.load_groups import groups_of
 
     counts, parts = np.bincount(ratings.load), []
     for column, kind, _ in LOAD_COLUMNS:
@@ -260,6 +258,11 @@ def _loads(ratings: Ratings) -> str:
             parts.append(f"{len(own)} different {column.label}s, {first} to {last} ({counts[own].sum()} ratings)")
         else:
             parts += [f"{ratings.loads[i]} ({counts[i]} ratings)" for i in own]
+    groups = groups_of(ratings.loads)
+    if groups.merged:
+        sizes = np.bincount(groups.of[ratings.load]).tolist()
+        each = ", ".join(f"{name} ({size})" for name, size in zip(groups.names, sizes, strict=True))
+        parts.append(f"used as measured; shown and judged in {len(sizes)} groups: {each}")
     return ", ".join(parts)
 
 

@@ -18,6 +18,7 @@ from softness_bayes.ranges import PRIOR_DRAWS
 
 if TYPE_CHECKING:
     from softness_bayes.data import Fabrics, Ratings
+    from softness_bayes.data.decimals import Marks
     from softness_bayes.parameters.priors import Prior
     from softness_bayes.touch.contact import Load
     from softness_bayes.touch.readings import Readings
@@ -80,7 +81,7 @@ def command(
     data: Path | None,
     fabrics: Path | None,
     columns: dict[str, str],
-    decimal: str | None,
+    decimal: Marks,
     indentation_mm: tuple[float, ...],
     force_n: tuple[float, ...],
     draws: int,
@@ -134,7 +135,7 @@ def _materials(
     data: Path | None,
     fabrics: Path | None,
     columns: Mapping[str, str],
-    decimal: str | None,
+    decimal: Marks,
     indentation_mm: tuple[float, ...],
     force_n: tuple[float, ...],
 ) -> tuple[Fabrics, Ratings | None, tuple[Load, ...]]:

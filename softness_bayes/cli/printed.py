@@ -7,8 +7,6 @@ from typing import TYPE_CHECKING
 
 import click
 
-from softness_bayes.defaults import shown_of
-
 if TYPE_CHECKING:
     from softness_bayes.checking.misfit import Fit
     from softness_bayes.results.result import Result
@@ -52,9 +50,8 @@ def _turning(result: Result) -> str:
 
     columns = ["p_interior", "prior_p_interior", "p_inside", "p_none", "p_silent"]
     columns += ["e_fab_kpa_low", "e_fab_kpa", "e_fab_kpa_high"]
-    table = result.inflection()
-    shown = shown_of(len(table))
-    left_out = f"\n({len(shown)} of {len(table)} loads)" if len(shown) < len(table) else ""
+    table, groups = result.shown_inflection(), result.load_groups
+    grouped = f"\n({groups.sentence}; each row is at the middle load of its group)" if groups.merged else ""
     low, *_, high = (f"{float(f'{end:.3g}'):,.10g}" for end in result.group("predictions")["e_fab_kpa"].values)
     return (
         "turning point of the response: a maximum (the paper's inflection) that exceeds the response at both ends of\n"
@@ -62,7 +59,7 @@ def _turning(result: Result) -> str:
         "(p_interior), the same under the\nprior, the probabilities of one among the fabrics' moduli (p_inside), of "
         "none and of no firing; then E_fab at the\nturning point [kPa], median and 90 % limits. Each number ± its "
         "Monte-Carlo standard error.\n"
-        f"{with_errors(table.iloc[shown], columns).to_string()}{left_out}"
+        f"{with_errors(table, columns).to_string()}{grouped}"
     )
 
 

@@ -28,6 +28,7 @@ from softness_bayes.data.columns import (
     Column,
 )
 from softness_bayes.data.compression import Compression
+from softness_bayes.data.decimals import Marks
 from softness_bayes.data.fabrics import USUAL_POISSON_RATIO, Fabrics
 from softness_bayes.data.faults import TableError, together
 from softness_bayes.data.headers import FABRICS, LOADED, PRESSED, RATED, either
@@ -92,7 +93,7 @@ def read_experiment(
     indentation_mm: float | None = None,
     force_n: float | None = None,
     compression_path: TableSource | None = None,
-    decimal: str | None = None,
+    decimal: Marks = None,
     drop_zeros: bool = False,
     wide: bool = False,
     round_load: float | None = None,
@@ -115,7 +116,8 @@ def read_experiment(
     compression_path
         Table of compression data, whose columns are those of `Compression.read`.
     decimal
-        Decimal mark of all files, "," or ".". By default it is found in each file; an ambiguous file raises an error.
+        Decimal mark of all files, "," or ".", or table -> mark, as {"fabrics": ","}; tables are ratings, fabrics and
+        compression. By default it is found in each file; an ambiguous file raises an error.
     drop_zeros
         Whether to leave out ratings of 0.
     wide
@@ -148,6 +150,7 @@ def read_experiment(
             "the fabrics have no properties: name their table with --fabrics, put a "
             f"{FABRICS_BESIDE} beside the ratings, or give these a column of "
             f"{', '.join(column.name for column in MODULUS_SOURCES)} (the last with {THICKNESS.name})"
+            + "".join(f"; {note}" for note in table.notes)
         )
     plate_table = None if compression_path is None else read_table(compression_path, PRESSED, columns, decimal)
     check_renames(columns, table, fabric_table, *([] if plate_table is None else [plate_table]))

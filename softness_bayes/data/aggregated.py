@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from softness_bayes.data.columns import GEOMETRIC_MEAN, GEOMETRIC_SD, MEAN, OF_CELLS, RATERS, RATING, SD
+from softness_bayes.data.columns import GEOMETRIC_MEAN, GEOMETRIC_SD, MEAN, OF_CELLS, RATERS, RATING, SD, SE
 from softness_bayes.data.headers import holds_cells
 from softness_bayes.data.sheets import Number
 from softness_bayes.data.tables import Table
@@ -67,14 +67,16 @@ def cells_of(table: Table) -> tuple[Table, Cells | None]:
         geometric_sd = table.numbers(GEOMETRIC_SD)
     else:
         name = MEAN.name
-        log_mean, log_sd = _converted(table)
+        log_mean, log_sd = _converted(table, n)
         geometric_sd = np.exp(log_sd)
         filed = ["" if np.isnan(value) else Number(f"{np.exp(value):.15g}") for value in log_mean]
         note = "" if table.faults else conversion_note(n, float(np.nanmedian(log_sd)))
+        if note and SD.name not in table:
+            note = f"column {table.titles[SE.name]!r}: a standard deviation is the standard error times √{n}; {note}"
     told = "with" if np.isfinite(geometric_sd).any() else "without"
     notes = [f"rows are geometric means of {n} raters, {told} the standard deviations of their log ratings"]
     notes += [note] if note else []
-    if name == GEOMETRIC_MEAN.name and (unused := [table.titles[x.name] for x in (MEAN, SD) if x.name in table]):
+    if name == GEOMETRIC_MEAN.name and (unused := [table.titles[x.name] for x in (MEAN, SD, SE) if x.name in table]):
         notes.append(f"columns of arithmetic numbers, not used beside geometric ones: {', '.join(unused)}")
     cells = {key: texts for key, texts in table.cells.items() if key not in OF_CELLS}
     made = replace(
@@ -86,22 +88,24 @@ def cells_of(table: Table) -> tuple[Table, Cells | None]:
     return made, Cells(n, geometric_sd)
 
 
-def _converted(table: Table) -> tuple[FloatArray, FloatArray]:
+def _converted(table: Table, raters: int) -> tuple[FloatArray, FloatArray]:
     """Return mean and standard deviation of the log ratings of each cell from arithmetic ones, NaN for faults."""
-    mean, sd = table.numbers(MEAN), table.numbers(SD)
+    mean = table.numbers(MEAN)
+    spread = next((column for column in (SD, SE) if column.name in table), None)
+    if spread is None:
+        table.faults.add_general(
+            f"column {table.titles[MEAN.name]!r}: an arithmetic mean alone does not tell the geometric one; "
+            f"expected a column {SD.name} or {SE.name} too, or {GEOMETRIC_MEAN.name}"
+        )
+        return np.log(mean), np.full(len(table), np.nan)
+    sd = table.numbers(spread) * (np.sqrt(raters) if spread is SE else 1.0)
     ratio = sd / mean
     for i in np.flatnonzero(~np.isnan(mean) & np.isnan(sd)).tolist():
-        if SD.name not in table:
-            table.faults.add_general(
-                f"column {table.titles[MEAN.name]!r}: an arithmetic mean alone does not tell the geometric one; "
-                f"expected a column {SD.name} too, or {GEOMETRIC_MEAN.name}"
-            )
-            break
-        if not table.is_faulty(i, SD.name):
-            table.fault(i, SD.name, "expected a standard deviation beside the mean, got ''")
+        if not table.is_faulty(i, spread.name):
+            table.fault(i, spread.name, f"expected a {spread.label.partition(' of')[0]} beside the mean, got ''")
     if np.isfinite(ratio).any() and (scattered := float(np.nanmedian(ratio))) > MOST_SCATTERED:
         table.faults.add_general(
-            f"column {table.titles[SD.name]!r}: standard deviations are {scattered:.2g} times the means (median); "
+            f"column {table.titles[spread.name]!r}: standard deviations are {scattered:.2g} times the means (median); "
             f"beyond {MOST_SCATTERED:g}, few large ratings make an arithmetic mean, and the geometric one does not "
             f"follow from it; expected columns {GEOMETRIC_MEAN.name} and {GEOMETRIC_SD.name}"
         )

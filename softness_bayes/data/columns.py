@@ -127,6 +127,7 @@ SD = Column("sd", "standard deviation of a cell's ratings", "", range=_POSITIVE)
 GEOMETRIC_SD = Column(
     "geometric_sd", "geometric standard deviation of a cell's ratings", "", range=Range(1.0, above=True)
 )
+SE = Column("se", "standard error of a cell's mean", "", range=_POSITIVE)
 RATERS = Column("n", "number of raters of a cell", "", range=Range(2.0, 1e6))
 RANK = Column("rank", "rank", "", range=_POSITIVE)
 TENSILE_MODULUS = Column("tensile_modulus_mpa", "tensile modulus", "MPa", power=6, range=_POSITIVE)
@@ -162,6 +163,7 @@ NUMBERS: Mapping[str, Column] = {
         MEAN,
         GEOMETRIC_MEAN,
         SD,
+        SE,
         GEOMETRIC_SD,
         RATERS,
         TENSILE_MODULUS,
@@ -182,7 +184,7 @@ NUMBERS: Mapping[str, Column] = {
     )
 }
 """The columns of numbers, by name."""
-OF_CELLS = frozenset({MEAN.name, GEOMETRIC_MEAN.name, SD.name, GEOMETRIC_SD.name, RATERS.name})
+OF_CELLS = frozenset({MEAN.name, GEOMETRIC_MEAN.name, SD.name, SE.name, GEOMETRIC_SD.name, RATERS.name})
 """Columns of cells of several raters, which stand in place of ratings."""
 MODULUS_SOURCES = (EFFECTIVE_MODULUS, EFFECTIVE_MODULUS_LOW, BENDING_RIGIDITY, TENSILE_MODULUS)
 """Sources of a fabric's modulus; the first available one is used. A least modulus needs a largest one, and a tensile

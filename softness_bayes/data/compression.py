@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from softness_bayes.data.columns import FORCE, INDENTATION, Column
+from softness_bayes.data.decimals import Marks
 from softness_bayes.data.headers import PRESSED
 from softness_bayes.data.names import alike_notes, natural
 from softness_bayes.data.tables import FloatArray, IntArray, Table, check_renames, read_only, read_table
@@ -66,9 +67,7 @@ class Compression:
         return len(self.force)
 
     @classmethod
-    def read(
-        cls, path: TableSource, *, columns: Mapping[str, str] | None = None, decimal: str | None = None
-    ) -> Compression:
+    def read(cls, path: TableSource, *, columns: Mapping[str, str] | None = None, decimal: Marks = None) -> Compression:
         """Read a table of forces, one row each.
 
         Columns: `participant`, `indentation_mm`, `force_n`. If there is a column `indentor`, rows that are not of

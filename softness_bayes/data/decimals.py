@@ -3,12 +3,39 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from functools import cache
-from typing import NamedTuple
+from typing import NamedTuple, TypeAlias
+
+from softness_bayes.errors import InputError
 
 MARKS = (",", ".")
 """The possible decimal marks."""
+
+MARKED = ("ratings", "fabrics", "compression")
+"""Tables that may each have a mark of their own."""
+
+Marks: TypeAlias = str | Mapping[str, str] | None
+"""The mark of all tables, or table -> its mark; None, or a table without one, where the numbers tell."""
+
+
+def mark_of(marks: Marks, table: str) -> str | None:
+    """Return the mark that was given for a table, None if there is none.
+
+    Raises
+    ------
+    InputError
+        If there is no such mark or table.
+    """
+    given = dict.fromkeys(MARKED, marks) if isinstance(marks, str) else marks or {}
+    for name, mark in given.items():
+        if name not in MARKED or mark not in MARKS:
+            raise InputError(
+                f"decimal is {marks!r}, expected one of {', '.join(map(repr, MARKS))}, or one for some of the tables "
+                f"{', '.join(MARKED)}"
+            )
+    return given.get(table)
+
 
 _SPACES = re.compile("[\u00a0\u2009\u202f'\u2019]")
 _SPACED = re.compile(rf"[+-]?[0-9]{{1,3}}(?:{_SPACES.pattern}[0-9]{{3}})+(?:[.,][0-9]+)?")

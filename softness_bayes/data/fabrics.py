@@ -18,6 +18,7 @@ from softness_bayes.data.columns import (
     TENSILE_MODULUS,
     THICKNESS,
 )
+from softness_bayes.data.decimals import Marks
 from softness_bayes.data.faults import TableError
 from softness_bayes.data.headers import FABRICS
 from softness_bayes.data.names import alike_notes, listing, natural
@@ -208,9 +209,7 @@ class Fabrics:
         return f"{self.source}: {self._spot(i)}"
 
     @classmethod
-    def read(
-        cls, path: TableSource, *, columns: Mapping[str, str] | None = None, decimal: str | None = None
-    ) -> Fabrics:
+    def read(cls, path: TableSource, *, columns: Mapping[str, str] | None = None, decimal: Marks = None) -> Fabrics:
         """Read a fabric table, one row per fabric.
 
         Columns: `fabric`; in each row `effective_modulus_kpa`, or `bending_rigidity_n_m`, or
@@ -240,6 +239,10 @@ class Fabrics:
     def from_table(cls, table: Table, repeated: bool = False) -> Fabrics:
         """Return the fabrics of a table; in a table of ratings (`repeated`) the rows of a fabric must agree."""
         labels = table.labels("fabric")
+        if not any(column.name in table for column in MODULUS_SOURCES):
+            known = f"known columns: {', '.join(table.titles.values())}"
+            table.faults.add_general("; ".join([f"no column for moduli: {_EXPECTED}", known, *table.notes]))
+            table.check()
         rows: dict[str, list[int]] = {name: [] for name in (natural(labels) if repeated else labels)}
         for i, name in enumerate(labels):
             if rows[name] and not repeated:
@@ -307,7 +310,7 @@ def _find_more_faults(
         Fabrics(tuple(names[k] for k in sound), **some, rows=tuple(first[k] for k in sound))
     except TableError as error:
         for problem in error.problems:
-            table.faults.add_general(problem)
+            table.faults.add_general(str(problem))
 
 
 def log_sd(cv: FloatArray) -> FloatArray:

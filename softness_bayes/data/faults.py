@@ -2,12 +2,41 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Sequence
+from typing import NamedTuple
 
 from softness_bayes.errors import InputError
 
 SHOWN = 20
-"""Largest number of problems of a table that a message lists."""
+"""Largest number of lines of problems of a table that a message lists."""
+
+SHARED = 4
+"""Number of rows from which one line stands for a problem that they share."""
+
+NAMED = 3
+"""Rows, and different values, of such a line that are named."""
+
+_GOT = re.compile(r"(.*, got )('(?:[^'\\]|\\.)*'|\"(?:[^\"\\]|\\.)*\")(.*)", re.DOTALL)
+
+
+class Fault(NamedTuple):
+    """A problem of a cell, or of a table."""
+
+    row: int
+    """Its row; -1 if it is not that of one cell."""
+    title: str
+    """Its column."""
+    problem: str
+
+    def __str__(self) -> str:
+        return self.problem if self.row == -1 else f"row {self.row}, column {self.title!r}: {self.problem}"
+
+    @property
+    def parts(self) -> tuple[str, str, str]:
+        """The problem in three parts, of which the second is the value of the cell."""
+        match = None if self.row == -1 else _GOT.fullmatch(self.problem)
+        return (self.problem, "", "") if match is None else (match[1], match[2], match[3])
 
 
 class TableError(InputError):
@@ -18,46 +47,82 @@ class TableError(InputError):
     place
         The file, and its sheet if it has several.
     problems
-        What is wrong, each with its row where it has one.
+        What is wrong, with row and column where it has them.
     """
 
-    def __init__(self, place: str, problems: Sequence[str]) -> None:
+    def __init__(self, place: str, problems: Sequence[Fault | str]) -> None:
         self.place = place
-        self.problems = tuple(problems)
+        self.problems = tuple(Fault(-1, "", one) if isinstance(one, str) else one for one in problems)
         super().__init__(_message(place, self.problems))
 
 
 def together(errors: Iterable[TableError]) -> InputError:
     """Return one error for those of several tables, each problem of a table once."""
-    by_place: dict[str, dict[str, None]] = {}
+    by_place: dict[str, dict[Fault, None]] = {}
     for error in errors:
         # of two readings of one table the later one has found more, and has it in order
         by_place[error.place] = dict.fromkeys(error.problems) | by_place.get(error.place, {})
     return InputError("\n".join(_message(place, tuple(problems)) for place, problems in by_place.items()))
 
 
-def _message(place: str, problems: Sequence[str]) -> str:
+def _message(place: str, problems: Sequence[Fault]) -> str:
+    lines = _lines(problems)
     if len(problems) == 1:
-        return f"{place}: {problems[0]}"
-    shown = f", of which the first {SHOWN} are" if len(problems) > SHOWN else ""
-    return "\n  ".join([f"{place}: {len(problems)} problems{shown}:", *problems[:SHOWN]])
+        return f"{place}: {lines[0]}"
+    shown = f", of which the first {SHOWN} are" if len(lines) > SHOWN else ""
+    if shown and len(lines) < len(problems):
+        shown = f" in {len(lines)} lines{shown}"
+    return "\n  ".join([f"{place}: {len(problems)} problems{shown}:", *lines[:SHOWN]])
+
+
+def _lines(problems: Sequence[Fault]) -> list[str]:
+    """Return a line for each problem, one for those that many rows of a column share but for the value."""
+    shared: dict[tuple[str, str, str], list[Fault]] = {}
+    for one in problems:
+        head, _, tail = one.parts
+        shared.setdefault((one.title if one.row != -1 else str(one), head, tail), []).append(one)
+    lines: list[tuple[int, str]] = []
+    said: set[str] = set()
+    for (title, head, tail), members in shared.items():
+        if len(members) < SHARED or members[0].row == -1:
+            # what to do about it is said once
+            lines += [(one.row, _without(str(one), tail, said)) for one in members]
+            continue
+        rows = _named([str(one.row) for one in members], len(members))
+        values = list(dict.fromkeys(value for one in members if (value := one.parts[1])))
+        text = f"rows {rows}, column {title!r}: {head}{_named(values, len(values))}{tail}"
+        lines.append((members[0].row, _without(text, tail, said)))
+    return [text for _, text in sorted(lines, key=lambda line: line[0])]
+
+
+def _without(text: str, tail: str, said: set[str]) -> str:
+    """Return a line without its end if a line before has the same one."""
+    if not tail or tail not in said:
+        said.add(tail)
+        return text
+    return text.removesuffix(tail)
+
+
+def _named(texts: Sequence[str], count: int) -> str:
+    """Return the first few of some texts, and how many more there are."""
+    if count <= NAMED:
+        return ", ".join(texts)
+    return f"{', '.join(texts[:NAMED])}, … and {count - NAMED} more"
 
 
 class Faults:
     """The problems that have been found in a table."""
 
     def __init__(self) -> None:
-        self._found: dict[tuple[int, str], str] = {}
-        self.advised = False
-        """Whether a problem says what to do about commas: once is enough."""
+        self._found: dict[tuple[int, str], Fault] = {}
 
     def add(self, row: int, title: str, problem: str) -> None:
         """Add the problem of a cell; the first one of a cell counts."""
-        self._found.setdefault((row, title), f"row {row}, column {title!r}: {problem}")
+        self._found.setdefault((row, title), Fault(row, title, problem))
 
     def add_general(self, problem: str) -> None:
         """Add a problem that is not of one cell."""
-        self._found.setdefault((-1, problem), problem)
+        self._found.setdefault((-1, problem), Fault(-1, "", problem))
 
     def __bool__(self) -> bool:
         return bool(self._found)
@@ -71,6 +136,6 @@ class Faults:
         return {row for row, _ in self._found}
 
     @property
-    def listed(self) -> list[str]:
+    def listed(self) -> list[Fault]:
         """The problems, general ones first, then by their rows."""
         return [self._found[cell] for cell in sorted(self._found, key=lambda cell: cell[0])]

@@ -14,6 +14,7 @@ from softness_bayes.data.columns import (
     EFFECTIVE_MODULUS_LOW,
     FORCE,
     GEOMETRIC_MEAN,
+    GEOMETRIC_SD,
     INDENTATION,
     LABELS,
     LOAD_CV,
@@ -24,6 +25,8 @@ from softness_bayes.data.columns import (
     RATERS,
     RATING,
     RESOLUTION,
+    SD,
+    SE,
     SECOND_FABRIC,
     TENSILE_MODULUS,
     THICKNESS,
@@ -64,6 +67,11 @@ class Sought(NamedTuple):
         enough = [one for one in self.either if any(names <= present.keys() for names in one.sets)]
         done = {name for one in enough for name in one.others}
         return [n for n in (*LABELS, *NUMBERS) if n in self.names and n not in present and n not in done]
+
+    def lacking(self, present: Container[str]) -> set[str]:
+        """Return the columns that would make what is still needed."""
+        unmet = [one for one in self.either if not any(all(n in present for n in names) for names in one.sets)]
+        return {name for one in unmet for name in one.others}
 
 
 _LOADS = (frozenset({INDENTATION.name}), frozenset({FORCE.name}))
@@ -208,8 +216,11 @@ def _seek(found: Header, titles: Sequence[str], sought: Sought, where: str) -> N
     InputError
         If there are several for one.
     """
+    if RATING.name in sought.names:
+        _seek_cells(found, titles)
     parts = {j: title_and_unit(title) for j, title in enumerate(titles) if title and j not in found.at.values()}
     cells = holds_cells(found.at)
+    letters: list[tuple[str, int]] = []
     for name in sought.without(found.at):
         if cells and name == RATING.name:
             continue
@@ -236,12 +247,54 @@ def _seek(found: Header, titles: Sequence[str], sought: Sought, where: str) -> N
             f"column {quoted(titles[j])} is not read{', it has no unit known here' if _quantity(name) else ''}; "
             f"--column {name}={quoted(titles[j])} takes it as {name}"
             for j in near
-            if not fitting and len(key(parts[j][0])) > 2  # a letter stands for many things
+            if not fitting and len(key(parts[j][0])) > 2
         )
+        letters += [(name, j) for j in near if not fitting and len(key(parts[j][0])) <= 2]
         found.notes.extend(
             f"is column {quoted(titles[j])} misspelt? --column {name}={quoted(titles[j])} takes it as {name}"
             for j in ([] if near else _misspelt(names, parts))
             if j not in found.at.values()
+        )
+
+    # a letter stands for many things: it is named where what it may stand for is lacking
+    lacking = sought.lacking(found.at)
+    found.notes.extend(
+        f"column {quoted(titles[j])} is not read: a letter alone may be anything, with its unit it is {name}, as in "
+        f"{quoted(f'{titles[j]} ({NUMBERS[name].unit})')}; --column {name}={quoted(titles[j])} takes it so"
+        for name, j in letters
+        if name in lacking and j not in found.at.values() and NUMBERS[name].unit
+    )
+
+
+def _seek_cells(found: Header, titles: Sequence[str]) -> None:
+    """Add the columns of cells of several raters by other names, if there are means and numbers of raters.
+
+    Single ratings, by any name, come first; columns that go with means are named then.
+    """
+    free = {j: key(title_and_unit(title)[0]) for j, title in enumerate(titles) if title and j not in found.at.values()}
+    ratings = RATING.name in found.at or any(stem in _keys(RATING.name) for stem in free.values())
+    at: dict[str, int] = {}
+    for name in (name for name in NUMBERS if name in OF_CELLS):
+        own = [j for j in free if titles[j].casefold() == name] or [
+            j for j, stem in free.items() if stem in _keys(name)
+        ]
+        if own and own[0] not in at.values():
+            at[name] = own[0]
+    seen = ", ".join(quoted(titles[j]) for j in sorted({*at.values()}))
+    if ratings:
+        if RATERS.name in at and at.keys() & {SD.name, SE.name, GEOMETRIC_SD.name}:
+            found.notes.append(
+                f"columns {seen} go with means of several raters, and are not used: if the ratings are means, "
+                f"--column {MEAN.name}=... names them, and --ratings aggregated takes them as such"
+            )
+    elif holds_cells({**found.at, **at}):
+        found.at.update(at)
+        other = {name: titles[j] for name, j in at.items() if titles[j].casefold() != name}
+        found.notes.extend(f"column {quoted(title)} is read as {name}" for name, title in other.items())
+    elif MEAN.name in at or GEOMETRIC_MEAN.name in at:
+        found.notes.append(
+            f"columns {seen} look like means of several raters, which are read from a column {RATERS.name} (how many "
+            f"raters) and {GEOMETRIC_MEAN.name}, or {MEAN.name} with {SD.name} or {SE.name}, and --ratings aggregated"
         )
 
 

@@ -5,13 +5,14 @@ from __future__ import annotations
 import numpy as np
 
 from softness_bayes.data.columns import RANK, RATING
+from softness_bayes.data.decimals import Marks
 from softness_bayes.data.headers import RANKED
 from softness_bayes.data.tables import read_table
 from softness_bayes.data.workbooks import TableSource
 from softness_bayes.errors import InputError
 
 
-def read_order(path: TableSource, decimal: str | None = None) -> dict[str, float]:
+def read_order(path: TableSource, decimal: Marks = None) -> dict[str, float]:
     """Return the rank of each fabric of a table, small for a soft one; of several rows their mean.
 
     Parameters

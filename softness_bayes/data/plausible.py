@@ -31,6 +31,9 @@ AGREEMENT = 1.1
 """Largest ratio of two moduli of one fabric that is not remarked."""
 MISSING_CODES = frozenset({"99", "999", "9999", "99999", "-9", "-99", "-999", "-9999", "-99999"})
 """Numbers that stand for a missing rating in many laboratories."""
+FAR = 9.0
+"""Distance of such a number from 0, in that of the largest other rating, from which it is one: 99 beside ratings up to
+10 is."""
 
 _UNITS = {
     EFFECTIVE_MODULUS.name: "in Pa or MPa",
@@ -107,7 +110,7 @@ def _beyond(names: Sequence[str], values: FloatArray, what: str, column: Column,
 def missing_codes(texts: Sequence[str], values: FloatArray) -> list[int]:
     """Return the ratings that are codes for missing ones, such as 999 or -99.
 
-    A code is ten times as far from 0 as every other rating, or the only negative number beside positive ones.
+    A code is `FAR` times as far from 0 as every other rating, or the only negative number beside positive ones.
 
     Parameters
     ----------
@@ -119,5 +122,5 @@ def missing_codes(texts: Sequence[str], values: FloatArray) -> list[int]:
     others = others[~np.isnan(others)]
     if not others.size:
         return []
-    largest = np.abs(others).max()
-    return [i for i in codes if abs(values[i]) >= 10.0 * largest or (values[i] < 0 <= others.min())]
+    limit = FAR * np.abs(others).max()
+    return [i for i in codes if abs(values[i]) >= limit or (values[i] < 0 <= others.min())]

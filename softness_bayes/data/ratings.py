@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 from softness_bayes.data.aggregated import PANEL, Cells, cells_of
 from softness_bayes.data.columns import LOAD_CV, RATING, RESOLUTION
 from softness_bayes.data.covariates import covariates_in
+from softness_bayes.data.decimals import Marks
 from softness_bayes.data.fabrics import Fabrics, log_sd
 from softness_bayes.data.headers import LOADED, RATED
 from softness_bayes.data.loads import given_load, loads_in, rank
@@ -175,7 +176,7 @@ class Ratings:
         columns: Mapping[str, str] | None = None,
         indentation_mm: float | None = None,
         force_n: float | None = None,
-        decimal: str | None = None,
+        decimal: Marks = None,
         wide: bool = False,
     ) -> Ratings:
         """Read a table of ratings.

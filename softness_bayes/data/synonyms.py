@@ -98,6 +98,27 @@ SYNONYMS: Mapping[str, tuple[str, ...]] = {
         *("buigstijfheid", "жёсткость при изгибе", "жесткость при изгибе", "曲げ剛性", "弯曲刚度", "抗弯刚度"),
         *("굽힘강성", "굽힘 강성"),
     ),
+    "mean": (
+        *("mean rating", "mean ratings", "mean softness", "average", "avg", "arithmetic mean", "M", "Mittelwert"),
+        *("moyenne", "media", "promedio", "gemiddelde", "medelvärde", "średnia", "среднее", "平均", "平均値", "均值"),
+        *("平均值", "평균"),
+    ),
+    "sd": (
+        *("std", "stdev", "std dev", "standard deviation", "Standardabweichung", "écart-type", "desviación estándar"),
+        *("deviazione standard", "standaardafwijking", "標準偏差", "标准差", "표준편차"),
+    ),
+    "se": ("sem", "standard error", "std error", "standard error of the mean", "Standardfehler", "標準誤差", "标准误"),
+    "n": ("number of raters", "number of participants", "raters", "n raters", "n participants", "人数"),
+    "geometric_mean": (
+        "geomean",
+        "geo mean",
+        "gm",
+        "geometrisches Mittel",
+        "moyenne géométrique",
+        "幾何平均",
+        "几何平均",
+    ),
+    "geometric_sd": ("gsd", "geometric standard deviation", "geo sd", "幾何標準偏差"),
     "effective_modulus_kpa": ("E_fab", "E_eff", "effektiver Modul", "module effectif", "有効弾性率", "有效模量"),
 }
 """Name of a column here -> its names elsewhere, without units. Case, spaces, strokes and underlines do not matter; a

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from softness_bayes.data.columns import LABELS, NUMBERS, RATING, Column
-from softness_bayes.data.decimals import MARKS, Cell, Reading, decimal_mark, plain
+from softness_bayes.data.decimals import Cell, Marks, Reading, decimal_mark, mark_of, plain
 from softness_bayes.data.faults import Faults, TableError
 from softness_bayes.data.headers import Sought, understood
 from softness_bayes.data.names import guess, listing, natural
@@ -132,8 +132,7 @@ class Table:
                 values[i] = column.parse(number, text, unit)
             except ValueError as error:
                 remedy = ""
-                if "," in text and not (self.grouped or self.faults.advised):
-                    self.faults.advised = True
+                if "," in text and not self.grouped:
                     remedy = "; if commas are decimal marks, add --decimal , and if they group thousands, --decimal ."
                 elif _DATE.match(text):
                     remedy = "; has a spreadsheet made a date of a number?"
@@ -145,7 +144,7 @@ def read_table(
     source: TableSource,
     sought: Sought,
     renames: Mapping[str, str],
-    decimal: str | None = None,
+    decimal: Marks = None,
     form: Form | None = None,
 ) -> Table:
     """Read the known columns of a table.
@@ -165,8 +164,8 @@ def read_table(
         Name of a column here -> its name in the file; those that the file lacks are ignored
         (`check_renames` refuses those that no file has).
     decimal
-        What stands before the decimals of a number, "," or "."; the other one groups thousands. Left out, the
-        numbers tell, or the table is refused.
+        What stands before the decimals of a number, "," or "."; the other one groups thousands. Table -> mark if
+        tables differ. Left out, the numbers tell, or the table is refused.
     form
         Form of a table of ratings, which may be wide; notes say if it is.
 
@@ -176,10 +175,9 @@ def read_table(
         If the file is not a table with at least one row, or a number may have decimals or grouped thousands;
         the message names file and row.
     """
-    if decimal not in (None, *MARKS):
-        raise InputError(f"decimal is {decimal!r}, expected one of {', '.join(map(repr, MARKS))}")
+    mark = mark_of(decimal, sought.sheet)
     sheet = read_sheet(source, sought, renames)
-    return _table(sheet if form is None else lengthened(sheet, sought, renames, form), sought, renames, decimal)
+    return _table(sheet if form is None else lengthened(sheet, sought, renames, form), sought, renames, mark)
 
 
 def _table(sheet: Sheet, sought: Sought, renames: Mapping[str, str], decimal: str | None) -> Table:

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from softness_bayes.defaults import ANSWER_DRAWS, shown_of
+from softness_bayes.defaults import ANSWER_DRAWS
 from softness_bayes.model.other_touches import deviations_of_fabrics
 from softness_bayes.parameters.fabric_moduli import KPA
 from softness_bayes.report.curves import Shown, shown
@@ -38,13 +38,13 @@ class Rated:
     """
 
     shown: Sequence[Shown]
-    """Posterior bands, data and turning point under each load, of many loads under some of them."""
+    """Posterior bands, data and turning point under each load, of many loads under groups of them."""
     load: Sequence[int]
-    """Index of each of these loads among those of the run."""
+    """Index among the loads of the run of each of these, or of the middle one of a group."""
 
     def __init__(self, result: Result) -> None:
         fitted = Fitted(result, ANSWER_DRAWS)
-        self.shown, self.load = shown(result)["e_fab"], shown_of(len(result.loads))
+        self.shown, self.load = shown(result)["e_fab"], result.load_groups.at.tolist()
         self.source, self.scale, self.posterior = result.source, result.scale, fitted.posterior
         self.medians = {name: float(np.median(values)) for name, values in fitted.named.items()}
         if not isinstance(fitted.posterior.scene, Scene):

@@ -41,6 +41,7 @@ def portable(word: str, here: Path) -> str:
 
 def endings(paths: Sequence[Path]) -> list[str]:
     """Return short distinct names of paths: relative ones unchanged, of absolute ones the fewest last parts."""
+    names = [str(path) for path in paths]  # of "" and "." there are no parts
     for size in range(1, max(len(path.parts) for path in paths) + 1):
         names = [str(Path(*path.parts[-size:]) if path.is_absolute() else path) for path in paths]
         if len({*names}) == len({*paths}):

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from softness_bayes.checking.checks import FABRIC_SPREAD
+from softness_bayes.checking.grouped import merge
 from softness_bayes.checking.quantities import Layout
 from softness_bayes.data import Ratings
 from softness_bayes.data.aggregated import Cells
@@ -23,6 +24,7 @@ from softness_bayes.likelihood.scales import AGGREGATED, CATEGORIES, MAGNITUDE, 
 from softness_bayes.likelihood.stated import Stated
 from softness_bayes.model.options import ModelOptions
 from softness_bayes.ranges import CATEGORIES_RANGE
+from softness_bayes.touch.load_groups import groups_of
 
 FloatArray = NDArray[np.float64]
 
@@ -365,10 +367,16 @@ def _law_of(ratings: Ratings, said: Stated, options: ModelOptions) -> tuple[Erro
     """Return Student's t if the residuals of participants and conditions have heavy tails, else the normal law."""
     conditions = ratings.conditions
     design = Design(conditions.of_rating, ratings.participant, conditions.fabric, len(ratings.participants))
-    layout = Layout(design, np.ones(design.n_conditions), np.zeros(design.n_conditions, np.intp), scale=options.scale)
+    layout = Layout(design, np.ones(design.n_conditions), conditions.load, scale=options.scale)
+    groups, within = groups_of(ratings.loads), ""
+    if groups.merged and design.n_rows - design.n_conditions - design.n_participants < FEWEST:
+        # single loads hardly repeat; what the response changes within a group has light tails
+        layout, within = merge(layout, groups.of)[0], f" within {groups.at.size} groups of loads"
+        design = layout.design
     fit = layout.fit(said.values)
     if layout.residual_freedom < FEWEST or not fit.sd > 0:
-        return NORMAL, "normal, because too few ratings repeat a condition to tell; --errors overrides"
+        why = f"normal, because too few ratings repeat a condition{within} to tell"
+        return NORMAL, f"{why}; --errors overrides{', --round-load STEP makes near loads one' if within else ''}"
     participant = np.nan_to_num(fit.participant)[design.participant]
     residual = options.scale.additive(said.values) - fit.condition[design.condition] - participant
     # ratings that alone determine their condition have no residual, and would pass for a narrow peak
@@ -376,7 +384,7 @@ def _law_of(ratings: Ratings, said: Stated, options: ModelOptions) -> tuple[Erro
     residual = residual[spread > LEAST_FREE] / spread[spread > LEAST_FREE]
     kurtosis = float((residual**4).mean() / (residual**2).mean() ** 2 - 3.0)
     error = float(np.sqrt(24.0 / layout.residual_freedom))
-    numbers = f"(excess kurtosis of the residuals {kurtosis:.2f} ± {error:.2f}); --errors overrides"
+    numbers = f"(excess kurtosis of the residuals{within} {kurtosis:.2f} ± {error:.2f}); --errors overrides"
     if kurtosis > HEAVY * error:
         return STUDENT, f"{STUDENT.meaning}, because tails are heavier than normal {numbers}"
     return NORMAL, f"normal, because tails are no heavier than that {numbers}"

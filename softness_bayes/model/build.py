@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from softness_bayes.checking import direction
+from softness_bayes.checking.grouped import averaged, merge
 from softness_bayes.checking.quantities import Layout
 from softness_bayes.data import Compression, Experiment, Ratings
 from softness_bayes.errors import InputError
@@ -39,6 +40,7 @@ from softness_bayes.parameters.declared import ERROR_PARAMETERS, FINGER_PARAMETE
 from softness_bayes.parameters.fabric_moduli import FabricModuli
 from softness_bayes.parameters.space import ParameterSpace
 from softness_bayes.touch import accuracy
+from softness_bayes.touch.load_groups import groups_of
 from softness_bayes.touch.scene import Discretisation, Scene
 
 COARSE = Discretisation(8, 9.0, 1e-4)
@@ -233,8 +235,14 @@ def choose_direction(experiment: Experiment, options: ModelOptions, given: AsGiv
     scene = _compiler(experiment, replace(options, noise=0.0), space)(coarse)
     layout = Layout(design_of(experiment), scene.modulus, conditions.load, scale=options.scale)
     draws = space.touch(space.draw_prior(np.random.default_rng(0), direction.DRAWS))
-    firing = direction.firing_rises(layout, scene.total_rate(draws))
-    found = direction.evidence_in(layout, given.said.values, [str(load) for load in ratings.loads], firing)
+    rate, groups = scene.total_rate(draws), groups_of(ratings.loads)
+    if groups.merged:
+        # of a load that was measured once there is no order of fabrics
+        single = layout
+        layout, place = merge(single, groups.of)
+        rate = averaged(single, place, rate)
+    firing = direction.firing_rises(layout, rate)
+    found = direction.evidence_in(layout, given.said.values, groups.names, firing)
     asked = options.direction is not None and "direction" not in options.decided
     return direction.choose(options.direction, found)._replace(asked=asked)
 

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from softness_bayes.checking.direction import Choice
+from softness_bayes.checking.grouped import merge
 from softness_bayes.checking.inflection import curve_scene, response_curves
 from softness_bayes.checking.quantities import Layout
 from softness_bayes.checking.raters import raters_apart
@@ -21,6 +22,7 @@ from softness_bayes.model.design_information import Expected, foresee
 from softness_bayes.model.hypothetical import as_it_is, others
 from softness_bayes.model.options import ModelOptions
 from softness_bayes.model.pressed import people_note
+from softness_bayes.touch.load_groups import groups_of
 
 Array = NDArray[np.float64]
 
@@ -41,7 +43,8 @@ def warnings(experiment: Experiment, options: ModelOptions, given: AsGiven) -> l
     layout = Layout(
         design_of(experiment), moduli[ratings.conditions.fabric], ratings.conditions.load, scale=options.scale
     )
-    apart = raters_apart(layout, given.said.values)
+    groups = groups_of(ratings.loads)
+    apart = raters_apart(merge(layout, groups.of)[0] if groups.merged else layout, given.said.values)
     names = ratings.participants
     found = [
         f"looks wrong: {names[k]} rates against all others (rank correlation {r:+.2f} with their means): did the scale "
@@ -198,7 +201,7 @@ def foreseen(experiment: Experiment, options: ModelOptions) -> dict[str, Any]:
 def prior_responses(
     experiment: Experiment, options: ModelOptions, loads: list[int], draws: int
 ) -> tuple[Array, Array, Array]:
-    """Return the response under the prior along a grid of fabrics, and the modulus of every rated condition.
+    """Return the response under the prior along a grid of fabrics, and the modulus of every fabric.
 
     Parameters
     ----------
@@ -212,18 +215,16 @@ def prior_responses(
     Returns
     -------
     tuple of ndarray
-        E_fab [Pa] of the grid (points,), total rates (draws, loads, points), and E_fab [Pa] (conditions,).
+        E_fab [Pa] of the grid (points,), total rates (draws, loads, points), and E_fab [Pa] (fabrics,).
     """
-    conditions = experiment.ratings.conditions
     model = build(experiment, options if options.discretisation else options.decide(discretisation=COARSE))
-    of_conditions = np.array(moduli_of(experiment, options).middle)[conditions.fabric]
     held = [experiment.ratings.loads[k] for k in loads]
     fabrics = np.unique(model.scene.fabric)
     pairs = np.repeat(fabrics, len(held)), np.tile(np.arange(len(held)), fabrics.size)
     grid = curve_scene(model.scene.under(held, *pairs))
     space = model.posterior.space
     curves = response_curves(grid, space.touch(space.draw_prior(np.random.default_rng(0), draws)))
-    return curves.modulus, curves.total_rate, of_conditions
+    return curves.modulus, curves.total_rate, np.array(moduli_of(experiment, options).middle)
 
 
 def _ratios(expected: Expected) -> dict[str, Any]:

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from softness_bayes.defaults import shown_of
 from softness_bayes.plotting.chains import rank_figure, trace_figure
 from softness_bayes.plotting.checks import Means, Replicated, checks_figure, loo_pit_figure
 from softness_bayes.plotting.choices import (
@@ -23,12 +22,13 @@ from softness_bayes.plotting.compression import compression_figure
 from softness_bayes.plotting.inflection import inflection_figure
 from softness_bayes.plotting.membrane import membrane_figure
 from softness_bayes.plotting.names import short_name
-from softness_bayes.plotting.panels import say_left_out
+from softness_bayes.plotting.panels import say_grouped
 from softness_bayes.plotting.parameters import corner_figure, informative, prior_figure
 from softness_bayes.plotting.rating import Observed, observed_ratings, rating_figure
 from softness_bayes.plotting.response import ratio_figure, response_figure
 from softness_bayes.plotting.style import Style
 from softness_bayes.plotting.touch import Touches, touch_figure
+from softness_bayes.touch.load_groups import LoadGroup, LoadGroups, groups_of
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -55,41 +55,52 @@ TOLD: Mapping[str, str] = MappingProxyType(
 
 
 class _Some(NamedTuple):
-    """The loads of a result that are drawn: all of them, or some of many."""
+    """The loads of a result that are drawn: all of them, or groups of many."""
 
     result: Drawable
-    which: list[int]
+    groups: LoadGroups
 
     @classmethod
     def of(cls, result: Drawable) -> _Some:
-        return cls(result, shown_of(len(result.loads)))
+        return cls(result, groups_of(result.loads))
 
     @property
-    def loads(self) -> list[Load]:
-        return [self.result.loads[k] for k in self.which]
+    def loads(self) -> tuple[Load | LoadGroup, ...]:
+        return self.groups.called
+
+    @property
+    def load(self) -> NDArray[np.intp]:
+        """Index (rows,) of the group of each rating's load."""
+        return np.asarray(self.groups.of[self.result.group("constant_data")["load_index"].values])
 
     def curves(self) -> Curves:
         from softness_bayes.checking.inflection import Curves  # imported here because it imports SciPy
 
         modulus, *others = self.result.curves()
-        return Curves(modulus, *(values[:, self.which] for values in others))
+        return Curves(modulus, *(values[:, self.groups.at] for values in others))
 
     def inflections(self) -> Inflection:
         from softness_bayes.checking.inflection import Inflection  # likewise
 
-        return Inflection._make(values[:, self.which] for values in self.result.inflections())
+        return Inflection._make(values[:, self.groups.at] for values in self.result.inflections())
 
     def observed(self) -> Observed:
-        """Return the ratings of these loads, which are numbered as they are drawn."""
-        every = _observed(self.result)
-        here = np.flatnonzero(np.isin(every.load, self.which))
-        some = Observed._make(values[here] for values in every)
-        return some._replace(load=np.searchsorted(self.which, some.load))
+        """Return the ratings by condition, a condition being a fabric under a load, or under a group of loads."""
+        constant, modulus = self.result.group("constant_data"), _fabric_modulus(self.result)
+        count = self.groups.at.size
+        return observed_ratings(
+            self.result.group("observed_data")["rating"].values,
+            self.load * modulus.size + constant["fabric_index"].values,
+            constant["participant_index"].values,
+            np.tile(modulus, count),
+            np.repeat(np.arange(count), modulus.size),
+            scale=self.result.scale,
+        )
 
-    def said(self, figure: Figure, style: Style) -> Figure:
-        """Return a figure that says how many loads it leaves out."""
+    def said(self, figure: Figure, style: Style, curves: bool = True) -> Figure:
+        """Return a figure that says that it shows loads in groups."""
         with style.applied():
-            say_left_out(figure, len(self.which), len(self.result.loads), style)
+            say_grouped(figure, self.groups, style, curves)
         return figure
 
 
@@ -128,11 +139,11 @@ def rating(result: Drawable, style: Style, against_ratio: bool = False) -> Figur
     stored, some = result.group("predictions").isel(chain=0), _Some.of(result)
     drawn = rating_figure(
         stored["e_fab_kpa"].values * 1e3,
-        stored["typical_rating"].values[:, some.which],
+        stored["typical_rating"].values[:, some.groups.at],
         some.observed(),
         some.loads,
         scale=result.scale,
-        skin_modulus=stored["e_skin_kpa"].values[:, some.which] * 1e3 if against_ratio else None,
+        skin_modulus=stored["e_skin_kpa"].values[:, some.groups.at] * 1e3 if against_ratio else None,
         names=_fabric_names(result) * len(some.loads),
         style=style,
     )
@@ -219,11 +230,10 @@ def checks(result: Drawable, style: Style) -> Figure:
     from softness_bayes.checking.quantities import Columns
 
     modulus = dict(zip(result.group("constant_data")["fabric"].values, _fabric_modulus(result), strict=True))
-    means, shown, scale, some = [], [], result.scale.short, _Some.of(result)
-    drawn_loads = {ALL, *map(str, some.loads)}
+    means, shown, scale = [], [], result.scale.short
     for found in posterior_quantities(result.tree):
         if found.quantity.columns is Columns.CONDITION:
-            for load in dict.fromkeys(load for load, _, _ in found.labels if load in drawn_loads):
+            for load in dict.fromkeys(load for load, _, _ in found.labels):
                 here = [k for k, label in enumerate(found.labels) if label[0] == load]
                 limits = np.array(
                     [[getattr(found.findings[k], name) for k in here] for name in ("observed", "low", "high")]
@@ -237,38 +247,38 @@ def checks(result: Drawable, style: Style) -> Figure:
             shown += [
                 Replicated(told + (f", {load}" if load != ALL else ""), finding.observed, values, finding.p_value)
                 for (load, _, _), finding, values in zip(found.labels, found.findings, found.replicated.T, strict=True)
-                if load in drawn_loads
             ]
-    return some.said(checks_figure(means, shown, scale, style=style), style)
+    return _Some.of(result).said(checks_figure(means, shown, scale, style=style), style, curves=False)
 
 
 def category_counts(result: Drawable, style: Style) -> Figure:
     """Draw the number of ratings in each category."""
-    some, load = _Some.of(result), result.group("constant_data")["load_index"].values
+    some = _Some.of(result)
+    load = some.load
     observed, again = _answers(result)
     most = int(max(observed.max(), again.max()))
     counts = [
-        counts_of(str(result.loads[k]), observed[load == k], again[:, load == k], most)
-        for k in some.which
+        counts_of(name, observed[load == k], again[:, load == k], most)
+        for k, name in enumerate(some.groups.names)
         if (load == k).any()
     ]
-    return some.said(categories_figure(counts, style=style), style)
+    return some.said(categories_figure(counts, style=style), style, curves=False)
 
 
 def psychometric(result: Drawable, style: Style) -> Figure:
     """Draw answers to pairs with the fabric that was asked about most often."""
     constant, some = result.group("constant_data"), _Some.of(result)
-    load, fabric = constant["load_index"].values, constant["fabric_index"].values
-    fallback = constant["participant_index"].values * len(result.loads) + load
+    load, fabric = some.load, constant["fabric_index"].values
+    fallback = constant["participant_index"].values * len(result.loads) + constant["load_index"].values
     rows = rows_of_pairs(constant["list_index"].values if "list_index" in constant else fallback)
     observed, again = (values[..., rows[:, 0]] for values in _answers(result))
     shown, names, modulus = [], _fabric_names(result), _fabric_modulus(result)
-    for k in some.which:
+    for k, name in enumerate(some.groups.names):
         here = load[rows[:, 0]] == k
         if here.any():
             asked = fabric[rows[here]]
-            shown.append(wins_of(str(result.loads[k]), names, modulus, asked, observed[here], again[:, here]))
-    return some.said(psychometric_figure(shown, style=style), style)
+            shown.append(wins_of(name, names, modulus, asked, observed[here], again[:, here]))
+    return some.said(psychometric_figure(shown, style=style), style, curves=False)
 
 
 def _answers(result: Drawable) -> tuple[Array, Array]:
@@ -338,21 +348,6 @@ def _fabric_modulus(result: Drawable) -> Array:
 
 def _fabric_names(result: Drawable) -> list[str]:
     return [str(name) for name in result.group("constant_data")["fabric"].values]
-
-
-def _observed(result: Drawable) -> Observed:
-    """Return the ratings by condition, a condition being a fabric under a load."""
-    constant, modulus = result.group("constant_data"), _fabric_modulus(result)
-    participant, fabric, load = (constant[f"{what}_index"].values for what in ("participant", "fabric", "load"))
-    count = len(result.loads)
-    return observed_ratings(
-        result.group("observed_data")["rating"].values,
-        load * modulus.size + fabric,
-        participant,
-        np.tile(modulus, count),
-        np.repeat(np.arange(count), modulus.size),
-        scale=result.scale,
-    )
 
 
 def _sampled(result: Drawable) -> list[str]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -18,12 +17,12 @@ from softness_bayes.plotting.panels import (
     grid_of_panels,
     legend_below,
     number_ticks,
-    say_left_out,
+    say_grouped,
     title,
 )
 from softness_bayes.plotting.rating import Observed
 from softness_bayes.plotting.style import USUAL, Style
-from softness_bayes.touch.contact import Load
+from softness_bayes.touch.load_groups import LoadGroups
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -42,9 +41,8 @@ def design_figure(
     modulus: ArrayLike,
     response: ArrayLike,
     observed: Observed,
-    loads: Sequence[Load],
+    groups: LoadGroups,
     *,
-    n_loads: int | None = None,
     scale: Scale = MAGNITUDE,
     style: Style = USUAL,
 ) -> Figure:
@@ -58,10 +56,8 @@ def design_figure(
         Draws of the response under the prior, shape (draws, loads, points).
     observed
         The data of these loads.
-    loads
-        The load of each panel.
-    n_loads
-        Number of loads of the design, if not all are drawn; the figure says so.
+    groups
+        The loads, one panel each, or groups of many, whose responses are those of their middle loads.
     scale
         Scale of the ratings.
     style
@@ -79,6 +75,7 @@ def design_figure(
         If there is not one load for each set of curves.
     """
     grid, draws = np.asarray(modulus, float) / 1e3, np.asarray(response, float)
+    loads = groups.called
     check_loads(loads, draws.shape[1])
     largest = draws.max(axis=(1, 2), keepdims=True)
     relative = np.divide(draws, largest, out=np.zeros_like(draws), where=largest > 0)
@@ -100,6 +97,6 @@ def design_figure(
         for twin in twins:
             if scale.axis == "log":
                 number_ticks(twin.yaxis)
-        say_left_out(figure, len(loads), len(loads) if n_loads is None else n_loads, style)
+        say_grouped(figure, groups, style)
         legend_below(figure, [*panels, *twins])
     return figure

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 from softness_bayes.plotting.panels import MODULUS_LABEL, WIDE, Array, check_loads, number_ticks, short, title
 from softness_bayes.plotting.style import USUAL, Style
 from softness_bayes.touch.contact import Load
+from softness_bayes.touch.load_groups import LoadGroup
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -27,7 +28,7 @@ MARGIN = 0.2
 
 def inflection_figure(
     inflection: Inflection,
-    loads: Sequence[Load],
+    loads: Sequence[Load | LoadGroup],
     fabric_modulus: ArrayLike,
     *,
     style: Style = USUAL,

@@ -12,6 +12,7 @@ from softness_bayes.errors import InputError
 from softness_bayes.plotting.data import name_rows
 from softness_bayes.plotting.style import Style
 from softness_bayes.touch.contact import Load
+from softness_bayes.touch.load_groups import LoadGroup, LoadGroups
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -40,12 +41,12 @@ RATIO_LABEL = r"$E_\mathrm{fab}\,/\,E_\mathrm{skin}$ [–]"
 RATE_LABEL = "total rate [spikes/s]"
 
 
-def title(load: Load) -> str:
-    """Return a load's heading, as in 'Indentation 1 mm'."""
-    return f"{type(load).__name__} {load}"
+def title(load: Load | LoadGroup) -> str:
+    """Return the heading of a load or a group of loads, as in 'Indentation 1 mm'."""
+    return f"{type(load.load if isinstance(load, LoadGroup) else load).__name__} {load}"
 
 
-def check_loads(loads: Sequence[Load], count: int) -> None:
+def check_loads(loads: Sequence[Load | LoadGroup], count: int) -> None:
     """Raise an `InputError` unless there is one load for each of `count` curves, and at least one."""
     if len(loads) != count or not count:
         raise InputError(f"figure: {len(loads)} loads for {count} sets of curves")
@@ -207,10 +208,11 @@ def short(value: float) -> str:
     return f"{float(f'{value:.3g}'):.12g}"
 
 
-def say_left_out(figure: Figure, shown: int, count: int, style: Style) -> None:
-    """Write at the head of a figure how many of the loads it shows, if not all."""
-    if shown < count:
-        figure.suptitle(f"{shown} of {count} loads, evenly spread", fontsize=style.small)
+def say_grouped(figure: Figure, groups: LoadGroups, style: Style, curves: bool = True) -> None:
+    """Write at the head of a figure that it shows loads in groups, if it does, and at which its curves are."""
+    if groups.merged:
+        at = "; curves are those at the middle load of each" if curves else ""
+        figure.suptitle(f"{groups.sentence}{at}", fontsize=style.small)
 
 
 def legend_below(figure: Figure, axes: Sequence[Axes], more: str = "") -> None:

@@ -26,6 +26,7 @@ from softness_bayes.plotting.panels import (
 from softness_bayes.plotting.ratio import RatioAxis
 from softness_bayes.plotting.style import USUAL, Style
 from softness_bayes.touch.contact import Load
+from softness_bayes.touch.load_groups import LoadGroup
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -143,7 +144,7 @@ def rating_figure(
     modulus: ArrayLike,
     rating: ArrayLike,
     observed: Observed,
-    loads: Sequence[Load],
+    loads: Sequence[Load | LoadGroup],
     *,
     scale: Scale = MAGNITUDE,
     skin_modulus: ArrayLike | None = None,

@@ -26,6 +26,7 @@ from softness_bayes.plotting.panels import (
 from softness_bayes.plotting.ratio import RatioAxis
 from softness_bayes.plotting.style import USUAL, Style
 from softness_bayes.touch.contact import Load
+from softness_bayes.touch.load_groups import LoadGroup
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -42,7 +43,7 @@ HERTZ_LIMIT = 0.5
 
 def response_figure(
     curves: Curves,
-    loads: Sequence[Load],
+    loads: Sequence[Load | LoadGroup],
     fabric_modulus: ArrayLike,
     *,
     inflection: Inflection | None = None,
@@ -104,7 +105,7 @@ def response_figure(
 
 def ratio_figure(
     curves: Curves,
-    loads: Sequence[Load],
+    loads: Sequence[Load | LoadGroup],
     fabric_modulus: ArrayLike,
     *,
     names: Sequence[str] = (),
@@ -151,7 +152,7 @@ def _finish(
     panels: Sequence[Axes],
     x: Array,
     top: float,
-    loads: Sequence[Load],
+    loads: Sequence[Load | LoadGroup],
     places: Sequence[Array],
     names: Sequence[str],
     style: Style,

@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from softness_bayes.checking.turning_points import PERCENTS
-from softness_bayes.defaults import shown_of
 from softness_bayes.plotting.panels import title
 from softness_bayes.plotting.rating import observed_ratings
 from softness_bayes.report.words import share
@@ -60,17 +59,16 @@ def shown(result: Result) -> dict[str, list[Shown]]:
     Parameters
     ----------
     result
-        A finished run on ratings; the curves are those it stores. Of many loads some are shown, evenly spread.
+        A finished run on ratings; the curves are those it stores. Of a group of loads they are at its middle load.
     """
-    curves, table = result.curves(), result.inflection()
+    curves, table, groups = result.curves(), result.shown_inflection(), result.load_groups
     typical = result.group("predictions").isel(chain=0)["typical_rating"].values
     fabric = result.group("constant_data")["effective_modulus_kpa"].values
     names = [str(name) for name in result.group("constant_data")["fabric"].values]
     modulus, ratio = curves.modulus * 1e-3, curves.modulus / curves.skin_modulus
     found: dict[str, list[Shown]] = {axis.name: [] for axis in AXES}
-    for k in shown_of(len(result.loads)):
-        load = result.loads[k]
-        row, observed = table.loc[str(load)], _observed(result, k)
+    for group, (k, load) in enumerate(zip(groups.at.tolist(), groups.called, strict=True)):
+        row, observed = table.loc[str(load)], _observed(result, groups.of == group)
         turns = {"e_fab": _turn(row, "e_fab_kpa"), "ratio": _turn(row, "ratio")}
         layouts = {
             "e_fab": (modulus, curves.total_rate[:, k], typical[:, k], fabric),
@@ -106,19 +104,19 @@ def _band(x: Array, draws: Array) -> dict[str, list[float]]:
     return {"x": _plain(x), **{name: _plain(column) for name, column in zip(QUANTILES, limits, strict=True)}}
 
 
-def _observed(result: Result, load: int) -> dict[str, list[Any]]:
-    """Return a summary of every fabric's ratings under one load, as in the figure of ratings."""
+def _observed(result: Result, loads: NDArray[np.bool_]) -> dict[str, list[Any]]:
+    """Return a summary of every fabric's ratings under some loads, as in the figure of ratings."""
     constant = result.group("constant_data")
-    count, modulus = len(result.loads), constant["effective_modulus_kpa"].values * 1e3
+    modulus = constant["effective_modulus_kpa"].values * 1e3
     every = observed_ratings(
         result.group("observed_data")["rating"].values,
-        constant["load_index"].values * modulus.size + constant["fabric_index"].values,
+        loads[constant["load_index"].values] * modulus.size + constant["fabric_index"].values,
         constant["participant_index"].values,
-        np.tile(modulus, count),
-        np.repeat(np.arange(count), modulus.size),
+        np.tile(modulus, 2),
+        np.repeat([0, 1], modulus.size),
         scale=result.scale,
     )
-    here = every.load == load
+    here = every.load == 1
     return {name: _plain(getattr(every, name)[here]) for name in ("mean", "low", "high")}
 
 

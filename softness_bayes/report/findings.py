@@ -135,7 +135,7 @@ class TurningPoints(Finding):
 
     judged: tuple[Reproduction, ...]
     table: pd.DataFrame
-    """Probabilities of a turning point, as `Result.inflection` returns them."""
+    """Probabilities of a turning point, as `Result.shown_inflection` returns them."""
 
     def loads(self, reproduced: bool | None) -> tuple[str, ...]:
         """Return the loads under which it is reproduced, is not, or cannot be told (None)."""
@@ -302,10 +302,17 @@ def _of_ratings(result: Result) -> list[Finding]:
             errors.firing_error,
             errors.exact_reweight,
         ),
-        TurningPoints(tuple(inflection_reproduced(checks)), result.inflection()),
+        _turning_points(result),
         OtherChecks(tuple(doubts(checks)), residuals.sentences),
         *([] if (inputs := input_errors_of(result)) is None else [inputs]),
     ]
+
+
+def _turning_points(result: Result) -> TurningPoints:
+    judged, table = inflection_reproduced(result.tables["predictive_checks"]), result.shown_inflection()
+    # earlier versions judged each of many loads alone
+    alone = not {one.load for one in judged} <= {*table.index}
+    return TurningPoints(tuple(judged), result.inflection() if alone else table)
 
 
 def _without_ratings() -> list[Finding]:

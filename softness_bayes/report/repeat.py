@@ -18,7 +18,16 @@ from softness_bayes.touch.readings import MENDED
 
 PROGRAM = "softness-bayes"
 
-DATA_FLAGS = ("--data", "--fabrics", "--compression", "--column", "--indentation-mm", "--force-n", "--decimal")
+DATA_FLAGS = (
+    "--data",
+    "--fabrics",
+    "--compression",
+    "--column",
+    "--indentation-mm",
+    "--force-n",
+    "--decimal",
+    "--round-load",
+)
 """Options of `sample` about the files of the data, which only the recorded command line knows."""
 
 PATHS = (

@@ -12,7 +12,6 @@ from softness_bayes.checking.fabric_moduli import UNCERTAIN
 from softness_bayes.checking.inflection import Curves, Inflection
 from softness_bayes.parameters.declared import PARAMETERS
 from softness_bayes.parameters.fabric_moduli import FABRIC_MODULUS
-from softness_bayes.touch.contact import Force, Indentation, Load
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -20,14 +19,6 @@ if TYPE_CHECKING:
     from softness_bayes.data import Fabrics
 
 Array = NDArray[np.float64]
-
-
-def loads_in(constant: xr.Dataset) -> tuple[Load, ...]:
-    """Return the loads of the data, of the group `constant_data`."""
-    return tuple(
-        Indentation(float(depth) * 1e-3) if np.isfinite(depth) else Force(float(newton))
-        for depth, newton in zip(constant["indentation_mm"].values, constant["force_n"].values, strict=True)
-    )
 
 
 def fabrics_in(constant: xr.Dataset, digest: str) -> Fabrics:

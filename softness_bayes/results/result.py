@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from softness_bayes import arviz_bridge
 from softness_bayes.checking.fabric_moduli import modulus_sentences
+from softness_bayes.checking.grouped import loads_in
 from softness_bayes.checking.inflection import Curves, Inflection
 from softness_bayes.checking.modulus_errors import shift_sentences
 from softness_bayes.checking.rater_fingers import finger_sentences
@@ -28,13 +29,13 @@ from softness_bayes.results.answers import Answers
 from softness_bayes.results.read_back import (
     curves_in,
     fabrics_in,
-    loads_in,
     named_values,
     turning_points_in,
 )
 from softness_bayes.results.result_file import SUMMARY_TABLE, read, sealed
 from softness_bayes.results.words import html_of, load_sentence
 from softness_bayes.touch.contact import Finger, Load
+from softness_bayes.touch.load_groups import LoadGroups, groups_of
 from softness_bayes.touch.readings import Readings
 
 if TYPE_CHECKING:
@@ -146,6 +147,11 @@ class Result(Answers):
         self._require_ratings()
         return loads_in(self.group("constant_data"))
 
+    @property
+    def load_groups(self) -> LoadGroups:
+        """Groups in which many loads are judged and shown; of few each is alone."""
+        return groups_of(self.loads)
+
     def summary(self) -> pd.DataFrame:
         """Return mean, spread, interval and sampling error of every parameter."""
         return self.table.copy()
@@ -197,6 +203,11 @@ class Result(Answers):
     def least_drop(self) -> float:
         """Share of itself by which a maximum exceeds both ends of the range to count as a turning point."""
         return self.provenance.least_drop
+
+    def shown_inflection(self) -> pd.DataFrame:
+        """Return the rows of `inflection` that are shown: of a group of loads the load that stands for it, by name."""
+        groups, table = self.load_groups, self.inflection()
+        return table.iloc[groups.at].set_axis(groups.names).rename_axis("load")
 
     def inflection(self) -> pd.DataFrame:
         """Return where the response turns over (its maximum, the turning point), one row per load.
@@ -293,7 +304,7 @@ class Result(Answers):
         said = [*faults, self.provenance.verdict]
         columns = ["p_interior", "prior_p_interior", "p_none", "p_silent"]
         columns += ["e_fab_kpa_low", "e_fab_kpa", "e_fab_kpa_high"]
-        tables = {"where the response turns over": self.inflection()[columns]} if self.has_ratings else {}
+        tables = {"where the response turns over": self.shown_inflection()[columns]} if self.has_ratings else {}
         tables["parameters"] = self.summary()
         return html_of(said, tables)
 

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import hashlib
+import json
 import pickle
 import secrets
+import socket
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import CancelledError, Executor, Future
 from contextlib import contextmanager, suppress
@@ -32,6 +34,7 @@ SCHEDULER = "at the scheduler"
 """Address of the report of the scheduler itself."""
 
 _NAMED = 3  # workers in a message
+_KINDS = ("tcp", "tls", "ws", "wss")  # of addresses with a host and a port
 
 
 class Worker(NamedTuple):
@@ -152,11 +155,36 @@ def _client(scheduler: str) -> Iterator[Client]:
             )
         asked = {"scheduler_file": scheduler}
     try:
+        _knock(_address(scheduler))
         client = Client(**asked, timeout=TIMEOUT, set_as_default=False)
-    except (OSError, ValueError, KeyError) as error:
-        raise InputError(f"{scheduler}: no scheduler answers there ({str(error).splitlines()[0]})") from None
+    except (OSError, ValueError, KeyError, TypeError, ImportError, RuntimeError) as error:
+        why = next(iter(str(error).splitlines()), type(error).__name__)
+        raise InputError(
+            f"{scheduler}: no scheduler answers there ({why}); 'dask scheduler' starts one and prints its address"
+        ) from None
     with client:
         yield client
+
+
+def _address(scheduler: str) -> str:
+    """Return the address of a scheduler, which may be the path of its file."""
+    if "://" in scheduler:
+        return scheduler
+    return str(json.loads(Path(scheduler).read_text(encoding="utf-8"))["address"])
+
+
+def _knock(address: str) -> None:
+    """Raise an error at once if nothing listens at an address.
+
+    A client of Dask that fails to connect goes on trying in its destructor, whose traceback cannot be caught.
+    """
+    from distributed.comm.addressing import parse_address, parse_host_port
+
+    kind, place = parse_address(address)
+    if kind not in _KINDS:
+        raise ValueError(f"expected an address that begins with one of {', '.join(f'{one}://' for one in _KINDS)}")
+    with socket.create_connection(parse_host_port(place), TIMEOUT):
+        pass
 
 
 def _workers(client: Client, directory: Path | None) -> dict[str, Worker | BaseException]:

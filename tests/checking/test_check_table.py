@@ -110,8 +110,9 @@ def test_two_fabrics_are_not_judged(rng):
     groups["constant_data"] = (
         groups["constant_data"]
         .to_dataset()
-        .drop_vars(["load", "indentation_mm"])
-        .assign_coords(load=[f"{k} mm" for k in range(6)])
+        .drop_vars(["load", "indentation_mm", "force_n"])
+        .assign_coords(load=[f"{k + 1} mm" for k in range(6)])
+        .assign(indentation_mm=("load", np.arange(6) + 1.0), force_n=("load", np.full(6, np.nan)))
     )
     _, *loads, _ = check_sentences(check_table(groups))
     assert len(loads) == 6

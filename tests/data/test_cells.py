@@ -91,13 +91,25 @@ def test_the_stated_error_is_that_of_other_simulated_raters(rng):
         ),
         (GEOMETRIC.replace("voile,2", "voile,1"), "a cell of one fabric and load stands in several rows"),
         (GEOMETRIC.replace(",N", ",people"), "no column 'n', and no --column n=... says which it is"),
-        (ARITHMETIC.replace("sd", "se"), "column 'mean': an arithmetic mean alone does not tell the geometric one"),
+        (ARITHMETIC.replace("sd", "x"), "column 'mean': an arithmetic mean alone does not tell the geometric one"),
+        (ARITHMETIC.replace("sd", "se"), "column 'se': standard deviations are 2.2 times the means (median)"),
+        (ARITHMETIC.replace(",n", ",people"), "columns 'mean', 'sd' look like means of several raters, which are read"),
         (ARITHMETIC.replace("2.5", ""), "row 2, column 'sd': expected a standard deviation beside the mean, got ''"),
         (ARITHMETIC.replace("2.5", "6").replace("8,4", "8,12"), "standard deviations are 1.4 times the means (median)"),
     ],
 )
 def test_what_does_not_tell_is_refused(file, text, said):
     assert said in refusal(file(text))
+
+
+def test_a_standard_error_is_a_standard_deviation_over_the_root_of_the_raters(file):
+    by_sd, by_se = "fabric,force_n,mean,sd,n\na,1,20,8,16\nb,1,9,4,16\n", "Stoff,Kraft (N),Mittelwert,SEM,n\n"
+    found, same = Ratings.read(file(by_sd)), Ratings.read(file(f"{by_se}a,1,20,2,16\nb,1,9,1,16\n", "se.csv"))
+    np.testing.assert_allclose(same.rating, found.rating, rtol=1e-14)
+    np.testing.assert_allclose(same.cells.geometric_sd, found.cells.geometric_sd, rtol=1e-14)
+    assert any("a standard deviation is the standard error times √16" in note for note in same.notes)
+    assert "se.csv: column 'Mittelwert' is read as mean" in same.notes
+    assert Ratings.read(file(ratings_csv(same), "again.csv")).rating.tolist() == same.rating.tolist()
 
 
 def test_single_ratings_beside_such_columns_stay_single_ratings(file):

@@ -50,10 +50,22 @@ def test_one_problem_stands_in_one_line(file):
 
 
 def test_the_first_twenty_are_shown_and_all_are_counted(file):
-    path = file(HEADER + "P1,voile,1,x\n" * 1000)
-    lines = refusal(Ratings.read, path).splitlines()
+    path = file(HEADER + "P1,voile,1,1\n" + "".join(f"P1,x{k},1,1\n" for k in range(1000)))
+    lines = refusal(read_experiment, path, file(CLOTH, "cloth.csv")).splitlines()
     assert lines[0] == f"{path}: 1000 problems, of which the first 20 are:"
-    assert [line.split(",")[0] for line in lines[1:]] == [f"  row {row}" for row in range(2, 22)]
+    assert [line.split(",")[0] for line in lines[1:]] == [f"  row {row}" for row in range(3, 23)]
+
+
+def test_a_problem_that_many_rows_share_stands_in_one_line(file):
+    depths = "".join(f"P1,voile,{depth},5\n" for depth in range(9, 30))
+    path = file(HEADER + "P1,voile,1,x\n" + depths + "P1,voile,2,x\nP1,voile,3,5\nP1,voile,,x\nP1,voile,4,x\n")
+    expected = "expected a number from 1e-06 to 8 (a fingertip's radius is 8 mm)"
+    assert refusal(Ratings.read, path).splitlines() == [
+        f"{path}: 26 problems:",
+        "  rows 2, 24, 26, … and 1 more, column 'rating': expected a finite number, got 'x'",
+        f"  rows 3, 4, 5, … and 18 more, column 'indentation_mm': {expected}, got '9', '10', '11', … and 18 more",
+        "  row 26, column 'indentation_mm': expected a load, got ''",
+    ]
 
 
 def test_all_missing_columns_are_named_at_once(file):

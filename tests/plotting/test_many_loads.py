@@ -5,7 +5,8 @@ import pytest
 
 from softness_bayes.defaults import MOST_SHOWN, in_words, shown_of
 from softness_bayes.plotting import FIGURES, USUAL, contents
-from softness_bayes.touch.contact import Force
+from softness_bayes.touch.contact import Force, Indentation
+from softness_bayes.touch.load_groups import NEAR, LoadGroup, LoadGroups, groups_of
 from support.figures import finished_run
 
 
@@ -23,25 +24,64 @@ def test_many_names_are_counted():
     assert in_words([f"{k} N" for k in range(1, 31)]) == "30 loads, 1 N to 30 N"
 
 
+def test_few_loads_are_alone():
+    loads = [Indentation(1e-3), *(Force(1.0 + 0.001 * k) for k in range(MOST_SHOWN - 1))]
+    found = groups_of(loads)
+    assert found.called == tuple(loads)
+    assert found.names == [str(load) for load in loads]
+    assert not found.merged
+    assert found.sentence == ""
+
+
+def test_measured_loads_are_grouped_about_those_that_were_meant(rng):
+    meant = np.repeat([0.5, 1.0, 2.0], 40)
+    newton = np.sort(meant * np.exp(rng.uniform(-0.1, 0.1, meant.size)))
+    found = groups_of([Indentation(1e-3), *map(Force, newton)])
+    assert found.of.tolist() == [0, *np.repeat([1, 2, 3], 40)]
+    np.testing.assert_allclose([found.called[k].load.newton for k in (1, 2, 3)], [0.5, 1.0, 2.0], rtol=0.03)
+    assert found.called[0] == Indentation(1e-3)
+    assert found.names[1] == f"{newton[0]:.3g} to {newton[39]:.3g} N"
+    assert found.sentence == "121 loads in 4 groups"
+
+
+def test_groups_are_narrow_or_as_many_as_are_shown(rng):
+    for spread in (0.2, 3.0):
+        newton = np.sort(np.exp(rng.uniform(0, spread, 3000)))
+        found = groups_of([*map(Force, newton)])
+        ends = [(newton[found.of == k].min(), newton[found.of == k].max()) for k in range(found.at.size)]
+        assert found.at.size <= MOST_SHOWN
+        assert found.at.size == MOST_SHOWN or max(high / low for low, high in ends) < NEAR
+        assert (np.diff(found.of) >= 0).all()
+        assert len(set(found.names)) == found.at.size
+        assert (found.of[found.at] == np.arange(found.at.size)).all()
+
+
+@pytest.mark.parametrize("most", [1, 2, 3])
+def test_kinds_of_loads_are_never_merged(most):
+    found = groups_of([*(Indentation(1e-3 * (1 + 0.01 * k)) for k in range(5)), Force(1.0)], most)
+    assert found.of[-1] not in found.of[:-1]
+
+
 @pytest.fixture
-def few_shown(monkeypatch):
-    """The two loads of a finished run are more than are shown."""
-    monkeypatch.setattr(contents, "shown_of", lambda count: [1])
+def merged(monkeypatch):
+    """The two loads of a finished run are a group, whose curves are those of the second one."""
+    both = LoadGroups(np.array([0, 0]), np.array([1]), (LoadGroup(Force(0.5), "a to b N"),))
+    monkeypatch.setattr(contents, "groups_of", lambda loads: both)
     return finished_run()
 
 
 @pytest.mark.parametrize("name", ["response", "response_ratio", "rating", "rating_ratio", "inflection"])
-def test_a_figure_says_how_many_loads_it_leaves_out(name, few_shown):
-    figure = FIGURES[name](few_shown, USUAL)
-    assert figure.get_suptitle() == "1 of 2 loads, evenly spread"
+def test_a_figure_says_that_loads_are_grouped(name, merged):
+    figure = FIGURES[name](merged, USUAL)
+    assert figure.get_suptitle() == "2 loads in 1 group; curves are those at the middle load of each"
+    assert any(axes.get_title(loc) == "Force a to b N" for axes in figure.axes for loc in ("left", "center"))
     named = {artist.get_gid() for axes in figure.axes for artist in axes.get_children()}
-    assert not any(gid and gid.endswith("/1 mm") for gid in named)
-    assert any(gid and gid.endswith("/0.5 N") for gid in named) or name == "inflection"
+    assert any(gid and gid.endswith("/a to b N") for gid in named) or name == "inflection"
 
 
-def test_the_ratings_that_are_drawn_are_those_of_the_load(few_shown):
-    some = contents._Some.of(few_shown)
-    every = contents._observed(few_shown)
-    assert some.loads == [Force(0.5)]
+def test_the_ratings_that_are_drawn_are_those_of_the_group(merged):
+    some = contents._Some.of(merged)
+    constant, rating = merged.group("constant_data"), merged.group("observed_data")["rating"].values
+    first = rating[constant["fabric_index"].values == 0]
+    assert some.observed().mean[0] == pytest.approx(np.exp(np.log(first).mean()), rel=0.2)
     assert set(some.observed().load) == {0}
-    np.testing.assert_array_equal(some.observed().mean, every.mean[every.load == 1])

@@ -102,6 +102,7 @@ def tree(rng, seen=STEEP, assumed=STEEP, direction="softness"):
             "constant_data": {
                 "effective_modulus_kpa": MODULUS[:6] * 1e-3,
                 "indentation_mm": np.array([1.0, 2.0]),
+                "force_n": np.full(2, np.nan),
                 "participant_index": who.participant,
                 "fabric_index": who.fabric[who.condition],
                 "load_index": LAY.load[who.condition],
@@ -113,6 +114,7 @@ def tree(rng, seen=STEEP, assumed=STEEP, direction="softness"):
             "ratings_of_participant": ["participant"],
             "effective_modulus_kpa": ["fabric"],
             "indentation_mm": ["load"],
+            "force_n": ["load"],
             **{name: ["load"] for name in LEVELLED_NAMES},
             **{name: ["rating_row"] for name in BY_ROW},
         },

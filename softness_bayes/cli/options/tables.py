@@ -11,10 +11,11 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from softness_bayes.cli.options.values import FILE, Decorator, Verb, named
-from softness_bayes.errors import InputError
+from softness_bayes.errors import InputError, quoted
 
 if TYPE_CHECKING:
     from softness_bayes.data import Compression, Experiment, Fabrics
+    from softness_bayes.data.decimals import Marks
     from softness_bayes.results.result import Result
     from softness_bayes.touch.contact import Load
 
@@ -28,12 +29,32 @@ column = click.option(
 )
 """Gives a verb `columns`, name -> name in the files."""
 
+
+def _marks(ctx: click.Context, param: click.Parameter, given: tuple[str, ...]) -> Marks:
+    """Return the one mark, or table -> mark."""
+    from softness_bayes.data.decimals import MARKED, MARKS
+
+    found: dict[str, str] = {}
+    for word in given:
+        table, _, mark = word.rpartition("=")
+        if mark not in MARKS or table not in ("", *MARKED):
+            raise click.BadParameter(
+                f"expected a comma or a point, or TABLE=MARK for one of {', '.join(MARKED)}, got {quoted(word)}"
+            )
+        if found.setdefault(table, mark) != mark or ("" in found and len(found) > 1):
+            raise click.BadParameter(f"two marks for one table: {' and '.join(given)}")
+    return found.get("", found or None)
+
+
 decimal = click.option(
     "--decimal",
-    type=click.Choice([",", "."]),
-    help="Decimal mark of the files, where their numbers do not show it; the other mark groups thousands.",
+    metavar="[TABLE=]MARK",
+    multiple=True,
+    callback=_marks,
+    help="Decimal mark of the files (, or .), where their numbers do not show it; the other mark groups thousands. "
+    "If tables differ: ratings=, or fabrics=. or compression=, each with its mark.",
 )
-"""Gives a verb `decimal`, a mark or None."""
+"""Gives a verb `decimal`: a mark, or table -> mark, or None."""
 
 
 def _fabrics(required: bool, text: str) -> Decorator:
@@ -78,7 +99,7 @@ class DataFiles:
     indentation_mm: float | None
     force_n: float | None
     compression: Path | None
-    decimal: str | None = None
+    decimal: Marks = None
     drop_zeros: bool = False
     wide: bool = False
     round_load: float | None = None
@@ -172,7 +193,7 @@ def reading_options(verb: Verb) -> Verb:
     def wrapped(
         fabrics: Path | None,
         columns: dict[str, str],
-        decimal: str | None,
+        decimal: Marks,
         indentation_mm: float | None,
         force_n: float | None,
         drop_zeros: bool,
@@ -195,7 +216,7 @@ class Touches:
     columns: Mapping[str, str]
     indentation_mm: tuple[float, ...]
     force_n: tuple[float, ...]
-    decimal: str | None = None
+    decimal: Marks = None
 
     @property
     def inputs(self) -> list[Path]:
@@ -289,7 +310,7 @@ def _touches(required: bool, fabrics_help: str, load_help: str) -> Decorator:
         def wrapped(
             fabrics: Path | None,
             columns: dict[str, str],
-            decimal: str | None,
+            decimal: Marks,
             indentation_mm: tuple[float, ...],
             force_n: tuple[float, ...],
             **others: Any,

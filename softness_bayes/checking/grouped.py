@@ -1,0 +1,69 @@
+"""Ratings under many loads, judged in groups of them: the loads of a result, and conditions taken together."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from softness_bayes.checking.quantities import Layout
+from softness_bayes.likelihood.design import Design
+from softness_bayes.touch.contact import Force, Indentation, Load
+from softness_bayes.touch.load_groups import LoadGroups, groups_of
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+FloatArray = NDArray[np.float64]
+IndexArray = NDArray[np.intp]
+
+
+def loads_in(constant: xr.Dataset) -> tuple[Load, ...]:
+    """Return the loads of the data, of the group `constant_data`."""
+    return tuple(
+        Indentation(float(depth) * 1e-3) if np.isfinite(depth) else Force(float(newton))
+        for depth, newton in zip(constant["indentation_mm"].values, constant["force_n"].values, strict=True)
+    )
+
+
+def groups_in(tree: xr.DataTree) -> LoadGroups:
+    """Return the groups of the loads of a result."""
+    return groups_of(loads_in(tree["constant_data"].to_dataset()))
+
+
+def merge(layout: Layout, of: IndexArray) -> tuple[Layout, IndexArray]:
+    """Return a layout whose conditions are fabrics under groups of loads, and the new condition of each old one.
+
+    Parameters
+    ----------
+    layout
+        Who rated what, under single loads.
+    of
+        Index of each load's group, which takes the load's place.
+    """
+    design = layout.design
+    code = of[layout.load] * design.n_fabrics + design.fabric
+    distinct, first, place = np.unique(code, return_index=True, return_inverse=True)
+    loads, fabrics = np.divmod(distinct, design.n_fabrics)
+    merged = Design(place[design.condition], design.participant, fabrics, design.n_participants)
+    return replace(layout, design=merged, modulus=layout.modulus[first], load=loads), place
+
+
+def averaged(layout: Layout, place: IndexArray, values: FloatArray) -> FloatArray:
+    """Return means over the ratings of each merged condition.
+
+    Parameters
+    ----------
+    layout
+        Who rated what, under single loads.
+    place
+        Merged condition of each condition, from `merge`.
+    values
+        Of the conditions, shape (..., conditions).
+    """
+    count = layout.design.cells.sum(axis=0)
+    weight = np.zeros((count.size, int(place.max()) + 1))
+    weight[np.arange(count.size), place] = count
+    return np.asarray(values @ (weight / weight.sum(axis=0)))

@@ -1,0 +1,70 @@
+"""Files of the working directory that advised commands may name: tables that can be read, and finished runs."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+
+from softness_bayes.errors import SoftnessError
+from softness_bayes.files.run_files import POSTERIOR
+
+MOST = 30
+"""Files, or directories, that are looked at."""
+
+LARGEST = 1_000_000
+"""Bytes of the largest table that is tried."""
+
+_TABLES = (".csv", ".tsv", ".txt", ".xlsx", ".parquet")
+
+
+def ratings_at_hand() -> str | None:
+    """Return the name of a table of ratings that can be sampled without another option, None if there is none."""
+    from softness_bayes.data import read_experiment
+
+    return _first(_tables("ratings.csv"), lambda path: len(read_experiment(path).ratings) > 0)
+
+
+def fabrics_at_hand() -> str | None:
+    """Return the name of a table of fabrics, None if there is none."""
+    from softness_bayes.data import Fabrics
+
+    return _first(_tables("fabrics.csv"), lambda path: len(Fabrics.read(path)) > 0)
+
+
+def runs_at_hand() -> list[str]:
+    """Return the names of directories with a finished run, `results` first."""
+    found = [entry.name for entry in _entries() if entry.is_dir() and os.path.isfile(Path(entry.path, POSTERIOR))]
+    return sorted(found, key=lambda name: (name != "results", name))
+
+
+def vacant(name: str) -> str:
+    """Return a name that nothing has yet, this one if it is free."""
+    return next(one for one in (name, *(f"{name}-{k}" for k in range(2, 10_000))) if not os.path.lexists(one))
+
+
+def _tables(usual: str) -> list[str]:
+    found = [
+        entry.name
+        for entry in _entries()
+        if entry.name.lower().endswith(_TABLES) and entry.is_file() and entry.stat().st_size <= LARGEST
+    ]
+    return sorted(found, key=lambda name: (name != usual, name))
+
+
+def _entries() -> Iterator[os.DirEntry[str]]:
+    try:
+        with os.scandir(".") as entries:
+            yield from sorted((one for one in entries if one.name[0] not in "-."), key=lambda one: one.name)[:MOST]
+    except OSError:
+        return
+
+
+def _first(names: Sequence[str], holds: Callable[[str], bool]) -> str | None:
+    for name in names:
+        try:
+            if holds(name):
+                return name
+        except (SoftnessError, OSError, ArithmeticError, ValueError):
+            continue
+    return None

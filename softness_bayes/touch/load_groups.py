@@ -1,0 +1,142 @@
+"""Groups of loads: many that were measured, taken together where tables are judged and results are shown."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from softness_bayes.defaults import MOST_SHOWN
+from softness_bayes.touch.contact import Force, Indentation, Load
+
+IntArray = NDArray[np.intp]
+
+NEAR = 1.3
+"""Largest ratio of two loads of a group, where that makes no more groups than are shown."""
+
+DIGITS = (3, 6, 12)
+"""Significant digits of the ends of groups: as few as tell them apart."""
+
+
+@dataclass(frozen=True)
+class LoadGroup:
+    """Several loads of a kind that are judged and shown as one.
+
+    Parameters
+    ----------
+    load
+        The one nearest to their geometric mean, at which curves are drawn.
+    name
+        The ends of the group, as in `0.93 to 1.06 N`.
+    """
+
+    load: Load
+    name: str
+
+    def __str__(self) -> str:
+        return self.name
+
+
+class LoadGroups(NamedTuple):
+    """The groups of some loads: each load alone if there are few."""
+
+    of: IntArray
+    """Index (loads,) of each load's group."""
+    at: IntArray
+    """Index (groups,) of the load that stands for each group."""
+    called: tuple[Load | LoadGroup, ...]
+    """Load, or group of several, whose text is the name of each."""
+
+    @property
+    def names(self) -> list[str]:
+        """Names of the groups, each another one."""
+        return [str(one) for one in self.called]
+
+    @property
+    def merged(self) -> bool:
+        """True if any group has several loads."""
+        return self.of.size > self.at.size
+
+    @property
+    def sentence(self) -> str:
+        """A note that loads are grouped; empty if they are not."""
+        count = self.at.size
+        return f"{self.of.size} loads in {count} group{'s' if count > 1 else ''}" if self.merged else ""
+
+
+def groups_of(loads: Sequence[Load], most: int = MOST_SHOWN) -> LoadGroups:
+    """Return each of a few loads alone, and many in groups of neighbours.
+
+    Neighbours are found on a logarithmic scale, for each kind of load, by complete linkage: members of a group differ
+    by less than `NEAR`, or by as little as a share of `most` groups allows.
+
+    Parameters
+    ----------
+    loads
+        Distinct loads, indentations first, each kind in rising order.
+    most
+        Largest number of groups.
+    """
+    count = len(loads)
+    if count <= most:
+        return LoadGroups(np.arange(count), np.arange(count), tuple(loads))
+    of = np.empty(count, dtype=np.intp)
+    at: list[int] = []
+    called: list[Load | LoadGroup] = []
+    kinds = [own for kind in (Indentation, Force) if (own := _of_kind(loads, kind)).size]
+    for own, groups in zip(kinds, _most_of([own.size for own in kinds], most), strict=True):
+        log = np.log([_value(loads[k]) for k in own])
+        members = [own[some] for some in _clusters(log, groups)]
+        names = _names([[loads[k] for k in some] for some in members])
+        for some, name in zip(members, names, strict=True):
+            of[some] = len(at)
+            middle = some[np.abs(log[some - own[0]] - log[some - own[0]].mean()).argmin()]
+            at.append(int(middle))
+            called.append(loads[middle] if some.size == 1 else LoadGroup(loads[middle], name))
+    return LoadGroups(of, np.array(at, dtype=np.intp), tuple(called))
+
+
+def _of_kind(loads: Sequence[Load], kind: type[Load]) -> IntArray:
+    return np.array([k for k, load in enumerate(loads) if isinstance(load, kind)], dtype=np.intp)
+
+
+def _value(load: Load) -> float:
+    """Return the depth [m] or the force [N]."""
+    return load.depth if isinstance(load, Indentation) else load.newton
+
+
+def _most_of(counts: Sequence[int], most: int) -> list[int]:
+    """Return the largest number of groups of each kind: few loads of one kind stay alone beside many of another."""
+    fair = max(1, most // len(counts))
+    left = most - sum(count for count in counts if count <= fair)
+    many = sum(count > fair for count in counts)
+    return [count if count <= fair else max(1, left // many) for count in counts]
+
+
+def _clusters(log: NDArray[np.float64], most: int) -> list[IntArray]:
+    """Return the indices of each cluster of rising values."""
+    from scipy.cluster.hierarchy import fcluster, linkage  # imported here because few tables need it
+
+    if log.size == 1:
+        return [np.array([0])]
+    tree = linkage(log[:, None], "complete")
+    found = fcluster(tree, math.log(NEAR), "distance")
+    if found.max() > most:
+        found = fcluster(tree, most, "maxclust")
+    starts = np.flatnonzero(np.r_[True, np.diff(found) != 0])
+    return np.split(np.arange(log.size), starts[1:])
+
+
+def _names(groups: Sequence[Sequence[Load]]) -> list[str]:
+    """Return the ends of each group with its unit, with as few digits as keep names apart."""
+    names: list[str] = []
+    for digits in DIGITS:
+        ends = [[type(load)(float(f"{_value(load):.{digits}g}")) for load in (one[0], one[-1])] for one in groups]
+        names = [f"{str(low).rpartition(' ')[0]} to {high}" for low, high in ends]
+        if len(set(names)) == len(names):
+            break
+    return names
