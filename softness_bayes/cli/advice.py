@@ -108,7 +108,8 @@ def _fabrics(match: re.Match[str], typed: Sequence[str]) -> list[str]:
     """Return the option that names a table of fabrics that is there, else the command that writes one."""
     if "--fabrics" in typed:
         return []
-    found = fabrics_at_hand()
+    data = typed[typed.index("--data") + 1] if "--data" in typed[:-1] else ""
+    found = fabrics_at_hand(data)
     return [PROGRAM, "new", vacant("my-study")] if found is None else ["--fabrics", found]
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
 from pathlib import Path
 
 from softness_bayes.errors import SoftnessError
@@ -25,11 +26,15 @@ def ratings_at_hand() -> str | None:
     return _first(_tables("ratings.csv"), lambda path: len(read_experiment(path).ratings) > 0)
 
 
-def fabrics_at_hand() -> str | None:
-    """Return the name of a table of fabrics, None if there is none."""
-    from softness_bayes.data import Fabrics
+def fabrics_at_hand(rated: str = "") -> str | None:
+    """Return the name of a table of fabrics, which has those of a table of ratings if one is named; else None."""
+    from softness_bayes.data import Fabrics, Ratings
 
-    return _first(_tables("fabrics.csv"), lambda path: len(Fabrics.read(path)) > 0)
+    names: set[str] = set()
+    for load in ({"indentation_mm": 2.0}, {}) if rated else ():
+        with suppress(SoftnessError, OSError):
+            names |= {*Ratings.read(rated, **load).fabrics}
+    return _first(_tables("fabrics.csv"), lambda path: names <= {*Fabrics.read(path).names})
 
 
 def runs_at_hand() -> list[str]:

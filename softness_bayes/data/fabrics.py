@@ -13,6 +13,7 @@ from softness_bayes.data.columns import (
     EFFECTIVE_MODULUS,
     EFFECTIVE_MODULUS_HIGH,
     EFFECTIVE_MODULUS_LOW,
+    MODULUS_SOURCES,
     POISSON_RATIO,
     SOLID,
     TENSILE_MODULUS,
