@@ -31,9 +31,9 @@ def fabrics_at_hand(rated: str = "") -> str | None:
     from softness_bayes.data import Fabrics, Ratings
 
     names: set[str] = set()
-    for load in ({"indentation_mm": 2.0}, {}) if rated else ():
+    for depth in (2.0, None) if rated else ():  # with a load for all, or loads of its own
         with suppress(SoftnessError, OSError):
-            names |= {*Ratings.read(rated, **load).fabrics}
+            names |= {*Ratings.read(rated, indentation_mm=depth).fabrics}
     return _first(_tables("fabrics.csv"), lambda path: names <= {*Fabrics.read(path).names})
 
 
