@@ -16,7 +16,7 @@ from softness_bayes.cli.advice import of_input, of_usage
 from softness_bayes.cli.interrupts import guarded, tell_kept
 from softness_bayes.cli.streams import open_closed_streams, tolerant_streams
 from softness_bayes.cli.terminal import visible_streams
-from softness_bayes.errors import NumericalError, ResourceError, SoftnessError
+from softness_bayes.errors import InputError, NumericalError, ResourceError, SoftnessError
 
 STARTED = time.monotonic()
 """Time [s] at which the command began, after Python itself had started."""
@@ -119,7 +119,8 @@ class VerbGroup(click.Group):
             if isinstance(error, (NumericalError, ResourceError)):
                 tell_kept()
             click.echo(f"error: {error}", err=True)
-            _advise(str(error), ctx)
+            if isinstance(error, InputError):
+                _advise(str(error), ctx)
             ctx.exit(error.exit_code)
         except MemoryError as error:
             tell_kept()

@@ -122,5 +122,5 @@ def missing_codes(texts: Sequence[str], values: FloatArray) -> list[int]:
     others = others[~np.isnan(others)]
     if not others.size:
         return []
-    limit = FAR * np.abs(others).max()
-    return [i for i in codes if abs(values[i]) >= limit or (values[i] < 0 <= others.min())]
+    largest = np.abs(others).max()  # it may be too large to be multiplied
+    return [i for i in codes if abs(values[i]) / FAR >= largest or (values[i] < 0 <= others.min())]

@@ -99,7 +99,8 @@ def test_errors_become_exit_codes(kind, monkeypatch, capsys):
     with pytest.raises(SystemExit) as stop:
         main(["check"])
     assert stop.value.code == kind.exit_code
-    assert capsys.readouterr().err == "error: what went wrong\n"
+    advice = "try: softness-bayes check --help\n" if issubclass(kind, InputError) else ""
+    assert capsys.readouterr().err == f"error: what went wrong\n{advice}"
 
 
 # check
@@ -167,7 +168,7 @@ def test_check_names_the_place_of_a_fault(files):
     assert done.stdout == ""
     assert done.stderr == (
         f"error: {ratings}: row 3, column 'indentation_mm': expected a number from 1e-06 to 8 "
-        "(a fingertip's radius is 8 mm), got 'one'\n"
+        "(a fingertip's radius is 8 mm), got 'one'\ntry: softness-bayes check --help\n"
     )
 
 
