@@ -160,11 +160,15 @@ class ResidualChecks:
     modulus_p_value: float = np.nan
     finger_check: str = ""
     finger_p_value: float = np.nan
+    noise_check: str = ""
+    noise_p_value: float = np.nan
+    noise_deviation: float = np.nan
 
     @property
     def sentences(self) -> tuple[str, ...]:
-        """Findings of the checks of exponents, fabrics and fingers; earlier versions did not check fingers."""
-        return tuple(said for said in (self.exponent_check, self.fabric_check, self.finger_check) if said)
+        """Findings of the checks of raters and fabrics; earlier versions did not check fingers and noise."""
+        found = self.exponent_check, self.noise_check, self.fabric_check, self.finger_check
+        return tuple(said for said in found if said)
 
 
 @dataclass(frozen=True)

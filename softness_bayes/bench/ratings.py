@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -9,10 +10,14 @@ import numpy as np
 from softness_bayes.bench.subject import BATCH, FABRICS, LOADS, PARTICIPANTS, Effort, Subject, quickest
 from softness_bayes.data import Experiment
 from softness_bayes.likelihood.error_laws import ERROR_LAWS, NORMAL, ErrorLaw
+from softness_bayes.likelihood.own_answers import OWN_ANSWERS
 from softness_bayes.model.build import build
 from softness_bayes.model.scenes import usual_values
 from softness_bayes.model.simulation import simulate_ratings
 from softness_bayes.touch.readings import MENDED
+
+SPREAD = 0.25
+"""Spread of raters' log exponents and log noise, where they have their own."""
 
 
 class Integrated(NamedTuple):
@@ -30,7 +35,7 @@ class Integrated(NamedTuple):
 
 
 def rating_models(subject: Subject, effort: Effort) -> list[Integrated]:
-    """Return time and error of exact and of rounded ratings, under every error law.
+    """Return time and error of exact and of rounded ratings under every error law, and with raters' own answers.
 
     Parameters
     ----------
@@ -46,15 +51,20 @@ def rating_models(subject: Subject, effort: Effort) -> list[Integrated]:
         for step in (0.0, 1.0):
             if step or law is not NORMAL:
                 found.append(_measured(subject, law, step, seconds, effort))
+    for differ in (("gamma",), ("varsigma",), ("gamma", "varsigma")):
+        found.append(_measured(subject, NORMAL, 0.0, seconds, effort, differ))
     return found
 
 
-def _measured(subject: Subject, law: ErrorLaw, step: float, closed: float, effort: Effort) -> Integrated:
-    given = usual_values(MENDED, given={"sigma_0": 7.0})
+def _measured(
+    subject: Subject, law: ErrorLaw, step: float, closed: float, effort: Effort, differ: tuple[str, ...] = ()
+) -> Integrated:
+    spreads = {OWN_ANSWERS[name]: SPREAD for name in differ}
+    given = usual_values(MENDED, given={"sigma_0": 7.0, **spreads})
     made = simulate_ratings(
         np.random.default_rng(1), FABRICS, LOADS, given, participants=PARTICIPANTS, errors=law, resolution=step
     )
-    options = subject.model.options.decide(errors=law)
+    options = replace(subject.model.options.decide(errors=law), individual=differ)
     posterior = build(Experiment(made.ratings, FABRICS, ()), options).posterior
     rng, space = np.random.default_rng(2), posterior.space
     truth = np.array([made.truth[name] for name in posterior.names])
@@ -66,4 +76,5 @@ def _measured(subject: Subject, law: ErrorLaw, step: float, closed: float, effor
     far = far[value > posterior.log_likelihood(truth[None])[0] - 1000.0]
     errors = [np.abs(posterior.log_likelihood(one) - finer.log_likelihood(one)).max(initial=0.0) for one in (near, far)]
     numbers = "whole numbers" if step else "exact"
-    return Integrated(f"{numbers}, {law.name}", seconds, seconds / closed, *map(float, errors))
+    name = f"{numbers}, own {' and '.join(differ)}" if differ else f"{numbers}, {law.name}"
+    return Integrated(name, seconds, seconds / closed, *map(float, errors))

@@ -46,10 +46,10 @@ LOO_PIT, PARETO_K = "loo_pit", "loo_pareto_k"
 """Variables of the group `constant_data`: each rating's LOO-PIT value, and Pareto k of its importance weights."""
 
 CONDITIONS, FABRICS = "deviations of mean ratings", "fabrics' own deviations"
-EXPONENTS, PIT = "participants' own exponents", "LOO-PIT"
+EXPONENTS, NOISE, PIT = "participants' own exponents", "participants' own noise", "LOO-PIT"
 ALONG, FINGERS = "deviations along the response's slope", "raters' deviations along the skin's slope"
 """Checks of residuals at draws of the posterior, beside the test quantities."""
-ONE_SIDED = (CONDITIONS, FABRICS, EXPONENTS, ALONG, FINGERS, PIT)
+ONE_SIDED = (CONDITIONS, FABRICS, EXPONENTS, NOISE, ALONG, FINGERS, PIT)
 """Those whose p-value is the probability of larger deviations: a large one means that there are few, not a fault."""
 
 PIT_POINTS = np.arange(1, 100) / 100
@@ -112,6 +112,7 @@ def check_table(tree: xr.DataTree) -> pd.DataFrame:
         (CONDITIONS, of.condition_deviation, of.condition_p_value),
         (FABRICS, of.fabric_deviation, of.fabric_p_value),
         (EXPONENTS, of.exponent_deviation, of.exponent_p_value),
+        *([(NOISE, of.noise_deviation, of.noise_p_value)] if of.noise_check else []),
         (ALONG, np.nan, of.modulus_p_value),
         *([(FINGERS, np.nan, of.finger_p_value)] if of.finger_check else []),
     ):

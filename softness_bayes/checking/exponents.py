@@ -24,16 +24,26 @@ class ExponentSpread(NamedTuple):
     deviation: float
     """Standard deviation of participants' own exponents that the excess amounts to."""
 
-    @property
-    def sentence(self) -> str:
-        """Say whether exponents differ, in one line."""
+    def sentence(self, individual: bool = False, remedy: bool = True) -> str:
+        """Say whether exponents differ, in one line.
+
+        Parameters
+        ----------
+        individual
+            Whether the model has exponents of the raters' own.
+        remedy
+            Whether a model that has them may be asked for.
+        """
+        more = " more than the model says" if individual else ""
         if np.isnan(self.p_value):
             return "participants: exponents cannot be compared, because the response varies for no participant"
         if self.p_value >= 0.05:
-            return f"participants: no evidence that their exponents differ (p = {self.p_value:.2g})"
+            return f"participants: no evidence that their exponents differ{more} (p = {self.p_value:.2g})"
+        advice = ": --individual gamma gives each one of their own" if remedy else ""
         return (
-            f"participants: their exponents differ by about {self.deviation:.2g} (standard deviation), more than noise "
-            f"explains (p = {self.p_value:.2g}); the model assumes one exponent for all"
+            f"participants: their exponents differ by about {self.deviation:.2g} (standard deviation), more than "
+            f"{'the model says' if individual else 'noise explains'} (p = {self.p_value:.2g})"
+            + ("" if individual else f"; the model assumes one exponent for all{advice}")
         )
 
 

@@ -1,12 +1,14 @@
-"""Posterior of raters' own fingers beside the population's, from the groups of a result."""
+"""Posterior of raters' own fingers and answers beside the population's, from the groups of a result."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from softness_bayes.likelihood.own_answers import EFFECT_OF_ANSWER, OWN_ANSWERS
 from softness_bayes.likelihood.ratings import SKIN
 from softness_bayes.parameters.declared import PARAMETERS
 from softness_bayes.touch.finger_grid import EFFECT_OF, SPREAD_OF
@@ -21,7 +23,7 @@ PROBABILITY = 0.9
 """Share of the draws within the limits."""
 
 POPULATION = "population"
-"""Row of the table for a finger drawn from the population."""
+"""Row of the table for a rater drawn from the population."""
 
 
 def finger_table(tree: xr.DataTree) -> pd.DataFrame | None:
@@ -40,10 +42,31 @@ def finger_table(tree: xr.DataTree) -> pd.DataFrame | None:
         ratio, the rater's median over that of the typical finger; and pressed, whether forces of a plate on this
         rater's finger tell of the quantity, beside the ratings.
     """
+    return _table(tree, EFFECT_OF, SPREAD_OF)
+
+
+def answer_table(tree: xr.DataTree) -> pd.DataFrame | None:
+    """Return what the ratings say of each rater's exponent and noise; None if all raters have the typical ones.
+
+    Parameters
+    ----------
+    tree
+        The groups of a result.
+
+    Returns
+    -------
+    DataFrame
+        As `finger_table`, of gamma and varsigma, of which no force tells: without `pressed`.
+    """
+    table = _table(tree, EFFECT_OF_ANSWER, OWN_ANSWERS)
+    return None if table is None else table.drop(columns="pressed")
+
+
+def _table(tree: xr.DataTree, effects: Mapping[str, str], spreads: Mapping[str, str]) -> pd.DataFrame | None:
     import pandas as pd
 
     posterior = tree["posterior"].to_dataset()
-    names = [name for name, effect in EFFECT_OF.items() if effect in posterior]
+    names = [name for name, effect in effects.items() if effect in posterior]
     if not names:
         return None
     people, rows = posterior["participant"].values.astype(str), []
@@ -51,9 +74,9 @@ def finger_table(tree: xr.DataTree) -> pd.DataFrame | None:
     rng = np.random.default_rng(0)
     for name in names:
         typical = _drawn(tree, posterior, name)
-        spread = _drawn(tree, posterior, SPREAD_OF[name])
+        spread = _drawn(tree, posterior, spreads[name])
         anyone = spread * rng.standard_normal(np.broadcast_shapes(typical.shape, spread.shape))
-        own = posterior[EFFECT_OF[name]].values.reshape(-1, people.size)
+        own = posterior[effects[name]].values.reshape(-1, people.size)
         columns = {POPULATION: anyone, **dict(zip(people.tolist(), own.T, strict=True))}
         pressed = set(fingers) if name in SKIN else set()
         rows += [{**_row(who, name, typical, own), "pressed": who in pressed} for who, own in columns.items()]
@@ -66,7 +89,7 @@ def _drawn(tree: xr.DataTree, posterior: xr.Dataset, name: str) -> Array:
 
 
 def _row(who: str, name: str, typical: Array, deviation: Array) -> dict[str, Any]:
-    # b and sigma_0 deviate in the logarithm, m in its own unit
+    # m alone deviates in its own unit, all others in the logarithm
     value = np.maximum(typical + deviation, 0.0) if name == "m" else typical * np.exp(deviation)
     tail = 0.5 * (1.0 - PROBABILITY)
     low, median, high = np.quantile(value, [tail, 0.5, 1.0 - tail]).tolist()
@@ -76,12 +99,12 @@ def _row(who: str, name: str, typical: Array, deviation: Array) -> dict[str, Any
 
 
 def finger_sentences(table: pd.DataFrame) -> list[str]:
-    """Say how far raters' fingers differ, without their names, which a report may hide.
+    """Say how far raters' fingers or answers differ, without their names, which a report may hide.
 
     Parameters
     ----------
     table
-        From `finger_table`.
+        From `finger_table` or `answer_table`.
     """
     said = []
     for name, part in table.groupby(level="quantity", sort=False):

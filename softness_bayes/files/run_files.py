@@ -25,6 +25,9 @@ MODULUS_ERRORS = "modulus_errors"
 FINGERS = "rater_fingers"
 """The table of raters' own fingers, if they differ."""
 
+ANSWERS = "rater_answers"
+"""The table of raters' own exponents and noise, if they differ."""
+
 RATERS = "raters"
 """The table of raters with their covariates, if there are any."""
 
@@ -38,6 +41,7 @@ TABLES: Mapping[str, str | list[str]] = {
     MODULI: "fabric",
     MODULUS_ERRORS: "quantity",
     FINGERS: ["participant", "quantity"],
+    ANSWERS: ["participant", "quantity"],
     RATERS: "participant",
 }
 """Further tables of a result by the name of their file, with the columns that identify a row."""

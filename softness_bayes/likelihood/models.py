@@ -20,6 +20,7 @@ from softness_bayes.likelihood.load_errors import LoadErrors
 from softness_bayes.likelihood.magnitude import LogRatings, RatingModel
 from softness_bayes.likelihood.orders import OrderModel, OrderRatings
 from softness_bayes.likelihood.own import require_model
+from softness_bayes.likelihood.own_answers import OwnAnswers
 from softness_bayes.likelihood.pairs import PairModel, PairRatings
 from softness_bayes.likelihood.plate import CompressionForces
 from softness_bayes.likelihood.ratings import RatingsLikelihood, RatingsModel
@@ -81,6 +82,7 @@ LIKELIHOODS: tuple[type[Likelihood], ...] = (
     UncertainLoads,
     SharedLoads,
     IndividualRatings,
+    OwnAnswers,
     StandardisedRatings,
     AggregatedRatings,
     RaterSpreads,

@@ -67,6 +67,10 @@ class RatingParameters(NamedTuple):
     gap_8: ArrayLike = 0.0
     gap_9: ArrayLike = 0.0
     gap_10: ArrayLike = 0.0
+    tau_gamma: ArrayLike = 0.0
+    """Spread of raters' ln gamma [-]."""
+    tau_varsigma: ArrayLike = 0.0
+    """Spread of raters' ln varsigma [-]."""
 
     @classmethod
     def among(cls, values: Mapping[str, ArrayLike]) -> RatingParameters:

@@ -22,6 +22,7 @@ from softness_bayes.likelihood.orders import shares
 from softness_bayes.likelihood.places import MOST_TIED
 from softness_bayes.likelihood.scales import AGGREGATED, CATEGORIES, MAGNITUDE, PAIRS, RANKS, SLIDER, STANDARDISED
 from softness_bayes.likelihood.stated import Stated
+from softness_bayes.model.individual import differing
 from softness_bayes.model.options import ModelOptions
 from softness_bayes.ranges import CATEGORIES_RANGE
 from softness_bayes.touch.load_groups import groups_of
@@ -329,7 +330,7 @@ def _closed_form_alone(ratings: Ratings, options: ModelOptions) -> str:
     if options.scale is AGGREGATED:
         return "means of several raters"
     if options.individual:
-        return "raters' own fingers (--individual)"
+        return f"raters' {differing(options.individual)} (--individual)"
     if ratings.load_log_sd(options.load_cv).any():
         return "errors of loads (load_cv)"
     if options.shared_load_cv:

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from softness_bayes.checking import direction
+from softness_bayes.checking.checks import FABRIC_SPREAD
 from softness_bayes.checking.grouped import averaged, merge
 from softness_bayes.checking.quantities import Layout
 from softness_bayes.data import Compression, Experiment, Ratings
@@ -20,6 +21,7 @@ from softness_bayes.likelihood.individual import IndividualModel
 from softness_bayes.likelihood.load_errors import LoadErrors
 from softness_bayes.likelihood.models import rating_model, under_shared_loads, under_uncertain_loads
 from softness_bayes.likelihood.own import try_likelihood
+from softness_bayes.likelihood.own_answers import OwnAnswersModel
 from softness_bayes.likelihood.plate import CompressionForces
 from softness_bayes.likelihood.ratings import SKIN, RatingParameters, RatingsLikelihood, RatingsModel
 from softness_bayes.likelihood.scales import MAGNITUDE, STANDARDISED
@@ -27,7 +29,7 @@ from softness_bayes.likelihood.spreads import RaterSpreads, SpreadModel
 from softness_bayes.model.as_given import AsGiven, as_given
 from softness_bayes.model.fabric_moduli import fabric_moduli
 from softness_bayes.model.fingers import box_of_priors, require_one_source
-from softness_bayes.model.individual import family_of, grid_of, spreads_of
+from softness_bayes.model.individual import answers_of, differing, family_of, fingers_of, grid_of, spreads_of
 from softness_bayes.model.options import ModelOptions
 from softness_bayes.model.other_loads import beside, touched_in
 from softness_bayes.model.posterior import Density, Posterior
@@ -118,15 +120,23 @@ def build(experiment: Experiment, options: ModelOptions = ModelOptions()) -> Exp
     ------
     InputError
         If a rating does not suit the scale, the options name what does not exist, the model cannot reach the
-        accuracy, or raters' own fingers are asked for where there is one rater only.
+        accuracy, or raters' own fingers or answers are asked for where there is one rater only.
     """
     require_kind("experiment", experiment, Experiment, "an Experiment, as read_experiment returns it")
     require_kind("options", options, ModelOptions, "ModelOptions")
     if options.direction is FREE and options.scale is STANDARDISED:
         raise InputError(f"direction: {FREE.name} needs magnitude estimates, not {options.scale.name} ratings")
     if options.individual and len(experiment.ratings.participants) < 2:
-        raise InputError("individual: there is one participant only, whose finger is the typical one; leave it out")
-    if options.individual and (freed := sorted(SHAPE_PARAMETERS.keys() & options.priors.keys())):
+        raise InputError(
+            f"individual: there is one participant only, whose {differing(options.individual)[4:]} cannot be told from "
+            "the typical one's; leave it out"
+        )
+    if answers_of(options.individual) and FABRIC_SPREAD in options.priors:
+        raise InputError(
+            f"individual: raters' {differing(options.individual)} and fabrics' own deviations (a prior of omega) can "
+            "not be combined: leave one of them out, and compare the two runs"
+        )
+    if fingers_of(options.individual) and (freed := sorted(SHAPE_PARAMETERS.keys() & options.priors.keys())):
         raise InputError(f"individual: raters' own fingers and a prior of {freed[0]} cannot be combined")
     given = as_given(experiment.ratings, options)
     if options.errors is None:
@@ -148,7 +158,7 @@ def build(experiment: Experiment, options: ModelOptions = ModelOptions()) -> Exp
     observation = _with_load_errors(observation, experiment, options)
     if observation.load_errors is not None:
         others = scene.under(*beside(touched_in(experiment.ratings), observation.load_errors))
-    if options.individual:
+    if fingers_of(options.individual):
         fingers = family_of(scene, grid_of(options.individual))
     plates = () if experiment.compression is None else (forces_of(experiment.compression, options),)
     if plates:
@@ -176,7 +186,8 @@ def _with_load_errors(observed: RatingsLikelihood, experiment: Experiment, optio
     """
     log_sd, shared = experiment.ratings.load_log_sd(options.load_cv), options.shared_load_cv or 0.0
     if options.individual and (log_sd.any() or shared):
-        raise InputError("individual: raters' own fingers and errors of loads (load_cv) cannot be combined")
+        what = differing(options.individual)
+        raise InputError(f"individual: raters' {what} and errors of loads (load_cv) cannot be combined")
     if log_sd.any() and shared:
         raise InputError(
             "shared_load_cv: errors that all ratings of a load share and errors of each rating's own load (load_cv) "
@@ -284,7 +295,7 @@ def _model_of(options: ModelOptions, given: AsGiven, direction: RatingDirection 
     Raises
     ------
     InputError
-        If ratings of this scale have no model of raters' own fingers.
+        If ratings of this scale have no model of raters' own fingers or answers.
     """
     if not options.individual:
         assert options.errors is not None
@@ -292,7 +303,10 @@ def _model_of(options: ModelOptions, given: AsGiven, direction: RatingDirection 
         model = replace(model, categories=given.categories) if given.categories else model
         return replace(model, raters=given.raters) if given.raters else model
     if options.scale is not MAGNITUDE:
-        raise InputError(f"individual: raters' own fingers need magnitude estimates, not {options.scale.name} ratings")
+        what = differing(options.individual)
+        raise InputError(f"individual: raters' {what} need magnitude estimates, not {options.scale.name} ratings")
+    if answers := answers_of(options.individual):
+        return OwnAnswersModel(direction, differ=answers)
     return IndividualModel(direction, grid=grid_of(options.individual))
 
 

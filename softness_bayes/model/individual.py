@@ -1,4 +1,4 @@
-"""Raters with fingers of their own: what differs, and the grids that this is integrated over (model.md 9)."""
+"""Raters with fingers or answers of their own: what differs, and the grids of fingers (model.md 9)."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 
 from softness_bayes.errors import InputError
+from softness_bayes.likelihood.own_answers import OWN_ANSWERS
 from softness_bayes.touch.finger_family import FingerFamily
 from softness_bayes.touch.finger_grid import SPREAD_OF, FingerGrid
 from softness_bayes.touch.scene import Scene
@@ -27,20 +28,42 @@ FINER_RESPONSE_NODES, FINER_SKIN_NODES = 40, 24
 
 
 def require_individual(names: Sequence[str]) -> None:
-    """Refuse names of what cannot differ between raters, and repetitions.
+    """Refuse names of what cannot differ between raters, repetitions, and fingers beside answers.
 
     Raises
     ------
     InputError
         Naming what is expected.
     """
-    if len(set(names)) < len(names) or not SPREAD_OF.keys() >= set(names):
-        raise InputError(f"individual is {','.join(names)}, expected some of {', '.join(SPREAD_OF)}, each once")
+    known = {**SPREAD_OF, **OWN_ANSWERS}
+    if len(set(names)) < len(names) or not known.keys() >= set(names):
+        raise InputError(f"individual is {','.join(names)}, expected some of {', '.join(known)}, each once")
+    if fingers_of(names) and answers_of(names):
+        raise InputError(
+            f"individual is {','.join(names)}: raters' own fingers ({', '.join(SPREAD_OF)}) and their own answers "
+            f"({', '.join(OWN_ANSWERS)}) cannot be combined; let some of one kind differ, and compare the two runs"
+        )
+
+
+def fingers_of(names: Sequence[str]) -> tuple[str, ...]:
+    """Return what differs between raters' fingers."""
+    return tuple(name for name in names if name in SPREAD_OF)
+
+
+def answers_of(names: Sequence[str]) -> tuple[str, ...]:
+    """Return what differs between raters' answers, their exponents and noise."""
+    return tuple(name for name in OWN_ANSWERS if name in names)
+
+
+def differing(names: Sequence[str]) -> str:
+    """Return in words what differs between raters."""
+    words = {"gamma": "exponents", "varsigma": "noise"}
+    return f"own {' and '.join(words[name] for name in answers_of(names)) or 'fingers'}"
 
 
 def spreads_of(names: Sequence[str]) -> tuple[str, ...]:
     """Return the names of the spreads of what differs."""
-    return tuple(SPREAD_OF[name] for name in names)
+    return tuple({**SPREAD_OF, **OWN_ANSWERS}[name] for name in names)
 
 
 def grid_of(names: Sequence[str]) -> FingerGrid:

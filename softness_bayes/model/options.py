@@ -16,7 +16,7 @@ from softness_bayes.likelihood.directions import RatingDirection, direction_name
 from softness_bayes.likelihood.error_laws import NORMAL, ErrorLaw, error_law_named
 from softness_bayes.likelihood.scales import MAGNITUDE, Scale, name_of_scale, require_name, scale_named
 from softness_bayes.model.fingers import finger_of, values_of
-from softness_bayes.model.individual import require_individual
+from softness_bayes.model.individual import answers_of, require_individual
 from softness_bayes.parameters.fabric_moduli import UNKNOWN_MODULUS, require_law
 from softness_bayes.parameters.priors import Prior, as_prior, as_priors, parse_prior, require_storable
 from softness_bayes.ranges import CATEGORIES_RANGE, LOAD_ERRORS, RELATIVE_ERRORS, RESOLUTIONS, SHARED_LOAD_ERRORS
@@ -71,8 +71,8 @@ class ModelOptions:
     shared_load_cv
         Relative standard error of each load that all its ratings share; 0 or None if there is none.
     individual
-        What differs between raters' own fingers, some of b, m and sigma_0, each with a sampled spread; by default all
-        raters have the typical finger.
+        What differs between raters, each with a sampled spread: of their fingers some of b, m and sigma_0, or of their
+        answers gamma (the exponent), varsigma (the noise) or both; by default all raters have the typical ones.
     errors
         Law of the errors of ratings; None for the one that the table's residuals show.
     resolution
@@ -234,7 +234,7 @@ class ModelOptions:
             **({"finger": str(self.finger)} if self.finger != Finger() else {}),
             **({"load_cv": str(self.load_cv)} if self.load_cv else {}),
             **({"shared_load_cv": str(self.shared_load_cv)} if self.shared_load_cv else {}),
-            **({"raters' own fingers": ", ".join(self.individual)} if self.individual else {}),
+            **({f"raters' {_kind(self.individual)}": ", ".join(self.individual)} if self.individual else {}),
             **({} if self.errors in (None, NORMAL) else {"errors": self.errors.name}),
             **({} if self.resolution is None else {"resolution": str(self.resolution)}),
             **({} if self.slider_ends == (0.0, 1.0) else {"slider_ends": str(self.slider_ends)}),
@@ -242,3 +242,7 @@ class ModelOptions:
             "noise": str(self.noise),
             "discretisation": str(self.discretisation),
         }
+
+
+def _kind(names: tuple[str, ...]) -> str:
+    return "own answers" if answers_of(names) else "own fingers"

@@ -13,7 +13,7 @@ from softness_bayes.errors import InputError
 from softness_bayes.kinds import require_kind, require_mapping
 from softness_bayes.model.fingers import box_of_values
 from softness_bayes.parameters.choice import parameter_space
-from softness_bayes.parameters.declared import ERROR_PARAMETERS, EVERY_PARAMETER, SHAPE_PARAMETERS
+from softness_bayes.parameters.declared import ANSWER_PARAMETERS, ERROR_PARAMETERS, EVERY_PARAMETER, SHAPE_PARAMETERS
 from softness_bayes.parameters.fabric_moduli import FabricModuli
 from softness_bayes.touch.contact import Finger, FingerBox, Load
 from softness_bayes.touch.neuron.fixed_channels import Firing, FixedChannels
@@ -63,6 +63,7 @@ def usual_values(
         n_fingers=n_fingers,
         membrane=readings.membrane,
         of_errors=ERROR_PARAMETERS.keys() & (given or {}).keys(),
+        spreads=ANSWER_PARAMETERS.keys() & (given or {}).keys(),
     )
     return {name: float(value) for name, value in space.values(space.median).items()}
 

@@ -19,6 +19,7 @@ from softness_bayes.likelihood.design import Design
 from softness_bayes.likelihood.directions import RISES, RatingDirection
 from softness_bayes.likelihood.error_laws import GUMBEL, NORMAL, ErrorLaw
 from softness_bayes.likelihood.models import UNDER_UNCERTAIN_LOADS, rating_model
+from softness_bayes.likelihood.own_answers import OWN_ANSWERS, OwnAnswersModel
 from softness_bayes.likelihood.ratings import OF_FORCES, RatingParameters
 from softness_bayes.likelihood.scales import (
     AGGREGATED,
@@ -94,7 +95,8 @@ def simulate_ratings(
     fabrics, loads
         What is rated.
     values
-        Every parameter, in natural units (see `usual_values`).
+        Every parameter, in natural units (see `usual_values`); with `tau_gamma` or `tau_varsigma` raters have exponents
+        or noise of their own.
     readings
         Readings of the model.
     participants
@@ -138,7 +140,7 @@ def simulate_ratings(
     _require_of_scale(scale, resolution, load_cv)
     _require_ranges(participants, participants * len(fabrics) * len(loads), missing, mu)
     _require_averaged(scale, participants, missing)
-    model = _model_of(scale, direction, errors, categories)
+    model = _model_of(scale, direction, errors, categories, differing_in(values))
     levels = _levels(model, scale, mu, slope)
     scene = scene_of(fabrics, loads, values, readings, discretisation=discretisation, finger=finger)
     rate = scene.total_rate(touch_parameters(values))
@@ -174,7 +176,9 @@ def simulate_ratings(
     return Simulation(ratings, _truth(model, values, drawn), effect, responses)
 
 
-def _model_of(scale: Scale, direction: RatingDirection, errors: ErrorLaw, categories: int | None) -> Any:
+def _model_of(
+    scale: Scale, direction: RatingDirection, errors: ErrorLaw, categories: int | None, differ: tuple[str, ...]
+) -> Any:
     """Return the rating model; of single raters where their means are asked for.
 
     Normal errors stand for Gumbel's where participants put fabrics in order.
@@ -182,8 +186,16 @@ def _model_of(scale: Scale, direction: RatingDirection, errors: ErrorLaw, catego
     Raises
     ------
     InputError
-        If a number of categories is given for another scale, or out of range.
+        If a number of categories is given for another scale, or out of range; or spreads of raters' exponents or noise
+        where they have no model.
     """
+    if differ:
+        if scale is not MAGNITUDE or errors != NORMAL:
+            raise InputError(
+                f"simulate: {', '.join(OWN_ANSWERS[name] for name in differ)} for {scale.name} ratings with "
+                f"{errors.name} errors, expected them for magnitude estimates with normal errors alone"
+            )
+        return OwnAnswersModel(direction, differ=differ)
     model: Any = rating_model(scale, direction, GUMBEL if scale is RANKS and errors == NORMAL else errors)
     if scale is AGGREGATED:
         model = model.of_one_rater
@@ -193,6 +205,11 @@ def _model_of(scale: Scale, direction: RatingDirection, errors: ErrorLaw, catego
         raise InputError(f"simulate: {categories} categories, expected none for {scale.name} ratings")
     CATEGORIES_RANGE.require("simulate: number of categories", categories)
     return replace(model, categories=categories)
+
+
+def differing_in(values: Mapping[str, float]) -> tuple[str, ...]:
+    """Return what differs between raters' answers at some values of the parameters."""
+    return tuple(name for name, spread in OWN_ANSWERS.items() if values.get(spread, 0.0) > 0)
 
 
 def _crossed(scene: Scene, participants: int) -> Design:

@@ -10,6 +10,7 @@ import numpy as np
 from softness_bayes.errors import InputError
 from softness_bayes.kinds import require_mapping
 from softness_bayes.parameters.declared import (
+    ANSWER_PARAMETERS,
     ERROR_PARAMETERS,
     EVERY_PARAMETER,
     FINGER_PARAMETERS,
@@ -74,7 +75,7 @@ def parameter_space(
         Reading of the membrane, whose firing-rate surface limits alpha and the channel multipliers. The multiplier of
         a channel that it does not have is held.
     spreads
-        The `FINGER_PARAMETERS` of ratings: spreads of raters' own fingers.
+        The `FINGER_PARAMETERS` of ratings: spreads of raters' own fingers; or `ANSWER_PARAMETERS`.
     of_errors
         The `ERROR_PARAMETERS` of the law of ratings' errors.
     signed
@@ -90,7 +91,7 @@ def parameter_space(
     fix, priors = dict(fix or {}), as_priors(priors or {})
     freed = set(free) | set(priors)
     absent = {*absent, *(FINGER_PARAMETERS.keys() - {*(PLATE_PARAMETERS if n_fingers else ()), *spreads})}
-    absent |= ERROR_PARAMETERS.keys() - {*of_errors}
+    absent |= (ERROR_PARAMETERS.keys() - {*of_errors}) | (ANSWER_PARAMETERS.keys() - {*spreads})
     _require_free_to_choose(freed, fix, absent, prior_set)
     absent |= SHAPE_PARAMETERS.keys() - freed
     forced = _not_identifiable(freed, n_participants, n_fingers, membrane)

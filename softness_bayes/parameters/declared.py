@@ -147,6 +147,26 @@ FINGER_PARAMETERS: Mapping[str, Parameter] = MappingProxyType(
 PLATE_PARAMETERS = ("tau_b", "tau_m", "varsigma_f")
 """Those of them that compression data have."""
 
+ANSWER_PARAMETERS: Mapping[str, Parameter] = MappingProxyType(
+    {
+        parameter.name: parameter
+        for parameter in (
+            Parameter(
+                "tau_gamma", r"$\tau_\gamma$", "–", "spread of raters' log gamma", HalfNormal(0.3), range=_SPREAD
+            ),
+            Parameter(
+                "tau_varsigma",
+                r"$\tau_\varsigma$",
+                "–",
+                "spread of raters' log varsigma",
+                HalfNormal(0.5),
+                range=_SPREAD,
+            ),
+        )
+    }
+)
+"""Spreads of raters' own exponents and noise."""
+
 ERROR_PARAMETERS: Mapping[str, Parameter] = MappingProxyType(
     {
         parameter.name: parameter
@@ -172,7 +192,7 @@ ERROR_PARAMETERS: Mapping[str, Parameter] = MappingProxyType(
 """Parameters of the laws of errors that are not normal, and of the ends of categories."""
 
 EVERY_PARAMETER: Mapping[str, Parameter] = MappingProxyType(
-    {**PARAMETERS, **SHAPE_PARAMETERS, **ERROR_PARAMETERS, **FINGER_PARAMETERS}
+    {**PARAMETERS, **SHAPE_PARAMETERS, **ERROR_PARAMETERS, **ANSWER_PARAMETERS, **FINGER_PARAMETERS}
 )
 """All parameters that a run may sample, by name."""
 

@@ -19,7 +19,10 @@ from softness_bayes.checking.force_exponent import check_exponent
 from softness_bayes.checking.inflection import LEAST_DROP, curve_scene
 from softness_bayes.checking.loo_pit import loo_pit
 from softness_bayes.checking.modulus_errors import STEP, check_moduli
+from softness_bayes.checking.noise_check import check_noise
 from softness_bayes.data import Experiment
+from softness_bayes.likelihood.own_answers import EFFECT_OF_ANSWER
+from softness_bayes.likelihood.scales import MAGNITUDE
 from softness_bayes.model.other_fingers import skin_slope
 from softness_bayes.model.other_moduli import drive_slope
 from softness_bayes.model.posterior import Posterior
@@ -220,6 +223,9 @@ def _checks(draws: RatedDraws, error: float, exactness: Exactness) -> dict[str, 
     moduli = check_moduli(draws.ratings, few.mean_rate, slope, few.parameters, few.effects)
     skin = skin_slope(draws.posterior, few.theta, few.parameters, SKIN_STEP)
     fingers = check_fingers(draws.ratings, few.mean_rate, skin, few.parameters, few.effects)
+    noise = check_noise(draws.ratings, few.mean_rate, few.parameters, few.effects)
+    differing = [name for name, effect in EFFECT_OF_ANSWER.items() if effect in draws.model.named_effects(few.effects)]
+    may_differ = draws.model.scale is MAGNITUDE
     residuals = ResidualChecks(
         fabric_check=check.sentence(_condition_names(draws.experiment)),
         fabric_p_value=check.p_value,
@@ -227,13 +233,16 @@ def _checks(draws: RatedDraws, error: float, exactness: Exactness) -> dict[str, 
         condition_p_value=check.condition_p_value,
         condition_deviation=check.condition_deviation,
         condition_noticed=check.noticed,
-        exponent_check=exponents.sentence,
+        exponent_check=exponents.sentence("gamma" in differing, may_differ),
         exponent_p_value=exponents.p_value,
         exponent_deviation=exponents.deviation,
         modulus_check=moduli.sentence(draws.posterior.space.moduli is None),
         modulus_p_value=moduli.p_value,
         finger_check=fingers.sentence(draws.posterior.fingers is not None),
         finger_p_value=fingers.p_value,
+        noise_check=noise.sentence("varsigma" in differing, may_differ),
+        noise_p_value=noise.p_value,
+        noise_deviation=noise.deviation,
     )
     errors = NumericalErrors(
         numerical_error=error,

@@ -20,7 +20,7 @@ from softness_bayes.checking.turning_points import turning_table
 from softness_bayes.data.columns import LOAD_CV
 from softness_bayes.errors import InputError
 from softness_bayes.files.outputs import write_outputs
-from softness_bayes.files.run_files import FINGERS, MODULI, MODULUS_ERRORS, POSTERIOR, RUN, SUMMARY, TABLES
+from softness_bayes.files.run_files import ANSWERS, FINGERS, MODULI, MODULUS_ERRORS, POSTERIOR, RUN, SUMMARY, TABLES
 from softness_bayes.files.spreadsheet import csv_of
 from softness_bayes.kinds import require_kind
 from softness_bayes.likelihood.scales import Scale
@@ -160,7 +160,7 @@ class Result(Answers):
         """Return what the data determine and what they leave open, a sentence each: parameters, then combinations."""
         from softness_bayes.checking.identifiability import direction_sentences, information_sentences
 
-        kinds = {MODULI: modulus_sentences, FINGERS: finger_sentences}
+        kinds = {MODULI: modulus_sentences, FINGERS: finger_sentences, ANSWERS: finger_sentences}
         latent = (line for name, say in kinds.items() if name in self.tables for line in say(self.tables[name]))
         return (*information_sentences(self.table), *direction_sentences(self.tables["directions"]), *latent)
 
@@ -288,6 +288,11 @@ class Result(Answers):
     def fingers(self) -> pd.DataFrame | None:
         """Posterior of raters' own fingers; None if all raters have the typical one (see `finger_table`)."""
         return self.tables[FINGERS].copy() if FINGERS in self.tables else None
+
+    @property
+    def answers(self) -> pd.DataFrame | None:
+        """Posterior of raters' own exponents and noise; None if all have the typical ones (see `answer_table`)."""
+        return self.tables[ANSWERS].copy() if ANSWERS in self.tables else None
 
     @property
     def plot(self) -> Plots:

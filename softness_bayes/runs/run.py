@@ -13,12 +13,12 @@ from softness_bayes.checking.check_table import check_table
 from softness_bayes.checking.fabric_moduli import modulus_table
 from softness_bayes.checking.fabric_ratings import fabric_rating_table
 from softness_bayes.checking.identifiability import direction_table, information_table
-from softness_bayes.checking.rater_fingers import finger_table
+from softness_bayes.checking.rater_fingers import answer_table, finger_table
 from softness_bayes.checkpoints.checkpoint import Checkpoint
 from softness_bayes.checkpoints.identity import identity, require_density
 from softness_bayes.data import Compression, Experiment
 from softness_bayes.files.command_line import storable
-from softness_bayes.files.run_files import FABRIC_RATINGS, FINGERS, MODULI, MODULUS_ERRORS, RATERS
+from softness_bayes.files.run_files import ANSWERS, FABRIC_RATINGS, FINGERS, MODULI, MODULUS_ERRORS, RATERS
 from softness_bayes.likelihood.directions import direction_named
 from softness_bayes.model.build import ExperimentModel, build
 from softness_bayes.model.options import ModelOptions
@@ -237,6 +237,8 @@ def sample_model(
         tables[MODULI] = moduli
     if (fingers := finger_table(tree)) is not None:
         tables[FINGERS] = with_covariates(fingers, experiment.ratings)
+    if (answers := answer_table(tree)) is not None:
+        tables[ANSWERS] = with_covariates(answers, experiment.ratings)
     if (raters := rater_table(tree, experiment.ratings)) is not None:
         tables[RATERS] = raters
     if shifts is not None:

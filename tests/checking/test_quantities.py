@@ -210,8 +210,8 @@ def test_exponents_are_uniform_under_the_model_and_found_when_real(rng):
     real = exponent_check(rng, draws=300, own=0.3)
     assert real.p_value < 1e-3
     assert real.deviation == pytest.approx(0.3 * PLAIN.gamma, rel=0.4)
-    assert "exponents differ" in real.sentence
-    assert "no evidence" in ExponentSpread(0.5, 0.0).sentence
+    assert "exponents differ" in real.sentence()
+    assert "no evidence" in ExponentSpread(0.5, 0.0).sentence()
 
 
 def test_silence_says_nothing_about_exponents(rng):
@@ -221,7 +221,7 @@ def test_silence_says_nothing_about_exponents(rng):
     assumed = type(PLAIN)(*(np.full(3, value) for value in PLAIN))
     found = check_exponents(observation, silent, assumed, observation.draw_effects(rng, silent, assumed))
     assert np.isnan(found.p_value)
-    assert "cannot be compared" in found.sentence
+    assert "cannot be compared" in found.sentence()
 
 
 @pytest.mark.parametrize("rating", [20.0, 1e-300, 0.1])

@@ -25,6 +25,7 @@ from softness_bayes.data import LABELS, NUMBERS
 from softness_bayes.files.listing import LISTING
 from softness_bayes.files.run_files import CHECKPOINT, FILES, RUNS
 from softness_bayes.likelihood.directions import FREE
+from softness_bayes.likelihood.own_answers import OWN_ANSWERS
 from softness_bayes.model import individual
 from softness_bayes.model.scenes import usual_values
 from softness_bayes.model.simulated_forces import simulate_compression
@@ -125,6 +126,14 @@ def own_fingers(tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
+def own_answers(tmp_path_factory):
+    """A run whose raters have exponents and noise of their own."""
+    with quickly():
+        result = sample(experiment(), **OPTIONS | {"max_steps": 10}, individual=tuple(OWN_ANSWERS))
+    return run_of(result, tmp_path_factory.mktemp("answers"), "r")
+
+
+@pytest.fixture(scope="module")
 def grids(tmp_path_factory):
     """A run on whole numbers and zeros, whose table says so, in either direction."""
     with quickly():
@@ -150,9 +159,9 @@ def directory(tmp_path_factory, brief_pilot):
 
 
 @pytest.fixture(scope="module")
-def runs(everything, z_scores, own_fingers, grids, cells, directory):
+def runs(everything, z_scores, own_fingers, own_answers, grids, cells, directory):
     forces = Run(Result.load(directory), arviz_bridge.read_netcdf(directory / FILES[0]), frozenset("c"))
-    return everything, z_scores, own_fingers, grids, cells, forces
+    return everything, z_scores, own_fingers, own_answers, grids, cells, forces
 
 
 def column(rows, title) -> list[str]:

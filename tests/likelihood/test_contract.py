@@ -33,6 +33,7 @@ from softness_bayes.likelihood.load_errors import LoadErrors
 from softness_bayes.likelihood.magnitude import LogRatings, RatingModel
 from softness_bayes.likelihood.models import LIKELIHOODS, RATING_MODELS, rating_model
 from softness_bayes.likelihood.orders import OrderModel, OrderRatings
+from softness_bayes.likelihood.own_answers import OwnAnswers, OwnAnswersModel
 from softness_bayes.likelihood.pairs import PairModel, PairRatings
 from softness_bayes.likelihood.plate import CompressionForces, SkinParameters
 from softness_bayes.likelihood.quadrature import DENSE
@@ -137,6 +138,25 @@ def dense_fingers(y, rate, p):
         mean = np.log(20.0) + p.gamma * (own - x[DESIGN.condition].mean())
         terms.append(GRID.log_weight[list(fingers)].sum() + multivariate_normal(mean, covariance).logpdf(np.log(y)))
     return logsumexp(terms) - np.log(y).sum()
+
+
+def dense_answers(y, rate, p):
+    """Log ratings summed over dense grids of the level, and of every rater's exponent and noise."""
+    drive = (np.log(rate + p.eps) - np.log(rate + p.eps)[DESIGN.condition].mean()) * p.gamma
+    level, own = np.linspace(-9.0, 15.0, 161), np.linspace(-7.0, 7.0, 57)
+    total = norm.logpdf(level, np.log(20.0), 3.0) + np.log(level[1] - level[0])
+    weight = norm.logpdf(own) + np.log(own[1] - own[0])
+    for rater in range(3):
+        rows = DESIGN.participant == rater
+        x, z = drive[DESIGN.condition[rows]], np.log(y[rows])
+        parts = []
+        for w, of_noise in zip(own, weight, strict=True):
+            noise = p.varsigma * np.exp(p.tau_varsigma * w)
+            law = multivariate_normal(np.zeros(x.size), p.tau**2 + noise**2 * np.eye(x.size))
+            gap = z - np.exp(p.tau_gamma * own)[:, None, None] * x - level[:, None]
+            parts.append(logsumexp(law.logpdf(gap) + weight[:, None], axis=0) + of_noise)
+        total = total + logsumexp(parts, axis=0)
+    return logsumexp(total) - np.log(y).sum()
 
 
 def dense_line(y, rate, p):
@@ -316,6 +336,19 @@ CASES = {
         WIDE,
         RATED._replace(omega=[0.0] * 3, tau_b=np.array([0.2, 0.3, 0.4])),
         dense_fingers,
+    ),
+    OwnAnswers: Case(
+        OwnAnswers(20.0 * np.exp(NOISE), DESIGN, OwnAnswersModel(RISES, differ=("gamma", "varsigma"))),
+        RATES,
+        RATED._replace(
+            gamma=np.array([0.2, 0.1, 0.15]),
+            omega=[0.0] * 3,
+            tau_gamma=np.array([0.2, 0.4, 0.3]),
+            tau_varsigma=np.array([0.3, 0.2, 0.4]),
+        ),
+        dense_answers,
+        joint=5e-6,
+        left_out=5e-6,
     ),
     AggregatedRatings: Case(
         AggregatedRatings(20.0 * np.exp(NOISE), DESIGN, AggregatedModel(FALLS, raters=9)), RATES, RATED, dense_means

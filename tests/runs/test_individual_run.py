@@ -169,7 +169,7 @@ def test_what_cannot_be_combined_is_refused():
         ):
             with pytest.raises(InputError, match=message):
                 build(of, ModelOptions(fix=OPTIONS["fix"], individual=("b",), **options))
-    with pytest.raises(InputError, match="expected some of b, m, sigma_0, each once"):
+    with pytest.raises(InputError, match="expected some of b, m, sigma_0, gamma, varsigma, each once"):
         ModelOptions(individual=("b", "alpha"))
     with pytest.raises(InputError, match="tau_b: the model of these data has no such parameter"), quickly():
         build(made, ModelOptions(fix={**OPTIONS["fix"], "tau_b": 0.3}))

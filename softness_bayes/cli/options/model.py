@@ -240,8 +240,8 @@ individual = click.option(
     "individual",
     callback=_individual,
     metavar="NAMES",
-    help="What differs between raters' own fingers, as in b or b,sigma_0: some of b, m and sigma_0, each with a "
-    "sampled spread. By default all raters have the same finger.",
+    help="What differs between raters, each with a sampled spread: of their fingers some of b, m and sigma_0, as in "
+    "b,sigma_0; or gamma (exponents of their own), varsigma (noise of their own) or both. By default nothing does.",
 )
 """Gives a verb `individual`, a tuple of names."""
 

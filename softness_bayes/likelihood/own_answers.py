@@ -1,0 +1,398 @@
+"""Magnitude estimates of raters with exponents and noise of their own, integrated rater by rater (model.md 9).
+
+Given mu and the parameters raters are independent. Each rater's exponent and noise are integrated by an adaptive rule
+about their mode (`answer_nodes`), the rater's scale in closed form, and mu by nodes that all raters share.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import ClassVar, NamedTuple, Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.special import ndtr
+
+from softness_bayes.likelihood.answer_draws import POINTS, draw_own
+from softness_bayes.likelihood.answer_nodes import (
+    MOST_ROUNDS,
+    Modes,
+    MuNodes,
+    Spreads,
+    Sums,
+    Terms,
+    at_mu,
+    expanded,
+    find_modes,
+    mu_nodes,
+    over_mu,
+    own_nodes,
+    terms_at,
+)
+from softness_bayes.likelihood.contract import Effects
+from softness_bayes.likelihood.design import Design
+from softness_bayes.likelihood.magnitude import LogRatings, RatingModel
+from softness_bayes.likelihood.mu_nodes import log_sum
+from softness_bayes.likelihood.pieces import in_pieces
+from softness_bayes.likelihood.ratings import RatingParameters
+from softness_bayes.likelihood.stated import Stated
+
+FloatArray = NDArray[np.float64]
+
+OWN_ANSWERS: Mapping[str, str] = MappingProxyType({"gamma": "tau_gamma", "varsigma": "tau_varsigma"})
+"""The parameter that is the spread between raters, by the name of what differs in their answers."""
+
+EFFECT_OF_ANSWER: Mapping[str, str] = MappingProxyType({"gamma": "rater_log_gamma", "varsigma": "rater_log_varsigma"})
+"""Names in files of raters' deviations from the typical rater, in the logarithm, by what differs."""
+
+
+class AnswerNodes(NamedTuple):
+    """Numbers of nodes of the integrals."""
+
+    one: int
+    """Of a rater's exponent or noise, where only one of them differs."""
+    both: int
+    """Of each of them, where both do."""
+    mu: int
+    """Of mu; 0 for evenly spaced ones, as few raters need."""
+
+    def finer(self) -> AnswerNodes:
+        """Return twice as many nodes, whose difference is the error."""
+        return AnswerNodes(2 * self.one + 1, 2 * self.both + 1, self.mu and 2 * self.mu + 1)
+
+
+FAST, FEW = AnswerNodes(11, 9, 7), AnswerNodes(15, 11, 0)
+"""Nodes of usual tables, and of those with few raters or few ratings of each."""
+
+FEW_RATERS, FEW_ROWS = 8, 8
+"""Numbers of raters, and of ratings of the average rater, below which `FEW` takes the place of `FAST`."""
+
+
+class OwnEffects(NamedTuple):
+    """Values of the common mean and of the raters' effects."""
+
+    mu: FloatArray
+    """Shape (...)."""
+    participant: FloatArray
+    """Deviations of log ratings, shape (..., participants)."""
+    log_gamma: FloatArray
+    """Deviations of log exponents from the typical rater's, same shape; 0 where exponents do not differ."""
+    log_varsigma: FloatArray
+    """Deviations of the log of the noise, likewise."""
+
+
+@dataclass(frozen=True)
+class OwnAnswersModel(RatingModel):
+    """A `RatingModel` without fabrics' own deviations, whose raters have exponents or noise of their own.
+
+    gamma_p = gamma exp(tau_gamma u_p) and varsigma_p = varsigma exp(tau_varsigma w_p), u and w standard normal. gamma
+    and varsigma are those of the typical (median) rater.
+
+    Parameters
+    ----------
+    differ
+        What differs, some of gamma and varsigma.
+    """
+
+    needs: ClassVar[tuple[str, ...]] = ("gamma", "tau", "varsigma", "eps", *OWN_ANSWERS.values())
+    differ: tuple[str, ...] = ("gamma",)
+
+    def spreads(self, parameters: RatingParameters) -> tuple[FloatArray, FloatArray]:
+        """Return the spreads of log exponents and log noise, (...); 0 of what does not differ."""
+        exponent = parameters.tau_gamma if "gamma" in self.differ else 0.0
+        noise = parameters.tau_varsigma if "varsigma" in self.differ else 0.0
+        return np.asarray(exponent, float), np.asarray(noise, float)
+
+    def draw_effects(
+        self,
+        rng: np.random.Generator,
+        parameters: RatingParameters,
+        shape: tuple[int, ...],
+        n_participants: int,
+        n_fabrics: int,
+        levels: Mapping[str, ArrayLike] | None = None,
+    ) -> Effects:
+        """Effects of new raters of batch ``shape``; mu from its prior unless given."""
+        return self._with_raters(rng, parameters, self.draw_level(rng, shape, levels), n_participants)
+
+    def with_new_participants(
+        self, rng: np.random.Generator, parameters: RatingParameters, effects: Effects
+    ) -> Effects:
+        """These effects with as many raters drawn anew."""
+        return self._with_raters(rng, parameters, effects.mu, effects.participant.shape[-1])
+
+    def for_others(
+        self,
+        rng: np.random.Generator,
+        parameters: RatingParameters,
+        effects: Effects,
+        n_participants: int,
+        fabric: NDArray[np.intp],
+    ) -> Effects:
+        """These effects for so many new raters; fabrics have none."""
+        return self._with_raters(rng, parameters, effects.mu, n_participants)
+
+    def _with_raters(
+        self, rng: np.random.Generator, parameters: RatingParameters, mu: FloatArray, count: int
+    ) -> Effects:
+        shape = (*np.shape(mu), count)
+        spreads = (parameters.tau, *self.spreads(parameters))
+        own = (np.asarray(spread, float)[..., None] * rng.standard_normal(shape) for spread in spreads)
+        return OwnEffects(mu, *own)
+
+    def draw_ratings(
+        self,
+        rng: np.random.Generator,
+        design: Design,
+        drive: FloatArray,
+        parameters: RatingParameters,
+        effects: Effects,
+    ) -> FloatArray:
+        """One rating for every row of a design, shape (..., rows), given the effects and the typical rater's drive."""
+        expected = self.expected_log(design, drive, effects)
+        noise = self.error.draw(rng, expected.shape, parameters) * np.exp(effects.log_varsigma[..., design.participant])
+        return self.scale.natural(expected + self.error_sd(parameters)[..., None] * noise)
+
+    def expected_log(self, design: Design, drive: FloatArray, effects: Effects) -> FloatArray:
+        """Return the expected log rating of every row given the effects, shape (..., rows)."""
+        own = np.exp(effects.log_gamma)[..., design.participant] * drive[..., design.condition]
+        return np.asarray(effects.mu[..., None] + effects.participant[..., design.participant] + own)
+
+    def named_effects(self, effects: Effects) -> Mapping[str, tuple[FloatArray, tuple[str, ...]]]:
+        """Effects by their names in files, each with its axes beyond the batch's."""
+        values = {"gamma": effects.log_gamma, "varsigma": effects.log_varsigma}
+        own = {EFFECT_OF_ANSWER[name]: (values[name], ("participant",)) for name in OWN_ANSWERS if name in self.differ}
+        return {"mu": (effects.mu, ()), "participant_effect": (effects.participant, ("participant",)), **own}
+
+    def observe(self, ratings: ArrayLike, design: Design, stated: Stated | None = None) -> OwnAnswers:
+        """Return the likelihood of these ratings under this model."""
+        return OwnAnswers(ratings, design, self)
+
+
+class _LeftOut(NamedTuple):
+    """Law of each row given all others, with nodes of the row's rater without the row."""
+
+    mu: FloatArray  # nodes, (nodes of mu, points)
+    joint: FloatArray  # log density of mu and of all rows there
+    others: FloatArray  # that of mu and of the other raters' rows, (nodes of mu, points, rows)
+    terms: Terms  # of the rater's other rows, (nodes, points, rows)
+    gap: FloatArray  # log rating less the own drive, likewise
+    variance: FloatArray  # of the noise
+    between: FloatArray  # tau²
+    shape: tuple[int, ...]  # of the batch
+
+    def weight_at(self, k: int) -> FloatArray:
+        """Return the log weight of each node of the rater at a node of mu."""
+        terms = self.terms
+        return self.others[k] + terms.log_term - 0.5 * terms.precision * (terms.gap - self.mu[k][:, None]) ** 2
+
+    def score_at(self, k: int) -> FloatArray:
+        """Return the row's place in its law given the node, as a standard normal score."""
+        # the scale is drawn towards the other rows' mean
+        shrunk = self.between * self.terms.precision
+        sd = np.sqrt(self.variance + self.between * (1.0 - shrunk))
+        mu = self.mu[k][:, None]
+        return (self.gap - mu - shrunk * (self.terms.gap - mu)) / sd
+
+
+class OwnAnswers(LogRatings):
+    """Positive ratings under an `OwnAnswersModel`; mu, raters' scales, exponents and noise are integrated out.
+
+    Parameters and errors as `LogRatings`; `nodes` by default suit the numbers of raters and of their ratings.
+    """
+
+    model: OwnAnswersModel
+
+    def __init__(
+        self,
+        ratings: ArrayLike,
+        design: Design,
+        model: RatingModel,
+        over: Design | None = None,
+        nodes: AnswerNodes | None = None,
+    ) -> None:
+        super().__init__(ratings, design, model, over)
+        self._asked = nodes
+        rows = design.cells.sum(axis=1)
+        self._raters = np.flatnonzero(rows)
+        few = self._raters.size < FEW_RATERS or design.n_rows < FEW_ROWS * self._raters.size
+        self._nodes = nodes or (FEW if few else FAST)
+        self._rows = rows[self._raters]
+        self._cells = design.cells[self._raters]
+        self._shares = self._cells / self._rows[:, None]
+        place = np.full(rows.size, -1)
+        place[self._raters] = np.arange(self._raters.size)
+        self._rater = place[design.participant]
+        centred = self._log - math.log(self.model.centre)
+        self._means = np.bincount(self._rater, centred, self._rows.size) / self._rows
+        self._deviation = centred - self._means[self._rater]
+        self._squares = np.asarray(np.bincount(self._rater, self._deviation**2, self._rows.size), float)
+        self._sums = np.zeros_like(self._cells)
+        np.add.at(self._sums, (self._rater, design.condition), self._deviation)
+
+    def with_values(self, values: ArrayLike) -> Self:
+        """Return the likelihood of other ratings of the same rows."""
+        return type(self)(values, self.design, self.model, self._over, self._asked)
+
+    def without(self, rows: NDArray[np.bool_]) -> Self:
+        """Return the other ratings, with x still centred over all rows: p(y) = p(others) p(rows | others)."""
+        return type(self)(self.values[~rows], self.design.without(rows), self.model, self._over, self._asked)
+
+    def finer(self) -> Self:
+        """Return the same likelihood with twice as many nodes."""
+        return type(self)(self.values, self.design, self.model, self._over, self._nodes.finer())
+
+    def log_likelihood(self, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
+        """Log density of all ratings together, shape (...); arguments as `LogRatings.log_likelihood`."""
+
+        def whole(mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
+            sums, spreads, shape = self._given(mean_rate, parameters)
+            if self._nodes.mu:
+                modes = find_modes(sums, spreads, self.model.spread)
+                found = over_mu(*expanded(sums, spreads, modes, self._counts), self.model.spread, self._nodes.mu)
+            else:
+                _, nodes, raters = self._joint(sums, spreads)
+                found = log_sum(nodes.log_weight + raters.sum(axis=-1), axis=0)
+            return (found - self._log.sum()).reshape(*shape, 1)
+
+        return in_pieces(whole, self._count * self._rows.size, mean_rate, parameters)[..., 0]
+
+    def log_likelihood_participants(self, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
+        """Log density of all ratings of each participant given everybody else's, shape (draws, participants)."""
+
+        def alone(mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
+            sums, spreads, shape = self._given(mean_rate, parameters)
+            _, nodes, raters = self._joint(sums, spreads)
+            joint = nodes.log_weight + raters.sum(axis=-1)
+            found = np.zeros((len(joint[0]), self.design.n_participants))
+            rest = log_sum(joint[..., None] - raters, axis=0)
+            found[:, self._raters] = log_sum(joint, axis=0)[:, None] - rest
+            found -= np.bincount(self.design.participant, self._log, self.design.n_participants)
+            return found.reshape(*shape, -1)
+
+        return in_pieces(alone, self._count * self._rows.size, mean_rate, parameters)
+
+    def log_likelihood_loo(self, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
+        """Log density of each rating given all the others, shape (..., rows)."""
+
+        def alone(mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
+            left = self._left_out(mean_rate, parameters)
+            # each of both sums over nodes of its own: a surprising rating moves its rater's
+            rest = log_sum(np.array([log_sum(left.weight_at(k), axis=0) for k in range(len(left.mu))]), axis=0)
+            return (log_sum(left.joint, axis=0)[:, None] - rest - self._log).reshape(*left.shape, -1)
+
+        return in_pieces(alone, self._loo_width, mean_rate, parameters)
+
+    def below_loo(self, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
+        """Probability of a rating smaller than each one, given all the others, shape (..., rows)."""
+
+        def below(mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
+            left = self._left_out(mean_rate, parameters)
+            total, share = [], []
+            for k in range(len(left.mu)):
+                weight = left.weight_at(k)
+                largest = weight.max(axis=0)
+                weight = np.exp(weight - largest)
+                total.append(largest + np.log(weight.sum(axis=0)))
+                share.append((weight * ndtr(left.score_at(k))).sum(axis=0) / weight.sum(axis=0))
+            weight = np.exp(np.array(total) - np.max(total, axis=0))
+            found = (weight * np.array(share)).sum(axis=0) / weight.sum(axis=0)
+            return np.asarray(found).reshape(*left.shape, -1)
+
+        return in_pieces(below, self._loo_width, mean_rate, parameters)
+
+    def draw_effects(self, rng: np.random.Generator, mean_rate: FloatArray, parameters: RatingParameters) -> Effects:
+        """Draws of mu, raters' exponents, noise and scales given the ratings, one for each point of the batch.
+
+        Exponents and noise are drawn given a node of mu, then mu and the scales exactly given these.
+        """
+
+        def drawn(mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
+            sums, spreads, shape = self._given(mean_rate, parameters)
+            modes, nodes, raters = self._joint(sums, spreads)
+            found = draw_own(rng, sums, spreads, modes, nodes, raters, self._counts, self.model.spread)
+            return np.concatenate(found, axis=-1).reshape(*shape, -1)
+
+        count, people = self._rows.size, self.design.n_participants
+        shape = np.broadcast_shapes(mean_rate.shape[:-1], *(np.shape(v) for v in parameters))
+        found = in_pieces(drawn, POINTS * max(self._counts) * count, mean_rate, parameters)
+        effects = self.model.draw_effects(rng, parameters, shape, people, self.design.n_fabrics)
+        for k, each in enumerate(effects[1:]):
+            each[..., self._raters] = found[..., 1 + k * count : 1 + (k + 1) * count]
+        return effects._replace(mu=found[..., 0] + math.log(self.model.centre))
+
+    def residual(self, mean_rate: FloatArray, parameters: RatingParameters, effects: Effects) -> FloatArray:
+        """Return each log rating's residual given the effects, over its rater's noise relative to the typical one."""
+        expected = self.model.expected_log(self.design, self.drive(mean_rate, parameters), effects)
+        errors = (self._log - expected) * np.exp(-effects.log_varsigma[..., self.design.participant])
+        return self.model.error.normal_scores(errors, parameters)
+
+    @property
+    def _counts(self) -> tuple[int, int]:
+        """Numbers of nodes of exponents and noise."""
+        each = self._nodes.both if len(self.model.differ) > 1 else self._nodes.one
+        return each if "gamma" in self.model.differ else 1, each if "varsigma" in self.model.differ else 1
+
+    @property
+    def _count(self) -> int:
+        return self._counts[0] * self._counts[1]
+
+    @property
+    def _loo_width(self) -> int:
+        return 2 * self.design.n_rows * self._count
+
+    def _given(self, mean_rate: FloatArray, parameters: RatingParameters) -> tuple[Sums, Spreads, tuple[int, ...]]:
+        """Return the raters' sums and the spreads with one axis of points, and their batch shape."""
+        drive = self.drive(mean_rate, parameters)
+        named = (parameters.tau, parameters.varsigma, *self.model.spreads(parameters))
+        shape = np.broadcast_shapes(drive.shape[:-1], *(np.shape(v) for v in named))
+        drive = np.broadcast_to(drive, (*shape, drive.shape[-1])).reshape(-1, drive.shape[-1])
+        spreads = Spreads(*(np.broadcast_to(np.asarray(v, float), shape).reshape(-1, 1) for v in named))
+        mean = drive @ self._shares.T
+        squares = np.maximum((drive * drive) @ self._cells.T - self._rows * mean**2, 0.0)
+        sums = Sums(self._rows, self._means, self._squares, mean, squares, drive @ self._sums.T)
+        return sums, spreads, shape
+
+    def _terms(self, sums: Sums, spreads: Spreads, modes: Modes) -> Terms:
+        return terms_at(sums, spreads, *own_nodes(modes, *self._counts))
+
+    def _joint(self, sums: Sums, spreads: Spreads) -> tuple[Modes, MuNodes, FloatArray]:
+        """Return the modes, nodes of mu, and each rater's log density there, (nodes, points, raters)."""
+        modes = find_modes(sums, spreads, self.model.spread, MOST_ROUNDS)
+        nodes = mu_nodes(modes, self.model.spread, self._rows.size)
+        return modes, nodes, at_mu(self._terms(sums, spreads, modes), nodes.mu)
+
+    def _left_out(self, mean_rate: FloatArray, parameters: RatingParameters) -> _LeftOut:
+        """Return what all others say of each row."""
+        sums, spreads, shape = self._given(mean_rate, parameters)
+        modes, nodes, raters = self._joint(sums, spreads)
+        joint = nodes.log_weight + raters.sum(axis=-1)
+        drive = self.drive(mean_rate, parameters)[..., self.design.condition]
+        drive = np.broadcast_to(drive, (*shape, drive.shape[-1])).reshape(-1, drive.shape[-1])
+        rest = self._without_each(sums, drive)
+        own = find_modes(rest, spreads, self.model.spread, MOST_ROUNDS, modes.mu)
+        terms = self._terms(rest, spreads, own)
+        others = joint[..., None] - raters[..., self._rater]
+        gap = self._means[self._rater] + self._deviation - np.exp(spreads.exponent * terms.u) * drive
+        variance = np.square(spreads.noise * np.exp(spreads.noises * terms.w))
+        return _LeftOut(nodes.mu, joint, others, terms, gap, variance, spreads.scale**2, shape)
+
+    def _without_each(self, sums: Sums, drive: FloatArray) -> Sums:
+        """Return the sums of each row's rater without the row, for every row."""
+        own = self._rater
+        rows: FloatArray = self._rows[own]
+        left = np.maximum(rows - 1.0, 1.0)
+        about = drive - sums.drive[:, own]
+        alone, part = rows == 1, rows / left
+        squares: FloatArray = np.where(alone, 0.0, np.maximum(self._squares[own] - part * self._deviation**2, 0.0))
+        return Sums(
+            rows - 1.0,
+            np.where(alone, 0.0, self._means[own] - self._deviation / left),
+            squares,
+            np.where(alone, 0.0, sums.drive[:, own] - about / left),
+            np.where(alone, 0.0, np.maximum(sums.drive_squares[:, own] - part * about**2, 0.0)),
+            np.where(alone, 0.0, sums.products[:, own] - part * about * self._deviation),
+        )
