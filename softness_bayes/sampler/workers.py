@@ -35,7 +35,7 @@ RENEWALS = 1
 
 
 AHEAD = 4000
-"""Largest number of tasks that wait at an executor, enough to keep a thousand workers busy."""
+"""Largest number of tasks that wait at an executor."""
 
 
 def _served() -> bool:

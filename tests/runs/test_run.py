@@ -214,6 +214,7 @@ def test_the_options_in_the_file_are_those_of_the_run(result, options):
         modulus_cv=0.15,
         unknown_modulus=LogNormal(50, 1.5),
         load_cv=0.05,
+        shared_load_cv=0.03,
         individual=("b", "sigma_0"),
         errors=STUDENT,
         resolution=0.5,
@@ -222,6 +223,7 @@ def test_the_options_in_the_file_are_those_of_the_run(result, options):
         discretisation=scene.Discretisation(8, 9.0, 1e-5),
         max_seconds=math.inf,
         processes=3,
+        quick=True,
     )
     assert Request.from_record(json.loads(json.dumps(special.record()))) == special
     names = {field.name for part in special for field in dataclasses.fields(part)}
