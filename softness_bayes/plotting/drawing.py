@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Any
 
 from softness_bayes.errors import InputError
 from softness_bayes.plotting.style import USUAL, Style
-from softness_bayes.provenance import is_first_look
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -77,6 +76,8 @@ class Drawing:
         if reason := self.lacks(result):
             raise InputError(f"figure: cannot show {self.shows}: {reason}")
         figure = self.draw(result, style)
+        from softness_bayes.provenance import is_first_look  # imports all that a result may hold
+
         if is_first_look(result.tree.attrs):
             figure.text(0.99, 0.99, FIRST_LOOK, ha="right", va="top", color="firebrick")
         return figure

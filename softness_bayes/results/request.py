@@ -81,7 +81,10 @@ class Request(NamedTuple):
 
     def record(self) -> dict[str, Any]:
         """Return the request as JSON holds it; `from_record` is the inverse."""
-        return {**self.model.record(), **asdict(self.run)}
+        run = asdict(self.run)
+        if not self.run.quick:
+            del run["quick"]  # as in the records of versions that took no first looks
+        return {**self.model.record(), **run}
 
     def with_options(self, **options: Any) -> Self:
         """Return the request with single options of model and run replaced, by name.
