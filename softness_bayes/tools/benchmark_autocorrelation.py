@@ -84,7 +84,7 @@ PROCESSES: Mapping[str, Process] = {
 
 
 class Found(NamedTuple):
-    """What an estimator says of walks of one length, over the true time."""
+    """Answers of an estimator for walks of one length, over the true time."""
 
     one: float
     """Mean of all quantities."""

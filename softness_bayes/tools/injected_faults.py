@@ -206,7 +206,7 @@ FAULTS: tuple[Fault, ...] = (
     Fault(
         "raters' own scales forgotten",
         MANY,
-        _changed(magnitude, "_spreads", lambda of, *_: of._replace(participant=0.01 * np.asarray(of.participant))),
+        _changed(magnitude, "spreads_of", lambda of, *_: of._replace(participant=0.01 * np.asarray(of.participant))),
         20,
     ),
     Fault("ratings fall where they rise", MANY, _changed(RatingsLikelihood, "drive", lambda drive, *_: -drive), 20),
