@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from softness_bayes.likelihood.answer_nodes import Modes, MuNodes, Spreads, Sums, at_scores, rule, terms_at
-from softness_bayes.likelihood.mu_nodes import log_sum
+from softness_bayes.likelihood.mu_nodes import draw_index, log_sum
 
 FloatArray = NDArray[np.float64]
 
@@ -43,7 +43,7 @@ def draw_own(
     mu, scale, log_gamma, log_varsigma : ndarray
         Shapes (points, 1) and three times (points, raters).
     """
-    at = _draw(rng, nodes.log_weight + raters.sum(axis=-1))
+    at = draw_index(rng, nodes.log_weight + raters.sum(axis=-1))
     mu = np.take_along_axis(nodes.mu, at[None], axis=0)[0][:, None]
     x, z = np.zeros((1, *modes.u.shape)), np.zeros((1, *modes.u.shape))
     grid = np.linspace(-REACH, REACH, POINTS)
@@ -51,10 +51,10 @@ def draw_own(
         # noise first, with the exponent integrated out at each of its points
         inner, log_weight = (values[:, None, None, None] for values in rule(counts[0]))
         density = _log_density(sums, spreads, modes, mu, inner, grid[:, None, None])
-        z = _within(rng, _draw(rng, log_sum(density + log_weight, axis=0)), grid)[None]
+        z = _within(rng, draw_index(rng, log_sum(density + log_weight, axis=0)), grid)[None]
     if counts[0] > 1:
         density = _log_density(sums, spreads, modes, mu, grid[:, None, None], z)
-        x = _within(rng, _draw(rng, density), grid)[None]
+        x = _within(rng, draw_index(rng, density), grid)[None]
     u, w = (score[0] for score in at_scores(modes, x, z))
     terms = terms_at(sums, spreads, u[None], w[None], 0.0)
     gap, precision = terms.gap[0], terms.precision[0]
@@ -74,14 +74,6 @@ def _log_density(
     """Return each rater's log density at scores about the modes, given mu, up to a constant of each."""
     terms = terms_at(sums, spreads, *at_scores(modes, x, z), 0.0)
     return terms.log_term - 0.5 * terms.precision * (terms.gap - mu) ** 2
-
-
-def _draw(rng: np.random.Generator, log_weight: FloatArray) -> NDArray[np.intp]:
-    """Return indices along the first axis drawn in proportion to weights."""
-    weight = np.exp(log_weight - log_weight.max(axis=0))
-    cumulative = np.cumsum(weight, axis=0)
-    at = rng.random(log_weight.shape[1:]) * cumulative[-1]
-    return np.minimum((cumulative <= at).sum(axis=0), len(log_weight) - 1)
 
 
 def _within(rng: np.random.Generator, index: NDArray[np.intp], grid: FloatArray) -> FloatArray:

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
-from typing import ClassVar, NamedTuple, Self
+from typing import ClassVar, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -19,10 +19,12 @@ from scipy.special import ndtr
 from softness_bayes.errors import InputError
 from softness_bayes.likelihood.contract import Effects
 from softness_bayes.likelihood.design import Design
+from softness_bayes.likelihood.individual_effects import IndividualEffects, own_drive
 from softness_bayes.likelihood.magnitude import LogRatings, RatingModel
-from softness_bayes.likelihood.mu_nodes import RaterLaw, about_mu, at_nodes, log_prior, log_sum
+from softness_bayes.likelihood.mu_nodes import RaterLaw, about_mu, at_nodes, draw_index, log_prior, log_sum
 from softness_bayes.likelihood.pieces import in_pieces
 from softness_bayes.likelihood.pressed import PressedRaters
+from softness_bayes.likelihood.rater_sums import RaterSums
 from softness_bayes.likelihood.ratings import OF_FORCES, SKIN, RatingParameters
 from softness_bayes.likelihood.stated import Stated
 from softness_bayes.touch.finger_grid import EFFECT_OF, SPREAD_OF, FingerGrid, SkinLaws
@@ -31,19 +33,6 @@ FloatArray = NDArray[np.float64]
 
 _LOG_TWO_PI = math.log(2.0 * math.pi)
 _LEAST_VARIANCE = 1e-100
-
-
-class IndividualEffects(NamedTuple):
-    """Values of the common mean and of the raters' effects."""
-
-    mu: FloatArray
-    """Shape (...)."""
-    participant: FloatArray
-    """Deviations of log ratings, shape (..., participants)."""
-    finger: NDArray[np.intp]
-    """Each rater's finger, an index into `FingerGrid.z`, shape (..., participants)."""
-    deviation: FloatArray
-    """The finger's deviations from the typical one, shape (..., participants, quantities), as `FingerGrid.names`."""
 
 
 @dataclass(frozen=True)
@@ -121,7 +110,7 @@ class IndividualModel(RatingModel):
     ) -> FloatArray:
         """One rating for every row of a design, shape (..., rows), given the effects and `drive` of all fingers."""
         log_rating = effects.mu[..., None] + effects.participant[..., design.participant]
-        log_rating = log_rating + _own(drive, design, effects.finger)
+        log_rating = log_rating + own_drive(drive, design, effects.finger)
         return self.scatter(rng, log_rating, parameters)
 
     def named_effects(self, effects: Effects) -> Mapping[str, tuple[FloatArray, tuple[str, ...]]]:
@@ -173,20 +162,8 @@ class IndividualRatings(LogRatings):
             among = pressed.rater >= 0
             self._block[pressed.rater[among]] = 1 + np.flatnonzero(among)
         self._centred = self._log - math.log(self.model.centre)
-        rows = design.cells.sum(axis=1)
-        self._raters = np.flatnonzero(rows)
-        self._rows = rows[self._raters]
-        self._place = np.full(rows.size, -1)
-        self._place[self._raters] = np.arange(self._raters.size)
-        self._cells = design.cells[self._raters]
-        self._shares = self._cells / self._rows[:, None]
-        means = np.bincount(design.participant, self._centred, rows.size)[self._raters] / self._rows
-        self._means = means
-        self._rater = self._place[design.participant]
-        self._deviation = self._centred - means[self._rater]
-        self._squares = np.bincount(self._rater, self._deviation**2, self._rows.size)
-        self._sums = np.zeros_like(self._cells)
-        np.add.at(self._sums, (self._rater, design.condition), self._deviation)
+        self._own = RaterSums.of(design, self._centred)
+        self._shares = self._own.shares
 
     @property
     def n_blocks(self) -> int:
@@ -236,7 +213,7 @@ class IndividualRatings(LogRatings):
             law = self._law(mean_rate, parameters)
             found = np.zeros((*law.centre.shape, self.design.n_participants))
             everyone = log_sum(self._at_mu(law), axis=-1)
-            for k, rater in enumerate(self._raters):
+            for k, rater in enumerate(self._own.participant):
                 # the others' own nodes: without this rater mu may lie elsewhere
                 term, gap, variance, constant = (np.delete(part, k, axis=-1) for part in law[:4])
                 rest = self._placed(RaterLaw(term, gap, variance, constant, law.centre, law.step))
@@ -244,7 +221,7 @@ class IndividualRatings(LogRatings):
                 found[..., rater] = everyone + law.constant[..., k] - others
             return found - np.bincount(self.design.participant, self._log, self.design.n_participants)
 
-        return in_pieces(alone, 3 * self._rows.size * self.model.grid.size, mean_rate, parameters)
+        return in_pieces(alone, 3 * self._own.rows.size * self.model.grid.size, mean_rate, parameters)
 
     def log_likelihood_loo(self, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
         """Log density of each rating given all the others, shape (..., rows)."""
@@ -281,27 +258,27 @@ class IndividualRatings(LogRatings):
         """
         law = self._law(mean_rate, parameters)
         shape, people = law.centre.shape, self.design.n_participants
-        node = _draw(rng, self._at_mu(law))
+        node = draw_index(rng, np.moveaxis(self._at_mu(law), -1, 0))
         mu = law.centre + (node - law.steps) * law.step
         term = law.log_term - 0.5 * (law.gap - mu[..., None, None]) ** 2 / law.variance[..., None, :]
-        own = _draw(rng, np.swapaxes(term, -1, -2))
+        own = draw_index(rng, np.moveaxis(term, -2, 0))
         finger = rng.choice(self.model.grid.size, size=(*shape, people), p=np.exp(self.model.grid.log_weight))
-        finger[..., self._raters] = own
+        finger[..., self._own.participant] = own
         gap = np.take_along_axis(law.gap, own[..., None, :], axis=-2)[..., 0, :]
         precision = (1.0 / law.variance).sum(axis=-1) + self.model.spread**-2
         mu = (gap / law.variance).sum(axis=-1) / precision + rng.standard_normal(shape) / np.sqrt(precision)
         tau, noise = (np.asarray(v, float)[..., None] ** 2 for v in (parameters.tau, parameters.varsigma))
         participant = np.sqrt(tau) * rng.standard_normal((*shape, people))
         expected = tau * (gap - mu[..., None]) / law.variance
-        width = np.sqrt(tau * noise / self._rows / law.variance)
-        participant[..., self._raters] = expected + width * rng.standard_normal(expected.shape)
+        width = np.sqrt(tau * noise / self._own.rows / law.variance)
+        participant[..., self._own.participant] = expected + width * rng.standard_normal(expected.shape)
         deviation = self._deviation_of(finger, parameters)
         finger = finger + self._block * self.model.grid.size
         return IndividualEffects(mu + math.log(self.model.centre), participant, finger, deviation)
 
     def residual(self, mean_rate: FloatArray, parameters: RatingParameters, effects: Effects) -> FloatArray:
         """Return the residual of each log rating given the effects, shape (..., rows)."""
-        own = _own(self.drive(mean_rate, parameters), self.design, effects.finger)
+        own = own_drive(self.drive(mean_rate, parameters), self.design, effects.finger)
         expected = effects.mu[..., None] + own + effects.participant[..., self.design.participant]
         return self.model.error.normal_scores(self._log - expected, parameters)
 
@@ -353,23 +330,23 @@ class IndividualRatings(LogRatings):
         drive = self._drives(mean_rate, parameters)
         row = np.maximum(np.asarray(parameters.varsigma, float) ** 2, _LEAST_VARIANCE)[..., None]
         tau = np.asarray(parameters.tau, float)[..., None] ** 2
-        mean = self._of_raters(drive, self._shares, self._raters)
-        sums = self._of_raters(drive, self._sums, self._raters)
-        own = self._of_raters(drive * drive, self._cells, self._raters)
-        squares = self._squares - 2.0 * sums + own - self._rows * mean**2
+        mean = self._of_raters(drive, self._shares, self._own.participant)
+        sums = self._of_raters(drive, self._own.sums, self._own.participant)
+        own = self._of_raters(drive * drive, self._own.cells, self._own.participant)
+        squares = self._own.squares - 2.0 * sums + own - self._own.rows * mean**2
         log_term = self.model.grid.log_weight[:, None] - 0.5 * squares / row[..., None, :]
-        variance = row / self._rows + tau
-        determinant = (self._rows - 1.0) * np.log(row) + np.log(row + self._rows * tau)
-        constant = -0.5 * (self._rows * _LOG_TWO_PI + determinant)
+        variance = row / self._own.rows + tau
+        determinant = (self._own.rows - 1.0) * np.log(row) + np.log(row + self._own.rows * tau)
+        constant = -0.5 * (self._own.rows * _LOG_TWO_PI + determinant)
         shape = drive.shape[:-3]
-        variance, constant = (np.broadcast_to(v, (*shape, self._rows.size)) for v in (variance, constant))
+        variance, constant = (np.broadcast_to(v, (*shape, self._own.rows.size)) for v in (variance, constant))
         return self._placed(
-            RaterLaw(log_term, self._means - mean, variance, constant, np.zeros(shape), np.zeros(shape))
+            RaterLaw(log_term, self._own.means - mean, variance, constant, np.zeros(shape), np.zeros(shape))
         )
 
     def _placed(self, law: RaterLaw) -> RaterLaw:
         """Return the law with nodes of mu."""
-        return about_mu(law, self.model.spread, self._rows.size)
+        return about_mu(law, self.model.spread, self._own.rows.size)
 
     def _at_mu(self, law: RaterLaw) -> FloatArray:
         """Return log of (density of mu and of all ratings, times the distance of nodes) at the nodes of mu."""
@@ -383,7 +360,7 @@ class IndividualRatings(LogRatings):
         Log weight of each finger and score of the row under it, (..., fingers, rows), and the unit of the scores,
         (..., rows).
         """
-        at, condition = self._rater, self.design.condition
+        at, condition = self._own.of_row, self.design.condition
         block = self._block[self.design.participant]
         law = self._law(mean_rate, parameters)
         drive = np.moveaxis(self._drives(mean_rate, parameters), -2, 0)[..., block, condition]
@@ -393,10 +370,10 @@ class IndividualRatings(LogRatings):
         log_raters = at_nodes(law)
         joint = log_prior(law, self.model.spread) + log_raters.sum(axis=-1)
         rest = joint[..., None] - log_raters[..., at]  # of the other raters, (..., nodes, rows)
-        rows = self._rows[at]
+        rows = self._own.rows[at]
         left = np.maximum(rows - 1.0, 1.0)
         # the rater's law without this row, finger by finger: (..., fingers, rows)
-        within = self._deviation - drive + (self._means[at] - law.gap[..., at])
+        within = self._own.deviation - drive + (self._own.means[at] - law.gap[..., at])
         gap = law.gap[..., at] - within / left
         term = law.log_term[..., at] + 0.5 * within**2 * (rows / left) / row[..., None, :]
         alone = rows == 1
@@ -412,19 +389,3 @@ class IndividualRatings(LogRatings):
             mu = (law.centre + (q - law.steps) * law.step)[..., None, None]
             weight = rest[..., q, None, :] + term - 0.5 * (gap - mu) ** 2 * precision[..., None, :]
             yield weight, (base - mu * (1.0 - shrunk)) / sd, sd[..., 0, :]
-
-
-def _own(drive: FloatArray, design: Design, finger: NDArray[np.intp]) -> FloatArray:
-    """Return the drive of each row's rater in the row's condition, shape (..., rows)."""
-    column = (1 + finger[..., design.participant]) * design.n_conditions + design.condition
-    shape = np.broadcast_shapes(drive.shape[:-1], column.shape[:-1])
-    drive, column = (np.broadcast_to(v, (*shape, v.shape[-1])) for v in (drive, column))
-    return np.take_along_axis(drive, column, axis=-1)
-
-
-def _draw(rng: np.random.Generator, log_weight: FloatArray) -> NDArray[np.intp]:
-    """Return indices along the last axis drawn in proportion to weights, shape (...)."""
-    weight = np.exp(log_weight - log_weight.max(axis=-1, keepdims=True))
-    cumulative = np.cumsum(weight, axis=-1)
-    at = rng.random(log_weight.shape[:-1])[..., None] * cumulative[..., -1:]
-    return np.minimum((cumulative <= at).sum(axis=-1), log_weight.shape[-1] - 1)

@@ -129,3 +129,11 @@ def log_sum(values: FloatArray, axis: int) -> FloatArray:
     with np.errstate(divide="ignore"):
         found = np.log(np.exp(values - largest).sum(axis=axis))
     return np.asarray(found + np.squeeze(largest, axis=axis))
+
+
+def draw_index(rng: np.random.Generator, log_weight: FloatArray) -> NDArray[np.intp]:
+    """Return indices along the first axis, drawn in proportion to weights, of the shape of the other axes."""
+    weight = np.exp(log_weight - log_weight.max(axis=0))
+    cumulative = np.cumsum(weight, axis=0)
+    at = rng.random(log_weight.shape[1:]) * cumulative[-1]
+    return np.minimum((cumulative <= at).sum(axis=0), len(log_weight) - 1)

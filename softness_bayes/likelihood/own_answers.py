@@ -37,6 +37,7 @@ from softness_bayes.likelihood.design import Design
 from softness_bayes.likelihood.magnitude import LogRatings, RatingModel
 from softness_bayes.likelihood.mu_nodes import log_sum
 from softness_bayes.likelihood.pieces import in_pieces
+from softness_bayes.likelihood.rater_sums import RaterSums
 from softness_bayes.likelihood.ratings import RatingParameters
 from softness_bayes.likelihood.stated import Stated
 
@@ -216,22 +217,11 @@ class OwnAnswers(LogRatings):
     ) -> None:
         super().__init__(ratings, design, model, over)
         self._asked = nodes
-        rows = design.cells.sum(axis=1)
-        self._raters = np.flatnonzero(rows)
-        few = self._raters.size < FEW_RATERS or design.n_rows < FEW_ROWS * self._raters.size
+        self._own = RaterSums.of(design, self._log - math.log(self.model.centre))
+        raters = self._own.rows.size
+        few = raters < FEW_RATERS or design.n_rows < FEW_ROWS * raters
         self._nodes = nodes or (FEW if few else FAST)
-        self._rows = rows[self._raters]
-        self._cells = design.cells[self._raters]
-        self._shares = self._cells / self._rows[:, None]
-        place = np.full(rows.size, -1)
-        place[self._raters] = np.arange(self._raters.size)
-        self._rater = place[design.participant]
-        centred = self._log - math.log(self.model.centre)
-        self._means = np.bincount(self._rater, centred, self._rows.size) / self._rows
-        self._deviation = centred - self._means[self._rater]
-        self._squares = np.asarray(np.bincount(self._rater, self._deviation**2, self._rows.size), float)
-        self._sums = np.zeros_like(self._cells)
-        np.add.at(self._sums, (self._rater, design.condition), self._deviation)
+        self._shares = self._own.shares
 
     def with_values(self, values: ArrayLike) -> Self:
         """Return the likelihood of other ratings of the same rows."""
@@ -258,7 +248,7 @@ class OwnAnswers(LogRatings):
                 found = log_sum(nodes.log_weight + raters.sum(axis=-1), axis=0)
             return (found - self._log.sum()).reshape(*shape, 1)
 
-        return in_pieces(whole, self._count * self._rows.size, mean_rate, parameters)[..., 0]
+        return in_pieces(whole, self._count * self._own.rows.size, mean_rate, parameters)[..., 0]
 
     def log_likelihood_participants(self, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
         """Log density of all ratings of each participant given everybody else's, shape (draws, participants)."""
@@ -269,11 +259,11 @@ class OwnAnswers(LogRatings):
             joint = nodes.log_weight + raters.sum(axis=-1)
             found = np.zeros((len(joint[0]), self.design.n_participants))
             rest = log_sum(joint[..., None] - raters, axis=0)
-            found[:, self._raters] = log_sum(joint, axis=0)[:, None] - rest
+            found[:, self._own.participant] = log_sum(joint, axis=0)[:, None] - rest
             found -= np.bincount(self.design.participant, self._log, self.design.n_participants)
             return found.reshape(*shape, -1)
 
-        return in_pieces(alone, self._count * self._rows.size, mean_rate, parameters)
+        return in_pieces(alone, self._count * self._own.rows.size, mean_rate, parameters)
 
     def log_likelihood_loo(self, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
         """Log density of each rating given all the others, shape (..., rows)."""
@@ -316,12 +306,12 @@ class OwnAnswers(LogRatings):
             found = draw_own(rng, sums, spreads, modes, nodes, raters, self._counts, self.model.spread)
             return np.concatenate(found, axis=-1).reshape(*shape, -1)
 
-        count, people = self._rows.size, self.design.n_participants
+        count, people = self._own.rows.size, self.design.n_participants
         shape = np.broadcast_shapes(mean_rate.shape[:-1], *(np.shape(v) for v in parameters))
         found = in_pieces(drawn, POINTS * max(self._counts) * count, mean_rate, parameters)
         effects = self.model.draw_effects(rng, parameters, shape, people, self.design.n_fabrics)
         for k, each in enumerate(effects[1:]):
-            each[..., self._raters] = found[..., 1 + k * count : 1 + (k + 1) * count]
+            each[..., self._own.participant] = found[..., 1 + k * count : 1 + (k + 1) * count]
         return effects._replace(mu=found[..., 0] + math.log(self.model.centre))
 
     def residual(self, mean_rate: FloatArray, parameters: RatingParameters, effects: Effects) -> FloatArray:
@@ -352,8 +342,8 @@ class OwnAnswers(LogRatings):
         drive = np.broadcast_to(drive, (*shape, drive.shape[-1])).reshape(-1, drive.shape[-1])
         spreads = Spreads(*(np.broadcast_to(np.asarray(v, float), shape).reshape(-1, 1) for v in named))
         mean = drive @ self._shares.T
-        squares = np.maximum((drive * drive) @ self._cells.T - self._rows * mean**2, 0.0)
-        sums = Sums(self._rows, self._means, self._squares, mean, squares, drive @ self._sums.T)
+        squares = np.maximum((drive * drive) @ self._own.cells.T - self._own.rows * mean**2, 0.0)
+        sums = Sums(self._own.rows, self._own.means, self._own.squares, mean, squares, drive @ self._own.sums.T)
         return sums, spreads, shape
 
     def _terms(self, sums: Sums, spreads: Spreads, modes: Modes) -> Terms:
@@ -362,7 +352,7 @@ class OwnAnswers(LogRatings):
     def _joint(self, sums: Sums, spreads: Spreads) -> tuple[Modes, MuNodes, FloatArray]:
         """Return the modes, nodes of mu, and each rater's log density there, (nodes, points, raters)."""
         modes = find_modes(sums, spreads, self.model.spread, MOST_ROUNDS)
-        nodes = mu_nodes(modes, self.model.spread, self._rows.size)
+        nodes = mu_nodes(modes, self.model.spread, self._own.rows.size)
         return modes, nodes, at_mu(self._terms(sums, spreads, modes), nodes.mu)
 
     def _left_out(self, mean_rate: FloatArray, parameters: RatingParameters) -> _LeftOut:
@@ -375,24 +365,26 @@ class OwnAnswers(LogRatings):
         rest = self._without_each(sums, drive)
         own = find_modes(rest, spreads, self.model.spread, MOST_ROUNDS, modes.mu)
         terms = self._terms(rest, spreads, own)
-        others = joint[..., None] - raters[..., self._rater]
-        gap = self._means[self._rater] + self._deviation - np.exp(spreads.exponent * terms.u) * drive
+        others = joint[..., None] - raters[..., self._own.of_row]
+        gap = self._own.means[self._own.of_row] + self._own.deviation - np.exp(spreads.exponent * terms.u) * drive
         variance = np.square(spreads.noise * np.exp(spreads.noises * terms.w))
         return _LeftOut(nodes.mu, joint, others, terms, gap, variance, spreads.scale**2, shape)
 
     def _without_each(self, sums: Sums, drive: FloatArray) -> Sums:
         """Return the sums of each row's rater without the row, for every row."""
-        own = self._rater
-        rows: FloatArray = self._rows[own]
+        own = self._own.of_row
+        rows: FloatArray = self._own.rows[own]
         left = np.maximum(rows - 1.0, 1.0)
         about = drive - sums.drive[:, own]
         alone, part = rows == 1, rows / left
-        squares: FloatArray = np.where(alone, 0.0, np.maximum(self._squares[own] - part * self._deviation**2, 0.0))
+        squares: FloatArray = np.where(
+            alone, 0.0, np.maximum(self._own.squares[own] - part * self._own.deviation**2, 0.0)
+        )
         return Sums(
             rows - 1.0,
-            np.where(alone, 0.0, self._means[own] - self._deviation / left),
+            np.where(alone, 0.0, self._own.means[own] - self._own.deviation / left),
             squares,
             np.where(alone, 0.0, sums.drive[:, own] - about / left),
             np.where(alone, 0.0, np.maximum(sums.drive_squares[:, own] - part * about**2, 0.0)),
-            np.where(alone, 0.0, sums.products[:, own] - part * about * self._deviation),
+            np.where(alone, 0.0, sums.products[:, own] - part * about * self._own.deviation),
         )

@@ -16,6 +16,7 @@ from scipy.special import ndtri
 
 from softness_bayes.likelihood.contract import Effects
 from softness_bayes.likelihood.design import Design, IndexArray
+from softness_bayes.likelihood.erring_loads import ErringLoads
 from softness_bayes.likelihood.load_errors import NODE, OUTER, LoadErrors
 from softness_bayes.likelihood.magnitude import LogRatings, RatingModel, spreads_of
 from softness_bayes.likelihood.pieces import in_pieces
@@ -52,7 +53,7 @@ class _Factors(NamedTuple):
     base: FloatArray  # log density of the log ratings there, (...)
 
 
-class SharedLoads(LogRatings):
+class SharedLoads(ErringLoads):
     """Positive ratings under a `RatingModel`, one factor of each load integrated out beside all other effects.
 
     Parameters
@@ -65,6 +66,8 @@ class SharedLoads(LogRatings):
         Index of each condition's load, shape (conditions,).
     """
 
+    effect = "move"
+
     def __init__(
         self,
         ratings: ArrayLike,
@@ -74,8 +77,8 @@ class SharedLoads(LogRatings):
         load: IndexArray,
         over: Design | None = None,
     ) -> None:
-        super().__init__(ratings, design, model, over)
-        self.errors, self.load = errors, np.asarray(load)
+        super().__init__(ratings, design, model, errors, over)
+        self.load = np.asarray(load)
         self._member = np.eye(self.load.max() + 1)[:, self.load]
 
     @classmethod
@@ -97,11 +100,6 @@ class SharedLoads(LogRatings):
         )
         return cls(observed.values, observed.design, observed.model, errors, np.asarray(load))
 
-    @property
-    def load_errors(self) -> LoadErrors:
-        """The loads beside the stated ones whose responses are needed."""
-        return self.errors
-
     def with_values(self, values: ArrayLike) -> Self:
         """Return the likelihood of other ratings of the same rows."""
         return type(self)(values, self.design, self.model, self.errors, self.load, self._over)
@@ -115,23 +113,6 @@ class SharedLoads(LogRatings):
         """Return the likelihood that takes the responses as they are, summed over the factors."""
         errors = self.errors.at_nodes(FINE_NODES)
         return OverFactors(self.values, self.design, self.model, errors, self.load, self._over)
-
-    @property
-    def fabric_of_rate(self) -> IndexArray:
-        """Fabric of each column of the mean rates."""
-        return np.tile(self.design.fabric, 1 + len(self.errors.nodes))
-
-    def drive(self, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
-        """Return the response's contribution in each condition at its stated load, shape (..., conditions)."""
-        return super().drive_at(self._stated(mean_rate), self._stated(mean_rate), parameters)
-
-    def drive_at(self, elsewhere: FloatArray, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
-        """Return `drive` at other mean rates [Hz], shape (..., k)."""
-        return super().drive_at(elsewhere, self._stated(mean_rate), parameters)
-
-    def predictor(self, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
-        """Return log(N/N_ref + eps) at the stated loads, shape (..., conditions)."""
-        return super().predictor(self._stated(mean_rate), parameters)
 
     def log_likelihood(self, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
         """Log density of all ratings together, shape (...)."""
@@ -217,14 +198,9 @@ class SharedLoads(LogRatings):
         TypeError
             Without mean rates.
         """
-        if mean_rate is None:
-            raise TypeError("errors of loads move ratings by the response: expected mean rates")
-        moved = self._touched(mean_rate, parameters, effects) - self.drive(mean_rate, parameters)
+        rates = self._needed(mean_rate)
+        moved = self._touched(rates, parameters, effects) - self.drive(rates, parameters)
         return super().replicate(rng, drive + moved, parameters, effects, mean_rate)
-
-    def _stated(self, mean_rate: FloatArray) -> FloatArray:
-        """Return the mean rates under the stated loads."""
-        return mean_rate[..., : self.design.n_conditions]
 
     def _touched(self, mean_rate: FloatArray, parameters: RatingParameters, effects: Effects) -> FloatArray:
         """Return the drive of each condition under the loads of `effects`."""
@@ -233,8 +209,7 @@ class SharedLoads(LogRatings):
 
     def _line(self, mean_rate: FloatArray, parameters: RatingParameters) -> tuple[FloatArray, FloatArray]:
         """Return the drive's mean over the factors' law, and its change with each of them, (..., loads, conditions)."""
-        columns = self.errors.columns
-        lower, stated, higher = np.moveaxis(self.drive_at(mean_rate, mean_rate, parameters)[..., columns], -1, 0)
+        lower, stated, higher = self.drives(mean_rate, parameters)
         middle = stated + OUTER * (higher + lower - 2.0 * stated)
         return middle, (OUTER * NODE * (higher - lower))[..., None, :] * self._member
 
@@ -276,8 +251,7 @@ class OverFactors(SharedLoads):
         root = np.linalg.cholesky(np.linalg.inv(np.eye(loads) + law.information))
         z = ndtri(qmc.Sobol(loads, seed=1).random(POINTS))
         knots = np.sort(np.append(self.errors.nodes, 0.0))
-        every = self.drive_at(mean_rate, mean_rate, parameters)[..., self.errors.columns]
-        every = np.moveaxis(every, -1, 0)  # (nodes, ..., conditions), the stated load in the middle
+        every = self.drives(mean_rate, parameters)
         terms = []
         for step in z:
             factor = law.mean + root @ step
@@ -292,7 +266,7 @@ class OverFactors(SharedLoads):
 
     def _line(self, mean_rate: FloatArray, parameters: RatingParameters) -> tuple[FloatArray, FloatArray]:
         knots = np.sort(np.append(self.errors.nodes, 0.0))
-        every = np.moveaxis(self.drive_at(mean_rate, mean_rate, parameters)[..., self.errors.columns], -1, 0)
+        every = self.drives(mean_rate, parameters)
         weight = np.exp(-0.5 * knots**2)
         weight /= weight.sum()
         middle = np.tensordot(weight, every, 1)

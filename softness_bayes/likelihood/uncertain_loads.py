@@ -11,9 +11,10 @@ from typing import Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from softness_bayes.likelihood.design import Design, IndexArray
+from softness_bayes.likelihood.design import Design
+from softness_bayes.likelihood.erring_loads import ErringLoads
 from softness_bayes.likelihood.load_errors import OUTER, LoadErrors
-from softness_bayes.likelihood.magnitude import LogRatings, RatingModel
+from softness_bayes.likelihood.magnitude import RatingModel
 from softness_bayes.likelihood.random_effects import Effects, LeaveOneOut, Spreads
 from softness_bayes.likelihood.ratings import RatingParameters
 from softness_bayes.likelihood.weighted_effects import Law, WeightedEffects, law_of
@@ -21,7 +22,7 @@ from softness_bayes.likelihood.weighted_effects import Law, WeightedEffects, law
 FloatArray = NDArray[np.float64]
 
 
-class UncertainLoads(LogRatings):
+class UncertainLoads(ErringLoads):
     """Positive ratings under a `RatingModel`, with mu, participants, fabrics and the loads' errors integrated out.
 
     Parameters
@@ -32,6 +33,8 @@ class UncertainLoads(LogRatings):
         The errors of the loads. Mean rates are those of the conditions, and under the loads that `LoadErrors` says.
     """
 
+    effect = "spread"
+
     def __init__(
         self,
         ratings: ArrayLike,
@@ -40,8 +43,7 @@ class UncertainLoads(LogRatings):
         errors: LoadErrors,
         over: Design | None = None,
     ) -> None:
-        super().__init__(ratings, design, model, over)
-        self.errors, self._columns = errors, errors.columns
+        super().__init__(ratings, design, model, errors, over)
         touches = Design(errors.of_row, design.participant, design.fabric[errors.condition], design.n_participants)
         level = float(np.log(model.centre)), model.spread
         self._weighted = WeightedEffects(touches, self._log, *level, design.n_fabrics)
@@ -55,32 +57,9 @@ class UncertainLoads(LogRatings):
         errors = self.errors.without(rows)
         return type(self)(self.values[~rows], self.design.without(rows), self.model, errors, self._over)
 
-    @property
-    def load_errors(self) -> LoadErrors:
-        """The loads beside the stated ones whose responses are needed."""
-        return self.errors
-
-    @property
-    def fabric_of_rate(self) -> IndexArray:
-        """Fabric of each column of the mean rates."""
-        fabric = self.design.fabric
-        return np.concatenate([fabric, *[fabric[self.errors.condition[self.errors.uncertain]]] * 2])
-
-    def drive(self, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
-        """Return the response's contribution in each condition at its stated load, shape (..., conditions)."""
-        return super().drive_at(self._stated(mean_rate), self._stated(mean_rate), parameters)
-
-    def drive_at(self, elsewhere: FloatArray, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
-        """Return `drive` at other mean rates [Hz], shape (..., k)."""
-        return super().drive_at(elsewhere, self._stated(mean_rate), parameters)
-
-    def predictor(self, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
-        """Return log(N/N_ref + eps) at the stated loads, shape (..., conditions)."""
-        return super().predictor(self._stated(mean_rate), parameters)
-
     def moments(self, mean_rate: FloatArray, parameters: RatingParameters) -> tuple[FloatArray, FloatArray]:
         """Return mean and variance of the drive over the law of each touch's load, each (..., touches)."""
-        lower, stated, higher = np.moveaxis(self.drive_at(mean_rate, mean_rate, parameters)[..., self._columns], -1, 0)
+        lower, stated, higher = self.drives(mean_rate, parameters)
         up, down = higher - stated, lower - stated
         shift = OUTER * (up + down)
         return stated + shift, OUTER * ((up - shift) ** 2 + (down - shift) ** 2) + (1.0 - 2.0 * OUTER) * shift**2
@@ -131,20 +110,15 @@ class UncertainLoads(LogRatings):
         TypeError
             Without mean rates.
         """
-        if mean_rate is None:
-            raise TypeError("errors of loads spread ratings by the response: expected mean rates")
-        mean, variance = self.moments(mean_rate, parameters)
+        rates = self._needed(mean_rate)
+        mean, variance = self.moments(rates, parameters)
         row, design = self.errors.of_row, self.design
-        bend = (mean - self.drive(mean_rate, parameters)[..., self.errors.condition])[..., row]
+        bend = (mean - self.drive(rates, parameters)[..., self.errors.condition])[..., row]
         log_rating = effects.mu[..., None] + (drive + effects.fabric[..., design.fabric])[..., design.condition]
         log_rating = log_rating + bend + effects.participant[..., design.participant]
         sd = np.sqrt(self.model.error_sd(parameters)[..., None] ** 2 + variance)
         noise = self.model.error.draw(rng, log_rating.shape, parameters)
         return np.asarray(self.model.scale.natural(log_rating + sd[..., row] * noise))
-
-    def _stated(self, mean_rate: FloatArray) -> FloatArray:
-        """Return the mean rates under the stated loads."""
-        return mean_rate[..., : self.design.n_conditions]
 
     def _law(self, mean_rate: FloatArray, parameters: RatingParameters) -> Law:
         mean, variance = self.moments(mean_rate, parameters)
