@@ -17,7 +17,7 @@ from support.paths import ROOT
 
 LAYERS = (
     {"errors"},
-    {"defaults", "files", "kinds", "ranges", "supplied"},
+    {"defaults", "files", "kinds", "ranges", "shares", "supplied"},
     {"arviz_bridge", "touch.neuron"},
     {"touch", "sampler"},
     {"data", "parameters"},

@@ -12,6 +12,7 @@ from scipy.special import chdtrc, chdtri
 from softness_bayes.likelihood.contract import Effects, Likelihood, Parameters
 from softness_bayes.likelihood.pieces import part_of, pieces
 from softness_bayes.likelihood.scales import MAGNITUDE
+from softness_bayes.shares import percent
 
 Array = NDArray[np.float64]
 
@@ -63,7 +64,7 @@ class FabricCheck(NamedTuple):
             return (
                 f"fabrics: no mean rating deviates from the response by more than noise explains (p = "
                 f"{self.condition_p_value:.2g}, {len(conditions)} means; deviations of about {self.noticed:.1g} (sd) "
-                f"in the {unit} would be noticed in {NOTICED:.0%} of such tables)"
+                f"in the {unit} would be noticed in {percent(NOTICED)} of such tables)"
             )
         if self.condition_p_value >= NEEDED:
             found = (

@@ -46,7 +46,7 @@ class Product(NamedTuple):
     def sentence(self, names: Sequence[str]) -> str:
         """Say how closely the data determine the product."""
         if self.width > INFORMED:
-            return f"not informed: {self.written(names)} (limits {self.width:.0%} as wide as under the prior)"
+            return f"not informed: {self.written(names)} (limits {100 * self.width:.0f} % as wide as under the prior)"
         word = "determined" if self.width <= DETERMINED else "informed"
         error = f" ± {self.error:.1g}" if np.isfinite(self.error) else ""
         known = f"within a factor of {self.factor:.4g}{error} (prior: {self.prior_factor:.3g})"

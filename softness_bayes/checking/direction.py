@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from softness_bayes.checking.quantities import Layout
 from softness_bayes.checking.trend import Correlation, Trend, find_trend, mean_correlation
 from softness_bayes.likelihood.directions import FALLS, FREE, RISES, RatingDirection
+from softness_bayes.shares import percent
 
 WAY = {1: "rise", -1: "fall"}
 """The verb for the sign of a correlation of ratings with stiffness."""
@@ -57,7 +58,8 @@ class Evidence(NamedTuple):
         """The model's prediction for firing against stiffness, in a clause."""
         rises = self.firing >= 0.5
         share = self.firing if rises else 1.0 - self.firing
-        return f"firing {'rises' if rises else 'falls'} with stiffness over these fabrics in {share:.0%} of prior draws"
+        way = "rises" if rises else "falls"
+        return f"firing {way} with stiffness over these fabrics in {percent(share)} of prior draws"
 
     @property
     def reading(self) -> str:

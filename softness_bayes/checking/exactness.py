@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from softness_bayes import arviz_bridge
+from softness_bayes.shares import percent
 
 Array = NDArray[np.float64]
 
@@ -111,7 +112,7 @@ class Exactness:
         return (
             f"{verdict}: against {self.rates} and a finer quadrature the log-likelihood of "
             f"{self.difference.size} draws differs by {self.sd:.1g} (sd{error}), {self.largest:.1g} at most; "
-            f"importance weights keep {self.efficiency:.1%} of the effective sample size{tail}{most}."
+            f"importance weights keep {percent(self.efficiency, 1)} of the effective sample size{tail}{most}."
         )
 
 

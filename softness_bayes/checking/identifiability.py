@@ -184,7 +184,7 @@ def direction_sentences(directions: pd.DataFrame) -> list[str]:
 
 def _open(contraction: float) -> str:
     width = float(_width(contraction))
-    beside = "as wide as" if abs(width - 1.0) < 0.05 else f"{width:.0%} as wide as"
+    beside = "as wide as" if abs(width - 1.0) < 0.05 else f"{100 * width:.0f} % as wide as"
     return f"not informed: {beside} under the prior"
 
 

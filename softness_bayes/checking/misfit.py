@@ -13,6 +13,7 @@ from softness_bayes.checking.flatness import Explained, explain
 from softness_bayes.checking.grouped import groups_in
 from softness_bayes.checking.quantities import Layout
 from softness_bayes.provenance import Provenance
+from softness_bayes.shares import chance, percent
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -62,7 +63,9 @@ class Fit(NamedTuple):
         """Reasons why the fit has failed, a sentence each, most important first; empty if it has not."""
         found = [self.choice.sentence] if self.choice.against_data else []
         if self.flat:
-            silent = f" ({self.silent:.0%} of the posterior is silent in every condition)" if self.silent > 0.5 else ""
+            silent = (
+                f" ({percent(self.silent)} of the posterior is silent in every condition)" if self.silent > 0.5 else ""
+            )
             found.append(f"the prediction is flat where the ratings are not{silent}: {'; '.join(self.flat)}")
         return found
 
@@ -72,9 +75,9 @@ class Fit(NamedTuple):
         if self.silent_conditions <= MOSTLY_SILENT or self.choice.against_data:
             return ""
         return (
-            f"no receptor fires in {self.silent_conditions:.0%} of posterior draws and conditions; there the model "
-            "predicts one rating for all fabrics, and only the prior and the absence of firing constrain skin and "
-            "receptors. Check the units of moduli and loads, and whether the priors suit these fingers "
+            f"no receptor fires in {percent(self.silent_conditions)} of posterior draws and conditions; there the "
+            "model predicts one rating for all fabrics, and only the prior and the absence of firing constrain skin "
+            "and receptors. Check the units of moduli and loads, and whether the priors suit these fingers "
             "(--priors in-vivo)"
         )
 
@@ -156,15 +159,8 @@ def _flat(one: Explained) -> str:
 def _share(one: Explained) -> str:
     if one.high < 0:
         return "none"
-    low, share, high = (_percent(value) for value in (one.low, one.share, one.high))
+    low, share, high = (chance(min(max(value, 0.0), 1.0)) for value in (one.low, one.share, one.high))
     return share if low == high else f"{share} (90 % interval {low} to {high})"
-
-
-def _percent(share: float) -> str:
-    """Return a share in per cent, without claiming exactly 0 or 100."""
-    if share < 0.005:
-        return "less than 1%"
-    return "more than 99%" if share > 0.995 else f"{share:.0%}"
 
 
 def _values(tree: xr.DataTree, group: str, name: str) -> NDArray[np.float64]:

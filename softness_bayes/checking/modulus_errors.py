@@ -245,8 +245,9 @@ def shift_sentences(table: pd.DataFrame) -> list[str]:
     clear = table[table[columns[0]] >= CLEAR * table[f"{columns[0]}_mcse"]]
     if clear.empty:
         return []
+    *smaller, largest = (f"{100 * error:.0f} %" for error in ERRORS)
     said = [
-        f"if the moduli were wrong by {', '.join(f'{error:.0%}' for error in ERRORS[:-1])} or {ERRORS[-1]:.0%} "
+        f"if the moduli were wrong by {', '.join(smaller)} or {largest} "
         "(independent errors), posterior means would move, to first order, by these numbers of posterior standard "
         f"deviations (beyond {LINEAR:g} first order does not tell the size: declare the errors and see)"
     ]

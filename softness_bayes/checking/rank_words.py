@@ -8,6 +8,7 @@ import numpy as np
 
 from softness_bayes.checking.rank_power import Least
 from softness_bayes.checking.ranks import FALSE_ALARM, LARGEST_WIDTH, Calibration
+from softness_bayes.shares import percent
 
 
 def verdict(calibration: Calibration, size: str, decided: bool) -> str:
@@ -30,7 +31,7 @@ def verdict(calibration: Calibration, size: str, decided: bool) -> str:
     return (
         f"{kind}: {size}; no alarm over {len(calibration.names)} quantities ranked among {calibration.draws} draws: "
         f"smallest p-value {worst:.2g}, alarm below {calibration.threshold:.1g} (a right model raises one in at most "
-        f"{FALSE_ALARM:.0%} of calibrations). {_seen(calibration)}"
+        f"{percent(FALSE_ALARM)} of calibrations). {_seen(calibration)}"
     )
 
 

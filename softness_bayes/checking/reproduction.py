@@ -11,6 +11,7 @@ from softness_bayes.checking.grouped import groups_in
 from softness_bayes.checking.levelled import DOUBTFUL, NEEDED, Power, Tables, departs, fall, power
 from softness_bayes.checking.quantities import DROP, PLACE, TURNS_OVER, Additive, Columns, Layout, Quantity
 from softness_bayes.defaults import shown_of
+from softness_bayes.shares import percent
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -112,7 +113,7 @@ def turning_sentences(table: pd.DataFrame) -> list[str]:
     words = {True: "yes", False: "no", None: "the ratings cannot tell"}
     head = (
         "does the model reproduce the turning point (maximum)? A yes needs a check that would reject a response that "
-        f"levels off at its peak in at least {NEEDED:.0%} of simulated tables"
+        f"levels off at its peak in at least {percent(NEEDED)} of simulated tables"
     )
     found = inflection_reproduced(table)
     shown = shown_of(len(found))
@@ -130,9 +131,11 @@ def _seen(rows: dict[str, pd.Series]) -> str:
     share = row["replicated"]
     if row["observed"]:
         where = f", at {place['low']:.3g} to {place['high']:.3g} kPa" if np.isfinite(place["low"]) else ""
-        seen = f"the ratings turn over at {place['observed']:.3g} kPa (so do {share:.0%} of simulated tables{where})"
+        seen = (
+            f"the ratings turn over at {place['observed']:.3g} kPa (so do {percent(share)} of simulated tables{where})"
+        )
     else:
-        seen = f"the ratings show no clear turn ({share:.0%} of simulated tables show one)"
+        seen = f"the ratings show no clear turn ({percent(share)} of simulated tables show one)"
     if beyond is not None and np.isfinite(beyond["observed"]):
         seen += (
             f"; beyond the peak they fall by {beyond['observed']:.2g} times the predicted fall "

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
+from softness_bayes.shares import percent
+
 SPREADS = frozenset({"tau", "varsigma", "omega", "tau_b", "tau_m", "varsigma_f"})
 """Spreads of people, fabrics and ratings, which more of any of them narrows."""
 
@@ -37,7 +39,7 @@ def design_lines(told: dict[str, Any]) -> list[str]:
 
 
 def _place(place: dict[str, Any], truths: int) -> str:
-    share = f"the prior's response turns over in {place['prior_share']:.0%} of draws"
+    share = f"the prior's response turns over in {percent(place['prior_share'])} of draws"
     if place["factor_90"] is None:
         return f"turning point at {place['load']}: not foreseen; {share}"
     low, middle, high = place["factor_90"]

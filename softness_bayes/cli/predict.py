@@ -24,6 +24,7 @@ from softness_bayes.cli.running import reading
 from softness_bayes.defaults import ANSWER_DRAWS, PRIOR_SET
 from softness_bayes.errors import InputError
 from softness_bayes.ranges import PANEL
+from softness_bayes.shares import percent
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -191,6 +192,6 @@ def _geometry_note(scene: Scene, parameters: TouchParameters, of: str) -> str:
     if not beyond.questionable:
         return ""
     return (
-        f"the contact radius exceeds R/2, where Hertz's geometry is questionable, in {beyond.questionable:.1%} "
-        f"{of}, and R, where it is meaningless, in {beyond.meaningless:.1%}"
+        f"the contact radius exceeds R/2, where Hertz's geometry is questionable, in {percent(beyond.questionable, 1)} "
+        f"{of}, and R, where it is meaningless, in {percent(beyond.meaningless, 1)}"
     )

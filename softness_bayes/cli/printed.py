@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING
 
 import click
 
+from softness_bayes.shares import percent
+
 if TYPE_CHECKING:
     from softness_bayes.checking.misfit import Fit
     from softness_bayes.results.result import Result
@@ -55,7 +57,7 @@ def _turning(result: Result) -> str:
     low, *_, high = (f"{float(f'{end:.3g}'):,.10g}" for end in result.group("predictions")["e_fab_kpa"].values)
     return (
         "turning point of the response: a maximum (the paper's inflection) that exceeds the response at both ends of\n"
-        f"the range, {low} and {high} kPa, by {result.least_drop:.0%} of itself. Columns: its probability "
+        f"the range, {low} and {high} kPa, by {percent(result.least_drop)} of itself. Columns: its probability "
         "(p_interior), the same under the\nprior, the probabilities of one among the fabrics' moduli (p_inside), of "
         "none and of no firing; then E_fab at the\nturning point [kPa], median and 90 % limits. Each number ± its "
         "Monte-Carlo standard error.\n"
@@ -82,15 +84,15 @@ def _print_ratings(result: Result, fit: Fit) -> None:
     ):
         click.echo(sentence)
     click.echo(
-        f"no receptor fires in any condition: {silence.prior_silent_everywhere:.1%} of prior draws, "
-        f"{silence.posterior_silent_everywhere:.1%} of posterior draws; in an average condition: "
-        f"{silence.prior_silent_conditions:.0%} and {silence.posterior_silent_conditions:.0%}"
+        f"no receptor fires in any condition: {percent(silence.prior_silent_everywhere, 1)} of prior draws, "
+        f"{percent(silence.posterior_silent_everywhere, 1)} of posterior draws; in an average condition: "
+        f"{percent(silence.prior_silent_conditions)} and {percent(silence.posterior_silent_conditions)}"
     )
     if silence.contact_beyond_half_radius:
         click.echo(
             f"contact radius above R/2, where Hertz's geometry is questionable: "
-            f"{silence.contact_beyond_half_radius:.0%} of draws and conditions; above R, where it is "
-            f"meaningless: {silence.contact_beyond_radius:.0%}"
+            f"{percent(silence.contact_beyond_half_radius)} of draws and conditions; above R, where it is "
+            f"meaningless: {percent(silence.contact_beyond_radius)}"
         )
     if found.held_eps:
         click.echo(found.held_eps)

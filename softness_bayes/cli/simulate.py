@@ -17,6 +17,7 @@ from softness_bayes.cli.options.run import force, out, seed
 from softness_bayes.cli.options.tables import Touches, touches
 from softness_bayes.cli.options.values import Number, whole
 from softness_bayes.ranges import FINGERS, PARTICIPANTS, SLOPES, TYPICAL_RATINGS
+from softness_bayes.shares import percent
 
 if TYPE_CHECKING:
     from softness_bayes.data import Fabrics
@@ -148,7 +149,7 @@ def command(
     click.echo(f"{out}: {len(simulation.ratings)} simulated ratings of {len(fabrics)} fabrics{pressed}")
     silent = float((simulation.total_rate == 0).mean())
     if silent:
-        click.echo(f"note: no receptor fires in {silent:.0%} of the conditions", err=True)
+        click.echo(f"note: no receptor fires in {percent(silent)} of the conditions", err=True)
 
 
 def _resolution(

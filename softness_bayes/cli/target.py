@@ -13,6 +13,7 @@ from softness_bayes.cli.options.values import FILE
 from softness_bayes.cli.running import reading
 from softness_bayes.defaults import ANSWER_DRAWS
 from softness_bayes.errors import InputError
+from softness_bayes.shares import chance, percent
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -102,7 +103,7 @@ def command(
 def _said(rows: pd.DataFrame) -> str:
     """Say under one load whether the rating can be reached, and how."""
     one = rows.iloc[0]
-    reach = f"a rating of {one['rating']:g} is reachable with probability {_share(one['p_reachable'])}"
+    reach = f"a rating of {one['rating']:g} is reachable with probability {chance(one['p_reachable'])}"
     span = f"the typical rater's ratings go from {one['least_rating']:.3g} to {one['largest_rating']:.3g}"
     if not one["p_solution"]:
         return f"{reach}: {span}"
@@ -110,16 +111,9 @@ def _said(rows: pd.DataFrame) -> str:
     for _, row in rows.iterrows():
         found = [f"E_fab {_interval(row, 'e_fab_kpa')} kPa"]
         found += [f"{words} {_interval(row, name)} {unit}" for name, words, unit in _SOUGHT if name in rows]
-        said = f"where the rating {row['with_modulus']} with the modulus, in {row['p_solution']:.0%} of the draws"
+        said = f"where the rating {row['with_modulus']} with the modulus, in {percent(row['p_solution'])} of the draws"
         ways.append(f"{', '.join(found)}, {said}")
     return f"{reach}: {'; or '.join(ways)}"
-
-
-def _share(probability: float) -> str:
-    """Return a probability in per cent, of which only a certain one is 0 or 100."""
-    if 0.99 < probability < 1.0:
-        return "above 99%"
-    return "below 1%" if 0.0 < probability < 0.01 else f"{probability:.0%}"
 
 
 def _interval(row: pd.Series, name: str) -> str:

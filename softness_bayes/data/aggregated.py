@@ -145,7 +145,7 @@ def conversion_note(raters: int, log_sd: float) -> str:
     found = conversion_error(raters, log_sd)
     return (
         "arithmetic means and standard deviations are converted as if ratings were log-normal, an approximation: for "
-        f"{raters} simulated raters as scattered as these a converted mean is off by {found.mean:.1%} (rms, "
+        f"{raters} simulated raters as scattered as these a converted mean is off by {100 * found.mean:.1f} % (rms, "
         f"{found.of_standard_error:.2f} of its standard error), a converted standard deviation of log ratings by "
-        f"{found.spread:.0%}, with a bias of {found.bias:+.0%}"
+        f"{100 * found.spread:.0f} %, with a bias of {100 * found.bias:+.0f} %"
     )

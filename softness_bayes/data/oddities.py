@@ -7,6 +7,7 @@ import numpy as np
 from softness_bayes.data.loads import LOAD_COLUMNS
 from softness_bayes.data.ratings import Ratings
 from softness_bayes.ranges import CATEGORIES_RANGE
+from softness_bayes.shares import percent
 
 CLOSE = 0.02
 """Relative distance of two loads that may have been meant to be one."""
@@ -42,8 +43,8 @@ def _close_loads(ratings: Ratings) -> list[str]:
         pair = int(np.diff(np.log(held)).argmin())
         first, second = (f"{x / column.factor:.12g}" for x in held[pair : pair + 2])
         notes.append(
-            f"{held.size} different {column.label}s make {groups} groups whose members are within {CLOSE:.0%} of a "
-            f"neighbour, as {first} and {second} {column.unit}: used as measured; --round-load STEP makes them equal"
+            f"{held.size} different {column.label}s make {groups} groups whose members are within {percent(CLOSE)} of "
+            f"a neighbour, as {first} and {second} {column.unit}: used as measured; --round-load STEP makes them equal"
         )
     return notes
 
@@ -51,7 +52,7 @@ def _close_loads(ratings: Ratings) -> list[str]:
 def _ends(ratings: Ratings) -> list[str]:
     if np.ptp(ratings.rating) == 0:
         return []
-    notes = []
+    notes, people = [], len(ratings.participants)
     for what, end in (("largest", ratings.rating.max()), ("smallest", ratings.rating.min())):
         at = ratings.rating == end
         share = float(at.mean())
@@ -59,8 +60,8 @@ def _ends(ratings: Ratings) -> list[str]:
             continue
         raters = np.unique(ratings.participant[at]).size
         notes.append(
-            f"{share:.0%} of the ratings are {end:g}, the {what} of all, by {raters} of {len(ratings.participants)} "
-            f"participants: the scale may have ended there"
+            f"{percent(share)} of the ratings are {end:g}, the {what} of all, by {raters} of {people} "
+            "participants: the scale may have ended there"
         )
     return notes
 
@@ -87,4 +88,4 @@ def _ties(ratings: Ratings) -> list[str]:
     share = float((equal * (equal - 1) / 2).sum()) / pairs if pairs else 0.0
     if share < TIED or np.ptp(ratings.rating) == 0:
         return []
-    return [f"{share:.0%} of the pairs of ratings of one participant under one load are ties"]
+    return [f"{percent(share)} of the pairs of ratings of one participant under one load are ties"]

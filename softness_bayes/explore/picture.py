@@ -17,6 +17,7 @@ from softness_bayes.model.scenes import touch_parameters
 from softness_bayes.parameters.fabric_moduli import KPA
 from softness_bayes.plotting.panels import title
 from softness_bayes.plotting.response import HERTZ_LIMIT
+from softness_bayes.shares import percent
 from softness_bayes.touch.pad import touch_profiles
 from softness_bayes.touch.parameters import TouchParameters
 from softness_bayes.touch.receptors import kink_distances
@@ -108,7 +109,7 @@ def _response_in_words(subject: Subject, state: State, found: Inflection) -> str
             return f"{load}: the response turns over at E_fab = {found.modulus[0, state.load] / KPA:.4g} kPa."
     return (
         f"{load}: the response has no turning point: its maximum does not exceed both ends of the range of moduli by "
-        f"{subject.least_drop:.0%}."
+        f"{percent(subject.least_drop)}."
     )
 
 

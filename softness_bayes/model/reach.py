@@ -16,6 +16,7 @@ from softness_bayes.model.options import ModelOptions
 from softness_bayes.model.scenes import scene_of, touch_parameters, usual_values
 from softness_bayes.parameters.declared import SHAPE_PARAMETERS
 from softness_bayes.parameters.fabric_moduli import FabricModuli
+from softness_bayes.shares import percent
 from softness_bayes.touch.contact import Finger, Force, Indentation, Load
 from softness_bayes.touch.neuron.membrane import Channels
 from softness_bayes.touch.parameters import TouchParameters
@@ -100,7 +101,7 @@ def reach_note(
     here = reach(scene, parameters)
     if here.within.mean() >= MOST:
         return ""
-    silent, questionable, meaningless, within = (f"{each.mean():.0%}" for each in here)
+    silent, questionable, meaningless, within = (percent(each.mean()) for each in here)
     said = (
         f"most of what is asked lies outside of the model's reach: of {scene.n_conditions} pairs of fabric and load, "
         f"no receptor fires in {silent}, and the geometry is meaningless (contact radius from R, or indentation from "
@@ -119,12 +120,12 @@ def reach_note(
             changes.append((same, option))
         else:
             changes.append((float(share[best]), f"{tried[best]}{f' with {option}' if option else ''}"))
-    gains = [f"{share:.0%} under {name}" for share, name in changes if share >= here.within.mean() + GAIN]
+    gains = [f"{percent(share)} under {name}" for share, name in changes if share >= here.within.mean() + GAIN]
     if gains:
         return f"{said}. Within reach would be {', '.join(gains)}"
     ends = f"{tried[0]} to {tried[-1]}" if len(kinds) == 1 else "the usual forces and indentations"
     skins = f", with {' or '.join(others)} or without," if others else ""
-    return f"{said}. No load from {ends}{skins} brings {GAIN:.0%} more within reach"
+    return f"{said}. No load from {ends}{skins} brings {percent(GAIN)} more within reach"
 
 
 def reach_of_priors(

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 
 from softness_bayes.plotting.panels import MODULUS_LABEL, WIDE, Array, check_loads, number_ticks, short, title
 from softness_bayes.plotting.style import USUAL, Style
+from softness_bayes.shares import percent
 from softness_bayes.touch.contact import Load
 from softness_bayes.touch.load_groups import LoadGroup
 
@@ -168,10 +169,3 @@ def _draw_outcomes(axes: Axes, inflection: Inflection, index: int, style: Style,
     axes.set_yticks([-place for place in range(len(bars))], list(bars))
     axes.tick_params(axis="y", length=0)
     axes.spines["left"].set_position(("data", 0.0))
-
-
-def percent(share: float) -> str:
-    """Return a share as a percentage that is 0 or 100 only if the share is exactly 0 or 1."""
-    if 0 < share < 0.01:
-        return "<1 %"
-    return ">99 %" if 0.99 < share < 1 else f"{100 * share:.0f} %"

@@ -18,6 +18,7 @@ from softness_bayes.parameters.declared import PARAMETERS
 from softness_bayes.report.findings import exactness_of, input_errors_of
 from softness_bayes.report.words import with_error
 from softness_bayes.results.result import Result
+from softness_bayes.shares import chance
 
 LIKELY = 0.9
 """Probability from which the response is said to turn over, and one minus that up to which it is said not to."""
@@ -222,17 +223,17 @@ def _softness(softest: tuple[Softest, ...]) -> list[str]:
 
 
 def _chance(one: Softest) -> str:
-    return with_error(100 * one.probability, 100 * one.error, " %") if one.error else "above 99 %"
+    return with_error(100 * one.probability, 100 * one.error, " %") if one.error else chance(one.probability)
 
 
 def _turned(turn: Turn) -> str:
     if turn.reproduced is False:
         return f"at {turn.load} the ratings contradict the model's turning point"
-    chance = "below 1%" if turn.probability < 0.01 else f"{turn.probability:.0%}"
+    said = chance(turn.probability)
     if turn.probability <= 1.0 - LIKELY:
-        return f"at {turn.load} the response does not turn over (probability of a turn: {chance})"
+        return f"at {turn.load} the response does not turn over (probability of a turn: {said})"
     if turn.probability < LIKELY:
-        return f"at {turn.load} the data cannot tell whether the response turns over (probability: {chance})"
+        return f"at {turn.load} the data cannot tell whether the response turns over (probability: {said})"
     limits = f"(90 % interval {turn.low:.3g} to {turn.high:.3g} kPa)"
     alone = ", though the ratings at this load alone cannot show it" if turn.reproduced is None else ""
     return f"at {turn.load} the response turns over at E_fab = {turn.middle:.3g} kPa {limits}{alone}"

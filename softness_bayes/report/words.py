@@ -6,6 +6,8 @@ from typing import Any
 
 import numpy as np
 
+from softness_bayes.shares import percent
+
 LEAST_PLAIN, MOST_PLAIN = 1e-4, 1e7
 """Ends of the numbers that are written without an exponent."""
 
@@ -28,7 +30,7 @@ def with_error(value: Any, error: Any, unit: str = "") -> str:
 
 def share(value: Any) -> str:
     """Return a share in per cent, the sign behind a space that no line breaks at; a dash where there is none."""
-    return f"{round(100 * float(value))}\u00a0%" if np.isfinite(value) else "–"
+    return percent(float(value)).replace(" ", "\u00a0")
 
 
 def sentence(text: str) -> str:

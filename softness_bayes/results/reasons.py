@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from softness_bayes.data.loads import LOAD_COLUMNS
 from softness_bayes.parameters.fabric_moduli import KPA
 from softness_bayes.results.fitted import Fitted
+from softness_bayes.shares import percent
 from softness_bayes.touch.contact import Force, Indentation
 from softness_bayes.touch.scene import Scene
 
@@ -72,7 +73,7 @@ def reasons(fitted: Fitted, scene: Scene, rate: Array, modulus: Array | None = N
     words = []
     for k in range(scene.n_conditions):
         said = [
-            f"no receptor fires in {silent[k]:.0%} of the draws" if silent[k] >= NOTICED else "",
+            f"no receptor fires in {percent(silent[k])} of the draws" if silent[k] >= NOTICED else "",
             _hertz(half[k], whole[k]),
             f"E_fab {beyond_moduli[k]} those rated ({moduli})" if beyond_moduli[k] else "",
             f"load {beyond_loads[k]} those rated ({loads[scene.load[k]]})" if beyond_loads[k] else "",
@@ -105,7 +106,9 @@ class _Span(NamedTuple):
 def _hertz(questionable: float, meaningless: float) -> str:
     """Say in how many draws the contact leaves Hertz's geometry."""
     if meaningless >= NOTICED:
-        return f"contact radius above R, where Hertz's geometry is meaningless, in {meaningless:.0%} of the draws"
+        return f"contact radius above R, where Hertz's geometry is meaningless, in {percent(meaningless)} of the draws"
     if questionable >= NOTICED:
-        return f"contact radius above R/2, where Hertz's geometry is questionable, in {questionable:.0%} of the draws"
+        return (
+            f"contact radius above R/2, where Hertz's geometry is questionable, in {percent(questionable)} of the draws"
+        )
     return ""

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from softness_bayes.sampler.autocorrelation import autocorrelation_time, indicator_time, own_time
 from softness_bayes.sampler.chain_statistics import ess_bulk, ess_tail, r_hat_between
 from softness_bayes.sampler.starts import NO_STARTS, Starts
+from softness_bayes.shares import percent
 
 FloatArray = NDArray[np.float64]
 
@@ -202,7 +203,7 @@ class Verdict:
             return ""
         found = f"All {climbs} climbs" if not hopeless else f"{climbs - hopeless} of {climbs} climbs"
         others = ", the others to negligible mass" if hopeless else ""
-        missed = f"a mode that fewer than {self.starts.missed:.0%} of climbs reach may have been missed"
+        missed = f"a mode that fewer than {percent(self.starts.missed)} of climbs reach may have been missed"
         return f" {found} from prior draws led to one mode{others}; {missed}."
 
     def _shortfalls(self) -> list[str]:
@@ -219,7 +220,7 @@ class Verdict:
             if ess.min() < goal.ess:
                 found.append(f"{kind} ESS of {self.names[int(ess.argmin())]} is {ess.min():.0f}, {goal.ess:.0f} needed")
         if not found and not self.tau_change <= goal.tau_change:
-            change = "not yet compared" if math.isinf(self.tau_change) else f"changed by {self.tau_change:.0%}"
+            change = "not yet compared" if math.isinf(self.tau_change) else f"changed by {100 * self.tau_change:.0f} %"
             found.append(f"the autocorrelation time of {self.names[self.worst]} {change}")
         if self.modes:
             long = f"though each is longer than {goal.lengths:.0f} of its own autocorrelation times"

@@ -16,6 +16,8 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import betaincinv
 
+from softness_bayes.shares import percent
+
 FIGURE = "coverage_with_uncertain_inputs.png"
 
 KEPT: Mapping[str, Mapping[str, str]] = {
@@ -94,7 +96,7 @@ def page_lines(found: Sequence[Share]) -> list[str]:
         own = {share.quantity: share for share in found if share.situation == situation}
         cells = [_cell(own.get(quantity)) for quantity in quantities]
         first = max(own.values(), key=lambda share: share.tables)
-        lines.append(f"| {situation} | {first.tables} | {first.noticed:.0%} | " + " | ".join(cells) + " |")
+        lines.append(f"| {situation} | {first.tables} | {percent(first.noticed)} | " + " | ".join(cells) + " |")
     return lines
 
 

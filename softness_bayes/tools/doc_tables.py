@@ -12,6 +12,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 
 import softness_bayes
+from softness_bayes.shares import percent
 
 PACKAGE = Path(softness_bayes.__file__).parent
 DOCS = PACKAGE / "docs"
@@ -75,9 +76,9 @@ def calibration(results: Path) -> str:
     expected = {row["mass"]: float(row["expected"]) for row in rows}
     shares = {(row["quantity"], row["mass"]): float(row["share"]) for row in rows}
     names = dict.fromkeys(row["quantity"] for row in rows)
-    head = ["quantity", *(f"{float(mass):.0%} interval" for mass in expected)]
-    held = ([f"`{name}`", *(f"{shares[name, mass]:.1%}" for mass in expected)] for name in names)
-    exact = ["*expected*", *(f"*{share:.1%}*" for share in expected.values())]
+    head = ["quantity", *(f"{percent(float(mass))} interval" for mass in expected)]
+    held = ([f"`{name}`", *(percent(shares[name, mass], 1) for mass in expected)] for name in names)
+    exact = ["*expected*", *(f"*{percent(share, 1)}*" for share in expected.values())]
     verdict = (results / "calibration" / "verdict.txt").read_text(encoding="utf-8").strip()
     return f"> {verdict}\n\n{table(head, [*held, exact])}"
 

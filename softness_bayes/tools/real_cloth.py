@@ -15,6 +15,7 @@ import numpy as np
 from softness_bayes.data import Fabrics
 from softness_bayes.model.reach import COARSE, SKINS, reach
 from softness_bayes.model.scenes import scene_of, touch_parameters, usual_values
+from softness_bayes.shares import percent
 from softness_bayes.touch.contact import Force, Indentation, Load
 from softness_bayes.touch.neuron.membrane import Channels
 from softness_bayes.touch.readings import MENDED
@@ -47,7 +48,7 @@ def table_of(fabrics: Fabrics) -> list[tuple[str, ...]]:
         shares, depth = reach(scene, parameters), scene.contact(parameters).indentation.ravel() * 1e3
         for k, load in enumerate(LOADS):
             here = scene.load == k
-            percents = (f"{100 * each[here].mean():.0f} %" for each in shares)
+            percents = (percent(each[here].mean()) for each in shares)
             found.append((skin, str(load), *percents, f"{np.median(depth[here]):.2g}"))
     return found
 

@@ -51,7 +51,7 @@ def test_a_model_that_turns_over_reproduces_ratings_that_do():
     # in 14 of 40 data sets of the model no number deviates by chance; this is the first
     head, *loads, others = check_sentences(check_table(tree(np.random.default_rng(4))))
     assert "reproduce the turning point (maximum)?" in head
-    assert "at least 80% of simulated tables" in head
+    assert "at least 80 % of simulated tables" in head
     assert [load.split(": yes; the ratings turn over at")[0] for load in loads] == ["1 mm", "2 mm"]
     assert all("% of simulated tables" in load.partition("would fail in ")[2] for load in loads)
     assert "reproduces all other" in others

@@ -125,7 +125,7 @@ def test_what_earlier_versions_left_is_judged_by_its_silence(rng):
     assert "cannot be judged" in fit_of(groups).sentence
     groups.attrs["posterior_silent_everywhere"] = 1.0
     (fault,) = fit_of(groups).faults
-    assert "(100% of the posterior is silent in every condition)" in fault
+    assert "(100 % of the posterior is silent in every condition)" in fault
 
 
 # runs on ratings turned upside down: 400 / rating

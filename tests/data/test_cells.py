@@ -60,7 +60,7 @@ def test_arithmetic_means_are_converted_with_a_measured_error(file):
     np.testing.assert_allclose(np.log(found.cells.geometric_sd), variance**0.5)
     said = f"cells.csv: {conversion_note(20, variance**0.5)}"
     assert said in found.notes
-    assert "an approximation: for 20 simulated raters as scattered as these a converted mean is off by 1.6%" in said
+    assert "an approximation: for 20 simulated raters as scattered as these a converted mean is off by 1.6 %" in said
     assert not [note for note in Ratings.read(file(GEOMETRIC)).notes if "approximation" in note]
     assert Ratings.read(file(ratings_csv(found), "again.csv")).rating.tolist() == found.rating.tolist()
 

@@ -3,6 +3,7 @@
 import pandas as pd
 import pytest
 
+from softness_bayes.shares import percent
 from support.pages import text_of
 from support.paths import ROOT
 
@@ -20,4 +21,4 @@ def test_shares_are_the_kept_ones():
     kept = {kind: pd.read_csv(KEPT / f"calibration_{kind}" / "coverage.csv") for kind in ("ranks", "pairs")}
     shares = {kind: table[table["mass"] == 0.9].set_index("quantity")["share"] for kind, table in kept.items()}
     for name in shares["ranks"].index:
-        assert f"| `{name}` | {shares['ranks'][name]:.1%} | {shares['pairs'][name]:.1%} |" in PAGE
+        assert f"| `{name}` | {percent(shares['ranks'][name], 1)} | {percent(shares['pairs'][name], 1)} |" in PAGE

@@ -11,6 +11,7 @@ from softness_bayes.model.reach import COARSE, DEEP, reach, reach_of, reach_of_p
 from softness_bayes.model.scenes import scene_of, touch_parameters, usual_values
 from softness_bayes.model.simulation import simulate_ratings
 from softness_bayes.parameters.priors import Normal, Uniform
+from softness_bayes.shares import percent
 from softness_bayes.touch.contact import Finger, Force, Indentation
 from softness_bayes.touch.neuron.membrane import Channels
 from softness_bayes.touch.readings import MENDED
@@ -47,12 +48,12 @@ def test_soft_cloth_is_out_of_reach_and_the_note_says_by_how_much():
     here = reach(scene, touch_parameters(values))
     said = reach_of_priors(SOFT, (Force(0.1),), MENDED)
     assert said.startswith("most of what is asked lies outside of the model's reach: of 30 pairs of fabric and load")
-    assert f"no receptor fires in {here.silent.mean():.0%}" in said
-    assert f"{here.within.mean():.0%} are within reach" in said
+    assert f"no receptor fires in {percent(here.silent.mean())}" in said
+    assert f"{percent(here.within.mean())} are within reach" in said
     # a larger force is named, and brings what it says
     better = scene_of(SOFT, (Force(1.0),), values_of(), MENDED, discretisation=COARSE)
     share = reach(better, touch_parameters(values)).within.mean()
-    assert f"Within reach would be {share:.0%} under 1 N" in said
+    assert f"Within reach would be {percent(share)} under 1 N" in said
     thin = Fabrics(("gauze", "tulle"), effective_modulus=np.array([10.0, 20.0]))
     hopeless = reach_of_priors(thin, (Force(1.0),), MENDED)
     assert "No load from 0.05 N to 5 N, with --priors in-vivo or without," in hopeless

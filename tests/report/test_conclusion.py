@@ -30,7 +30,7 @@ def test_the_softest_fabric_is_named_only_where_it_is_clear():
     told = conclude(GOOD._replace(softest=softest)).learnt
     assert told.startswith(
         "the softest of the fabrics rated (highest predicted rating) is gauze at 1 mm (probability 93 ± 2 %) and lawn "
-        "at 2 mm (probability above 99 %); at 1 mm the response"
+        "at 2 mm (probability >99 %); at 1 mm the response"
     )
     # more probable than not by less than its error: not said
     unclear = conclude(GOOD._replace(softest=(Softest("1 mm", "gauze", 0.53, 0.02, 4),))).learnt
@@ -43,7 +43,7 @@ def test_the_softest_fabric_is_named_only_where_it_is_clear():
 
 def test_a_load_that_cannot_tell_asks_for_the_fabrics_that_would():
     found = conclude(GOOD._replace(turns=(TOLD, UNTOLD)), "results")
-    assert "at 2 mm the data cannot tell whether the response turns over (probability: 50%)" in found.learnt
+    assert "at 2 mm the data cannot tell whether the response turns over (probability: 50 %)" in found.learnt
     assert "ratings at 2 mm of fabrics stiffer than 500 kPa would help to decide" in found.next_step
     inside = conclude(GOOD._replace(turns=(UNTOLD,), fabrics=(1.0, 5000.0)), "results")
     assert "more fabrics around 700 kPa" in inside.next_step
@@ -58,7 +58,7 @@ def test_a_probable_turning_point_that_its_own_load_cannot_show_says_so():
 
 def test_a_response_that_does_not_turn():
     found = conclude(GOOD._replace(turns=(Turn("1 mm", 0.02, np.nan, np.nan, np.nan, True),)))
-    assert found.learnt == "at 1 mm the response does not turn over (probability of a turn: 2%)."
+    assert found.learnt == "at 1 mm the response does not turn over (probability of a turn: 2 %)."
 
 
 def test_a_run_that_has_not_converged_is_continued_before_anything_is_learnt():

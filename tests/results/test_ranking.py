@@ -65,7 +65,7 @@ def test_fabrics_of_one_response_tie(ranking):
         assert rows.loc["a", "p_silent"] == 1.0
         assert rows.loc["d", "tie"] == ""
         assert_allclose(rows.loc["c", "place"], rows.loc["e", "place"])
-        assert "no receptor fires in 100% of the draws" in rows.loc["a", "remarks"]
+        assert "no receptor fires in 100 % of the draws" in rows.loc["a", "remarks"]
 
 
 def test_places_and_pairs_agree_with_each_other(ranking):

@@ -78,7 +78,7 @@ def test_reasons(result):
     radius = np.sqrt(8.0 * 7.9)
     assert_allclose(table["p_beyond_half_radius"][3:6], float(radius > 4.0))
     assert_allclose(table["p_beyond_radius"][3:6], 0.0)
-    assert all("R/2, where Hertz's geometry is questionable, in 100%" in words for words in table["remarks"][3:6])
+    assert all("R/2, where Hertz's geometry is questionable, in 100 %" in words for words in table["remarks"][3:6])
     silent = table["total_rate_hz_high"] == 0
     assert silent.any()
     assert (table["p_silent"][silent] >= 0.95).all()

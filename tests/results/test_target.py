@@ -7,7 +7,6 @@ import pandas as pd
 import pytest
 from numpy.testing import assert_allclose
 
-from softness_bayes.cli.target import _share
 from softness_bayes.data import Fabrics
 from softness_bayes.errors import InputError
 from softness_bayes.model.other_touches import OtherTouches
@@ -148,7 +147,6 @@ def test_the_command_line_finds_targets(result, wished, tmp_path):
     assert printed["load"].unique().tolist() == [str(load) for load in LOADS]
     assert "thickness_mm" in printed
     assert "is reachable with probability" in done.stderr
-    assert [_share(p) for p in (0.0, 0.0025, 0.5, 0.9975, 1.0)] == ["0%", "below 1%", "50%", "above 99%", "100%"]
     assert "thickness " in done.stderr
     assert filed.returncode == 0, filed.stderr
     assert "the typical rater's ratings go from" in filed.stderr

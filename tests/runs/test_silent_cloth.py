@@ -13,6 +13,7 @@ from softness_bayes.report.cards import cards
 from softness_bayes.report.findings import findings
 from softness_bayes.runs.run import sample
 from softness_bayes.sampler.starts import find_optimum
+from softness_bayes.shares import percent
 from softness_bayes.touch.contact import Indentation
 from softness_bayes.touch.readings import MENDED
 from softness_bayes.touch.scene import Discretisation
@@ -78,5 +79,5 @@ def test_a_run_says_how_silent_its_posterior_is(silent, report_run):
     ]
     assert len(said) == silent
     if silent:
-        assert fit.silence_note.startswith(f"no receptor fires in {share:.0%} of posterior draws")
+        assert fit.silence_note.startswith(f"no receptor fires in {percent(share)} of posterior draws")
         assert "only the prior" in fit.silence_note

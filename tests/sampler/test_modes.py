@@ -100,7 +100,7 @@ def test_one_mode_is_walked_on_as_if_there_were_no_others():
     *_, state = walk(one_mode(), settings(max_steps=100), 1)
     assert (state.modes, state.starts) == ((), Starts(8, 0, 1))
     assert not state.verdict.shares
-    said = "All 8 climbs from prior draws led to one mode; a mode that fewer than 31% of climbs reach may have been"
+    said = "All 8 climbs from prior draws led to one mode; a mode that fewer than 31 % of climbs reach may have been"
     said += " missed."
     assert state.verdict.sentence().endswith(said)
     assert binom.pmf(0, 8, state.starts.missed) == pytest.approx(0.05)

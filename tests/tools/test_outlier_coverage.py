@@ -5,6 +5,7 @@ import pandas as pd
 import pytest
 
 from softness_bayes.data import read_experiment
+from softness_bayes.shares import percent
 from softness_bayes.tools.outlier_coverage import CASES, COLUMNS, FACTOR, SHARE, fitted, laboratory
 from support.pages import tables
 from support.paths import DATA, ROOT
@@ -39,8 +40,8 @@ def test_the_page_says_what_was_measured():
         found = kept[kept["case"] == row["fit"]]
         gamma, turning = (found[found["quantity"] == name] for name in ("gamma", "turning point at 2 mm"))
         assert int(row["fits"]) == found["lab"].nunique() >= 30
-        assert row["90 % intervals that held the truth"] == f"{held(found).mean():.1%}"
-        assert row["those of `gamma`"] == f"{held(gamma).mean():.1%}"
+        assert row["90 % intervals that held the truth"] == percent(held(found).mean(), 1)
+        assert row["those of `gamma`"] == percent(held(gamma).mean(), 1)
         assert row["width for `gamma`"] == f"{gamma['width'].median():.2f}"
         assert row["for the turning point at 2 mm"] == f"{turning['width'].median():.2f}"
         assert int(row["k of 0.7 or more"]) == (found.drop_duplicates("lab")["k"] >= 0.7).sum()

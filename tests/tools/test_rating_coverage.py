@@ -6,6 +6,7 @@ import pytest
 
 from softness_bayes.data import Fabrics
 from softness_bayes.likelihood.scales import MAGNITUDE
+from softness_bayes.shares import percent
 from softness_bayes.tools.rating_coverage import (
     CASES,
     COLUMNS,
@@ -48,7 +49,7 @@ def test_the_page_says_what_was_measured():
         found = sums.loc[row["ratings"], row["left out"]]
         assert int(row["values"]) == found["values"]
         for mass in (50, 90):
-            assert row[f"{mass} % interval"] == f"{found[f'held_{mass}'] / found['values']:.1%}"
+            assert row[f"{mass} % interval"] == percent(found[f"held_{mass}"] / found["values"], 1)
 
 
 @pytest.mark.slow

@@ -1,0 +1,48 @@
+"""Shares and probabilities as people read them: one form, in the terminal, in figures, on pages and in tables."""
+
+from __future__ import annotations
+
+import math
+
+
+def percent(share: float, digits: int = 0) -> str:
+    """Return a share in per cent; only exactly 0 and 1 are 0 % and 100 %.
+
+    Parameters
+    ----------
+    share
+        The share; of what is not finite, a dash.
+    digits
+        Digits behind the point.
+
+    Examples
+    --------
+    >>> [percent(share) for share in (0.0, 0.002, 0.5, 0.997, 1.0)]
+    ['0 %', '<1 %', '50 %', '>99 %', '100 %']
+    >>> percent(0.99999, 1)
+    '>99.9 %'
+    """
+    if not math.isfinite(share):
+        return "–"
+    least = 10.0 ** -(2 + digits)
+    if 0.0 < share < least:
+        return f"<{100 * least:.{digits}f} %"
+    if 1.0 - least < share < 1.0:
+        return f">{100 * (1.0 - least):.{digits}f} %"
+    return f"{100 * share:.{digits}f} %"
+
+
+def chance(probability: float) -> str:
+    """Return a probability that was estimated from draws, in per cent: never 0 % or 100 %, which draws cannot show.
+
+    Parameters
+    ----------
+    probability
+        The share of draws.
+
+    Examples
+    --------
+    >>> [chance(share) for share in (0.0, 0.5, 1.0)]
+    ['<1 %', '50 %', '>99 %']
+    """
+    return {0.0: "<1 %", 1.0: ">99 %"}.get(float(probability)) or percent(probability)

@@ -1,0 +1,41 @@
+"""Shares and probabilities have one form, in every sentence."""
+
+import re
+
+import numpy as np
+import pytest
+
+from softness_bayes.shares import chance, percent
+from support.paths import ROOT
+
+
+@pytest.mark.parametrize("digits", [0, 1, 2])
+def test_only_all_and_nothing_are_100_and_0_percent(digits):
+    nearly = [10.0**-k for k in range(1, 15)]
+    for share in [*nearly, *(1.0 - one for one in nearly), *np.linspace(0.001, 0.999, 999)]:
+        said = percent(float(share), digits)
+        assert float(said.strip("<> %")) not in (0.0, 100.0), (share, said)
+        # what is said is true, to its digits
+        number = float(said.strip("<> %")) / 100
+        if said[0] == "<":
+            assert share < number
+        elif said[0] == ">":
+            assert share > number
+        else:
+            assert abs(share - number) <= 0.5 * 10.0 ** -(2 + digits) * (1 + 1e-9)
+    assert [percent(0.0, digits), percent(1.0, digits)] == [f"{0:.{digits}f} %", f"{100:.{digits}f} %"]
+
+
+def test_what_is_not_known_is_a_dash_and_draws_show_no_certainty():
+    assert percent(float("nan")) == "–"
+    assert [chance(p) for p in (0.0, 0.0025, 0.5, 0.9975, 1.0)] == ["<1 %", "<1 %", "50 %", ">99 %", ">99 %"]
+
+
+def test_no_module_and_no_page_writes_shares_in_another_form():
+    pages = [ROOT / "README.md", *(ROOT / "softness_bayes" / "docs").glob("*.md")]
+    for path in [*(ROOT / "softness_bayes").rglob("*.py"), *pages]:
+        text = path.read_text(encoding="utf-8")
+        assert not re.search(r":\.\d%\}", text), f"{path.name}: percent() of shares.py writes it"
+        assert not re.search(r"(above|below|more than|less than) (1|99|0\.5|99\.5) ?%", text), path.name
+        if path.suffix == ".md":
+            assert not re.search(r"\d%(?![A-Za-z0-9])", text), path.name
