@@ -407,7 +407,7 @@ def test_a_run_of_python_or_of_limited_time_says_so(made):
     limited = Request().with_options(**OPTIONS | {"command": "", "max_seconds": 5.0, "max_steps": 10_000})
     tree.attrs = {**tree.attrs, "options": json.dumps(limited.record()), "command": ""}
     found = repetition(replace(result, tree=tree))
-    assert "--max-steps 40 " in found.commands[0]
+    assert f"--max-steps {OPTIONS['max_steps']} " in found.commands[0]
     assert "--data RATINGS.csv" in found.commands[0]
     assert any("time limit" in note for note in found.notes)
     assert any("with a given resolution" in note for note in found.notes)

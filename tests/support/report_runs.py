@@ -16,8 +16,9 @@ from softness_bayes.model import scenes
 from softness_bayes.model.scenes import usual_values
 from softness_bayes.model.simulated_forces import simulate_compression
 from softness_bayes.model.simulation import simulate_ratings
-from softness_bayes.results import pictures, request
+from softness_bayes.results import draws, pictures, predictions, request
 from softness_bayes.results.result import Result
+from softness_bayes.runs import plate
 from softness_bayes.runs.plate import sample_skin
 from softness_bayes.runs.run import sample
 from softness_bayes.sampler.sampling import Settings
@@ -36,13 +37,17 @@ HELD = {"m": 2.0, "beta": 0.6, "tau": 0.5, "eps": 0.1, **PAPER_CHANNELS._asdict(
 COARSE = Discretisation(8, 9.0, 1e-4)
 TYPED = "softness-bayes sample --data 'my ratings.csv' --out results --seed 3"
 OPTIONS = {
-    "fix": HELD, "max_steps": 40, "processes": 1, "seed": 3, "command": TYPED, "discretisation": COARSE,
+    "fix": HELD, "max_steps": 20, "processes": 1, "seed": 3, "command": TYPED, "discretisation": COARSE,
 }  # fmt: skip
 
 
 @contextmanager
 def quickly() -> Iterator[None]:
-    """Run two ensembles after a short pilot walk; a curve and a train chosen by hand stand for the membrane's."""
+    """Run two ensembles after a short pilot walk; a curve and a train chosen by hand stand for the membrane's.
+
+    Of the prior and of the touches that are stored as examples there are few draws: what a run makes of them, and not
+    how it is sampled, is most of the work of a short one.
+    """
     curve = RateCurve(
         np.array(18.0), np.array(0.0), np.array([14.0, 4.0, -0.8, 0.3]), 60.0, CurveError(0.01, 1e-5, 1e-4)
     )
@@ -50,6 +55,9 @@ def quickly() -> Iterator[None]:
         patch.setattr(request, "Settings", functools.partial(Settings, pilot=(20,), optima=1, ensembles=2))
         patch.setattr(fixed_channels, "known_curve", lambda *_: curve)
         patch.setattr(pictures, "spike_times", lambda *_: np.array([12.0, 30.0, 48.0]))
+        patch.setattr(predictions, "ILLUSTRATED", 8)
+        for module in (draws, plate):
+            patch.setattr(module, "PRIOR_DRAWS", 200)
         scenes.curve_of_held.cache_clear()  # no curve of the membrane itself, nor this one for whoever comes after
         yield
         scenes.curve_of_held.cache_clear()
@@ -82,7 +90,7 @@ def skin_run() -> Result:
     rng = np.random.default_rng(4)
     made = simulate_compression(rng, usual_values(MENDED, n_fingers=4), fingers=4)
     with quickly():
-        return sample_skin(made.compression, max_steps=40, processes=1, seed=3)
+        return sample_skin(made.compression, max_steps=20, processes=1, seed=3)
 
 
 RATERS = 20
@@ -94,9 +102,7 @@ def cells_run() -> Result:
     held = {name: value for name, value in HELD.items() if name != "tau"}
     with quickly():
         made = simulate_ratings(rng, CLOTH, LOADS, values, participants=RATERS, scale=AGGREGATED)
-        return sample(
-            Experiment(made.ratings, CLOTH, ()), **OPTIONS | {"fix": held, "scale": AGGREGATED, "max_steps": 20}
-        )
+        return sample(Experiment(made.ratings, CLOTH, ()), **OPTIONS | {"fix": held, "scale": AGGREGATED})
 
 
 RUNS = {"ratings": ratings_run, "z-scores": z_score_run, "skin": skin_run}
