@@ -90,6 +90,24 @@ def test_places_and_pairs_agree_with_each_other(ranking):
     assert_allclose(rows["p_softer_than_next"][:-1], said)
 
 
+def test_probabilities_are_shares_of_draws_counted_one_by_one(ranking):
+    """Each draw's ratings sorted and compared by hand; ratings that differ by rounding alone are equal."""
+    for one in ranking.loads:
+        draws = [[float(f"{rating:.9g}") for rating in draw] for draw in one.typical.tolist()]
+        table = ranking.pair_table.set_index("load").loc[str(one.load)]
+        for row in table.itertuples():
+            first, second = NEW.names.index(row.fabric), NEW.names.index(row.other)
+            counted = [sum(sign * (draw[first] - draw[second]) > 0 for draw in draws) for sign in (1, -1)]
+            assert_allclose([row.p_softer, row.p_harder], np.array(counted) / len(draws), err_msg=str(row))
+        places = {name: 0.0 for name in NEW.names}
+        for draw in draws:
+            order = sorted(draw, reverse=True)
+            for name, rating in zip(NEW.names, draw, strict=True):
+                places[name] += order.index(rating) + 1 + (order.count(rating) - 1) / 2
+        told = ranking.table[ranking.table["load"] == str(one.load)].set_index("fabric")["place"]
+        assert_allclose(told[[*NEW.names]], np.array([*places.values()]) / len(draws))
+
+
 def test_too_many_fabrics_are_refused(result):
     many = Fabrics(tuple(map(str, range(2001))), effective_modulus=np.full(2001, 1e4))
     with pytest.raises(InputError, match="number of fabrics is 2001, expected a whole number from 1 to 2000"):

@@ -73,6 +73,26 @@ def test_solutions_have_the_wished_rating_draw_by_draw(result, wished, found):
                 assert_allclose(rating[known], wished, rtol=5e-3, err_msg=str((one.load, key)))
 
 
+def test_a_grid_of_fabrics_finds_the_same_solutions(result, wished, found):
+    """Every crossing of the wished rating along a fine grid of fabrics, in every draw: as many, and there."""
+    with quickly():
+        fitted = Fitted(result, 80)
+        modulus = np.geomspace(*found.span, 701)
+        cloth = Fabrics(tuple(map(str, modulus)), effective_modulus=modulus, poisson_ratio=found.poisson_ratio)
+        for one in found.loads:
+            touches = OtherTouches(fitted.posterior, fitted.scene(cloth, (one.load,)), None)
+            rating = touches.ratings(np.random.default_rng(0), fitted.theta).typical
+            crossed = np.diff(np.sign(rating - wished), axis=1)
+            for rises, sign in ((True, 1), (False, -1)):
+                there = [modulus[np.flatnonzero(row * sign > 0)] for row in crossed]
+                told = np.array([values for (way, _), values in one.modulus.items() if way is rises])
+                for draw, places in enumerate(there):
+                    mine = np.sort(told[:, draw][np.isfinite(told[:, draw])]) if told.size else np.empty(0)
+                    assert_allclose(np.log(mine), np.log(places), atol=2 * np.log(modulus[1] / modulus[0]))
+        # the response turns over: some draws have two
+        assert any({True, False} <= {way for way, _ in one.modulus} for one in found.loads)
+
+
 def test_probabilities_of_the_three_cases_sum_to_one(result, wished, found):
     table = found.table
     assert_allclose(table["p_reachable"] + table["p_too_high"] + table["p_too_low"], 1.0)
