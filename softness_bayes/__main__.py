@@ -32,6 +32,7 @@ def quieten_libraries() -> None:
     if not sys.warnoptions:
         warnings.simplefilter("ignore")
         os.environ["PYTHONWARNINGS"] = "ignore"
+        logging.lastResort = logging.NullHandler()  # shows messages of loggers without a handler
     logging.getLogger().addHandler(logging.NullHandler())
 
 

@@ -53,6 +53,9 @@ SAMPLE_DIMS = ("chain", "draw")
 ENSEMBLE = "ensemble"
 """Coordinate with the ensemble of each chain (walker)."""
 
+FEWEST_DRAWS = 4
+"""Draws of a chain below which ArviZ has no effective sample size, and says so on the screen."""
+
 _WITHOUT_DRAWS = ("observed_data", "constant_data", "illustrations")
 
 
@@ -62,18 +65,18 @@ def r_hat(chains: ArrayLike) -> float:
 
 
 def ess_bulk(chains: ArrayLike) -> float:
-    """Return the bulk effective sample size of an array (chains, draws)."""
-    return float(_arviz().ess(_chains(chains)))
+    """Return the bulk effective sample size of an array (chains, draws); NaN for fewer draws than `FEWEST_DRAWS`."""
+    return float(_arviz().ess(_chains(chains))) if _enough(chains) else math.nan
 
 
 def mcse_mean(chains: ArrayLike) -> float:
-    """Return the Monte-Carlo standard error of the mean of an array (chains, draws)."""
-    return float(_arviz().mcse(_chains(chains), method="mean"))
+    """Return the Monte-Carlo standard error of the mean of an array (chains, draws); NaN as `ess_bulk`."""
+    return float(_arviz().mcse(_chains(chains), method="mean")) if _enough(chains) else math.nan
 
 
 def mcse_sd(chains: ArrayLike) -> float:
-    """Return the Monte-Carlo standard error of the standard deviation of an array (chains, draws)."""
-    return float(_arviz().mcse(_chains(chains), method="sd"))
+    """Return the Monte-Carlo standard error of the standard deviation of an array (chains, draws); NaN likewise."""
+    return float(_arviz().mcse(_chains(chains), method="sd")) if _enough(chains) else math.nan
 
 
 def hdi(draws: ArrayLike, probability: float) -> tuple[float, float]:
@@ -244,6 +247,10 @@ def _psis(log_ratios: FloatArray) -> Any:
     from arviz_stats.base import array_stats
 
     return array_stats.psislw(-log_ratios, axis=-1)  # takes log-likelihoods
+
+
+def _enough(chains: ArrayLike) -> bool:
+    return np.shape(chains)[-1] >= FEWEST_DRAWS
 
 
 def _arviz() -> Any:

@@ -5,15 +5,15 @@ from __future__ import annotations
 import math
 
 
-def percent(share: float, digits: int = 0) -> str:
+def percent(share: float | None, digits: int = 0) -> str:
     """Return a share in per cent; only exactly 0 and 1 are 0 % and 100 %.
 
     Parameters
     ----------
     share
-        The share; of what is not finite, a dash.
+        The share; where there is none, or it is not finite, a dash.
     digits
-        Digits behind the point.
+        Digits behind the point, where there are any.
 
     Examples
     --------
@@ -22,8 +22,10 @@ def percent(share: float, digits: int = 0) -> str:
     >>> percent(0.99999, 1)
     '>99.9 %'
     """
-    if not math.isfinite(share):
+    if share is None or not math.isfinite(share):
         return "–"
+    if share in (0.0, 1.0):
+        return f"{100 * share:.0f} %"
     least = 10.0 ** -(2 + digits)
     if 0.0 < share < least:
         return f"<{100 * least:.{digits}f} %"

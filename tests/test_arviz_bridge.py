@@ -83,6 +83,12 @@ def test_diagnostics_of_independent_draws():
     assert arviz_bridge.r_hat(chains + np.arange(4)[:, None]) > 1.2
 
 
+def test_chains_of_few_draws_have_no_errors_and_nothing_is_shown(capfd):
+    for measure in (arviz_bridge.ess_bulk, arviz_bridge.mcse_mean, arviz_bridge.mcse_sd):
+        assert np.isnan(measure(np.random.default_rng(0).normal(size=(8, 3))))
+    assert capfd.readouterr() == ("", "")
+
+
 def test_weights_are_smoothed_where_they_have_a_tail():
     rng = np.random.default_rng(2)
     ratios = np.stack([rng.normal(size=2000), 2.5 * rng.exponential(size=2000), np.full(2000, 3.0)])

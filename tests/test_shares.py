@@ -23,11 +23,11 @@ def test_only_all_and_nothing_are_100_and_0_percent(digits):
             assert share > number
         else:
             assert abs(share - number) <= 0.5 * 10.0 ** -(2 + digits) * (1 + 1e-9)
-    assert [percent(0.0, digits), percent(1.0, digits)] == [f"{0:.{digits}f} %", f"{100:.{digits}f} %"]
+    assert [percent(0.0, digits), percent(1.0, digits)] == ["0 %", "100 %"]
 
 
 def test_what_is_not_known_is_a_dash_and_draws_show_no_certainty():
-    assert percent(float("nan")) == "–"
+    assert percent(float("nan")) == percent(None) == "–"
     assert [chance(p) for p in (0.0, 0.0025, 0.5, 0.9975, 1.0)] == ["<1 %", "<1 %", "50 %", ">99 %", ">99 %"]
 
 

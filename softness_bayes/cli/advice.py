@@ -10,7 +10,7 @@ from pathlib import Path
 
 import click
 
-from softness_bayes.cli.at_hand import fabrics_at_hand, ratings_at_hand, runs_at_hand, vacant
+from softness_bayes.cli.at_hand import fabrics_at_hand, is_run, ratings_at_hand, runs_at_hand, vacant
 from softness_bayes.files.run_files import CHECKPOINT
 
 PROGRAM = "softness-bayes"
@@ -57,7 +57,7 @@ def of_usage(error: click.UsageError, typed: Sequence[str]) -> str:
     extra = re.search(r"unexpected extra arguments? \(([^ ]+)\)", error.format_message())
     if extra and verb is not None and verb in ("check", "plan", "sample") and os.path.isfile(extra[1]):
         return f"{TRY}{shlex.join([PROGRAM, verb, '--data', extra[1]])}"
-    return f"{TRY}{shlex.join([PROGRAM, *_working(verb)])}" if verb is not None and verb in WORKS else ""
+    return f"{TRY}{shlex.join([PROGRAM, *_working(verb, typed)])}" if verb is not None and verb in WORKS else ""
 
 
 def of_input(message: str, typed: Sequence[str]) -> str:
@@ -71,10 +71,13 @@ def of_input(message: str, typed: Sequence[str]) -> str:
     return TRY + shlex.join(more if own else [PROGRAM, *typed, *more])
 
 
-def _working(verb: str) -> list[str]:
-    """Return a verb with words with which it works here; where a file is lacking, the command that makes it."""
+def _working(verb: str, typed: Sequence[str] = ()) -> list[str]:
+    """Return a verb with words with which it works here; where a file is lacking, the command that makes it.
+
+    Runs among the words that were typed come before others.
+    """
     words = WORKS[verb]
-    runs = runs_at_hand() if RUN in words else []
+    runs = [*dict.fromkeys([*filter(is_run, typed), *runs_at_hand()])] if RUN in words else []
     if RUN in words and len(runs) < 1 + (OTHER in words):
         return _working("sample") if ratings_at_hand() is not None else ["demo"]
     names: dict[str, str | None] = {

@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
-from pathlib import Path
 
 from softness_bayes.errors import SoftnessError
 from softness_bayes.files.run_files import POSTERIOR
@@ -39,8 +38,13 @@ def fabrics_at_hand(rated: str = "") -> str | None:
 
 def runs_at_hand() -> list[str]:
     """Return the names of directories with a finished run, `results` first."""
-    found = [entry.name for entry in _entries() if entry.is_dir() and os.path.isfile(Path(entry.path, POSTERIOR))]
+    found = [entry.name for entry in _entries() if is_run(entry.path)]
     return sorted(found, key=lambda name: (name != "results", name))
+
+
+def is_run(path: str) -> bool:
+    """Return whether a directory of this name holds a finished run."""
+    return os.path.isfile(os.path.join(path, POSTERIOR))
 
 
 def vacant(name: str) -> str:

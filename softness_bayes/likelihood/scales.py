@@ -179,7 +179,7 @@ def _require_standardised(table: Filed) -> None:
         raise InputError(
             f"{table.source}: column {table.rating_column!r}: expected standardised ratings, of mean 0 and "
             f"standard deviation 1, got mean {mean:.3g} and standard deviation {sd:.3g}; standardise them, "
-            f"or leave out --ratings {STANDARDISED.name} if they are magnitude estimates"
+            "or leave out --ratings if they are magnitude estimates"
         )
 
 

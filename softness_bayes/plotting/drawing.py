@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
@@ -83,6 +84,18 @@ class Drawing:
         return figure
 
 
+def _require_arguments(name: str, given: Any) -> None:
+    """Raise an error for what cannot be called with a result and a style; of compiled code that is not known."""
+    try:
+        of = inspect.signature(given)
+    except ValueError:
+        return
+    try:
+        of.bind(None, None)
+    except TypeError as error:
+        raise InputError(f"figures: {name} takes {of}, expected a function (result, style): {error}") from None
+
+
 def own_drawing(name: str, given: Any) -> Drawing:
     """Return a user's own figure: a `Drawing`, or a function of a result and a style that returns a figure.
 
@@ -97,6 +110,7 @@ def own_drawing(name: str, given: Any) -> Drawing:
     if not isinstance(given, Drawing):
         if isinstance(given, type) or not callable(given):
             raise InputError(f"figures: {name} is {given!r:.60}, expected a Drawing, or a function (result, style)")
+        _require_arguments(name, given)
         drawing = Drawing(given, (given.__doc__ or "").strip().partition("\n")[0].rstrip(".") or f"the figure {name}")
 
     def draw(result: Drawable, style: Style) -> Figure:

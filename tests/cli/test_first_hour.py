@@ -161,6 +161,11 @@ def test_runs_that_are_there_are_named(tmp_path):
         (tmp_path / name / "posterior.nc").write_bytes(b"")
     said = call("compare", cwd=tmp_path).stderr.rstrip().splitlines()[-1]
     assert said == "try: softness-bayes compare results 'b run'"
+    # a run that was typed is the one that is meant
+    said = call("target", "b run", cwd=tmp_path).stderr.rstrip().splitlines()[-1]
+    assert said == "try: softness-bayes target 'b run' --rating 20 --force-n 1"
+    said = call("resume", "b run", "--max-steps", "30", cwd=tmp_path).stderr.rstrip().splitlines()[-1]
+    assert said == "try: softness-bayes resume 'b run'"
 
 
 CLOTH = "fabric,effective_modulus_kpa,poisson_ratio\nm1,9,0.3\nm2,50,0.3\nm3,400,0.3\n"

@@ -197,15 +197,18 @@ def _number(resident):
     return os.getpid()
 
 
-def test_libraries_are_quiet_unless_python_is_asked(monkeypatch):
+def test_libraries_are_quiet_unless_python_is_asked(monkeypatch, capsys):
     monkeypatch.delenv("PYTHONWARNINGS", raising=False)
     monkeypatch.setattr(logging.getLogger(), "handlers", [])
     for asked in ([], ["error"]):
         monkeypatch.setattr(sys, "warnoptions", asked)
+        monkeypatch.setattr(logging, "lastResort", logging.StreamHandler(sys.stderr))
         with warnings.catch_warnings(record=True) as heard:
             warnings.simplefilter("always")
             quieten_libraries()
             warnings.warn("a glyph is missing", UserWarning, stacklevel=1)
+            logging.Logger("of a library").warning("few draws")  # a logger without a handler, as ArviZ has one
+        assert ("few draws" in capsys.readouterr().err) == bool(asked)
         assert len(heard) == len(asked)
         assert logging.getLogger().handlers
         assert os.environ.pop("PYTHONWARNINGS", None) == (None if asked else "ignore")

@@ -99,7 +99,7 @@ def test_probabilities_are_shares_of_draws_counted_one_by_one(ranking):
             first, second = NEW.names.index(row.fabric), NEW.names.index(row.other)
             counted = [sum(sign * (draw[first] - draw[second]) > 0 for draw in draws) for sign in (1, -1)]
             assert_allclose([row.p_softer, row.p_harder], np.array(counted) / len(draws), err_msg=str(row))
-        places = {name: 0.0 for name in NEW.names}
+        places = dict.fromkeys(NEW.names, 0.0)
         for draw in draws:
             order = sorted(draw, reverse=True)
             for name, rating in zip(NEW.names, draw, strict=True):

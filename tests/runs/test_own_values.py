@@ -174,6 +174,16 @@ def test_what_cannot_pass_is_refused_before_the_first_step(options, told, monkey
         sample(experiment("scale" in options), **{**free, **options})
 
 
+def test_what_cannot_draw_a_figure_is_refused_before_the_first_step(tmp_path):
+    few_ratings(tmp_path)
+    typed = ["sample", "--data", tmp_path / "ratings.csv", "--out", tmp_path / "out", "--figure"]
+    refused(
+        call(*typed, f"{OWN}:MILD"), "takes (r: 'ArrayLike', reduced_modulus:", "expected a function (result, style)"
+    )
+    refused(call(*typed, f"{OWN}:agreement_model"), "takes (direction), expected a function (result, style)")
+    assert not (tmp_path / "out").exists()
+
+
 def test_a_law_defined_inside_a_function_is_refused(monkeypatch):
     class Inner(Gamma):
         pass

@@ -270,12 +270,14 @@ class FiringSurface:
     def _require_inside(self, channels: FloatArray, place: FloatArray) -> None:
         outside = np.abs(place) > 1.0 + _AT_THE_EDGE
         if outside.any():
-            axis, i = np.argwhere(outside)[0]
-            which = self.design.axes[axis]
-            centre, width = self.design.channels[which], self.design.half_width
+            width, said = self.design.half_width, []
+            for axis in np.flatnonzero(outside.any(axis=1)):
+                which = self.design.axes[axis]
+                centre, value = self.design.channels[which], channels[which, outside[axis].argmax()]
+                ends = f"{centre * (1 - width):.6g} to {centre * (1 + width):.6g}"
+                said.append(f"{Channels._fields[which]} = {value:.6g} lies outside {ends}")
             raise InputError(
-                f"{Channels._fields[which]} = {channels[which, i]:.6g} lies outside {centre * (1 - width):.6g} to "
-                f"{centre * (1 + width):.6g}, the box that the firing-rate surface covers; "
+                f"{', '.join(said)}, the box that the firing-rate surface covers; "
                 "hold the channel multipliers at values there, or let their priors end within it"
             )
 

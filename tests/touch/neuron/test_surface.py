@@ -199,6 +199,10 @@ def test_what_lies_outside_is_refused(surface: FiringSurface) -> None:
             with pytest.raises(InputError, match=rf"{name} = {value:.6g} lies outside"):
                 surface.curve(PAPER_CHANNELS._replace(**{name: value}))
         surface.curve(PAPER_CHANNELS._replace(**{name: low}))
+    several = PAPER_CHANNELS._replace(**{Channels._fields[axis]: 0.2 for axis in surface.design.axes})
+    with pytest.raises(InputError) as refused:
+        surface.curve(several)
+    assert all(f"{Channels._fields[axis]} = 0.2 lies outside" in str(refused.value) for axis in surface.design.axes)
     with pytest.raises(InputError, match="c_K is not finite"):
         surface.curve(PAPER_CHANNELS._replace(c_K=np.nan))
     touch = TouchParameters(1e5, 2.0, surface.max_current * 1.01, 6e-4, 9e3, *PAPER_CHANNELS)
