@@ -19,6 +19,9 @@ if TYPE_CHECKING:
 FloatArray = NDArray[np.float64]
 IndexArray = NDArray[np.intp]
 
+LOAD_GROUP = "load_group"
+"""Axis of what is stored for groups of many loads; for each of a few loads it is `load`."""
+
 
 def loads_in(constant: xr.Dataset) -> tuple[Load, ...]:
     """Return the loads of the data, of the group `constant_data`."""
@@ -31,6 +34,19 @@ def loads_in(constant: xr.Dataset) -> tuple[Load, ...]:
 def groups_in(tree: xr.DataTree) -> LoadGroups:
     """Return the groups of the loads of a result."""
     return groups_of(loads_in(tree["constant_data"].to_dataset()))
+
+
+def shown_in(stored: xr.Dataset, groups: LoadGroups) -> IndexArray:
+    """Return where a group of a result has the loads that are shown, on its axis of loads.
+
+    Parameters
+    ----------
+    stored
+        Curves or turning points. Results of earlier versions hold those of every one of many loads.
+    groups
+        The groups of all loads.
+    """
+    return groups.at if LOAD_GROUP not in stored.dims else np.arange(groups.at.size)
 
 
 def merge(layout: Layout, of: IndexArray) -> tuple[Layout, IndexArray]:

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from enum import IntEnum
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from softness_bayes.touch.contact import Load
 from softness_bayes.touch.parameters import TouchParameters
 from softness_bayes.touch.scene import Scene
 
@@ -72,14 +74,14 @@ class Inflection(NamedTuple):
     """Whether an interior maximum lies within the moduli of the fabrics themselves."""
 
 
-def curve_scene(scene: Scene, points: int = 161) -> Scene:
+def curve_scene(scene: Scene, points: int = 161, loads: Sequence[Load] | None = None) -> Scene:
     """Return the scene whose fabrics are a logarithmic grid over the range of turning points.
 
-    Loads, finger, readings and resolution are those of `scene`; the Poisson ratio is the median of
-    its fabrics.
+    Finger, readings and resolution are those of `scene`, and so are the loads unless others are given; the Poisson
+    ratio is the median of its fabrics.
     """
     low, high = scene.modulus.min() / RANGE_FACTOR, scene.modulus.max() * RANGE_FACTOR
-    return scene.on_grid(np.geomspace(low, high, points))
+    return scene.on_grid(np.geomspace(low, high, points), loads)
 
 
 def response_curves(grid: Scene, parameters: TouchParameters) -> Curves:
@@ -141,7 +143,13 @@ def find_inflection(
     return Inflection(outcome, modulus, modulus / at_peak(curves.skin_modulus), at_peak(curves.force), drop, inside)
 
 
-def turning_points(scene: Scene, parameters: TouchParameters, error: float, points: int = TURNING_POINTS) -> Inflection:
+def turning_points(
+    scene: Scene,
+    parameters: TouchParameters,
+    error: float,
+    points: int = TURNING_POINTS,
+    loads: Sequence[Load] | None = None,
+) -> Inflection:
     """Return the turning points of many draws, without keeping their curves.
 
     Parameters
@@ -154,8 +162,10 @@ def turning_points(scene: Scene, parameters: TouchParameters, error: float, poin
         As `find_inflection` takes it.
     points
         Number of grid points.
+    loads
+        Loads under which to look; by default those of the scene.
     """
-    grid, fabrics = curve_scene(scene, points), (float(scene.modulus.min()), float(scene.modulus.max()))
+    grid, fabrics = curve_scene(scene, points, loads), (float(scene.modulus.min()), float(scene.modulus.max()))
     parameters = TouchParameters(*np.broadcast_arrays(*parameters))
     draws = np.shape(parameters.b)[0]
     pieces = [

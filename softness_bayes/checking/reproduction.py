@@ -23,9 +23,6 @@ LEVELLED, SHORTFALL = "levelled_predictive", "levelled_shortfall"
 """Group with the test quantities of tables from a response that levels off, and the variable of `constant_data` with
 the amount by which its mean ratings exceed the model's."""
 
-LOAD_GROUP = "load_group"
-"""Axis of the group `LEVELLED` where many loads are judged in groups; else it is that of loads."""
-
 FALL = "fall beyond inflection / expected"
 """The test quantity of `levelled.fall` under each load."""
 

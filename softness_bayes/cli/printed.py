@@ -52,7 +52,7 @@ def _turning(result: Result) -> str:
 
     columns = ["p_interior", "prior_p_interior", "p_inside", "p_none", "p_silent"]
     columns += ["e_fab_kpa_low", "e_fab_kpa", "e_fab_kpa_high"]
-    table, groups = result.shown_inflection(), result.load_groups
+    table, groups = result.inflection(), result.load_groups
     grouped = f"\n({groups.sentence}; each row is at the middle load of its group)" if groups.merged else ""
     low, *_, high = (f"{float(f'{end:.3g}'):,.10g}" for end in result.group("predictions")["e_fab_kpa"].values)
     return (

@@ -33,7 +33,6 @@ from softness_bayes.touch.load_groups import LoadGroup, LoadGroups, groups_of
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from softness_bayes.checking.inflection import Curves, Inflection
     from softness_bayes.parameters.priors import Prior
     from softness_bayes.plotting.drawable import Drawable
     from softness_bayes.touch.contact import Load
@@ -73,17 +72,6 @@ class _Some(NamedTuple):
         """Index (rows,) of the group of each rating's load."""
         return np.asarray(self.groups.of[self.result.group("constant_data")["load_index"].values])
 
-    def curves(self) -> Curves:
-        from softness_bayes.checking.inflection import Curves  # imported here because it imports SciPy
-
-        modulus, *others = self.result.curves()
-        return Curves(modulus, *(values[:, self.groups.at] for values in others))
-
-    def inflections(self) -> Inflection:
-        from softness_bayes.checking.inflection import Inflection  # likewise
-
-        return Inflection._make(values[:, self.groups.at] for values in self.result.inflections())
-
     def observed(self) -> Observed:
         """Return the ratings by condition, a condition being a fabric under a load, or under a group of loads."""
         constant, modulus = self.result.group("constant_data"), _fabric_modulus(self.result)
@@ -108,10 +96,10 @@ def response(result: Drawable, style: Style) -> Figure:
     """Draw the response against E_fab."""
     some = _Some.of(result)
     drawn = response_figure(
-        some.curves(),
+        result.curves(),
         some.loads,
         _fabric_modulus(result),
-        inflection=some.inflections(),
+        inflection=result.inflections(),
         finger_radius=_finger_radius(result),
         names=_fabric_names(result),
         style=style,
@@ -130,20 +118,20 @@ def _finger_radius(result: Drawable) -> float:
 def response_ratio(result: Drawable, style: Style) -> Figure:
     """Draw the response against E_fab / E_skin."""
     some, names = _Some.of(result), _fabric_names(result)
-    drawn = ratio_figure(some.curves(), some.loads, _fabric_modulus(result), names=names, style=style)
+    drawn = ratio_figure(result.curves(), some.loads, _fabric_modulus(result), names=names, style=style)
     return some.said(drawn, style)
 
 
 def rating(result: Drawable, style: Style, against_ratio: bool = False) -> Figure:
     """Draw predicted and observed ratings against E_fab, or against E_fab / E_skin."""
-    stored, some = result.group("predictions").isel(chain=0), _Some.of(result)
+    curves, some = result.curves(), _Some.of(result)
     drawn = rating_figure(
-        stored["e_fab_kpa"].values * 1e3,
-        stored["typical_rating"].values[:, some.groups.at],
+        curves.modulus,
+        result.typical_ratings(),
         some.observed(),
         some.loads,
         scale=result.scale,
-        skin_modulus=stored["e_skin_kpa"].values[:, some.groups.at] * 1e3 if against_ratio else None,
+        skin_modulus=curves.skin_modulus if against_ratio else None,
         names=_fabric_names(result) * len(some.loads),
         style=style,
     )
@@ -158,7 +146,7 @@ def rating_ratio(result: Drawable, style: Style) -> Figure:
 def inflection(result: Drawable, style: Style) -> Figure:
     """Draw where the response turns over."""
     some = _Some.of(result)
-    drawn = inflection_figure(some.inflections(), some.loads, _fabric_modulus(result), style=style)
+    drawn = inflection_figure(result.inflections(), some.loads, _fabric_modulus(result), style=style)
     return some.said(drawn, style)
 
 

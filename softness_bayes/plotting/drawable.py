@@ -5,7 +5,9 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Protocol
 
 if TYPE_CHECKING:
+    import numpy as np
     import xarray as xr
+    from numpy.typing import NDArray
 
     from softness_bayes.checking.inflection import Curves, Inflection
     from softness_bayes.likelihood.scales import Scale
@@ -31,7 +33,10 @@ class Drawable(Protocol):
         """Return one group."""
 
     def curves(self) -> Curves:
-        """Return the response against E_fab, draw by draw."""
+        """Return the response against E_fab, draw by draw, under each load, or group of many loads."""
+
+    def typical_ratings(self) -> NDArray[np.float64]:
+        """Return the rating that a typical participant gives along these curves, shape (draws, loads, points)."""
 
     def inflections(self) -> Inflection:
-        """Return where the response turns over, draw by draw."""
+        """Return where the response turns over, draw by draw, under the same loads."""

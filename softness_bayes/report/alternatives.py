@@ -34,7 +34,7 @@ def alternative_text(result: Result, name: str, caption: str) -> str:
 def _content(result: Result, name: str) -> Iterator[str]:
     """Yield sentences on what a figure shows of this run."""
     if name in RESPONSES:
-        for load, row in result.shown_inflection().iterrows():
+        for load, row in result.inflection().iterrows():
             place = f", at {number(row['e_fab_kpa'])} kPa" if np.isfinite(row["e_fab_kpa"]) else ""
             yield f"{load}: turning point with probability {share(row['p_interior'])}{place}."
     elif name in RATINGS and FABRIC_RATINGS in result.tables:

@@ -306,7 +306,7 @@ def _decided(turn: Turn) -> bool:
 
 
 def _turns(result: Result) -> tuple[Turn, ...]:
-    table = result.shown_inflection()
+    table = result.inflection()
     reproduced = {str(one.load): one.reproduced for one in inflection_reproduced(result.tables["predictive_checks"])}
     columns = ("p_interior", "e_fab_kpa_low", "e_fab_kpa", "e_fab_kpa_high")
     return tuple(

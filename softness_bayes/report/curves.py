@@ -61,14 +61,14 @@ def shown(result: Result) -> dict[str, list[Shown]]:
     result
         A finished run on ratings; the curves are those it stores. Of a group of loads they are at its middle load.
     """
-    curves, table, groups = result.curves(), result.shown_inflection(), result.load_groups
-    typical = result.group("predictions").isel(chain=0)["typical_rating"].values
+    curves, table, groups = result.curves(), result.inflection(), result.load_groups
+    typical = result.typical_ratings()
     fabric = result.group("constant_data")["effective_modulus_kpa"].values
     names = [str(name) for name in result.group("constant_data")["fabric"].values]
     modulus, ratio = curves.modulus * 1e-3, curves.modulus / curves.skin_modulus
     found: dict[str, list[Shown]] = {axis.name: [] for axis in AXES}
-    for group, (k, load) in enumerate(zip(groups.at.tolist(), groups.called, strict=True)):
-        row, observed = table.loc[str(load)], _observed(result, groups.of == group)
+    for k, load in enumerate(groups.called):
+        row, observed = table.loc[str(load)], _observed(result, groups.of == k)
         turns = {"e_fab": _turn(row, "e_fab_kpa"), "ratio": _turn(row, "ratio")}
         layouts = {
             "e_fab": (modulus, curves.total_rate[:, k], typical[:, k], fabric),

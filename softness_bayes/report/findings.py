@@ -135,7 +135,7 @@ class TurningPoints(Finding):
 
     judged: tuple[Reproduction, ...]
     table: pd.DataFrame
-    """Probabilities of a turning point, as `Result.shown_inflection` returns them."""
+    """Probabilities of a turning point, as `Result.inflection` returns them."""
 
     def loads(self, reproduced: bool | None) -> tuple[str, ...]:
         """Return the loads under which it is reproduced, is not, or cannot be told (None)."""
@@ -309,10 +309,9 @@ def _of_ratings(result: Result) -> list[Finding]:
 
 
 def _turning_points(result: Result) -> TurningPoints:
-    judged, table = inflection_reproduced(result.tables["predictive_checks"]), result.shown_inflection()
+    judged, table = inflection_reproduced(result.tables["predictive_checks"]), result.inflection()
     # earlier versions judged each of many loads alone
-    alone = not {one.load for one in judged} <= {*table.index}
-    return TurningPoints(tuple(judged), result.inflection() if alone else table)
+    return TurningPoints(tuple(one for one in judged if one.load in table.index), table)
 
 
 def _without_ratings() -> list[Finding]:

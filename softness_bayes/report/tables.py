@@ -100,7 +100,7 @@ def of_turning_points(result: Result) -> Table:
     head = ["Load", "Turns over", "under the prior", "Does not", "Silent", "Among the fabrics"]
     head += ["E_fab [kPa]", "E_fab / E_skin", "Force [N]", "Drop beyond"]
     rows = []
-    for load, row in result.shown_inflection().iterrows():
+    for load, row in result.inflection().iterrows():
         places = [_interval(row, name) for name in ("e_fab_kpa", "ratio", "force_n")]
         names = ("p_interior", "prior_p_interior", "p_none", "p_silent", "p_inside")
         chances = [with_error(100 * row[name], 100 * row[f"{name}_mcse"], "\u00a0%") for name in names]

@@ -125,7 +125,7 @@ def assembled(
     if known is not None:
         draws = replace(draws, log_weight=known.log_weight)
     drawn = draw_replicates(rng, draws, workers)
-    error, grid = numerical_error(draws), curve_scene(draws.scene)
+    error, grid = numerical_error(draws), curve_scene(draws.scene, loads=draws.shown_loads)
     groups = _groups(draws, drawn, error, grid, listener)
     turn = groups["predictions"]["inflection_e_fab_kpa"].values[0] * 1e3
     shown, axes = illustration_groups(draws, drawn, turn)

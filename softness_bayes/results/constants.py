@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from softness_bayes import arviz_bridge
 from softness_bayes.checking.check_table import LOO_PIT, PARETO_K
 from softness_bayes.checking.fabric_moduli import MODULUS_LAW, UNCERTAIN
+from softness_bayes.checking.grouped import LOAD_GROUP
 from softness_bayes.checking.loo_pit import LooPit
 from softness_bayes.data.columns import EFFECTIVE_MODULUS, GEOMETRIC_SD, LOAD_CV, POISSON_RATIO, RESOLUTION
 from softness_bayes.data.loads import LOAD_COLUMNS
@@ -111,6 +112,7 @@ def coordinates(draws: RatedDraws, grid: Scene) -> dict[str, NDArray[Any]]:
         "fabric": np.array(ratings.fabrics),
         **({} if (moduli := draws.posterior.space.moduli) is None else {UNCERTAIN: _uncertain(moduli)}),
         "load": np.array([str(load) for load in ratings.loads]),
+        **({LOAD_GROUP: np.array(draws.load_groups.names)} if draws.load_groups.merged else {}),
         "rating_row": ratings.rows,
         "e_fab_kpa": grid.modulus[:points] * 1e-3,
         **({} if compression is None else plate_coordinates(compression)),

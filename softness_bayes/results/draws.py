@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from softness_bayes.checking.exactness import resample
+from softness_bayes.checking.grouped import LOAD_GROUP
 from softness_bayes.data import Experiment
 from softness_bayes.likelihood.directions import FREE
 from softness_bayes.likelihood.pieces import pieces
@@ -17,6 +18,8 @@ from softness_bayes.likelihood.ratings import RatingParameters, RatingsLikelihoo
 from softness_bayes.model.posterior import Posterior
 from softness_bayes.results.groups import evenly
 from softness_bayes.sampler.chains import Chains
+from softness_bayes.touch.contact import Load
+from softness_bayes.touch.load_groups import LoadGroups, groups_of
 from softness_bayes.touch.parameters import TouchParameters
 from softness_bayes.touch.scene import Scene
 
@@ -90,6 +93,21 @@ class RatedDraws:
     def model(self) -> RatingsModel:
         """The rating model."""
         return self.ratings.model
+
+    @cached_property
+    def load_groups(self) -> LoadGroups:
+        """Groups in which many loads are judged and shown; of few each is alone."""
+        return groups_of(self.experiment.ratings.loads)
+
+    @property
+    def load_axis(self) -> str:
+        """Name of the axis of what is stored for each of these groups."""
+        return LOAD_GROUP if self.load_groups.merged else "load"
+
+    @property
+    def shown_loads(self) -> list[Load]:
+        """The load that stands for each of these groups."""
+        return [self.scene.loads[k] for k in self.load_groups.at]
 
     @property
     def rises(self) -> float:

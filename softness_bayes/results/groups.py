@@ -89,8 +89,8 @@ def sampled_groups(density: Density, kept: Chains, theta: Array, data: str) -> G
     }
 
 
-def turning_variables(turn: Inflection, shape: tuple[int, int]) -> dict[str, Variable]:
-    """Return where the response turns over as variables, draws being laid out as `shape`, (chains, draws)."""
+def turning_variables(turn: Inflection, shape: tuple[int, int], axis: str) -> dict[str, Variable]:
+    """Return where the response turns over as variables along an axis of loads, draws as `shape`, (chains, draws)."""
     points: dict[str, tuple[NDArray[Any], str]] = {
         "inflection_outcome": (turn.outcome, ""),
         "inflection_e_fab_kpa": (turn.modulus * 1e-3, "kPa"),
@@ -99,7 +99,7 @@ def turning_variables(turn: Inflection, shape: tuple[int, int]) -> dict[str, Var
         "inflection_drop": (turn.drop, ""),
         "inflection_inside": (turn.inside.astype(np.int8), ""),
     }
-    return {n: Variable(v.reshape(*shape, v.shape[-1]), ("load",), unit) for n, (v, unit) in points.items()}
+    return {n: Variable(v.reshape(*shape, v.shape[-1]), (axis,), unit) for n, (v, unit) in points.items()}
 
 
 def evenly(shape: tuple[int, ...], size: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:

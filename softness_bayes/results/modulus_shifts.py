@@ -50,6 +50,6 @@ def modulus_shifts(draws: RatedDraws, inflection: Mapping[str, Variable]) -> pd.
     score = scores(draws.ratings, rates, draws.posterior.rating_parameters(theta), signs)
     quantities = {name: np.log(np.abs(theta[:, space.names.index(name)])) for name in SHIFTED if name in space.names}
     modulus = inflection["inflection_e_fab_kpa"].values[index]
-    for load, where in zip(draws.experiment.ratings.loads, modulus.T, strict=True):
-        quantities[f"turning point at {load}"] = np.log(where)
+    for name, where in zip(draws.load_groups.names, modulus.T, strict=True):
+        quantities[f"turning point at {name}"] = np.log(where)
     return shift_table([*quantities], [posterior_shift(values, score, share) for values in quantities.values()])

@@ -25,14 +25,14 @@ ILLUSTRATED = 64
 
 
 def prediction_group(draws: RatedDraws, grid: Scene, error: float) -> dict[str, Variable]:
-    """Return response and rating against E_fab under each load, and where they turn over.
+    """Return response and rating against E_fab under each load that is shown, and where they turn over.
 
     Parameters
     ----------
     draws
         The draws of the run.
     grid
-        The scene of the curves, from `curve_scene`.
+        The scene of the curves, from `curve_scene`, under `draws.shown_loads`.
     error
         Numerical error of the response relative to its peak.
     """
@@ -50,12 +50,12 @@ def prediction_group(draws: RatedDraws, grid: Scene, error: float) -> dict[str, 
         "contact_radius_mm": (curves.radius * 1e3, "mm"),
         "contact_force_n": (curves.force, "N"),
     }
-    along = ("load", "e_fab_kpa")
+    along = (draws.load_axis, "e_fab_kpa")
     rated = ratings.expected(few.mean_rate, few.parameters, few.effects)
     return {
         TYPICAL: Variable(rated[None], ("condition",)),
         **{n: Variable(v[None].astype(np.float32), along, unit) for n, (v, unit) in lines.items()},
-        **turning_variables(turn, (1, -1)),
+        **turning_variables(turn, (1, -1), draws.load_axis),
         **{f"at_{n}": v for n, v in named(draws.posterior.space, few.theta[None]).items()},
     }
 
@@ -64,9 +64,9 @@ def _typical(draws: RatedDraws, few: Any, drive: Array) -> Array:
     """Return the typical rating where the response has these drives, shape (draws, loads, points)."""
     found = [
         draws.ratings.typical(
-            few.mean_rate, few.parameters, few.effects, drive[:, k], np.flatnonzero(draws.scene.load == k)
+            few.mean_rate, few.parameters, few.effects, drive[:, k], np.flatnonzero(draws.scene.load == load)
         )
-        for k in range(drive.shape[1])
+        for k, load in enumerate(draws.load_groups.at)
     ]
     return np.stack(found, axis=1)
 
@@ -82,9 +82,11 @@ def turning_draws(draws: RatedDraws) -> Array:
 def turning_groups(draws: RatedDraws, error: float) -> Groups:
     """Return where the response turns over in many draws of posterior and prior; arguments as `prediction_group`."""
     found: Groups = {}
+    loads = draws.shown_loads
     for group, points in {"inflection": turning_draws(draws), "prior_inflection": draws.prior[None]}.items():
         flat = points.reshape(-1, points.shape[-1])
-        found[group] = turning_variables(turning_points(draws.scene, draws.touch(flat), error), points.shape[:2])
+        turn = turning_points(draws.scene, draws.touch(flat), error, loads=loads)
+        found[group] = turning_variables(turn, points.shape[:2], draws.load_axis)
     return found
 
 

@@ -18,7 +18,7 @@ from softness_bayes.checking.check_table import NEW_PARTICIPANTS
 from softness_bayes.checking.grouped import merge
 from softness_bayes.checking.levelled import compare_levelled, levelled
 from softness_bayes.checking.quantities import Layout
-from softness_bayes.checking.reproduction import LEVELLED, LEVELLED_NAMES, LOAD_GROUP, SHORTFALL
+from softness_bayes.checking.reproduction import LEVELLED, LEVELLED_NAMES, SHORTFALL
 from softness_bayes.likelihood.pieces import part_of, pieces
 from softness_bayes.likelihood.ratings import RatingParameters
 from softness_bayes.results.draws import CURVES, REPLICATES, RatedDraws, Subset
@@ -26,7 +26,6 @@ from softness_bayes.results.groups import Groups, Variable, named
 from softness_bayes.results.pictures import Trains, example_trains
 from softness_bayes.results.plate import PlateReplicates, draw_plate
 from softness_bayes.sampler.workers import Workers
-from softness_bayes.touch.load_groups import groups_of
 from softness_bayes.touch.pad import draw_receptors
 
 Array = NDArray[np.float64]
@@ -112,15 +111,14 @@ def prior_groups(draws: RatedDraws, drawn: Replicates) -> Groups:
 
 def _levelled_groups(draws: RatedDraws, drawn: Replicates) -> Groups:
     """Return test quantities of ratings, and of the same ratings if the response levelled off at its peak."""
-    groups = groups_of(draws.experiment.ratings.loads)
+    groups = draws.load_groups
     layout = merge(_layout(draws), groups.of)[0]
     found, shortfall = compare_levelled(layout, drawn.again, drawn.levelled)
     shown = np.full((len(LEVELLED_NAMES), len(drawn.again), groups.at.size), np.nan)
     shown[..., layout.loads] = found
-    axis = LOAD_GROUP if groups.merged else "load"
     tables = zip(LEVELLED_NAMES, shown, strict=True)
     return {
-        LEVELLED: {f"levelled_{name}": Variable(values[None], (axis,)) for name, values in tables},
+        LEVELLED: {f"levelled_{name}": Variable(values[None], (draws.load_axis,)) for name, values in tables},
         "constant_data": {SHORTFALL: Variable(shortfall[layout.design.condition], ROWS)},
     }
 
@@ -149,7 +147,7 @@ def _rated(
 def _levelled_rated(rng: np.random.Generator, draws: RatedDraws, few: Subset) -> Array:
     width, layout = draws.scene.n_conditions, _layout(draws)
     # single loads of many have too few fabrics to level off: those of a group do together
-    layout = replace(layout, load=groups_of(draws.experiment.ratings.loads).of[layout.load])
+    layout = replace(layout, load=draws.load_groups.of[layout.load])
     if draws.posterior.fingers is None:
         level = levelled(layout, few.mean_rate[..., :width])
     else:

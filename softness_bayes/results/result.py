@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from softness_bayes import arviz_bridge
 from softness_bayes.checking.fabric_moduli import modulus_sentences
-from softness_bayes.checking.grouped import loads_in
+from softness_bayes.checking.grouped import loads_in, shown_in
 from softness_bayes.checking.inflection import Curves, Inflection
 from softness_bayes.checking.modulus_errors import shift_sentences
 from softness_bayes.checking.rater_fingers import finger_sentences
@@ -188,29 +188,44 @@ class Result(Answers):
         return named_values(self.group("posterior"), self.group("constant_data"), size)
 
     def curves(self) -> Curves:
-        """Return the response against E_fab that the run stored, draw by draw."""
+        """Return the response against E_fab that the run stored, draw by draw, under each load or group of loads.
+
+        Of a group they are at the load that stands for it (`load_groups`).
+        """
         self._require_ratings()
-        return curves_in(self.group("predictions"))
+        stored = self.group("predictions")
+        modulus, *others = curves_in(stored)
+        return Curves(modulus, *(values[:, shown_in(stored, self.load_groups)] for values in others))
+
+    def typical_ratings(self) -> Array:
+        """Return the rating that a typical participant gives along `curves`, shape (draws, loads, points)."""
+        self._require_ratings()
+        stored = self.group("predictions")
+        shown = shown_in(stored, self.load_groups)
+        return np.asarray(stored["typical_rating"].isel(chain=0).values[:, shown])
 
     def inflections(self) -> Inflection:
-        """Return where the response turns over (its maximum), draw by draw."""
+        """Return where the response turns over (its maximum), draw by draw, under the loads of `curves`."""
         self._require_ratings()
-        draws = turning_points_in(self.group("inflection" if "inflection" in self.tree.children else "predictions"))
+        draws = self._turning("inflection" if "inflection" in self.tree.children else "predictions")
         flat: list[Any] = [values.reshape(-1, values.shape[-1]) for values in draws]
         return Inflection(*flat)
+
+    def _turning(self, group: str) -> Inflection:
+        """Return turning points of a group, fields of shape (chains, draws, loads that are shown)."""
+        stored = self.group(group)
+        shown = shown_in(stored, self.load_groups)
+        return Inflection._make(values[..., shown] for values in turning_points_in(stored))
 
     @property
     def least_drop(self) -> float:
         """Share of itself by which a maximum exceeds both ends of the range to count as a turning point."""
         return self.provenance.least_drop
 
-    def shown_inflection(self) -> pd.DataFrame:
-        """Return the rows of `inflection` that are shown: of a group of loads the load that stands for it, by name."""
-        groups, table = self.load_groups, self.inflection()
-        return table.iloc[groups.at].set_axis(groups.names).rename_axis("load")
-
     def inflection(self) -> pd.DataFrame:
-        """Return where the response turns over (its maximum, the turning point), one row per load.
+        """Return where the response turns over (its maximum, the turning point), one row per load or group of loads.
+
+        The row of a group (`load_groups`) is of the load that stands for it.
 
         Columns: probabilities of the three outcomes (p_interior: a maximum that exceeds both ends of the range by
         `least_drop` of itself, p_none, p_silent), of the first under the prior (prior_p_interior), and of a maximum
@@ -219,11 +234,12 @@ class Result(Answers):
         has its Monte-Carlo standard error in COLUMN_mcse.
         """
         self._require_ratings()
+        names = self.load_groups.names
         if "inflection" not in self.tree.children:  # a result of an earlier version
-            return turning_table(turning_points_in(self.group("predictions")), list(map(str, self.loads)))
-        drawn, prior = (turning_points_in(self.group(name)) for name in ("inflection", "prior_inflection"))
+            return turning_table(self._turning("predictions"), names)
+        drawn, prior = (self._turning(name) for name in ("inflection", "prior_inflection"))
         ensemble = self.group("inflection").coords.get(arviz_bridge.ENSEMBLE)
-        return turning_table(drawn, list(map(str, self.loads)), prior, None if ensemble is None else ensemble.values)
+        return turning_table(drawn, names, prior, None if ensemble is None else ensemble.values)
 
     @property
     def fabrics(self) -> Fabrics:
@@ -309,7 +325,7 @@ class Result(Answers):
         said = [*faults, self.provenance.verdict]
         columns = ["p_interior", "prior_p_interior", "p_none", "p_silent"]
         columns += ["e_fab_kpa_low", "e_fab_kpa", "e_fab_kpa_high"]
-        tables = {"where the response turns over": self.shown_inflection()[columns]} if self.has_ratings else {}
+        tables = {"where the response turns over": self.inflection()[columns]} if self.has_ratings else {}
         tables["parameters"] = self.summary()
         return html_of(said, tables)
 

@@ -142,7 +142,7 @@ def compare(
     best = found[order[0]].log_density
     weights = stacking_weights(np.stack([found[label].log_density for label in order], axis=-1))
     clusters = _clusters(results[order[0]], leave)
-    interior = sum(w * results[label].shown_inflection()["p_interior"] for w, label in zip(weights, order, strict=True))
+    interior = sum(w * results[label].inflection()["p_interior"] for w, label in zip(weights, order, strict=True))
     rows = {
         label: {
             "rank": rank,

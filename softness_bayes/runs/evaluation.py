@@ -10,6 +10,7 @@ import numpy as np
 from softness_bayes.checking.inflection import Inflection, Outcome, curve_scene, find_inflection, response_curves
 from softness_bayes.model.posterior import Density, Posterior
 from softness_bayes.touch.contact import Load
+from softness_bayes.touch.load_groups import LoadGroup, groups_of
 from softness_bayes.touch.scene import Scene
 
 
@@ -20,7 +21,8 @@ class Evaluation(NamedTuple):
     """Every parameter in natural units."""
     log_likelihood: float
     """Log density of the data."""
-    loads: tuple[Load, ...]
+    loads: tuple[Load | LoadGroup, ...]
+    """The loads, or groups of many, each evaluated at its middle load."""
     inflection: Inflection | None
     """Where the response turns over, fields of shape (1, loads); None without ratings."""
 
@@ -30,7 +32,8 @@ class Evaluation(NamedTuple):
         said = [f"all parameters are held, so there is nothing to sample: {held}"]
         said.append(f"log-likelihood of the data there: {self.log_likelihood:.10g}")
         if self.inflection is not None:
-            said += [f"under {load}: {self._turn(self.inflection, k)}" for k, load in enumerate(self.loads)]
+            at = [f"{one}, at {one.load}" if isinstance(one, LoadGroup) else str(one) for one in self.loads]
+            said += [f"under {load}: {self._turn(self.inflection, k)}" for k, load in enumerate(at)]
         return tuple(said)
 
     def _turn(self, found: Inflection, k: int) -> str:
@@ -65,7 +68,8 @@ def evaluate(density: Density, error: float = 0.0) -> Evaluation:
     log_likelihood = float(density.log_likelihood(theta)[0])
     if not (isinstance(density, Posterior) and isinstance(density.scene, Scene)):
         return Evaluation(values, log_likelihood, (), None)
-    scene, grid = density.scene, curve_scene(density.scene)
+    scene, groups = density.scene, groups_of(density.scene.loads)
+    grid = curve_scene(scene, loads=[scene.loads[k] for k in groups.at])
     touch = type(p := space.touch(theta))(*(np.atleast_1d(value) for value in p))
     ends = (float(scene.modulus.min()), float(scene.modulus.max()))
-    return Evaluation(values, log_likelihood, grid.loads, find_inflection(response_curves(grid, touch), error, ends))
+    return Evaluation(values, log_likelihood, groups.called, find_inflection(response_curves(grid, touch), error, ends))

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from softness_bayes.checking.inflection import Outcome, curve_scene, find_inflection, response_curves
 from softness_bayes.likelihood.contract import Effects
 from softness_bayes.model.posterior import Posterior
+from softness_bayes.touch.load_groups import groups_of
 from softness_bayes.touch.scene import Scene
 
 FloatArray = NDArray[np.float64]
@@ -64,9 +65,11 @@ def quantities(posterior: Posterior, theta: FloatArray, effects: Effects) -> dic
 
 
 def _turning_points(posterior: Posterior, scene: Scene, theta: FloatArray) -> dict[str, FloatArray]:
-    curves = response_curves(curve_scene(scene), posterior.space.touch(theta))
+    groups = groups_of(scene.loads)
+    grid = curve_scene(scene, loads=[scene.loads[k] for k in groups.at])
+    curves = response_curves(grid, posterior.space.touch(theta))
     turn = find_inflection(curves, 0.0, (float(scene.modulus.min()), float(scene.modulus.max())))
-    interior = np.broadcast_to(turn.outcome == Outcome.INTERIOR, (len(theta), len(scene.loads)))
+    interior = np.broadcast_to(turn.outcome == Outcome.INTERIOR, (len(theta), len(groups.names)))
     place = np.where(interior, turn.modulus * 1e-3, 0.0)
-    found = {turns(load): interior[:, k].astype(float) for k, load in enumerate(scene.loads)}
-    return found | {turning_point(load): place[:, k] for k, load in enumerate(scene.loads)}
+    found = {turns(load): interior[:, k].astype(float) for k, load in enumerate(groups.names)}
+    return found | {turning_point(load): place[:, k] for k, load in enumerate(groups.names)}

@@ -67,7 +67,17 @@ def autocorrelation(results: Path) -> str:
 def loads(results: Path) -> str:
     """Return compiling and calling with many loads, from ``tools.benchmark_loads``."""
     head = ["kind", "distinct loads", "table", "conditions", "compiled in [s]", "call [ms per vector]", "error / peak"]
-    return table(head, (list(row.values()) for row in _rows(results / "loads.csv")))
+    rows = _rows(results / "loads.csv")
+    first = {row["kind"]: row for row in reversed(rows)}
+    ratios = ["compiling, of that of the first", "call per condition, likewise"]
+    return table([*head, *ratios], ([*row.values(), *_ratios(row, first[row["kind"]])] for row in rows))
+
+
+def _ratios(row: Mapping[str, str], first: Mapping[str, str]) -> list[str]:
+    """Return times of a row over those of the first of its kind, measured in one run: of compiling, and of a call."""
+    compiled = float(row["compile_s"]) / float(first["compile_s"])
+    called, least = (float(one["call_ms"]) / float(one["conditions"]) for one in (row, first))
+    return [f"{compiled:.1f}", f"{called / least:.1f}"]
 
 
 def calibration(results: Path) -> str:

@@ -326,10 +326,11 @@ class Scene:
         part._once = None if self._once is None else (self._once[0].fired_by(firing), self._once[1])
         return part
 
-    def on_grid(self, modulus: Array) -> Scene:
-        """Return the scene of fabrics of these moduli [Pa] and the median Poisson ratio under all loads."""
+    def on_grid(self, modulus: Array, loads: Sequence[Load] | None = None) -> Scene:
+        """Return the scene of fabrics of these moduli [Pa] and the median Poisson ratio under some loads, or all."""
         poisson = np.full(modulus.size, np.median(self.poisson))
-        return self._with(fabric_modulus=modulus, fabric_poisson=poisson, fabric=None, load=None)
+        loads = self.loads if loads is None else loads
+        return self._with(fabric_modulus=modulus, fabric_poisson=poisson, loads=loads, fabric=None, load=None)
 
     def under(self, loads: Sequence[Load], fabric: ArrayLike, load: ArrayLike) -> Scene:
         """Return the scene of the same fabrics in other conditions: indices of their fabrics and of these loads."""

@@ -457,6 +457,12 @@ KINDS = (
         ("ratng", "rating"),
         ("plot", "old", "--figures", "ratng"),
     ),
+    Kind(
+        "results without a name",
+        nothing,
+        ("posterior.nc: no such file; expected the posterior.nc of a run",),
+        ("compare", ""),
+    ),
     Kind("a run that was never begun", nothing, ("nowhere",), ("resume", "nowhere")),
     # places to write to
     Kind(

@@ -441,3 +441,4 @@ def test_results_are_told_apart_by_as_little_as_that_takes():
     assert endings([Path("/a/b/one"), Path("/a/b/two")]) == ["one", "two"]
     assert endings([Path("/a/b/run"), Path("/a/c/run"), Path("mine")]) == ["b/run", "c/run", "mine"]
     assert endings([Path("/run"), Path("run")]) == ["/run", "run"]
+    assert endings([Path("")]) == ["."]

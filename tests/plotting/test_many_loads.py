@@ -5,6 +5,7 @@ import pytest
 
 from softness_bayes.defaults import MOST_SHOWN, in_words, shown_of
 from softness_bayes.plotting import FIGURES, USUAL, contents
+from softness_bayes.results import result
 from softness_bayes.touch.contact import Force, Indentation
 from softness_bayes.touch.load_groups import NEAR, LoadGroup, LoadGroups, groups_of
 from support.figures import finished_run
@@ -66,7 +67,8 @@ def test_kinds_of_loads_are_never_merged(most):
 def merged(monkeypatch):
     """The two loads of a finished run are a group, whose curves are those of the second one."""
     both = LoadGroups(np.array([0, 0]), np.array([1]), (LoadGroup(Force(0.5), "a to b N"),))
-    monkeypatch.setattr(contents, "groups_of", lambda loads: both)
+    for module in (contents, result):
+        monkeypatch.setattr(module, "groups_of", lambda loads: both)
     return finished_run()
 
 

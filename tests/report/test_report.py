@@ -7,7 +7,7 @@ import io
 import json
 import re
 import shlex
-from dataclasses import replace
+from dataclasses import fields, replace
 from html.parser import HTMLParser
 from pathlib import Path
 
@@ -20,6 +20,7 @@ from numpy.testing import assert_allclose
 
 from softness_bayes.checking.reproduction import inflection_reproduced
 from softness_bayes.cli import main, sample
+from softness_bayes.cli.options.tables import DataFiles
 from softness_bayes.errors import InputError
 from softness_bayes.files.spreadsheet import table_of
 from softness_bayes.likelihood.directions import INVERSE
@@ -399,6 +400,30 @@ def test_the_command_amounts_to_the_options_of_the_run(made, asked, monkeypatch,
         assert getattr(request.model, name) == getattr(asked.model, name), name
     for name in ("exact_reweight", "seed", "max_steps"):
         assert getattr(request.run, name) == getattr(asked.run, name), name
+
+
+def test_every_option_of_the_files_is_repeated(made, monkeypatch, tmp_path):
+    given = {
+        "data": "r.csv",
+        "fabrics": "f.csv",
+        "compression": "c.csv",
+        "column": "rating=softness",
+        "indentation-mm": "2",
+        "force-n": "1",
+        "decimal": "ratings=,",
+        "round-load": "0.05",
+    }
+    words = [word for name, value in given.items() for word in (f"--{name}", value)]
+    typed = shlex.join(["softness-bayes", "sample", *words, "--drop-zeros", "--wide", "--out", "results"])
+    result = made("ratings")
+    tree = result.tree.copy()
+    asked = Request().with_options(**OPTIONS | {"command": typed})
+    tree.attrs = {**tree.attrs, "options": json.dumps(asked.record()), "command": typed}
+    (command,) = repetition(replace(result, tree=tree)).commands
+    files, _ = repeated(command, monkeypatch, tmp_path)
+    assert files == repeated(f"{typed} --max-steps 40", monkeypatch, tmp_path)[0]
+    empty = DataFiles(None, None, {}, None, None, None)
+    assert all(getattr(files, one.name) != getattr(empty, one.name) for one in fields(DataFiles))
 
 
 def test_a_run_of_python_or_of_limited_time_says_so(made):

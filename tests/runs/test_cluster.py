@@ -178,6 +178,7 @@ def test_no_scheduler(monkeypatch, tmp_path):
     for missing, said in (
         (tmp_path / "scheduler.json", "no such scheduler file"),
         ("tcp://127.0.0.1:1", "no scheduler"),
+        ("ucx://127.0.0.1:1", "an address that begins with one of tcp://"),
     ):
         refused(call("claims", "--dask", missing, "--draws", 0, "--out", tmp_path / "out"), said)
     assert not (tmp_path / "out").exists()

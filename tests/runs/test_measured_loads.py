@@ -1,0 +1,123 @@
+"""A run on a table in which every touch has a force of its own: what it costs, and what it says."""
+
+import dataclasses
+import functools
+import re
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from softness_bayes.checking import inflection
+from softness_bayes.cli.printed import print_result
+from softness_bayes.data import Experiment
+from softness_bayes.data.ratings import Ratings
+from softness_bayes.files.run_files import MODULUS_ERRORS
+from softness_bayes.likelihood.directions import FALLS, RISES
+from softness_bayes.model import build
+from softness_bayes.plotting import FIGURES, USUAL
+from softness_bayes.results import predictions
+from softness_bayes.results.request import Request
+from softness_bayes.runs.run import sample
+from softness_bayes.touch.contact import Force
+from softness_bayes.touch.load_groups import groups_of
+from support.report_runs import CLOTH, OPTIONS, quickly
+
+MEANT, TOUCHES = (0.5, 1.0, 2.0), 8
+"""Forces that were meant [N], and the touches at each, each with another force."""
+
+
+def experiment() -> Experiment:
+    """Return ratings that fall with the fabrics' stiffness, by four participants."""
+    rng, total = np.random.default_rng(3), TOUCHES * len(MEANT)
+    newton = np.sort(np.repeat(MEANT, TOUCHES) * np.exp(rng.uniform(-0.1, 0.1, total)))
+    fabric, participant = np.arange(total) % 4, np.arange(total) // 4 % 4
+    rating = 300.0 * (CLOTH.effective_modulus[fabric] / 1e4) ** -0.8 * np.exp(0.05 * rng.standard_normal(total))
+    people, touch = ("P1", "P2", "P3", "P4"), np.arange(total)
+    ratings = Ratings(people, CLOTH.names, tuple(map(Force, newton)), participant, fabric, touch, rating, touch + 2)
+    return Experiment(ratings, CLOTH, ())
+
+
+@pytest.fixture(scope="module")
+def run():
+    """The result of a brief run, and the loads of each grid of fabrics whose responses it asked for."""
+    asked, original = [], inflection.response_curves
+
+    def counted(grid, parameters):
+        asked.append(len(grid.loads))
+        return original(grid, parameters)
+
+    with quickly(), pytest.MonkeyPatch.context() as patch:
+        for module in (inflection, predictions):
+            patch.setattr(module, "response_curves", counted)
+        return sample(experiment(), **OPTIONS), asked
+
+
+def test_curves_and_turning_points_are_made_for_groups_of_loads(run):
+    result, asked = run
+    assert len(result.loads) == TOUCHES * len(MEANT)
+    assert asked
+    assert set(asked) == {len(MEANT)}
+    assert result.curves().total_rate.shape[1] == len(MEANT)
+    for group in ("predictions", "inflection", "prior_inflection"):
+        assert result.group(group).sizes["load_group"] == len(MEANT)
+        assert "load" not in result.group(group).dims
+    assert result.inflection().index.tolist() == result.load_groups.names
+    assert [*result.group("inflection")["load_group"].values] == result.load_groups.names
+
+
+def test_each_group_is_shown_by_its_middle_load(run):
+    result, _ = run
+    shown = np.array([result.loads[k].newton for k in result.load_groups.at])
+    np.testing.assert_allclose(shown, MEANT, rtol=0.06)
+    # under force control the contact's force is the load itself
+    force = result.curves().force
+    np.testing.assert_allclose(force, np.broadcast_to(shown[:, None], force.shape), rtol=1e-5)
+    found = result.inflections()
+    at_peak = np.broadcast_to(shown, found.force.shape)[np.isfinite(found.force)]
+    np.testing.assert_allclose(found.force[np.isfinite(found.force)], at_peak, rtol=1e-5)
+
+
+def test_what_is_said_names_groups_and_no_single_load(run, tmp_path, capsys):
+    result, _ = run
+    print_result(result, tmp_path)
+    said = capsys.readouterr().out
+    names, single = result.load_groups.names, {str(load) for load in result.loads}
+    assert f"({TOUCHES * len(MEANT)} loads in 3 groups; each row is at the middle load of its group)" in said
+    assert all(name in said for name in names)
+    assert not [load for load in single if re.search(rf"(?<![\d.]){re.escape(load)}", said)]
+    shifts = [name for name in result.tables[MODULUS_ERRORS].index if "turning point" in name]
+    assert shifts == [f"turning point at {name}" for name in names]
+
+
+def test_a_result_that_holds_every_load_is_shown_by_groups_too(run):
+    """As earlier versions stored it."""
+    result, _ = run
+    tree, of, loads = result.tree.copy(), result.load_groups.of, [str(load) for load in result.loads]
+    for group in ("predictions", "inflection", "prior_inflection"):
+        every = tree[group].to_dataset().isel(load_group=of).drop_vars("load_group").rename(load_group="load")
+        tree[group].dataset = every.assign_coords(load=loads)
+    former = dataclasses.replace(result, tree=tree)
+    pd.testing.assert_frame_equal(former.inflection(), result.inflection())
+    np.testing.assert_array_equal(former.typical_ratings(), result.typical_ratings())
+    for one, other in ((former.curves(), result.curves()), (former.inflections(), result.inflections())):
+        assert all(np.array_equal(a, b, equal_nan=True) for a, b in zip(one, other, strict=True))
+
+
+@pytest.mark.parametrize("name", ["response", "rating_ratio", "inflection"])
+def test_a_figure_has_a_panel_for_each_group(run, name):
+    figure = FIGURES[name](run[0], USUAL)
+    titles = {axes.get_title(where) for axes in figure.axes for where in ("left", "center")}
+    assert {f"Force {name}" for name in run[0].load_groups.names} <= titles
+
+
+def test_falling_ratings_of_single_measured_loads_are_taken_as_falling(monkeypatch):
+    """No load alone shows an order of fabrics; groups of them do."""
+    with quickly():
+        options = Request().with_options(**OPTIONS).model
+        found = build.choose_direction(experiment(), options)
+        assert found.direction is FALLS
+        assert found.sentence.startswith("--direction falls-with-firing is taken from the data")
+        # each load alone, as it was before: nothing is seen, and the usual direction is taken
+        monkeypatch.setattr(build, "groups_of", functools.partial(groups_of, most=1000))
+        assert build.choose_direction(experiment(), options).direction is RISES
