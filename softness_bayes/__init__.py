@@ -1,6 +1,6 @@
 """Bayesian inference for tactile softness: from fabric mechanics through receptor firing to ratings.
 
-Names are imported when they are first used, so that ``import softness_bayes`` costs nothing.
+Names are imported on first use, so that ``import softness_bayes`` is fast.
 """
 
 from __future__ import annotations

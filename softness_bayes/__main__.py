@@ -25,21 +25,21 @@ def run() -> None:
 
 
 def quieten_libraries() -> None:
-    """Keep warnings of libraries from the screen, here and in worker processes, unless Python is asked for them.
+    """Suppress warnings from libraries, here and in worker processes, unless Python's ``-W`` option is given.
 
-    What a user must know is said by the command itself. ``python -W default -m softness_bayes`` shows all warnings.
+    The command itself reports what a user needs to know. ``python -W default -m softness_bayes`` shows all warnings.
     """
     if not sys.warnoptions:
         warnings.simplefilter("ignore")
         os.environ["PYTHONWARNINGS"] = "ignore"
-        logging.lastResort = logging.NullHandler()  # shows messages of loggers without a handler
+        logging.lastResort = logging.NullHandler()  # prints messages from loggers without a handler
     logging.getLogger().addHandler(logging.NullHandler())
 
 
 def heed_signals() -> None:
-    """End the process without a traceback if a signal comes before the command line has its own handlers.
+    """End the process without a traceback if a signal arrives before the command line has installed its handlers.
 
-    `softness_bayes.cli.interrupts` installs those before the first verb begins.
+    `softness_bayes.cli.interrupts` installs these handlers before the first command starts.
     """
     for number in (signal.SIGINT, signal.SIGTERM):
         if signal.getsignal(number) is not signal.SIG_IGN:

@@ -1,8 +1,8 @@
-"""Interface to ArviZ, the same for its 0.23 and 1.x lines, and files that both lines read.
+"""Interface to ArviZ 0.23 and 1.x, and files that both versions can read.
 
-A result is an `xarray.DataTree` whose children are the groups. xarray alone writes and reads it, so that a
-file does not depend on the installed line; `for_arviz` converts it to the type that this line works on.
-ArviZ and xarray are imported inside the functions, because they take seconds and most commands do not need them.
+A result is an `xarray.DataTree` whose children are the groups. It is written and read by xarray alone, so that a file
+does not depend on the installed version of ArviZ; `for_arviz` converts it to the type that this version expects. ArviZ
+and xarray are imported inside the functions, because they take seconds and most commands do not need them.
 """
 
 from __future__ import annotations
@@ -48,13 +48,13 @@ GROUPS = (
 """The groups of a result, in the order of the file."""
 
 SAMPLE_DIMS = ("chain", "draw")
-"""Leading dimensions of every group but those of `_WITHOUT_DRAWS`."""
+"""Leading dimensions of every group except those in `_WITHOUT_DRAWS`."""
 
 ENSEMBLE = "ensemble"
-"""Coordinate with the ensemble of each chain (walker)."""
+"""Coordinate that gives the ensemble of each chain (walker)."""
 
 FEWEST_DRAWS = 4
-"""Draws of a chain below which ArviZ has no effective sample size, and says so on the screen."""
+"""Draws per chain below which ArviZ does not compute an effective sample size and prints a warning."""
 
 _WITHOUT_DRAWS = ("observed_data", "constant_data", "illustrations")
 
@@ -70,7 +70,7 @@ def ess_bulk(chains: ArrayLike) -> float:
 
 
 def mcse_mean(chains: ArrayLike) -> float:
-    """Return the Monte-Carlo standard error of the mean of an array (chains, draws); NaN as `ess_bulk`."""
+    """Return the Monte-Carlo standard error of the mean of an array (chains, draws); NaN as for `ess_bulk`."""
     return float(_arviz().mcse(_chains(chains), method="mean")) if _enough(chains) else math.nan
 
 
@@ -80,7 +80,7 @@ def mcse_sd(chains: ArrayLike) -> float:
 
 
 def hdi(draws: ArrayLike, probability: float) -> tuple[float, float]:
-    """Return the shortest interval (low, high) that contains a share of the draws, an array of any shape."""
+    """Return the shortest interval (low, high) that contains a given share of the draws, an array of any shape."""
     flat = np.ravel(np.asarray(draws, float))
     name = "prob" if _next_line() else "hdi_prob"
     low, high = np.asarray(_arviz().hdi(flat, **{name: probability}))
@@ -98,7 +98,7 @@ def psis(log_ratios: ArrayLike) -> tuple[FloatArray, FloatArray]:
     Returns
     -------
     log_weights, pareto_k : ndarray, shapes (cases, draws) and (cases,)
-        Weights add up to 1 in each case. If the largest are equal there is no tail to smooth, and k is -inf.
+        Weights sum to 1 in each case. If the largest weights are equal, there is no tail to smooth, and k is -inf.
     """
     log_weights = np.array(log_ratios, float)
     pareto_k = np.full(len(log_weights), -np.inf)
@@ -124,10 +124,10 @@ def to_tree(
     groups
         Arrays by group and name. In groups with draws the first two axes are chain and draw.
     dims
-        Names of a variable's further axes; an array that is not listed must have none.
+        Names of each variable's remaining axes; an array that is not listed must not have any.
     coords
-        Coordinates by name, each along the dimension of its name; `ENSEMBLE` runs along the chains of
-        the groups that have as many.
+        Coordinates by name, each along the dimension of the same name; `ENSEMBLE` is added to the groups whose number
+        of chains matches its length.
     attrs
         Attributes of the whole result: numbers and text.
     variable_attrs
@@ -157,7 +157,7 @@ def to_tree(
 
 
 def require_storable(attributes: Mapping[str, Any], labels: Mapping[str, Sequence[str]]) -> None:
-    """Raise an error for attributes or labels that a result's file cannot store, by trying each in memory.
+    """Raise an error for attributes or labels that a result file cannot store; each is tried in memory.
 
     Parameters
     ----------
@@ -169,7 +169,7 @@ def require_storable(attributes: Mapping[str, Any], labels: Mapping[str, Sequenc
     Raises
     ------
     InputError
-        Naming the first that cannot be stored.
+        Names the first one that cannot be stored.
     """
     for name, value in {**attributes, **labels}.items():
         if not _is_storable(value):
@@ -180,30 +180,30 @@ def require_storable(attributes: Mapping[str, Any], labels: Mapping[str, Sequenc
 
 
 def netcdf(tree: xarray.DataTree) -> bytes:
-    """Return a result as the content of a NetCDF file that both lines of ArviZ read.
+    """Return a result as the bytes of a NetCDF file that ArviZ 0.23 and 1.x can read.
 
-    It is made in memory, because HDF5 does not reliably report a full disk.
+    The content is created in memory because HDF5 does not reliably report a full disk.
     """
     return bytes(tree.to_netcdf(None, engine="h5netcdf"))
 
 
 def write_netcdf(tree: xarray.DataTree, path: str | os.PathLike[str]) -> None:
-    """Write a result to a NetCDF file; an existing file is replaced whole."""
+    """Write a result to a NetCDF file, replacing an existing file atomically."""
     write_whole(Path(path), netcdf(tree))
 
 
 def read_netcdf(path: str | os.PathLike[str]) -> xarray.DataTree:
-    """Return a result, read into memory and with its file closed."""
+    """Read a result into memory and close its file."""
     import xarray
 
     with _opened(path) as file:
-        dict(file.attrs)  # with damaged attributes h5netcdf fails halfway, and again when the object is deleted
+        dict(file.attrs)  # if attributes are damaged, h5netcdf fails on opening and again when the object is deleted
         with xarray.open_datatree(file, engine="h5netcdf") as tree:
             return tree.load()
 
 
 def for_arviz(tree: xarray.DataTree) -> Any:
-    """Return a result in the type of the installed line: InferenceData (0.23) or the tree itself (1.x)."""
+    """Return a result in the type of the installed ArviZ: InferenceData (0.23) or the tree itself (1.x)."""
     if _next_line():
         return tree
     groups = {name: child.to_dataset() for name, child in tree.children.items()}
@@ -211,7 +211,7 @@ def for_arviz(tree: xarray.DataTree) -> Any:
 
 
 def _opened(path: str | os.PathLike[str]) -> Any:
-    """Open an HDF5 file that looks up each of its objects once: h5netcdf asks for every one dozens of times."""
+    """Open an HDF5 file with cached look-ups of its objects, because h5netcdf looks up each one dozens of times."""
     import h5py
 
     class LookedUpOnce(h5py.File):
@@ -230,7 +230,7 @@ def _opened(path: str | os.PathLike[str]) -> Any:
 
 
 def _is_storable(value: Any) -> bool:
-    """Return whether a NetCDF file holds some text, a number, or a sequence of text as an attribute, by trying."""
+    """Return whether a NetCDF file can store a value (text, number, sequence of text) as an attribute; it is tried."""
     import h5netcdf
 
     try:
@@ -260,12 +260,12 @@ def _arviz() -> Any:
 
 
 def prepare() -> None:
-    """Begin to import ArviZ in the background, which takes a second or two."""
+    """Start to import ArviZ in the background, because the import takes a second or two."""
     threading.Thread(target=_import).start()  # not a daemon, so that the process does not end during an import
 
 
 def _import() -> None:
-    """Import ArviZ; what fails is raised where it is needed, and does not matter to a process that ends meanwhile."""
+    """Import ArviZ and ignore errors: they are raised again where ArviZ is needed."""
     with contextlib.suppress(Exception):
         _arviz()
 

@@ -7,7 +7,7 @@ LONGEST_QUOTED = 80
 
 
 def quoted(text: str) -> str:
-    """Return a value quoted for a message: on one line, with control characters as escapes, and shortened."""
+    """Return a value quoted for a message: on one line, with control characters escaped, and shortened."""
     return repr(text if len(text) <= LONGEST_QUOTED else f"{text[:LONGEST_QUOTED]}…")
 
 
@@ -18,36 +18,36 @@ class SoftnessError(Exception):
 
 
 class InputError(SoftnessError, ValueError):
-    """A file, option or argument is invalid; the message names it, its place and the expected value."""
+    """Invalid file, option or argument; the message gives its name, its location and the expected value."""
 
     exit_code = 2
 
 
 class NotConvergedError(SoftnessError):
-    """A run ended before it converged; its draws are written, and the message says how far it is."""
+    """Run that ended before convergence; its draws are saved, and the message reports how far it got."""
 
     exit_code = 3
 
 
 class NumericalError(SoftnessError, ArithmeticError):
-    """A computation gave a value that cannot be trusted; the message names the parameters."""
+    """Unreliable result of a computation; the message gives the parameters."""
 
     exit_code = 4
 
 
 class LockedError(SoftnessError):
-    """Another run holds the output directory."""
+    """The output directory is in use by another run."""
 
     exit_code = 5
 
 
 class ResourceError(SoftnessError, RuntimeError):
-    """Memory ran out; the same computation may work with less of it."""
+    """Out of memory; the same computation may succeed with settings that need less."""
 
     exit_code = 6
 
 
 class WorkersLostError(ResourceError):
-    """Worker processes died and died again after they were replaced, or their cluster was lost."""
+    """Worker processes died repeatedly, even after replacement, or the connection to their cluster was lost."""
 
     exit_code = 7

@@ -1,4 +1,4 @@
-"""Kinds of arguments, with one check and one wording: a wrong one is named with what was expected."""
+"""Type checks of arguments, with one form of message: the argument, its value and the expected type."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 
 def require_kind(what: str, value: object, kind: type | tuple[type, ...], such_as: str) -> None:
-    """Raise an error for an argument that is not of a kind.
+    """Raise an error for an argument of the wrong type.
 
     Parameters
     ----------
@@ -22,7 +22,7 @@ def require_kind(what: str, value: object, kind: type | tuple[type, ...], such_a
     value
         The argument.
     kind
-        Its class, or its classes.
+        Expected class or classes.
     such_as
         What was expected, with an example.
 

@@ -1,7 +1,7 @@
-"""Provenance of a result: what was asked for and what was found, typed.
+"""Provenance of a result: typed records of its settings and findings.
 
-Results keep it as flat attributes; this module alone knows how these are named and written. A section is a frozen
-dataclass whose fields are its attributes, and families such as ``reading_pressure`` are mappings.
+Results store it as flat attributes; only this module knows their names and formats. Each section is a frozen dataclass
+whose fields are attributes; families of attributes such as ``reading_pressure`` are mappings.
 """
 
 from __future__ import annotations
@@ -24,67 +24,67 @@ from softness_bayes.touch.readings import ALTERNATIVES, Readings
 Section = TypeVar("Section")
 
 NOT_ASKED = "none asked for"
-"""Attribute of a number that there is none of."""
+"""Attribute that marks a missing number."""
 
 FORMER_LEAST_DROP = 0.02
-"""`Provenance.least_drop` of results that do not record it."""
+"""Value of `Provenance.least_drop` for results that do not record it."""
 
 PRIOR, READING, VERSION = "prior_", "reading_", "version_"
-"""Beginnings of attributes that belong together, each followed by a name."""
+"""Prefixes of families of attributes, each followed by a name."""
 
 LEAST_LONG = 1 << 63
-"""NetCDF has no integer from here on: it is written as text."""
+"""Integers from this one on exceed NetCDF's types and are written as text."""
 
 
 @dataclass(frozen=True)
 class Asked:
-    """The request of a run."""
+    """Settings requested for a run."""
 
     schema_version: int
     command: str
     options: Mapping[str, Any]
-    """As the run's request records them."""
+    """As recorded in the request of the run."""
     seed: int
     prior_set: str
 
 
 @dataclass(frozen=True)
 class Ending:
-    """End of the walk."""
+    """State of the chains at the end of the run."""
 
     verdict: str
     converged: bool
     steps: int
     missing_steps: int
-    """An estimate of those that are left to convergence."""
+    """Estimated number of further steps until convergence."""
     burn_in: int
     sampling_seconds: float
     evaluations: int
     failures: int
-    """Evaluations that were not finite."""
+    """Number of evaluations that were not finite."""
     quick: bool = False
-    """Whether this is a first look, which ended on purpose before the chains had converged."""
+    """Whether this is a first look, which stops on purpose before convergence."""
 
 
 @dataclass(frozen=True)
 class DirectionTaken:
-    """Direction of ratings with the response, and its reason."""
+    """Direction of ratings with the response, and how it was chosen."""
 
     direction: RatingDirection
     direction_asked: bool = True
-    """Whether it was asked for, and not taken from the data or by default."""
+    """Whether the user chose it, rather than the data or the default."""
     direction_note: str = ""
     firing_rises: float = 1.0
-    """Share of prior draws under which firing rises with stiffness over the fabrics."""
+    """Share of prior draws for which firing increases with stiffness across the fabrics."""
     direction_rises: float = np.nan
-    """Posterior probability that ratings rise with firing, where both directions are sampled; else NaN."""
+    """Posterior probability that ratings rise with firing if both directions were sampled, otherwise NaN."""
 
     direction_rises_se: float = np.nan
     """Its Monte-Carlo standard error, from the ensembles."""
 
     @property
     def said(self) -> str:
-        """The posterior probability of the direction in a sentence; empty where only one was sampled."""
+        """The posterior probability of the direction as a sentence; empty if only one direction was sampled."""
         if np.isnan(self.direction_rises):
             return ""
         rises, error = self.direction_rises, f" ± {self.direction_rises_se:.1g}"
@@ -96,13 +96,13 @@ class DirectionTaken:
 
     @property
     def sign(self) -> float:
-        """+1 if ratings rise with firing, -1 if they fall; where both directions are sampled, the more probable one."""
+        """+1 if ratings rise with firing, -1 if they fall; the more probable sign if both were sampled."""
         return self.direction.sign if np.isnan(self.direction_rises) else (1.0 if self.direction_rises >= 0.5 else -1.0)
 
 
 @dataclass(frozen=True)
 class RatingModel:
-    """The model of a run on ratings beyond its readings, priors and direction."""
+    """Rating model of a run, apart from its readings, priors and direction."""
 
     noise: float = 0.0
     rating_scale: Scale = MAGNITUDE
@@ -111,9 +111,9 @@ class RatingModel:
     rating_errors: str = "normal"
     """Name of the law of the errors."""
     rating_errors_note: str = ""
-    """Why the errors have that law."""
+    """Reason for the choice of this law."""
     rating_note: str = ""
-    """What was understood of the numbers."""
+    """Interpretation of the numbers."""
 
 
 @dataclass(frozen=True)
@@ -130,9 +130,9 @@ class NumericalErrors:
     """Numerical errors of the model at draws of the posterior."""
 
     numerical_error: float
-    """Of the response, relative to its peak."""
+    """Error of the response, relative to its peak."""
     firing_error: float
-    """As `numerical_error`, if every receptor's firing rate had the largest error of its surface."""
+    """Upper bound of `numerical_error`: every firing rate is given the largest error of its interpolation surface."""
     exactness: str
     exactness_sd: float
     exactness_largest: float
@@ -173,13 +173,13 @@ class ResidualChecks:
 
 @dataclass(frozen=True)
 class Silence:
-    """Shares of draws without firing, and of contacts outside Hertz's range."""
+    """Shares of draws without firing, and of contacts outside the range of Hertz's theory."""
 
     prior_silent_everywhere: float = np.nan
     prior_silent_conditions: float = np.nan
     posterior_silent_everywhere: float = 0.0
     posterior_silent_conditions: float | None = None
-    """None in results of earlier versions."""
+    """None in results from earlier versions."""
     contact_beyond_half_radius: float = 0.0
     contact_beyond_radius: float = 0.0
 
@@ -199,9 +199,9 @@ class PlateData:
 
 @dataclass(frozen=True)
 class Provenance:
-    """Provenance of a result, read from its attributes section by section.
+    """Provenance of a result, read from its attributes one section at a time.
 
-    An attribute that is missing is a `KeyError` of the attributes, unless results of earlier versions lack it too.
+    A missing attribute raises a `KeyError`, unless earlier versions did not write it.
 
     Parameters
     ----------
@@ -213,12 +213,12 @@ class Provenance:
 
     @property
     def asked(self) -> Asked:
-        """The request of a run."""
+        """Settings requested for a run."""
         return self._section(Asked)
 
     @property
     def priors(self) -> dict[str, Prior]:
-        """The priors of what was sampled or drawn afterwards, by name."""
+        """Priors of all quantities that were sampled, or drawn after sampling, by name."""
         others = {each.name for section in (Asked, Silence) for each in fields(section)}
         return {name: parse_prior(text) for name, text in self._family(PRIOR).items() if PRIOR + name not in others}
 
@@ -229,17 +229,17 @@ class Provenance:
 
     @property
     def versions(self) -> dict[str, str]:
-        """Versions of Python and of the libraries that the numbers depend on, by name."""
+        """Versions, by name, of Python and of the libraries that affect the numbers."""
         return self._family(VERSION)
 
     @property
     def ending(self) -> Ending:
-        """End of the walk."""
+        """State of the chains at the end of the run."""
         return self._section(Ending)
 
     @property
     def verdict(self) -> str:
-        """Verdict on convergence, in a sentence; empty if not recorded."""
+        """Verdict on convergence as a sentence; empty if not recorded."""
         return str(self.attributes.get("verdict", ""))
 
     @property
@@ -274,17 +274,17 @@ class Provenance:
 
     @property
     def plate(self) -> PlateData:
-        """Compression data, of a run that had some."""
+        """Compression data, for runs that use them."""
         return self._section(PlateData)
 
     @property
     def least_drop(self) -> float:
-        """Share of itself by which a maximum exceeds both ends of the range to count as a turning point."""
+        """Smallest drop, as a share of the maximum, towards both ends of the range that makes it a turning point."""
         return float(self.attributes.get("inflection_least_drop", FORMER_LEAST_DROP))
 
     @property
     def held_eps(self) -> str:
-        """Consequence of a held eps, in words; empty if it was sampled or there is none."""
+        """Consequence of a fixed eps, in words; empty if eps was sampled or is not in the model."""
         return str(self.attributes.get("held_eps", ""))
 
     def _family(self, begin: str) -> dict[str, str]:
@@ -304,7 +304,7 @@ class Provenance:
 
 
 def is_first_look(attributes: Mapping[Any, Any]) -> bool:
-    """Return whether attributes are those of a first look, `Ending.quick`."""
+    """Return whether the attributes are those of a first look (`Ending.quick`)."""
     return bool(attributes.get("quick", False))
 
 
@@ -318,12 +318,12 @@ def attributes_of(*sections: Any) -> dict[str, Any]:
 
 
 def family_of(begin: str, values: Mapping[str, Any]) -> dict[str, str]:
-    """Return the attributes of a family, one of `PRIOR`, `READING` and `VERSION`, by what follows its beginning."""
+    """Return the attributes of a family (`PRIOR`, `READING` or `VERSION`), keyed by their names without the prefix."""
     return {begin + name: str(value) for name, value in values.items()}
 
 
 class _Codec(NamedTuple):
-    """Conversion of a value from an attribute and to one."""
+    """Conversion between a value and its attribute."""
 
     read: Callable[[Any], Any]
     write: Callable[[Any], Any]
@@ -346,4 +346,4 @@ _CODECS: Mapping[str, _Codec] = MappingProxyType(
         "Scale": _Codec(lambda value: scale_named(str(value)), name_of_scale),
     }
 )
-"""By the type of the field."""
+"""Codecs by type of field."""

@@ -1,4 +1,4 @@
-"""Ranges of values and of counts, with one check and one wording."""
+"""Ranges of values and counts, with one check and one form of message."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ class Range:
     Parameters
     ----------
     low, high
-        The ends; an infinite end stands for no limit, and is not included.
+        The ends; an infinite end means no limit, and is not included.
     unit
         Unit of the ends and of the values.
     above
-        Whether `low` itself is left out.
+        Whether `low` itself is excluded.
     zero
-        Whether 0 may stand below `low`.
+        Whether 0 is allowed, too, although it is below `low`.
     """
 
     low: float = -math.inf
@@ -32,14 +32,14 @@ class Range:
     zero: bool = False
 
     def holds(self, value: float) -> bool:
-        """Return whether `value` is a finite number and lies in the range."""
+        """Return whether `value` is a finite number in the range."""
         if not isinstance(value, Real) and getattr(value, "ndim", None) != 0:
             return False
         over = value > self.low if self.above else value >= self.low
         return math.isfinite(value) and ((over and value <= self.high) or (self.zero and value == 0))
 
     def within(self, factor: float, unit: str = "") -> Range:
-        """Return the same range in another unit, `factor` of which are one of this."""
+        """Return the same range in another unit; one present unit is `factor` new ones."""
         return replace(self, low=self.low * factor, high=self.high * factor, unit=unit)
 
     def require(self, name: str, value: float) -> None:
@@ -98,9 +98,9 @@ PARTICIPANTS = Count(1, 10_000)
 PANEL = Count(1, 10_000)
 """New raters whose mean rating is predicted."""
 PORTS = Count(0, 65_535)
-"""Ports of this machine; 0 stands for any that is free."""
+"""Ports of this machine; 0 means any free port."""
 RANKED = Count(1, 2000)
-"""Fabrics of a ranking, whose table of pairs grows with the square of their number."""
+"""Fabrics in a ranking; its table of pairs grows with the square of their number."""
 FINGERS = Count(0, 10_000)
 """Simulated fingers under a rigid flat plate."""
 SIMULATED_RATINGS = Count(1, 10_000_000)
@@ -112,23 +112,23 @@ PRIOR_DRAWS = Count(0, 100_000)
 STEPS = Count(1, 1_000_000_000)
 """Steps of each ensemble."""
 PROCESSES = Count(1, 256)
-"""Processes side by side."""
+"""Parallel processes."""
 ACCURACIES = Range(1e-6, 1e-2)
-"""Bounds of the response's numerical error, relative to its peak."""
+"""Bounds on the numerical error of the response, relative to its peak."""
 LOAD_STEPS = Range(1e-9, 1e3)
-"""Steps to whose multiples loads are rounded, in the unit of their column."""
+"""Step sizes to which loads are rounded, in the unit of their column."""
 RELATIVE_ERRORS = Range(0.0, 3.0)
 """Standard errors of a measured quantity relative to its value; 0 is exact."""
 LOAD_ERRORS = Range(0.0, 0.3)
-"""Standard errors of a load relative to its stated value; beyond, three loads no longer tell what the error does."""
+"""Standard errors of a load relative to its stated value; for larger ones, three nodes are not accurate."""
 SHARED_LOAD_ERRORS = Range(0.0, 0.1)
-"""The same of an error that all ratings of a load share; beyond, the response is no line in it."""
+"""The same for an error shared by all ratings of a load; for larger ones, the response is no longer linear in it."""
 CATEGORIES_RANGE = Count(2, 11)
 """Ordered categories of ratings."""
 RESOLUTIONS = Range(1e-300, 1e300, zero=True)
 """Steps of the grids of numbers that raters use; 0 for exact numbers."""
 NOISES = Range(0.0, 100.0, "µA/cm² √ms")
-"""Strengths of the membranes' white current."""
+"""Strengths of the white-noise current of the membranes."""
 TYPICAL_RATINGS = Range(1e-300, 1e300)
 """Typical ratings, exp(mu), of simulated magnitude estimates."""
 SLOPES = Range(0.0, 1e6)

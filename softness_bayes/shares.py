@@ -1,4 +1,4 @@
-"""Shares and probabilities as people read them: one form, in the terminal, in figures, on pages and in tables."""
+"""Shares and probabilities as percentages, in one form for terminal, figures, pages and tables."""
 
 from __future__ import annotations
 
@@ -6,14 +6,14 @@ import math
 
 
 def percent(share: float | None, digits: int = 0) -> str:
-    """Return a share in per cent; only exactly 0 and 1 are 0 % and 100 %.
+    """Return a share in per cent; only exactly 0 and 1 are shown as 0 % and 100 %.
 
     Parameters
     ----------
     share
-        The share; where there is none, or it is not finite, a dash.
+        The share; None or a value that is not finite gives a dash.
     digits
-        Digits behind the point, where there are any.
+        Digits after the decimal point.
 
     Examples
     --------
@@ -35,7 +35,7 @@ def percent(share: float | None, digits: int = 0) -> str:
 
 
 def chance(probability: float) -> str:
-    """Return a probability that was estimated from draws, in per cent: never 0 % or 100 %, which draws cannot show.
+    """Return a probability estimated from draws, in per cent: never 0 % or 100 %, which draws cannot establish.
 
     Parameters
     ----------

@@ -14,7 +14,7 @@ from typing import Any
 from softness_bayes.errors import InputError, quoted
 
 GROUP = "softness_bayes"
-"""Beginning of the names of groups of entry points, such as ``softness_bayes.pressure``."""
+"""Prefix of groups of entry points, as in ``softness_bayes.pressure``."""
 PACKAGE = __name__.partition(".")[0]
 FORM = "MODULE:NAME"
 """Form of an importable name."""
@@ -23,19 +23,19 @@ SCRIPT = "__main__"
 
 @cache
 def installed(group: str) -> Mapping[str, EntryPoint]:
-    """Return what installed packages supply of one kind, by its name; nothing is imported."""
+    """Return the entry points of a group in installed packages, by name, without importing them."""
     return MappingProxyType({point.name: point for point in entry_points(group=f"{GROUP}.{group}")})
 
 
 def is_supplied(group: str, name: str) -> bool:
-    """Return whether a name is importable, or that of an entry point of a group."""
+    """Return whether a name is an importable name or an entry point of a group."""
     return ":" in name or name in installed(group)
 
 
 def supplied(group: str, name: str) -> Any:
     """Return the value of an importable name, or of an entry point of a group.
 
-    Modules are looked for where Python looks, and last in the working directory.
+    Modules are searched for on Python's path, then in the working directory.
 
     Raises
     ------
@@ -66,9 +66,9 @@ def supplied(group: str, name: str) -> Any:
 
 
 def reference(value: Any) -> str | None:
-    """Return the importable name of a value; None if no module that was imported has it under a name.
+    """Return the importable name of a value; None if no imported module contains it.
 
-    The script that runs is not looked at, because no later command can import it.
+    The running script is not searched, because no later command can import it.
     """
     try:
         return _found(value)
@@ -78,26 +78,26 @@ def reference(value: Any) -> str | None:
 
 @cache
 def _found(value: Any) -> str:
-    """Return the importable name of a hashable value; a `LookupError`, which is not kept, if it has none."""
+    """Return the importable name of a hashable value; raise `LookupError`, which is not cached, if it has none."""
     for name in _references(value, _modules()):
         return name
     raise LookupError
 
 
 def require_reference(what: str, value: Any) -> str:
-    """Return the importable name of a value, for a file that must find it again.
+    """Return the importable name of a value, for a file from which it must be restored.
 
     Parameters
     ----------
     what
-        The value in a message, such as "pressure 'mine'".
+        Description of the value in messages, such as "pressure 'mine'".
     value
         The value.
 
     Raises
     ------
     InputError
-        If it has none, with the reason.
+        If the value has no importable name, with the reason.
     """
     if (name := reference(value)) is not None:
         return name
@@ -119,7 +119,7 @@ def _modules() -> list[tuple[str, ModuleType]]:
 
 
 def _references(value: Any, modules: list[tuple[str, ModuleType]]) -> Iterator[str]:
-    """Return the names of a value in some modules; a copy that is equal, as a worker holds, counts."""
+    """Return the names of a value in some modules; an equal copy, as in a worker process, counts."""
     if isinstance(value, type) or (callable(value) and hasattr(value, "__qualname__")):
         for name, module in modules:
             if name == value.__module__ and _at(module, value.__qualname__) is value:

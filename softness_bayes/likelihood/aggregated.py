@@ -1,8 +1,9 @@
-"""Geometric means of cells: magnitude estimates averaged over n raters who each rated every cell (model.md 9).
+"""Cell means: geometric means of magnitude estimates over n raters who each rated every cell (model.md 9).
 
-The mean of n log ratings has the law of one rater's log rating with both spreads divided by the square root of n: the
-raters' mean scale is common to all cells of a panel, and the errors are averaged in each cell. What the standard
-deviations of the cells tell of the spreads is in `spreads`; both parts are independent given the parameters.
+The mean of n log ratings has the distribution of one rater's log rating, with both standard deviations divided by the
+square root of n: the mean of the raters' scales is common to all cells of a panel, and the errors are averaged within
+each cell. The likelihood of the cells' standard deviations is in `spreads`; given the parameters, it is independent of
+that of the means.
 """
 
 from __future__ import annotations
@@ -29,13 +30,13 @@ FloatArray = NDArray[np.float64]
 class AggregatedModel(RatingModel):
     """log m = mu + s_panel ± gamma (x - mean x over the rows) + f_fabric + e, m the geometric mean of n raters.
 
-    s ~ N(0, tau²/n), e ~ N(0, varsigma²/n); mu and f are as of single ratings. A participant of the design is a panel
-    of n raters, each of whom rated all its cells once; tau and varsigma are those of single raters and ratings.
+    s ~ N(0, tau²/n), e ~ N(0, varsigma²/n); mu and f are as for single ratings. A participant of the design is a panel
+    of n raters, each of whom rated all cells of the panel once; tau and varsigma refer to single raters and ratings.
 
     Parameters
     ----------
     raters
-        n.
+        Number n of raters per panel.
     """
 
     scale: ClassVar[Scale] = AGGREGATED
@@ -43,11 +44,11 @@ class AggregatedModel(RatingModel):
 
     @property
     def of_one_rater(self) -> RatingModel:
-        """The model of single raters of the same population."""
+        """Model of single ratings by raters of the same population."""
         return RatingModel(self.direction, self.centre, self.spread)
 
     def of_means(self, parameters: RatingParameters) -> RatingParameters:
-        """Return parameters with the spreads of means in place of those of single raters and ratings."""
+        """Return the parameters with tau and varsigma replaced by those of means over n raters."""
         root = math.sqrt(self.raters)
         return parameters._replace(
             tau=np.asarray(parameters.tau, float) / root, varsigma=np.asarray(parameters.varsigma, float) / root
@@ -72,7 +73,7 @@ class AggregatedModel(RatingModel):
     def with_new_participants(
         self, rng: np.random.Generator, parameters: RatingParameters, effects: Effects
     ) -> Effects:
-        """These effects with as many panels drawn anew."""
+        """Replace all panels' effects with those of new panels."""
         return super().with_new_participants(rng, self.of_means(parameters), effects)
 
     def observe(self, ratings: ArrayLike, design: Design, stated: Stated | None = None) -> RatingsLikelihood:
@@ -83,7 +84,7 @@ class AggregatedModel(RatingModel):
 class AggregatedRatings(LogRatings):
     """Geometric means under an `AggregatedModel`, with mu, panels and fabrics integrated out.
 
-    Arguments as of `LogRatings`; the participants of the design are panels.
+    Arguments are those of `LogRatings`; the participants of the design are panels.
     """
 
     def log_likelihood(self, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:

@@ -1,4 +1,4 @@
-"""Draws of raters' own exponents, noise and scales, and of the mean that they share, given all ratings."""
+"""Draws of the common mean and of individual exponents, noise levels and scales of raters, given all ratings."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from softness_bayes.likelihood.mu_nodes import draw_index, log_sum
 FloatArray = NDArray[np.float64]
 
 REACH, POINTS = 7.0, 101
-"""Extent of the grids to either side of a mode, in standard deviations there, and their points; draws within a cell are
-uniform, which adds (2 REACH / POINTS)² / 12 = 0.0016 to a variance of 1."""
+"""Half-width of the grids about a mode, in standard deviations, and their number of points. Draws are uniform within a
+cell, which adds (2 REACH / POINTS)² / 12 = 0.0016 to a variance of 1."""
 
 
 def draw_own(
@@ -25,7 +25,7 @@ def draw_own(
     counts: tuple[int, int],
     level: float,
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Return mu about its prior mean, and raters' deviations: scales, log exponents, log noise.
+    """Draw mu (relative to its prior mean) and raters' deviations: scales, log exponents, log noise.
 
     Parameters
     ----------
@@ -34,21 +34,21 @@ def draw_own(
     raters
         Each rater's log density at the nodes of mu, shape (nodes, points, raters).
     counts
-        Numbers of nodes of exponents and noise; 1 of what does not differ.
+        Numbers of nodes for exponents and noise; 1 for a quantity that does not differ between raters.
     level
         Prior standard deviation of mu.
 
     Returns
     -------
     mu, scale, log_gamma, log_varsigma : ndarray
-        Shapes (points, 1) and three times (points, raters).
+        Shapes (points, 1), then (points, raters) for the other three.
     """
     at = draw_index(rng, nodes.log_weight + raters.sum(axis=-1))
     mu = np.take_along_axis(nodes.mu, at[None], axis=0)[0][:, None]
     x, z = np.zeros((1, *modes.u.shape)), np.zeros((1, *modes.u.shape))
     grid = np.linspace(-REACH, REACH, POINTS)
     if counts[1] > 1:
-        # noise first, with the exponent integrated out at each of its points
+        # noise first, with the exponent integrated out at each grid point
         inner, log_weight = (values[:, None, None, None] for values in rule(counts[0]))
         density = _log_density(sums, spreads, modes, mu, inner, grid[:, None, None])
         z = _within(rng, draw_index(rng, log_sum(density + log_weight, axis=0)), grid)[None]
@@ -61,7 +61,7 @@ def draw_own(
     information = precision.sum(axis=-1, keepdims=True) + level**-2
     mu = (precision * gap).sum(axis=-1, keepdims=True) / information
     mu = mu + rng.standard_normal(mu.shape) / np.sqrt(information)
-    # the scale given all else: of the gap's variance, tau² is its own
+    # the scale given all else: tau² is its share of the variance of the gap
     share = spreads.scale**2 * precision
     sd = spreads.scale * np.sqrt(np.maximum(1.0 - share, 0.0))
     scale = share * (gap - mu) + sd * rng.standard_normal(gap.shape)
@@ -71,7 +71,7 @@ def draw_own(
 def _log_density(
     sums: Sums, spreads: Spreads, modes: Modes, mu: FloatArray, x: FloatArray, z: FloatArray
 ) -> FloatArray:
-    """Return each rater's log density at scores about the modes, given mu, up to a constant of each."""
+    """Return each rater's log density at scores about the modes, given mu, up to a constant per rater."""
     terms = terms_at(sums, spreads, *at_scores(modes, x, z), 0.0)
     return terms.log_term - 0.5 * terms.precision * (terms.gap - mu) ** 2
 

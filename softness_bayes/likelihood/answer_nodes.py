@@ -1,9 +1,9 @@
-"""Nodes at which raters' own exponents and noise are integrated, about the mode of each rater (model.md 9).
+"""Quadrature nodes for individual exponents and noise of raters, centred at each rater's mode (model.md 9).
 
 A rater's log ratings are mu + s + g d + e with s ~ N(0, tau²), g = exp(tau_gamma u) and e ~ N(0, varsigma² h²),
 h = exp(tau_varsigma w); d is the drive of the typical rater, u and w are standard normal. The scale s is integrated in
-closed form, u and w by Gauss and Hermite's rule about the mode of each rater, for all raters and all points of the
-batch together. Nodes are the first axis of their arrays, which are shaped (nodes, points, raters).
+closed form, u and w by Gauss-Hermite quadrature about the mode of each rater, for all raters and all points of the
+batch together. Arrays over nodes have shape (nodes, points, raters).
 """
 
 from __future__ import annotations
@@ -20,33 +20,33 @@ from softness_bayes.likelihood.mu_nodes import log_sum
 FloatArray = NDArray[np.float64]
 
 ROUNDS, MOST_ROUNDS = 8, 14
-"""Steps towards the modes: for a run's many calls, and where modes shall be exact."""
+"""Newton steps towards the modes: for the many calls of a run, and for exact modes."""
 
 MU_REACH, MU_STEP = 7.0, 0.9
-"""Extent of the evenly spaced nodes of mu to either side, and their distance, in standard deviations of mu."""
+"""Half-width and spacing of the evenly spaced nodes of mu, in standard deviations of mu."""
 
 FEW_RATERS = 10.0
-"""Further extent, divided by the number of raters, whose densities of mu need not be normal."""
+"""Additional half-width, divided by the number of raters: with few raters, the density of mu may not be normal."""
 
 MOST_MU_STEPS = 400
-"""Largest number of evenly spaced nodes of mu to either side."""
+"""Largest number of evenly spaced nodes of mu on either side."""
 
 _LOG_TWO_PI = math.log(2.0 * math.pi)
 _LEAST_VARIANCE = 1e-100
 _LARGEST_LOG = 150.0  # of a factor of exponents or noise
 _LONGEST_STEP = 0.7  # towards a mode, in the logarithm of an exponent or of noise
 _LEAST_CURVATURE = 0.3  # of the expected one
-_LEAST_SLOPE = 0.1  # relative to the typical rater's, from which a search begins
+_LEAST_SLOPE = 0.1  # relative to the typical rater's, at the start of a search
 _TIED = 0.9  # largest correlation of u and w at a mode
 
 
 class Sums(NamedTuple):
-    """Sums over each rater's rows, on which the density of the log ratings depends."""
+    """Sufficient statistics of each rater's log ratings."""
 
     rows: FloatArray
-    """Number of rows, shape (raters,); a rater without rows has the prior."""
+    """Number of rows, shape (raters,); raters without rows keep their prior."""
     mean: FloatArray
-    """Mean log rating about the prior mean of mu, same shape."""
+    """Mean log rating minus the prior mean of mu, same shape."""
     squares: FloatArray
     """Sum of squares of the log ratings about their mean, same shape."""
     drive: FloatArray
@@ -54,7 +54,7 @@ class Sums(NamedTuple):
     drive_squares: FloatArray
     """Sum of squares of the drive about its mean, shape (points, raters)."""
     products: FloatArray
-    """Sum of products of both, shape (points, raters)."""
+    """Sum of products of drive and log rating about their means, shape (points, raters)."""
 
 
 class Spreads(NamedTuple):
@@ -71,20 +71,20 @@ class Spreads(NamedTuple):
 
 
 class Modes(NamedTuple):
-    """Mode of each rater's u and w given mu, and the curvature there, arrays of shape (points, raters)."""
+    """Mode of each rater's u and w given mu, and the curvature at the mode; arrays of shape (points, raters)."""
 
     u: FloatArray
     w: FloatArray
     uu: FloatArray
-    """Roots of the negative Hessian: the triangular matrix L with L L' equal to it."""
+    """Elements of the triangular factor L of the negative Hessian, L L'."""
     uw: FloatArray
     ww: FloatArray
     information: FloatArray
-    """Of mu, from this rater alone."""
+    """Precision of mu from this rater alone."""
     pull: FloatArray
-    """Slope of this rater's log density in mu."""
+    """Derivative of this rater's log density with respect to mu."""
     mu: FloatArray
-    """The value of mu at which the modes are, shape (points, 1)."""
+    """Value of mu for which the modes were found, shape (points, 1)."""
 
 
 class Terms(NamedTuple):
@@ -93,7 +93,7 @@ class Terms(NamedTuple):
     log_term: FloatArray
     """Without mu, shape (nodes, points, raters)."""
     gap: FloatArray
-    """Mean log rating less the own drive, same shape."""
+    """Mean log rating minus the rater's mean drive, same shape."""
     precision: FloatArray
     """Of the gap, same shape."""
     u: FloatArray
@@ -101,10 +101,10 @@ class Terms(NamedTuple):
 
 
 def find_modes(sums: Sums, spreads: Spreads, level: float, rounds: int = ROUNDS, at: FloatArray | None = None) -> Modes:
-    """Return the most probable u and w of each rater, with mu at its own most probable value unless it is given.
+    """Return the most probable u and w of each rater; mu is at its most probable value unless given.
 
-    Newton's steps, in turn for u and w. Modes place the nodes and nothing else: an error of theirs costs accuracy of
-    the sums over nodes, not their limit.
+    Newton steps alternate between u and w. The modes only place the nodes: an error in them affects the accuracy of a
+    finite number of nodes, not the limit for many nodes.
 
     Parameters
     ----------
@@ -143,11 +143,11 @@ def find_modes(sums: Sums, spreads: Spreads, level: float, rounds: int = ROUNDS,
 
 
 class _Noise(NamedTuple):
-    """Variances and precisions that follow from the raters' noise."""
+    """Variances and precisions derived from the raters' noise."""
 
     variance: FloatArray
     precision: FloatArray  # of a rater's mean log rating
-    share: FloatArray  # of the noise in the variance of that mean
+    share: FloatArray  # share of the noise in the variance of that mean
 
 
 def _noise(sums: Sums, spreads: Spreads, w: FloatArray) -> _Noise:
@@ -161,7 +161,7 @@ def _factor(log: FloatArray) -> FloatArray:
 
 
 def _squares(sums: Sums, g: FloatArray) -> FloatArray:
-    """Return the sum of squares of log ratings about their rater's line."""
+    """Return the sum of squares of the log ratings about the rater's regression line."""
     return np.maximum(sums.squares + g * (g * sums.drive_squares - 2.0 * sums.products), 0.0)
 
 
@@ -174,7 +174,7 @@ def _likely_mu(sums: Sums, noise: _Noise, g: FloatArray, level: float) -> FloatA
 def _modes_at(
     sums: Sums, spreads: Spreads, noise: _Noise, g: FloatArray, mu: FloatArray, u: FloatArray, w: FloatArray
 ) -> Modes:
-    """Return the curvature of the log density at some points."""
+    """Return modes at given values of u and w, with the curvature of the log density there."""
     a, b = spreads.exponent, spreads.noises
     gap = sums.mean - g * sums.drive - mu
     score = gap * gap * noise.precision
@@ -196,7 +196,7 @@ def _modes_at(
 
 
 def _start(sums: Sums, spreads: Spreads) -> tuple[FloatArray, FloatArray]:
-    """Return where the search begins: each rater's estimates, drawn towards the typical rater's."""
+    """Return initial values of the search: each rater's estimates, shrunk towards the typical rater."""
     a, b = spreads.exponent, spreads.noises
     variance = np.maximum(spreads.noise**2, _LEAST_VARIANCE)
     u = w = np.zeros(np.broadcast_shapes(sums.drive.shape, a.shape))
@@ -219,7 +219,7 @@ def _limited(step: FloatArray, spread: FloatArray) -> FloatArray:
 
 @lru_cache(maxsize=64)
 def rule(count: int) -> tuple[FloatArray, FloatArray]:
-    """Return nodes of a standard normal's scale, and log weights of the plain integral."""
+    """Return Gauss-Hermite nodes in standard deviations, and log weights for an integral without weight function."""
     x, weight = np.polynomial.hermite.hermgauss(count)
     return math.sqrt(2.0) * x, np.log(weight) + x * x + 0.5 * math.log(2.0)
 
@@ -234,13 +234,13 @@ def own_nodes(modes: Modes, count_u: int, count_w: int) -> tuple[FloatArray, Flo
 
 
 def at_scores(modes: Modes, x: FloatArray, z: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return u and w at scores about the modes that are independent and standard normal near them."""
+    """Return u and w for scores that are approximately independent and standard normal about the modes."""
     w = z / modes.ww
     return modes.u + (x - modes.uw * w) / modes.uu, modes.w + w
 
 
 def terms_at(sums: Sums, spreads: Spreads, u: FloatArray, w: FloatArray, log_weight: FloatArray | float) -> Terms:
-    """Return each rater's density at some nodes, times weights."""
+    """Return each rater's density at given nodes, multiplied by their weights."""
     g, noise = _factor(spreads.exponent * u), _noise(sums, spreads, w)
     determinant = sums.rows * np.log(noise.variance) - np.log(noise.share)
     found = u * u + w * w + _squares(sums, g) / noise.variance + determinant
@@ -249,12 +249,12 @@ def terms_at(sums: Sums, spreads: Spreads, u: FloatArray, w: FloatArray, log_wei
 
 
 def expanded(sums: Sums, spreads: Spreads, modes: Modes, counts: tuple[int, int]) -> tuple[FloatArray, FloatArray]:
-    """Return all raters' log density at a value of mu and its first four derivatives there, from one sum over nodes.
+    """Return the log density of all raters at one value of mu, with its first four derivatives.
 
     Parameters
     ----------
     sums, spreads, modes
-        The raters, and where their nodes lie.
+        The raters, the spreads, and the modes about which nodes are placed.
     counts
         Numbers of nodes of exponents and of noise.
 
@@ -263,14 +263,14 @@ def expanded(sums: Sums, spreads: Spreads, modes: Modes, counts: tuple[int, int]
     mu : ndarray, shape (points,)
         The value.
     derivatives : ndarray, shape (5, points)
-        The log density itself first.
+        The log density and its four derivatives.
     """
     (x, weight_x), (z, weight_z) = rule(counts[0]), rule(counts[1])
     w = modes.w + (z[:, None, None] / modes.ww)
     noise = _noise(sums, spreads, w)
     determinant = sums.rows * np.log(noise.variance) - np.log(noise.share)
     about = sums.mean - modes.mu
-    # the exponent is a quadratic in g
+    # the exponent is quadratic in g
     square = sums.drive_squares / noise.variance + sums.drive**2 * noise.precision
     slope = sums.products / noise.variance + sums.drive * noise.precision * about
     level = sums.squares / noise.variance + noise.precision * about**2 + determinant + w * w
@@ -294,7 +294,7 @@ def expanded(sums: Sums, spreads: Spreads, modes: Modes, counts: tuple[int, int]
 
 
 def _derivatives(weight: FloatArray, score: FloatArray, precision: FloatArray) -> list[FloatArray]:
-    """Return four derivatives by t of the sum over raters of log sum_k weight exp(score t - precision t²/2), t at 0."""
+    """Return four derivatives in t, at 0, of the sum over raters of log sum_k weight exp(score t - precision t²/2)."""
     first, least = (weight * score).sum(axis=0), (weight * precision).sum(axis=0)
     s, p = score - first, precision - least
     square, tied = s * s, weight * s
@@ -305,7 +305,7 @@ def _derivatives(weight: FloatArray, score: FloatArray, precision: FloatArray) -
 
 
 def over_mu(mu: FloatArray, derivatives: FloatArray, level: float, count: int) -> FloatArray:
-    """Return the log integral over mu of the raters' density, expanded about some value, times the prior of mu.
+    """Return the log of the integral over mu of the raters' expanded density times the prior of mu.
 
     Parameters
     ----------
@@ -314,7 +314,7 @@ def over_mu(mu: FloatArray, derivatives: FloatArray, level: float, count: int) -
     level
         Prior standard deviation of mu.
     count
-        Number of Gauss and Hermite's nodes.
+        Number of Gauss-Hermite nodes.
     """
     value, first, second, third, fourth = derivatives
     prior = level**-2
@@ -328,21 +328,21 @@ def over_mu(mu: FloatArray, derivatives: FloatArray, level: float, count: int) -
 
 
 class MuNodes(NamedTuple):
-    """Nodes of mu, about its prior mean."""
+    """Nodes of mu, relative to its prior mean."""
 
     mu: FloatArray
     """Shape (nodes, points)."""
     log_weight: FloatArray
-    """Of the integral with the prior density, same shape."""
+    """Log weights of the integral, including the prior density, same shape."""
 
 
 def mu_nodes(modes: Modes, level: float, raters: int) -> MuNodes:
-    """Return evenly spaced nodes of mu that suffice also without any one of the raters.
+    """Return evenly spaced nodes of mu that remain accurate if any one rater is left out.
 
     Parameters
     ----------
     modes
-        The raters' modes, which place the nodes.
+        The raters' modes, from which the nodes are placed.
     level
         Prior standard deviation of mu.
     raters

@@ -1,4 +1,4 @@
-"""Ratings on ordered categories: intervals of log softness whose ends are sampled (model.md 9)."""
+"""Ratings on ordered categories: intervals of log softness with sampled thresholds (model.md 9)."""
 
 from __future__ import annotations
 
@@ -22,28 +22,28 @@ FloatArray = NDArray[np.float64]
 
 
 class CategoryEffects(NamedTuple):
-    """Values of the common mean, of raters' effects, and of the ends of categories."""
+    """Values of the common mean, of raters' effects, and of the thresholds of categories."""
 
     mu: FloatArray
     """Shape (...)."""
     participant: FloatArray
     """Shape (..., participants)."""
     fabric: FloatArray
-    """None: 0, shape (..., fabrics)."""
+    """Always 0, shape (..., fabrics): fabrics have no effects."""
     threshold: FloatArray
     """Upper ends of all categories but the last, shape (..., categories - 1)."""
 
 
 @dataclass(frozen=True)
 class CategoryModel(IntervalModel):
-    """An `IntervalModel` whose ratings are the numbers of categories, from 1.
+    """An `IntervalModel` for ratings that are category numbers, from 1.
 
-    The first category ends at 0, and each further one but the last is as wide as its `gap`; mu ~ N(0, spread²).
+    The first category ends at 0; each further one except the last has the width of its `gap`; mu ~ N(0, spread²).
 
     Parameters
     ----------
     categories
-        Their number.
+        Number of categories.
     """
 
     scale: ClassVar[Scale] = CATEGORIES
@@ -52,7 +52,7 @@ class CategoryModel(IntervalModel):
 
     @property
     def gaps(self) -> tuple[str, ...]:
-        """Names of the parameters that are the categories' widths."""
+        """Names of the parameters for the widths of categories."""
         return tuple(f"gap_{k}" for k in range(2, self.categories))
 
     @property
@@ -61,13 +61,13 @@ class CategoryModel(IntervalModel):
         return (*super().needs, *self.gaps)
 
     def thresholds(self, parameters: RatingParameters) -> FloatArray:
-        """Return the upper ends of all categories but the last, shape (..., categories - 1)."""
+        """Return the upper thresholds of all categories except the last, shape (..., categories - 1)."""
         shape = np.broadcast_shapes(*(np.shape(value) for value in parameters))
         gaps = [np.broadcast_to(np.asarray(getattr(parameters, name), float), shape) for name in self.gaps]
         return np.cumsum(np.stack([np.zeros(shape), *gaps], axis=-1), axis=-1)
 
     def typical(self, effects: Effects, drive: FloatArray) -> FloatArray:
-        """Category of a typical participant (s = 0) where the response drives it by ``drive``, shape (..., k)."""
+        """Category chosen by a typical participant (s = 0) for a response term ``drive``, shape (..., k)."""
         return _category(effects.mu[..., None] + drive, effects.threshold)
 
     def draw_effects(
@@ -84,7 +84,7 @@ class CategoryModel(IntervalModel):
         return self.with_thresholds(drawn, parameters)
 
     def with_thresholds(self, effects: Effects, parameters: RatingParameters) -> CategoryEffects:
-        """Return effects with the ends of categories beside them."""
+        """Return the effects together with the thresholds of categories."""
         found = self.thresholds(parameters)
         threshold = np.broadcast_to(found, (*effects.mu.shape, found.shape[-1]))
         return CategoryEffects(effects.mu, effects.participant, effects.fabric, threshold)
@@ -110,7 +110,7 @@ class CategoryModel(IntervalModel):
 
 
 class CategoryRatings(IntervalRatings):
-    """Categories under a `CategoryModel`, with mu and raters' scales integrated out; arguments as `IntervalRatings`.
+    """Categories under a `CategoryModel`, mu and raters' scales integrated out; arguments as for `IntervalRatings`.
 
     Raises
     ------
@@ -127,17 +127,17 @@ class CategoryRatings(IntervalRatings):
                 f"ratings: {wrong.sum()} of {wrong.size} are not categories from 1 to {self.model.categories}, the "
                 f"first is {self.values[wrong][0]}"
             )
-        # a step of 1, so that none is taken as exact; the ends themselves follow from the parameters
+        # a step of 1, so that no rating counts as exact; the thresholds follow from the parameters
         step = np.ones(wrong.size)
         return Stated(self.values, step, 0.5 * step, np.inf * step)
 
     @property
     def ends(self) -> tuple[FloatArray, FloatArray] | None:
-        """None: the ends of categories are sampled."""
+        """None, because the thresholds of categories are sampled."""
         return None
 
     def draw_effects(self, rng: np.random.Generator, mean_rate: FloatArray, parameters: RatingParameters) -> Effects:
-        """Draws of mu and participants' scales given the ratings, with the ends of categories."""
+        """Draws of mu and participants' scales given the ratings, together with the thresholds."""
         return self.model.with_thresholds(super().draw_effects(rng, mean_rate, parameters), parameters)
 
     def replicate(
@@ -167,5 +167,5 @@ class CategoryRatings(IntervalRatings):
 
 
 def _category(latent: FloatArray, threshold: FloatArray) -> FloatArray:
-    """Return the category of numbers (..., k), between ends (..., categories - 1)."""
+    """Return the category of latent values (..., k) for thresholds (..., categories - 1)."""
     return 1.0 + (latent[..., None] > threshold[..., None, :]).sum(axis=-1)

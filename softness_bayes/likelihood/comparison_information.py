@@ -1,6 +1,6 @@
 """Expected (Fisher) information of comparisons: answers to pairs, and orders of lists.
 
-Comparisons tell of differences of drives in units of the noise alone, so that there are no effects to integrate out.
+Comparisons depend only on differences of drives in units of the noise, so that there are no effects to integrate out.
 """
 
 from __future__ import annotations
@@ -17,20 +17,20 @@ FloatArray = NDArray[np.float64]
 IndexArray = NDArray[np.intp]
 
 ORDERS = 8
-"""Simulated orders of each set of conditions, over which the information of an order is averaged."""
+"""Number of simulated orders per set of conditions over which the information is averaged."""
 
 
 class Comparisons(NamedTuple):
     """Sets of conditions that are compared with one another."""
 
     members: IndexArray
-    """Conditions of each set, shape (sets, width); -1 behind those of a smaller set."""
+    """Conditions of each set, shape (sets, width); smaller sets are padded with -1."""
     times: FloatArray
-    """Number of times that each set is compared, or its expectation, shape (sets,)."""
+    """Number (or expected number) of comparisons of each set, shape (sets,)."""
 
     @classmethod
     def of_rows(cls, lists: IndexArray, condition: IndexArray) -> Comparisons:
-        """Return those of rows, by the index of each row's list and its condition, each of shape (rows,)."""
+        """Return the sets compared in a table, from the list and the condition of each row, each of shape (rows,)."""
         order = np.argsort(condition, kind="stable")
         of_list = np.unique(lists[order], return_inverse=True)[1]
         slot = index_within(of_list)
@@ -45,14 +45,14 @@ class Comparisons(NamedTuple):
         return self.members.shape[1] == 2
 
     def with_others(self, members: IndexArray, times: FloatArray) -> Comparisons:
-        """Return these sets and others."""
+        """Return these sets with further ones added."""
         width = max(self.members.shape[1], members.shape[1])
         both = [np.pad(one, ((0, 0), (0, width - one.shape[1])), constant_values=-1) for one in (self.members, members)]
         return Comparisons(np.concatenate(both), np.append(self.times, times))
 
 
 def pair_information(compared: Comparisons, drive: FloatArray, slopes: FloatArray, guesses: float = 0.0) -> FloatArray:
-    """Return the information of answers to pairs on d parameters, shape (d, d).
+    """Return the Fisher information about d parameters from answers to pairs, shape (d, d).
 
     Parameters
     ----------
@@ -63,14 +63,14 @@ def pair_information(compared: Comparisons, drive: FloatArray, slopes: FloatArra
     slopes
         Its slopes, shape (conditions, d).
     guesses
-        Share of answers that are guesses.
+        Share of guesses among the answers.
     """
     whole = compared.members[:, 1] >= 0
     pairs, times = compared.members[whole], compared.times[whole]
     apart = drive[pairs[:, 0]] - drive[pairs[:, 1]]
     chance, other = ((1.0 - guesses) * ndtr(sign * apart) + 0.5 * guesses for sign in (1.0, -1.0))
     steep = (1.0 - guesses) * np.exp(-0.5 * apart**2) / np.sqrt(2.0 * np.pi)
-    # far apart the answer is sure, and tells nothing
+    # for large differences the answer is certain and carries no information
     weight = np.divide(steep**2, chance * other, out=np.zeros_like(apart), where=chance * other > 0)
     along = slopes[pairs[:, 0]] - slopes[pairs[:, 1]]
     return np.asarray(along.T @ ((times * weight)[:, None] * along))
@@ -79,15 +79,15 @@ def pair_information(compared: Comparisons, drive: FloatArray, slopes: FloatArra
 def order_information(
     rng: np.random.Generator, compared: Comparisons, drive: FloatArray, slopes: FloatArray, orders: int = ORDERS
 ) -> FloatArray:
-    """Return the information of orders after Plackett and Luce on d parameters, shape (d, d).
+    """Return the Fisher information about d parameters from orders under the Plackett-Luce model, shape (d, d).
 
-    The information of an order is the sum over its places of the covariance of slopes among what is left, each weighted
-    by its worth; it is averaged over simulated orders.
+    The information from an order is the sum, over its places, of the covariance of the slopes among the remaining
+    touches, weighted by their worth. It is averaged over simulated orders.
 
     Parameters
     ----------
     rng
-        Source of the orders.
+        Random generator of the orders.
     compared
         The lists.
     drive
@@ -95,7 +95,7 @@ def order_information(
     slopes
         Its slopes, shape (conditions, d).
     orders
-        Number of orders of each set.
+        Number of simulated orders per set.
     """
     found = np.zeros((slopes.shape[1],) * 2)
     there = compared.members >= 0
@@ -106,7 +106,7 @@ def order_information(
         worth = np.where(own >= 0, drive[own], -np.inf)
         left = np.logaddexp.accumulate(worth[:, ::-1], axis=1)[:, ::-1]
         some = np.isfinite(left)
-        # chance of each touch at each place up to its own, shape (sets, places, touches)
+        # probability of each touch at each place up to its own, shape (sets, places, touches)
         with np.errstate(invalid="ignore"):
             log_chance = np.where(some[:, :, None], worth[:, None, :] - left[:, :, None], -np.inf)
         chance = np.triu(np.exp(np.minimum(log_chance, 0.0)))

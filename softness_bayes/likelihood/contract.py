@@ -1,9 +1,9 @@
-"""Contract of a likelihood: the members that the posterior, checks, results and figures use, for any kind of data.
+"""Contract of a likelihood: the members used by the posterior, checks, results and figures, for any kind of data.
 
-Magnitude estimates, z-scores and forces of a plate meet it, and `tests/likelihood/test_contract.py` puts every entry
-of `models.LIKELIHOODS` through the same tests. An observation model has two parts: a `Model`, a value that knows no
-data (its scale, its error law, its priors), and a `Likelihood`, the model of one table. Batch shapes (...) are those
-of the parameters: one point, or any array of draws; members treat each point independently.
+It is met by magnitude estimates, z-scores and plate forces; `tests/likelihood/test_contract.py` applies the same tests
+to every entry of `models.LIKELIHOODS`. An observation model has two parts: a `Model`, which does not depend on data
+(scale, error law, priors), and a `Likelihood`, the model of one table. Batch shapes (...) are those of the parameters:
+one point, or any array of draws; members treat each point independently.
 """
 
 from __future__ import annotations
@@ -56,29 +56,29 @@ class Model(Protocol):
         """Return the standard deviation of an error's `ErrorLaw.normal_scores`, shape (...), in `Scale.unit`."""
 
     def typical(self, effects: Effects, drive: FloatArray) -> FloatArray:
-        """Return the median observation of a typical participant [as filed], shape (..., k), where `drive` is."""
+        """Return the median observation of a typical participant [as in the file] for each `drive`, shape (..., k)."""
 
     def named_effects(self, effects: Effects) -> Mapping[str, tuple[FloatArray, tuple[str, ...]]]:
-        """Return effects by their names in files, each with its axes beyond the batch's; shared effects have none.
+        """Return effects by their names in files, each with its axes after the batch axes (none for shared effects).
 
-        Those of fabrics add to the drive.
+        Effects of fabrics are added to the drive.
         """
 
 
 class Likelihood(ABC):
-    """The observations of one table under a model, all effects of participants and fabrics integrated out.
+    """Observations of one table under a model, with all effects of participants and fabrics integrated out.
 
-    Densities are those of observations as filed: a density [1/unit] each, or a probability where they are discrete.
+    Densities refer to observations as in the file: a density [1/unit] each, or a probability if they are discrete.
     """
 
     name: ClassVar[str]
-    """Name of the data, by which a posterior finds the term."""
+    """Name of the data, which identifies the term in a posterior."""
     model: Any
-    """Its `Model`; of ratings, a `ratings.RatingsModel`."""
+    """Its `Model`; for ratings, a `ratings.RatingsModel`."""
     design: Design
     """Participant and condition of each observation."""
     values: FloatArray
-    """Observations as filed, shape (rows,)."""
+    """Observations as in the file, shape (rows,)."""
 
     @property
     def fabric_of_rate(self) -> IndexArray:
@@ -87,12 +87,12 @@ class Likelihood(ABC):
 
     @property
     def discrete(self) -> NDArray[np.bool_]:
-        """True for observations whose density is a probability, shape (rows,): by default for none."""
+        """True for observations whose density is a probability, shape (rows,); all False by default."""
         return np.zeros(self.values.size, bool)
 
     @abstractmethod
     def with_values(self, values: ArrayLike) -> Self:
-        """Return the likelihood of other observations of the same rows."""
+        """Return the likelihood of other observations in the same rows."""
 
     @abstractmethod
     def without(self, rows: NDArray[np.bool_]) -> Self:
@@ -105,10 +105,10 @@ class Likelihood(ABC):
         Parameters
         ----------
         mean_rate
-            N/N_ref of each condition [Hz], shape (..., conditions), followed by those under other loads where the
-            stated ones have errors (`load_errors.LoadErrors`), or by those of raters' own fingers; models without
-            receptors use its batch shape alone, as that of `NO_RESPONSE`. Here and elsewhere it is broadcast with the
-            parameters'.
+            N/N_ref of each condition [Hz], shape (..., conditions), followed by the rates at other loads if loads have
+            errors (`load_errors.LoadErrors`), or by the rates of individual fingers. Models without receptors use only
+            its batch shape, as that of `NO_RESPONSE`. Here and elsewhere, its batch shape is broadcast with that of the
+            parameters.
         parameters
             From `Model.take`, of batch shape (...).
         """
@@ -120,8 +120,8 @@ class Likelihood(ABC):
     def log_likelihood_answers(self, mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
         """Return the log density of each answer given all the others, shape (..., answers).
 
-        By default every observation is an answer; several rows are one where a scale has a word for it
-        (`Scale.answer`).
+        By default every observation is an answer; on scales with a `Scale.answer`, such as lists, several rows form one
+        answer.
         """
         return self.log_likelihood_loo(mean_rate, parameters)
 
@@ -138,13 +138,13 @@ class Likelihood(ABC):
 
     @abstractmethod
     def drive(self, mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
-        """Return the additive number of each column of the mean rates without effects, in `Scale.unit`."""
+        """Return the response term on the additive scale for each column of the mean rates, in `Scale.unit`."""
 
     @abstractmethod
     def predictor(self, mean_rate: FloatArray, parameters: Parameters) -> FloatArray:
-        """Return the regressor of the additive numbers, up to a constant, shape (..., conditions).
+        """Return the regressor on the additive scale, up to a constant, shape (..., conditions).
 
-        Checks estimate participants' slopes on it; a slope is in `Scale.unit` per unit of the regressor.
+        Checks estimate participants' slopes against it; a slope is in `Scale.unit` per unit of the regressor.
         """
 
     @abstractmethod
@@ -155,7 +155,7 @@ class Likelihood(ABC):
         shape: tuple[int, ...],
         levels: Mapping[str, ArrayLike] | None = None,
     ) -> Effects:
-        """Return draws of all effects from their prior, of batch `shape`; shared ones as given in `levels`, if so."""
+        """Return prior draws of all effects, of batch `shape`; shared effects in `levels` are used as given."""
 
     @abstractmethod
     def with_new_participants(self, rng: np.random.Generator, parameters: Parameters, effects: Effects) -> Effects:
@@ -174,9 +174,9 @@ class Likelihood(ABC):
         effects: Effects,
         mean_rate: FloatArray | None = None,
     ) -> FloatArray:
-        """Return a simulated observation for every row [as filed], shape (..., rows), where `drive` is.
+        """Return a simulated observation for every row [as in the file] given `drive`, shape (..., rows).
 
-        Where the errors depend on the response, they are those at `mean_rate`, which must be given then.
+        If the errors depend on the response, they are drawn for `mean_rate`, which is then required.
         """
 
     @abstractmethod

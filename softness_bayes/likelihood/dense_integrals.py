@@ -32,8 +32,8 @@ _LOG_ROOT_TWO_PI = 0.5 * math.log(2.0 * math.pi)
 class DenseIntegrals(RaterIntegrals):
     """The integrals over evenly spaced points, for raters with few rows of a law with heavy tails.
 
-    Such a rater's density may have several maxima. Where tau is small beside the errors, points are those of zeta at
-    each level; else they are shared by all raters.
+    Such a rater's density may have several maxima. If tau is small compared with the errors, the points are values of
+    zeta at each level; otherwise they are shared by all raters.
     """
 
     def log_density(self, given: Given, quadrature: Quadrature) -> FloatArray:
@@ -41,10 +41,14 @@ class DenseIntegrals(RaterIntegrals):
         return np.concatenate([log_sum(one.joint, axis=-1)[None] for one in self._each(given, quadrature)])
 
     def law_of_others(self, given: Given) -> tuple[FloatArray, FloatArray]:
-        """As `RaterIntegrals.law_of_others`, without its approximation; points of no weight fill up the shorter."""
+        """Equivalent of `RaterIntegrals.law_of_others` without its approximation.
+
+        Shorter sets of points are padded with points of zero weight.
+        """
         found = []
         for one in self._each(given, DENSE):
-            # (levels, raters), summed without the rater: where it has no density, a difference of sums has no digits
+            # (levels, raters), summed without the rater, because a difference of sums loses all digits where the
+            # rater's density vanishes
             before, after = (np.cumsum(part, axis=1)[:, :-1] for part in (one.each, one.each[:, ::-1]))
             none = np.zeros((len(one.level), 1))
             rest = np.hstack([none, before]) + np.hstack([none, after])[:, ::-1] + one.log_prior[:, None]
@@ -66,7 +70,7 @@ class DenseIntegrals(RaterIntegrals):
         return both[0], both[1]
 
     def draw(self, rng: np.random.Generator, given: Given, quadrature: Quadrature) -> tuple[FloatArray, FloatArray]:
-        """As `RaterIntegrals.draw`."""
+        """Equivalent of `RaterIntegrals.draw`."""
         level, own = np.empty((len(given.drive), 1)), np.empty((len(given.drive), self.count.size))
         for k, one in enumerate(self._each(given, quadrature)):
             mu = draw_on(rng, one.level, one.joint)
@@ -87,7 +91,7 @@ class DenseIntegrals(RaterIntegrals):
             narrow = spread / math.sqrt(self.count.max())
             people, alone = self.count.size, self.count.min() == 1
             beyond = spread * _reach_of(self.law, given.parameters, k, max(int(self.count.min()) - 1, 1))
-            # where a rater's rows, or all but one, set no limit, that of its prior
+            # limits of the prior if a rater's rows, or all but one of them, do not set narrower ones
             beyond += REACH * math.hypot(tau, self.sd if people == 1 or open_ended else tau) * (alone or open_ended)
             ends = left[k].min() - beyond, left[k].max() + beyond
             width = math.sqrt((tau**2 + narrow**2) / people)
@@ -115,7 +119,7 @@ class DenseIntegrals(RaterIntegrals):
 
 
 def _reach_of(law: ErrorLaw, parameters: Any, draw: int, rows: int) -> float:
-    """Return how far, in spreads of the errors, a density of so many rows extends beyond them: 1e-6 lies outside."""
+    """Return how far the density for a number of rows extends beyond them, in error spreads, leaving out 1e-6."""
     if "nu" not in law.needs:
         return REACH
     nu = max(float(np.ravel(parameters.nu)[draw]), student.LEAST)

@@ -1,4 +1,4 @@
-"""Readings of the ratings' direction: rising or falling with the response. Light to import, for the command line."""
+"""Direction of ratings with the response: rising or falling. Fast to import, for the command line."""
 
 from __future__ import annotations
 
@@ -11,29 +11,29 @@ from softness_bayes.errors import InputError
 
 @dataclass(frozen=True)
 class RatingDirection:
-    """A reading of the direction of ratings: they rise (+1) or fall (-1) with the response."""
+    """Direction of ratings with the response: rising (+1) or falling (-1)."""
 
     name: str
     sign: float
     former: str
-    """The name in earlier versions; accepted wherever the name is."""
+    """Name in earlier versions, still accepted everywhere."""
 
 
 RISES = RatingDirection("rises-with-firing", +1.0, "softness")
-"""The paper's: softness is proportional to the response."""
+"""Direction in the paper: softness is proportional to the response."""
 FALLS = RatingDirection("falls-with-firing", -1.0, "inverse")
-"""Ratings of softness as most people give them: receptors fire more on stiffer fabrics."""
+"""Usual direction of softness ratings: stiffer fabrics cause more firing and are rated less soft."""
 FREE = RatingDirection("free", +1.0, "free")
-"""Either direction with probability 1/2, told by the sign of the exponent gamma."""
+"""Either direction with prior probability 1/2, given by the sign of the exponent gamma."""
 SOFTNESS, INVERSE = RISES, FALLS  # their former names
 RATING_DIRECTIONS: Mapping[str, RatingDirection] = MappingProxyType(
     {direction.name: direction for direction in (RISES, FALLS)}
 )
-"""The readings of the ratings' direction, by name; the first is the default if the data cannot decide."""
+"""Directions of ratings by name; the first is the default if the data do not decide."""
 
 
 def direction_named(name: str) -> RatingDirection:
-    """Return a reading by its name, or by its name in earlier versions.
+    """Return a direction by its name, or by its name in earlier versions.
 
     Raises
     ------

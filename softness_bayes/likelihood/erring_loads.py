@@ -1,4 +1,4 @@
-"""Magnitude estimates of touches whose loads have errors: the responses that are needed, and their use."""
+"""Common base of magnitude estimates for touches with uncertain loads: responses at the stated and other loads."""
 
 from __future__ import annotations
 
@@ -16,18 +16,18 @@ FloatArray = NDArray[np.float64]
 
 
 class ErringLoads(LogRatings):
-    """Positive ratings under a `RatingModel`, whose mean rates are those of the stated loads and of others about them.
+    """Positive ratings under a `RatingModel`, with mean rates at the stated loads and at others about them.
 
     Parameters
     ----------
     ratings, design, model, over
-        As of `LogRatings`.
+        As for `LogRatings`.
     errors
-        The errors of the loads. Mean rates are those of the conditions, and under the loads that `LoadErrors` says.
+        The errors of the loads. Mean rates are given at the stated loads, then at the further loads of `LoadErrors`.
     """
 
     effect: ClassVar[str]
-    """The effect that errors have, for messages."""
+    """Effect of the errors, for messages."""
 
     def __init__(
         self,
@@ -42,7 +42,7 @@ class ErringLoads(LogRatings):
 
     @property
     def load_errors(self) -> LoadErrors:
-        """The loads beside the stated ones whose responses are needed."""
+        """The additional loads at which responses are needed."""
         return self.errors
 
     @property
@@ -79,7 +79,7 @@ class ErringLoads(LogRatings):
         Raises
         ------
         TypeError
-            If there are none.
+            If they are None.
         """
         if mean_rate is None:
             raise TypeError(f"errors of loads {self.effect} ratings by the response: expected mean rates")

@@ -1,8 +1,8 @@
 """Expected (Fisher) information of normal observations with common effects, in closed form.
 
 y = f(x) + U e + noise, with e ~ N(0, diag D) and noise ~ N(0, s²): f has slopes J, and some columns of U share one
-variance. The covariance is inverted by Woodbury's identity, so that only the effects' matrix is ever solved; the rows
-enter by their cross products.
+variance. The covariance is inverted by Woodbury's identity, so that only a matrix of the size of the effects is solved;
+the rows enter through cross products.
 """
 
 from __future__ import annotations
@@ -31,14 +31,14 @@ class Moments(NamedTuple):
 
     @classmethod
     def of_rows(cls, effects: FloatArray, slopes: FloatArray) -> Moments:
-        """Return those of U (rows, q) and J (rows, d)."""
+        """Return the cross products of U (rows, q) and J (rows, d)."""
         return cls(len(slopes), effects.T @ effects, effects.T @ slopes, slopes.T @ slopes)
 
     @classmethod
     def of_design(cls, design: Design, slopes: FloatArray, fabrics: bool, level: bool = True) -> Moments:
-        """Return those of a design, whose slopes (conditions, d) are the conditions'.
+        """Return the cross products for a design with one slope vector per condition, shape (conditions, d).
 
-        Effects are those of participants, then of fabrics if they have any, then the common level.
+        Effects are those of participants, then those of fabrics if there are any, then the common level.
         """
         cells = design.cells
         blocks = [cells]
@@ -48,7 +48,7 @@ class Moments(NamedTuple):
             blocks.append((of_fabric * count[:, None]).T)
         if level:
             blocks.append(count[None])
-        # row k of `sums`: how many rows of each condition have effect k
+        # row k of `sums`: number of rows of each condition with effect k
         sums = np.concatenate(blocks)
         people, things = design.n_participants, design.n_fabrics if fabrics else 0
         gram = np.zeros((len(sums), len(sums)))
@@ -63,19 +63,19 @@ class Moments(NamedTuple):
 
 
 class Group(NamedTuple):
-    """Effects that share one standard deviation, which is a parameter."""
+    """Effects with a common standard deviation, which is a parameter."""
 
     columns: slice
-    """Their columns of U."""
+    """Columns of U that belong to the group."""
     sd: float
     slope: FloatArray
-    """Change of the standard deviation with each of the d parameters, shape (d,)."""
+    """Derivative of the standard deviation with respect to each of the d parameters, shape (d,)."""
 
 
 def normal_information(
     moments: Moments, variances: FloatArray, sd: float, sd_slope: FloatArray, groups: Sequence[Group] = ()
 ) -> FloatArray:
-    """Return the information on d parameters, shape (d, d).
+    """Return the Fisher information about d parameters, shape (d, d).
 
     Parameters
     ----------
@@ -84,7 +84,7 @@ def normal_information(
     variances
         D, the variance of every effect, shape (q,).
     sd, sd_slope
-        s, and its change with each parameter, shape (d,).
+        s, and its derivative with respect to each parameter, shape (d,).
     groups
         Effects whose standard deviation is a parameter.
     """

@@ -1,4 +1,4 @@
-"""Density of all ratings of a group given those of the others, in closed form for each draw."""
+"""Density of all ratings of one group given all other ratings, in closed form for each draw."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ def block_log_likelihood(
 ) -> Array:
     """Return the log density of each block given all others, log p(y_g | y_-g, theta) = log p(y) - log p(y_-g).
 
-    The response stays centred, or standardised, over all rows: only ratings are left out, not conditions.
+    The response is still centred or standardised over all rows: ratings are left out, not conditions.
 
     Parameters
     ----------
@@ -26,7 +26,7 @@ def block_log_likelihood(
     parameters
         Parameters of the rating model, of batch shape (...).
     block
-        Index of each row's block, shape (rows,), every index up to the largest in use.
+        Index of each row's block, shape (rows,), with every index up to the largest in use.
 
     Returns
     -------

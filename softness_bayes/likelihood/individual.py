@@ -1,8 +1,8 @@
-"""Magnitude estimates of raters with fingers of their own, integrated over a grid of fingers (model.md 9).
+"""Magnitude estimates of raters with individual fingers, integrated over a grid of fingers (model.md 9).
 
-Given its finger a rater's log ratings are those of `magnitude`, with the rater's own response. The finger is summed
-over a `FingerGrid`, with the rater's scale in closed form. Raters share mu, over which the product of their densities
-is integrated by the trapezoidal rule.
+Given the finger, a rater's log ratings follow the model of `magnitude`, with the response of that finger. The finger is
+summed over a `FingerGrid`, and the rater's scale is integrated in closed form. All raters share mu; the product of
+their densities is integrated over mu by the trapezoidal rule.
 """
 
 from __future__ import annotations
@@ -37,10 +37,10 @@ _LEAST_VARIANCE = 1e-100
 
 @dataclass(frozen=True)
 class IndividualModel(RatingModel):
-    """A `RatingModel` without fabrics' own deviations, whose raters have fingers of their own.
+    """A `RatingModel` without deviations of fabrics, in which every rater has an individual finger.
 
-    The response of finger j in condition c is in column (1 + j) conditions + c of the mean rates, behind those of the
-    typical finger, over which x is centred.
+    The response of finger j in condition c is in column (1 + j) conditions + c of the mean rates, after the columns of
+    the typical finger, over which x is centred.
 
     Parameters
     ----------
@@ -73,7 +73,7 @@ class IndividualModel(RatingModel):
     def with_new_participants(
         self, rng: np.random.Generator, parameters: RatingParameters, effects: Effects
     ) -> Effects:
-        """These effects with as many raters drawn anew."""
+        """Replace all raters' effects with those of new raters."""
         return self._with_raters(rng, parameters, effects.mu, effects.participant.shape)
 
     def for_others(
@@ -84,7 +84,7 @@ class IndividualModel(RatingModel):
         n_participants: int,
         fabric: NDArray[np.intp],
     ) -> Effects:
-        """These effects for so many new raters, their fingers from the grid; fabrics have none."""
+        """Effects of new raters with fingers from the grid, otherwise as given; fabrics have no effects."""
         return self._with_raters(rng, parameters, effects.mu, (*np.shape(effects.mu), n_participants))
 
     def _with_raters(
@@ -108,18 +108,18 @@ class IndividualModel(RatingModel):
         parameters: RatingParameters,
         effects: Effects,
     ) -> FloatArray:
-        """One rating for every row of a design, shape (..., rows), given the effects and `drive` of all fingers."""
+        """One rating for every row of a design, shape (..., rows), given the effects and the `drive` of all fingers."""
         log_rating = effects.mu[..., None] + effects.participant[..., design.participant]
         log_rating = log_rating + own_drive(drive, design, effects.finger)
         return self.scatter(rng, log_rating, parameters)
 
     def named_effects(self, effects: Effects) -> Mapping[str, tuple[FloatArray, tuple[str, ...]]]:
-        """Effects by their names in files, each with its axes beyond the batch's."""
+        """Effects by their names in files, each with its axes after the batch axes."""
         own = {EFFECT_OF[name]: (effects.deviation[..., k], ("participant",)) for k, name in enumerate(self.grid.names)}
         return {"mu": (effects.mu, ()), "participant_effect": (effects.participant, ("participant",)), **own}
 
     def deviation_of_known(self, finger: NDArray[np.intp], known: SkinLaws, parameters: RatingParameters) -> FloatArray:
-        """Return `deviation` for people of `known`, whose fingers are z standard deviations from their own laws."""
+        """Return `deviation` for the people in `known`, whose grids are centred on the laws of their own fingers."""
         found, z = self.deviation(finger, parameters), self.grid.z
         nothing = np.zeros(self.grid.size)
         log_b, m = known.deviation(*(z.get(name, nothing)[finger] for name in SKIN))
@@ -136,13 +136,14 @@ class IndividualModel(RatingModel):
 class IndividualRatings(LogRatings):
     """Positive ratings under an `IndividualModel`, with mu, raters' scales and raters' fingers integrated out.
 
-    Parameters and errors as `LogRatings`; mean rates have the columns that `IndividualModel` describes. Behind these
-    are, for each of `pressed`, those of as many fingers of that person (`FingerFamily.total_rate`).
+    Parameters and errors are those of `LogRatings`; the columns of the mean rates are described in `IndividualModel`.
+    They are followed, for each person in `pressed`, by the rates of a grid of that person's fingers
+    (`FingerFamily.total_rate`).
 
     Parameters
     ----------
     pressed
-        Raters of whom there are forces of a plate: the density of the ratings is that given these.
+        Raters with measured plate forces, given which the density of the ratings is computed.
     """
 
     model: IndividualModel
@@ -167,7 +168,7 @@ class IndividualRatings(LogRatings):
 
     @property
     def n_blocks(self) -> int:
-        """Number of grids of fingers: that of anybody, and one for each pressed person."""
+        """Number of grids of fingers: the common one, and one for each person with plate forces."""
         return 1 if self.pressed is None else 1 + self.pressed.size
 
     @property
@@ -181,15 +182,15 @@ class IndividualRatings(LogRatings):
         return type(self)(self.values, self.design, model, self._over, self.pressed)
 
     def with_pressed(self, pressed: PressedRaters | None) -> Self:
-        """Return the likelihood of the same ratings given the forces of these people."""
+        """Return the likelihood of the same ratings given the plate forces of these people."""
         return type(self)(self.values, self.design, self.model, self._over, pressed)
 
     def of_strangers(self) -> Self:
-        """Return the likelihood of the same ratings by people who were not pressed, of as many mean rates."""
+        """Return the likelihood if nobody had plate forces, with the same columns of mean rates."""
         return self if self.pressed is None else self.with_pressed(self.pressed.as_strangers())
 
     def skins_of_pressed(self, parameters: RatingParameters) -> SkinLaws | None:
-        """Return what forces say of the skins of pressed raters, if there are any."""
+        """Return the laws of the raters' skins given their plate forces; None if there are none."""
         return None if self.pressed is None else self.pressed.skins(self.model.grid.names, parameters)
 
     def with_values(self, values: ArrayLike) -> Self:
@@ -197,24 +198,24 @@ class IndividualRatings(LogRatings):
         return type(self)(values, self.design, self.model, self._over, self.pressed)
 
     def without(self, rows: NDArray[np.bool_]) -> Self:
-        """Return the other ratings, with x still centred over all rows."""
+        """Return the likelihood of the other ratings, with x still centred over all rows."""
         return type(self)(self.values[~rows], self.design.without(rows), self.model, self._over, self.pressed)
 
     def log_likelihood(self, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
-        """Log density of all ratings together, shape (...); arguments as `LogRatings.log_likelihood`."""
+        """Log density of all ratings together, shape (...); arguments as for `LogRatings.log_likelihood`."""
         law = self._law(mean_rate, parameters)
         found = log_sum(self._at_mu(law), axis=-1) + law.constant.sum(axis=-1)
         return np.asarray(found - self._log.sum())
 
     def log_likelihood_participants(self, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
-        """Log density of all ratings of each participant given everybody else's, shape (draws, participants)."""
+        """Log density of each participant's ratings given those of all others, shape (draws, participants)."""
 
         def alone(mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
             law = self._law(mean_rate, parameters)
             found = np.zeros((*law.centre.shape, self.design.n_participants))
             everyone = log_sum(self._at_mu(law), axis=-1)
             for k, rater in enumerate(self._own.participant):
-                # the others' own nodes: without this rater mu may lie elsewhere
+                # nodes placed for the other raters: without this rater, mu may lie elsewhere
                 term, gap, variance, constant = (np.delete(part, k, axis=-1) for part in law[:4])
                 rest = self._placed(RaterLaw(term, gap, variance, constant, law.centre, law.step))
                 others = log_sum(self._at_mu(rest), axis=-1)
@@ -237,7 +238,7 @@ class IndividualRatings(LogRatings):
         return in_pieces(alone, self._loo_width, mean_rate, parameters)
 
     def below_loo(self, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
-        """Probability of a rating smaller than each one, given all the others, shape (..., rows)."""
+        """Probability of a smaller rating than the observed one given all the others, shape (..., rows)."""
 
         def below(mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
             parts = [(weight, ndtr(score)) for weight, score, _ in self._left_out(mean_rate, parameters)]
@@ -287,11 +288,11 @@ class IndividualRatings(LogRatings):
         return 20 * self.design.n_rows * self.model.grid.size
 
     def _deviation_of(self, finger: NDArray[np.intp], parameters: RatingParameters) -> FloatArray:
-        """Return the deviations of each rater's finger of the rater's own grid, (..., participants, quantities)."""
+        """Return the deviations of each rater's finger in the grid of that rater, (..., participants, quantities)."""
         deviation, pressed = self.model.deviation(finger, parameters), self.pressed
         if pressed is None:
             return deviation
-        # strangers are the last rater's here, and left out
+        # people who are not raters have index -1, the last column, which is dropped
         known = pressed.skins(self.model.grid.names, parameters)
         own = self.model.deviation_of_known(finger[..., pressed.rater], known, parameters)
         among = pressed.rater >= 0
@@ -310,14 +311,14 @@ class IndividualRatings(LogRatings):
         return drive.reshape(*drive.shape[:-1], -1, size, width)
 
     def _of_raters(self, values: FloatArray, weights: FloatArray, raters: NDArray[np.intp]) -> FloatArray:
-        """Return sums over conditions of each rater's own fingers, shape (..., fingers, raters).
+        """Return weighted sums over conditions for each rater's grid of fingers, shape (..., fingers, raters).
 
         Parameters
         ----------
         values
-            Of each finger in every condition, shape (..., grids, fingers, conditions).
+            Values for each finger and condition, shape (..., grids, fingers, conditions).
         weights
-            Of each rater's conditions, shape (raters, conditions).
+            Weights of conditions for each rater, shape (raters, conditions).
         raters
             The raters, indices of participants.
         """
@@ -345,20 +346,20 @@ class IndividualRatings(LogRatings):
         )
 
     def _placed(self, law: RaterLaw) -> RaterLaw:
-        """Return the law with nodes of mu."""
+        """Return the law with the nodes of mu placed."""
         return about_mu(law, self.model.spread, self._own.rows.size)
 
     def _at_mu(self, law: RaterLaw) -> FloatArray:
-        """Return log of (density of mu and of all ratings, times the distance of nodes) at the nodes of mu."""
+        """Return the log of the joint density of mu and all ratings, times the node spacing, at the nodes of mu."""
         return log_prior(law, self.model.spread) + at_nodes(law).sum(axis=-1)
 
     def _left_out(
         self, mean_rate: FloatArray, parameters: RatingParameters
     ) -> Iterator[tuple[FloatArray, FloatArray, FloatArray]]:
-        """Yield, node by node of mu, what is said of each row by all others.
+        """Yield the predictive law of each row given all others, at one node of mu after another.
 
-        Log weight of each finger and score of the row under it, (..., fingers, rows), and the unit of the scores,
-        (..., rows).
+        Each item holds the log weight of each finger and the row's score under it, (..., fingers, rows), and the unit
+        of the scores, (..., rows).
         """
         at, condition = self._own.of_row, self.design.condition
         block = self._block[self.design.participant]

@@ -1,4 +1,4 @@
-"""Effects of raters with fingers of their own, and the responses that these fingers select."""
+"""Effects of raters with individual fingers, and the responses of these fingers."""
 
 from __future__ import annotations
 

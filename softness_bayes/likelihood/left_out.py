@@ -1,12 +1,12 @@
-"""Density of one block of ratings given all others, for blocks that are independent given a few effects.
+"""Density of one block of ratings given all others, for blocks that are independent given a few common effects.
 
-Let u be those effects in standard deviations of their prior, and q_g(u) the negative log density of block g, a
+Let u be the common effects in standard deviations of their prior, and q_g(u) the negative log density of block g, a
 quadratic function with Hessian A_g. At u*, the minimum of |u|²/2 + sum q_g, with M = I + sum A_g and g_g the gradient
 of q_g there,
 
     log p(y_g | y_-g) = -q_g(u*) - ½ log |M| + ½ log |M - A_g| - ½ g_g' (M - A_g)^-1 g_g.
 
-No term is a difference of larger ones: q_g is a sum of squares of residuals, and M - A_g is summed without A_g.
+No term suffers from cancellation: q_g is a sum of squared residuals, and M - A_g is summed without A_g.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from softness_bayes.likelihood.random_effects import Spreads
 Array = NDArray[np.float64]
 
 _LOG_TWO_PI = float(np.log(2.0 * np.pi))
-_REFINED = 3  # Newton's steps: the first is exact up to rounding, which the others remove
+_REFINED = 3  # Newton steps: the first is exact up to rounding errors, which the others remove
 
 
 class Given(NamedTuple):
@@ -65,12 +65,12 @@ def participant_log_density(
 ) -> Array:
     """Return the log density of all rows of each participant given those of all others.
 
-    The law is that of `random_effects.RandomEffects`; participants share mu and the fabrics' effects.
+    The model is that of `random_effects.RandomEffects`; participants share mu and the effects of fabrics.
 
     Parameters
     ----------
     design
-        Who rated what.
+        Condition and participant of every row.
     values
         y of every row, shape (rows,).
     mean, sd
@@ -93,7 +93,7 @@ def participant_log_density(
 
 
 class _Shared:
-    """Participants, which are independent given mu and any effects of fabrics."""
+    """Participants as blocks, independent given mu and the effects of fabrics, if any."""
 
     def __init__(self, design: Design, values: Array, sd: float, fabrics: bool) -> None:
         self._design, self._values, self._sd = design, values, sd
@@ -104,7 +104,7 @@ class _Shared:
         self._rows = rows
         inside = design.cells @ kinds
         self._share = np.column_stack([np.ones(people), inside / np.maximum(rows, 1.0)[:, None]])
-        # sums of squares and products of the basis within participants; of the constant there are none
+        # sums of squares and products of the basis within participants; those of the constant vanish
         self._scatter = np.zeros((people, self.size, self.size))
         self._scatter[:, 1:, 1:] = inside[:, :, None] * (np.eye(self.size - 1) - self._share[:, None, 1:])
         self._of_person = summing(design.participant, people)

@@ -1,7 +1,8 @@
-"""Errors of the loads of ratings: the distinct touches, and the loads at which their responses are needed.
+"""Errors in the loads of ratings: the distinct touches, and the loads at which responses are needed.
 
-The load of a rating is log-normal about the stated one, independently of all others. A response's mean and variance
-over that law come from three loads, the nodes of a Gauss-Hermite rule: the stated one, and one on either side.
+The actual load of a rating is log-normal about the stated one, independently of all others. Mean and variance of the
+response under this distribution are computed by Gauss-Hermite quadrature with three nodes: the stated load and one on
+either side.
 """
 
 from __future__ import annotations
@@ -25,10 +26,10 @@ OUTER = 1.0 / 6.0
 
 @dataclass(frozen=True)
 class LoadErrors:
-    """Touches, the distinct pairs of a condition and an error of its load, and the responses that each one needs.
+    """Touches (distinct pairs of a condition and a load error), and the loads at which each needs a response.
 
-    The mean rates of a scene are followed by those under the lower load of each uncertain touch, then by those under
-    the higher one; by default there is one of each.
+    After the mean rates of a scene come those at the lower load of each uncertain touch, then those at the higher load;
+    by default there is one of each.
 
     Parameters
     ----------
@@ -39,7 +40,7 @@ class LoadErrors:
     n_conditions
         Number of conditions.
     nodes
-        The loads beside the stated one, in standard deviations of the log load, those below it first.
+        The loads other than the stated one, in standard deviations of the log load, lower ones first.
     """
 
     condition: IndexArray
@@ -79,9 +80,9 @@ class LoadErrors:
         return found
 
     def at_nodes(self, nodes: tuple[float, ...]) -> LoadErrors:
-        """Return the same touches with other loads beside the stated ones."""
+        """Return the same touches with other nodes about the stated loads."""
         return replace(self, nodes=nodes)
 
     def without(self, rows: NDArray[np.bool_]) -> LoadErrors:
-        """Return the same touches of the other rows."""
+        """Return the touches of the remaining rows."""
         return replace(self, of_row=self.of_row[~rows])

@@ -1,4 +1,4 @@
-"""Logarithm of the modified Bessel function without its power, by Debye's expansion for large orders."""
+"""Logarithm of the modified Bessel function I_v(z) / z^v, by Debye's expansion for large orders v."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ from scipy.special import ive
 FloatArray = NDArray[np.float64]
 
 LARGE = 20.0
-"""Order above which Debye's expansion is used (Abramowitz and Stegun 9.7.7): from there its error is below 1e-8."""
+"""Order above which Debye's expansion is used (Abramowitz and Stegun 9.7.7); its error there is below 1e-8."""
 
-_LEAST = 1e-8  # below it the function is constant to rounding
-_FAR = 1e7  # beyond it two terms of the asymptotic series are exact to rounding
+_LEAST = 1e-8  # below this argument the function is constant to machine precision
+_FAR = 1e7  # above this argument two terms of the asymptotic series are exact to machine precision
 _DEBYE = (
     (24.0, (3.0, -5.0)),
     (1152.0, (81.0, -462.0, 385.0)),
@@ -48,10 +48,10 @@ def _debye(order: float, z: FloatArray) -> FloatArray:
 
 
 def log_bessel_slope(order: float, z: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return z times the derivative of `log_bessel`, and z times the derivative of that, both nearly.
+    """Return approximations of z f'(z), with f = `log_bessel`, and of z times the derivative of z f'(z).
 
-    The ratio of neighbouring orders is replaced by its bound of Amos (Math. Comp. 28, 239, 1974), a few percent off at
-    most.
+    The ratio of neighbouring orders is approximated by the bound of Amos (Math. Comp. 28, 239, 1974), within a few
+    percent.
     """
     square = z * z
     root = np.sqrt((order + 1.5) ** 2 + square)

@@ -41,7 +41,7 @@ class RatingModel:
     direction
         The sign of gamma.
     centre, spread
-        Median of the prior of exp mu, and the standard deviation of mu.
+        Prior median of exp(mu), and prior standard deviation of mu.
     """
 
     scale: ClassVar[Scale] = MAGNITUDE
@@ -61,7 +61,7 @@ class RatingModel:
         return RatingParameters.among(values)
 
     def error_sd(self, parameters: RatingParameters) -> FloatArray:
-        """Return the standard deviation of a rating's log about its participant's, shape (...)."""
+        """Return the standard deviation of a log rating about its expectation for the participant, shape (...)."""
         return np.asarray(parameters.varsigma, float)
 
     def drive(self, design: Design, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
@@ -85,7 +85,7 @@ class RatingModel:
     def drive_at(
         self, elsewhere: FloatArray, design: Design, mean_rate: FloatArray, parameters: RatingParameters
     ) -> FloatArray:
-        """As `drive`, at other mean rates [Hz], shape (..., k), centred as the rows of the design are."""
+        """Return `drive` at other mean rates [Hz], shape (..., k), centred over the rows of the design."""
         eps = np.asarray(parameters.eps, float)[..., None]
         centre = (np.log(mean_rate + eps) @ design.weight)[..., None]
         gamma = np.asarray(parameters.gamma, float)[..., None]
@@ -119,7 +119,7 @@ class RatingModel:
     def with_new_participants(
         self, rng: np.random.Generator, parameters: RatingParameters, effects: Effects
     ) -> Effects:
-        """These effects with as many participants drawn anew."""
+        """Replace all participants' effects with those of new participants."""
         tau = np.asarray(parameters.tau, float)[..., None]
         return effects._replace(participant=tau * rng.standard_normal(effects.participant.shape))
 
@@ -131,7 +131,7 @@ class RatingModel:
         n_participants: int,
         fabric: NDArray[np.intp],
     ) -> Effects:
-        """These effects for so many new participants, and for fabrics by their index, or new where it is -1."""
+        """Effects of new participants, and of fabrics chosen by index (-1 for a new fabric)."""
         mu = np.asarray(effects.mu)
         new = self.draw_effects(rng, parameters, mu.shape, n_participants, fabric.size, {"mu": mu})
         return new._replace(fabric=np.where(fabric >= 0, effects.fabric[..., fabric], new.fabric))
@@ -155,7 +155,7 @@ class RatingModel:
         parameters: RatingParameters,
         effects: Effects,
     ) -> FloatArray:
-        """As `draw_ratings`, without lapses and rounding."""
+        """Equivalent of `draw_ratings` without lapses and rounding."""
         log_rating = effects.mu[..., None] + (drive + effects.fabric[..., design.fabric])[..., design.condition]
         log_rating = log_rating + effects.participant[..., design.participant]
         return self.scatter(rng, log_rating, parameters)
@@ -166,11 +166,11 @@ class RatingModel:
         return self.scale.natural(log_rating + self.error_sd(parameters)[..., None] * noise)
 
     def typical(self, effects: Effects, drive: FloatArray) -> FloatArray:
-        """Median rating of a typical participant (s = 0) where the response drives it by ``drive``, shape (..., k)."""
+        """Median rating of a typical participant (s = 0) for a response term ``drive``, shape (..., k)."""
         return self.scale.natural(effects.mu[..., None] + drive)
 
     def named_effects(self, effects: Effects) -> Mapping[str, tuple[FloatArray, tuple[str, ...]]]:
-        """Effects by their names in files, each with its axes beyond the batch's."""
+        """Effects by their names in files, each with its axes after the batch axes."""
         return {
             "mu": (effects.mu, ()),
             "participant_effect": (effects.participant, ("participant",)),
@@ -179,7 +179,7 @@ class RatingModel:
 
     @property
     def levels(self) -> Mapping[str, Prior]:
-        """Priors of what is drawn after a run and shared by all ratings, by name."""
+        """Priors, by name, of quantities shared by all ratings and drawn after a run."""
         return {"mu": self.level}
 
     def observe(self, ratings: ArrayLike, design: Design, stated: Stated | None = None) -> RatingsLikelihood:
@@ -190,18 +190,18 @@ class RatingModel:
 class LogRatings(RatingsLikelihood):
     """Positive ratings under a `RatingModel`, with mu, participants and fabrics integrated out.
 
-    All densities are of the ratings as filed, not of their logarithms (- log y for each).
+    All densities are of the ratings as in the file, not of their logarithms (the Jacobian adds -log y for each).
 
     Parameters
     ----------
     ratings
         y of every row of the design, shape (rows,).
     design
-        Who rated what.
+        Condition and participant of every row.
     model
         The rating model.
     over
-        Design over whose rows the response is centred, if not over those of `design`.
+        Design over whose rows the response is centred; by default `design`.
 
     Raises
     ------
@@ -261,7 +261,7 @@ class LogRatings(RatingsLikelihood):
         return in_pieces(alone, self._effects.width, mean_rate, parameters)
 
     def below_loo(self, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
-        """Probability of a rating smaller than each one, given all the others, shape (..., rows)."""
+        """Probability of a smaller rating than the observed one given all the others, shape (..., rows)."""
 
         def below(mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
             mean, sd = self.leave_one_out(mean_rate, parameters)
@@ -270,7 +270,7 @@ class LogRatings(RatingsLikelihood):
         return in_pieces(below, self._effects.width, mean_rate, parameters)
 
     def log_likelihood_participants(self, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
-        """Log density of all ratings of each participant given everybody else's, shape (draws, participants)."""
+        """Log density of each participant's ratings given those of all others, shape (draws, participants)."""
         drive, model, person = self.drive(mean_rate, parameters), self.model, self.design.participant
         level = math.log(model.centre), model.spread
         density = participant_log_density(self.design, self._log, *level, drive, spreads_of(parameters))

@@ -1,4 +1,4 @@
-"""The observation models of ratings, by scale and error law, and every likelihood that meets the contract."""
+"""Observation models of ratings, by scale and error law, and the list of all likelihoods that meet the contract."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ RATING_MODELS: Mapping[tuple[Scale, ErrorLaw], Callable[[RatingDirection], Ratin
         **{(PAIRS, law): partial(PairModel, law=law) for law in (NORMAL, LAPSES)},
     }
 )
-"""Makes the observation model of a direction, by the scale of the ratings and the law of their errors."""
+"""Constructors of observation models, which take a direction, by scale of the ratings and error law."""
 
 OF_INTERVALS: Mapping[tuple[Scale, ErrorLaw], Callable[[RatingDirection], RatingsModel]] = MappingProxyType(
     {
@@ -65,13 +65,13 @@ OF_INTERVALS: Mapping[tuple[Scale, ErrorLaw], Callable[[RatingDirection], Rating
         **{(PAIRS, law): partial(PairModel, law=law) for law in (NORMAL, LAPSES)},
     }
 )
-"""As `RATING_MODELS`, of ratings that stand for intervals, or are places in lists."""
+"""The same for ratings that represent intervals, or that are places in lists."""
 
 UNDER_UNCERTAIN_LOADS: Mapping[Scale, Callable[..., RatingsLikelihood]] = MappingProxyType({MAGNITUDE: UncertainLoads})
-"""The likelihood of ratings whose loads have errors, by their scale, where there is one."""
+"""Likelihoods of ratings with independent load errors, by scale."""
 
 UNDER_SHARED_LOADS: Mapping[Scale, Callable[..., RatingsLikelihood]] = MappingProxyType({MAGNITUDE: SharedLoads.of})
-"""The same, where all ratings of a load share its error."""
+"""Likelihoods of ratings with load errors shared by all ratings of a load, by scale."""
 
 LIKELIHOODS: tuple[type[Likelihood], ...] = (
     LogRatings,
@@ -88,20 +88,20 @@ LIKELIHOODS: tuple[type[Likelihood], ...] = (
     RaterSpreads,
     CompressionForces,
 )
-"""Every likelihood; each goes through the tests of the contract."""
+"""All likelihoods; each is covered by the tests of the contract."""
 
 
 def rating_model(
     scale: Scale, direction: RatingDirection = RISES, error: ErrorLaw | None = None, exact: bool = True
 ) -> RatingsModel:
-    """Return the observation model of ratings, which are exact numbers or stand for intervals.
+    """Return the observation model of ratings that are exact numbers or represent intervals.
 
-    Without an error law it has the first of its scale.
+    The default error law is the first one of the scale.
 
     Raises
     ------
     InputError
-        If there is none for that scale and that error law.
+        If there is no model for that scale and error law.
     """
     if scale.model is not None:
         own: RatingsModel = scale.model(direction)
@@ -116,19 +116,19 @@ def rating_model(
 
 
 def under_uncertain_loads(observed: RatingsLikelihood, errors: LoadErrors) -> RatingsLikelihood:
-    """Return the likelihood of ratings if their loads have errors.
+    """Return the likelihood of ratings with independent load errors.
 
     Raises
     ------
     InputError
-        If there is none for the scale of the ratings.
+        If the scale of the ratings has no such likelihood.
     """
     model = observed.model
     return _for_scale(UNDER_UNCERTAIN_LOADS, model.scale, "load_cv")(observed.values, observed.design, model, errors)
 
 
 def under_shared_loads(observed: RatingsLikelihood, log_sd: float, load: ArrayLike) -> RatingsLikelihood:
-    """Return the likelihood of ratings if all ratings of a load share its error.
+    """Return the likelihood of ratings with load errors shared by all ratings of a load.
 
     Parameters
     ----------
@@ -142,7 +142,7 @@ def under_shared_loads(observed: RatingsLikelihood, log_sd: float, load: ArrayLi
     Raises
     ------
     InputError
-        If there is none for the scale of the ratings.
+        If the scale of the ratings has no such likelihood.
     """
     return _for_scale(UNDER_SHARED_LOADS, observed.model.scale, "shared_load_cv")(observed, log_sd, load)
 

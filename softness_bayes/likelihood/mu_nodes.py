@@ -1,7 +1,7 @@
-"""Densities of raters at nodes of the mean log rating that they share.
+"""Densities of raters at nodes of their common mean log rating mu.
 
-Given mu raters are independent. Each rater's density is a sum over fingers of exponentials of quadratics in mu; their
-product is integrated over mu by the trapezoidal rule.
+Given mu, raters are independent. Each rater's density is a sum, over fingers, of exponentials of quadratic functions of
+mu; the product over raters is integrated over mu by the trapezoidal rule.
 """
 
 from __future__ import annotations
@@ -15,25 +15,25 @@ from numpy.typing import NDArray
 FloatArray = NDArray[np.float64]
 
 MU_REACH, MU_STEP = 7.5, 0.8
-"""Extent of the nodes of mu to either side of its mean, in its standard deviations, and their largest distance in its
-standard deviations given the fingers."""
+"""Half-width of the nodes of mu about its mean, in standard deviations of mu, and their largest spacing, in standard
+deviations of mu given the fingers."""
 
 FEW_RATERS = 20.0
-"""Further extent, divided by the number of raters: the product of few densities that are not normal, or from which a
-row is left out, may lie elsewhere."""
+"""Additional half-width, to be divided by the number of raters: with few raters, the density of mu may not be normal,
+and may shift if a row is left out."""
 
 MOST_MU_STEPS = 64
-"""Largest number of nodes of mu to either side of its mean."""
+"""Largest number of nodes of mu on either side of its mean."""
 
 _LOG_TWO_PI = math.log(2.0 * math.pi)
-_LARGEST_STEP = 80.0  # in the logarithm of a term from one node of mu to the next; such terms vanish at the centre
+_LARGEST_STEP = 80.0  # largest change of a log term between nodes of mu; beyond it, a term vanishes at the centre
 
 
 class RaterLaw(NamedTuple):
-    """Raters' densities given the nodes of mu; raters without ratings are left out."""
+    """Raters' densities given mu; raters without ratings are left out."""
 
     log_term: FloatArray  # of each finger, without mu and constants, (..., fingers, raters)
-    gap: FloatArray  # mean log rating less the finger's mean drive, about the prior mean of mu, same shape
+    gap: FloatArray  # mean log rating minus the finger's mean drive and the prior mean of mu, same shape
     variance: FloatArray  # of that gap, (..., raters)
     constant: FloatArray  # of each rater's log density, (..., raters)
     centre: FloatArray  # mean of mu, (...)
@@ -42,7 +42,7 @@ class RaterLaw(NamedTuple):
 
 
 def about_mu(law: RaterLaw, spread: float, raters: int) -> RaterLaw:
-    """Return the law with nodes of mu, taking each rater's density of mu as normal to place them.
+    """Return the law with nodes of mu, placed as if each rater's density were normal in mu.
 
     Parameters
     ----------
@@ -51,7 +51,7 @@ def about_mu(law: RaterLaw, spread: float, raters: int) -> RaterLaw:
     spread
         Prior standard deviation of mu.
     raters
-        Number of raters of the whole table, also where the law leaves one out.
+        Number of raters in the whole table, including any that the law leaves out.
     """
     prior = np.full(law.centre.shape, spread**-2)
     share = np.exp(law.log_term - law.log_term.max(axis=-2, keepdims=True))
@@ -68,9 +68,9 @@ def about_mu(law: RaterLaw, spread: float, raters: int) -> RaterLaw:
 
 
 def log_prior(law: RaterLaw, spread: float) -> FloatArray:
-    """Return log of (prior density of mu times the distance of nodes) at the nodes, shape (..., nodes).
+    """Return the log of the prior density of mu times the node spacing, at the nodes, shape (..., nodes).
 
-    The prior is centred and normal, of the given standard deviation.
+    The prior is normal with mean 0 and the given standard deviation.
     """
     step = law.step[..., None]
     mu = law.centre[..., None] + np.arange(-law.steps, law.steps + 1) * step
@@ -78,11 +78,11 @@ def log_prior(law: RaterLaw, spread: float) -> FloatArray:
 
 
 def at_nodes(law: RaterLaw) -> FloatArray:
-    """Return each rater's log density at the nodes of mu without its constant, shape (..., nodes, raters).
+    """Return each rater's log density at the nodes of mu, up to a constant, shape (..., nodes, raters).
 
-    The term of a finger is exp of a quadratic in mu: from one node to the next it changes by a factor of its own,
-    times one that all fingers share. Where these factors overflow, as far from the raters' means with hardly any noise,
-    each term is computed by itself.
+    The term of a finger is the exponential of a quadratic in mu: from one node to the next, it changes by a factor
+    specific to the finger times a factor common to all fingers. If these factors overflow (far from the raters' means
+    with very little noise), each term is computed separately.
     """
     with np.errstate(over="ignore", invalid="ignore"):
         found = _by_factors(law)
@@ -94,7 +94,7 @@ def at_nodes(law: RaterLaw) -> FloatArray:
 
 
 def _one_by_one(law: RaterLaw) -> FloatArray:
-    """Return the same as `at_nodes`, node by node."""
+    """Compute `at_nodes` separately at each node."""
     offset = np.arange(-law.steps, law.steps + 1) * law.step[..., None]
     nodes = np.moveaxis(law.centre[..., None] + offset, -1, 0)[..., None, None]
     inverse = 0.5 / law.variance[..., None, :]
@@ -102,7 +102,7 @@ def _one_by_one(law: RaterLaw) -> FloatArray:
 
 
 def _by_factors(law: RaterLaw) -> FloatArray:
-    """Return the same as `at_nodes`, from one node to the next."""
+    """Compute `at_nodes` by recursion from one node to the next."""
     gap = law.gap - law.centre[..., None, None]
     inverse = 1.0 / law.variance[..., None, :]
     exponent = law.log_term - 0.5 * gap * gap * inverse

@@ -1,8 +1,8 @@
-"""Orders: places of touches in lists that participants put in order, after Plackett and Luce (model.md 9).
+"""Rank orders: places of touches in lists ordered by participants, under the Plackett-Luce model (model.md 9).
 
-Each touch of a list has a latent softness: its drive plus Gumbel's noise. The list is in the order of these numbers.
-Participants' own scales and origins leave every order as it is, so the model has none. The probability of an order
-has a closed form; so has that of a partial order, in which the order of tied touches is not known.
+Each touch of a list has a latent softness: its drive plus Gumbel noise. The list is sorted by latent softness.
+Participants' scales and origins do not affect the order and are therefore not in the model. The probability of an order
+has a closed form, also for a partial order, in which the order of tied touches is unknown.
 """
 
 from __future__ import annotations
@@ -33,23 +33,23 @@ FloatArray = NDArray[np.float64]
 IndexArray = NDArray[np.intp]
 
 LEAST_SPREAD = 1e-8
-"""Least spread of noise, in the log."""
-_SEED = 0  # of the order in which residuals take the touches of a list, and of the places within their probabilities
+"""Smallest standard deviation of the noise, in the log."""
+_SEED = 0  # seed of the order in which residuals take the touches of a list, and of their randomised scores
 
 
 class OrderEffects(NamedTuple):
-    """No effects; the unit of the noise, by which a drive becomes a probability."""
+    """Scale of the noise, which converts drives to probabilities; the model has no effects."""
 
     noise: FloatArray
-    """As `OrderModel.noise_of` returns it, shape (...)."""
+    """Value of `OrderModel.noise_of`, shape (...)."""
 
 
 @dataclass(frozen=True)
 class OrderModel(RatingModel):
-    """A touch's latent softness is ± gamma x + e, x = log(N/N_ref + eps), e Gumbel's with standard deviation varsigma.
+    """Latent softness ± gamma x + e of a touch, x = log(N/N_ref + eps), e Gumbel with standard deviation varsigma.
 
-    Orders tell of the ratio of gamma and varsigma alone; gamma keeps its prior, and its meaning for magnitude
-    estimates.
+    Orders determine only the ratio of gamma to varsigma; gamma keeps the prior and the meaning that it has for
+    magnitude estimates.
     """
 
     scale: ClassVar[Scale] = RANKS
@@ -61,12 +61,12 @@ class OrderModel(RatingModel):
         return super().take(values)._replace(tau=0.0, omega=0.0)
 
     def noise_of(self, parameters: RatingParameters) -> FloatArray:
-        """Return the scale of Gumbel's law, the unit of the noise, shape (...)."""
+        """Return the scale of the Gumbel distribution, the unit of the noise, shape (...)."""
         return np.asarray(np.maximum(np.asarray(parameters.varsigma, float), LEAST_SPREAD) / GUMBEL_SD)
 
     @property
     def levels(self) -> Mapping[str, Prior]:
-        """None: an order has no level."""
+        """Empty: orders have no common level."""
         return {}
 
     def draw_effects(
@@ -78,7 +78,7 @@ class OrderModel(RatingModel):
         n_fabrics: int,
         levels: Mapping[str, ArrayLike] | None = None,
     ) -> Effects:
-        """Return the unit of the noise, of batch ``shape``: there are no effects to draw."""
+        """Return the scale of the noise, of batch ``shape``: there are no effects to draw."""
         return OrderEffects(np.broadcast_to(self.noise_of(parameters), shape))
 
     def with_new_participants(
@@ -119,18 +119,18 @@ class OrderModel(RatingModel):
         return expected + self.error_sd(parameters)[..., None] * noise
 
     def typical(self, effects: Effects, drive: FloatArray) -> FloatArray:
-        """Return the chance to be placed above a touch of the design's mean drive, shape (..., k)."""
+        """Return the probability of being placed above a touch with the design's mean drive, shape (..., k)."""
         return self.chance(drive / effects.noise[..., None])
 
     def chance(self, apart: FloatArray, parameters: RatingParameters | None = None) -> FloatArray:
-        """Return the chance of the first of two touches to be placed above the other.
+        """Return the probability that the first of two touches is placed above the second.
 
         Parameters
         ----------
         apart
             Difference of their drives, in units of the noise, shape (..., k).
         parameters
-            The model's parameters, for laws with guesses, which are left out without them.
+            The model's parameters, for laws with guesses; without them, guesses are ignored.
         """
         return np.asarray(expit(apart))
 
@@ -141,7 +141,7 @@ class OrderModel(RatingModel):
     def information(
         self, compared: Comparisons, drive: FloatArray, slopes: FloatArray, guesses: float = 0.0
     ) -> FloatArray:
-        """Return the expected information of orders on d parameters, shape (d, d), over simulated orders.
+        """Return the expected information about d parameters, shape (d, d), averaged over simulated orders.
 
         Parameters
         ----------
@@ -157,11 +157,11 @@ class OrderModel(RatingModel):
         return order_information(np.random.default_rng(_SEED), compared, drive, slopes)
 
     def named_effects(self, effects: Effects) -> Mapping[str, tuple[FloatArray, tuple[str, ...]]]:
-        """Return no effects."""
+        """Return an empty mapping: the model has no effects."""
         return {}
 
     def observe(self, ratings: ArrayLike, design: Design, stated: Stated | None = None) -> OrderRatings:
-        """Return the likelihood of these places; without lists, all rows of a participant are one."""
+        """Return the likelihood of these places; by default all rows of a participant form one list."""
         lists = design.participant if stated is None or stated.lists is None else stated.lists
         return OrderRatings(ratings, design, self, lists=lists)
 
@@ -172,14 +172,14 @@ class OrderRatings(RatingsLikelihood):
     Parameters
     ----------
     ratings
-        Places of every row of the design, shape (rows,): of two touches of a list, the softer one (as rated) has the
-        larger number. Equal numbers are ties, in which the order is not known.
+        Place of every row of the design, shape (rows,): of two touches in a list, the one rated softer has the larger
+        number. Equal numbers are ties, whose order is unknown.
     design
         Who rated what.
     model
         The model.
     over
-        As `RatingsLikelihood` takes it.
+        As for `RatingsLikelihood`.
     lists
         Index of each row's list, shape (rows,); by default all rows of a participant are one list.
 
@@ -208,7 +208,7 @@ class OrderRatings(RatingsLikelihood):
         if (owner[place] != design.participant).any():
             raise InputError("ratings: a list holds places of several participants")
         self._owner, self._of_row = owner, place
-        # of every slot; where there is none, that of any row
+        # condition of every slot; an arbitrary one for empty slots
         self._condition = design.condition[self._places.row]
 
     @property
@@ -221,7 +221,7 @@ class OrderRatings(RatingsLikelihood):
         return type(self)(values, self.design, self.model, self._over, self.lists)
 
     def without(self, rows: NDArray[np.bool_]) -> Self:
-        """Return the lists without some touches: the law of the rest is that of its own list."""
+        """Return the lists without some touches: the remaining touches have the distribution of a shorter list."""
         design = self.design.without(rows)
         return type(self)(self.values[~rows], design, self.model, self._over, self.lists[~rows])
 
@@ -241,9 +241,9 @@ class OrderRatings(RatingsLikelihood):
         return in_pieces(alone, self._places.width * self.design.n_rows, mean_rate, parameters)
 
     def below_loo(self, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
-        """Probability of a lower place than each touch's, given the order of all others, shape (..., rows).
+        """Probability of a lower place than that of each touch given the order of all others, shape (..., rows).
 
-        Half the probability of its own place is added.
+        Half the probability of the observed place is added.
         """
 
         def smaller(mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
@@ -257,15 +257,15 @@ class OrderRatings(RatingsLikelihood):
         return in_pieces(smaller, self._places.width * self.design.n_rows, mean_rate, parameters)
 
     def log_likelihood_participants(self, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
-        """Log probability of all orders of each participant, shape (draws, participants): they are independent."""
+        """Log probability of each participant's orders, shape (draws, participants); participants are independent."""
         return self._by_list(mean_rate, parameters) @ self._member
 
     def log_likelihood_answers(self, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
-        """Log probability of each list's order, shape (..., lists): lists are independent, given the parameters."""
+        """Log probability of the order of each list, shape (..., lists); lists are independent given the parameters."""
         return in_pieces(self._by_list, self._places.width * self.design.n_rows, mean_rate, parameters)
 
     def expected(self, mean_rate: FloatArray, parameters: RatingParameters, effects: Effects) -> FloatArray:
-        """Return the expected share of its lists that lies below each condition, shape (..., conditions)."""
+        """Return the expected share of its list that is placed below each condition, shape (..., conditions)."""
         return in_pieces(self._expected, self.design.n_conditions**2, mean_rate, parameters)
 
     def _expected(self, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
@@ -282,13 +282,13 @@ class OrderRatings(RatingsLikelihood):
         drive: FloatArray,
         among: IndexArray | None = None,
     ) -> FloatArray:
-        """Return the expected share of touches with these drives, in lists with what stands beside the conditions."""
+        """Return the expected share below touches with these drives, in lists like those of the conditions `among`."""
         field = self.drive(mean_rate, parameters)
         met = self._met[slice(None) if among is None else among].sum(axis=0)
         return self._above(drive, field, parameters, met)
 
     def _above(self, drive: FloatArray, field: FloatArray, parameters: RatingParameters, met: FloatArray) -> FloatArray:
-        """Return the mean chance to be placed above the conditions (..., conditions) by their weights, (..., k)."""
+        """Return the weighted mean probability of being placed above the conditions, shape (..., k)."""
         noise, total = self.model.noise_of(parameters)[..., None], 0.0
         for other in np.flatnonzero(met):
             apart = (drive - field[..., [other]]) / noise
@@ -297,7 +297,7 @@ class OrderRatings(RatingsLikelihood):
 
     @cached_property
     def _met(self) -> FloatArray:
-        """Weight of each condition among the touches that stand in a list with another, (conditions, conditions)."""
+        """Weight of each condition among the touches that share a list with another one, (conditions, conditions)."""
         found = np.zeros((self.design.n_conditions,) * 2)
         for row, there in zip(self._places.row, self._places.filled, strict=True):
             own = self.design.condition[row[there]]
@@ -306,7 +306,7 @@ class OrderRatings(RatingsLikelihood):
         return found
 
     def draw_effects(self, rng: np.random.Generator, mean_rate: FloatArray, parameters: RatingParameters) -> Effects:
-        """Return the unit of the noise: there are no effects to draw."""
+        """Return the scale of the noise: there are no effects to draw."""
         shape = np.broadcast_shapes(mean_rate.shape[:-1], *(np.shape(v) for v in parameters))
         return self.new_effects(rng, parameters, shape)
 
@@ -318,15 +318,15 @@ class OrderRatings(RatingsLikelihood):
         effects: Effects,
         mean_rate: FloatArray | None = None,
     ) -> FloatArray:
-        """Return the places that every list has in a simulated order, shape (..., rows); ties keep their places."""
+        """Return the places of a simulated order of every list, shape (..., rows); ties keep their places."""
         return self._places.reordered(self._latent(rng, drive, parameters), self.values)
 
     def residual(self, mean_rate: FloatArray, parameters: RatingParameters, effects: Effects) -> FloatArray:
-        """Return a normal score times the spread for each touch, shape (..., rows).
+        """Return a normal score times varsigma for each touch, shape (..., rows).
 
-        Touches of a list are taken one by one, in an order that was drawn once. The score is that of the place among
-        the touches that were taken before, at a share of its probability that was drawn once, so that all are
-        independent and normal under the model.
+        The touches of a list are taken one by one, in a fixed random order. The score is that of the place among the
+        touches taken before, randomised within the probability of that place by a fixed random number, so that all
+        scores are independent and normal under the model.
         """
         width = self._places.width * self.design.n_rows
         share = np.clip(in_pieces(self._place_among_earlier, width, mean_rate, parameters), 1e-300, 1.0 - 1e-16)
@@ -348,12 +348,12 @@ class OrderRatings(RatingsLikelihood):
         return self._places.log_factors(self._worth(mean_rate, parameters)).sum(axis=-1)
 
     def _latent(self, rng: np.random.Generator, drive: FloatArray, parameters: RatingParameters) -> FloatArray:
-        """Return the numbers whose order is a simulated answer's, shape (..., rows)."""
+        """Return simulated latent values whose order is the answer, shape (..., rows)."""
         return self.model.draw_latent(rng, self.design, drive, parameters)
 
     @cached_property
     def _member(self) -> FloatArray:
-        """1 where a list is of a participant, else 0, shape (lists, participants)."""
+        """1 if a list belongs to a participant, else 0, shape (lists, participants)."""
         return (self._owner[:, None] == np.arange(self.design.n_participants)).astype(float)
 
     @cached_property
@@ -370,7 +370,7 @@ class OrderRatings(RatingsLikelihood):
 
 
 def shares(numbers: FloatArray, lists: IndexArray) -> FloatArray:
-    """Return the share of its list that lies below each number, ties by half, shape (..., rows); 1/2 in a list of one.
+    """Return the share of its list below each number, counting ties half, shape (..., rows); 1/2 in a list of one.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Users' own observation models of ratings: found by name, and tried before a run, so that none fails after it."""
+"""Custom observation models of ratings: found by name, and tested before a run so that none fails after it."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ MEMBERS = (
     "scale", "error", "needs", "levels", "direction", "take", "error_sd", "typical", "named_effects", "drive",
     "drive_at", "draw_effects", "with_new_participants", "for_others", "draw_ratings", "observe",
 )  # fmt: skip
-"""Members of a model of ratings."""
+"""Required members of a model of ratings."""
 
 
 def require_model(scale: Scale, model: Any) -> None:
@@ -40,7 +40,7 @@ def require_model(scale: Scale, model: Any) -> None:
 
 
 def try_likelihood(observed: RatingsLikelihood, mean_rate: FloatArray, values: Mapping[str, ArrayLike]) -> None:
-    """Call everything that a run calls of a user's own likelihood, at some parameters, and check the shapes.
+    """Call every member of a custom likelihood that a run needs, and check the shapes of the results.
 
     Parameters
     ----------
@@ -54,7 +54,7 @@ def try_likelihood(observed: RatingsLikelihood, mean_rate: FloatArray, values: M
     Raises
     ------
     InputError
-        Naming the member that fails, or returns what it should not.
+        Names the member that fails or returns an invalid value.
     """
     model, rng = observed.model, np.random.default_rng(0)
     draws, rows = len(mean_rate), observed.design.n_rows

@@ -1,7 +1,7 @@
-"""Magnitude estimates of raters with exponents and noise of their own, integrated rater by rater (model.md 9).
+"""Magnitude estimates of raters with individual exponents and noise, integrated for each rater (model.md 9).
 
-Given mu and the parameters raters are independent. Each rater's exponent and noise are integrated by an adaptive rule
-about their mode (`answer_nodes`), the rater's scale in closed form, and mu by nodes that all raters share.
+Given mu and the parameters, raters are independent. Each rater's exponent and noise are integrated by adaptive
+quadrature about their mode (`answer_nodes`), the rater's scale in closed form, and mu on nodes common to all raters.
 """
 
 from __future__ import annotations
@@ -44,32 +44,32 @@ from softness_bayes.likelihood.stated import Stated
 FloatArray = NDArray[np.float64]
 
 OWN_ANSWERS: Mapping[str, str] = MappingProxyType({"gamma": "tau_gamma", "varsigma": "tau_varsigma"})
-"""The parameter that is the spread between raters, by the name of what differs in their answers."""
+"""Name of the parameter for the spread between raters, by the quantity that differs."""
 
 EFFECT_OF_ANSWER: Mapping[str, str] = MappingProxyType({"gamma": "rater_log_gamma", "varsigma": "rater_log_varsigma"})
-"""Names in files of raters' deviations from the typical rater, in the logarithm, by what differs."""
+"""Names in files of raters' log deviations from the typical rater, by the quantity that differs."""
 
 
 class AnswerNodes(NamedTuple):
     """Numbers of nodes of the integrals."""
 
     one: int
-    """Of a rater's exponent or noise, where only one of them differs."""
+    """Nodes of a rater's exponent or noise, if only one of them differs."""
     both: int
-    """Of each of them, where both do."""
+    """Nodes of each of them, if both differ."""
     mu: int
-    """Of mu; 0 for evenly spaced ones, as few raters need."""
+    """Nodes of mu; 0 for evenly spaced nodes, which are needed with few raters."""
 
     def finer(self) -> AnswerNodes:
-        """Return twice as many nodes, whose difference is the error."""
+        """Return twice as many nodes; the change in the result measures the error."""
         return AnswerNodes(2 * self.one + 1, 2 * self.both + 1, self.mu and 2 * self.mu + 1)
 
 
 FAST, FEW = AnswerNodes(11, 9, 7), AnswerNodes(15, 11, 0)
-"""Nodes of usual tables, and of those with few raters or few ratings of each."""
+"""Nodes for typical tables, and for tables with few raters or few ratings per rater."""
 
 FEW_RATERS, FEW_ROWS = 8, 8
-"""Numbers of raters, and of ratings of the average rater, below which `FEW` takes the place of `FAST`."""
+"""Number of raters, and mean number of ratings per rater, below which `FEW` is used instead of `FAST`."""
 
 
 class OwnEffects(NamedTuple):
@@ -80,14 +80,14 @@ class OwnEffects(NamedTuple):
     participant: FloatArray
     """Deviations of log ratings, shape (..., participants)."""
     log_gamma: FloatArray
-    """Deviations of log exponents from the typical rater's, same shape; 0 where exponents do not differ."""
+    """Deviations of log exponents from the typical rater's, same shape; 0 if exponents do not differ."""
     log_varsigma: FloatArray
-    """Deviations of the log of the noise, likewise."""
+    """Deviations of the log noise, likewise."""
 
 
 @dataclass(frozen=True)
 class OwnAnswersModel(RatingModel):
-    """A `RatingModel` without fabrics' own deviations, whose raters have exponents or noise of their own.
+    """A `RatingModel` without deviations of fabrics, in which raters have individual exponents or noise.
 
     gamma_p = gamma exp(tau_gamma u_p) and varsigma_p = varsigma exp(tau_varsigma w_p), u and w standard normal. gamma
     and varsigma are those of the typical (median) rater.
@@ -95,14 +95,14 @@ class OwnAnswersModel(RatingModel):
     Parameters
     ----------
     differ
-        What differs, some of gamma and varsigma.
+        The quantities that differ: gamma, varsigma or both.
     """
 
     needs: ClassVar[tuple[str, ...]] = ("gamma", "tau", "varsigma", "eps", *OWN_ANSWERS.values())
     differ: tuple[str, ...] = ("gamma",)
 
     def spreads(self, parameters: RatingParameters) -> tuple[FloatArray, FloatArray]:
-        """Return the spreads of log exponents and log noise, (...); 0 of what does not differ."""
+        """Return the spreads of log exponents and log noise, (...); 0 for a quantity that does not differ."""
         exponent = parameters.tau_gamma if "gamma" in self.differ else 0.0
         noise = parameters.tau_varsigma if "varsigma" in self.differ else 0.0
         return np.asarray(exponent, float), np.asarray(noise, float)
@@ -122,7 +122,7 @@ class OwnAnswersModel(RatingModel):
     def with_new_participants(
         self, rng: np.random.Generator, parameters: RatingParameters, effects: Effects
     ) -> Effects:
-        """These effects with as many raters drawn anew."""
+        """Replace all raters' effects with those of new raters."""
         return self._with_raters(rng, parameters, effects.mu, effects.participant.shape[-1])
 
     def for_others(
@@ -133,7 +133,7 @@ class OwnAnswersModel(RatingModel):
         n_participants: int,
         fabric: NDArray[np.intp],
     ) -> Effects:
-        """These effects for so many new raters; fabrics have none."""
+        """Effects of new raters, otherwise as given; fabrics have no effects."""
         return self._with_raters(rng, parameters, effects.mu, n_participants)
 
     def _with_raters(
@@ -163,7 +163,7 @@ class OwnAnswersModel(RatingModel):
         return np.asarray(effects.mu[..., None] + effects.participant[..., design.participant] + own)
 
     def named_effects(self, effects: Effects) -> Mapping[str, tuple[FloatArray, tuple[str, ...]]]:
-        """Effects by their names in files, each with its axes beyond the batch's."""
+        """Effects by their names in files, each with its axes after the batch axes."""
         values = {"gamma": effects.log_gamma, "varsigma": effects.log_varsigma}
         own = {EFFECT_OF_ANSWER[name]: (values[name], ("participant",)) for name in OWN_ANSWERS if name in self.differ}
         return {"mu": (effects.mu, ()), "participant_effect": (effects.participant, ("participant",)), **own}
@@ -174,25 +174,25 @@ class OwnAnswersModel(RatingModel):
 
 
 class _LeftOut(NamedTuple):
-    """Law of each row given all others, with nodes of the row's rater without the row."""
+    """Law of each row given all others, with nodes placed for its rater without the row."""
 
     mu: FloatArray  # nodes, (nodes of mu, points)
     joint: FloatArray  # log density of mu and of all rows there
-    others: FloatArray  # that of mu and of the other raters' rows, (nodes of mu, points, rows)
+    others: FloatArray  # log density of mu and of the other raters' rows, (nodes of mu, points, rows)
     terms: Terms  # of the rater's other rows, (nodes, points, rows)
-    gap: FloatArray  # log rating less the own drive, likewise
+    gap: FloatArray  # log rating minus the rater's drive, likewise
     variance: FloatArray  # of the noise
     between: FloatArray  # tau²
     shape: tuple[int, ...]  # of the batch
 
     def weight_at(self, k: int) -> FloatArray:
-        """Return the log weight of each node of the rater at a node of mu."""
+        """Return the log weights of the rater's nodes at node k of mu."""
         terms = self.terms
         return self.others[k] + terms.log_term - 0.5 * terms.precision * (terms.gap - self.mu[k][:, None]) ** 2
 
     def score_at(self, k: int) -> FloatArray:
-        """Return the row's place in its law given the node, as a standard normal score."""
-        # the scale is drawn towards the other rows' mean
+        """Return the standard normal score of each row given the rater's nodes at node k of mu."""
+        # the scale is shrunk towards the mean of the other rows
         shrunk = self.between * self.terms.precision
         sd = np.sqrt(self.variance + self.between * (1.0 - shrunk))
         mu = self.mu[k][:, None]
@@ -202,7 +202,7 @@ class _LeftOut(NamedTuple):
 class OwnAnswers(LogRatings):
     """Positive ratings under an `OwnAnswersModel`; mu, raters' scales, exponents and noise are integrated out.
 
-    Parameters and errors as `LogRatings`; `nodes` by default suit the numbers of raters and of their ratings.
+    Parameters and errors are those of `LogRatings`; default `nodes` depend on the numbers of raters and ratings.
     """
 
     model: OwnAnswersModel
@@ -228,7 +228,10 @@ class OwnAnswers(LogRatings):
         return type(self)(values, self.design, self.model, self._over, self._asked)
 
     def without(self, rows: NDArray[np.bool_]) -> Self:
-        """Return the other ratings, with x still centred over all rows: p(y) = p(others) p(rows | others)."""
+        """Return the likelihood of the other ratings, with x still centred over all rows.
+
+        The joint density factorises as p(y) = p(others) p(rows | others).
+        """
         return type(self)(self.values[~rows], self.design.without(rows), self.model, self._over, self._asked)
 
     def finer(self) -> Self:
@@ -236,7 +239,7 @@ class OwnAnswers(LogRatings):
         return type(self)(self.values, self.design, self.model, self._over, self._nodes.finer())
 
     def log_likelihood(self, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
-        """Log density of all ratings together, shape (...); arguments as `LogRatings.log_likelihood`."""
+        """Log density of all ratings together, shape (...); arguments as for `LogRatings.log_likelihood`."""
 
         def whole(mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
             sums, spreads, shape = self._given(mean_rate, parameters)
@@ -251,7 +254,7 @@ class OwnAnswers(LogRatings):
         return in_pieces(whole, self._count * self._own.rows.size, mean_rate, parameters)[..., 0]
 
     def log_likelihood_participants(self, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
-        """Log density of all ratings of each participant given everybody else's, shape (draws, participants)."""
+        """Log density of each participant's ratings given those of all others, shape (draws, participants)."""
 
         def alone(mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
             sums, spreads, shape = self._given(mean_rate, parameters)
@@ -270,14 +273,14 @@ class OwnAnswers(LogRatings):
 
         def alone(mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
             left = self._left_out(mean_rate, parameters)
-            # each of both sums over nodes of its own: a surprising rating moves its rater's
+            # each sum has its own nodes, because an outlying rating shifts the nodes of its rater
             rest = log_sum(np.array([log_sum(left.weight_at(k), axis=0) for k in range(len(left.mu))]), axis=0)
             return (log_sum(left.joint, axis=0)[:, None] - rest - self._log).reshape(*left.shape, -1)
 
         return in_pieces(alone, self._loo_width, mean_rate, parameters)
 
     def below_loo(self, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
-        """Probability of a rating smaller than each one, given all the others, shape (..., rows)."""
+        """Probability of a smaller rating than the observed one given all the others, shape (..., rows)."""
 
         def below(mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
             left = self._left_out(mean_rate, parameters)
@@ -297,7 +300,7 @@ class OwnAnswers(LogRatings):
     def draw_effects(self, rng: np.random.Generator, mean_rate: FloatArray, parameters: RatingParameters) -> Effects:
         """Draws of mu, raters' exponents, noise and scales given the ratings, one for each point of the batch.
 
-        Exponents and noise are drawn given a node of mu, then mu and the scales exactly given these.
+        Exponents and noise are drawn given a node of mu; mu and the scales are then drawn exactly given these.
         """
 
         def drawn(mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
@@ -315,14 +318,14 @@ class OwnAnswers(LogRatings):
         return effects._replace(mu=found[..., 0] + math.log(self.model.centre))
 
     def residual(self, mean_rate: FloatArray, parameters: RatingParameters, effects: Effects) -> FloatArray:
-        """Return each log rating's residual given the effects, over its rater's noise relative to the typical one."""
+        """Return each log rating's residual given the effects, divided by its rater's relative noise."""
         expected = self.model.expected_log(self.design, self.drive(mean_rate, parameters), effects)
         errors = (self._log - expected) * np.exp(-effects.log_varsigma[..., self.design.participant])
         return self.model.error.normal_scores(errors, parameters)
 
     @property
     def _counts(self) -> tuple[int, int]:
-        """Numbers of nodes of exponents and noise."""
+        """Numbers of nodes for exponents and noise."""
         each = self._nodes.both if len(self.model.differ) > 1 else self._nodes.one
         return each if "gamma" in self.model.differ else 1, each if "varsigma" in self.model.differ else 1
 
@@ -335,7 +338,7 @@ class OwnAnswers(LogRatings):
         return 2 * self.design.n_rows * self._count
 
     def _given(self, mean_rate: FloatArray, parameters: RatingParameters) -> tuple[Sums, Spreads, tuple[int, ...]]:
-        """Return the raters' sums and the spreads with one axis of points, and their batch shape."""
+        """Return the raters' sums and the spreads, with the batch flattened to one axis, and the batch shape."""
         drive = self.drive(mean_rate, parameters)
         named = (parameters.tau, parameters.varsigma, *self.model.spreads(parameters))
         shape = np.broadcast_shapes(drive.shape[:-1], *(np.shape(v) for v in named))
@@ -356,7 +359,7 @@ class OwnAnswers(LogRatings):
         return modes, nodes, at_mu(self._terms(sums, spreads, modes), nodes.mu)
 
     def _left_out(self, mean_rate: FloatArray, parameters: RatingParameters) -> _LeftOut:
-        """Return what all others say of each row."""
+        """Return the law of each row given all others."""
         sums, spreads, shape = self._given(mean_rate, parameters)
         modes, nodes, raters = self._joint(sums, spreads)
         joint = nodes.log_weight + raters.sum(axis=-1)
@@ -371,7 +374,7 @@ class OwnAnswers(LogRatings):
         return _LeftOut(nodes.mu, joint, others, terms, gap, variance, spreads.scale**2, shape)
 
     def _without_each(self, sums: Sums, drive: FloatArray) -> Sums:
-        """Return the sums of each row's rater without the row, for every row."""
+        """Return, for every row, the sums of its rater without that row."""
         own = self._own.of_row
         rows: FloatArray = self._own.rows[own]
         left = np.maximum(rows - 1.0, 1.0)

@@ -1,6 +1,6 @@
-"""Pairs: which of two touches was the softer one, by a probit of their difference (model.md 9).
+"""Paired comparisons: choice of the softer of two touches, by a probit of their difference (model.md 9).
 
-A pair is a list of two places, so that tables, checks and files are those of `orders`; the noise is normal, and a share
+A pair is a list of two places, so that tables, checks and files are those of `orders`. The noise is normal, and a share
 of the answers may be guesses.
 """
 
@@ -31,9 +31,9 @@ IndexArray = NDArray[np.intp]
 
 @dataclass(frozen=True)
 class PairModel(OrderModel):
-    """A touch's latent softness is ± gamma x + e, x = log(N/N_ref + eps), e ~ N(0, varsigma²).
+    """Latent softness ± gamma x + e of a touch, x = log(N/N_ref + eps), e ~ N(0, varsigma²).
 
-    With lapses a share of the answers is a guess, right or wrong with probability 1/2.
+    With lapses, a share of the answers are guesses, correct with probability 1/2.
 
     Parameters
     ----------
@@ -59,7 +59,7 @@ class PairModel(OrderModel):
         return math.sqrt(2.0) * np.maximum(np.asarray(parameters.varsigma, float), LEAST_SPREAD)
 
     def chance(self, apart: FloatArray, parameters: RatingParameters | None = None) -> FloatArray:
-        """Return the chance of the first of two touches to be called the softer one; as `OrderModel.chance`."""
+        """Return the probability that the first of two touches is judged softer, as `OrderModel.chance`."""
         told = np.asarray(ndtr(apart))
         if parameters is None or not self.law.lapses:
             return told
@@ -69,17 +69,17 @@ class PairModel(OrderModel):
     def information(
         self, compared: Comparisons, drive: FloatArray, slopes: FloatArray, guesses: float = 0.0
     ) -> FloatArray:
-        """Return the expected information of answers to pairs, shape (d, d); arguments as `OrderModel.information`."""
+        """Return the expected information from answers to pairs, shape (d, d), as `OrderModel.information`."""
         return pair_information(compared, drive, slopes, guesses)
 
     def observe(self, ratings: ArrayLike, design: Design, stated: Stated | None = None) -> PairRatings:
-        """Return the likelihood of these answers; without lists, successive rows of a participant are pairs."""
+        """Return the likelihood of these answers; by default successive rows of a participant form pairs."""
         lists = _successive(design) if stated is None or stated.lists is None else stated.lists
         return PairRatings(ratings, design, self, lists=lists)
 
 
 class PairRatings(OrderRatings):
-    """Answers to pairs of touches under a `PairModel`; arguments as `OrderRatings`.
+    """Answers to pairs of touches under a `PairModel`; arguments as for `OrderRatings`.
 
     Raises
     ------
@@ -100,35 +100,35 @@ class PairRatings(OrderRatings):
         super().__init__(ratings, design, model, over, lists)
         if self._places.width > 2:
             raise InputError(f"ratings: a list holds {self._places.width} touches, expected pairs")
-        # two equal places say nothing
+        # a tie carries no information
         self._told = self._places.filled.all(axis=1) & (self._places.group[:, -1] > 0)
 
     def log_likelihood_loo(self, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
-        """Log probability of each touch's place given the other's, that of the pair, shape (..., rows)."""
+        """Log probability of each touch's place given the other touch, that of the pair, shape (..., rows)."""
         return self._by_list(mean_rate, parameters)[..., self._of_row]
 
     def below_loo(self, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
-        """Probability of a lower place than each touch's, plus half that of its own, shape (..., rows)."""
+        """Probability of a lower place than each touch's, plus half that of the observed place, shape (..., rows)."""
         own = np.exp(self.log_likelihood_loo(mean_rate, parameters))
         return np.where(self._upper, 1.0 - 0.5 * own, 0.5 * own)
 
     def _latent(self, rng: np.random.Generator, drive: FloatArray, parameters: RatingParameters) -> FloatArray:
-        """Return the numbers whose order is a simulated answer's, shape (..., rows); a guess puts two in any order."""
+        """Return simulated latent values whose order is the answer, shape (..., rows); a guess is a random order."""
         latent = super()._latent(rng, drive, parameters)
         guessed = rng.random((*latent.shape[:-1], len(self._list))) < self.model.guesses(parameters)[..., None]
         return np.where(guessed[..., self._of_row], rng.standard_normal(latent.shape), latent)
 
     def _place_among_earlier(self, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
-        """Return the distribution function of each touch's place given an earlier one's, shape (..., rows).
+        """Return the distribution function of each touch's place given the touch taken before it, shape (..., rows).
 
-        The touch of a pair that is taken first has no other one to compare it with: its number is drawn alone.
+        The first touch of a pair has nothing to be compared with; its value is a fixed random number.
         """
         own = np.exp(self.log_likelihood_loo(mean_rate, parameters))
         share = np.where(self._upper, 1.0 - own + self._shares * own, self._shares * own)
         return np.where(self._second, share, self._shares)
 
     def _by_list(self, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
-        """Return the log probability of each pair's answer, shape (..., pairs); 0 where there is no answer."""
+        """Return the log probability of each pair's answer, shape (..., pairs); 0 for ties."""
         worth = self._worth(mean_rate, parameters)
         if self._places.width < 2:
             return np.zeros(worth.shape[:-1])
@@ -141,14 +141,14 @@ class PairRatings(OrderRatings):
 
     @cached_property
     def _upper(self) -> NDArray[np.bool_]:
-        """Rows with the higher place of their pair, shape (rows,); of a tie both count as halves of it."""
+        """True for the row with the higher place of each pair, shape (rows,); False for ties."""
         found = np.zeros(self.design.n_rows, bool)
         found[self._places.row[self._told, 0]] = True
         return found
 
     @cached_property
     def _second(self) -> NDArray[np.bool_]:
-        """Rows that are taken after the other one of their pair, if that was told apart, shape (rows,)."""
+        """True for the row taken as the second of each pair, shape (rows,); False for ties."""
         pair, later = self._places.row[self._told], np.zeros(self.design.n_rows, bool)
         turn = self._turn[pair]
         later[pair[np.arange(len(pair)), turn.argmax(axis=1)]] = True
@@ -156,5 +156,5 @@ class PairRatings(OrderRatings):
 
 
 def _successive(design: Design) -> IndexArray:
-    """Return the lists of successive pairs of rows of each participant, shape (rows,)."""
+    """Return list indices that pair successive rows of each participant, shape (rows,)."""
     return design.participant * design.n_rows + index_within(design.participant) // 2

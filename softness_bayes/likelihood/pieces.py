@@ -1,4 +1,4 @@
-"""Computations over many draws in pieces, so that memory does not grow with draws times ratings."""
+"""Computations over many draws in chunks, so that memory does not grow with draws times ratings."""
 
 from __future__ import annotations
 
@@ -11,29 +11,29 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 ROOM = 1_000_000
-"""Largest number of elements of an array of a piece; a dozen such arrays are in use at once."""
+"""Largest number of elements of an array in a chunk; about a dozen such arrays exist at once."""
 
 
 def pieces(draws: int, width: int) -> list[slice]:
-    """Return slices of the draws, each of as many as fit into `ROOM` with ``width`` numbers for every draw."""
+    """Return slices of the draws such that ``width`` numbers per draw fit into `ROOM` for each slice."""
     size = max(1, ROOM // max(width, 1))
     return [slice(first, min(first + size, draws)) for first in range(0, draws, size)]
 
 
 def part_of(values: Any, piece: Any) -> Any:
-    """Return a NamedTuple with its arrays (draws, ...) restricted to some draws; numbers stay."""
+    """Return a NamedTuple with its arrays (draws, ...) restricted to some draws; numbers are unchanged."""
     return type(values)(*(value if np.ndim(value) == 0 else np.asarray(value)[piece] for value in values))
 
 
 def in_pieces(work: Callable[[Array, Any], Array], width: int, mean_rate: Array, parameters: Any) -> Array:
-    """Return ``work(mean_rate, parameters)``, of shape (..., columns), computed piece by piece.
+    """Return ``work(mean_rate, parameters)``, of shape (..., columns), computed in chunks.
 
     Parameters
     ----------
     work
         Function that treats every draw independently.
     width
-        Numbers that it holds for each draw.
+        Numbers that it keeps in memory for each draw.
     mean_rate
         Shape (..., conditions).
     parameters

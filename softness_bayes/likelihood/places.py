@@ -1,4 +1,4 @@
-"""Places in lists, side by side, and the probabilities of their orders after Plackett and Luce (model.md 9)."""
+"""Places in padded lists, and probabilities of their orders under the Plackett-Luce model (model.md 9)."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ FloatArray = NDArray[np.float64]
 IndexArray = NDArray[np.intp]
 
 MOST_TIED = 6
-"""Largest number of touches that share a place: the orders that they may have are summed, 2^n steps of it."""
+"""Largest number of tied touches; the sum over their possible orders takes 2^n steps."""
 
 
 class Tie(NamedTuple):
-    """Groups of so many equal places: their lists, and the first slot of each."""
+    """Groups of tied places, all of the same size: the list and the first slot of each group."""
 
     size: int
     of: IndexArray
@@ -27,22 +27,22 @@ class Tie(NamedTuple):
 
 @dataclass(frozen=True)
 class Places:
-    """Lists side by side, each from its top down, in slots of which shorter lists fill the first alone."""
+    """Lists as rows of one array, each from its top down; shorter lists leave the last slots empty."""
 
     row: IndexArray
-    """Row of each slot, shape (lists, slots); any row where there is none."""
+    """Row of each slot, shape (lists, slots); arbitrary for empty slots."""
     group: IndexArray
-    """Number of each slot's group of equal places, from the top down, likewise."""
+    """Index of each slot's group of tied places, from the top down, same shape."""
     present: NDArray[np.bool_]
-    """Whether there is a touch, likewise."""
+    """Whether the slot holds a touch, same shape."""
     filled: NDArray[np.bool_]
-    """Whether there was one before some were taken away, likewise."""
+    """Whether the slot held a touch before any were left out, same shape."""
     ties: tuple[Tie, ...]
-    """The groups of equal places, by their size."""
+    """The groups of tied places, by size."""
 
     @classmethod
     def of(cls, values: FloatArray, place: IndexArray) -> Places:
-        """Return the lists of rows with these values and indices of lists."""
+        """Return the lists for rows with these values and list indices."""
         order = np.lexsort((-values, place))
         slot, count = index_within(place[order]), np.bincount(place)
         shape = (count.size, int(count.max()))
@@ -65,7 +65,7 @@ class Places:
         return self.row.shape[1]
 
     def among(self, chosen: NDArray[np.bool_]) -> Places:
-        """Return the lists of some touches alone, shape (lists, slots)."""
+        """Return the lists restricted to the chosen touches, shape (lists, slots)."""
         return replace(self, present=self.filled & chosen)
 
     def without(self, slot: int) -> Places:
@@ -73,13 +73,13 @@ class Places:
         return self.among(np.arange(self.width) != slot)
 
     def by_row(self, values: FloatArray) -> FloatArray:
-        """Return values (..., lists, slots) by row, (..., rows)."""
+        """Return values (..., lists, slots) rearranged by row, shape (..., rows)."""
         found = np.empty((*values.shape[:-2], int(self.filled.sum())))
         found[..., self.row[self.filled]] = values[..., self.filled]
         return found
 
     def reordered(self, latent: FloatArray, values: FloatArray) -> FloatArray:
-        """Return the lists' places in the order of latent numbers (..., rows), of the same shape."""
+        """Return the lists' places sorted by latent values (..., rows), of the same shape."""
         drawn = np.where(self.filled, latent[..., self.row], -np.inf)
         rank = np.argsort(np.argsort(-drawn, axis=-1, kind="stable"), axis=-1, kind="stable")
         own = np.broadcast_to(values[self.row], rank.shape)
@@ -93,7 +93,7 @@ class Places:
         worth
             Log worths in the sense of Luce, shape (..., lists, slots).
         extra
-            Log worth of one more touch, which comes after the whole list, shape (..., lists).
+            Log worth of one additional touch, placed after the whole list, shape (..., lists).
         """
         worth = np.where(self.present, worth, -np.inf)
         rest = np.logaddexp.accumulate(worth[..., ::-1], axis=-1)[..., ::-1]
@@ -113,12 +113,12 @@ class Places:
         return found
 
     def log_chances(self, worth: FloatArray, slot: int) -> tuple[FloatArray, FloatArray]:
-        """Return log chances of the touches of one slot, which are absent here, given the order of the others.
+        """Return log probabilities of places for the touches of one slot, left out here, given the order of the others.
 
         Returns
         -------
         above, lower : ndarray, shape (..., lists)
-            Log probability to come below all groups above its own; and below the next group of those present, too.
+            Log probability of coming below all groups above its own, and of also coming below the next group present.
         """
         own = self.group[:, [slot]]
         each = self.log_factors(worth, worth[..., slot]) - self.log_factors(worth)
@@ -126,7 +126,7 @@ class Places:
         under = np.where(self.present & (self.group > own), self.group, self.group.max() + 1)
         least = under.min(axis=1, keepdims=True)
         upto = self.present & (self.group <= least)
-        # a tie's probability stands in its first slot, present or not
+        # the probability of a tie is stored in its first slot, present or not
         above = np.where(_of_groups(over, self.group), each, 0.0).sum(axis=-1)
         lower = np.where(_of_groups(upto, self.group), each, 0.0).sum(axis=-1)
         last = (least > self.group.max())[:, 0]
@@ -134,7 +134,7 @@ class Places:
 
 
 def index_within(groups: IndexArray) -> IndexArray:
-    """Return the index of each element among those of its group, in their order, shape (n,)."""
+    """Return the running index of each element within its group, shape (n,)."""
     order, count = np.argsort(groups, kind="stable"), np.bincount(groups)
     found = np.empty(groups.size, np.intp)
     found[order] = np.arange(groups.size) - np.repeat(np.cumsum(count) - count, count)
@@ -142,7 +142,7 @@ def index_within(groups: IndexArray) -> IndexArray:
 
 
 def _ties(new: NDArray[np.bool_], filled: NDArray[np.bool_]) -> tuple[Tie, ...]:
-    """Return the groups of equal places by their size; a group begins where ``new``, shape (lists, slots)."""
+    """Return the groups of tied places by size; a group starts where ``new`` is true, shape (lists, slots)."""
     of, first = np.nonzero(new)
     size = np.diff(np.append(np.flatnonzero(new), new.size))
     shared = filled[of, first] & (size > 1)
@@ -152,34 +152,34 @@ def _ties(new: NDArray[np.bool_], filled: NDArray[np.bool_]) -> tuple[Tie, ...]:
 
 
 def _of_groups(chosen: NDArray[np.bool_], group: IndexArray) -> NDArray[np.bool_]:
-    """Return the slots of the groups of which a member is chosen, shape (lists, slots)."""
+    """Return the slots of all groups with a chosen member, shape (lists, slots)."""
     same = group[:, :, None] == group[:, None, :]
     return np.asarray((same & chosen[:, None, :]).any(axis=-1))
 
 
 def _log_first(worth: FloatArray, present: NDArray[np.bool_], rest: FloatArray) -> FloatArray:
-    """Return the log probability that some touches come before all others, in whatever order.
+    """Return the log probability that some touches come before all others, in any order.
 
-    The first of them is one of each; then the others of them come before the rest likewise.
+    The sum is recursive: over the touch that comes first, and then over the orders of the remaining ones.
 
     Parameters
     ----------
     worth
         Their log worths, shape (..., k).
     present
-        Which of them there are, shape (groups, k).
+        Whether each of them is present, shape (groups, k).
     rest
-        Log of the total worth of all that come later, shape (...).
+        Log of the total worth of all later touches, shape (...).
     """
     size = worth.shape[-1]
     found = [np.zeros(rest.shape)]
     for subset in range(1, 2**size):
         members = [k for k in range(size) if subset >> k & 1]
         total = np.logaddexp(rest, np.logaddexp.reduce(worth[..., members], axis=-1))
-        with np.errstate(invalid="ignore"):  # where all of them are absent
+        with np.errstate(invalid="ignore"):  # if all of them are absent
             terms = [found[subset ^ (1 << k)] + worth[..., k] - total for k in members]
             ordered = np.logaddexp.reduce(np.stack(terms), axis=0)
-        # a subset with an absent member is the subset without it
+        # a subset with an absent member equals the subset without it
         for k in members:
             ordered = np.where(present[:, k], ordered, found[subset ^ (1 << k)])
         found.append(ordered)

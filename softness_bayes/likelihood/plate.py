@@ -1,4 +1,4 @@
-"""Likelihood of a rigid plate's forces on fingerpads, with every finger's own skin integrated out."""
+"""Likelihood of rigid-plate forces on fingerpads, with the skin of each finger integrated out."""
 
 from __future__ import annotations
 
@@ -27,22 +27,22 @@ Array = NDArray[np.float64]
 
 _LEAST_VARIANCE = 1e-100
 _LOG_TWO_PI = math.log(2.0 * math.pi)
-_WIDTH = 8  # numbers for each force and draw in leave-one-out densities
+_WIDTH = 8  # numbers per force and draw in leave-one-out densities
 
 
 class SkinParameters(NamedTuple):
-    """Skin of the typical finger, and spreads of fingers and forces; numbers or arrays of the batch shape (...)."""
+    """Skin of the typical finger, and spreads between fingers and of forces; numbers or arrays of batch shape (...)."""
 
     b: ArrayLike
     """Modulus at rest of the typical finger [Pa]."""
     m: ArrayLike
-    """Its stiffening ([-] or [1/m], as the reading of the displacement has it)."""
+    """Its stiffening ([-] or [1/m], depending on the displacement reading)."""
     tau_b: ArrayLike
     """Standard deviation of ln b between fingers [-]."""
     tau_m: ArrayLike
     """Standard deviation of m between fingers."""
     varsigma_f: ArrayLike
-    """Standard deviation of a force's log about its finger's [-]."""
+    """Standard deviation of a log force about the curve of its finger [-]."""
 
 
 class FingerEffects(NamedTuple):
@@ -62,12 +62,12 @@ FORCES = "forces"
 class PlateModel:
     """ln F = ln b_j + m_j u + c + e, with ln b_j ~ N(ln b, tau_b²), m_j ~ N(m, tau_m²) and e ~ N(0, varsigma_f²).
 
-    j is the finger; u and c are those of `plate_line`.
+    j is the finger; u and c are defined in `plate_line`.
 
     Parameters
     ----------
     shape, displacement
-        The fingertip, and the reading of its displacement.
+        Shape of the fingertip, and the displacement reading.
     """
 
     scale: ClassVar[Scale] = PLATE_FORCE
@@ -82,7 +82,7 @@ class PlateModel:
         return SkinParameters(*(values[name] for name in SkinParameters._fields))
 
     def error_sd(self, parameters: SkinParameters) -> Array:
-        """Return the standard deviation of a force's log about its finger's, shape (...)."""
+        """Return the standard deviation of a log force about the curve of its finger, shape (...)."""
         return np.asarray(parameters.varsigma_f, float)
 
     def typical(self, effects: FingerEffects, drive: Array) -> Array:
@@ -90,7 +90,7 @@ class PlateModel:
         return self.scale.natural(drive)
 
     def named_effects(self, effects: FingerEffects) -> Mapping[str, tuple[Array, tuple[str, ...]]]:
-        """Return the fingers' departures by their names in files, each with its axes beyond the batch's."""
+        """Return the fingers' deviations by their names in files, each with its axes after the batch axes."""
         return {"log_b_effect": (effects.log_b, ("finger",)), "m_effect": (effects.m, ("finger",))}
 
 
@@ -98,17 +98,17 @@ class FingerLaw(NamedTuple):
     """The normal law of each finger's deviations from the typical one given its forces."""
 
     mean: Array
-    """Of ln b and of m, shape (..., fingers, 2)."""
+    """Means of ln b and m, shape (..., fingers, 2)."""
     root: Array
     """A square root of the covariance: mean + root z for standard normal z, shape (..., fingers, 2, 2)."""
 
 
 class CompressionForces(Likelihood):
-    """Forces of a rigid plate under a `PlateModel`, fingers and noise integrated out.
+    """Rigid-plate forces under a `PlateModel`, with fingers and noise integrated out.
 
-    An orthogonal transformation of a finger's forces puts all information on its skin into two of them and leaves
-    noise in the others: a 2 x 2 normal law for each finger, in closed form. Fingers are the participants of the
-    design, and each force is its own condition.
+    An orthogonal transformation of a finger's forces concentrates all information about its skin in two components; the
+    others contain only noise. This gives a 2 x 2 normal law per finger in closed form. Fingers are the participants of
+    the design, and each force is a separate condition.
 
     Parameters
     ----------
@@ -117,9 +117,8 @@ class CompressionForces(Likelihood):
     finger
         Index of each row's finger, shape (rows,).
     n_fingers
-        Their number.
-    shape, displacement
-        As `PlateModel` takes them.
+        Number of fingers. shape, displacement
+            As for `PlateModel`.
 
     Raises
     ------
@@ -156,7 +155,7 @@ class CompressionForces(Likelihood):
         self._noise = np.zeros(n_fingers)
         for j in range(n_fingers):
             own = self.finger == j
-            # two rows of zeros, so that fingers with fewer than two forces need no special case
+            # two rows of zeros avoid a special case for fingers with fewer than two forces
             columns = np.vstack([np.column_stack([np.ones(own.sum()), self._line.slope[own]]), np.zeros((2, 2))])
             basis, self._turn[j] = np.linalg.qr(columns)
             padded = np.append(known[own], [0.0, 0.0])
@@ -188,7 +187,7 @@ class CompressionForces(Likelihood):
         return np.asarray(-0.5 * (noise + determinant + quadratic) - self._log.sum())
 
     def log_likelihood_participants(self, mean_rate: Array, parameters: SkinParameters) -> Array:
-        """Return the log density of each finger's forces, (..., fingers), which do not depend on other fingers."""
+        """Return the log density of each finger's forces, shape (..., fingers); fingers are independent."""
         law, rows = self._law(mean_rate, parameters), self.design.cells.sum(axis=1)
         variance = law.variance[..., None]
         noise = (rows - 2) * (_LOG_TWO_PI + np.log(variance)) + self._noise / variance
@@ -206,7 +205,7 @@ class CompressionForces(Likelihood):
         return in_pieces(density, _WIDTH * self.n_rows, mean_rate, parameters)
 
     def below_loo(self, mean_rate: Array, parameters: SkinParameters) -> Array:
-        """Return the probability of a smaller force than each one, given all the others, shape (..., rows)."""
+        """Return the probability of a smaller force than the observed one given all the others, shape (..., rows)."""
 
         def below(rate: Array, some: SkinParameters) -> Array:
             mean, sd = self._without_one(rate, some)
@@ -220,7 +219,7 @@ class CompressionForces(Likelihood):
         return np.asarray(np.log(b) + m * self._line.slope + self._line.offset + np.zeros((*mean_rate.shape[:-1], 1)))
 
     def predictor(self, mean_rate: Array, parameters: SkinParameters) -> Array:
-        """Return u of every row, which ln F follows with slope m, shape (rows,)."""
+        """Return u of every row, the regressor of ln F with slope m, shape (rows,)."""
         return self._line.slope
 
     def new_effects(
@@ -230,7 +229,7 @@ class CompressionForces(Likelihood):
         shape: tuple[int, ...],
         levels: Mapping[str, ArrayLike] | None = None,
     ) -> FingerEffects:
-        """Return departures of as many new fingers, of batch ``shape``; no effect is shared by all fingers."""
+        """Return deviations of the same number of new fingers, of batch ``shape``; there are no common effects."""
         spreads = (parameters.tau_b, parameters.tau_m)
         return FingerEffects(
             *(np.asarray(v, float)[..., None] * rng.standard_normal((*shape, self.n_fingers)) for v in spreads)
@@ -239,7 +238,7 @@ class CompressionForces(Likelihood):
     def with_new_participants(
         self, rng: np.random.Generator, parameters: SkinParameters, effects: FingerEffects
     ) -> FingerEffects:
-        """Return the departures of as many other fingers."""
+        """Return the deviations of the same number of new fingers."""
         return self.new_effects(rng, parameters, effects.log_b.shape[:-1])
 
     def draw_effects(self, rng: np.random.Generator, mean_rate: Array, parameters: SkinParameters) -> FingerEffects:
@@ -262,14 +261,14 @@ class CompressionForces(Likelihood):
         return FingerEffects(blank.log_b + tau_b**2 * pulled[..., 0], blank.m + tau_m**2 * pulled[..., 1])
 
     def finger_law(self, parameters: SkinParameters) -> FingerLaw:
-        """Return what the forces say of each finger's deviations from the typical one, at batch shape (...)."""
+        """Return the law of each finger's deviations from the typical one given its forces, for batch shape (...)."""
         law = self._law(NO_RESPONSE, parameters)
         shape = law.residual.shape[:-1]
         spread = np.stack(np.broadcast_arrays(*(np.asarray(v, float) for v in parameters[2:4])), axis=-1)
         spread = np.broadcast_to(spread[..., None, :], (*shape, 2))
-        reach = self._turn * spread[..., None, :]  # of one standard deviation of each departure, (..., fingers, 2, 2)
+        reach = self._turn * spread[..., None, :]  # effect of each deviation's standard deviation, (..., fingers, 2, 2)
         turned = np.swapaxes(reach, -1, -2) / law.variance[..., None, None, None]
-        # in standard deviations of the departures: spreads of 0 need no special case
+        # in standard deviations of the deviations, so that spreads of 0 need no special case
         covariance = np.linalg.inv(np.eye(2) + turned @ reach)
         mean = (covariance @ (turned @ law.residual[..., None]))[..., 0]
         return FingerLaw(spread * mean, spread[..., None] * np.linalg.cholesky(covariance))
@@ -288,14 +287,14 @@ class CompressionForces(Likelihood):
         return self.model.scale.natural(expected + self.model.error_sd(parameters)[..., None] * noise)
 
     def residual(self, mean_rate: Array, parameters: SkinParameters, effects: FingerEffects) -> Array:
-        """Return the log of each force less its finger's, shape (..., rows)."""
+        """Return each log force minus the expectation for its finger, shape (..., rows)."""
         errors = self._log - self.drive(mean_rate, parameters) - self._own(effects)
         return self.model.error.normal_scores(errors, parameters)
 
     def exponent(self, force: ArrayLike) -> Array:
-        """Return the exponent of forces (..., rows) against indentation within fingers, by least squares; shape (...).
+        """Return the least-squares exponent of force against indentation within fingers, shape (...).
 
-        It is NaN if no finger was pressed to two indentations.
+        Forces have shape (..., rows). The exponent is NaN if no finger has two different indentations.
         """
         count = np.maximum(np.bincount(self.finger, minlength=self.n_fingers), 1)
         member = (self.finger[:, None] == np.arange(self.n_fingers)) / count
@@ -311,7 +310,7 @@ class CompressionForces(Likelihood):
     def _without_one(self, mean_rate: Array, parameters: SkinParameters) -> tuple[Array, Array]:
         """Return mean and standard deviation of each log force given all the others, shape (..., rows).
 
-        The normal equations of a finger's deviations are sums over its other forces, so that nothing cancels.
+        The normal equations of a finger's deviations are summed over its other forces, which avoids cancellation.
         """
         z = np.column_stack([np.ones(self.n_rows), self._line.slope])
         others = (self.finger[:, None] == self.finger) & ~np.eye(self.n_rows, dtype=bool)
@@ -320,7 +319,7 @@ class CompressionForces(Likelihood):
         typical = self.drive(mean_rate, parameters)
         left = np.einsum("ij,...j,ja->...ia", others, self._log - typical, z) / variance[..., None]
         information = np.einsum("ij,ja,jb->iab", others, z, z) / variance[..., None, None]
-        own = scale * z  # each row's reach, in standard deviations of the departures
+        own = scale * z  # effect of each deviation on the row, in its standard deviations
         precision = np.eye(2) + scale[..., None] * information * scale[..., None, :]
         solved = np.linalg.solve(precision, np.stack([scale * left, np.broadcast_to(own, left.shape)], axis=-1))
         mean, reach = np.moveaxis((own[..., None] * solved).sum(axis=-2), -1, 0)
@@ -335,7 +334,7 @@ class CompressionForces(Likelihood):
         (r11, r12), r22 = self._turn[:, 0].T, self._turn[:, 1, 1]
         s, g, h = variance[..., None], tau_b[..., None] ** 2, tau_m[..., None] ** 2
         second = s + h * r22**2
-        # every term of the determinant is positive: nothing cancels
+        # every term of the determinant is positive, so there is no cancellation
         first_given = ((s + g * r11**2) * second + s * h * r12**2) / second
         gain = h * r12 * r22 / second
         apart = residual[..., 0] - gain * residual[..., 1]
@@ -343,7 +342,7 @@ class CompressionForces(Likelihood):
 
 
 class _Law(NamedTuple):
-    """The normal law of each finger's two turned forces."""
+    """The normal law of each finger's two transformed forces."""
 
     variance: Array  # of the noise
     residual: Array  # (..., fingers, 2)

@@ -1,4 +1,4 @@
-"""Raters whose fingers a plate has pressed: what the forces say of each one's skin, before any rating (model.md 9)."""
+"""Raters with plate forces on their own fingers: the law of each one's skin before any rating (model.md 9)."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ from softness_bayes.touch.finger_grid import SkinLaws
 
 @dataclass(frozen=True, eq=False)
 class PressedRaters:
-    """Raters of whom there are forces, too.
+    """Raters for whom there are also plate forces.
 
     Parameters
     ----------
     forces
         The forces.
     rater, finger
-        Index of each such person among the raters (-1 for one who is not among them), and among the fingers of the
-        forces; shape (people,).
+        Index of each such person among the raters (-1 for people who are not raters) and among the fingers of the
+        forces, shape (people,).
     """
 
     forces: CompressionForces
@@ -32,7 +32,7 @@ class PressedRaters:
 
     @classmethod
     def of(cls, forces: CompressionForces, raters: Sequence[str], pressed: Sequence[str]) -> PressedRaters | None:
-        """Return the people whose names are in both lists; None if there are none."""
+        """Return the people whose names occur in both lists; None if there are none."""
         place = {name: k for k, name in enumerate(pressed)}
         both = [(k, place[name]) for k, name in enumerate(raters) if name in place]
         if not both:
@@ -46,14 +46,14 @@ class PressedRaters:
         return self.rater.size
 
     def as_strangers(self) -> PressedRaters:
-        """Return the same people, none of whom is among the raters."""
+        """Return the same people as if none of them were raters."""
         return PressedRaters(self.forces, np.full_like(self.rater, -1), self.finger)
 
     def skins(self, names: Sequence[str], parameters: RatingParameters) -> SkinLaws:
-        """Return the laws of their skins given the forces, of what differs between raters (`names`).
+        """Return the laws of their skins given the forces, for the quantities that differ between raters (`names`).
 
-        Of what does not differ between raters in their ratings, the deviation is 0: a rater's m is then that of the
-        typical finger, and the law of ln b is over all that m may be in the forces.
+        Quantities that do not differ between raters have deviation 0. If m is one of them, a rater has the m of the
+        typical finger, and the law of ln b is marginal over m in the forces.
         """
         skin = SkinParameters(*(getattr(parameters, name) for name in SkinParameters._fields))
         law = self.forces.finger_law(skin)

@@ -1,4 +1,4 @@
-"""Resolutions of the integrals over raters' scales and the level, and the rules that they use (model.md 9)."""
+"""Resolutions and rules of the quadrature over raters' scales and the level (model.md 9)."""
 
 from __future__ import annotations
 
@@ -18,42 +18,42 @@ class Quadrature(NamedTuple):
     """Resolution of the integrals over raters' scales and the level."""
 
     points: int
-    """Chebyshev points at which a rater's log density is computed; 0 for its derivatives at one point alone."""
+    """Chebyshev points at which a rater's log density is computed; 0 to use only derivatives at one point."""
     scales: int
     """Nodes of each rater's scale."""
     levels: int
     """Nodes of the level."""
     settled: float
-    """Newton's method ends once no rater's mode moves by more than this, in its standard deviations."""
+    """Newton's method stops once no rater's mode moves by more than this, in its standard deviations."""
 
 
 FAST = Quadrature(0, 7, 5, 1.0)
-"""For raters with many ratings each."""
+"""Quadrature for raters with many ratings each."""
 FINE = Quadrature(24, 13, 9, 0.05)
-"""For raters with few ratings, and to measure the error of `FAST`."""
+"""Quadrature for raters with few ratings, and reference for the error of `FAST`."""
 FINEST = Quadrature(40, 13, 13, 0.01)
-"""To measure the error of `FINE`."""
+"""Reference for the error of `FINE`."""
 
 ROUGHLY = Quadrature(12, 9, 5, 0.6)
-"""For parameters at which derivatives do not suffice, far from the data."""
+"""Quadrature for parameters far from the data, where derivatives are not accurate enough."""
 DENSE, DENSER = Quadrature(0, 9, 0, 0.35), Quadrature(0, 13, 0, 0.2)
-"""For `dense_integrals.DenseIntegrals`, and to measure its error: nodes of zeta, and distance of points in standard
-deviations."""
+"""Resolution of `dense_integrals.DenseIntegrals`, and reference for its error: nodes of zeta, and spacing of points in
+standard deviations."""
 
 MANY_ROWS, FEW_ROWS = 20, 10
-"""Ratings of every rater from which `FAST` is used, and below which heavy tails need `DENSE`."""
+"""Smallest number of ratings per rater for which `FAST` is used, and below which heavy tails need `DENSE`."""
 
 
 def quadrature_for(count: FloatArray) -> Quadrature:
-    """Return the quadrature for raters with so many ratings each, shape (raters,)."""
+    """Return the quadrature for the given numbers of ratings per rater, shape (raters,)."""
     return FINE if count.min() < MANY_ROWS else FAST
 
 
 def finer_than(quadrature: Quadrature, count: FloatArray, law: ErrorLaw) -> Quadrature:
-    """Return a quadrature that measures the error of another one, for raters with so many ratings each."""
+    """Return a reference quadrature for the error of another one, given the numbers of ratings per rater."""
     if quadrature in (DENSE, DENSER):
         return DENSER
-    # equal, not the same: a law that came to a worker is a copy
+    # compared by equality, because a law sent to a worker is a copy
     if count.min() < FEW_ROWS and law != NORMAL:
         return DENSE
     return FINEST if quadrature == FINE else FINE
@@ -61,7 +61,7 @@ def finer_than(quadrature: Quadrature, count: FloatArray, law: ErrorLaw) -> Quad
 
 @cache
 def gauss_hermite(size: int) -> tuple[FloatArray, FloatArray]:
-    """Return nodes x and log weights of the integral of f(x), sum of exp(log weight) f(x): Gauss-Hermite."""
+    """Return Gauss-Hermite nodes x and log weights, such that the integral of f is the sum of exp(log weight) f(x)."""
     x, weight = hermegauss(size)
     return x, np.log(weight) + 0.5 * x**2
 

@@ -1,9 +1,9 @@
 """A normal vector with a common mean and random effects of participants and fabrics, all integrated out.
 
 y_i = v_c(i) + mu + s_p(i) + f_k(i) + e_i with mu ~ N(mean, sd²), s ~ N(0, tau²), f ~ N(0, omega²) and
-e ~ N(0, varsigma²); c, p and k are the condition, participant and fabric of row i. Every quantity follows
-from counts and means over the rows that are computed once, so that the cost of one evaluation does not depend
-on the number of rows. Sums of squares are never differences of larger ones.
+e ~ N(0, varsigma²); c, p and k are the condition, participant and fabric of row i. Every quantity follows from counts
+and means over the rows, computed once, so that the cost of one evaluation does not depend on the number of rows. Sums
+of squares are computed without cancellation.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from softness_bayes.likelihood.pieces import part_of, pieces
 
 FloatArray = NDArray[np.float64]
 
-_LEAST_VARIANCE = 1e-100  # far below any spread of ratings; the square of its inverse is still a number
+_LEAST_VARIANCE = 1e-100  # far below any spread of ratings, but its inverse square is still finite
 
 
 class Spreads(NamedTuple):
@@ -45,14 +45,14 @@ class Effects(NamedTuple):
 
 
 class LeaveOneOut(NamedTuple):
-    """The normal law of each row given all the others, arrays of shape (..., rows)."""
+    """Normal law of each row given all the others; arrays of shape (..., rows)."""
 
     mean: FloatArray
     sd: FloatArray
 
 
 class _Levels(NamedTuple):
-    """Law of participants' means given tau and varsigma."""
+    """Precisions of participants' means given tau and varsigma."""
 
     precision: FloatArray  # of each participant's mean without mu, (..., participants)
     total: FloatArray  # their sum W, (...)
@@ -65,7 +65,7 @@ class RandomEffects:
     Parameters
     ----------
     design
-        Who rated what.
+        Condition and participant of every row.
     values
         y of every row, shape (rows,).
     mean, sd
@@ -125,7 +125,7 @@ class RandomEffects:
             root, likely = self._fabric_posterior(offset, spreads, levels)
             diagonal = np.abs(np.diagonal(root, axis1=-2, axis2=-1))
             log_determinant = log_determinant + 2.0 * np.log(diagonal).sum(axis=-1)
-            # at the most probable fabrics the quadratic form is a sum of squares, in which errors enter squared
+            # at the most probable effects the quadratic form is a sum of squares, so errors enter only squared
             penalty = (likely**2).sum(axis=-1)
             offset = offset + omega[..., None] * likely @ self._fabrics.T
         quadratic = self._quadratic(offset, levels, variance) + penalty
@@ -248,7 +248,7 @@ class RandomEffects:
         return scaled - lost * unit * (unit * scaled).sum(axis=-1, keepdims=True)
 
     def _fabric_reach(self, levels: _Levels, variance: FloatArray) -> FloatArray:
-        """Rows of K F, which depend on participant and fabric only: (..., participants, fabrics, fabrics)."""
+        """Rows of K F, which depend only on participant and fabric: (..., participants, fabrics, fabrics)."""
         shares, each = self._fabric_shares, levels.precision / np.maximum(self._rows, 1.0)
         common = self.sd**2 * levels.shrinkage
         drawn = common[..., None] * (levels.precision @ shares)
@@ -265,7 +265,7 @@ def _variance(sd: ArrayLike) -> FloatArray:
 
 
 def _broadcast(offset: FloatArray, spreads: Spreads) -> list[FloatArray]:
-    """The arguments with one common batch shape, so that every point gets draws of its own."""
+    """The arguments broadcast to a common batch shape, so that every point gets independent draws."""
     shape = np.broadcast_shapes(offset.shape[:-1], *(np.shape(s) for s in spreads))
     batch = [np.broadcast_to(np.asarray(s, float), shape) for s in spreads]
     return [np.broadcast_to(offset, (*shape, offset.shape[-1])), *batch]

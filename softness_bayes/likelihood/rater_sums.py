@@ -1,4 +1,4 @@
-"""Sums over each rater's ratings: all that a normal law needs of them."""
+"""Sufficient statistics of each rater's ratings for a normal law."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ FloatArray = NDArray[np.float64]
 
 
 class RaterSums(NamedTuple):
-    """Numbers, means and scatter of the values of raters who have ratings; "raters" counts these alone."""
+    """Counts, means and scatter of each rater's values; the axis "raters" includes only raters with ratings."""
 
     participant: IndexArray
-    """Index of each rater among all participants, shape (raters,)."""
+    """Index of each rater within all participants, shape (raters,)."""
     rows: FloatArray
     """Number of each rater's rows, shape (raters,)."""
     cells: FloatArray

@@ -1,4 +1,4 @@
-"""Common parts of the likelihoods of ratings: their parameters, their table, and the contract of their model."""
+"""Common parts of the likelihoods of ratings: parameters, table, and the contract of a rating model."""
 
 from __future__ import annotations
 
@@ -22,25 +22,25 @@ RATINGS = "ratings"
 """Name of the ratings among the terms of a posterior."""
 
 SKIN = ("b", "m")
-"""Parameters of the chain that a rigid plate knows, too."""
+"""Parameters of the forward model that rigid-plate forces depend on, too."""
 
 OF_FORCES = (*SKIN, "varsigma_f")
-"""Fields of `RatingParameters` that forces of a plate have, and ratings where the same fingers were pressed."""
+"""Fields of `RatingParameters` used for plate forces, and for ratings by people with plate forces."""
 
 
 class RatingParameters(NamedTuple):
-    """Parameters of all rating models, each a number or an array (...); NaN for those that a model does not have."""
+    """Parameters of all rating models, each a number or an array (...); NaN if not in the model."""
 
     gamma: ArrayLike
     """Exponent of the rating [-]."""
     tau: ArrayLike
     """Standard deviation of participants' rating scales, in the log [-]."""
     varsigma: ArrayLike
-    """Standard deviation of a rating's log about its participant's [-]."""
+    """Standard deviation of a log rating about its expectation for the participant [-]."""
     omega: ArrayLike = 0.0
-    """Standard deviation of fabrics' own deviations in the log [-]."""
+    """Standard deviation of fabrics' deviations, in the log [-]."""
     eps: ArrayLike = 0.1
-    """Rate added to a silent fabric's [Hz]."""
+    """Rate added to that of every fabric, so that silent ones have a logarithm [Hz]."""
     tau_b: ArrayLike = 0.0
     """Spread of raters' ln b [-]."""
     tau_m: ArrayLike = 0.0
@@ -52,13 +52,13 @@ class RatingParameters(NamedTuple):
     lapse: ArrayLike = 0.0
     """Share of lapses among ratings [-]."""
     b: ArrayLike = np.nan
-    """Modulus at rest of the typical finger [Pa], where raters' own fingers were pressed; likewise the next two."""
+    """Modulus at rest of the typical finger [Pa], if raters have plate forces; the next two likewise."""
     m: ArrayLike = np.nan
     """Its stiffening ([-] or [1/m])."""
     varsigma_f: ArrayLike = np.nan
-    """Standard deviation of a force's log about its finger's [-]."""
+    """Standard deviation of a log force about the curve of its finger [-]."""
     gap_2: ArrayLike = 0.0
-    """Width of the second category, in the log [-]; likewise below."""
+    """Width of the second category, in the log [-]; the others likewise."""
     gap_3: ArrayLike = 0.0
     gap_4: ArrayLike = 0.0
     gap_5: ArrayLike = 0.0
@@ -74,7 +74,7 @@ class RatingParameters(NamedTuple):
 
     @classmethod
     def among(cls, values: Mapping[str, ArrayLike]) -> RatingParameters:
-        """Return the parameters from values by name; missing ones are NaN."""
+        """Return the parameters taken from values by name; missing ones are NaN."""
         return cls(*(values.get(name, np.nan) for name in cls._fields))
 
 
@@ -84,7 +84,7 @@ def log_rate(mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
 
 
 class RatingsModel(Model, Protocol):
-    """A model of ratings of any design."""
+    """An observation model of ratings, for any design."""
 
     @property
     def direction(self) -> RatingDirection:
@@ -93,7 +93,7 @@ class RatingsModel(Model, Protocol):
     def drive_at(
         self, elsewhere: FloatArray, design: Design, mean_rate: FloatArray, parameters: RatingParameters
     ) -> FloatArray:
-        """Return `Likelihood.drive` at other mean rates [Hz], shape (..., k), centred as the design's rows are."""
+        """Return `Likelihood.drive` at other mean rates [Hz], shape (..., k), centred over the design's rows."""
 
     def drive(self, design: Design, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
         """Return `Likelihood.drive` of a design's conditions, shape (..., conditions)."""
@@ -107,12 +107,12 @@ class RatingsModel(Model, Protocol):
         n_fabrics: int,
         levels: Mapping[str, ArrayLike] | None = None,
     ) -> Effects:
-        """Return effects of so many new participants and fabrics, as `Likelihood.new_effects` does."""
+        """Return effects of the given numbers of new participants and fabrics, as `Likelihood.new_effects` does."""
 
     def with_new_participants(
         self, rng: np.random.Generator, parameters: RatingParameters, effects: Effects
     ) -> Effects:
-        """Return these effects with as many participants drawn anew."""
+        """Replace all participants' effects with those of new participants."""
 
     def for_others(
         self,
@@ -122,14 +122,14 @@ class RatingsModel(Model, Protocol):
         n_participants: int,
         fabric: NDArray[np.intp],
     ) -> Effects:
-        """Return these effects for so many new participants, and for other fabrics.
+        """Return effects for a number of new participants and for other fabrics.
 
         Parameters
         ----------
         rng, parameters, effects, n_participants
-            Effects are those of `Likelihood.draw_effects`; what all ratings share stays as it is.
+            Effects are those of `Likelihood.draw_effects`; effects shared by all ratings are unchanged.
         fabric
-            Each fabric's index among those of `effects`, shape (fabrics,); a fabric of -1 is new, and drawn.
+            Each fabric's index among those of `effects`, shape (fabrics,); -1 stands for a new fabric, which is drawn.
         """
 
     def draw_ratings(
@@ -143,11 +143,11 @@ class RatingsModel(Model, Protocol):
         """Return a rating for every row of a design, shape (..., rows)."""
 
     def observe(self, ratings: ArrayLike, design: Design, stated: Stated | None = None) -> RatingsLikelihood:
-        """Return the likelihood of these ratings; of models of intervals, with what the ratings stand for."""
+        """Return the likelihood of these ratings; models of intervals also take the intervals that they represent."""
 
 
 class RatingsLikelihood(Likelihood):
-    """Ratings under a model, without the densities, which depend on the model.
+    """Base of likelihoods of ratings, without the densities, which depend on the model.
 
     Parameters
     ----------
@@ -158,7 +158,7 @@ class RatingsLikelihood(Likelihood):
     model
         The rating model.
     over
-        Design over whose rows the response is centred, if not over those of `design`.
+        Design over whose rows the response is centred; by default `design`.
 
     Raises
     ------
@@ -180,7 +180,10 @@ class RatingsLikelihood(Likelihood):
         return type(self)(values, self.design, self.model, self._over)
 
     def without(self, rows: NDArray[np.bool_]) -> Self:
-        """Return the other ratings, with x still centred over all rows: p(y) = p(others) p(rows | others)."""
+        """Return the likelihood of the other ratings, with x still centred over all rows.
+
+        The joint density factorises as p(y) = p(others) p(rows | others).
+        """
         return type(self)(self.values[~rows], self.design.without(rows), self.model, self._over)
 
     def drive(self, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
@@ -196,7 +199,7 @@ class RatingsLikelihood(Likelihood):
         return log_rate(mean_rate, parameters)
 
     def expected(self, mean_rate: FloatArray, parameters: RatingParameters, effects: Effects) -> FloatArray:
-        """Return the typical rating of each condition of the design [as filed], shape (..., conditions)."""
+        """Return the typical rating of each condition of the design [as in the file], shape (..., conditions)."""
         drive = self.drive(mean_rate, parameters)[..., : self.design.n_conditions]
         return np.asarray(self.model.typical(effects, drive))
 
@@ -208,7 +211,7 @@ class RatingsLikelihood(Likelihood):
         drive: FloatArray,
         among: IndexArray | None = None,
     ) -> FloatArray:
-        """Return the typical rating of touches with these drives [as filed], shape (..., k).
+        """Return the typical rating of touches with these drives [as in the file], shape (..., k).
 
         Parameters
         ----------
@@ -217,7 +220,8 @@ class RatingsLikelihood(Likelihood):
         drive
             Drives of the touches, shape (..., k).
         among
-            Conditions of the design among which the touches are met, where ratings are comparisons; by default all.
+            If ratings are comparisons, the conditions of the design with which the touches are compared; by default
+            all.
         """
         return np.asarray(self.model.typical(effects, drive))
 
@@ -236,50 +240,50 @@ class RatingsLikelihood(Likelihood):
     def with_new_participants(
         self, rng: np.random.Generator, parameters: RatingParameters, effects: Effects
     ) -> Effects:
-        """Return these effects with as many participants drawn anew."""
+        """Replace all participants' effects with those of new participants."""
         return self.model.with_new_participants(rng, parameters, effects)
 
     @property
     def raters(self) -> int:
-        """Number of raters: of the participants, or of a panel whose means the ratings are."""
+        """Number of raters: that of participants, or that of a panel if the ratings are means."""
         return self.design.n_participants
 
     @property
     def single(self) -> RatingsModel:
-        """The model of single raters' ratings; another one than `model` where the ratings are means of panels."""
+        """The model of ratings by single raters; differs from `model` if the ratings are means of panels."""
         model: RatingsModel = self.model
         return model
 
     @property
     def ends(self) -> tuple[FloatArray, FloatArray] | None:
-        """Ends of the intervals that the ratings stand for, each (rows,); None if they are exact numbers."""
+        """Ends of the intervals that the ratings represent, each (rows,); None if ratings are exact numbers."""
         return None
 
     @property
     def load_errors(self) -> LoadErrors | None:
-        """The loads beside the stated ones whose responses are needed; None where loads are exact."""
+        """The additional loads at which responses are needed; None if loads are exact."""
         return None
 
     def with_pressed(self, pressed: Any) -> Self:
-        """Return the likelihood given forces on raters' own fingers; the same where raters have the typical one.
+        """Return the likelihood given plate forces on raters' fingers; unchanged if all raters have the typical finger.
 
         Parameters
         ----------
         pressed
-            `pressed.PressedRaters`, or None where nobody was pressed.
+            `pressed.PressedRaters`, or None if there are no plate forces.
         """
         return self
 
     def of_strangers(self) -> Self:
-        """Return the likelihood of the same ratings by people who were not pressed, of as many mean rates."""
+        """Return the likelihood if nobody had plate forces, with the same columns of mean rates."""
         return self
 
     def skins_of_pressed(self, parameters: RatingParameters) -> SkinLaws | None:
-        """Return what forces say of the skins of pressed raters, if that is known of anybody."""
+        """Return the laws of the raters' skins given their plate forces; None if there are none."""
         return None
 
     def finer(self) -> Self:
-        """Return the same likelihood with finer numerical integrals, if it has any."""
+        """Return the same likelihood with finer numerical integration, where it uses any."""
         return self
 
     def replicate(

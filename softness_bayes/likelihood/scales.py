@@ -1,7 +1,7 @@
-"""The scales of observed numbers: magnitude estimates, z-scores, forces of a plate (model.md 9).
+"""Scales of observations: magnitude estimates, z-scores, plate forces and others (model.md 9).
 
-A scale describes the observations; an `error_laws.ErrorLaw` describes their errors. `models` contains the
-observation model of each pair. This module is light, for the command line: it imports NumPy on first use.
+A scale describes the observations; an `error_laws.ErrorLaw` describes their errors. `models` contains the observation
+model for each combination. For a fast command line, this module imports NumPy only on first use.
 """
 
 from __future__ import annotations
@@ -19,10 +19,10 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 LARGEST_LOG_RATING = 700.0
-"""Largest absolute log rating that is drawn or predicted: floating point ends at 709.78."""
+"""Largest absolute log rating that is drawn or predicted; exp overflows at 709.78."""
 
 LARGEST_LOG_ODDS = 30.0
-"""Largest absolute log odds of a share that is drawn or predicted: 1 - 1e-13, which floating point tells from 1."""
+"""Largest absolute log odds of a share that is drawn or predicted: 1 - 1e-13 is still distinct from 1."""
 
 STANDARDISED_MEAN, STANDARDISED_SD = 1.0, 3.0
 """Largest absolute mean, and largest standard deviation, of ratings that can be z-scores."""
@@ -33,7 +33,7 @@ class Filed(Protocol):
 
     @property
     def rating(self) -> NDArray[np.float64]:
-        """Ratings as filed, shape (rows,)."""
+        """Ratings as in the file, shape (rows,)."""
 
     @property
     def rows(self) -> NDArray[np.intp]:
@@ -54,9 +54,9 @@ class Filed(Protocol):
 
 @dataclass(frozen=True)
 class Scale:
-    """Scale of observed numbers.
+    """Scale of observations.
 
-    Effects of fabrics and participants add up in `additive` numbers of the observations, such as log ratings.
+    Effects of fabrics and participants are additive after the transformation `additive`, such as the logarithm.
 
     Parameters
     ----------
@@ -65,25 +65,25 @@ class Scale:
     meaning
         Meaning of an observation, for tables and help.
     suitable
-        Requirement on observations, in a word.
+        Requirement on observations, in one word.
     unit, short
-        Unit of an additive number, in sentences and in small figures.
+        Unit of the transformed observations, in sentences and in small figures.
     label
         Label of an axis of observations.
     mean
-        Name of the mean of observations whose additive numbers are averaged.
+        Name of the mean that averages transformed observations, such as geometric mean.
     axis
         Scale of such an axis: log or linear.
     drawn
-        Smallest and largest observation on such an axis with its margins and ticks.
+        Smallest and largest observation that such an axis can show, with margins and ticks.
     own_units
-        True if participants use their own rating scales, which tables and figures remove.
+        True if participants have individual rating scales, which tables and figures remove.
     additive, natural
-        Additive numbers of observations, and the inverse; arrays of any shape.
+        Transformation to the additive scale, and its inverse; arrays of any shape.
     require
         Raises `InputError`, naming file, row, column and value, for a table that is not on this scale.
     log_slope
-        Log of the slope of `natural`, at observations.
+        Log of the derivative of `natural`, at observations.
     """
 
     name: str
@@ -101,9 +101,9 @@ class Scale:
     require: Callable[[Filed], None]
     log_slope: Callable[[Any], NDArray[np.float64]]
     answer: str = ""
-    """What several rows make together, in a word, where they are one answer; empty where each row is an answer."""
+    """Word for several rows that form one answer; empty if each row is an answer."""
     model: Callable[[Any], Any] | None = None
-    """Makes the observation model of a direction, where scale and model are a user's own."""
+    """Constructor of the observation model, which takes a direction, for custom scales and models."""
 
 
 def _log(values: Any) -> NDArray[np.float64]:
@@ -139,7 +139,7 @@ def _logit(values: Any) -> NDArray[np.float64]:
 
 
 def _share(values: Any) -> NDArray[np.float64]:
-    """Return shares of log odds, clipped at `LARGEST_LOG_ODDS`, so that no share is 0 or 1."""
+    """Return shares from log odds, clipped at `LARGEST_LOG_ODDS`, so that no share is 0 or 1."""
     import numpy as np
 
     return 1.0 / (1.0 + np.exp(-np.clip(values, -LARGEST_LOG_ODDS, LARGEST_LOG_ODDS)))
@@ -184,7 +184,7 @@ def _require_standardised(table: Filed) -> None:
 
 
 def _accept(table: Filed) -> None:
-    """Accept every table: forces are checked row by row as they are read, and sliders by their ends."""
+    """Accept every table: forces are checked while they are read, and sliders by the ends of their scale."""
 
 
 MAGNITUDE = Scale(
@@ -273,11 +273,11 @@ PAIRS = replace(
 RATING_SCALES: Mapping[str, Scale] = MappingProxyType(
     {scale.name: scale for scale in (MAGNITUDE, STANDARDISED, SLIDER, CATEGORIES, RANKS, PAIRS, AGGREGATED)}
 )
-"""The readings of the rating scale, by name; the first is the default."""
+"""Rating scales by name; the first is the default."""
 
 
 OWN_SCALES = "ratings"
-"""Group of the scales, with their models, that installed packages supply."""
+"""Entry-point group of scales, with their models, in installed packages."""
 
 
 def scale_named(name: str) -> Scale:
@@ -300,7 +300,7 @@ def scale_named(name: str) -> Scale:
 
 
 def name_of_scale(scale: Scale) -> str:
-    """Return the name by which files and options know a scale: of a user's own, its importable name if it has one."""
+    """Return the name of a scale in files and options; for a custom scale, its importable name if it has one."""
     return scale.name if RATING_SCALES.get(scale.name) == scale else reference(scale) or scale.name
 
 
@@ -329,7 +329,7 @@ PLATE_FORCE = replace(
     own_units=False,
     require=_accept,
 )
-"""The scale of a rigid plate's force on a fingerpad; not a scale of ratings."""
+"""Scale of rigid-plate forces on a fingerpad; not a scale of ratings."""
 
 LOG_SD = replace(
     MAGNITUDE,
@@ -340,4 +340,4 @@ LOG_SD = replace(
     own_units=False,
     require=_accept,
 )
-"""The scale of standard deviations between raters; not a scale of ratings."""
+"""Scale of standard deviations between raters; not a scale of ratings."""

@@ -1,8 +1,8 @@
-"""Magnitude estimates whose loads err together: one factor for each load, the same in all its touches (model.md 9).
+"""Magnitude estimates with shared load errors: one factor per load, common to all its touches (model.md 9).
 
-The factor of a load is log-normal. Over it the response is taken as linear in the factor's logarithm, with the mean
-and the slope that it has over the factor's law; the factors are then integrated out in closed form, like the other
-effects. `OverFactors` takes the responses as they are, and is what the exactness check compares with.
+The factor of a load is log-normal. The response is linearised in the logarithm of the factor, with its mean and slope
+under the distribution of the factor; the factors are then integrated out in closed form, like the other effects.
+`OverFactors` uses the responses without linearisation and is the reference of the exactness check.
 """
 
 from __future__ import annotations
@@ -26,27 +26,27 @@ from softness_bayes.likelihood.ratings import RatingParameters
 FloatArray = NDArray[np.float64]
 
 POINTS = 256
-"""Vectors of factors that the reference sums over, a power of two."""
+"""Number of vectors of factors in the reference sum, a power of two."""
 
 FINE_NODES = (-4.0, -3.0, -2.0, -1.0, 1.0, 2.0, 3.0, 4.0)
-"""Loads of the reference beside the stated one, in standard deviations of a load's logarithm."""
+"""Loads of the reference other than the stated one, in standard deviations of the log load."""
 
 
 class SharedEffects(NamedTuple):
-    """Effects as `random_effects.Effects`, and the errors of the loads."""
+    """Effects as in `random_effects.Effects`, and the errors of the loads."""
 
     mu: FloatArray
     participant: FloatArray
     fabric: FloatArray
     load: FloatArray
-    """log of each load over the stated one, in its standard deviations, shape (..., loads)."""
+    """Log ratio of each load to the stated one, in its standard deviations, shape (..., loads)."""
 
 
 class _Factors(NamedTuple):
-    """The normal law of the factors given the ratings, and what they change."""
+    """The normal law of the factors given the ratings, and their effects."""
 
     middle: FloatArray  # drive over the factors' law, (..., conditions)
-    slope: FloatArray  # change of the drive with the load's factor, (..., loads, conditions)
+    slope: FloatArray  # derivative of the drive with respect to the log factor, (..., loads, conditions)
     mean: FloatArray  # of the factors, (..., loads)
     information: FloatArray  # of the ratings on the factors, (..., loads, loads)
     pull: FloatArray  # gradient of the log density where the factors are 1, (..., loads)
@@ -54,14 +54,14 @@ class _Factors(NamedTuple):
 
 
 class SharedLoads(ErringLoads):
-    """Positive ratings under a `RatingModel`, one factor of each load integrated out beside all other effects.
+    """Positive ratings under a `RatingModel`, with one factor per load integrated out besides all other effects.
 
     Parameters
     ----------
     ratings, design, model, over
-        As of `LogRatings`.
+        As for `LogRatings`.
     errors
-        The loads beside the stated ones; its touches are the conditions, whose errors are those of their load.
+        The additional loads; touches are the conditions, each with the error of its load.
     load
         Index of each condition's load, shape (conditions,).
     """
@@ -83,7 +83,7 @@ class SharedLoads(ErringLoads):
 
     @classmethod
     def of(cls, observed: LogRatings, log_sd: float, load: ArrayLike) -> SharedLoads:
-        """Return the likelihood of the same ratings whose loads err together.
+        """Return the likelihood of the same ratings with shared load errors.
 
         Parameters
         ----------
@@ -105,12 +105,12 @@ class SharedLoads(ErringLoads):
         return type(self)(values, self.design, self.model, self.errors, self.load, self._over)
 
     def without(self, rows: NDArray[np.bool_]) -> Self:
-        """Return the other ratings, with x still centred over all rows."""
+        """Return the likelihood of the other ratings, with x still centred over all rows."""
         errors = self.errors.without(rows)
         return type(self)(self.values[~rows], self.design.without(rows), self.model, errors, self.load, self._over)
 
     def finer(self) -> OverFactors:
-        """Return the likelihood that takes the responses as they are, summed over the factors."""
+        """Return the reference likelihood, summed over the factors without linearisation."""
         errors = self.errors.at_nodes(FINE_NODES)
         return OverFactors(self.values, self.design, self.model, errors, self.load, self._over)
 
@@ -126,7 +126,7 @@ class SharedLoads(ErringLoads):
         law = self._factors(mean_rate, parameters)
         spreads = spreads_of(parameters)
         left = self._effects.leave_one_out(law.middle, spreads)
-        # rows of the inverse covariance, applied to the residuals and to what a factor changes
+        # rows of the inverse covariance, applied to the residuals and to the effects of the factors
         diagonal = left.sd**-2
         solved = (self._log - left.mean) * diagonal
         columns = []
@@ -140,7 +140,7 @@ class SharedLoads(ErringLoads):
         return LeaveOneOut(self._log - solved / diagonal, diagonal**-0.5)
 
     def log_likelihood_participants(self, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
-        """Log density of all ratings of each participant given everybody else's, shape (draws, participants)."""
+        """Log density of each participant's ratings given those of all others, shape (draws, participants)."""
 
         def alone(rate: FloatArray, some: RatingParameters) -> FloatArray:
             joint = self.log_likelihood(rate, some)
@@ -191,7 +191,7 @@ class SharedLoads(ErringLoads):
         effects: Effects,
         mean_rate: FloatArray | None = None,
     ) -> FloatArray:
-        """Return one rating for every row, shape (..., rows), under the loads of `effects` at these mean rates.
+        """Return one rating for every row, shape (..., rows), for the loads in `effects` and these mean rates.
 
         Raises
         ------
@@ -203,12 +203,12 @@ class SharedLoads(ErringLoads):
         return super().replicate(rng, drive + moved, parameters, effects, mean_rate)
 
     def _touched(self, mean_rate: FloatArray, parameters: RatingParameters, effects: Effects) -> FloatArray:
-        """Return the drive of each condition under the loads of `effects`."""
+        """Return the drive of each condition for the loads in `effects`."""
         middle, slope = self._line(mean_rate, parameters)
         return np.asarray(middle + (effects.load[..., None] * slope).sum(axis=-2))
 
     def _line(self, mean_rate: FloatArray, parameters: RatingParameters) -> tuple[FloatArray, FloatArray]:
-        """Return the drive's mean over the factors' law, and its change with each of them, (..., loads, conditions)."""
+        """Return mean and slope of the drive over the law of the factors, the slope (..., loads, conditions)."""
         lower, stated, higher = self.drives(mean_rate, parameters)
         middle = stated + OUTER * (higher + lower - 2.0 * stated)
         return middle, (OUTER * NODE * (higher - lower))[..., None, :] * self._member
@@ -216,7 +216,8 @@ class SharedLoads(ErringLoads):
     def _factors(self, mean_rate: FloatArray, parameters: RatingParameters) -> _Factors:
         """Return the law of the factors.
 
-        The log density is quadratic in the factors: values at 0, at each of them and at pairs of them are all of it.
+        The log density is quadratic in the factors, so values at 0, at each factor and at pairs of factors determine
+        it.
         """
         middle, slope = self._line(mean_rate, parameters)
         spreads, loads = spreads_of(parameters), slope.shape[-2]
@@ -236,10 +237,10 @@ class SharedLoads(ErringLoads):
 
 
 class OverFactors(SharedLoads):
-    """The same ratings with the responses as they are, summed over vectors of factors: the reference of the line.
+    """The same ratings summed over vectors of factors, without linearisation: the reference of `SharedLoads`.
 
-    Between the loads of `errors.nodes` the drive is interpolated. The vectors are spread evenly over the normal law
-    that the line gives the factors, and weighted: where the response is a line, the sum is exact.
+    The drive is interpolated between the loads of `errors.nodes`. The vectors are a weighted low-discrepancy sample of
+    the normal law of the factors under linearisation; if the response is linear, the sum is exact.
     """
 
     def log_likelihood(self, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
@@ -257,7 +258,7 @@ class OverFactors(SharedLoads):
             factor = law.mean + root @ step
             drive = _between(knots, every, factor[..., self.load])
             density = self._effects.log_density(drive, spreads)
-            # the prior of the factors over the law that they are drawn from
+            # ratio of the prior of the factors to their sampling density
             terms.append(density - 0.5 * (factor**2).sum(axis=-1) + 0.5 * (step**2).sum())
         terms_of = np.array(terms)
         largest = terms_of.max(axis=0)
@@ -274,7 +275,7 @@ class OverFactors(SharedLoads):
 
 
 def _between(knots: FloatArray, values: FloatArray, at: FloatArray) -> FloatArray:
-    """Return values (knots, ..., conditions) at points (..., conditions), by the cubic of four knots about each."""
+    """Interpolate values (knots, ..., conditions) at points (..., conditions), by cubics through four knots."""
     place = np.clip((at - knots[0]) / (knots[1] - knots[0]), 0.0, knots.size - 1.0)
     first = np.clip(place.astype(int), 1, knots.size - 3)
     t = place - first

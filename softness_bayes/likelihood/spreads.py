@@ -1,9 +1,9 @@
 """Standard deviations of log ratings between the raters of a panel, cell by cell (model.md 9).
 
-In a cell, the sum of squares of n raters' log ratings about their mean is varsigma² times a noncentral chi-square of
-n - 1 degrees of freedom, whose noncentrality is that of the raters' scales: u / varsigma², with u the sum of squares of
-the scales about their mean. All cells of a panel share u, and are independent given it; u / tau² is chi-square. So the
-joint density of a panel's standard deviations is one integral over u, and the means of the cells tell nothing of it.
+In a cell, the sum of squares of n raters' log ratings about their mean is varsigma² times a noncentral chi-square
+variable with n - 1 degrees of freedom and noncentrality u / varsigma², where u is the sum of squares of the raters'
+scales about their mean. All cells of a panel share u and are independent given u; u / tau² is chi-square. The joint
+density of a panel's standard deviations is therefore one integral over u, and is independent of the means of the cells.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ SPREADS = "spreads"
 """Name of the standard deviations among the terms of a posterior."""
 
 STEP = 0.45
-"""Distance of neighbouring nodes of the integral over u, in standard deviations of its logarithm given the data."""
+"""Node spacing of the integral over u, in standard deviations of log u given the data."""
 
 _LEAST_VARIANCE = 1e-100
 _NEWTON = 25
@@ -42,7 +42,7 @@ _LARGEST_MOVE, _SMALLEST_MOVE = 0.7, 1e-3
 
 
 class SpreadEffects(NamedTuple):
-    """Scatter of the raters of each panel, which all its cells share."""
+    """Scatter of the raters of each panel, common to all its cells."""
 
     scatter: FloatArray
     """u, the sum of squares of the raters' scales about their mean, shape (..., panels)."""
@@ -52,12 +52,12 @@ class SpreadEffects(NamedTuple):
 class SpreadModel:
     """(n - 1) S² = varsigma² noncentral chi-square(n - 1, u / varsigma²), u = tau² chi-square(n - 1).
 
-    S is the standard deviation of a cell's log ratings, u its panel's.
+    S is the standard deviation of a cell's log ratings; u belongs to its panel.
 
     Parameters
     ----------
     raters
-        n.
+        Number n of raters per panel.
     """
 
     scale: ClassVar[Scale] = LOG_SD
@@ -80,11 +80,11 @@ class SpreadModel:
         return np.ones_like(np.asarray(parameters.varsigma, float))
 
     def typical(self, effects: SpreadEffects, drive: FloatArray) -> FloatArray:
-        """Return the standard deviation of the raters' own scales, shape (..., k)."""
+        """Return the standard deviation of the raters' scales, shape (..., k)."""
         return np.sqrt(effects.scatter.mean(axis=-1) / self.freedom)[..., None] + 0.0 * drive
 
     def named_effects(self, effects: SpreadEffects) -> Mapping[str, tuple[FloatArray, tuple[str, ...]]]:
-        """Return the panels' scatter by its name, with its axis beyond the batch's."""
+        """Return the panels' scatter by its name, with its axis after the batch axes."""
         return {"scatter": (effects.scatter, ("participant",))}
 
 
@@ -92,7 +92,7 @@ class _Nodes(NamedTuple):
     """Nodes of the integrals over u, each field of shape (..., panels, nodes)."""
 
     scatter: FloatArray  # u
-    log_density: FloatArray  # of u and the panel's rows, times the distance of nodes
+    log_density: FloatArray  # log density of u and the panel's rows, times the node spacing
 
 
 class RaterSpreads(Likelihood):
@@ -147,7 +147,7 @@ class RaterSpreads(Likelihood):
         return self.log_likelihood_participants(mean_rate, parameters).sum(axis=-1)
 
     def log_likelihood_participants(self, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
-        """Return the log density of each panel's standard deviations, (..., panels): panels share nothing."""
+        """Return the log density of each panel's standard deviations, (..., panels); panels are independent."""
         return in_pieces(self._by_panel, self._width, mean_rate, parameters)
 
     def log_likelihood_loo(self, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
@@ -161,7 +161,7 @@ class RaterSpreads(Likelihood):
         return in_pieces(density, self._width, mean_rate, parameters)
 
     def below_loo(self, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
-        """Return the probability of a smaller standard deviation than each one, given all the others, (..., rows)."""
+        """Return the probability of a smaller standard deviation than each one given all others, shape (..., rows)."""
 
         def below(mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
             found = []
@@ -190,14 +190,14 @@ class RaterSpreads(Likelihood):
         shape: tuple[int, ...],
         levels: Mapping[str, ArrayLike] | None = None,
     ) -> SpreadEffects:
-        """Return the scatter of the scales of as many new panels, of batch ``shape``."""
+        """Return the scatter of scales for the same number of new panels, of batch ``shape``."""
         drawn = rng.chisquare(self.model.freedom, (*shape, self.design.n_participants))
         return SpreadEffects(np.asarray(parameters.tau, float)[..., None] ** 2 * drawn)
 
     def with_new_participants(
         self, rng: np.random.Generator, parameters: RatingParameters, effects: SpreadEffects
     ) -> SpreadEffects:
-        """Return the scatter of as many other panels."""
+        """Return the scatter for the same number of new panels."""
         return self.new_effects(rng, parameters, effects.scatter.shape[:-1])
 
     def draw_effects(
@@ -205,7 +205,7 @@ class RaterSpreads(Likelihood):
     ) -> SpreadEffects:
         """Return draws of the scatter given the standard deviations, one for each point of the batch.
 
-        They are drawn from the density at the nodes, linear in log u between them.
+        They are drawn from the density at the nodes, interpolated linearly in log u.
         """
         nodes = self._nodes(mean_rate, parameters, finer=4)
         log_density = nodes.log_density
@@ -246,11 +246,11 @@ class RaterSpreads(Likelihood):
 
     @property
     def _panels(self) -> list[tuple[int, int]]:
-        """Each row with its panel."""
+        """Pairs of row index and panel index, one for each row."""
         return list(enumerate(self.design.participant.tolist()))
 
     def _by_panel(self, mean_rate: FloatArray, parameters: RatingParameters, left_out: int | None = None) -> FloatArray:
-        """Return the log density of each panel's rows, without one of all rows if asked, (..., panels)."""
+        """Return the log density of each panel's rows, optionally without one row, shape (..., panels)."""
         return np.asarray(logsumexp(self._nodes(mean_rate, parameters, left_out).log_density, axis=-1))
 
     def _nodes(
@@ -258,7 +258,7 @@ class RaterSpreads(Likelihood):
     ) -> _Nodes:
         """Return the nodes of the trapezoidal rule in s = log(u / tau²) / 2, about the most probable s of each panel.
 
-        The density falls like exp((n - 1) s) to the left where the prior alone speaks, and faster elsewhere.
+        The density falls off like exp((n - 1) s) to the left, where only the prior matters, and faster elsewhere.
         """
         shape = np.broadcast_shapes(mean_rate.shape[:-1], np.shape(parameters.tau), np.shape(parameters.varsigma))
         variance = np.broadcast_to(_variance(parameters), shape)[..., None]
@@ -285,7 +285,7 @@ class RaterSpreads(Likelihood):
         return _Nodes(tau[..., None] ** 2 * square, log_weight + member.T @ rows)
 
     def _peak(self, unit: FloatArray, ratio: FloatArray, member: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the most probable s of each panel and its standard deviation, (..., panels), nearly.
+        """Return approximations of the most probable s of each panel and its standard deviation, (..., panels).
 
         Parameters
         ----------
@@ -294,7 +294,7 @@ class RaterSpreads(Likelihood):
         ratio
             tau² / varsigma², shape (..., 1).
         member
-            1 where a row is of a panel, shape (rows, panels).
+            1 if a row belongs to a panel, else 0, shape (rows, panels).
         """
         freedom, order = self.model.freedom, 0.5 * self.model.freedom - 1.0
         pull = 1.0 + ratio * member.sum(axis=0)

@@ -1,4 +1,4 @@
-"""Intervals that ratings stand for: grids of numbers, ratings of 0, and ends of sliders; lists of orders."""
+"""Intervals represented by ratings (grids of numbers, ratings of 0, ends of sliders), and lists of rank orders."""
 
 from __future__ import annotations
 
@@ -11,20 +11,22 @@ FloatArray = NDArray[np.float64]
 
 
 class Stated(NamedTuple):
-    """Ratings with the intervals that they stand for, or the lists that they are places in; fields are (rows,)."""
+    """Ratings with the intervals that they represent, or with their lists if they are places; fields are (rows,)."""
 
     values: FloatArray
-    """Ratings; stand-ins for those of 0, `limit` / 2, and at the upper end of a slider, halfway from `most` to it."""
+    """Ratings; those of 0 are replaced by `limit` / 2, those at a slider's upper end by the midpoint from `most` to
+    it."""
     step: FloatArray
     """Step of the rater's grid; 0 if numbers are exact."""
     limit: FloatArray
-    """Number below which the rater says 0: half a step; of exact numbers the rater's smallest, and 0 if none is 0."""
+    """Number below which the rater answers 0: half a step, or for exact numbers the rater's smallest; 0 without
+    zeros."""
     most: FloatArray
-    """Number above which the rater says 1, on a slider; infinite on an open scale."""
+    """Number above which the rater answers with the upper end of a slider; infinite on an open scale."""
     end: float = np.inf
     """Upper end of the scale."""
     lists: NDArray[np.intp] | None = None
-    """Index of the list that each row's place is in, shape (rows,); None if ratings are not places."""
+    """Index of the list that contains each row's place, shape (rows,); None if ratings are not places."""
 
     @property
     def exact(self) -> bool:
@@ -32,19 +34,19 @@ class Stated(NamedTuple):
         return self.lists is None and not (self.step.any() or self.limit.any() or (self.most < self.end).any())
 
     def take(self, rows: NDArray[np.bool_]) -> Stated:
-        """Return some of the rows."""
+        """Return a selection of the rows."""
         lists = None if self.lists is None else self.lists[rows]
         return Stated(self.values[rows], self.step[rows], self.limit[rows], self.most[rows], self.end, lists)
 
     def rounded(self, numbers: FloatArray) -> FloatArray:
-        """Return the ratings, as `values`, that would be given for numbers (..., rows)."""
+        """Return the ratings, in the form of `values`, that would be given for numbers (..., rows)."""
         step = np.where(self.step > 0, self.step, 1.0)
         on_grid = np.where(self.step > 0, np.floor(numbers / step + 0.5) * step, numbers)
         on_grid = np.where(numbers < self.limit, 0.5 * self.limit, on_grid)
         return np.where(numbers > self.most, self._top, on_grid)
 
     def ends(self, values: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the ends of the intervals that ratings (rows,), as `values`, stand for."""
+        """Return the ends of the intervals represented by ratings (rows,) in the form of `values`."""
         zero, top = values < self.limit, values > self.most
         low = np.where(zero, 0.0, np.maximum(values - 0.5 * self.step, self.limit))
         high = np.where(zero, self.limit, np.minimum(values + 0.5 * self.step, self.most))

@@ -1,7 +1,7 @@
-"""Magnitude estimates of touches whose loads are known up to an error (model.md 9).
+"""Magnitude estimates of touches with independent load errors (model.md 9).
 
-What the errors of the loads do to a rating's logarithm is taken as normal, with the mean and the variance that the
-response has over the load's law.
+The effect of a load error on a log rating is approximated as normal, with the mean and the variance of the response
+under the distribution of the load.
 """
 
 from __future__ import annotations
@@ -23,14 +23,14 @@ FloatArray = NDArray[np.float64]
 
 
 class UncertainLoads(ErringLoads):
-    """Positive ratings under a `RatingModel`, with mu, participants, fabrics and the loads' errors integrated out.
+    """Positive ratings under a `RatingModel`, with mu, participants, fabrics and load errors integrated out.
 
     Parameters
     ----------
     ratings, design, model, over
-        As of `LogRatings`.
+        As for `LogRatings`.
     errors
-        The errors of the loads. Mean rates are those of the conditions, and under the loads that `LoadErrors` says.
+        The errors of the loads. Mean rates are given at the stated loads, then at the further loads of `LoadErrors`.
     """
 
     effect = "spread"
@@ -53,12 +53,12 @@ class UncertainLoads(ErringLoads):
         return type(self)(values, self.design, self.model, self.errors, self._over)
 
     def without(self, rows: NDArray[np.bool_]) -> Self:
-        """Return the other ratings, with x still centred over all rows."""
+        """Return the likelihood of the other ratings, with x still centred over all rows."""
         errors = self.errors.without(rows)
         return type(self)(self.values[~rows], self.design.without(rows), self.model, errors, self._over)
 
     def moments(self, mean_rate: FloatArray, parameters: RatingParameters) -> tuple[FloatArray, FloatArray]:
-        """Return mean and variance of the drive over the law of each touch's load, each (..., touches)."""
+        """Return mean and variance of the drive under the distribution of each touch's load, each (..., touches)."""
         lower, stated, higher = self.drives(mean_rate, parameters)
         up, down = higher - stated, lower - stated
         shift = OUTER * (up + down)
@@ -73,7 +73,7 @@ class UncertainLoads(ErringLoads):
         return self._weighted.leave_one_out(self._law(mean_rate, parameters))
 
     def log_likelihood_participants(self, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
-        """Log density of all ratings of each participant given everybody else's, shape (draws, participants)."""
+        """Log density of each participant's ratings given those of all others, shape (draws, participants)."""
         density = self._weighted.log_density_participants(self._law(mean_rate, parameters))
         return density - np.bincount(self.design.participant, self._log, self.design.n_participants)
 
@@ -82,10 +82,10 @@ class UncertainLoads(ErringLoads):
         return self._weighted.draw_effects(rng, self._law(mean_rate, parameters))
 
     def residual(self, mean_rate: FloatArray, parameters: RatingParameters, effects: Effects) -> FloatArray:
-        """Return the residual of each log rating given the effects, shape (..., rows), in units that checks share.
+        """Return the residual of each log rating given the effects, shape (..., rows), scaled for the checks.
 
-        It is multiplied by varsigma over the row's own standard deviation, so that varsigma is the standard deviation
-        of all of them.
+        It is multiplied by varsigma and divided by the row's standard deviation, so that all residuals have standard
+        deviation varsigma.
         """
         mean, variance = self.moments(mean_rate, parameters)
         row, design = self.errors.of_row, self.design
@@ -103,7 +103,7 @@ class UncertainLoads(ErringLoads):
         effects: Effects,
         mean_rate: FloatArray | None = None,
     ) -> FloatArray:
-        """Return one rating for every row, shape (..., rows), spread by errors of the loads at these mean rates.
+        """Return one rating for every row, shape (..., rows), including load errors at these mean rates.
 
         Raises
         ------

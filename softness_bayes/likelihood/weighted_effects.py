@@ -1,9 +1,9 @@
-"""The law of `random_effects.RandomEffects` where the rows' errors differ in variance.
+"""The law of `random_effects.RandomEffects` for errors with unequal variances.
 
-y_i = v_c(i) + mu + s_p(i) + f_k(i) + e_i with e ~ N(0, variance_c(i)); the other effects are as there. Participants
-are independent given mu and the fabrics' effects, and each one's rows follow from their precision-weighted mean and
-their deviations from it. Sums of squares are never differences of larger ones; the cost of an evaluation grows with
-the pairs of participant and condition.
+y_i = v_c(i) + mu + s_p(i) + f_k(i) + e_i with e ~ N(0, variance_c(i)); the other effects are as defined there.
+Participants are independent given mu and the effects of fabrics, and the rows of each enter through their
+precision-weighted mean and their deviations from it. Sums of squares are computed without cancellation; the cost of an
+evaluation grows with the number of pairs of participant and condition.
 """
 
 from __future__ import annotations
@@ -22,12 +22,12 @@ from softness_bayes.likelihood.random_effects import Effects, LeaveOneOut, Sprea
 Array = NDArray[np.float64]
 
 _LOG_TWO_PI = math.log(2.0 * math.pi)
-_REFINED = 3  # Newton's steps: the first is exact up to rounding, which the others remove
+_REFINED = 3  # Newton steps: the first is exact up to rounding errors, which the others remove
 _LEAST_VARIANCE = 1e-100
 
 
 class Law(NamedTuple):
-    """Expectation, variances and spreads of the rows, each of a batch shape (...)."""
+    """Expectations, error variances and spreads of effects, each of batch shape (...)."""
 
     offset: Array
     """v of each condition, shape (..., conditions)."""
@@ -60,7 +60,7 @@ class _Fit(NamedTuple):
 
 
 class _Fabrics(NamedTuple):
-    """The law of g, omega g being the fabrics' effects: most probable values, and eigenvectors of the precision."""
+    """The law of g (omega g are the effects of fabrics): most probable values, and eigenvectors of the precision."""
 
     likely: Array  # (B, fabrics)
     root: Array  # V / sqrt(eigenvalues), (B, fabrics, fabrics)
@@ -74,7 +74,7 @@ class WeightedEffects:
     Parameters
     ----------
     design
-        Who rated what; rows of one condition share their expectation and their variance.
+        Condition and participant of every row; rows of one condition share their expectation and variance.
     values
         y of every row, shape (rows,).
     mean, sd
@@ -102,7 +102,7 @@ class WeightedEffects:
 
     @property
     def width(self) -> int:
-        """Numbers that are held for each draw."""
+        """Numbers kept in memory for each draw."""
         return self.n_rows + self._present.size * self.n_fabrics**2
 
     def log_density(self, law: Law) -> Array:
@@ -129,7 +129,7 @@ class WeightedEffects:
         others = weights.person[:, person] - single
         tau_squared = flat.participant[:, None] ** 2
         elsewhere = weights.total[:, None] - weights.precision[:, person]
-        # K_ii without fabrics: a sum of positive terms, however little the row leaves unknown
+        # K_ii without fabrics: a sum of positive terms, so there is no cancellation
         diagonal = (1.0 + others * tau_squared) * (1.0 + s_squared * elsewhere) + s_squared * others
         diagonal *= single * (weights.kept[:, person] * weights.shrinkage[:, None])
         likely = None
@@ -182,7 +182,7 @@ class WeightedEffects:
         return _Weights(single, pair, person, kept, precision, total, 1.0 / (1.0 + self.sd**2 * total))
 
     def _of_person(self, values: Array) -> Array:
-        """Return sums over each participant's pairs, which follow each other."""
+        """Return sums over each participant's pairs, which are adjacent."""
         return np.asarray(np.add.reduceat(values, self._first, axis=-1))
 
     def _fit(self, law: Law, weights: _Weights, g: Array | None = None) -> _Fit:
@@ -216,7 +216,7 @@ class WeightedEffects:
         return np.asarray((self._kind @ values.T).T).reshape(len(values), self._present.size, self.n_fabrics)
 
     def _fabrics(self, law: Law, weights: _Weights) -> _Fabrics:
-        """Return the law of g: its precision is I + omega² F'KF, a sum of terms that are not negative."""
+        """Return the law of g, with precision I + omega² F'KF, a sum of nonnegative terms."""
         omega, weight = law.fabric[:, None], self._of_fabric(weights.pair)
         share = weight / weights.person[..., None]
         within = -np.swapaxes(weight, 1, 2) @ share
@@ -228,7 +228,7 @@ class WeightedEffects:
         common = (weights.total * weights.shrinkage)[:, None, None] * centre[:, :, None] * centre[:, None, :]
         precision = within + np.swapaxes(scaled, 1, 2) @ scaled + common
         size, vectors = np.linalg.eigh(np.eye(self.n_fabrics) + omega[..., None] ** 2 * precision)
-        size = np.maximum(size, 1.0)  # its least value; rounding may fall short of it
+        size = np.maximum(size, 1.0)  # its lower bound, which rounding errors may violate
         root = vectors / np.sqrt(size)[:, None, :]
         g = np.zeros((len(size), self.n_fabrics))
         for _ in range(_REFINED):
@@ -243,7 +243,7 @@ class WeightedEffects:
         return (weights.pair * fit.within) @ self._member + (between[..., None] * share).sum(axis=1)
 
     def _reach(self, weights: _Weights, share: Array) -> Array:
-        """Return the rows of K F that a row of each pair has, (B, pairs, fabrics)."""
+        """Return the rows of K F for each pair, (B, pairs, fabrics)."""
         common = (self.sd**2 * weights.shrinkage)[:, None] * (weights.precision[..., None] * share).sum(axis=1)
         of_person = weights.kept[..., None] * (share - common[:, None]) - share
         return weights.single[..., None] * (self._member + of_person[:, self._person])
@@ -280,13 +280,13 @@ class WeightedEffects:
 
 
 def law_of(offset: Array, variance: Array, spreads: Spreads) -> Law:
-    """Return the law of rows of these expectations and variances; the spread of rows among `spreads` is not used."""
+    """Return the law of rows with these expectations and variances; varsigma in `spreads` is not used."""
     participant, _, fabric = (np.asarray(value, float) for value in spreads)
     return Law(offset, np.maximum(variance, _LEAST_VARIANCE), participant, fabric)
 
 
 def _flat(law: Law) -> tuple[tuple[int, ...], Law]:
-    """Return the batch shape, and the law with one axis for the whole batch."""
+    """Return the batch shape, and the law with the batch flattened to one axis."""
     shape = np.broadcast_shapes(law.offset.shape[:-1], law.variance.shape[:-1], law.participant.shape, law.fabric.shape)
     offset, variance = (np.broadcast_to(v, (*shape, v.shape[-1])).reshape(-1, v.shape[-1]) for v in law[:2])
     participant, fabric = (np.broadcast_to(v, shape).reshape(-1) for v in law[2:])

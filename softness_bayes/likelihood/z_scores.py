@@ -1,4 +1,4 @@
-"""Standardised ratings: z-scores as a straight line in the response (model.md 9)."""
+"""Standardised ratings: linear regression of z-scores on the response (model.md 9)."""
 
 from __future__ import annotations
 
@@ -25,22 +25,22 @@ from softness_bayes.parameters.priors import HalfNormal, Normal, Prior
 FloatArray = NDArray[np.float64]
 
 _LOG_TWO_PI = math.log(2.0 * math.pi)
-_LEAST_VARIANCE = 1e-100  # far below any spread of ratings; the square of its inverse is still a number
+_LEAST_VARIANCE = 1e-100  # far below any spread of ratings, but its inverse square is still finite
 _CONSTANT = 1e-9  # relative differences of rates below this are rounding errors
 
 
 class Line(NamedTuple):
-    """The line between response and rating, each of the batch shape (...)."""
+    """Regression line of rating on response, each field of batch shape (...)."""
 
     c0: FloatArray
     """Rating at the mean response."""
     c1: FloatArray
-    """Change of the rating, up or down by the direction, per standard deviation of the response; not negative."""
+    """Absolute change of the rating per standard deviation of the response; the direction gives the sign."""
 
 
 @dataclass(frozen=True)
 class StandardisedModel:
-    """y = c0 ± c1 x + e, x = N/N_ref standardised over the rows (0 where it does not vary).
+    """y = c0 ± c1 x + e, x = N/N_ref standardised over the rows (0 if it does not vary).
 
     c0 ~ N(0, 1), c1 ~ HalfNormal(1), e ~ N(0, varsigma²). Standardisation removes the participants' scales and
     origins, so that the model has neither participants nor an exponent. The sign is + under
@@ -72,7 +72,7 @@ class StandardisedModel:
     def drive_at(
         self, elsewhere: FloatArray, design: Design, mean_rate: FloatArray, parameters: RatingParameters
     ) -> FloatArray:
-        """As `drive`, at other mean rates [Hz], shape (..., k), standardised as the rows of the design are."""
+        """Return `drive` at other mean rates [Hz], shape (..., k), standardised over the rows of the design."""
         centre = (mean_rate @ design.weight)[..., None]
         spread = np.sqrt((mean_rate - centre) ** 2 @ design.weight)[..., None]
         varies = spread > _CONSTANT * centre
@@ -87,7 +87,7 @@ class StandardisedModel:
         n_fabrics: int,
         levels: Mapping[str, ArrayLike] | None = None,
     ) -> Line:
-        """Draws of the line from its prior, of batch ``shape``; c0 and c1 as given in `levels`, if so."""
+        """Prior draws of the line, of batch ``shape``; c0 and c1 in `levels` are used as given."""
         c0, c1 = ((levels or {}).get(name) for name in Line._fields)
         return Line(
             rng.standard_normal(shape) if c0 is None else np.broadcast_to(np.asarray(c0, float), shape),
@@ -106,7 +106,7 @@ class StandardisedModel:
         n_participants: int,
         fabric: NDArray[np.intp],
     ) -> Line:
-        """Return the same line: neither participants nor fabrics have effects of their own."""
+        """Return the same line: neither participants nor fabrics have effects."""
         return effects
 
     def draw_ratings(
@@ -123,20 +123,20 @@ class StandardisedModel:
         return expected + self.error_sd(parameters)[..., None] * noise
 
     def typical(self, effects: Line, drive: FloatArray) -> FloatArray:
-        """Expected rating where the response drives it by ``drive``, shape (..., k)."""
+        """Expected rating for a response term ``drive``, shape (..., k)."""
         return effects.c0[..., None] + effects.c1[..., None] * drive
 
     def named_effects(self, effects: Line) -> Mapping[str, tuple[FloatArray, tuple[str, ...]]]:
-        """Effects by their names in files, each with its axes beyond the batch's."""
+        """Effects by their names in files, each with its axes after the batch axes."""
         return {"c0": (effects.c0, ()), "c1": (effects.c1, ())}
 
     @property
     def levels(self) -> Mapping[str, Prior]:
-        """Priors of what is drawn after a run and shared by all ratings, by name."""
+        """Priors, by name, of quantities shared by all ratings and drawn after a run."""
         return {"c0": Normal(0.0, 1.0), "c1": HalfNormal(1.0)}
 
     def observe(self, ratings: ArrayLike, design: Design, stated: Stated | None = None) -> StandardisedRatings:
-        """These ratings under this model."""
+        """Return the likelihood of these ratings under this model."""
         return StandardisedRatings(ratings, design, self)
 
 
@@ -151,11 +151,11 @@ class StandardisedRatings(RatingsLikelihood):
     ratings
         y of every row of the design, shape (rows,).
     design
-        Who rated what.
+        Condition and participant of every row.
     model
         The rating model.
     over
-        Design over whose rows the response is standardised, if not over those of `design`.
+        Design over whose rows the response is standardised; by default `design`.
 
     Raises
     ------
@@ -187,7 +187,7 @@ class StandardisedRatings(RatingsLikelihood):
         mean_rate
             N/N_ref [Hz] of each condition, shape (..., conditions).
         parameters
-            Values of batch shape (...); varsigma alone is used.
+            Values of batch shape (...); only varsigma is used.
 
         Returns
         -------
@@ -196,7 +196,7 @@ class StandardisedRatings(RatingsLikelihood):
         fit = self._fit(mean_rate, parameters)
         n, variance = self.design.n_rows, fit.variance
         log_scale = (n - 1) * np.log(variance) + math.log(n) + np.log(fit.mean_variance) + np.log(fit.precision)
-        # the quadratic form at the most probable line is a sum of squares, and errors enter squared
+        # at the most probable line the quadratic form is a sum of squares, so errors enter only squared
         deviation = self._condition - fit.slope[..., None] * (fit.drive - fit.centre[..., None])
         squares = self._within + (deviation**2) @ self._count
         misfit = (self._mean - fit.slope * fit.centre) ** 2 / fit.mean_variance
@@ -206,7 +206,7 @@ class StandardisedRatings(RatingsLikelihood):
     def log_likelihood_loo(self, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
         """Log density of each rating given all the others, shape (..., rows).
 
-        It is the normal one of the line with c1 of either sign times Phi(t) / Phi(t without the rating).
+        It is the normal density for c1 of either sign, times Phi(t) / Phi(t without the rating).
         """
 
         def density(mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
@@ -217,9 +217,9 @@ class StandardisedRatings(RatingsLikelihood):
         return in_pieces(density, self.design.n_rows, mean_rate, parameters)
 
     def below_loo(self, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
-        """Probability of a rating smaller than each one, given all the others, shape (..., rows).
+        """Probability of a smaller rating than the observed one given all the others, shape (..., rows).
 
-        Rating and c1 are normal given the others, and correlated; c1 is kept positive.
+        Given the others, rating and c1 are jointly normal, truncated to positive c1.
         """
 
         def below(mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
@@ -230,7 +230,7 @@ class StandardisedRatings(RatingsLikelihood):
         return in_pieces(below, self.design.n_rows, mean_rate, parameters)
 
     def log_likelihood_participants(self, mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
-        """Log density of all ratings of each participant given everybody else's, shape (draws, participants)."""
+        """Log density of each participant's ratings given those of all others, shape (draws, participants)."""
 
         def density(mean_rate: FloatArray, parameters: RatingParameters) -> FloatArray:
             return self._participants(self._fit(mean_rate, parameters))
@@ -238,7 +238,7 @@ class StandardisedRatings(RatingsLikelihood):
         return in_pieces(density, self.design.n_rows, mean_rate, parameters)
 
     def _participants(self, fit: _Fit) -> FloatArray:
-        """Density by participant: the normal one of the line with c1 of either sign times Phi(t) / Phi(t without)."""
+        """Log density by participant: the normal one for c1 of either sign, plus log of Phi(t) / Phi(t without)."""
         cells, row, variance = self.design.cells, self.design.condition, fit.variance[:, None]
         rows, one, two = cells.sum(axis=1), fit.drive @ cells.T, fit.drive**2 @ cells.T
         summed = summing(self.design.participant, len(cells))
@@ -265,7 +265,7 @@ class StandardisedRatings(RatingsLikelihood):
         variance, slope, precision = (v[..., None] for v in (fit.variance, fit.slope, fit.precision))
         along = fit.centre[..., None] * n / (n + variance)
         intercept = (self._mean - slope * fit.centre[..., None]) * n / (n + variance)
-        # variance of the fitted value, and its covariance with c1, of every row: a condition without one has no part
+        # variance of the fitted value of every row, and its covariance with c1; conditions without rows do not enter
         row = self.design.condition
         reach = ((fit.drive - along) / precision)[..., row]
         left = variance - (variance / (n + variance) + reach**2 * precision)
@@ -282,7 +282,7 @@ class StandardisedRatings(RatingsLikelihood):
 
     def draw_effects(self, rng: np.random.Generator, mean_rate: FloatArray, parameters: RatingParameters) -> Line:
         """Exact draws of the line given the ratings, one for each point of the batch: c1, then c0."""
-        from scipy.stats import truncnorm  # imported here because it takes a third of a second
+        from scipy.stats import truncnorm  # imported here because the import takes a third of a second
 
         fit = self._fit(mean_rate, parameters)
         n = self.design.n_rows
@@ -314,12 +314,12 @@ class StandardisedRatings(RatingsLikelihood):
 
 
 class _Alone(NamedTuple):
-    """The law of each rating and c1 given all the other ratings; fields (..., rows) but the last."""
+    """The law of each rating and c1 given all the other ratings; fields are (..., rows) except the last."""
 
     deviate: FloatArray  # rating, in standard deviations from its mean
     sd: FloatArray  # of the rating
     without: FloatArray  # mean of c1 in standard deviations
-    correlation: FloatArray  # between both
+    correlation: FloatArray  # correlation of both
     with_all: FloatArray  # mean of c1 given all ratings, in standard deviations (...)
 
 
@@ -336,12 +336,12 @@ def bivariate_below(h: FloatArray, k: FloatArray, correlation: FloatArray) -> Fl
 
 
 class _Fit(NamedTuple):
-    """The normal law of c1 given ratings, before it is kept positive, and what leads to it."""
+    """The normal law of c1 given the ratings, before truncation to positive values, with intermediate results."""
 
     drive: FloatArray  # ± x of each condition
     variance: FloatArray  # varsigma²
-    centre: FloatArray  # mean of ± x over the rows: 0, unless some were taken away
+    centre: FloatArray  # mean of ± x over the rows: 0 unless rows were left out
     mean_variance: FloatArray  # variance of the mean rating given c1
     precision: FloatArray  # of c1
     slope: FloatArray  # mean of c1
-    deviate: FloatArray  # that mean in standard deviations
+    deviate: FloatArray  # mean of c1 in standard deviations
