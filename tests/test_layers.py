@@ -17,7 +17,7 @@ from support.paths import ROOT
 
 LAYERS = (
     {"errors"},
-    {"defaults", "files", "kinds", "ranges", "shares", "supplied"},
+    {"defaults", "files", "kinds", "ranges", "readable", "supplied"},
     {"arviz_bridge", "touch.neuron"},
     {"touch", "sampler"},
     {"data", "parameters"},

@@ -12,7 +12,7 @@ from scipy.special import chdtrc, chdtri
 from softness_bayes.likelihood.contract import Effects, Likelihood, Parameters
 from softness_bayes.likelihood.pieces import part_of, pieces
 from softness_bayes.likelihood.scales import MAGNITUDE
-from softness_bayes.shares import percent
+from softness_bayes.readable import percent
 
 Array = NDArray[np.float64]
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from softness_bayes.checking.quantities import Layout
 from softness_bayes.checking.trend import Correlation, Trend, find_trend, mean_correlation
 from softness_bayes.likelihood.directions import FALLS, FREE, RISES, RatingDirection
-from softness_bayes.shares import percent
+from softness_bayes.readable import percent
 
 WAY = {1: "rise", -1: "fall"}
 """The verb for the sign of a correlation of ratings with stiffness."""

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from softness_bayes import arviz_bridge
-from softness_bayes.shares import percent
+from softness_bayes.readable import percent
 
 Array = NDArray[np.float64]
 

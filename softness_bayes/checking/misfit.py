@@ -13,7 +13,7 @@ from softness_bayes.checking.flatness import Explained, explain
 from softness_bayes.checking.grouped import groups_in
 from softness_bayes.checking.quantities import Layout
 from softness_bayes.provenance import Provenance
-from softness_bayes.shares import chance, percent
+from softness_bayes.readable import chance, percent
 
 if TYPE_CHECKING:
     import xarray as xr

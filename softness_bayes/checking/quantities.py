@@ -127,6 +127,9 @@ class Layout:
             residual = y - condition[:, design.condition] - participant[:, design.participant]
             level = participant[:, present].mean(axis=-1, keepdims=True)
             participant = np.where(present, participant - level, np.nan)
+            # of complete orders and pairs every participant has the same mean
+            rounding = ROUNDING * np.abs(y).max(axis=-1, keepdims=True)
+            participant = np.where(np.abs(participant) < rounding, 0.0, participant)
             sd = np.sqrt((residual**2).sum(axis=-1) / freedom) if freedom > 0 else np.full(len(y), np.nan)
             fits.append((condition + level, participant, residual.min(axis=-1), residual.max(axis=-1), sd))
         return Additive(*(np.concatenate(v).reshape((*shape, *v[0].shape[1:])) for v in zip(*fits, strict=True)))
@@ -219,7 +222,8 @@ def _spread_of_participants(_: Layout, fit: Additive) -> FloatArray:
     present = fit.participant[..., np.isfinite(fit.participant).reshape(-1, fit.participant.shape[-1]).all(axis=0)]
     if present.shape[-1] < 2:
         return np.full((*present.shape[:-1], 1), np.nan)
-    return present.std(axis=-1, ddof=1, keepdims=True)
+    spread = present.std(axis=-1, ddof=1, keepdims=True)
+    return np.where(spread > 0.0, spread, np.nan)
 
 
 def _in_spreads(extreme: FloatArray, sd: FloatArray) -> FloatArray:

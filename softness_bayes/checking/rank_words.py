@@ -8,7 +8,7 @@ import numpy as np
 
 from softness_bayes.checking.rank_power import Least
 from softness_bayes.checking.ranks import FALSE_ALARM, LARGEST_WIDTH, Calibration
-from softness_bayes.shares import percent
+from softness_bayes.readable import percent
 
 
 def verdict(calibration: Calibration, size: str, decided: bool) -> str:

@@ -11,7 +11,7 @@ from softness_bayes.checking.grouped import groups_in
 from softness_bayes.checking.levelled import DOUBTFUL, NEEDED, Power, Tables, departs, fall, power
 from softness_bayes.checking.quantities import DROP, PLACE, TURNS_OVER, Additive, Columns, Layout, Quantity
 from softness_bayes.defaults import shown_of
-from softness_bayes.shares import percent
+from softness_bayes.readable import number, percent
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -127,10 +127,9 @@ def _seen(rows: dict[str, pd.Series]) -> str:
     row, place, beyond = rows[TURNS_OVER], rows[PLACE], rows.get(FALL)
     share = row["replicated"]
     if row["observed"]:
-        where = f", at {place['low']:.3g} to {place['high']:.3g} kPa" if np.isfinite(place["low"]) else ""
-        seen = (
-            f"the ratings turn over at {place['observed']:.3g} kPa (so do {percent(share)} of simulated tables{where})"
-        )
+        where = f", at {number(place['low'])} to {number(place['high'])} kPa" if np.isfinite(place["low"]) else ""
+        at, others = number(place["observed"]), f"so do {percent(share)} of simulated tables{where}"
+        seen = f"the ratings turn over at {at} kPa ({others})"
     else:
         seen = f"the ratings show no clear turn ({percent(share)} of simulated tables show one)"
     if beyond is not None and np.isfinite(beyond["observed"]):

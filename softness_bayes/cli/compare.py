@@ -11,7 +11,7 @@ from softness_bayes.cli.options.values import whole
 from softness_bayes.cli.running import executor_of, reading
 from softness_bayes.defaults import LEFT_OUT
 from softness_bayes.ranges import STEPS
-from softness_bayes.shares import percent
+from softness_bayes.readable import percent
 
 COMPARE, COMPARISON = "compare", "compare.csv"
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from softness_bayes.shares import percent
+from softness_bayes.readable import percent
 
 SPREADS = frozenset({"tau", "varsigma", "omega", "tau_b", "tau_m", "varsigma_f"})
 """Spreads of people, fabrics and ratings, which more of any of them narrows."""

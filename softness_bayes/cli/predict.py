@@ -24,7 +24,7 @@ from softness_bayes.cli.running import reading
 from softness_bayes.defaults import ANSWER_DRAWS, PRIOR_SET
 from softness_bayes.errors import InputError
 from softness_bayes.ranges import PANEL
-from softness_bayes.shares import percent
+from softness_bayes.readable import percent
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from softness_bayes.shares import percent
+from softness_bayes.readable import number, percent
 
 if TYPE_CHECKING:
     from softness_bayes.checking.misfit import Fit
@@ -97,11 +97,11 @@ def _print_ratings(result: Result, fit: Fit) -> None:
     if found.held_eps:
         click.echo(found.held_eps)
     click.echo(
-        f"numerical error of the response: at most {errors.numerical_error:.1e} of its peak over the draws; "
+        f"numerical error of the response: at most {number(errors.numerical_error, 2)} of its peak over the draws; "
         f"accuracy: {NOT_ASKED if model.accuracy is None else model.accuracy}"
     )
     click.echo(
-        f"error of the firing rates: at most {errors.firing_error:.1e} of the peak, if every receptor had the "
+        f"error of the firing rates: at most {number(errors.firing_error, 2)} of the peak, if every receptor had the "
         "largest error of its surface; their effect on the posterior:"
     )
     click.echo(errors.exactness)

@@ -17,7 +17,7 @@ from softness_bayes.cli.options.run import force, out, seed
 from softness_bayes.cli.options.tables import Touches, touches
 from softness_bayes.cli.options.values import Number, whole
 from softness_bayes.ranges import FINGERS, PARTICIPANTS, SLOPES, TYPICAL_RATINGS
-from softness_bayes.shares import percent
+from softness_bayes.readable import percent
 
 if TYPE_CHECKING:
     from softness_bayes.data import Fabrics

@@ -13,7 +13,7 @@ from softness_bayes.cli.options.values import FILE
 from softness_bayes.cli.running import reading
 from softness_bayes.defaults import ANSWER_DRAWS
 from softness_bayes.errors import InputError
-from softness_bayes.shares import chance, percent
+from softness_bayes.readable import chance, number, percent
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -104,7 +104,7 @@ def _said(rows: pd.DataFrame) -> str:
     """Say under one load whether the rating can be reached, and how."""
     one = rows.iloc[0]
     reach = f"a rating of {one['rating']:g} is reachable with probability {chance(one['p_reachable'])}"
-    span = f"the typical rater's ratings go from {one['least_rating']:.3g} to {one['largest_rating']:.3g}"
+    span = f"the typical rater's ratings go from {number(one['least_rating'])} to {number(one['largest_rating'])}"
     if not one["p_solution"]:
         return f"{reach}: {span}"
     ways = []
@@ -117,4 +117,4 @@ def _said(rows: pd.DataFrame) -> str:
 
 
 def _interval(row: pd.Series, name: str) -> str:
-    return f"{row[name]:.3g} ({row[f'{name}_low']:.3g} to {row[f'{name}_high']:.3g})"
+    return f"{number(row[name])} ({number(row[f'{name}_low'])} to {number(row[f'{name}_high'])})"

@@ -7,7 +7,7 @@ import numpy as np
 from softness_bayes.data.loads import LOAD_COLUMNS
 from softness_bayes.data.ratings import Ratings
 from softness_bayes.ranges import CATEGORIES_RANGE
-from softness_bayes.shares import percent
+from softness_bayes.readable import percent
 
 CLOSE = 0.02
 """Relative distance of two loads that may have been meant to be one."""

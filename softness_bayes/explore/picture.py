@@ -17,7 +17,7 @@ from softness_bayes.model.scenes import touch_parameters
 from softness_bayes.parameters.fabric_moduli import KPA
 from softness_bayes.plotting.panels import title
 from softness_bayes.plotting.response import HERTZ_LIMIT
-from softness_bayes.shares import percent
+from softness_bayes.readable import number, percent
 from softness_bayes.touch.pad import touch_profiles
 from softness_bayes.touch.parameters import TouchParameters
 from softness_bayes.touch.receptors import kink_distances
@@ -129,5 +129,5 @@ def _reach(subject: Subject, values: Mapping[str, float], chosen: Mapping[str, f
     if subject.rated is not None:
         low, high = subject.rated.span
         if not low * (1 - 1e-6) <= chosen["e_fab_kpa"] <= high * (1 + 1e-6):
-            said.append(f"This modulus is beyond those that were rated, {low:.3g} to {high:.3g} kPa.")
+            said.append(f"This modulus is beyond those that were rated, {number(low)} to {number(high)} kPa.")
     return said

@@ -12,6 +12,7 @@ from softness_bayes.likelihood.design import Design
 from softness_bayes.model.build import ExperimentModel, design_of
 from softness_bayes.model.posterior import Posterior
 from softness_bayes.ranges import Range
+from softness_bayes.readable import number
 from softness_bayes.touch.contact import Force, Indentation, Load
 from softness_bayes.touch.load_field import held
 from softness_bayes.touch.scene import Scene
@@ -80,8 +81,8 @@ def others(model: ExperimentModel) -> list[Planned]:
     ]
     moduli = now.scene.modulus
     stiffer, softer = moduli.max() * np.array(STEPS), moduli.min() / np.array(STEPS)
-    found.append(_with_fabrics(now, stiffer, f"three stiffer fabrics, up to {stiffer.max() / 1e3:.3g} kPa"))
-    found.append(_with_fabrics(now, softer, f"three softer fabrics, down to {softer.min() / 1e3:.3g} kPa"))
+    found.append(_with_fabrics(now, stiffer, f"three stiffer fabrics, up to {number(stiffer.max() / 1e3)} kPa"))
+    found.append(_with_fabrics(now, softer, f"three softer fabrics, down to {number(softer.min() / 1e3)} kPa"))
     return [one for one in found if one is not None]
 
 

@@ -62,7 +62,8 @@ def checks_figure(
     """Draw observed mean log ratings within the replicates' limits, and test quantities among their replicates.
 
     A bar contains 90 % of the replicates, over all conditions at once; a fabric outside of its bar is named.
-    Histograms show the replicates that have the quantity; of fewer than `FEW` each is a tick. The place of a turning
+    Histograms show the replicates that have the quantity; of fewer than `FEW` each is a tick. Quantities that neither
+    the data nor a replicate has are left out. The place of a turning
     point has a logarithmic axis.
 
     Parameters
@@ -70,7 +71,7 @@ def checks_figure(
     means
         One panel for each load.
     quantities
-        One panel each.
+        One panel each, if anything has it.
     scale
         Unit of the means.
     style
@@ -87,17 +88,24 @@ def checks_figure(
     InputError
         If there is nothing to show.
     """
-    if not means and not quantities:
+    shown = [one for one in quantities if np.isfinite(one.observed) or np.isfinite(one.replicates).any()]
+    if not means and not shown:
         raise InputError("predictive checks: nothing to show")
+    left = len(quantities) - len(shown)
+    more = (
+        f"left out, because these ratings and their replicates lack them: {left} of {len(quantities)} quantities"
+        if left
+        else ""
+    )
     with style.applied():
-        grid = free_panels(len(means) + len(quantities), style, columns=4, height=1.2)
+        grid = free_panels(len(means) + len(shown), style, columns=4, height=1.2)
         for axes, of_load in zip(grid.panels, means, strict=False):
             _draw_means(axes, of_load, style)
-        for place, (axes, quantity) in enumerate(zip(grid.panels[len(means) :], quantities, strict=True)):
+        for place, (axes, quantity) in enumerate(zip(grid.panels[len(means) :], shown, strict=True)):
             _draw_quantity(axes, quantity, style, str(place))
         for axes in grid.panels[: len(means) : grid.columns]:
-            axes.set_ylabel(f"mean rating [{scale}]")
-        legend_below(grid.figure, grid.panels)
+            axes.set_ylabel(f"mean rating\n[{scale}]")
+        legend_below(grid.figure, grid.panels, more)
     return grid.figure
 
 
@@ -110,7 +118,7 @@ def _draw_means(axes: Axes, means: Means, style: Style) -> None:
     for marks in (bars, points):
         name_rows(marks, means.fabrics)
     axes.set(xscale="log", title=means.load, xlabel=MODULUS_LABEL)
-    number_ticks(axes.xaxis)
+    number_ticks(axes.xaxis, narrow=True)
     outside = np.flatnonzero((means.observed < means.low) | (means.observed > means.high))
     for k in outside[:MOST_OUTSIDE] if means.fabrics else ():
         words = axes.annotate(
@@ -142,12 +150,12 @@ def _draw_quantity(axes: Axes, quantity: Replicated, style: Style, gid: str) -> 
     words = axes.text(0.98, 0.99, said, transform=axes.transAxes, ha="right", va="top", fontsize=style.small)
     words.set_bbox({"facecolor": "white", "edgecolor": "none", "pad": 1})
     axes.set(xlabel=quantity.name, yticks=(), xscale="log" if wide else "linear")
-    axes.set_ylim(0.0, 1.3 * top or 1.0)  # room for the words
+    axes.set_ylim(0.0, (1.7 if "\n" in said else 1.3) * top or 1.0)  # room for the words
     axes.spines["left"].set_visible(False)
     if yes_or_no:
         axes.set_xticks((0, 1), ("no", "yes"))
     elif wide:
-        number_ticks(axes.xaxis)
+        number_ticks(axes.xaxis, narrow=True)
 
 
 def _draw_histogram(axes: Axes, known: Array, edges: Array, style: Style, gid: str) -> float:

@@ -13,7 +13,7 @@ from softness_bayes.plotting.data import name_rows
 from softness_bayes.plotting.names import short_name
 from softness_bayes.plotting.panels import MODULUS_LABEL, Array, FreePanels, free_panels, legend_below, number_ticks
 from softness_bayes.plotting.style import USUAL, Style
-from softness_bayes.shares import percent
+from softness_bayes.readable import percent
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

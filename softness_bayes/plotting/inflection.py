@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from softness_bayes.plotting.panels import MODULUS_LABEL, WIDE, Array, check_loads, number_ticks, short, title
 from softness_bayes.plotting.style import USUAL, Style
-from softness_bayes.shares import percent
+from softness_bayes.readable import percent
 from softness_bayes.touch.contact import Load
 from softness_bayes.touch.load_groups import LoadGroup
 
@@ -127,8 +127,12 @@ def draw_margin(margin: Axes, inflection: Inflection, index: int, style: Style, 
     outcome = inflection.outcome[:, index]
     interior, silent = (float(np.mean(outcome == kind)) for kind in (Outcome.INTERIOR, Outcome.SILENT))
     said = f"turning point {percent(interior)}" + (f"\nsilent {percent(silent)}" if silent else "")
-    words = margin.text(0.0, 1.0, said, transform=margin.transAxes, va="top", gid=f"probability/{gid}")
-    words.set(color=style.inflection, fontsize=style.small)
+    # on the side away from the density
+    known = inflection.modulus[np.isfinite(inflection.modulus[:, index]), index] / 1e3
+    low, high = margin.get_xlim()
+    right = known.size > 0 and np.median(known) ** 2 < low * high
+    words = margin.text(1.0 if right else 0.0, 1.0, said, transform=margin.transAxes, gid=f"probability/{gid}")
+    words.set(color=style.inflection, fontsize=style.small, va="top", ha="right" if right else "left")
     margin.spines[["left", "bottom"]].set_visible(False)
     margin.tick_params(which="both", left=False, bottom=False, labelleft=False, labelbottom=False)
 

@@ -22,6 +22,9 @@ LONGEST = 18
 MEASURED = 8
 """Number of the names with most letters that are measured."""
 
+FOREIGN = 1.3
+"""Length of a letter that the usual font lacks, in sizes of the letters."""
+
 PITCH = 1.25
 """Distance of two names, in sizes of their letters."""
 
@@ -61,17 +64,23 @@ def _shared(names: Sequence[str]) -> int:
 
 def room_for(names: Sequence[str], style: Style) -> float:
     """Return the height that upright names take above a panel [in]; 0 without names."""
-    several = sorted(short_names(names), key=len)[-MEASURED:]
+    short = short_names(names)
+    several = {*sorted(short, key=len)[-MEASURED:], *sorted(short, key=lambda name: len(name.encode()))[-MEASURED:]}
     longest = max((_length(name, style.small) for name in several), default=0.0)
     return (longest + LEAD + SPARE) / 72.0 if names else 0.0
 
 
 @lru_cache(maxsize=4096)
 def _length(text: str, size: float) -> float:
-    """Return the length of a text [pt]."""
+    """Return the length of a text [pt]; letters that the usual font lacks are drawn by others, and wider."""
+    from matplotlib.font_manager import FontProperties, findfont, get_font
     from matplotlib.textpath import TextPath
 
-    return float(TextPath((0.0, 0.0), text, size=size).get_extents().width)
+    known = get_font(findfont(FontProperties())).get_charmap()
+    foreign = sum(ord(letter) not in known for letter in text)
+    usual = "".join(letter for letter in text if ord(letter) in known)
+    drawn = float(TextPath((0.0, 0.0), usual, size=size).get_extents().width) if usual.strip() else 0.0
+    return drawn + FOREIGN * size * foreign
 
 
 def apart(places: ArrayLike, distance: float) -> Array:

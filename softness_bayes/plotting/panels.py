@@ -33,7 +33,7 @@ WIDE = 6.0
 NARROWEST = 1.6
 """Smallest width of a panel with its own numbers and labels [in]."""
 
-LEAST_PLAIN, MOST_PLAIN = 0.005, 2e5
+LEAST_PLAIN, MOST_PLAIN = 0.0005, 2e5
 """Ends of a logarithmic axis between which ticks are plain numbers."""
 
 MODULUS_LABEL = r"fabric modulus $E_\mathrm{fab}$ [kPa]"
@@ -177,13 +177,17 @@ def draw_rug(axes: Axes, x: Array, style: Style, gid: str, names: Sequence[str] 
     name_rows(marks, names)
 
 
-def number_ticks(axis: Axis) -> None:
-    """Write the ticks of a logarithmic axis with set limits in one notation: plain numbers, or powers of ten."""
+def number_ticks(axis: Axis, narrow: bool = False) -> None:
+    """Write the ticks of a logarithmic axis with set limits in one notation: plain numbers, or powers of ten.
+
+    A narrow panel has fewer ticks.
+    """
     from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
     low, high = axis.get_view_interval()
     decades = np.log10(high) - np.log10(low)
-    marks = (1, 2, 3, 4, 6, 8) if decades < 1 else (1, 2, 5) if decades < 2 else (1,)
+    sets = ((1, 2, 5), (1, 3), (1,)) if narrow else ((1, 2, 3, 4, 6, 8), (1, 2, 5), (1,))
+    marks = sets[0] if decades < 1 else sets[1] if decades < 2 else sets[2]
     axis.set_major_locator(LogLocator(subs=marks, numticks=9))
     plain = low >= LEAST_PLAIN and high < MOST_PLAIN
     axis.set_major_formatter(FuncFormatter(_number if plain else _power))

@@ -9,7 +9,8 @@ import numpy as np
 from softness_bayes.checking.check_table import doubts, unreproduced_sentence
 from softness_bayes.files.run_files import FABRIC_RATINGS
 from softness_bayes.parameters.declared import EVERY_PARAMETER
-from softness_bayes.report.words import number, sentence, share
+from softness_bayes.readable import chance, number
+from softness_bayes.report.words import sentence
 from softness_bayes.results.result import Result
 
 RESPONSES, RATINGS = ("response", "response_ratio", "inflection"), ("rating", "rating_ratio")
@@ -36,7 +37,7 @@ def _content(result: Result, name: str) -> Iterator[str]:
     if name in RESPONSES:
         for load, row in result.inflection().iterrows():
             place = f", at {number(row['e_fab_kpa'])} kPa" if np.isfinite(row["e_fab_kpa"]) else ""
-            yield f"{load}: turning point with probability {share(row['p_interior'])}{place}."
+            yield f"{load}: turning point with probability {chance(row['p_interior'])}{place}."
     elif name in RATINGS and FABRIC_RATINGS in result.tables:
         for load, rows in result.tables[FABRIC_RATINGS].groupby(level="load", sort=False):
             rated = rows["rated"].droplevel("load").dropna()

@@ -10,6 +10,7 @@ from softness_bayes.checking.check_table import unreproduced_sentence
 from softness_bayes.checking.identifiability import information_sentences
 from softness_bayes.checking.levelled import DOUBTFUL
 from softness_bayes.defaults import in_words, shown_of
+from softness_bayes.readable import number
 from softness_bayes.report.findings import (
     Agreement,
     Convergence,
@@ -126,8 +127,8 @@ def _inputs(finding: InputErrors) -> str:
 
 def _errors(finding: FastModel) -> list[str]:
     numbers = (
-        f"Quadrature: {finding.numerical_error:.1e} of the peak response at most; "
-        f"firing rates: {finding.firing_error:.1e}, if every receptor had the largest error."
+        f"Quadrature: {number(finding.numerical_error, 2)} of the peak response at most; "
+        f"firing rates: {number(finding.firing_error, 2)}, if every receptor had the largest error."
     )
     weighted = "Summary and predictions are those of draws weighted by the exact likelihood."
     return [finding.sentence, numbers, *([weighted] if finding.reweighted else [])]

@@ -15,10 +15,10 @@ from softness_bayes.checking.sensitivity import INFORMED
 from softness_bayes.checking.softest import Softest, softest_fabrics
 from softness_bayes.likelihood.directions import FALLS, RISES
 from softness_bayes.parameters.declared import PARAMETERS
+from softness_bayes.readable import chance, number
 from softness_bayes.report.findings import exactness_of, input_errors_of
 from softness_bayes.report.words import with_error
 from softness_bayes.results.result import Result
-from softness_bayes.shares import chance
 
 LIKELY = 0.9
 """Probability from which the response is said to turn over, and one minus that up to which it is said not to."""
@@ -234,9 +234,9 @@ def _turned(turn: Turn) -> str:
         return f"at {turn.load} the response does not turn over (probability of a turn: {said})"
     if turn.probability < LIKELY:
         return f"at {turn.load} the data cannot tell whether the response turns over (probability: {said})"
-    limits = f"(90 % interval {turn.low:.3g} to {turn.high:.3g} kPa)"
+    limits = f"(90 % interval {number(turn.low)} to {number(turn.high)} kPa)"
     alone = ", though the ratings at this load alone cannot show it" if turn.reproduced is None else ""
-    return f"at {turn.load} the response turns over at E_fab = {turn.middle:.3g} kPa {limits}{alone}"
+    return f"at {turn.load} the response turns over at E_fab = {number(turn.middle)} kPa {limits}{alone}"
 
 
 def _known(one: Skin) -> str:
@@ -294,11 +294,11 @@ def _helpful(facts: Facts) -> str:
     if not places:
         return f"ratings of stiffer fabrics or by more participants at {at} would help to decide"
     if max(places) > stiffest:
-        return f"ratings at {at} of fabrics stiffer than {stiffest:.3g} kPa would help to decide"
+        return f"ratings at {at} of fabrics stiffer than {number(stiffest)} kPa would help to decide"
     if min(places) < softest:
-        return f"ratings at {at} of fabrics softer than {softest:.3g} kPa would help to decide"
+        return f"ratings at {at} of fabrics softer than {number(softest)} kPa would help to decide"
     around = float(np.median(places))
-    return f"ratings at {at} of more fabrics around {around:.3g} kPa, or by more participants, would help to decide"
+    return f"ratings at {at} of more fabrics around {number(around)} kPa, or by more participants, would help to decide"
 
 
 def _decided(turn: Turn) -> bool:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from softness_bayes.checking.turning_points import PERCENTS
 from softness_bayes.plotting.panels import title
 from softness_bayes.plotting.rating import observed_ratings
+from softness_bayes.readable import chance, number
 from softness_bayes.report.words import share
 from softness_bayes.results.result import Result
 
@@ -127,14 +128,15 @@ def _turn(row: Any, name: str) -> dict[str, list[float]]:
 
 
 def _told(load: str, row: Any, axis: Axis) -> str:
-    likely = f"the response turns over with probability {share(row['p_interior'])}"
-    likely += f" (prior: {share(row['prior_p_interior'])})" if np.isfinite(row["prior_p_interior"]) else ""
+    likely = f"the response turns over with probability {chance(row['p_interior'])}"
+    likely += f" (prior: {chance(row['prior_p_interior'])})" if np.isfinite(row["prior_p_interior"]) else ""
     name = "e_fab_kpa" if axis.name == "e_fab" else "ratio"
     if not np.isfinite(row[name]):
         return f"{load}: {likely}."
     within = share(PERCENTS[2] - PERCENTS[0])
     low, high = row[f"{name}_low"], row[f"{name}_high"]
-    return f"{load}: {likely}; if so at {row[name]:.3g} {axis.unit} ({within} interval {low:.3g} to {high:.3g})."
+    limits = f"{within} interval {number(low)} to {number(high)}"
+    return f"{load}: {likely}; if so at {number(row[name])} {axis.unit} ({limits})."
 
 
 def _rounded(values: Any) -> Array:

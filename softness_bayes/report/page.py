@@ -33,6 +33,7 @@ from softness_bayes.report.conclusion import conclude, facts_of
 from softness_bayes.report.curves import AXES, Shown, shown
 from softness_bayes.report.findings import Standing, findings
 from softness_bayes.report.repeat import repetition
+from softness_bayes.report.words import unbroken
 from softness_bayes.results.result import Result
 
 RESOLUTION = 150
@@ -135,6 +136,7 @@ def report_page(result: Result, own_figures: Sequence[str] = (), title: str = ""
         undefined=StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
+        finalize=unbroken,
     )
     environment.filters["opening"] = lambda said: f"{said[:1].upper()}{said[1:]}"
     result = _with_tables(result)
@@ -196,7 +198,9 @@ def subject(result: Result) -> str:
         loads = in_words([str(load) for load in result.loads])
         loads = loads if len(result.loads) > MOST_SHOWN else " and ".join(loads.rsplit(", ", 1))
         ratings = int(np.isfinite(result.group("observed_data")["rating"].values).sum())
-        parts.append(f"{ratings} ratings of {fabrics} fabrics by {people} participants under {loads}")
+        parts.append(
+            f"{ratings} ratings of {fabrics} fabrics by {people} participant{'s' * (people > 1)} under {loads}"
+        )
     if result.has_compression:
         forces, fingers = result.group("observed_data")["plate_force_n"].size, result.group("posterior").sizes["finger"]
         parts.append(f"{forces} forces of a rigid plate on {fingers} fingerpads")

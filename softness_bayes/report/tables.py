@@ -15,7 +15,8 @@ from softness_bayes.files.run_files import FABRIC_RATINGS
 from softness_bayes.parameters.declared import EVERY_PARAMETER
 from softness_bayes.parameters.priors import Prior, in_short
 from softness_bayes.provenance import NumericalErrors, Silence
-from softness_bayes.report.words import number, share, with_error
+from softness_bayes.readable import number
+from softness_bayes.report.words import share, with_error
 from softness_bayes.results.request import Request
 from softness_bayes.results.result import Result
 
@@ -237,8 +238,8 @@ def _data(result: Result) -> list[tuple[str, str]]:
 
 def _errors(errors: NumericalErrors, silence: Silence) -> list[tuple[str, str]]:
     return [
-        ("Response, share of its peak, at most", f"{errors.numerical_error:.1e}"),
-        ("Firing rates, share of the peak if each had its largest error", f"{errors.firing_error:.1e}"),
+        ("Response, share of its peak, at most", number(errors.numerical_error, 2)),
+        ("Firing rates, share of the peak if each had its largest error", number(errors.firing_error, 2)),
         ("Log-likelihood of draws, sd of its error", f"{errors.exactness_sd:.1g}"),
         ("Log-likelihood of draws, largest error", f"{errors.exactness_largest:.1g}"),
         ("Silent in every condition, share of the prior", share(silence.prior_silent_everywhere)),

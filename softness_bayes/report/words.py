@@ -2,23 +2,12 @@
 
 from __future__ import annotations
 
+import re
 from typing import Any
 
 import numpy as np
 
-from softness_bayes.shares import percent
-
-LEAST_PLAIN, MOST_PLAIN = 1e-4, 1e7
-"""Ends of the numbers that are written without an exponent."""
-
-
-def number(value: Any, digits: int = 3) -> str:
-    """Return a number in a few digits, without an exponent unless it is very large or small; a dash for none."""
-    value = float(value)
-    if not np.isfinite(value):
-        return "–"
-    short = f"{value:.{digits}g}"
-    return f"{float(short):.12g}" if LEAST_PLAIN <= abs(value) < MOST_PLAIN else short
+from softness_bayes.readable import number, percent
 
 
 def with_error(value: Any, error: Any, unit: str = "") -> str:
@@ -36,3 +25,8 @@ def share(value: Any) -> str:
 def sentence(text: str) -> str:
     """Return a text with a capital and one period."""
     return f"{text[:1].upper()}{text[1:].rstrip('.')}."
+
+
+def unbroken(value: Any) -> Any:
+    """Return a text with a space before each per-cent sign that no line breaks at, and other values as they are."""
+    return re.sub(r"(?<=\d) (?=%)", "\u00a0", value) if type(value) is str else value

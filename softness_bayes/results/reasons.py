@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from softness_bayes.data.loads import LOAD_COLUMNS
 from softness_bayes.parameters.fabric_moduli import KPA
+from softness_bayes.readable import number, percent
 from softness_bayes.results.fitted import Fitted
-from softness_bayes.shares import percent
 from softness_bayes.touch.contact import Force, Indentation
 from softness_bayes.touch.scene import Scene
 
@@ -100,7 +100,7 @@ class _Span(NamedTuple):
         )
 
     def __str__(self) -> str:
-        return f"{self.low:.3g} to {self.high:.3g} {self.unit}"
+        return f"{number(self.low)} to {number(self.high)} {self.unit}"
 
 
 def _hertz(questionable: float, meaningless: float) -> str:

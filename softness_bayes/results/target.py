@@ -16,6 +16,7 @@ from softness_bayes.defaults import ANSWER_DRAWS
 from softness_bayes.errors import InputError
 from softness_bayes.model.other_touches import OtherTouches
 from softness_bayes.parameters.fabric_moduli import KPA
+from softness_bayes.readable import number
 from softness_bayes.results.fitted import Fitted
 from softness_bayes.results.rating_table import limits
 from softness_bayes.results.reasons import reasons
@@ -145,7 +146,7 @@ class Target:
             row = {"with_modulus": BRANCHES[key[0]], "p_solution": values.size / size, "p_inside": inside}
             rows.append({**shared, **row, **self._quantities(values), "remarks": one.remarks[key]})
         if not rows:
-            words = f"no fabric of {self.span[0] / KPA:.3g} to {self.span[1] / KPA:.3g} kPa has this rating"
+            words = f"no fabric of {number(self.span[0] / KPA)} to {number(self.span[1] / KPA)} kPa has this rating"
             row = {"with_modulus": "", "p_solution": 0.0, "p_inside": np.nan}
             rows.append({**shared, **row, **self._quantities(np.array([np.nan])), "remarks": words})
         return rows

@@ -9,10 +9,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from softness_bayes.readable import percent
 from softness_bayes.sampler.autocorrelation import autocorrelation_time, indicator_time, own_time
 from softness_bayes.sampler.chain_statistics import ess_bulk, ess_tail, r_hat_between
 from softness_bayes.sampler.starts import NO_STARTS, Starts
-from softness_bayes.shares import percent
 
 FloatArray = NDArray[np.float64]
 

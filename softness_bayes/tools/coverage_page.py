@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import betaincinv
 
-from softness_bayes.shares import percent
+from softness_bayes.readable import percent
 
 FIGURE = "coverage_with_uncertain_inputs.png"
 

@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 
 import softness_bayes
-from softness_bayes.shares import percent
+from softness_bayes.readable import percent
 
 PACKAGE = Path(softness_bayes.__file__).parent
 DOCS = PACKAGE / "docs"

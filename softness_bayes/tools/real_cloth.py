@@ -15,7 +15,7 @@ import numpy as np
 from softness_bayes.data import Fabrics
 from softness_bayes.model.reach import COARSE, SKINS, reach
 from softness_bayes.model.scenes import scene_of, touch_parameters, usual_values
-from softness_bayes.shares import percent
+from softness_bayes.readable import percent
 from softness_bayes.touch.contact import Force, Indentation, Load
 from softness_bayes.touch.neuron.membrane import Channels
 from softness_bayes.touch.readings import MENDED

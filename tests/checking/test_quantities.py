@@ -21,6 +21,7 @@ from softness_bayes.checking.quantities import (
 from softness_bayes.checking.uniformity import uniformity_p_value
 from softness_bayes.likelihood.design import Design
 from softness_bayes.likelihood.magnitude import LogRatings
+from softness_bayes.likelihood.scales import STANDARDISED
 from support.made_ratings import (
     FABRICS,
     LOAD,
@@ -265,3 +266,15 @@ def test_loo_weights_leave_the_rating_out(rng):
     assert pareto_k.shape == (3,)
     # negative control: without weights the rating itself pulls
     assert abs(draws.mean() - others[2]) > 0.5
+
+
+def test_complete_orders_have_no_spread_of_participants():
+    """Every list has the same mean: what differs is rounding, and no check."""
+    rng = np.random.default_rng(3)
+    people, fabrics = 12, 7
+    of = Design(np.tile(np.arange(fabrics), people), np.repeat(np.arange(people), fabrics), np.arange(fabrics), people)
+    table = Layout(of, np.geomspace(1e3, 1e6, fabrics), np.zeros(fabrics, int), scale=STANDARDISED)
+    shares = np.array([[rng.permutation(fabrics) / (fabrics - 1) for _ in range(people)] for _ in range(5)])
+    fit = table.fit(shares.reshape(5, -1))
+    assert (fit.participant == 0.0).all()
+    assert np.isnan(BY_NAME["spread of participants"].of(table, fit)).all()

@@ -3,7 +3,7 @@
 import pandas as pd
 import pytest
 
-from softness_bayes.shares import percent
+from softness_bayes.readable import percent
 from support.pages import text_of
 from support.paths import ROOT
 

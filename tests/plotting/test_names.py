@@ -55,9 +55,11 @@ def test_names_stand_apart_at_any_number_of_fabrics(count: int) -> None:
     assert said == ("" if count <= 12 else f"{len(labels)} of 600 fabrics are named")
 
 
+@pytest.mark.filterwarnings("ignore:Glyph")
 def test_names_below_a_title_leave_it_free() -> None:
     curves = invented_curves(LOADS["one"], 5)
-    names = ["a" * 40, "lawn", "felt"]
+    # letters that the usual font lacks are wider than those that it has, whatever font draws them
+    names = ["a" * 40, "\u7d79" * 18, "felt"]
     figure = drawn(plotting.ratio_figure(curves, LOADS["one"], FABRICS, names=names))
     renderer = FigureCanvasAgg(figure).get_renderer()
     (axes,) = figure.axes
@@ -104,6 +106,7 @@ def test_fabrics_outside_of_a_panel_are_not_named() -> None:
     ("limits", "expected"),
     [
         ((0.0896, 77131.0), {"0.1", "1", "10", "100", "1000", "10000"}),
+        ((0.003, 200.0), {"0.01", "0.1", "1", "10", "100"}),
         ((0.5, 3e6), {"$10^{0}$", "$10^{3}$", "$10^{6}$"}),
     ],
 )
@@ -179,6 +182,18 @@ def test_few_replicates_are_drawn_one_by_one(rng) -> None:
     assert words == [f"p = 0.50\nin {n} of 500 replicates" for n in (FEW - 1, FEW)]
     # the one fabric that lies outside of its limits is named
     assert [text.get_text() for text in figure.axes[0].texts] == ["felt"]
+
+
+def test_what_neither_data_nor_replicates_have_is_left_out(rng) -> None:
+    means = Means("1 mm", np.array([1e4, 2e4]), np.ones(2), np.zeros(2), 2 * np.ones(2))
+    none, seen = np.full(50, np.nan), rng.normal(size=50)
+    asked = [Replicated("drop", np.nan, none, np.nan), Replicated("spread", 0.0, seen, 0.5)]
+    figure = drawn(checks_figure([means], asked, "category"))
+    assert [axes.get_xlabel() for axes in figure.axes][1:] == ["spread"]
+    assert figure.legends[0].get_title().get_text().endswith("1 of 2 quantities")
+    # the label of the first panel is within the page
+    label = figure.axes[0].yaxis.label.get_window_extent(FigureCanvasAgg(figure).get_renderer())
+    assert 0.0 <= label.y0 < label.y1 <= figure.bbox.y1
 
 
 def test_letters_that_the_usual_font_lacks_come_from_another_that_is_installed(monkeypatch):

@@ -9,11 +9,11 @@ from softness_bayes.model.build import build
 from softness_bayes.model.options import ModelOptions
 from softness_bayes.model.scenes import usual_values
 from softness_bayes.model.simulation import simulate_ratings
+from softness_bayes.readable import percent
 from softness_bayes.report.cards import cards
 from softness_bayes.report.findings import findings
 from softness_bayes.runs.run import sample
 from softness_bayes.sampler.starts import find_optimum
-from softness_bayes.shares import percent
 from softness_bayes.touch.contact import Indentation
 from softness_bayes.touch.readings import MENDED
 from softness_bayes.touch.scene import Discretisation

@@ -5,7 +5,7 @@ import pandas as pd
 import pytest
 
 from softness_bayes.data import read_experiment
-from softness_bayes.shares import percent
+from softness_bayes.readable import percent
 from softness_bayes.tools.outlier_coverage import CASES, COLUMNS, FACTOR, SHARE, fitted, laboratory
 from support.pages import tables
 from support.paths import DATA, ROOT

@@ -6,7 +6,7 @@ import pytest
 
 from softness_bayes.data import Fabrics
 from softness_bayes.likelihood.scales import MAGNITUDE
-from softness_bayes.shares import percent
+from softness_bayes.readable import percent
 from softness_bayes.tools.rating_coverage import (
     CASES,
     COLUMNS,

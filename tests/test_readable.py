@@ -5,7 +5,7 @@ import re
 import numpy as np
 import pytest
 
-from softness_bayes.shares import chance, percent
+from softness_bayes.readable import chance, percent
 from support.paths import ROOT
 
 
@@ -35,6 +35,6 @@ def test_no_module_and_no_page_writes_shares_in_another_form():
     pages = [ROOT / "README.md", *(ROOT / "softness_bayes" / "docs").glob("*.md")]
     for path in [*(ROOT / "softness_bayes").rglob("*.py"), *pages]:
         text = path.read_text(encoding="utf-8")
-        assert not re.search(r":\.\d%\}", text), f"{path.name}: percent() of shares.py writes it"
+        assert not re.search(r":\.\d%\}", text), f"{path.name}: percent() of readable.py writes it"
         if path.suffix == ".md":
             assert not re.search(r"\d%(?![A-Za-z0-9])", text), path.name

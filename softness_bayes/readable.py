@@ -1,8 +1,33 @@
-"""Shares and probabilities as percentages, in one form for terminal, figures, pages and tables."""
+"""Numbers, shares and probabilities in one form for terminal, figures, pages and tables."""
 
 from __future__ import annotations
 
 import math
+
+LEAST_PLAIN, MOST_PLAIN = 1e-4, 1e7
+"""Ends of the numbers that are written without an exponent."""
+
+
+def number(value: float, digits: int = 3) -> str:
+    """Return a number in a few digits, without an exponent unless it is very large or small; a dash for none.
+
+    Parameters
+    ----------
+    value
+        The number.
+    digits
+        Significant digits.
+
+    Examples
+    --------
+    >>> [number(value) for value in (1234.5, 0.05, 2e9, float("nan"))]
+    ['1230', '0.05', '2e+09', '–']
+    """
+    value = float(value)
+    if not math.isfinite(value):
+        return "–"
+    short = f"{value:.{digits}g}"
+    return f"{float(short):.12g}" if LEAST_PLAIN <= abs(value) < MOST_PLAIN else short
 
 
 def percent(share: float | None, digits: int = 0) -> str:
