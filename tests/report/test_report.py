@@ -34,7 +34,7 @@ from softness_bayes.report.curves import shown
 from softness_bayes.report.findings import Standing, exactness_of, findings
 from softness_bayes.report.repeat import repetition
 from softness_bayes.report.tables import MOST_FABRICS
-from softness_bayes.report.words import number, share
+from softness_bayes.report.words import number
 from softness_bayes.results.request import Request
 from softness_bayes.results.result import Result
 from softness_bayes.touch.readings import CLASSICAL
@@ -325,7 +325,7 @@ def test_texts_in_place_of_figures_hold_the_numbers_of_the_run(made):
         text = alternative_text(result, name, "A figure.")
         assert text.startswith("A figure.")
     row = result.inflection().iloc[0]
-    assert f"turning point with probability {share(row['p_interior'])}" in alternative_text(result, "response", "")
+    assert f"turning point with probability {chance(row['p_interior'])}" in alternative_text(result, "response", "")
     rated = result.tables["fabric_ratings"].loc["2 mm", "rated"]
     assert f"to {number(rated.max())} ({rated.idxmax()})" in alternative_text(result, "rating", "")
 

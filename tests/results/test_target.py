@@ -107,7 +107,7 @@ def test_probabilities_of_the_three_cases_sum_to_one(result, wished, found):
     assert never["p_too_high"].tolist() == below["p_too_low"].tolist() == [1.0]
     assert never["p_solution"].tolist() == [0.0]
     assert never["e_fab_kpa"].isna().all()
-    assert never["remarks"][0] == "no fabric of 2 to 4e+03 kPa has this rating"
+    assert never["remarks"][0] == "no fabric of 2 to 4000 kPa has this rating"
 
 
 @pytest.mark.parametrize("reading", ALTERNATIVES["fabric_modulus"].values(), ids=lambda reading: reading.name)
