@@ -26,6 +26,7 @@ from softness_bayes.files.spreadsheet import table_of
 from softness_bayes.likelihood.directions import INVERSE
 from softness_bayes.parameters.priors import LogNormal
 from softness_bayes.plotting.figures import figures_of
+from softness_bayes.readable import chance
 from softness_bayes.report import anonymous, page, report_page, write_report
 from softness_bayes.report.alternatives import alternative_text
 from softness_bayes.report.anonymity import renamed
