@@ -1,1 +1,1 @@
-"""The model of one experiment: scene, parameters and likelihood put together."""
+"""The model of one experiment, built from scene, parameters and likelihood."""

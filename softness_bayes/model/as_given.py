@@ -1,4 +1,4 @@
-"""Ratings as they were given: what each number stands for, and the law of errors that suits the table."""
+"""Interpretation of ratings: the interval that each number represents, and an error law suited to the table."""
 
 from __future__ import annotations
 
@@ -30,40 +30,41 @@ from softness_bayes.touch.load_groups import groups_of
 FloatArray = NDArray[np.float64]
 
 HEAVY = 4.0
-"""Standard errors by which the excess kurtosis of residuals must exceed 0 for errors to be Student's t by default."""
+"""Number of standard errors by which the excess kurtosis must exceed 0 for Student's t errors to be the default."""
 
 FEWEST = 30
-"""Degrees of freedom of the residuals below which errors are normal by default: kurtosis then tells little."""
+"""Residual degrees of freedom below which normal errors are the default, as kurtosis is then too uncertain."""
 
 LEAST_FREE = 1e-3
-"""Standard deviation of a residual, in that of an error, below which it says nothing of the law of errors."""
+"""Standard deviation of a residual, relative to that of an error, below which it carries no information on the error
+law."""
 
 MOST_STEPS = 5
-"""Largest number of different steps of grids that are named."""
+"""Largest number of different grid steps listed by name."""
 
 
 class AsGiven(NamedTuple):
-    """The intervals of ratings, and the law of their errors."""
+    """The intervals represented by ratings, and their error law."""
 
     said: Stated
     law: ErrorLaw
     note: str
-    """The numbers as they were understood, in a sentence."""
+    """Interpretation of the numbers, as a sentence."""
     errors_note: str
-    """Why the errors have that law, in a sentence."""
+    """Reason for the choice of the error law, as a sentence."""
     categories: int = 0
     """Number of ordered categories; 0 on other scales."""
     raters: int = 0
-    """Number of raters whose mean each rating is; 0 if it is one rater's."""
+    """Number of raters averaged in each rating; 0 for ratings by single raters."""
 
 
 def as_given(ratings: Ratings, options: ModelOptions) -> AsGiven:
-    """Return what ratings stand for and the law of their errors, as asked for or as the table shows.
+    """Return the interpretation of ratings and their error law, as requested or as inferred from the table.
 
     Raises
     ------
     InputError
-        If a rating is not on the scale, or the options ask for what the scale or the model does not have.
+        If a rating is not on the scale, or the options request something that the scale or the model does not support.
     """
     options.scale.require(ratings)
     if options.scale in (RANKS, PAIRS):
@@ -78,7 +79,7 @@ def as_given(ratings: Ratings, options: ModelOptions) -> AsGiven:
     if options.scale.model is not None:
         return _as_modelled(ratings, options)
     alone = _closed_form_alone(ratings, options)
-    # steps of 0 ask for what the closed form has: exact numbers
+    # steps of 0 request exact numbers, which the closed form supports
     asked = bool(options.resolution) or (ratings.resolution is not None and bool(np.nansum(ratings.resolution)))
     if alone and (asked or options.errors not in (None, NORMAL)):
         raise InputError(
@@ -112,7 +113,7 @@ def _told_of_spreads(cells: Cells) -> str:
 
 
 def _of_cells(ratings: Ratings, options: ModelOptions) -> str:
-    """Return why cells of several raters, or ratings of single ones, are not of the scale that was asked for."""
+    """Return the reason for which cell means, or single ratings, do not fit the requested scale."""
     if ratings.cells is None:
         return (
             f"{ratings.source}: {AGGREGATED.name} ratings are geometric means of n raters: expected the columns "
@@ -125,7 +126,7 @@ def _of_cells(ratings: Ratings, options: ModelOptions) -> str:
 
 
 def _as_modelled(ratings: Ratings, options: ModelOptions) -> AsGiven:
-    """Return exact numbers with the errors of a user's own observation model."""
+    """Return exact numbers with the error law of a custom observation model."""
     name, law = options.scale.name, rating_model(options.scale).error
     if options.resolution is not None or ratings.resolution is not None or options.errors not in (None, law):
         raise InputError(
@@ -139,14 +140,14 @@ def _as_modelled(ratings: Ratings, options: ModelOptions) -> AsGiven:
 
 
 def stated(ratings: Ratings, resolution: float | None = None) -> Stated:
-    """Return the intervals that ratings stand for.
+    """Return the intervals represented by ratings.
 
     Parameters
     ----------
     ratings
-        The table; its column `resolution` goes before everything else.
+        The table; its column `resolution` takes precedence.
     resolution
-        Step of the grid of all other rows, 0 for exact numbers; None to find that of each rater.
+        Grid step of all other rows, 0 for exact numbers; None to infer the step of each rater.
     """
     step = _steps_of(ratings, resolution)
     limit = _limits(ratings, ratings.rating, step)
@@ -155,12 +156,12 @@ def stated(ratings: Ratings, resolution: float | None = None) -> Stated:
 
 
 def stated_on_slider(ratings: Ratings, ends: tuple[float, float], resolution: float | None = None) -> Stated:
-    """Return the intervals, in shares of a slider's length, that ratings on it stand for; arguments as `stated`.
+    """Return the intervals represented by slider ratings, as shares of its length; arguments as for `stated`.
 
     Raises
     ------
     InputError
-        If a rating lies beyond the ends, or all are at one end.
+        If a rating lies beyond the ends, or all ratings are at one end.
     """
     low, high = ends
     outside = np.flatnonzero((ratings.rating < low) | (ratings.rating > high))
@@ -183,12 +184,13 @@ def stated_on_slider(ratings: Ratings, ends: tuple[float, float], resolution: fl
 
 
 def _as_places(ratings: Ratings, options: ModelOptions) -> AsGiven:
-    """Return ratings as places in lists, each the share of its list that lies below.
+    """Return ratings as places in lists, each expressed as the share of the list below it.
 
     Raises
     ------
     InputError
-        If no list has two touches, too many touches share a place, or the options ask for what orders do not have.
+        If no list has two touches, too many touches share a place, or the options request something that orders do not
+        support.
     """
     laws = (NORMAL, LAPSES) if options.scale is PAIRS else (GUMBEL,)
     refused = {
@@ -234,7 +236,7 @@ def _as_places(ratings: Ratings, options: ModelOptions) -> AsGiven:
 
 
 def _as_pairs(ratings: Ratings, options: ModelOptions, said: Stated, sizes: NDArray[np.intp], tied: int) -> AsGiven:
-    """Return ratings as answers to pairs, whose lists have these sizes.
+    """Return ratings as answers to pairs, given the sizes of their lists.
 
     Raises
     ------
@@ -259,7 +261,7 @@ def _span(sizes: NDArray[np.intp]) -> str:
 
 
 def _steps_of(ratings: Ratings, resolution: float | None, least: float | None = None) -> FloatArray:
-    """Return the step of each row's grid; 0 if numbers are exact, or the step is negligible beside `least`."""
+    """Return the grid step of each row; 0 if numbers are exact or the step is negligible compared with `least`."""
     found = (
         steps_of_raters(ratings, least)[ratings.participant]
         if resolution is None
@@ -270,7 +272,7 @@ def _steps_of(ratings: Ratings, resolution: float | None, least: float | None = 
 
 
 def _limits(ratings: Ratings, numbers: FloatArray, step: FloatArray) -> FloatArray:
-    """Return the number below which each row's rater says 0: half a step, or the smallest of exact numbers."""
+    """Return the number below which each row's rater answers 0: half a step, or the smallest of exact numbers."""
     limit = 0.5 * step
     for rater in np.unique(ratings.participant[numbers == 0]):
         of = ratings.participant == rater
@@ -279,7 +281,7 @@ def _limits(ratings: Ratings, numbers: FloatArray, step: FloatArray) -> FloatArr
 
 
 def _smallest(own: FloatArray, every: FloatArray) -> float:
-    """Return a rater's smallest number above 0, or that of all raters."""
+    """Return the smallest number above 0 of a rater, or that of all raters if the rater has none."""
     for numbers in (own, every):
         if (numbers > 0).any():
             return float(numbers[numbers > 0].min())
@@ -287,12 +289,13 @@ def _smallest(own: FloatArray, every: FloatArray) -> float:
 
 
 def _count_of(ratings: Ratings, options: ModelOptions) -> int:
-    """Return the number of categories, the largest number in the table unless it is given; 0 on other scales.
+    """Return the number of categories (by default the largest number in the table); 0 on other scales.
 
     Raises
     ------
     InputError
-        If a rating is not the number of a category, there are too many, or a number is given for another scale.
+        If a rating is not the number of a category, there are too many categories, or their number is given for another
+        scale.
     """
     if options.scale is not CATEGORIES:
         if options.n_categories is not None:
@@ -324,7 +327,7 @@ def _said_of(ratings: Ratings, options: ModelOptions, resolution: float | None) 
 
 
 def _closed_form_alone(ratings: Ratings, options: ModelOptions) -> str:
-    """Return what is asked for that only the closed form of exact ratings with normal errors has; else nothing."""
+    """Return the requested features that need exact ratings with normal errors, in words; empty if none."""
     if options.scale is STANDARDISED:
         return f"{options.scale.name} ratings"
     if options.scale is AGGREGATED:
@@ -371,7 +374,7 @@ def _law_of(ratings: Ratings, said: Stated, options: ModelOptions) -> tuple[Erro
     layout = Layout(design, np.ones(design.n_conditions), conditions.load, scale=options.scale)
     groups, within = groups_of(ratings.loads), ""
     if groups.merged and design.n_rows - design.n_conditions - design.n_participants < FEWEST:
-        # single loads hardly repeat; what the response changes within a group has light tails
+        # exact loads hardly repeat; changes of the response within a group have light tails
         layout, within = merge(layout, groups.of)[0], f" within {groups.at.size} groups of loads"
         design = layout.design
     fit = layout.fit(said.values)
@@ -380,7 +383,7 @@ def _law_of(ratings: Ratings, said: Stated, options: ModelOptions) -> tuple[Erro
         return NORMAL, f"{why}; --errors overrides{', --round-load STEP makes near loads one' if within else ''}"
     participant = np.nan_to_num(fit.participant)[design.participant]
     residual = options.scale.additive(said.values) - fit.condition[design.condition] - participant
-    # ratings that alone determine their condition have no residual, and would pass for a narrow peak
+    # ratings that alone determine their condition have zero residuals, which would look like a narrow peak
     spread = np.sqrt(np.maximum(1.0 - layout.leverage, 0.0))
     residual = residual[spread > LEAST_FREE] / spread[spread > LEAST_FREE]
     kurtosis = float((residual**4).mean() / (residual**2).mean() ** 2 - 3.0)

@@ -1,4 +1,4 @@
-"""The model of an experiment in one call: parameters, scene, likelihood; direction and resolution decided."""
+"""Construction of an experiment's model: parameters, scene and likelihood, with direction and resolution chosen."""
 
 from __future__ import annotations
 
@@ -46,13 +46,13 @@ from softness_bayes.touch.load_groups import groups_of
 from softness_bayes.touch.scene import Discretisation, Scene
 
 COARSE = Discretisation(8, 9.0, 1e-4)
-"""Resolution that tells in which order fabrics fire."""
+"""Resolution sufficient to order fabrics by firing."""
 
 ALPHA_WIDTH = 0.3
-"""Distance from the rheobase [µA/cm²] beyond which alpha's coordinate turns logarithmic."""
+"""Distance from the rheobase [µA/cm²] beyond which alpha's coordinate is logarithmic."""
 
 SIGN_WIDTH = 0.1
-"""Magnitude of an exponent of either sign below which its coordinate is linear."""
+"""Magnitude of a signed exponent below which its coordinate is linear."""
 
 
 @dataclass(frozen=True)
@@ -64,17 +64,17 @@ class ExperimentModel:
     experiment
         Ratings and fabrics.
     options
-        What was asked for, with direction and discretisation decided.
+        The requested options, with direction and discretisation filled in.
     posterior
         The density of the sampled parameters.
     scene
         Its forward model.
     direction
-        The direction of the ratings, and what the data say of it.
+        The direction of the ratings, and the evidence of the data.
     resolution
-        How the discretisation was chosen; None if it was given.
+        Reason for the discretisation; None if it was given.
     given
-        What the ratings stand for, and the law of their errors.
+        Interpretation of the ratings, and their error law.
     """
 
     experiment: Experiment
@@ -95,7 +95,7 @@ class SkinModel:
     compression
         Forces of a rigid plate on fingerpads.
     options
-        What was asked for; the discretisation is the usual one, for the record.
+        The requested options; the discretisation is the default one, for the record.
     posterior
         The density of the sampled parameters.
     """
@@ -113,14 +113,14 @@ def build(experiment: Experiment, options: ModelOptions = ModelOptions()) -> Exp
     experiment
         Ratings and fabrics; compression data if there are any.
     options
-        Choices of the model. A direction that is left open is that of the data; a discretisation, the cheapest one
-        that keeps to the accuracy.
+        Choices of the model. If no direction is given, it is inferred from the data; if no discretisation is given, it
+        is the cheapest one that meets the accuracy.
 
     Raises
     ------
     InputError
-        If a rating does not suit the scale, the options name what does not exist, the model cannot reach the
-        accuracy, or raters' own fingers or answers are asked for where there is one rater only.
+        If a rating does not suit the scale, the options contain an unknown name, the model cannot reach the accuracy,
+        or individual fingers or answers are requested for a single rater.
     """
     require_kind("experiment", experiment, Experiment, "an Experiment, as read_experiment returns it")
     require_kind("options", options, ModelOptions, "ModelOptions")
@@ -182,7 +182,7 @@ def _with_load_errors(observed: RatingsLikelihood, experiment: Experiment, optio
     Raises
     ------
     InputError
-        If they cannot be combined with each other, or with raters' own fingers.
+        If they cannot be combined with each other or with individual fingers.
     """
     log_sd, shared = experiment.ratings.load_log_sd(options.load_cv), options.shared_load_cv or 0.0
     if options.individual and (log_sd.any() or shared):
@@ -200,7 +200,7 @@ def _with_load_errors(observed: RatingsLikelihood, experiment: Experiment, optio
 
 
 def _try_own(observation: RatingsLikelihood, posterior: Posterior) -> None:
-    """Call all of a user's own observation model at two draws of the prior, before a run depends on it."""
+    """Test all members of a custom observation model at two prior draws, before a run depends on them."""
     drawn = posterior.space.draw_prior(np.random.default_rng(0), 2)
     values = posterior.space.values(drawn).items()
     named = {name: np.broadcast_to(np.asarray(value, float), (len(drawn),)) for name, value in values}
@@ -213,7 +213,7 @@ def build_skin(compression: Compression, options: ModelOptions) -> SkinModel:
     Raises
     ------
     InputError
-        If the options name what does not exist, or a parameter that a plate's force does not depend on.
+        If the options contain an unknown name, or a parameter that plate forces do not depend on.
     """
     require_kind("compression", compression, Compression, "Compression data, as Compression.read returns them")
     space = parameter_space(
@@ -229,9 +229,9 @@ def build_skin(compression: Compression, options: ModelOptions) -> SkinModel:
 
 
 def choose_direction(experiment: Experiment, options: ModelOptions, given: AsGiven | None = None) -> direction.Choice:
-    """Return the direction that was asked for, or else that of the data, and what these say of it.
+    """Return the requested direction, or the one inferred from the data, with the evidence of the data.
 
-    What the ratings stand for may be `given`, if it is known already.
+    The interpretation of the ratings may be `given` if it is already known.
 
     Raises
     ------
@@ -241,14 +241,14 @@ def choose_direction(experiment: Experiment, options: ModelOptions, given: AsGiv
     ratings, conditions = experiment.ratings, experiment.ratings.conditions
     given = given or as_given(ratings, options)
     space = space_of(experiment, options, given)
-    # noise rounds the foot of the rate curve, which changes no order, and takes minutes
+    # noise smooths the onset of the rate curve, which does not change the order but takes minutes
     coarse = replace(COARSE, rate_nodes=(options.discretisation or COARSE).rate_nodes)
     scene = _compiler(experiment, replace(options, noise=0.0), space)(coarse)
     layout = Layout(design_of(experiment), scene.modulus, conditions.load, scale=options.scale)
     draws = space.touch(space.draw_prior(np.random.default_rng(0), direction.DRAWS))
     rate, groups = scene.total_rate(draws), groups_of(ratings.loads)
     if groups.merged:
-        # of a load that was measured once there is no order of fabrics
+        # a load that occurs with only one fabric does not order fabrics
         single = layout
         layout, place = merge(single, groups.of)
         rate = averaged(single, place, rate)
@@ -259,12 +259,12 @@ def choose_direction(experiment: Experiment, options: ModelOptions, given: AsGiv
 
 
 def space_of(experiment: Experiment, options: ModelOptions, given: AsGiven | None = None) -> ParameterSpace:
-    """Return the parameters of an experiment's model, in coordinates not bent yet; `given` as in `choose_direction`.
+    """Return the parameters of an experiment's model, before `_bent`; `given` as in `choose_direction`.
 
     Raises
     ------
     InputError
-        If the options name what does not exist, or a finger that varies where it cannot.
+        If the options contain an unknown name, or parameters of the finger that cannot vary in this model.
     """
     require_one_source(options.priors, options.finger)
     if experiment.compression is not None and "radius" in options.priors:
@@ -290,12 +290,12 @@ def space_of(experiment: Experiment, options: ModelOptions, given: AsGiven | Non
 
 
 def _model_of(options: ModelOptions, given: AsGiven, direction: RatingDirection = RISES) -> RatingsModel:
-    """Return the observation model of the ratings, the law of whose errors is decided.
+    """Return the observation model of the ratings, for an error law already chosen.
 
     Raises
     ------
     InputError
-        If ratings of this scale have no model of raters' own fingers or answers.
+        If this scale has no model of individual fingers or answers.
     """
     if not options.individual:
         assert options.errors is not None
@@ -311,19 +311,19 @@ def _model_of(options: ModelOptions, given: AsGiven, direction: RatingDirection 
 
 
 def moduli_of(experiment: Experiment, options: ModelOptions) -> FabricModuli:
-    """Return the fabrics' effective moduli, and the laws of those that are not known exactly."""
+    """Return the effective moduli of the fabrics, and the laws of those that are uncertain."""
     reading = options.readings.fabric_modulus
     return fabric_moduli(experiment.fabrics, reading, options.modulus_cv, options.unknown_modulus)
 
 
 def design_of(experiment: Experiment) -> Design:
-    """Return who rated what, the conditions by fabric, then load."""
+    """Return the design of the ratings, with conditions sorted by fabric, then load."""
     ratings, conditions = experiment.ratings, experiment.ratings.conditions
     return Design(conditions.of_rating, ratings.participant, conditions.fabric, len(ratings.participants))
 
 
 def spreads_between(ratings: Ratings) -> tuple[RaterSpreads, ...]:
-    """Return the likelihood of standard deviations between raters, if ratings are means of cells that have them."""
+    """Return the likelihood of standard deviations between raters, for cell means that have them."""
     cells = ratings.cells
     if cells is None or cells.geometric_sd is None:
         return ()
@@ -335,13 +335,13 @@ def spreads_between(ratings: Ratings) -> tuple[RaterSpreads, ...]:
 
 
 def raters_told(ratings: Ratings) -> int:
-    """Return how many raters' scales the ratings tell of: those of means, by their standard deviations alone."""
+    """Return the number of raters whose scales the ratings inform; for means, only through standard deviations."""
     own = len(ratings.participants)
     return ratings.cells.raters if own == 1 and ratings.cells is not None and spreads_between(ratings) else own
 
 
 def forces_of(compression: Compression, options: ModelOptions) -> CompressionForces:
-    """Return the likelihood of compression data on fingers of the given shape, under the readings of the skin."""
+    """Return the likelihood of compression data for the given fingertip and readings of the skin."""
     return CompressionForces(
         compression.indentation,
         compression.force,
@@ -355,7 +355,7 @@ def forces_of(compression: Compression, options: ModelOptions) -> CompressionFor
 def _compiler(
     experiment: Experiment, options: ModelOptions, space: ParameterSpace
 ) -> Callable[[Discretisation], Scene]:
-    """Return the function that compiles the scene of an experiment in a discretisation."""
+    """Return a function that compiles the scene of an experiment for a given discretisation."""
     conditions, moduli = experiment.ratings.conditions, moduli_of(experiment, options)
 
     def compiled(discretisation: Discretisation) -> Scene:
@@ -377,11 +377,11 @@ def _compiler(
 
 
 def _bent(space: ParameterSpace, scene: Scene, directed: RatingDirection) -> ParameterSpace:
-    """Return the parameters in the coordinates in which the posterior's ridges are straight.
+    """Return the parameters in coordinates in which the ridges of the posterior are straight.
 
-    The exponent's ridge with alpha is straight in the distance from the rheobase: the autocorrelation time falls by a
-    third. Data tell of sigma_0 in the stress where firing begins: precise data make a thin sheet, straight in that
-    alone.
+    The ridge between the exponent and alpha is straight if alpha is expressed as distance from the rheobase, which
+    reduces the autocorrelation time by a third. The data determine sigma_0 through the stress at which firing starts;
+    with precise data, the posterior is a thin sheet that is straight only in this coordinate.
     """
     rheobase = float(scene.firing.curves(space.touch(space.median)).rheobase)
     rheobase -= float(space.rheobase_shift(space.median))

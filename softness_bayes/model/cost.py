@@ -1,4 +1,4 @@
-"""Errors and cost of every resolution of a model, and computations that are saved."""
+"""Numerical errors and cost of the resolutions of a model, and computations that are avoided."""
 
 from __future__ import annotations
 
@@ -17,17 +17,17 @@ from softness_bayes.touch.parameters import TouchParameters
 from softness_bayes.touch.scene import Discretisation, Scene
 
 BATCH, REPEATS = 64, 12
-"""Parameter vectors in a timed call, and number of calls, of which the fastest counts."""
+"""Parameter vectors per timed call, and number of calls; the fastest one is used."""
 
 
 class Setting(NamedTuple):
-    """One setting of one stage, the other stage as chosen: its errors and what a parameter vector costs."""
+    """One setting of one stage, with the other stage as chosen: numerical errors and cost per parameter vector."""
 
     stage: str
     discretisation: Discretisation
     errors: Errors
     seconds: float
-    """For each parameter vector."""
+    """Error for each parameter vector."""
     chosen: bool
 
 
@@ -48,7 +48,7 @@ def ladder(choice: Choice, draws: Draws) -> tuple[Setting, ...]:
 
 
 def seconds(scene: Scene, parameters: TouchParameters, batch: int = BATCH, repeats: int = REPEATS) -> float:
-    """Return the time [s] that a scene takes for each parameter vector of a batch, on one core."""
+    """Return the time [s] per parameter vector that a scene takes for a batch on one core."""
     from threadpoolctl import threadpool_limits
 
     some = first(parameters, batch)
@@ -62,7 +62,7 @@ def seconds(scene: Scene, parameters: TouchParameters, batch: int = BATCH, repea
 
 
 def left_out(model: ExperimentModel) -> tuple[str, ...]:
-    """Return the computations that a model's evaluation saves, with the reasons."""
+    """Return the computations that the evaluation of a model avoids, with the reasons."""
     scene = model.scene
     n, loads = scene.n_conditions, np.unique(scene.load).size
     tables = len({id(field.side.of) if isinstance(field, LoadField) else id(field) for field in scene.fields})

@@ -1,9 +1,10 @@
-"""Expected information of a design: how much narrower than their priors posteriors will be, before any sampling.
+"""Expected information of a design: predicted contraction of posteriors relative to priors, without sampling.
 
-At truths drawn from the prior the observation model is taken as a normal law whose mean and covariance follow the
-parameters in straight lines, with the effects of participants and fabrics integrated out. Parameters are in normal
-scores of their priors, so that the prior is standard normal. Slopes are secants over the posterior's own width, found
-by iteration: a response that is silent at a truth, or that turns over nearby, is not taken for its tangent.
+For each of several true parameter vectors drawn from the prior, the observation model is approximated by a normal law
+whose mean and covariance are linear in the parameters, with the effects of participants and fabrics integrated out.
+Parameters are expressed as normal scores of their priors, so that the prior is standard normal. Slopes are secants over
+the width of the posterior, found by iteration, because tangents would mislead where the response is silent or has a
+turning point nearby.
 """
 
 from __future__ import annotations
@@ -36,47 +37,48 @@ from softness_bayes.touch.scene import Scene
 Array = NDArray[np.float64]
 
 TRUTHS, DRAWS = 16, 128
-"""Truths, of which the first is the prior's median; draws of each expected posterior."""
+"""Number of true parameter vectors (the first is the prior median), and of draws of each expected posterior."""
 
 PLACES, PRIOR_DRAWS = 64, 512
-"""Of these, those whose turning points are found; and draws of the prior likewise."""
+"""Numbers of these posterior draws, and of prior draws, for which turning points are computed."""
 
 FEWEST_TRUTHS, CONDITIONS = 4, 400
-"""Number of truths where there are many conditions, and the conditions up to which all truths are used."""
+"""Number of true vectors used for many conditions, and the number of conditions up to which all are used."""
 
 ROUNDS = 3
 """Iterations of the secants."""
 
 MOST_LOADS = 4
-"""Loads whose turning points are foreseen, evenly spread among those of the design."""
+"""Largest number of loads with predicted turning points, evenly spaced among those of the design."""
 
 NOT_FORESEEN = ("nu", "lapse")
-"""Parameters of error laws, of which a normal law knows nothing."""
+"""Parameters of error laws that a normal approximation does not have."""
 
 _REACH = 3.5  # largest normal score that is evaluated
 
 
 class Expected(NamedTuple):
-    """The expected posteriors of a design at some truths."""
+    """Expected posteriors of a design for several true parameter vectors."""
 
     names: tuple[str, ...]
-    """The sampled parameters that are foreseen."""
+    """Sampled parameters with predicted posteriors."""
     ratio: Array
-    """Posterior over prior standard deviation in natural units, shape (truths, names)."""
+    """Ratio of posterior to prior standard deviation in natural units, shape (truths, names)."""
     bits: Array
     """Expected information gained from prior to posterior [bits], shape (truths,)."""
     loads: tuple[str, ...]
-    """The loads whose turning points are foreseen."""
+    """Loads with predicted turning points."""
     turns: Array
-    """Share of the prior's draws whose response turns over under each of them, shape (loads,)."""
+    """Share of prior draws whose response has a turning point under each load, shape (loads,)."""
     place: Array
-    """Posterior over prior standard deviation of ln E_fab at the turning point, (truths, loads); NaN without one."""
+    """Ratio of posterior to prior standard deviation of ln E_fab at the turning point, (truths, loads); NaN without
+    one."""
     factor: Array
-    """Number by which E_fab there is divided and multiplied to give its 90 % limits, (truths, loads)."""
+    """Factor between the expected E_fab at the turning point and its 90 % limits, (truths, loads)."""
 
 
 def foresee(model: ExperimentModel, planned: Planned, truths: Array | None = None) -> Expected:
-    """Return what a design is expected to tell.
+    """Return the expected posteriors of a design.
 
     Parameters
     ----------
@@ -85,12 +87,12 @@ def foresee(model: ExperimentModel, planned: Planned, truths: Array | None = Non
     planned
         The design: that of the experiment (`hypothetical.as_it_is`), or another one.
     truths
-        Points theta at which posteriors are foreseen, shape (truths, d); by default the prior's median and draws.
+        True parameter vectors theta, shape (truths, d); by default the prior median and prior draws.
 
     Raises
     ------
     InputError
-        If the ratings are categories, raters have fingers of their own, or loads have errors.
+        If the ratings are categories, raters have individual fingers, or loads have errors.
     """
     posterior = model.posterior
     known = model.options.scale in (MAGNITUDE, SLIDER, STANDARDISED, RANKS, PAIRS)
@@ -145,7 +147,7 @@ class _Foresight:
         theta = self._natural(centre[:, None] + np.einsum("tij,nj->tni", root, self.noise))
         kept = [k for k, p in enumerate(self.space.sampled) if p.name not in NOT_FORESEEN]
         prior_sd = np.array([prior_moments(p.prior)[1] for p in self.space.sampled])
-        # against the same normal numbers under the prior: their own sampling error cancels
+        # compared with the same normal numbers under the prior, so that their sampling error cancels
         alone = self._natural(self.noise).std(axis=0) / prior_sd
         ratio = theta.std(axis=1) / prior_sd / alone
         bits = -np.log2(np.diagonal(root, axis1=1, axis2=2)).sum(axis=1)
@@ -153,7 +155,7 @@ class _Foresight:
         return Expected(tuple(self.space.names[k] for k in kept), ratio[:, kept], bits, *turn)
 
     def _turning(self, theta: Array) -> tuple[tuple[str, ...], Array, Array, Array]:
-        """Return loads, the prior's share of turning points, and width and factor of their places."""
+        """Return the loads, the prior share of turning points, and width ratio and factor of their positions."""
         scene = self.model.scene
         used = np.unique(scene.load)
         shown = used[np.unique(np.linspace(0, used.size - 1, MOST_LOADS).round().astype(int))]
@@ -262,14 +264,14 @@ def _at(value: Any, theta: Array) -> Array:
 
 
 def _of_conditions(design: Design, effects: Array, slopes: Array) -> Moments:
-    """Return the cross products of effects and slopes that are the conditions'."""
+    """Return the cross products of effects and slopes, for slopes given by condition."""
     weighted = effects * design.cells.sum(axis=0)[:, None]
     count = design.cells.sum(axis=0)[:, None]
     return Moments(design.n_rows, weighted.T @ effects, weighted.T @ slopes, slopes.T @ (count * slopes))
 
 
 def _heavier(law: Any, parameters: RatingParameters) -> Any:
-    """Return the variance of normal errors that tell as much of the mean, over varsigma²."""
+    """Return the variance, relative to varsigma², of normal errors with the same information about the mean."""
     if law is STUDENT:
         nu = np.asarray(parameters.nu, float)
         return (nu + 3.0) / (nu + 1.0)
@@ -277,7 +279,7 @@ def _heavier(law: Any, parameters: RatingParameters) -> Any:
 
 
 def _rounding(said: Stated, additive: Callable[[Any], Array]) -> float:
-    """Return the mean variance, in additive numbers, of ratings within the intervals that they stand for."""
+    """Return the mean variance, on the additive scale, of ratings within the intervals that they represent."""
     if said.exact:
         return 0.0
     low, high = said.ends(said.values)
@@ -287,7 +289,7 @@ def _rounding(said: Stated, additive: Callable[[Any], Array]) -> float:
 
 
 def _sd(values: Array, axis: int) -> Array:
-    """Return the standard deviation of the values that are numbers; NaN if there are fewer than two."""
+    """Return the standard deviation of the values that are not NaN; NaN if there are fewer than two."""
     there = np.isfinite(values)
     count = there.sum(axis=axis)
     mean = np.where(there, values, 0.0).sum(axis=axis) / count

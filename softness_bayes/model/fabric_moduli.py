@@ -1,4 +1,4 @@
-"""Effective moduli of an experiment's fabrics, with the laws of those that are not known exactly (model.md 1)."""
+"""Effective moduli of an experiment's fabrics, with prior laws for the uncertain ones (model.md 1)."""
 
 from __future__ import annotations
 
@@ -26,9 +26,9 @@ def fabric_moduli(
     reading
         Formula of the rigidity from tensile modulus and thickness.
     cv
-        Relative standard error of measured moduli without one of their own; None or 0 if these are exact.
+        Relative standard error of measured moduli that state none; None or 0 if these are exact.
     unknown
-        Law of moduli of which nothing is known [kPa].
+        Prior law of moduli about which nothing is known [kPa].
 
     Raises
     ------

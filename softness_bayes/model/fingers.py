@@ -1,4 +1,4 @@
-"""The finger of a run by named values, in the units that users write."""
+"""The finger of a run as named values, in the units used on the command line."""
 
 from __future__ import annotations
 
@@ -16,21 +16,21 @@ from softness_bayes.ranges import Range
 from softness_bayes.touch.contact import Finger, FingerBox
 
 _MM = 1000.0
-"""Millimetres in a metre; a quotient by it is the decimal number that was written, to the last bit."""
+"""Millimetres in a metre; division by it preserves the decimal number as written, to the last bit."""
 
 
 @dataclass(frozen=True)
 class FingerValue:
-    """One value of a finger, as the command line names it.
+    """One value of a finger, with its name on the command line.
 
     Parameters
     ----------
     name, meaning
-        Name with its unit, and what it is.
+        Name including the unit, and description.
     range
-        Values that it may have, in the unit of the name.
+        Allowed values, in the unit of the name.
     per_si
-        Units of the name in one SI unit.
+        Number of these units in one SI unit.
     """
 
     name: str
@@ -53,16 +53,16 @@ FINGER_VALUES: Mapping[str, FingerValue] = MappingProxyType(
         )
     }
 )
-"""Every value of a finger that a user may give, by name."""
+"""All values of a finger that can be set, by name."""
 
 
 def require_finger(values: Mapping[str, float]) -> None:
-    """Refuse values that no finger has.
+    """Raise an error for invalid values of a finger.
 
     Raises
     ------
     InputError
-        Naming a value that does not exist or the range of one.
+        For an unknown name, or a value outside its range.
     """
     for name, value in values.items():
         if name not in FINGER_VALUES:
@@ -72,7 +72,7 @@ def require_finger(values: Mapping[str, float]) -> None:
 
 
 def finger_of(values: Mapping[str, float]) -> Finger:
-    """Return the usual finger with some values of its own.
+    """Return the default finger with some values replaced.
 
     Raises
     ------
@@ -87,12 +87,12 @@ def finger_of(values: Mapping[str, float]) -> Finger:
 
 
 def values_of(finger: Finger) -> dict[str, float]:
-    """Return the values by which a finger differs from the usual one: `finger_of` makes the finger of them."""
+    """Return the values that differ from those of the default finger, such that `finger_of` restores the finger."""
     return {name: value for name, value in every_value(finger).items() if value != every_value(Finger())[name]}
 
 
 def require_one_source(names: Iterable[str], finger: Finger) -> None:
-    """Refuse parameters with a prior of which the finger has a value of its own.
+    """Raise an error for parameters that have both a prior and a set value of the finger.
 
     Raises
     ------
@@ -105,14 +105,14 @@ def require_one_source(names: Iterable[str], finger: Finger) -> None:
 
 
 def box_of_priors(sampled: Sequence[Parameter], finger: Finger) -> FingerBox | None:
-    """Return the radii and depths that a run usually meets, four standard deviations of each prior away.
+    """Return the range of radii and depths to cover in a run: four standard deviations of each prior.
 
     Parameters
     ----------
     sampled
-        The sampled parameters. Without `SHAPE_PARAMETERS` among them there is one finger, and no box.
+        The sampled parameters. Without any of `SHAPE_PARAMETERS` there is a single finger, and the result is None.
     finger
-        What is not sampled.
+        Finger with the values that are not sampled.
     """
     ends = {p.name: np.asarray(p.prior.quantile(_TAILS)) * _MARGINS for p in sampled if p.name in SHAPE_PARAMETERS}
     return box_of_values(ends, finger)
@@ -122,7 +122,7 @@ _TAILS, _MARGINS = (3e-5, 1.0 - 3e-5), (0.999, 1.001)
 
 
 def box_of_values(values: Mapping[str, ArrayLike], finger: Finger) -> FingerBox | None:
-    """Return the box of the radii and depths among named values in natural units; None if there are none."""
+    """Return the range of the radii and depths among named values in natural units; None if there are none."""
     ranges = {}
     for name, parameter in SHAPE_PARAMETERS.items():
         own = np.asarray(values[name], float) * parameter.si if name in values else np.array(getattr(finger, name))
@@ -131,8 +131,8 @@ def box_of_values(values: Mapping[str, ArrayLike], finger: Finger) -> FingerBox 
 
 
 def every_value(finger: Finger) -> dict[str, float]:
-    """Return all values of a finger, by the names that `finger_of` takes."""
+    """Return all values of a finger, by the names used in `finger_of`."""
     si: dict[str, Any] = asdict(finger)
     si["contact_x"], si["contact_y"] = si.pop("contact_centre")
-    # twelve digits are those that were written, without the rounding of the conversion
+    # twelve digits restore the number as written, without rounding errors of the conversion
     return {name: float(f"{si[name.removesuffix('_mm')] * value.per_si:.12g}") for name, value in FINGER_VALUES.items()}

@@ -1,4 +1,4 @@
-"""Designs that might be: the one of an experiment, and others with more raters, loads, fabrics or repeats."""
+"""Hypothetical designs: that of an experiment, and extensions by raters, loads, fabrics or repeats."""
 
 from __future__ import annotations
 
@@ -24,24 +24,24 @@ STEPS = (2.0, 4.0, 8.0)
 """Moduli of three further fabrics, as multiples of the stiffest or fractions of the softest."""
 
 HEAVIER, LIGHTER = 1.5, 0.5
-"""A further load, as a multiple of the greatest or of the least."""
+"""Factor of a further load relative to the largest or smallest one."""
 
 DEEPEST = Range(1e-6, 8e-3, "m")
-"""Indentations of a further load."""
+"""Allowed indentations of a further load."""
 
 
 class Planned(NamedTuple):
-    """A design, and the response in its conditions."""
+    """A design with the response in its conditions."""
 
     name: str
-    """The design in words; empty for the one of the experiment."""
+    """Description of the design; empty for that of the experiment."""
     design: Design
     scene: Scene
-    """Fabrics and loads of its conditions; fabrics of the experiment come first."""
+    """Fabrics and loads of the conditions; fabrics of the experiment come first."""
     n_fabrics: int
-    """Number of fabrics of the experiment, whose moduli may be sampled; others have known ones."""
+    """Number of fabrics of the experiment, whose moduli may be sampled; further fabrics have known moduli."""
     compared: Comparisons | None = None
-    """Conditions that are compared with one another; None if ratings are not comparisons."""
+    """Sets of conditions that are compared with one another; None if ratings are not comparisons."""
 
     @property
     def n_answers(self) -> int:
@@ -68,7 +68,7 @@ def as_it_is(model: ExperimentModel) -> Planned:
 
 
 def others(model: ExperimentModel) -> list[Planned]:
-    """Return designs that cost more ratings: raters, repeats, a load, stiffer or softer fabrics."""
+    """Return designs with additional ratings: raters, repeats, a load, stiffer or softer fabrics."""
     now = as_it_is(model)
     d, people = now.design, now.design.n_participants
     twice = Design(np.tile(d.condition, 2), np.append(d.participant, d.participant + people), d.fabric, 2 * people)
@@ -87,7 +87,7 @@ def others(model: ExperimentModel) -> list[Planned]:
 
 
 def _with_load(now: Planned, factor: float) -> Planned | None:
-    """Return the design in which everybody rates the same fabrics under one more load; None if there can be none."""
+    """Return the design with the same fabrics rated under one more load; None if such a load is out of range."""
     loads = now.scene.loads
     kind = Force if 2 * sum(isinstance(load, Force) for load in loads) > len(loads) else Indentation
     values = [held(load) for load in loads if isinstance(load, kind)]
@@ -117,14 +117,14 @@ def _with_load(now: Planned, factor: float) -> Planned | None:
 
 
 def _with_pairs(compared: Comparisons, new: IndexArray, old: IndexArray, people: int) -> Comparisons:
-    """Return comparisons with more pairs: everybody compares neighbours in a circle of conditions, drawn at random.
+    """Return comparisons with more pairs: each participant compares neighbours in a random circle of conditions.
 
     Parameters
     ----------
     compared
-        The pairs that there are.
+        The existing pairs.
     new, old
-        Conditions of the circle; pairs of old ones alone are left out.
+        New and old conditions in the circle; pairs of two old ones are left out.
     people
         Number of participants.
     """
@@ -138,7 +138,7 @@ def _with_pairs(compared: Comparisons, new: IndexArray, old: IndexArray, people:
 
 
 def _with_fabrics(now: Planned, moduli: Array, name: str) -> Planned:
-    """Return the design in which everybody rates further fabrics of known moduli under the loads of the others."""
+    """Return the design with further fabrics of known moduli, rated by all participants under the same loads."""
     d, scene = now.design, now.scene
     size = scene.fabric_modulus.size
     pairs = np.unique(np.stack([d.participant, scene.load[d.condition]]), axis=1)
@@ -154,7 +154,7 @@ def _with_fabrics(now: Planned, moduli: Array, name: str) -> Planned:
     wider = scene.beside(moduli, np.append(scene.fabric, fabric), np.append(scene.load, load))
     compared = now.compared
     if compared and not compared.paired:
-        # each list takes the further fabrics under its load
+        # each list is extended by the further fabrics under its load
         further = scene.n_conditions + np.arange(moduli.size) * loads.size
         at = np.searchsorted(loads, scene.load[compared.members[:, 0]])
         compared = Comparisons(np.concatenate([further + at[:, None], compared.members], axis=1), compared.times)

@@ -1,4 +1,4 @@
-"""Raters with fingers or answers of their own: what differs, and the grids of fingers (model.md 9)."""
+"""Individual fingers or answers of raters: the quantities that differ, and the grids of fingers (model.md 9)."""
 
 from __future__ import annotations
 
@@ -18,17 +18,17 @@ NODES: Mapping[int, Mapping[str, int]] = MappingProxyType(
         3: {"b": 21, "m": 7, "sigma_0": 21},
     }
 )
-"""Nodes of each quantity, by the number of quantities that differ; `FingerGrid` says what their distance costs."""
+"""Nodes per quantity, by the number of quantities that differ; `FingerGrid` states the error of their spacing."""
 
 RESPONSE_NODES, SKIN_NODES = 20, 14
-"""Resolution of the fingers' responses; their error in log(N/N_ref + 0.1 Hz) stays near 1e-3 over the prior."""
+"""Resolution of the fingers' responses, with errors of about 1e-3 in log(N/N_ref + 0.1 Hz) over the prior."""
 
 FINER_RESPONSE_NODES, FINER_SKIN_NODES = 40, 24
 """The same for the reference of the exactness check."""
 
 
 def require_individual(names: Sequence[str]) -> None:
-    """Refuse names of what cannot differ between raters, repetitions, and fingers beside answers.
+    """Raise an error for unknown or repeated quantities, and for fingers combined with answers.
 
     Raises
     ------
@@ -46,36 +46,36 @@ def require_individual(names: Sequence[str]) -> None:
 
 
 def fingers_of(names: Sequence[str]) -> tuple[str, ...]:
-    """Return what differs between raters' fingers."""
+    """Return the quantities among `names` that belong to raters' fingers."""
     return tuple(name for name in names if name in SPREAD_OF)
 
 
 def answers_of(names: Sequence[str]) -> tuple[str, ...]:
-    """Return what differs between raters' answers, their exponents and noise."""
+    """Return the quantities among `names` that belong to raters' answers: exponents and noise."""
     return tuple(name for name in OWN_ANSWERS if name in names)
 
 
 def differing(names: Sequence[str]) -> str:
-    """Return in words what differs between raters."""
+    """Describe the quantities that differ between raters."""
     words = {"gamma": "exponents", "varsigma": "noise"}
     return f"own {' and '.join(words[name] for name in answers_of(names)) or 'fingers'}"
 
 
 def spreads_of(names: Sequence[str]) -> tuple[str, ...]:
-    """Return the names of the spreads of what differs."""
+    """Return the names of the parameters for the spreads of quantities that differ."""
     return tuple({**SPREAD_OF, **OWN_ANSWERS}[name] for name in names)
 
 
 def grid_of(names: Sequence[str]) -> FingerGrid:
-    """Return the grid of fingers that raters' own are summed over."""
+    """Return the grid of fingers over which individual fingers are summed."""
     return FingerGrid({name: NODES[len(names)][name] for name in names})
 
 
 def family_of(scene: Scene, grid: FingerGrid) -> FingerFamily:
-    """Return the fingers of a grid that touch a scene, at the usual resolution."""
+    """Return the family of fingers of a grid that touch a scene, at the default resolution."""
     return FingerFamily(scene, grid, RESPONSE_NODES, SKIN_NODES)
 
 
 def finer_family_of(scene: Scene, grid: FingerGrid) -> FingerFamily:
-    """Return the same at the resolution of the reference."""
+    """Return the same family at the resolution of the reference."""
     return FingerFamily(scene, grid, FINER_RESPONSE_NODES, FINER_SKIN_NODES)

@@ -39,59 +39,57 @@ KINDS: Mapping[str, tuple[Any, str]] = MappingProxyType(
         "discretisation": ((Discretisation, type(None)), "a Discretisation or None"),
     }
 )
-"""The options whose kind is checked, with what is expected; the others have ranges or checks of their own."""
+"""Options whose type is checked, with a description of the expected type; the others have separate checks."""
 
 
 @dataclass(frozen=True)
 class ModelOptions:
-    """The choices that make a model of an experiment.
+    """Choices that define the model of an experiment.
 
-    Three of them, the direction of the ratings, the law of their errors and the discretisation, may be left open;
-    `build` then decides them, and the options of the model that it returns have them filled in.
+    Direction of the ratings, error law and discretisation may be left open. `build` then chooses
+    them and returns a model whose options have them filled in.
 
     Parameters
     ----------
     fix, priors, prior_set
-        Held parameters, priors of single parameters and the named set of priors, as `parameter_space` takes them.
-        A prior is a law, such as ``LogNormal(100, 0.5)``, or its written form, ``"lognormal(100,0.5)"``.
+        Fixed parameters, priors of single parameters and the named set of priors, as for `parameter_space`. A prior is
+        a law, such as ``LogNormal(100, 0.5)``, or its written form, ``"lognormal(100,0.5)"``.
     readings, scale
-        Readings of the chain and of the scale of the ratings.
+        Readings of the forward model, and scale of the ratings.
     direction
-        Whether ratings rise or fall with the response; None for the direction that the data show.
+        Whether ratings rise or fall with the response; None to infer it from the data.
     finger
-        The fingertip: its radius, its pad, the depth of its receptors, the place of contact.
+        The fingertip: radius, pad, depth of the receptors, centre of contact.
     modulus_cv
-        Relative standard error of measured moduli that have none of their own in the table; 0 if they are exact. None
-        takes them as exact too, and the run says what that may cost.
+        Relative standard error of measured moduli that have none in the table; 0 if they are exact. None also takes
+        them as exact, but the run reports the possible consequences.
     unknown_modulus
-        Law of the moduli of fabrics of which nothing is known [kPa].
+        Prior law for the moduli of fabrics about which nothing is known [kPa].
     load_cv
-        Relative standard error of the loads of ratings that have none of their own in the table; 0 or None if they are
-        exact.
+        Relative standard error of the loads of ratings that have none in the table; 0 or None if loads are exact.
     shared_load_cv
-        Relative standard error of each load that all its ratings share; 0 or None if there is none.
+        Relative standard error of each load, shared by all its ratings; 0 or None if there is no such error.
     individual
-        What differs between raters, each with a sampled spread: of their fingers some of b, m and sigma_0, or of their
-        answers gamma (the exponent), varsigma (the noise) or both; by default all raters have the typical ones.
+        Quantities that differ between raters, each with a sampled spread: either some of b, m and sigma_0 (fingers), or
+        gamma (exponent), varsigma (noise) or both (answers). By default nothing differs.
     errors
-        Law of the errors of ratings; None for the one that the table's residuals show.
+        Error law of the ratings; None to infer it from the residuals of the table.
     resolution
-        Step of the grids of numbers that raters use, where the table has no column for it; 0 for exact numbers. None
-        finds that of each rater.
+        Grid step of the numbers that raters use, if the table has no such column; 0 for exact numbers. None infers the
+        step of each rater.
     slider_ends
         Numbers of the two ends of a slider.
     n_categories
         Number of ordered categories; None for the largest number in the table.
     noise
-        Strength of the membranes' white current [µA/cm² sqrt(ms)]; needs fixed channel multipliers.
+        Strength of the white-noise current of the membranes [µA/cm² sqrt(ms)]; requires fixed channel multipliers.
     accuracy
-        Bound of the response's numerical error, relative to its peak and in log(N/N_ref + eps): the cheapest
-        discretisation that keeps to it over draws of the prior is chosen. Not used if a discretisation is given.
+        Bound on the numerical error of the response, relative to its peak and in log(N/N_ref + eps): the cheapest
+        discretisation that meets it over prior draws is chosen. Ignored if a discretisation is given.
     discretisation
-        Resolution of the scene; None for one that keeps to the accuracy.
+        Resolution of the scene; None to choose one that meets the accuracy.
     decided
-        Names of the options ("direction", "errors", "discretisation") that were decided and not asked for, for the
-        record.
+        Names of the options ("direction", "errors", "discretisation") that were chosen automatically, for the record.
     """
 
     fix: Mapping[str, float] = field(default_factory=dict)
@@ -139,7 +137,7 @@ class ModelOptions:
             raise InputError(f"slider: ends {self.slider_ends}, expected two numbers, the lower one first")
 
     def require_storable(self) -> None:
-        """Raise an error for readings and priors that a stored run could not find again.
+        """Raise an error for readings and priors that could not be restored from a stored run.
 
         Raises
         ------
@@ -152,17 +150,17 @@ class ModelOptions:
             require_storable(f"prior of {name}", prior)
 
     def decide(self, **found: Any) -> Self:
-        """Return the options with some that were open decided, by name."""
+        """Return the options with open choices filled in, given by name."""
         return replace(self, **found, decided=self.decided | found.keys())
 
     @property
     def kept_accuracy(self) -> float | None:
-        """The accuracy that the discretisation keeps to; None if the discretisation was given."""
+        """Accuracy met by the discretisation; None if the discretisation was given."""
         given = self.discretisation is not None and "discretisation" not in self.decided
         return None if given else self.accuracy
 
     def record(self) -> dict[str, Any]:
-        """Return these options as JSON holds them; `from_record` is the inverse."""
+        """Return these options as JSON data; `from_record` is the inverse."""
         return {
             "fix": dict(self.fix),
             "priors": {name: str(prior) for name, prior in self.priors.items()},
@@ -188,7 +186,7 @@ class ModelOptions:
 
     @classmethod
     def from_record(cls, record: Mapping[str, Any]) -> Self:
-        """Return the options that `record` made this from.
+        """Return the options from the output of `record`.
 
         Raises
         ------
@@ -208,7 +206,7 @@ class ModelOptions:
             readings=Readings().override(record["readings"]),
             direction=None if record["direction"] is None else direction_named(record["direction"]),
             scale=scale_named(record["scale"]),
-            # records of earlier versions have none: the finger was the usual one
+            # absent in records of earlier versions, which had only the default finger
             finger=finger_of(record.get("finger", {})),
             modulus_cv=record.get("modulus_cv"),
             unknown_modulus=parse_prior(record.get("unknown_modulus", str(UNKNOWN_MODULUS))),
@@ -226,7 +224,7 @@ class ModelOptions:
         )
 
     def choices(self) -> dict[str, str]:
-        """Return the choices that decide the draws beside data and parameters, by name."""
+        """Return the choices that affect the draws besides data and parameters, by name."""
         return {
             **{f"reading of {place}": name for place, name in self.readings.names.items()},
             "direction": "of the data" if self.direction is None else self.direction.name,

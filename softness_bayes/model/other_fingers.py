@@ -1,4 +1,4 @@
-"""Drives with the skin's modulus changed, for the check of raters' own fingers."""
+"""Sensitivity of the drive to the modulus of the skin, for the check of individual fingers."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def skin_slope(posterior: Posterior, theta: Array, parameters: RatingParameters,
     parameters
         Parameters of the rating model at theta.
     step
-        Change of ln b to either side, over which the secant is taken.
+        Half-width, in ln b, of the secant.
     """
     touch, modulus, scene = posterior.space.touch(theta), posterior.space.modulus(theta), posterior.scene
     here = posterior.mean_rate(theta)

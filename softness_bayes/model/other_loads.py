@@ -1,4 +1,4 @@
-"""The loads, beside the stated ones, at which the responses of ratings with errors of their loads are needed."""
+"""Additional loads, besides the stated ones, at which responses are needed if loads have errors."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def touched_in(ratings: Ratings) -> Touched:
 
 
 def beside(stated: Touched, errors: LoadErrors) -> Touched:
-    """Return the conditions under the lower and the higher loads of uncertain touches, in the order of their columns.
+    """Return the conditions at the lower and higher loads of uncertain touches, in the order of their columns.
 
     Parameters
     ----------
@@ -59,5 +59,5 @@ def beside(stated: Touched, errors: LoadErrors) -> Touched:
 
 
 def scaled(load: Load, factor: float) -> Load:
-    """Return a load of the same kind, larger by a factor."""
+    """Return a load of the same kind, multiplied by a factor."""
     return next(kind(value(load) * factor) for _, kind, value in LOAD_COLUMNS if isinstance(load, kind))

@@ -1,4 +1,4 @@
-"""Responses and drives with the fabrics' moduli changed, for checks of what errors of the moduli do."""
+"""Responses and drives for changed moduli of the fabrics, to check the effect of errors in the moduli."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ Array = NDArray[np.float64]
 
 
 def rates_of_other_moduli(posterior: Posterior, theta: Array, step: float) -> tuple[Array, Array]:
-    """Return `Posterior.response` at theta (draws, dimension), all log moduli lower and higher by a step.
+    """Return `Posterior.response` at theta (draws, dimension) with all log moduli lowered, and raised, by a step.
 
     Raises
     ------
@@ -37,7 +37,7 @@ def drive_slope(
     Parameters
     ----------
     posterior, theta, step
-        As `rates_of_other_moduli` takes them; the derivative is the secant over a step to either side.
+        As for `rates_of_other_moduli`; the derivative is a central difference over this step.
     mean_rate, parameters
         N/N_ref [Hz] and parameters of the rating model at theta.
     """

@@ -1,4 +1,4 @@
-"""Ratings of touches that need not have been rated, at draws of a posterior given ratings (model.md 9)."""
+"""Predicted ratings of arbitrary touches at draws of a posterior given ratings (model.md 9)."""
 
 from __future__ import annotations
 
@@ -21,41 +21,42 @@ from softness_bayes.touch.scene import Scene
 Array = NDArray[np.float64]
 
 NEW_RATERS = 10
-"""New raters that are drawn for each draw of the posterior, so that the limits of their ratings are smooth."""
+"""Number of new raters per posterior draw, sufficient for smooth limits of their ratings."""
 
 
 class OtherRatings(NamedTuple):
-    """Ratings of the conditions of a scene at draws of a posterior [as filed]."""
+    """Ratings for the conditions of a scene at draws of a posterior [as in the file]."""
 
     rate: Array
     """Response of the typical finger [spikes/s], shape (draws, conditions)."""
     typical: Array
     """Median rating of the typical rater, same shape."""
     new: Array
-    """One rating of each of `NEW_RATERS` new raters, shape (draws, raters, conditions); none if nobody was asked."""
+    """One rating of each of `NEW_RATERS` new raters, shape (draws, raters, conditions); empty if no raters were
+    requested."""
     mean: Array
-    """Mean of the ratings of as many new raters as were asked, shape (draws, conditions); empty if nobody was."""
+    """Mean rating of the requested number of new raters, shape (draws, conditions); empty if none were requested."""
     alike: IndexArray
-    """Number of each condition's group, shape (conditions,): in a group all have one response and one law of ratings,
-    so that their draws are draws of the same."""
+    """Group index of each condition, shape (conditions,). Conditions of a group have the same response and distribution
+    of ratings, so that their draws can be pooled."""
 
 
 @dataclass(frozen=True)
 class OtherTouches:
-    """Touches whose ratings a posterior predicts.
+    """Touches with ratings predicted from a posterior.
 
-    The response of each is centred as the likelihood centres it, over the rows that were rated: predictions are
-    relative to the level that was inferred together with that centre.
+    Responses are centred as in the likelihood, over the rows that were rated, because the level was inferred relative
+    to that centre.
 
     Parameters
     ----------
     posterior
         The density given ratings.
     scene
-        Fabrics and loads that are touched, on the same finger.
+        Fabrics and loads that are touched with the same finger.
     known
-        Each fabric's index among those that were rated, shape (fabrics,); -1 for others, whose own deviations, if the
-        model has them, are drawn. None for fabrics without deviations of their own.
+        Index of each fabric among the rated ones, shape (fabrics,); -1 for new fabrics, whose deviations are drawn if
+        the model has any. None to leave out deviations of fabrics.
     """
 
     posterior: Posterior
@@ -64,9 +65,9 @@ class OtherTouches:
 
     @cached_property
     def _beside(self) -> Posterior:
-        """The posterior whose forward model is that of these touches; it has no moduli among its parameters."""
+        """The posterior with the forward model of these touches; moduli are not among its parameters."""
         of, fingers = self.posterior, self.posterior.fingers
-        of = of.with_term(of.observation.with_pressed(None))  # new raters' fingers are anybody's
+        of = of.with_term(of.observation.with_pressed(None))  # new raters have fingers from the common grid
         return replace(
             of,
             space=replace(of.space, sampled=of.space.chain, moduli=None),
@@ -77,7 +78,7 @@ class OtherTouches:
 
     @cached_property
     def _by_load(self) -> list[tuple[IndexArray, IndexArray | None]]:
-        """The conditions under each load, and the rated ones that these are met among, where it was rated."""
+        """Conditions of each load, with the rated conditions that they are compared with, if that load was rated."""
         rated = self.posterior.scene
         if not isinstance(rated, Scene):
             raise TypeError("expected the posterior of a compiled scene")
@@ -93,14 +94,14 @@ class OtherTouches:
         Parameters
         ----------
         rng
-            Source of the effects given the data, of new raters and of the noise of their ratings.
+            Random generator of effects given the data, new raters and noise.
         theta
             Draws of the posterior, shape (draws, dimension).
         raters
-            Number of new raters whose mean is asked for; 0 if it is the typical rater alone, as it must be without
-            deviations of fabrics.
+            Number of new raters to average; 0 for the typical rater only, as required if deviations of fabrics are left
+            out.
         modulus
-            E_fab [Pa] of each fabric at each draw, shape (draws, fabrics), where it is not the scene's.
+            E_fab [Pa] of each fabric at each draw, shape (draws, fabrics); by default that of the scene.
         """
         grid = self.posterior.fingers
         columns = (1 if grid is None else 1 + grid.grid.size) * self.scene.n_conditions
@@ -136,10 +137,10 @@ class OtherTouches:
             if k < NEW_RATERS:
                 new[:, k] = rating
             if k < raters:
-                with np.errstate(divide="ignore"):  # of a rating of 0 the mean is 0 too
+                with np.errstate(divide="ignore"):  # a rating of 0 makes the geometric mean 0, too
                     total += scale.additive(rating)
         mean = scale.natural(total / raters) if raters else np.empty((len(theta), 0))
-        # with deviations of their own, fabrics that were rated differ whatever their response
+        # with deviations of fabrics, rated fabrics differ even at equal responses
         fabric = np.full(conditions, -1) if own is None else fabrics[self.scene.fabric]
         every = response.reshape(len(theta), -1, conditions)  # of raters' own fingers too
         alike = _alike(np.concatenate([fabric[None], every.reshape(-1, conditions)]))
@@ -148,19 +149,19 @@ class OtherTouches:
     def _rating(
         self, rng: np.random.Generator, design: Design, drive: Array, parameters: RatingParameters, others: Effects
     ) -> Array:
-        """Return the ratings of one more new rater at every draw, shape (draws, conditions)."""
+        """Return the ratings by one new rater at every draw, shape (draws, conditions)."""
         model = self.posterior.observation.single
         effects = model.with_new_participants(rng, parameters, others)
         return np.asarray(model.draw_ratings(rng, design, drive, parameters, effects))
 
 
 def _alike(columns: NDArray[Any]) -> IndexArray:
-    """Return the number of each column's group, shape (columns,): equal columns are of one group."""
+    """Return the group index of each column, shape (columns,): equal columns form one group."""
     numbers: dict[bytes, int] = {}
     return np.array([numbers.setdefault(column.tobytes(), len(numbers)) for column in columns.T], np.intp)
 
 
 def deviations_of_fabrics(effects: Mapping[str, tuple[Array, tuple[str, ...]]]) -> Array | None:
-    """Return the sum of all fabrics' own deviations, shape (draws, fabrics); None if the model has none."""
+    """Return the total deviation of each fabric, shape (draws, fabrics); None if the model has none."""
     found = [values for values, axes in effects.values() if axes == ("fabric",)]
     return sum(found[1:], found[0]) if found else None

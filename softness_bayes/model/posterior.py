@@ -23,12 +23,12 @@ from softness_bayes.touch.scene import Scene
 FloatArray = NDArray[np.float64]
 
 LEAST_FIRING = 3
-"""Number of conditions, or all if there are fewer, in which receptors must fire at a starting point."""
+"""Number of conditions (or all, if fewer) in which receptors must fire at a starting point."""
 
 NEGLIGIBLE = -200.0
 """Log prior density of a single parameter below which the density of a point is set to zero."""
 
-_WIDTHS = (1.0, 50), (1.5, 10), (2.0, 10), (3.0, 10), (4.0, 10)  # of priors that starts are of, and attempts
+_WIDTHS = (1.0, 50), (1.5, 10), (2.0, 10), (3.0, 10), (4.0, 10)  # of priors of starts, and attempts
 
 
 class ForwardModel(Protocol):
@@ -39,24 +39,24 @@ class ForwardModel(Protocol):
         """Mean number of receptors of the pad."""
 
     def total_rate(self, parameters: TouchParameters, modulus: FloatArray | None = None) -> FloatArray:
-        """Total rate [spikes/s] of every condition, shape (..., conditions), for fabrics of other moduli [Pa]."""
+        """Total rate [spikes/s], shape (..., conditions), optionally with other moduli of the fabrics [Pa]."""
 
 
 @dataclass(frozen=True)
 class Density:
     """log p(theta | data) = log p(theta) + the sum of log p(data of a term | theta), up to a constant.
 
-    Called with sampler coordinates z it returns the density in z, Jacobian included. Without a scene there is no
-    response: its terms are those that use none, as the forces of a plate.
+    Called with sampler coordinates z, it returns the density in z, including the Jacobian. Without a scene, only terms
+    that do not use the response, such as plate forces, are possible.
 
     Parameters
     ----------
     space
         The parameters.
     terms
-        The likelihood of each kind of data, independent of each other given the parameters; that of ratings may be
-        given the forces of the same people (`likelihood.pressed`). The typical finger's b and m are those of the
-        typical rater.
+        Likelihoods of each kind of data, independent of each other given the parameters; that of ratings may be
+        conditional on plate forces of the same people (`likelihood.pressed`). b and m of the typical finger are those
+        of the typical rater.
     """
 
     space: ParameterSpace
@@ -69,7 +69,7 @@ class Density:
 
     @property
     def n_linear(self) -> int:
-        """Number of the fabrics' moduli, the last coordinates: near their laws, they follow the others linearly."""
+        """Number of fabric moduli, the last coordinates, which are nearly linear functions of the others."""
         return self.space.dimension - self.space.n_chain
 
     def natural(self, z: FloatArray) -> FloatArray:
@@ -85,25 +85,25 @@ class Density:
         return next((term for term in self.terms if term.name == name), None)
 
     def with_term(self, term: Likelihood) -> Self:
-        """The posterior given other data in place of those of the same name."""
+        """The posterior with the data of the same name replaced."""
         return replace(self, terms=tuple(term if old.name == term.name else old for old in self.terms))
 
     def mean_rate(self, theta: FloatArray) -> FloatArray:
-        """The pad's mean rate N/N_ref [Hz] at points theta, shape (..., conditions); without a scene, of none."""
+        """The pad's mean rate N/N_ref [Hz] at points theta, shape (..., conditions); empty without a scene."""
         return np.empty((*theta.shape[:-1], 0))
 
     def response(self, theta: FloatArray, modulus: FloatArray | None = None) -> FloatArray:
-        """The mean rates that the likelihoods take: `mean_rate`, followed by those of raters' own fingers, if any."""
+        """Mean rates as used by the likelihoods: `mean_rate`, followed by those of individual fingers, if any."""
         return self.mean_rate(theta)
 
     def parameters_of(self, term: Likelihood, theta: FloatArray) -> Parameters:
-        """Return the parameters of a term's model at points theta, in SI: numbers if held, arrays (...) if sampled."""
+        """Return the parameters of a term's model at points theta, in SI: numbers if fixed, arrays (...) if sampled."""
         values = self.space.values(theta)
         known = (name for name in term.model.needs if name in values)
         return term.model.take({name: values[name] * EVERY_PARAMETER[name].si for name in known})
 
     def data_density(self, theta: FloatArray) -> FloatArray:
-        """Log density of the data at points theta, as the model computes it."""
+        """Log density of the data at points theta, without checks."""
         rate = self.response(theta)
         return sum((term.log_likelihood(rate, self.parameters_of(term, theta)) for term in self.terms), np.zeros(()))
 
@@ -113,7 +113,7 @@ class Density:
         Raises
         ------
         NumericalError
-            If it is not a finite number somewhere; the message names the point.
+            If it is not finite at a point; the message gives the point.
         """
         value = self._likelihood(theta)
         if not np.isfinite(value).all():
@@ -131,7 +131,7 @@ class Density:
         return True
 
     def failing_stage(self, z: FloatArray) -> str:
-        """Name of the first stage that gives no finite number at one point ``z``, shape (dimension,)."""
+        """Name of the first stage that is not finite at one point ``z``, shape (dimension,)."""
         theta = self.natural(z)
         if not np.isfinite(theta).all():
             return "coordinates"
@@ -144,9 +144,9 @@ class Density:
     def __call__(self, z: FloatArray) -> FloatArray:
         """Log posterior density in sampler coordinates, shape (points,) for ``z`` (points, dimension).
 
-        The likelihood is evaluated only where no parameter's prior density is `NEGLIGIBLE`, because proposals may be
-        arbitrarily far outside the range of the model. Only the prior gives minus infinity; where the likelihood is
-        not finite the density is NaN.
+        The likelihood is not evaluated if the prior density of any parameter is below `NEGLIGIBLE`, because proposals
+        may lie arbitrarily far outside the range of the model. Minus infinity can only result from the prior; if the
+        likelihood is not finite, the density is NaN.
         """
         theta = self.space.natural(z)
         log_prior = self.space.log_prior(theta)
@@ -154,7 +154,7 @@ class Density:
         inside = (log_prior > NEGLIGIBLE).all(axis=-1)
         if inside.all():
             return value + _finite(self._likelihood(theta))
-        # a NaN prior must not be taken for a prior of zero density
+        # a NaN prior must not be treated as zero density
         value = np.where(inside, value, np.where(np.isnan(log_prior).any(axis=-1), np.nan, -np.inf))
         if inside.any():
             value[inside] += _finite(self._likelihood(theta[inside]))
@@ -166,11 +166,11 @@ class Density:
 
     @property
     def compression(self) -> CompressionForces | None:
-        """The forces of a plate, if there are any."""
+        """The likelihood of plate forces; None if there are none."""
         return cast("CompressionForces | None", self.term(FORCES))
 
     def skin_parameters(self, theta: FloatArray) -> SkinParameters:
-        """Return skin and spreads of fingers, in SI, at points theta, each of shape (...)."""
+        """Return skin and spreads between fingers, in SI, at points theta, each of shape (...)."""
         values, shape = self.space.values(theta), theta.shape[:-1]
         return SkinParameters(
             *(np.broadcast_to(values[name] * EVERY_PARAMETER[name].si, shape) for name in SkinParameters._fields)
@@ -179,17 +179,17 @@ class Density:
 
 @dataclass(frozen=True)
 class Posterior(Density):
-    """The posterior given ratings, and any other data.
+    """The posterior given ratings and any other data.
 
     Parameters
     ----------
     scene
         The forward model of the rated conditions.
     other_loads
-        That of the same fabrics under further loads, where the stated ones have errors (`load_errors.LoadErrors`).
+        The forward model of the same fabrics at additional loads, if loads have errors (`load_errors.LoadErrors`).
     fingers
-        The fingers that raters may have, over which the likelihood of the ratings integrates; None if all have the
-        typical one.
+        Family of fingers over which the likelihood of the ratings integrates; None if all raters have the typical
+        finger.
     """
 
     scene: ForwardModel
@@ -198,24 +198,24 @@ class Posterior(Density):
 
     @property
     def scenes(self) -> tuple[ForwardModel, ...]:
-        """The forward models of all columns of the mean rates of the typical finger."""
+        """Forward models for all columns of the typical finger's mean rates."""
         return (self.scene,) if self.other_loads is None else (self.scene, self.other_loads)
 
     def mean_rate(self, theta: FloatArray) -> FloatArray:
-        """The pad's mean rate N/N_ref [Hz] at points theta, shape (..., conditions), then under any other loads."""
-        # if every parameter of the chain is held, all points share one response
+        """Mean rate N/N_ref [Hz] of the pad at theta, shape (..., conditions), then those at additional loads."""
+        # if all parameters of the forward model are fixed, all points share one response
         rate = self.mean_rate_of(self.space.touch(theta), self.space.modulus(theta))
         return np.broadcast_to(rate, (*theta.shape[:-1], rate.shape[-1]))
 
     def response(self, theta: FloatArray, modulus: FloatArray | None = None) -> FloatArray:
-        """The mean rates of the typical finger as `mean_rate`, and then of each of `fingers`, in every condition.
+        """Mean rates of the typical finger (`mean_rate`), followed by those of each of `fingers` in every condition.
 
         Parameters
         ----------
         theta
             Points, shape (..., dimension).
         modulus
-            E_fab [Pa] of each fabric, shape (..., fabrics), in place of the moduli at theta.
+            E_fab [Pa] of each fabric, shape (..., fabrics), used instead of the moduli at theta.
 
         Returns
         -------
@@ -232,7 +232,7 @@ class Posterior(Density):
         return rates[0] if len(rates) == 1 else np.concatenate(rates, axis=-1)
 
     def mean_rate_of(self, touch: TouchParameters, modulus: FloatArray | None) -> FloatArray:
-        """As `mean_rate`, at parameters of the chain and moduli of the fabrics [Pa] if not the scene's."""
+        """Return `mean_rate` at given parameters of the forward model and, optionally, moduli of the fabrics [Pa]."""
         rates = [
             (scene.total_rate(touch) if modulus is None else scene.total_rate(touch, modulus)) / scene.n_receptors
             for scene in self.scenes
@@ -244,7 +244,7 @@ class Posterior(Density):
         return bool(np.isfinite(self.response(theta)).all())
 
     def with_scene(self, scene: Scene, others: Scene | None, fingers: FingerFamily | None) -> Posterior:
-        """Return the posterior with other forward models, and raters' fingers on another grid."""
+        """Return the posterior with other forward models and another grid of fingers."""
         of = self
         if fingers is not None:
             of = self.with_term(cast(IndividualRatings, self.observation).with_grid(fingers.grid))
@@ -256,14 +256,14 @@ class Posterior(Density):
         return cast(RatingsLikelihood, self.term(RATINGS))
 
     def rating_parameters(self, theta: FloatArray) -> RatingParameters:
-        """Return the parameters of the rating model at points theta; NaN for those that it does not have."""
+        """Return the parameters of the rating model at points theta; NaN if not in the model."""
         return cast(RatingParameters, self.parameters_of(self.observation, theta))
 
     def draw_start(self, rng: np.random.Generator, size: int) -> FloatArray:
         """Return prior draws that fire in at least `LEAST_FIRING` conditions, in sampler coordinates.
 
-        If such draws are rare, wider priors about the same medians are tried. If these fail too, draws that fire in any
-        condition are used, and the climbs from there find the region that fits the ratings.
+        If such draws are rare, wider priors with the same medians are tried. If these fail as well, draws that fire in
+        any condition are used, and the optimisations started there find the region that fits the ratings.
 
         Raises
         ------
@@ -292,7 +292,7 @@ class Posterior(Density):
         return self.space.coordinates(np.array([*found, *some, *rest][:size]))
 
     def _drawn(self, rng: np.random.Generator, size: int, width: float) -> FloatArray:
-        """Return at most `size` draws of positive density from priors widened in the sampler's coordinates."""
+        """Return at most `size` draws with positive density from priors widened in sampler coordinates."""
         theta = self.space.draw_prior(rng, size)
         if width == 1.0:
             return theta
@@ -302,5 +302,5 @@ class Posterior(Density):
 
 
 def _finite(value: FloatArray) -> FloatArray:
-    """Return the values, NaN where they are infinite."""
+    """Return the values with infinite ones replaced by NaN."""
     return np.where(np.isfinite(value), value, np.nan)

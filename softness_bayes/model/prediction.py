@@ -1,4 +1,4 @@
-"""The forward model as a table: one row for each fabric and load, with or without a posterior's width."""
+"""Predictions of the forward model as a table: one row per fabric and load, with or without credible limits."""
 
 from __future__ import annotations
 
@@ -32,23 +32,23 @@ def prediction_table(
     Parameters
     ----------
     fabrics
-        The scene's fabrics, for their names.
+        Fabrics of the scene, for their names.
     scene
         Fabrics × loads.
     parameters
         One parameter vector, or a batch of draws of shape (draws,).
     prob
-        Credible mass of the columns `_low` and `_high`, which only a batch has.
+        Credible mass between the columns `_low` and `_high`, which only a batch has.
     modulus
-        E_fab [Pa] of each fabric at each draw, shape (draws, fabrics), where it is not the scene's.
+        E_fab [Pa] of each fabric at each draw, shape (draws, fabrics); by default that of the scene.
 
     Returns
     -------
     DataFrame
         A row per condition: fabric, indentation_mm, force_n, e_fab_kpa, e_skin_kpa,
         contact_radius_mm, peak_stress_kpa, total_rate_hz, responding, mean_rate_hz,
-        mean_interval_ms; of a batch the medians, with `_low` and `_high` beside each. Mean rate and
-        interval are empty where no receptor fires. The last column, readings, says which were used.
+        mean_interval_ms; for a batch, the medians, each with columns `_low` and `_high`. Mean rate and interval are
+        empty where no receptor fires. The last column, readings, lists the readings used.
     """
     import pandas as pd
 
@@ -65,25 +65,25 @@ def prediction_table(
 
 
 def drawn_parameters(values: Mapping[str, ArrayLike]) -> TouchParameters:
-    """Return draws of a run as a scene takes them, one axis for all: a table of them has limits in any case.
+    """Return draws of a run as parameters of a scene with a common batch axis, so that their table has limits.
 
     Parameters
     ----------
     values
-        Every parameter by name in natural units: a number where the run held it, else draws (draws,). At least one
-        must be drawn, as those of the rating model are.
+        Every parameter by name in natural units: a number if fixed in the run, otherwise draws (draws,). At least one
+        must be drawn, as is always true for the rating model.
     """
     batch = np.empty(max(np.size(value) for value in values.values()))
     return TouchParameters(*np.broadcast_arrays(*touch_parameters(values), batch)[:-1])
 
 
 def quantities(response: Response, modulus: Array) -> dict[str, Array]:
-    """Return the columns of `prediction_table` that are numbers, each of the shape of the response.
+    """Return the numerical columns of `prediction_table`, each of the shape of the response.
 
     Parameters
     ----------
     response
-        Of a scene.
+        Response of a scene.
     modulus
         E_fab [Pa] of each condition, shape (..., conditions).
     """
@@ -103,7 +103,7 @@ def quantities(response: Response, modulus: Array) -> dict[str, Array]:
 
 
 def _limits(values: Array, prob: float) -> Array:
-    """Return lower limit, median and upper limit over the draws that have a value; NaN where none has."""
+    """Return lower limit, median and upper limit over draws that are not NaN; NaN if there are none."""
     tail = 0.5 * (1.0 - prob)
     limits = np.full((3, values.shape[1]), np.nan)
     for column in range(values.shape[1]):

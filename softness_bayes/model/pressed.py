@@ -1,4 +1,4 @@
-"""Raters and pressed fingers of the same name, who are one person."""
+"""Matching of raters and fingers with plate forces by name."""
 
 from __future__ import annotations
 
@@ -11,19 +11,19 @@ from softness_bayes.model.options import ModelOptions
 
 
 def pressed_raters(experiment: Experiment, options: ModelOptions, forces: CompressionForces) -> PressedRaters | None:
-    """Return the raters whose own skin forces tell of, found by their names; None if there are none."""
+    """Return the raters with plate forces on their own fingers, matched by name; None if there are none."""
     if experiment.compression is None or not set(SKIN) & set(options.individual):
         return None
     return PressedRaters.of(forces, experiment.ratings.participants, experiment.compression.participants)
 
 
 def people_note(experiment: Experiment, options: ModelOptions) -> str | None:
-    """Say which raters were pressed too, and what becomes of it; None without forces.
+    """Describe which raters also have plate forces and how these are used; None without forces.
 
     Parameters
     ----------
     experiment, options
-        The tables, and what was asked for.
+        The tables and the requested options.
     """
     if experiment.compression is None:
         return None

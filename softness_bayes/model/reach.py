@@ -1,4 +1,4 @@
-"""Reach of the model: the touches that make receptors fire in a geometry that has a meaning, and what adds to them."""
+"""Reach of the model: share of touches with firing receptors and a valid contact geometry, and how to increase it."""
 
 from __future__ import annotations
 
@@ -26,38 +26,38 @@ from softness_bayes.touch.scene import Discretisation, Scene
 Array = NDArray[np.float64]
 
 MOST = 0.5
-"""Share of the touches from which they are said to lie outside of the model's reach."""
+"""Share of touches outside the reach from which a note is given."""
 
 GAIN = 0.1
-"""Least gain in the share within reach for which a change is recommended."""
+"""Smallest gain in the share within reach for which a change is recommended."""
 
 DEEP = 0.75
-"""Indentation, in radii of the fingertip, from which the geometry counts as meaningless."""
+"""Indentation, in radii of the fingertip, from which the geometry is considered invalid."""
 
 OTHER_LOADS: Mapping[type, tuple[Load, ...]] = {
     Force: tuple(map(Force, (0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0))),
     Indentation: tuple(map(Indentation, (0.5e-3, 1e-3, 1.5e-3, 2e-3, 3e-3))),
 }
-"""Loads of each kind among which a better one is looked for."""
+"""Loads of each kind that are tried as alternatives."""
 
 SKINS = ("default", "in-vivo")
-"""Sets of priors whose skin is tried."""
+"""Sets of priors whose skin is tried as an alternative."""
 
 COARSE = Discretisation(nodes=8, field_tolerance=1e-3)
-"""Discretisation that is enough to tell whether anything fires."""
+"""Discretisation sufficient to decide whether receptors fire."""
 
 
 class Reach(NamedTuple):
-    """Shares of draws and touches, and the same for each touch, shape (touches,)."""
+    """Shares of draws and touches outside the reach, overall and by touch, shape (touches,)."""
 
     silent: Array
     """No receptor fires."""
     questionable: Array
     """The contact radius exceeds R/2."""
     meaningless: Array
-    """It is R or more, or the indentation `DEEP` R or more."""
+    """The contact radius is R or more, or the indentation is `DEEP` R or more."""
     within: Array
-    """Receptors fire, and the geometry is not meaningless."""
+    """Receptors fire and the geometry is valid."""
 
 
 def reach(scene: Scene, parameters: TouchParameters) -> Reach:
@@ -84,18 +84,18 @@ def reach_note(
     parameters: TouchParameters,
     others: Mapping[str, TouchParameters],
 ) -> str:
-    """Say how much of what is asked lies outside of the model's reach, and what would change it; else nothing.
+    """Describe the share of touches outside the model's reach and possible remedies; empty if there is no problem.
 
     Parameters
     ----------
     scene_under
-        Returns the scene of all fabrics under some loads.
+        Function that returns the scene of all fabrics under some loads.
     loads
-        The loads that are asked for.
+        The requested loads.
     parameters
         One parameter vector, or draws.
     others
-        What else the skin may be, by the option that chooses it.
+        Alternative skins, by the option that selects them.
     """
     scene = scene_under(loads)
     here = reach(scene, parameters)
@@ -137,17 +137,17 @@ def reach_of_priors(
     finger: Finger = Finger(),
     moduli: FabricModuli | None = None,
 ) -> str:
-    """Return `reach_note` at the medians of the priors, tried with the skin of other sets of priors.
+    """Return `reach_note` at the prior medians, with the skins of other sets of priors as alternatives.
 
     Parameters
     ----------
     fabrics, loads, readings, prior_set, given, finger, moduli
-        As `scene_of` and `usual_values` take them.
+        As for `scene_of` and `usual_values`.
     """
     values = usual_values(readings, prior_set, given)
 
     def scene_under(pressed: Sequence[Load]) -> Scene:
-        # the surface of rates is at hand; the curve of single channels takes a second
+        # the surface of rates is stored, whereas a curve for particular channels takes a second
         for held in ({name: x for name, x in values.items() if name not in Channels._fields}, values):
             try:
                 return scene_of(
@@ -164,7 +164,7 @@ def reach_of_priors(
 
 
 def reach_of(experiment: Experiment, options: ModelOptions) -> str:
-    """Return `reach_of_priors` for the rated pairs of an experiment's fabrics and loads, all of them combined."""
+    """Return `reach_of_priors` for all combinations of the rated fabrics and loads of an experiment."""
     known = {name: prior.median for name, prior in options.priors.items()} | dict(options.fix)
     shape = {name: known.pop(name) * parameter.si for name, parameter in SHAPE_PARAMETERS.items() if name in known}
     given = {name: value for name, value in known.items() if name in TouchParameters._fields}

@@ -1,4 +1,4 @@
-"""The resolution of a scene, chosen for an accuracy: prior draws, and the errors measured at them."""
+"""Choice of the resolution of a scene for a required accuracy, from errors measured at prior draws."""
 
 from __future__ import annotations
 
@@ -32,21 +32,21 @@ from softness_bayes.touch.scene import Discretisation, Scene
 Array = NDArray[np.float64]
 
 DRAWS = 256
-"""Prior draws at which errors are measured; the same for every seed of a run."""
+"""Number of prior draws at which errors are measured; the draws are the same for every seed of a run."""
 
 EXACT_DRAWS = 16
-"""Those of them whose exact rate curves are made where none are kept, which takes a second or two."""
+"""Number of these for which exact rate curves are computed if none are stored, which takes a second or two."""
 
 
 class Draws(NamedTuple):
-    """Parameter vectors that errors are measured at, and how the rates of each one are known exactly."""
+    """Parameter vectors at which errors are measured, with the source of exact rates for each."""
 
     parameters: TouchParameters
     """Shape (vectors,)."""
     eps: float | None
-    """What is added to N/N_ref in the logarithm [Hz], the median where it varies; None where there is no logarithm."""
+    """eps, added to N/N_ref in the logarithm [Hz] (its median if it varies); None if there is no logarithm."""
     usual_channels: bool
-    """Whether all channel multipliers vary, under the priors that they have unless others are asked for."""
+    """Whether all channel multipliers vary under their default priors."""
 
     def firing(self, scene: Scene) -> Errors:
         """Return the error of a scene's firing-rate surface."""
@@ -58,7 +58,7 @@ class Draws(NamedTuple):
 
 
 def prior_draws(space: ParameterSpace, size: int = DRAWS, seed: int = 0) -> Draws:
-    """Return draws of a prior, the same for every run."""
+    """Return prior draws for the measurement of errors, the same for every run."""
     parameters = space.touch(space.draw_prior(np.random.default_rng(seed), size))
     values = space.values(space.median)
     priors = {p.name: p.prior for p in space.sampled}
@@ -69,7 +69,7 @@ def prior_draws(space: ParameterSpace, size: int = DRAWS, seed: int = 0) -> Draw
 
 
 def given_draws(values: Mapping[str, ArrayLike], parameters: TouchParameters) -> Draws:
-    """Return the parameter vectors of a command that evaluates only these."""
+    """Return the parameter vectors of a command that evaluates the model only at these."""
     shape = np.broadcast_shapes(*(np.shape(v) for v in parameters), (1,))
     eps = float(np.median(np.asarray(values["eps"], float))) if "eps" in values else None
     whole = TouchParameters(*(np.broadcast_to(v, shape) for v in parameters))
@@ -77,16 +77,16 @@ def given_draws(values: Mapping[str, ArrayLike], parameters: TouchParameters) ->
 
 
 def resolution_for(compiled: Callable[[Discretisation], Scene], draws: Draws, accuracy: float) -> Choice:
-    """Return the cheapest discretisation of a scene that keeps to an accuracy, and how it was chosen.
+    """Return the cheapest discretisation of a scene that meets an accuracy, and the reason for the choice.
 
     Parameters
     ----------
     compiled
-        Makes the scene in a discretisation.
+        Function that compiles the scene for a discretisation.
     draws
-        Parameter vectors to measure errors at.
+        Parameter vectors at which errors are measured.
     accuracy
-        Bound of the response's error, relative to its peak and in log(N/N_ref + eps).
+        Bound on the error of the response, relative to its peak and in log(N/N_ref + eps).
 
     Raises
     ------
@@ -99,9 +99,9 @@ def resolution_for(compiled: Callable[[Discretisation], Scene], draws: Draws, ac
 def scene_with_accuracy(
     compiled: Callable[[Discretisation], Scene], draws: Draws, accuracy: float, least: Discretisation = Discretisation()
 ) -> tuple[Scene, Choice]:
-    """Return the scene of given parameter vectors, no coarser than `least`, and how its discretisation was chosen.
+    """Return the scene for given parameter vectors, no coarser than `least`, and the reason for its discretisation.
 
-    What is evaluated once saves nothing by being coarse.
+    A scene that is evaluated only once gains nothing from a coarse discretisation.
 
     Raises
     ------
@@ -119,7 +119,7 @@ def _chosen(
     reference: float,
     least: Discretisation = COARSEST,
 ) -> Choice:
-    """Choose among settings of a scene that is compiled for the accuracy `reference`."""
+    """Choose among the settings of a scene compiled for the accuracy `reference`."""
     ACCURACIES.require("accuracy", accuracy)
     scenes: list[Scene] = []
     for setting in references(reference):
@@ -131,12 +131,12 @@ def _chosen(
     if isinstance(scene.firing, FiringSurface):
         rates = draws.firing(scene)
     elif not enough:
-        # the bound holds at every rate, also at those that hardly count: what two curves differ by counts
+        # the bound holds at every rate, even irrelevant ones; the actual difference between the curves matters
         one, other = (thinned(s).total_rate(draws.parameters) for s in scenes)
         rates = errors(one, other, scene.n_receptors, draws.eps).worst()
     return choose(scene, draws.parameters, accuracy, draws.eps, rates, least)
 
 
 def first(parameters: TouchParameters, size: int) -> TouchParameters:
-    """Return so many parameter vectors: the first ones, again and again if there are too few."""
+    """Return the first `size` parameter vectors, repeated cyclically if there are too few."""
     return TouchParameters(*(np.resize(value, (size,)) for value in parameters))

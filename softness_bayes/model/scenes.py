@@ -1,4 +1,4 @@
-"""Scenes of named parameters: values in natural units, the rate curves of the channels, and fabrics under loads."""
+"""Scenes from named parameters: values in natural units, rate curves of the channels, and fabrics under loads."""
 
 from __future__ import annotations
 
@@ -25,13 +25,13 @@ from softness_bayes.touch.scene import Discretisation, Scene
 
 
 def touch_parameters(values: Mapping[str, ArrayLike]) -> TouchParameters:
-    """Convert named values in natural units to what a `Scene` takes, in SI.
+    """Convert named values in natural units to the parameters of a `Scene`, in SI.
 
     Parameters
     ----------
     values
-        Name -> number or array of one batch shape; names that the chain does not have are left out. Without
-        `SHAPE_PARAMETERS` the finger is that of the scene.
+        Numbers or arrays of one batch shape, by name; names outside the forward model are ignored. Without
+        `SHAPE_PARAMETERS`, the finger is that of the scene.
     """
     require_mapping("values", values, "usual_values(readings)")
     if missing := [n for n in TouchParameters._fields if n not in values and n not in SHAPE_PARAMETERS]:
@@ -46,14 +46,14 @@ def usual_values(
     given: Mapping[str, float] | None = None,
     n_fingers: int | None = None,
 ) -> dict[str, float]:
-    """Return every parameter's value: those given, else the medians of their priors, in natural units.
+    """Return the values of all parameters in natural units: given values, otherwise prior medians.
 
-    With a number of fingers the parameters of compression data are among them.
+    If a number of fingers is given, the parameters of compression data are included.
 
     Raises
     ------
     InputError
-        If a given name is unknown or its value not one that the parameter can take.
+        If a given name is unknown, or its value is out of range.
     """
     require_kind("readings", readings, Readings, "Readings, as in Readings() or NAMED_READINGS['printed']")
     space = parameter_space(
@@ -70,7 +70,7 @@ def usual_values(
 
 @lru_cache(maxsize=8)
 def curve_of_held(channels: Channels, membrane: Membrane, noise: float, nodes: int) -> FixedChannels:
-    """Return the curve of held channels, which takes a second: a run and the choice of its accuracy share one."""
+    """Return the rate curve of fixed channels, cached because it takes a second to compute."""
     return FixedChannels(channels, membrane, noise=noise, nodes=nodes)
 
 
@@ -80,7 +80,7 @@ def firing_of(
     noise: float = 0.0,
     nodes: int = Discretisation().rate_nodes,
 ) -> Firing:
-    """Return the rate curve of the channel multipliers in `values`, or the surface where one is missing or varies.
+    """Return the rate curve of the channel multipliers in `values`, or the surface if one is missing or varies.
 
     Parameters
     ----------
@@ -89,14 +89,14 @@ def firing_of(
     membrane
         Reading of the membrane.
     noise
-        Strength of the white current [µA/cm² sqrt(ms)] over which the rate curve is averaged.
+        Strength of the white-noise current [µA/cm² sqrt(ms)] over which the rate curve is averaged.
     nodes
-        Exact rates that the curve of held channels goes through.
+        Number of exact rates that the curve of fixed channels interpolates.
 
     Raises
     ------
     InputError
-        If a multiplier varies and no surface is kept for the membrane, or there is noise.
+        If a multiplier varies and there is noise, or no surface is stored for the membrane.
     """
     varying = [name for name in Channels._fields if np.ndim(values.get(name, [])) > 0]
     if varying and noise:
@@ -128,22 +128,22 @@ def scene_of(
     Parameters
     ----------
     fabrics, loads
-        What is touched, and how.
+        Fabrics that are touched, and the loads.
     values
-        Named parameters that do not vary; with all channel multipliers among them, these are fixed in the scene.
-        If they have a radius or a depth of the receptors, the scene covers these fingers.
+        Named parameters that do not vary. If all channel multipliers are given, they are fixed in the scene; if a
+        radius or a depth of the receptors is given, the scene covers these fingers.
     readings
         Readings of the model.
     fabric, load
-        Indices of the conditions; left out, all pairs.
+        Indices of the conditions; by default all pairs.
     discretisation
         Resolution.
     noise
-        Strength of the membrane's white current, as `firing_of` takes it.
+        Strength of the white-noise current, as for `firing_of`.
     finger
         The fingertip that touches.
     moduli
-        Moduli of the fabrics, some of them not known exactly; by default the measured ones.
+        Moduli of the fabrics, possibly uncertain; by default the measured ones.
     finger_box
         Radii and receptor depths that the scene covers; by default those among `values`.
     """

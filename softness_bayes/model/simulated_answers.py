@@ -1,4 +1,4 @@
-"""Simulated answers as people file them: rounded numbers, places in lists, answers to pairs, means of a panel."""
+"""Simulated answers in the form of data files: rounded numbers, places in lists, answers to pairs, panel means."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from softness_bayes.touch.scene import Scene
 
 
 def averaged(filed: NDArray[np.float64], scene: Scene, fabrics: tuple[str, ...], loads: tuple[Load, ...]) -> Ratings:
-    """Return geometric means and standard deviations of ratings (people, conditions) under every condition."""
+    """Return geometric means and standard deviations over people of ratings (people, conditions), by condition."""
     log, conditions = np.log(filed), np.arange(filed.shape[1])
     return Ratings(
         (PANEL,),
@@ -34,7 +34,7 @@ def averaged(filed: NDArray[np.float64], scene: Scene, fabrics: tuple[str, ...],
 
 
 def places(table: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return each fabric's place among those of one participant and load, from 1, (people, fabrics, loads)."""
+    """Return each fabric's place, from 1, for every participant and load, shape (people, fabrics, loads)."""
     place = 1.0 + table.argsort(axis=1, kind="stable").argsort(axis=1, kind="stable")
     return np.where(np.isnan(table), np.nan, place)
 
@@ -50,18 +50,17 @@ def paired(
     fabrics: tuple[str, ...],
     loads: tuple[Load, ...],
 ) -> Ratings:
-    """Return answers to pairs: each participant compares neighbours in a circle of the fabrics, drawn for each load.
+    """Return answers to pairs: each participant compares neighbours in a random circle of the fabrics for each load.
 
     Parameters
     ----------
     rng, model, scene, participants, missing
-        As `simulate_ratings` takes them; the model is that of pairs.
+        As for `simulate_ratings`; the model is that of pairs.
     drive
-        Of each condition, shape (conditions,).
+        Drive of each condition, shape (conditions,).
     parameters
-        Of the model.
-    fabrics, loads
-        Names of the fabrics, and the loads.
+        Parameters of the model. fabrics, loads
+            Names of the fabrics, and the loads.
 
     Raises
     ------
@@ -96,9 +95,9 @@ def paired(
 
 
 def rounded(values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return values with as few digits as people and instruments give.
+    """Return values rounded to the digits that people and instruments typically report.
 
-    Rounding also makes files equal on machines whose exponentials differ in their last bits.
+    Rounding also makes files identical on machines whose exponentials differ in the last bits.
     """
     return np.array([float(f"{value:.4g}") for value in values])
 

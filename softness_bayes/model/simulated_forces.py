@@ -1,4 +1,4 @@
-"""Simulated forces of a rigid plate on fingers of stated skin."""
+"""Simulated forces of a rigid plate on fingers with given skin parameters."""
 
 from __future__ import annotations
 
@@ -22,17 +22,17 @@ from softness_bayes.touch.contact import Finger
 from softness_bayes.touch.readings import MENDED, Readings
 
 PLATE_DEPTHS = (0.5e-3, 1e-3, 1.5e-3, 2e-3)
-"""Indentations [m] to which simulated fingers are pressed: those of the published measurements."""
+"""Indentations [m] of simulated fingers, as in the published measurements."""
 
 
 class SimulatedForces(NamedTuple):
-    """Simulated compression data, and how their fingers depart from the typical one."""
+    """Simulated compression data, with the deviations of the fingers from the typical one."""
 
     compression: Compression
     log_b_effect: NDArray[np.float64]
-    """In ln b, shape (fingers,)."""
+    """Deviations in ln b, shape (fingers,)."""
     m_effect: NDArray[np.float64]
-    """In m, shape (fingers,)."""
+    """Deviations in m, shape (fingers,)."""
 
 
 def simulate_compression(
@@ -43,20 +43,18 @@ def simulate_compression(
     depths: tuple[float, ...] = PLATE_DEPTHS,
     shape: Finger = Finger(),
 ) -> SimulatedForces:
-    """Press a rigid flat plate on simulated fingers, each to every depth once.
+    """Simulate a rigid flat plate pressed on fingers, once to every depth for each finger.
 
     Parameters
     ----------
     rng
-        Source of the fingers and the noise.
+        Random generator of fingers and noise.
     values
         b, m, tau_b, tau_m and varsigma_f in natural units (`usual_values` with a number of fingers).
     readings
         Readings of the model.
     fingers
-        Their number.
-    depths
-        Indentations [m].
+        Number of fingers. depths Indentations [m].
     shape
         Shape of every fingertip.
 

@@ -1,4 +1,4 @@
-"""Simulated ratings of stated parameters."""
+"""Simulated ratings for given parameters."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ from softness_bayes.touch.readings import MENDED, Readings
 from softness_bayes.touch.scene import Discretisation, Scene
 
 LOAD_NODES = 17
-"""Loads at which responses are computed where simulated loads have errors."""
+"""Number of loads at which responses are computed if simulated loads have errors."""
 
 
 RNG, VALUES = "a generator, as in numpy.random.default_rng(1)", "usual_values(readings, given={'b': 80})"
@@ -56,13 +56,13 @@ RNG, VALUES = "a generator, as in numpy.random.default_rng(1)", "usual_values(re
 
 
 class Simulation(NamedTuple):
-    """Simulated ratings and all that they were made of."""
+    """Simulated ratings with the values from which they were generated."""
 
     ratings: Ratings
     truth: dict[str, float]
     """Every parameter in natural units, and mu, or c0 and c1 of standardised ratings."""
     participant_effect: NDArray[np.float64]
-    """Log modulus of each participant, shape (participants,); standardised ratings have none left: 0."""
+    """Log of each participant's rating scale, shape (participants,); 0 for standardised ratings."""
     total_rate: NDArray[np.float64]
     """Response [spikes/s], shape (fabrics, loads)."""
 
@@ -86,23 +86,21 @@ def simulate_ratings(
     resolution: float = 0.0,
     categories: int | None = None,
 ) -> Simulation:
-    """Let simulated participants rate every fabric under every load once.
+    """Simulate ratings in which every participant rates every fabric under every load once.
 
     Parameters
     ----------
     rng
-        Source of the participants' moduli, the noise and the gaps.
+        Random generator of rating scales, noise and missing ratings.
     fabrics, loads
-        What is rated.
+        Fabrics and loads that are rated.
     values
-        Every parameter, in natural units (see `usual_values`); with `tau_gamma` or `tau_varsigma` raters have exponents
-        or noise of their own.
+        Every parameter, in natural units (see `usual_values`); with `tau_gamma` or `tau_varsigma`, raters have
+        individual exponents or noise.
     readings
         Readings of the model.
     participants
-        Their number.
-    missing
-        Share of ratings left out at random; of answers to pairs, each left out or not.
+        Number of participants. missing Share of ratings left out at random; for pairs, the share of whole answers.
     mu
         Mean log rating of magnitude estimates; by default the centre of its prior.
     direction
@@ -116,13 +114,13 @@ def simulate_ratings(
     finger
         The fingertip that touches.
     load_cv
-        Relative standard error of every rating's load, which is log-normal about the stated one; the response is that
-        of the load that was held.
+        Relative standard error of each rating's load, log-normal about the stated one; the response is that at the
+        actual load.
     errors
-        Law of the errors; its own parameters are among `values`, or the medians of their priors. Normal stands for
-        Gumbel's if participants put the fabrics of each load in order.
+        Error law; its parameters are taken from `values` or are the medians of their priors. For rank orders, normal
+        means the Gumbel law.
     resolution
-        Step of the grid of numbers to which ratings are rounded, 0 included; 0 for exact numbers.
+        Step of the grid, including 0, to which ratings are rounded; 0 for exact numbers.
     categories
         Number of ordered categories, by default seven.
 
@@ -130,8 +128,8 @@ def simulate_ratings(
     ------
     InputError
         If the number of participants or of ratings, the share of gaps, mu, the slope, the error of the loads or the
-        resolution is out of range, mu or slope is given for the other scale, or an error of loads, a resolution or a
-        law of errors for a scale that has none.
+        resolution is out of range, mu or slope is given for the wrong scale, or an error of loads, a resolution or an
+        error law for a scale that does not support it.
     """
     require_kind("rng", rng, np.random.Generator, RNG)
     require_kind("fabrics", fabrics, Fabrics, "Fabrics, as in Fabrics(('felt',), effective_modulus=[3e4])")
@@ -167,7 +165,7 @@ def simulate_ratings(
     if resolution:
         filed = rounded(np.floor(filed / resolution + 0.5) * resolution)
     filed[rng.random(filed.size) < missing] = np.nan
-    # conditions run load by load
+    # conditions are ordered by load
     table = filed.reshape(participants, len(loads), len(fabrics)).transpose(0, 2, 1)
     table = places(table) if scale is RANKS else table
     ratings = Ratings.crossed(numbered("P", participants), fabrics.names, loads, table)
@@ -179,15 +177,15 @@ def simulate_ratings(
 def _model_of(
     scale: Scale, direction: RatingDirection, errors: ErrorLaw, categories: int | None, differ: tuple[str, ...]
 ) -> Any:
-    """Return the rating model; of single raters where their means are asked for.
+    """Return the rating model; for means, that of single raters.
 
-    Normal errors stand for Gumbel's where participants put fabrics in order.
+    For rank orders, normal errors mean the Gumbel law.
 
     Raises
     ------
     InputError
         If a number of categories is given for another scale, or out of range; or spreads of raters' exponents or noise
-        where they have no model.
+        for a scale that does not support them.
     """
     if differ:
         if scale is not MAGNITUDE or errors != NORMAL:
@@ -208,7 +206,7 @@ def _model_of(
 
 
 def differing_in(values: Mapping[str, float]) -> tuple[str, ...]:
-    """Return what differs between raters' answers at some values of the parameters."""
+    """Return the quantities that differ between raters' answers for some values of the parameters."""
     return tuple(name for name, spread in OWN_ANSWERS.items() if values.get(spread, 0.0) > 0)
 
 
@@ -220,7 +218,7 @@ def _crossed(scene: Scene, participants: int) -> Design:
 
 
 def _row_by_row(design: Design) -> Design:
-    """Return the design of the same rows, each a condition of its own."""
+    """Return the design with the same rows, each as a separate condition."""
     rows = np.arange(design.n_rows)
     return Design(rows, design.participant, design.fabric[design.condition], design.n_participants)
 
@@ -228,7 +226,7 @@ def _row_by_row(design: Design) -> Design:
 def _truth(
     model: Model, values: Mapping[str, float], drawn: Mapping[str, tuple[NDArray[np.float64], tuple[str, ...]]]
 ) -> dict[str, float]:
-    """Return the values of all that the model has: parameters, and what it drew for all ratings together."""
+    """Return all values of the model: parameters, and drawn effects common to all ratings."""
     absent = set(RatingParameters._fields) - {*model.needs, *OF_FORCES}
     truth = {name: value for name, value in values.items() if name not in absent}
     return truth | {name: float(value) for name, (value, axes) in drawn.items() if not axes}
@@ -237,12 +235,12 @@ def _truth(
 def _held_rates(
     rng: np.random.Generator, scene: Scene, values: Mapping[str, float], design: Design, load_cv: float
 ) -> NDArray[np.float64]:
-    """Return the response [spikes/s] of each rating at the load that was held, shape (rows,).
+    """Return the response [spikes/s] of each rating at its actual load, shape (rows,).
 
     Parameters
     ----------
     rng
-        Source of the loads: log-normal about the stated ones.
+        Random generator of the loads, log-normal about the stated ones.
     scene, values, design
         All conditions at their stated loads, the parameters, and the condition of each rating. The response is
         interpolated between `LOAD_NODES` loads.
@@ -273,7 +271,7 @@ def _require_ranges(participants: int, ratings: int, missing: float, mu: float |
 
 
 def _require_of_scale(scale: Scale, resolution: float, load_cv: float) -> None:
-    """Raise an error for a resolution or an error of loads that is out of range, or that the scale does not have."""
+    """Raise an error for a resolution or a load error that is out of range or not supported by the scale."""
     RESOLUTIONS.require("simulate: resolution", resolution)
     LOAD_ERRORS.require("simulate: load_cv", load_cv)
     if resolution and scale in (AGGREGATED, STANDARDISED, CATEGORIES, RANKS, PAIRS):
@@ -289,12 +287,12 @@ def _require_averaged(scale: Scale, participants: int, missing: float) -> None:
 
 
 def _levels(model: Model, scale: Scale, mu: float | None, slope: float | None) -> dict[str, ArrayLike]:
-    """Return the levels of a rating model: the given ones, and the medians of the others' priors.
+    """Return the levels of a rating model: the given ones, and prior medians for the others.
 
     Raises
     ------
     InputError
-        If one is given that the scale does not have, or the slope is out of range.
+        If a given level does not belong to the scale, or the slope is out of range.
     """
     levels: dict[str, ArrayLike] = {name: prior.median for name, prior in model.levels.items()}
     for option, name, value in (("mu", "mu", mu), ("slope", "c1", slope)):

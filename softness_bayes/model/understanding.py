@@ -1,4 +1,4 @@
-"""An experiment as it was understood, before any sampling: numbers and words, in one documented schema."""
+"""Interpretation of an experiment before any sampling: numbers and text in one documented schema."""
 
 from __future__ import annotations
 
@@ -30,14 +30,14 @@ SCHEMA = 1
 """Version of the schema of `understood`, which files.md documents."""
 
 MOST_LOADS = 8
-"""Loads of a kind that a design is foreseen with: of more, neighbours are taken for one."""
+"""Largest number of loads of one kind in an expected design; more loads are merged with their neighbours."""
 
 LIMITS = (0.1, 0.5, 0.9)
-"""Quantiles over the truths that are stated."""
+"""Reported quantiles over true parameter vectors."""
 
 
 def warnings(experiment: Experiment, options: ModelOptions, given: AsGiven) -> list[str]:
-    """Return what looks odd or wrong in the ratings, beside the notes of reading."""
+    """Return warnings about odd or wrong values in the ratings, besides the notes from reading the files."""
     ratings = experiment.ratings
     moduli = np.array(moduli_of(experiment, options).middle)
     layout = Layout(
@@ -61,16 +61,16 @@ def warnings(experiment: Experiment, options: ModelOptions, given: AsGiven) -> l
 def understood(
     experiment: Experiment, options: ModelOptions, given: AsGiven, direction: Choice, notes: list[str]
 ) -> dict[str, Any]:
-    """Return everything that was understood of an experiment, as JSON holds it.
+    """Return the full interpretation of an experiment as JSON data.
 
     Parameters
     ----------
     experiment, options
-        The tables, and what was asked for.
+        The tables and the requested options.
     given, direction
-        What the numbers stand for, and their direction.
+        Interpretation of the numbers, and their direction.
     notes
-        Notes of reading, and `warnings`.
+        Notes from reading the files, and `warnings`.
     """
     ratings, conditions = experiment.ratings, experiment.ratings.conditions
     pairs = len(ratings.fabrics) * len(ratings.loads)
@@ -121,7 +121,7 @@ def understood(
 
 
 def _understood_fabrics(experiment: Experiment, options: ModelOptions) -> list[dict[str, Any]]:
-    """Return each fabric with its modulus, the limits of that if it has an error, and its number of ratings."""
+    """Return each fabric with its modulus (and limits, if uncertain) and its number of ratings."""
     fabrics, moduli, counts = experiment.fabrics, moduli_of(experiment, options), np.bincount(experiment.ratings.fabric)
     found = []
     for k, name in enumerate(fabrics.names):
@@ -152,7 +152,7 @@ def _understood_loads(ratings: Ratings) -> list[dict[str, Any]]:
 
 
 def understood_forces(compression: Compression) -> dict[str, Any]:
-    """Return what was understood of compression data, as JSON holds it."""
+    """Return the interpretation of compression data as JSON data."""
     return {
         "count": len(compression),
         "zeros": compression.n_zero,
@@ -165,12 +165,12 @@ def understood_forces(compression: Compression) -> dict[str, Any]:
 
 
 def foreseen(experiment: Experiment, options: ModelOptions) -> dict[str, Any]:
-    """Return what a design is expected to tell, and what other designs would, as JSON holds it.
+    """Return the expected information of a design and of alternative designs as JSON data.
 
     Raises
     ------
     InputError
-        As `build` and `foresee`.
+        As for `build` and `foresee`.
     """
     few = with_few_loads(experiment.ratings, MOST_LOADS)
     grouped = experiment._replace(ratings=few)
@@ -206,7 +206,7 @@ def prior_responses(
     Parameters
     ----------
     experiment, options
-        As `understood` takes them.
+        As for `understood`.
     loads
         Indices of the loads.
     draws
@@ -245,5 +245,5 @@ def _ratios(expected: Expected) -> dict[str, Any]:
 
 
 def _quantiles(values: Any) -> list[float] | None:
-    """Return the limits and the middle over truths, four digits; None if there is none."""
+    """Return limits and median over true parameter vectors, to four digits; None if there are none."""
     return [float(f"{x:.4g}") for x in np.quantile(values, LIMITS)] if values.size else None
