@@ -63,12 +63,13 @@ def of_usage(error: click.UsageError, typed: Sequence[str]) -> str:
 def of_input(message: str, typed: Sequence[str]) -> str:
     """Return the advice on an error of files and values: a command for it, or else the page of the verb."""
     found = [(match, advise) for pattern, advise in ADVICE if (match := re.search(pattern, message))]
-    more = [words for match, advise in found for words in advise(match, typed)]
-    if not more:
+    each = [words for match, advise in found if (words := advise(match, typed))]
+    if not each:
         verb = next((word for word in typed if word in WORKS), None)
         return "" if verb is None else f"{TRY}{PROGRAM} {verb} --help"
-    own = more[0] == PROGRAM  # a command of its own, not words to add to the one that was typed
-    return TRY + shlex.join(more if own else [PROGRAM, *typed, *more])
+    # a command of its own stands alone; others are words to add to the one that was typed
+    own = next((words for words in each if words[0] == PROGRAM), None)
+    return TRY + shlex.join(own or [PROGRAM, *typed, *(word for words in each for word in words)])
 
 
 def _working(verb: str, typed: Sequence[str] = ()) -> list[str]:
@@ -119,6 +120,8 @@ def _fabrics(match: re.Match[str], typed: Sequence[str]) -> list[str]:
 def _named(match: re.Match[str], typed: Sequence[str]) -> list[str]:
     """Return the options that name columns as a message says."""
     found = re.findall(r"--column (\w+=(?:'[^']*'|[^\s;]+)) takes", match.string)
+    if "no load column" in match.string:  # which has advice of its own
+        found = [one for one in found if not one.startswith(("indentation_mm=", "force_n="))]
     return [word for one in found[:4] for word in ("--column", one.replace("'", ""))]
 
 
@@ -160,7 +163,7 @@ def _compared(match: re.Match[str], typed: Sequence[str]) -> list[str]:
 ADVICE: Sequence[tuple[str, Callable[[re.Match[str], Sequence[str]], list[str]]]] = (
     (r"the fabrics have no properties", _fabrics),
     (r"no load column|no load: give at least one", _load),
-    (r"^(?!.*no load column).*--column \w+=(?:'[^']*'|\S+) takes", _named),
+    (r"--column \w+=(?:'[^']*'|\S+) takes", _named),
     (r"add --ratings (\w+)", _scale),
     (r"with --decimal \. or --decimal ,|if commas are decimal marks", _added("--decimal", ",")),
     (r"leave these out with --drop-zeros", _added("--drop-zeros")),

@@ -331,13 +331,21 @@ def _lists_in(table: Table, by: Sequence[str]) -> IntArray | None:
 
 
 def _repeats(table: Table, *keys: Sequence[object]) -> list[str]:
-    """Return a note on ratings that repeat a participant, fabric and load (and trial, if there is such a column)."""
+    """Return a note on ratings that repeat a participant, fabric and load (and trial, if there is such a column).
+
+    It names the unused columns in which all of them differ.
+    """
     trials = "trial" in table
     told = [table.cells[name] for name in ("trial", "list") if name in table]
     cells = set(zip(*keys, *told, strict=True))
     repeated = len(table) - len(cells)
     if not repeated:
         return []
-    if trials:
-        return [f"{repeated} ratings repeat a participant, fabric, load and trial: are rows copied?"]
-    return [f"{repeated} ratings repeat a participant, fabric and load: taken as further trials"]
+    what = f"{repeated} ratings repeat a participant, fabric{' and load' if not trials else ', load and trial'}"
+    apart = [
+        title for title, texts in table.others.items() if len(set(zip(*keys, *told, texts, strict=True))) == len(table)
+    ]
+    if trials and apart:
+        columns = " and ".join(quoted(title) for title in apart)
+        return [f"{what}, and differ in {columns}, which is not used: taken as further trials under the same load"]
+    return [f"{what}: {'are rows copied?' if trials else 'taken as further trials'}"]

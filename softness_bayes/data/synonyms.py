@@ -129,3 +129,10 @@ def key(title: str) -> str:
     """Return what a title shares with those that differ in case, Unicode form, spaces and punctuation only."""
     text = unicodedata.normalize("NFKC", title).casefold()
     return " ".join(re.sub(r"[\W_]+", " ", unicodedata.normalize("NFKC", text)).split())
+
+
+WORDS_FOR_RATINGS = frozenset(
+    {"rating", "ratings", "estimate", "estimates", "magnitude", "judgement", "judgment", "score"}
+    | {word for noun in ("soft", "hard", "stiff", "firm") for word in (noun, f"{noun}ness")}
+)
+"""Words in the title of a column of ratings that has another name."""

@@ -16,6 +16,7 @@ from softness_bayes.data.faults import Faults, TableError
 from softness_bayes.data.headers import Sought, understood
 from softness_bayes.data.names import guess, listing, natural
 from softness_bayes.data.sheets import Number, Sheet
+from softness_bayes.data.synonyms import WORDS_FOR_RATINGS, key
 from softness_bayes.data.units import Unit, unit_named
 from softness_bayes.data.wide import Form, lengthened
 from softness_bayes.data.workbooks import TableSource, read_sheet
@@ -96,7 +97,7 @@ class Table:
     def require(self, *names: str) -> None:
         """Raise an error for a table without one of the columns `names`, with all other problems found."""
         if absent := [name for name in names if name not in self]:
-            remedy = [WIDE] if RATING.name in absent else []
+            remedy = [*self._may_be_ratings(), WIDE] if RATING.name in absent else []
             known = [f"known columns: {', '.join(self.titles) or 'none'}", *self.notes, *remedy]
             if len(absent) == 1:
                 lack = f"no column {absent[0]!r}, and no --column {absent[0]}=... says which it is"
@@ -105,6 +106,17 @@ class Table:
                 lack = f"no columns {' and '.join(map(repr, absent))}, and no {ways} says which they are"
             self.faults.add_general("; ".join([lack, *known]))
             self.check()
+
+    def _may_be_ratings(self) -> list[str]:
+        """Return a note on the one unused column of numbers whose title has a word for ratings, if there is one."""
+        found = [
+            title
+            for title, texts in self.others.items()
+            if WORDS_FOR_RATINGS & {*key(title).split()} and any(map(_looks_numeric, texts))
+        ]
+        if len(found) != 1:
+            return []
+        return [f"--column {RATING.name}={quoted(found[0])} takes column {quoted(found[0])} as {RATING.name}"]
 
     def labels(self, name: str) -> Sequence[str]:
         """Return a column of names; an empty one is a fault."""
@@ -216,6 +228,10 @@ def _table(sheet: Sheet, sought: Sought, renames: Mapping[str, str], decimal: st
         made=sheet.made,
         others={title: [str(unescaped(record[j])) for record in sheet.body] for title, j in unused.items()},
     )
+
+
+def _looks_numeric(text: str) -> bool:
+    return re.fullmatch(r"[-+]?[0-9]+(?:[.,][0-9]+)?", text.strip()) is not None
 
 
 def unused_note(titles: Sequence[str]) -> list[str]:

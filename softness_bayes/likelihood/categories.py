@@ -159,6 +159,10 @@ class CategoryRatings(IntervalRatings):
         lapse = np.full(category.size, -np.log(self.model.categories))
         return Rows(ends[..., category - 1], ends[..., category], lapse)
 
+    def _widths(self) -> FloatArray:
+        category = self.values[self._order]
+        return np.where((category == 1.0) | (category == self.model.categories), np.inf, 0.5)
+
     def _middle_of(self, rows: Rows, spread: FloatArray) -> FloatArray:
         low, high = (np.where(np.isfinite(end), end, np.nan) for end in (rows.low, rows.high))
         middle = 0.5 * (low + high)

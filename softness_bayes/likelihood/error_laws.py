@@ -43,6 +43,15 @@ class ErrorLaw:
         Log density of errors (..., rows).
     slopes
         First to fourth derivative of the density with respect to the error, each divided by the density.
+    weight
+        Weight of an error in the mean that is most probable: minus the first of these slopes over the error.
+    kernel
+        Density over that of an error of 0, shape (..., rows).
+    smooth
+        Length in which the density is as smooth as the normal one in 1, by its eighth derivative at 0, with a last axis
+        of length 1.
+    steepest
+        Largest slope of the log density, infinite if there is none.
     lapses
         Whether some observations are lapses, uniform over their rater's own range, with the share `lapse`.
     """
@@ -54,6 +63,10 @@ class ErrorLaw:
     normal_scores: Callable[[FloatArray, Any], FloatArray]
     log_density: Callable[[FloatArray, Any], FloatArray]
     slopes: Callable[[FloatArray, Any], tuple[FloatArray, ...]]
+    weight: Callable[[FloatArray, Any], FloatArray]
+    kernel: Callable[[FloatArray, Any], FloatArray]
+    smooth: Callable[[Any], FloatArray]
+    steepest: Callable[[Any], float]
     lapses: bool = False
 
 
@@ -74,6 +87,22 @@ def _normal_slopes(errors: FloatArray, parameters: Any) -> tuple[FloatArray, ...
     return -errors, square - 1.0, errors * (3.0 - square), square * (square - 6.0) + 3.0
 
 
+def _equal(errors: FloatArray, parameters: Any) -> FloatArray:
+    return np.ones(1)
+
+
+def _normal_kernel(errors: FloatArray, parameters: Any) -> FloatArray:
+    return np.asarray(np.exp(-0.5 * errors * errors))
+
+
+def _one(parameters: Any) -> FloatArray:
+    return np.ones(1)
+
+
+def _unbounded(parameters: Any) -> float:
+    return math.inf
+
+
 def _nu(parameters: Any) -> FloatArray:
     return np.maximum(np.asarray(parameters.nu, float), student.LEAST)[..., None]
 
@@ -92,22 +121,43 @@ def _log_student_density(errors: FloatArray, parameters: Any) -> FloatArray:
 
 
 def _student_slopes(errors: FloatArray, parameters: Any) -> tuple[FloatArray, ...]:
-    """Return the derivatives of (1 + u²/nu)^-a, a = (nu + 1)/2, over itself, from those of its logarithm."""
+    """Return the derivatives of (1 + t u²)^-a over itself, t = 1/nu and a = (nu + 1)/2: polynomials in u and t."""
+    t = 1.0 / _nu(parameters)
+    square = errors * errors
+    part = 1.0 / (1.0 + t * square)
+    even, odd = (1.0 + t) * part, (1.0 + 3.0 * t) * part
+    square *= 1.0 + 2.0 * t
+    one = -even * errors
+    even *= part
+    odd *= part
+    two = even * (square - 1.0)
+    three = one * odd * (square - 3.0)
+    four = even * odd * ((square - 6.0) * (square * ((1.0 + 4.0 * t) / (1.0 + 2.0 * t))) + 3.0)
+    return one, two, three, four
+
+
+def _student_weight(errors: FloatArray, parameters: Any) -> FloatArray:
     nu = _nu(parameters)
-    inverse = 1.0 / (nu + errors * errors)
-    up, over = errors * errors * inverse, nu * inverse
-    root, twice = errors * inverse, nu + 1.0
-    one = -twice * root
-    two = -twice * inverse * (over - up)
-    three = -2.0 * twice * root * inverse * (up - 3.0 * over)
-    four = 6.0 * twice * inverse * inverse * (up * up - 6.0 * up * over + over * over)
-    square = one * one
-    return (
-        one,
-        square + two,
-        one * (square + 3.0 * two) + three,
-        square * (square + 6.0 * two) + 3.0 * two * two + 4.0 * one * three + four,
-    )
+    return np.asarray((nu + 1.0) / (nu + errors * errors))
+
+
+def _student_kernel(errors: FloatArray, parameters: Any) -> FloatArray:
+    nu = _nu(parameters)
+    found = errors * errors
+    found *= 1.0 / nu
+    np.log1p(found, out=found)
+    found *= -0.5 * (nu + 1.0)
+    return np.asarray(np.exp(found, out=found))
+
+
+def _student_smooth(parameters: Any) -> FloatArray:
+    t = 1.0 / _nu(parameters)
+    return np.asarray(((1.0 + t) * (1.0 + 3.0 * t) * (1.0 + 5.0 * t) * (1.0 + 7.0 * t)) ** -0.125)
+
+
+def _student_steepest(parameters: Any) -> float:
+    nu = _nu(parameters)
+    return float((0.5 * (nu + 1.0) / np.sqrt(nu)).max())
 
 
 GUMBEL_SD = math.pi / math.sqrt(6.0)
@@ -132,6 +182,15 @@ def _log_gumbel_density(errors: FloatArray, parameters: Any) -> FloatArray:
     return np.log(GUMBEL_SD) - z - np.exp(-z)
 
 
+def _gumbel_weight(errors: FloatArray, parameters: Any) -> FloatArray:
+    return np.asarray(-_gumbel_slopes(errors, parameters)[0] / errors)
+
+
+def _gumbel_kernel(errors: FloatArray, parameters: Any) -> FloatArray:
+    at_zero = _log_gumbel_density(np.zeros(1), parameters)
+    return np.asarray(np.exp(_log_gumbel_density(errors, parameters) - at_zero))
+
+
 def _gumbel_slopes(errors: FloatArray, parameters: Any) -> tuple[FloatArray, ...]:
     """Return the derivatives of the density over itself: polynomials in t = exp(-z)."""
     t, unit = np.exp(-_gumbel(errors)), GUMBEL_SD
@@ -143,7 +202,19 @@ def _gumbel_slopes(errors: FloatArray, parameters: Any) -> tuple[FloatArray, ...
     )
 
 
-NORMAL = ErrorLaw("normal", "normal", (), _draw_normal, _same, _log_normal_density, _normal_slopes)
+NORMAL = ErrorLaw(
+    "normal",
+    "normal",
+    (),
+    _draw_normal,
+    _same,
+    _log_normal_density,
+    _normal_slopes,
+    _equal,
+    _normal_kernel,
+    _one,
+    _unbounded,
+)
 """Normal errors: log-normal about a magnitude estimate or a force, normal about a z-score."""
 STUDENT = ErrorLaw(
     "student",
@@ -153,6 +224,10 @@ STUDENT = ErrorLaw(
     _student_score,
     _log_student_density,
     _student_slopes,
+    _student_weight,
+    _student_kernel,
+    _student_smooth,
+    _student_steepest,
 )
 """Errors with heavy tails: Student's t with `nu` degrees of freedom."""
 LAPSES = ErrorLaw(
@@ -163,6 +238,10 @@ LAPSES = ErrorLaw(
     _same,
     _log_normal_density,
     _normal_slopes,
+    _equal,
+    _normal_kernel,
+    _one,
+    _unbounded,
     lapses=True,
 )
 """Normal errors, but for a share `lapse` of observations that are uniform over the range of their rater's numbers."""
@@ -174,6 +253,10 @@ GUMBEL = ErrorLaw(
     _gumbel_score,
     _log_gumbel_density,
     _gumbel_slopes,
+    _gumbel_weight,
+    _gumbel_kernel,
+    _one,
+    _unbounded,
 )
 """Errors of orders: Gumbel's law of largest values, with mean 0 and standard deviation 1."""
 ERROR_LAWS: Mapping[str, ErrorLaw] = MappingProxyType({law.name: law for law in (NORMAL, STUDENT, LAPSES)})

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from scipy.special import log_ndtr, ndtr, ndtri
 
 from softness_bayes.likelihood.error_laws import ErrorLaw
+from softness_bayes.likelihood.interval_rule import by_rule
 
 FloatArray = NDArray[np.float64]
 
@@ -25,6 +26,12 @@ FAR = 6.0
 
 OPEN = 1e40
 """Error that stands for an end without bound."""
+
+MOST_OTHERS = 0.5
+"""Largest share of rows that are left to distribution functions; beyond it all are."""
+
+SIGNS = -1.0, 1.0, -1.0, 1.0
+"""Of derivatives with respect to the expectation, over those with respect to the error."""
 
 _TINY = 1e-290
 
@@ -68,22 +75,49 @@ def log_probability(law: ErrorLaw, rows: Rows, expected: FloatArray, spread: Flo
     parameters
         Parameters of the law, of batch shape (...).
     """
-    return _with_lapses(law, rows, _Attentive(law, rows, expected, spread, parameters).log_probability, parameters)[0]
+    return _with_lapses(law, rows, _attentive(law, rows, expected, spread, parameters)[0], parameters)[0]
 
 
 def derivatives(
     law: ErrorLaw, rows: Rows, expected: FloatArray, spread: FloatArray, parameters: Any
 ) -> tuple[FloatArray, ...]:
     """Return `log_probability` and its first four derivatives with respect to the expectation, each (..., rows)."""
-    attentive = _Attentive(law, rows, expected, spread, parameters)
-    value, share = _with_lapses(law, rows, attentive.log_probability, parameters)
-    p1, p2, p3, p4 = (share * part for part in attentive.derivatives())
-    square = p1 * p1
-    g2 = p2 - square
-    g3 = p3 - p1 * (3.0 * p2 - 2.0 * square)
-    g4 = p4 - 4.0 * p1 * p3 - 3.0 * p2 * p2 + square * (12.0 * p2 - 6.0 * square)
-    inverse = 1.0 / spread
-    return value, p1 * inverse, g2 * inverse**2, g3 * inverse**3, g4 * inverse**4
+    value, *each = scaled_derivatives(law, rows, expected, spread, parameters)
+    return value, *(part / spread**k for k, part in enumerate(each, 1))
+
+
+def scaled_derivatives(
+    law: ErrorLaw, rows: Rows, expected: FloatArray, spread: FloatArray, parameters: Any
+) -> tuple[FloatArray, ...]:
+    """Return the same as `derivatives`, with respect to the expectation in spreads."""
+    attentive, *slopes = _attentive(law, rows, expected, spread, parameters, 4)
+    value, share = _with_lapses(law, rows, attentive, parameters)
+    if law.lapses:
+        slopes = [share * part for part in slopes]
+    # from moments to cumulants
+    one, two, three, four = slopes
+    square = one * one
+    two -= square
+    three -= one * (3.0 * two + square)
+    four -= 4.0 * one * three + 3.0 * two * (two + 2.0 * square) + square * square
+    return value, one, two, three, four
+
+
+def weights(law: ErrorLaw, rows: Rows, errors: FloatArray, spread: FloatArray, parameters: Any) -> FloatArray:
+    """Return the weights, (..., rows), with which numbers of these errors count in the most probable mean.
+
+    Intervals count as their middles; of lapses it is the probability that a row is none.
+    """
+    scaled = errors / spread
+    found = law.weight(scaled, parameters)
+    if not law.lapses:
+        return found
+    lapse = np.asarray(parameters.lapse, float)[..., None]
+    width = rows.high - rows.low
+    width = np.where((width > 0) & (width < np.inf), width, 1.0)
+    kept = (1.0 - lapse) * np.exp(law.log_density(scaled, parameters)) * width / spread
+    lapsed = lapse * np.exp(rows.lapse)
+    return found * np.divide(kept, kept + lapsed, out=np.ones(np.shape(kept)), where=lapsed > 0)
 
 
 def below(law: ErrorLaw, rows: Rows, expected: FloatArray, spread: FloatArray, parameters: Any) -> FloatArray:
@@ -112,47 +146,86 @@ def score_at(
     return np.where(flip, -found, found)
 
 
-class _Attentive:
-    """The rows without lapses."""
+def _attentive(
+    law: ErrorLaw, rows: Rows, expected: FloatArray, spread: FloatArray, parameters: Any, orders: int = 0
+) -> list[FloatArray]:
+    """Return the log probability of the rows without lapses, and its derivatives over the probability itself.
 
-    def __init__(self, law: ErrorLaw, rows: Rows, expected: FloatArray, spread: FloatArray, parameters: Any) -> None:
-        self._law, self._parameters = law, parameters
-        exact = rows.low == rows.high
-        self._exact = bool(exact.all())
-        if self._exact:
-            self._middle = (rows.low - expected) / spread
-            self.log_probability = law.log_density(self._middle, parameters) - np.log(spread)
-            return
-        self._low, self._high = (_clipped((end - expected) / spread) for end in (rows.low, rows.high))
-        width = self._high - self._low
-        self._narrow = width < NARROW
-        self._some_narrow = bool(self._narrow.any())
-        self.log_probability = _log_between(
-            law.normal_scores(self._low, parameters), law.normal_scores(self._high, parameters)
-        )
-        if self._some_narrow:
-            self._middle = np.where(self._narrow, 0.5 * (self._low + self._high), 0.0)
-            self._slopes = law.slopes(self._middle, parameters)
-            size = np.where(exact, 1.0 / spread, np.where(self._narrow, width, 1.0))
-            correction = np.where(exact, 0.0, self._slopes[1] * size**2 / 24.0)
-            narrow = law.log_density(self._middle, parameters) + np.log(size) + correction
-            self.log_probability = np.where(self._narrow, narrow, self.log_probability)
+    These are of the probability with respect to the expectation in spreads, from the first to that of `orders`.
+    """
+    exact = rows.low == rows.high
+    if exact.all():
+        errors = (rows.low - expected) / spread
+        slopes = law.slopes(errors, parameters)[:orders] if orders else ()
+        found = [law.log_density(errors, parameters) - np.log(spread)]
+        return [*found, *(sign * part for sign, part in zip(SIGNS, slopes, strict=False))]
+    if (np.isinf(rows.low) ^ np.isinf(rows.high)).all():
+        return _beyond(law, rows, expected, spread, parameters, orders)
+    low, high = (_clipped((end - expected) / spread) for end in (rows.low, rows.high))
+    served = by_rule(law, low, high, NARROW, parameters)
+    rest = np.flatnonzero(~served.good)
+    if rest.size > MOST_OTHERS * served.good.size:
+        return _by_functions(law, exact, low, high, spread, parameters, orders)
+    probability = served.probability if not rest.size else np.where(served.good, served.probability, 1.0)
+    constant = law.log_density(np.zeros((*low.shape[:-1], 1)), parameters)
+    found = [np.log(probability) + constant]
+    if orders:
+        inverse = 1.0 / probability
+        found += [part * inverse for part in served.slopes[:orders]]
+    if rest.size:
+        ends = low[..., rest], high[..., rest]
+        others = _by_functions(law, exact[..., rest], *ends, spread, parameters, orders)
+        for whole, part in zip(found, others, strict=True):
+            whole[..., rest] = part
+    return found
 
-    def derivatives(self) -> tuple[FloatArray, ...]:
-        """Return the first four derivatives with respect to the expectation over the probability itself."""
-        signs = -1.0, 1.0, -1.0, 1.0
-        if self._exact:
-            slopes = self._law.slopes(self._middle, self._parameters)
-            return tuple(sign * part for sign, part in zip(signs, slopes, strict=True))
+
+def _beyond(
+    law: ErrorLaw, rows: Rows, expected: FloatArray, spread: FloatArray, parameters: Any, orders: int
+) -> list[FloatArray]:
+    """Return the same as `_attentive` for rows that have one end."""
+    lower = np.isinf(rows.low)
+    side = np.where(lower, 1.0, -1.0)
+    error = _clipped((np.where(lower, rows.high, rows.low) - expected) / spread)
+    found = log_ndtr(side * law.normal_scores(error, parameters))
+    if not orders:
+        return [found]
+    weight = side * np.exp(law.log_density(error, parameters) - found)
+    slopes = (1.0, *law.slopes(error, parameters)[: orders - 1])
+    return [found, *(sign * weight * part for sign, part in zip(SIGNS, slopes, strict=False))]
+
+
+def _by_functions(
+    law: ErrorLaw,
+    exact: NDArray[np.bool_],
+    low: FloatArray,
+    high: FloatArray,
+    spread: FloatArray,
+    parameters: Any,
+    orders: int,
+) -> list[FloatArray]:
+    """Return the same as `_attentive` for errors at both ends, by distribution functions."""
+    found = [_log_between(law.normal_scores(low, parameters), law.normal_scores(high, parameters))]
+    width = high - low
+    narrow = width < NARROW
+    some = bool(narrow.any())
+    if some:
+        middle = np.where(narrow, 0.5 * (low + high), 0.0)
+        slopes = law.slopes(middle, parameters)
+        size = np.where(exact, 1.0 / spread, np.where(narrow, width, 1.0))
+        correction = np.where(exact, 0.0, slopes[1] * size**2 / 24.0)
+        value = law.log_density(middle, parameters) + np.log(size) + correction
+        found[0] = np.where(narrow, value, found[0])
+    if orders:
         ends = []
-        for end in (self._low, self._high):
-            weight = np.exp(self._law.log_density(end, self._parameters) - self.log_probability)
-            ends.append([weight, *(weight * part for part in self._law.slopes(end, self._parameters)[:3])])
-        found = tuple(sign * (high - low) for sign, low, high in zip(signs, *ends, strict=True))
-        if not self._some_narrow:
-            return found
-        each = zip(signs, self._slopes, found, strict=True)
-        return tuple(np.where(self._narrow, sign * narrow, wide) for sign, narrow, wide in each)
+        for end in (low, high):
+            weight = np.exp(law.log_density(end, parameters) - found[0])
+            ends.append([weight, *(weight * part for part in law.slopes(end, parameters)[:3])])
+        found += [sign * (above - below) for sign, below, above in zip(SIGNS, *ends, strict=True)]
+    if orders and some:
+        each = zip(SIGNS, slopes, found[1:], strict=True)
+        found[1:] = [np.where(narrow, sign * part, wide) for sign, part, wide in each]
+    return found
 
 
 def _clipped(errors: FloatArray) -> FloatArray:

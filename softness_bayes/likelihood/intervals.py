@@ -24,7 +24,8 @@ from softness_bayes.likelihood.mu_nodes import log_sum
 from softness_bayes.likelihood.pieces import in_pieces
 from softness_bayes.likelihood.quadrature import DENSE, DENSER, FAST, Quadrature, finer_than, quadrature_for
 from softness_bayes.likelihood.random_effects import Effects
-from softness_bayes.likelihood.rater_integrals import Given, LawParameters, RaterIntegrals
+from softness_bayes.likelihood.rater_integrals import RaterIntegrals
+from softness_bayes.likelihood.rater_rows import Given, LawParameters
 from softness_bayes.likelihood.ratings import RatingParameters, RatingsLikelihood
 from softness_bayes.likelihood.scales import SLIDER, Scale
 from softness_bayes.likelihood.stated import Stated
@@ -156,12 +157,16 @@ class IntervalRatings(RatingsLikelihood):
         self._raters, rater = np.unique(design.participant[order], return_inverse=True)
         with np.errstate(divide="ignore"):
             self._rows = Rows(scale.additive(low), scale.additive(high), self._lapse(low, high)).take(order)
+        narrow = self._rows.high - self._rows.low < 1.0
         self._middle = scale.additive(self.values)[order]
+        self._middle[narrow] = 0.5 * (self._rows.low + self._rows.high)[narrow]
         weight = np.ones(order.size) if model.law == NORMAL else _robust(self._middle, rater, self._condition)
         count = np.bincount(rater).astype(float)
         self._quadrature = quadrature or quadrature_for(count)
         kind = DenseIntegrals if self._quadrature in (DENSE, DENSER) else RaterIntegrals
-        self._integrals = kind(model.law, rater, weight, model.level.mean, model.level.sd)
+        times = _times(rater, self._condition, self._rows.low, self._rows.high, self._middle)
+        level = model.level
+        self._integrals = kind(model.law, rater, weight, level.mean, level.sd, self._widths(), times)
         self._slope = np.where(self._exact, scale.log_slope(self.values), 0.0)
         self._log = float(self._slope.sum())
 
@@ -321,6 +326,10 @@ class IntervalRatings(RatingsLikelihood):
         """Return every row's interval, sorted by rater; here the same whatever the parameters."""
         return self._rows
 
+    def _widths(self) -> FloatArray:
+        """Return the usual width of every row's interval, infinite where it has no end, sorted by rater."""
+        return self._rows.high - self._rows.low
+
     def _middle_of(self, rows: Rows, spread: FloatArray) -> FloatArray:
         """Return a number inside of each interval."""
         return self._middle
@@ -343,6 +352,14 @@ class IntervalRatings(RatingsLikelihood):
         with np.errstate(divide="ignore", invalid="ignore"):
             found = np.log(np.maximum(inside, 0.0) / (most - least))
         return np.where(most > least, found, -np.inf)
+
+
+def _times(*keys: FloatArray | NDArray[np.intp]) -> FloatArray:
+    """Return how many rows are alike in all keys, (rows,), at the first of them; 0 at the others."""
+    _, first, count = np.unique(np.stack(keys, axis=1), axis=0, return_index=True, return_counts=True)
+    found = np.zeros(len(keys[0]))
+    found[first] = count
+    return found
 
 
 def _robust(values: FloatArray, rater: NDArray[np.intp], condition: NDArray[np.intp]) -> FloatArray:

@@ -13,6 +13,16 @@ Array = NDArray[np.float64]
 ROOM = 1_000_000
 """Largest number of elements of an array in a chunk; about a dozen such arrays exist at once."""
 
+BLOCK = 10000
+"""Elements of the arrays of a block: these stay in the processor's cache, and their memory is used again and again.
+Larger arrays are given back and taken anew at each operation, which costs several times the operation itself."""
+
+
+def blocks(draws: int, width: int) -> list[slice]:
+    """Return slices of the draws, each of as many as fit into `BLOCK` with ``width`` numbers for every draw."""
+    size = max(1, BLOCK // max(width, 1))
+    return [slice(first, min(first + size, draws)) for first in range(0, draws, size)]
+
 
 def pieces(draws: int, width: int) -> list[slice]:
     """Return slices of the draws such that ``width`` numbers per draw fit into `ROOM` for each slice."""

@@ -9,17 +9,19 @@ rules about the modes then integrate each rater's zeta and the level.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.polynomial import chebyshev
 from numpy.typing import NDArray
 
-from softness_bayes.likelihood.error_laws import ErrorLaw
-from softness_bayes.likelihood.interval_law import Rows, derivatives, log_probability
+from softness_bayes.likelihood.error_laws import NORMAL, ErrorLaw
+from softness_bayes.likelihood.interval_law import derivatives, log_probability, scaled_derivatives, weights
 from softness_bayes.likelihood.mu_nodes import log_sum
+from softness_bayes.likelihood.pieces import blocks
 from softness_bayes.likelihood.quadrature import FAST, FINE, ROUGHLY, Quadrature, gauss_hermite, to_chebyshev
+from softness_bayes.likelihood.rater_rows import WIDE, Given, Group, groups_of
 
 FloatArray = NDArray[np.float64]
 IndexArray = NDArray[np.intp]
@@ -47,47 +49,8 @@ GRID = 41
 _STEPS = 12  # of Newton's method, at most
 _LEAST_CURVATURE = 0.1  # of its steps, over that of as many normal errors
 _NO_CURVATURE = 0.002  # as that, of the normal law about the mode
+_NO_WEIGHT = 1e-3  # of the rows of a rater who has none that is narrow
 _LOG_ROOT_TWO_PI = 0.5 * math.log(2.0 * math.pi)
-
-
-class LawParameters(NamedTuple):
-    """Parameters of the error laws, each an array (draws,), or with axes of length 1 behind."""
-
-    nu: FloatArray
-    lapse: FloatArray
-
-    def at_points(self) -> LawParameters:
-        """Return the parameters with an axis of points after that of draws."""
-        return LawParameters(self.nu[:, None], self.lapse[:, None])
-
-
-class Given(NamedTuple):
-    """Parameters of a batch of points, each with a first axis of draws."""
-
-    drive: FloatArray
-    """Drive of every row, sorted by rater, shape (draws, rows)."""
-    tau: FloatArray
-    """Shape (draws, 1)."""
-    spread: FloatArray
-    """Spread of single errors, shape (draws, 1)."""
-    parameters: LawParameters
-    """Those of the error law."""
-    rows: Rows
-    """Every row, sorted by rater."""
-    middle: FloatArray
-    """A number inside of each row's interval, from which Newton's method starts, shape (rows,) or (draws, rows)."""
-
-    def part(self, piece: Any) -> Given:
-        """Return some of the draws."""
-        of, middle = self.parameters, self.middle
-        return Given(
-            self.drive[piece],
-            self.tau[piece],
-            self.spread[piece],
-            LawParameters(*(v[piece] for v in of)),
-            self.rows.part(piece),
-            middle if middle.ndim == 1 else middle[piece],
-        )
 
 
 class Modes(NamedTuple):
@@ -146,6 +109,11 @@ class RaterIntegrals:
         Weight of each row where Newton's method starts, shape (rows,).
     mean, sd
         Prior of the level.
+    width
+        Widths of the rows' intervals, infinite without an end, shape (rows,): those alike are computed together.
+    times
+        Number of rows with the same rater, condition and interval as each, that one included, shape (rows,); 0 for all
+        but one of these.
     """
 
     def __init__(
@@ -155,12 +123,17 @@ class RaterIntegrals:
         weight: FloatArray,
         mean: float,
         sd: float,
+        width: FloatArray,
+        times: FloatArray,
     ) -> None:
         self.law, self.rater, self.mean, self.sd = law, rater, mean, sd
         self._first = np.flatnonzero(np.diff(rater, prepend=-1))
         self.count = np.diff(np.append(self._first, rater.size)).astype(float)
-        self._weight = weight
-        self._weighed = self.of_raters(weight)
+        self._groups = groups_of(rater, width, times)
+        self._narrow = width <= WIDE
+        self._wide = [group for group in self._groups if not self._narrow[group.rows[0]]]
+        self._weight = np.where(self._narrow, weight, 0.0)
+        self._weighed = self.of_raters(self._weight)
 
     def of_raters(self, values: FloatArray) -> FloatArray:
         """Return the sums of rows by rater, shape (..., raters)."""
@@ -190,11 +163,19 @@ class RaterIntegrals:
         curvature = np.maximum(-slopes[2], _NO_CURVATURE * self.count / given.spread**2)
         return self._step(given, at, slopes[1], curvature)._replace(at=at, slopes=tuple(slopes))
 
-    def _slopes(self, given: Given, a: FloatArray) -> FloatArray:
+    def _slopes(self, given: Given, a: FloatArray, groups: Sequence[Group] | None = None) -> FloatArray:
         """Return l_p and its first four derivatives at a_p (draws, raters), shape (5, draws, raters)."""
-        expected = given.drive + a[:, self.rater]
-        each = derivatives(self.law, given.rows, expected, given.spread, given.parameters)
-        return np.stack([self.of_raters(part) for part in each])
+        found = np.zeros((5, *a.shape))
+        for group in self._groups if groups is None else groups:
+            for block in blocks(len(a), group.rows.size):
+                part = given.part(block)
+                expected = part.drive[:, group.rows] + a[block][:, group.rater]
+                rows = part.rows.take(group.rows)
+                each = scaled_derivatives(self.law, rows, expected, part.spread, part.parameters)
+                for whole, own in zip(found, each, strict=True):
+                    whole[block, group.raters] += group.of_raters(own)
+        found /= given.spread ** np.arange(5)[:, None, None]
+        return found
 
     def _step(self, given: Given, a: FloatArray, slope: FloatArray, curvature: FloatArray) -> Modes:
         """Return the mode of all scales and the level for quadratic l_p of that slope and curvature at a_p."""
@@ -206,12 +187,23 @@ class RaterIntegrals:
         return Modes(a, (), shrink * (mu + variance * pull), pull, curvature, shrink, mu, precision**-0.5)
 
     def _start(self, given: Given) -> FloatArray:
-        """Return the modes if each row's middle were observed with normal errors."""
-        mean = self.of_raters(self._weight * (given.middle - given.drive)) / self._weighed
-        weight = 1.0 / (given.spread**2 / self._weighed + given.tau**2)
-        precision = weight.sum(axis=-1, keepdims=True) + self.sd**-2.0
-        mu = ((weight * mean).sum(axis=-1, keepdims=True) + self.mean * self.sd**-2.0) / precision
-        return np.asarray(mu + given.tau**2 * weight * (mean - mu))
+        """Return points near the modes: middles of narrow intervals as observed numbers, then wide ones as they are."""
+        mean = self.of_raters(self._weight * (given.middle - given.drive)) / np.maximum(self._weighed, _NO_WEIGHT)
+        slope, curvature = np.zeros(mean.shape), self._weighed / given.spread**2
+        start = self._step(given, mean, slope, curvature).a
+        if self.law != NORMAL:
+            for block in blocks(len(start), self.rater.size):
+                part = given.part(block)
+                error = part.middle - part.drive - start[block][:, self.rater]
+                weight = weights(self.law, part.rows, error, part.spread, part.parameters) * self._narrow
+                slope[block] = self.of_raters(weight * error) / part.spread**2
+                curvature[block] = self.of_raters(weight) / part.spread**2
+        else:
+            slope = curvature * (mean - start)
+        if self._wide:
+            _, steep, bend, _, _ = self._slopes(given, start, self._wide)
+            slope, curvature = slope + steep, curvature + np.maximum(-bend, 0.0)
+        return self._step(given, start, slope, curvature).a
 
     def log_density(self, given: Given, quadrature: Quadrature) -> FloatArray:
         """Return the log density of all rows, shape (draws,)."""
@@ -227,6 +219,14 @@ class RaterIntegrals:
         return self._summed(given, modes, quadrature)
 
     def _summed(self, given: Given, modes: Modes, quadrature: Quadrature) -> FloatArray:
+        width = quadrature.levels * quadrature.scales * self.count.size
+        parts = [
+            self._summed_at_once(given.part(block), modes.part(block), quadrature)
+            for block in blocks(len(given.drive), width)
+        ]
+        return np.concatenate(parts)
+
+    def _summed_at_once(self, given: Given, modes: Modes, quadrature: Quadrature) -> FloatArray:
         curve = self.curve(given, modes, quadrature)
         x, log_weight = gauss_hermite(quadrature.levels)
         level = modes.mu + modes.sd * x
@@ -274,13 +274,23 @@ class RaterIntegrals:
 
     def values(self, given: Given, a: FloatArray) -> FloatArray:
         """Return l_p at points (draws, points, raters), of the same shape."""
-        return self.of_raters(self.row_values(given, a))
+        found = np.zeros(a.shape)
+        for group in self._groups:
+            for block in blocks(len(a), a.shape[1] * group.rows.size):
+                part = given.part(block)
+                for points in blocks(a.shape[1], group.rows.size * (block.stop - block.start)):
+                    each = self._row_values(part, a[block, points], group.rows, group.rater)
+                    found[block, points, group.raters] += group.of_raters(each)
+        return found
 
     def row_values(self, given: Given, a: FloatArray) -> FloatArray:
         """Return the log probability of every row at a_p (draws, points, raters), shape (draws, points, rows)."""
-        parameters = given.parameters.at_points()
-        expected = given.drive[:, None] + a[..., self.rater]
-        return log_probability(self.law, given.rows.at_points(), expected, given.spread[:, None], parameters)
+        return self._row_values(given, a, slice(None), self.rater)
+
+    def _row_values(self, given: Given, a: FloatArray, rows: Any, rater: IndexArray) -> FloatArray:
+        parameters, intervals = given.parameters.at_points(), given.rows.take(rows).at_points()
+        expected = given.drive[:, None, rows] + a[..., rater]
+        return log_probability(self.law, intervals, expected, given.spread[:, None], parameters)
 
     def law_of_others(self, given: Given) -> tuple[FloatArray, FloatArray]:
         """Return points of a_p and their log weights given all other raters' rows, each (draws, points, raters).

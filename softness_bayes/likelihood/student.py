@@ -52,11 +52,12 @@ def normal_score(u: FloatArray, nu: FloatArray) -> FloatArray:
     nu = np.asarray(nu, float)
     z = np.sqrt(nu * np.log1p(u * u / nu))
     w = np.minimum(1.0 / nu, 1.0 / LEAST)
-    each = chebyshev.chebval(2.0 * np.sqrt(LEAST * w) - 1.0, _coefficients())  # of z, (orders, ...)
+    angle = np.arccos(2.0 * np.sqrt(LEAST * w) - 1.0)
+    each = np.cos(angle[..., None] * np.arange(_ORDERS[0])) @ _coefficients()  # of z, (..., orders)
     at = np.minimum(z, REACH)
     at = at / (at + _HALF_WAY) * (2.0 + 2.0 * _HALF_WAY / REACH) - 1.0
-    correction = np.broadcast_to(each[-1], at.shape).copy()
-    for coefficient in each[-2::-1]:
+    correction = np.broadcast_to(each[..., -1], at.shape).copy()
+    for coefficient in np.moveaxis(each, -1, 0)[-2::-1]:
         correction *= at
         correction += coefficient
     correction *= w

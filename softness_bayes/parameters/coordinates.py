@@ -9,7 +9,9 @@ from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import expit, log_expit, logit
+from scipy.special import expit, log_expit, logit, ndtr, ndtri
+
+from softness_bayes.parameters.priors import LogUniform, Prior
 
 FloatArray = NDArray[np.float64]
 
@@ -107,6 +109,35 @@ class Interval:
 
 
 @dataclass(frozen=True)
+class LogScore:
+    """x = low (high / low)^Phi(z), for a quantity whose logarithm lies between two bounds.
+
+    A law that is uniform in the logarithm is the standard normal one of z, also over many powers of ten, where log odds
+    of the share of the interval itself would crowd at the lower bound.
+    """
+
+    low: Numbers
+    high: Numbers
+
+    def natural(self, z: FloatArray) -> FloatArray:
+        """Parameter value at ``z``."""
+        return np.clip(np.exp(self._log(z)), self.low, self.high)
+
+    def coordinate(self, x: FloatArray) -> FloatArray:
+        """Normal score of the share of the logarithm's interval below ``x``."""
+        return ndtri((np.log(x) - np.log(self.low)) / (np.log(self.high) - np.log(self.low)))
+
+    def log_slope(self, z: FloatArray) -> FloatArray:
+        """Log of x log(high / low) times the normal density at ``z``."""
+        width = np.log(self.high) - np.log(self.low)
+        return self._log(z) + np.log(width) - 0.5 * z * z - 0.5 * np.log(2.0 * np.pi)
+
+    def _log(self, z: FloatArray) -> FloatArray:
+        low = np.log(self.low)
+        return low + (np.log(self.high) - low) * ndtr(z)
+
+
+@dataclass(frozen=True)
 class Bent:
     """x = centre + width sinh z: linear near a centre, logarithmic far from it on either side.
 
@@ -141,6 +172,11 @@ def coordinate_for(support: tuple[float, float]) -> Coordinate:
     if math.isinf(low):
         return Line()
     return HalfLine(low) if math.isinf(high) else Interval(low, high)
+
+
+def walked(prior: Prior) -> Coordinate:
+    """Return the coordinate in which a parameter with this prior is walked."""
+    return LogScore(*prior.support) if isinstance(prior, LogUniform) else coordinate_for(prior.support)
 
 
 class Coordinates:

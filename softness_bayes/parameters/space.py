@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from softness_bayes.errors import InputError
-from softness_bayes.parameters.coordinates import Coordinate, Coordinates, coordinate_for
+from softness_bayes.parameters.coordinates import Coordinate, Coordinates, walked
 from softness_bayes.parameters.declared import EVERY_PARAMETER, PARAMETERS, Parameter
 from softness_bayes.parameters.fabric_moduli import FABRIC_MODULUS, FabricModuli
 from softness_bayes.parameters.joint_prior import Laws
@@ -58,7 +58,7 @@ class ParameterSpace:
     def __post_init__(self) -> None:
         object.__setattr__(self, "held", MappingProxyType(dict(self.held)))
         object.__setattr__(self, "bent", MappingProxyType(dict(self.bent)))
-        coordinates = tuple(self.bent.get(p.name) or coordinate_for(p.prior.support) for p in self.sampled)
+        coordinates = tuple(self.bent.get(p.name) or walked(p.prior) for p in self.sampled)
         object.__setattr__(self, "_coordinates", Coordinates(coordinates))
         object.__setattr__(self, "_laws", Laws([p.prior for p in self.sampled], [p.largest for p in self.sampled]))
 

@@ -113,6 +113,11 @@ BEGINNERS = {
     ("simulate",): "softness-bayes simulate --fabrics cloth.csv --indentation-mm 2 --out simulated",
     ("check", "--data", "marks.csv"): "softness-bayes check --data marks.csv --decimal ,",
     ("check", "--data", "means.csv"): "softness-bayes check --data means.csv --ratings aggregated",
+    (
+        "check",
+        "--data",
+        "hard.csv",
+    ): "softness-bayes check --data hard.csv --fabrics cloth.csv --indentation-mm 2 --column rating=hardness_rating",
     ("check", "--data", "five.csv"): "softness-bayes check --help",
 }
 
@@ -128,6 +133,7 @@ def desk(tmp_path_factory):
     (home / "marks.csv").write_text(f"fabric;force_n;rating;{ends}a;1;1,234;30\nb;1;1,300;80\n")
     (home / "means.csv").write_text(f"fabric,force_n,geometric_mean,n,{ends}a,1,5,9,30\nb,1,7,9,80\n")
     (home / "five.csv").write_text(f"fabric,force_n,rating,{ends}a,1,five,30\nb,1,7,80\n")
+    (home / "hard.csv").write_text("participant,fabric,place,hardness_rating\nP1,felt,left,3\nP1,lawn,right,4\n")
     (home / "full").mkdir()
     (home / "full" / "notes.txt").write_text("mine")
     return home

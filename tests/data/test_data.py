@@ -194,6 +194,16 @@ def test_repeats_are_announced(file):
     assert "unused columns: block" in untold.notes[0]
 
 
+def test_repeats_that_differ_in_an_unused_column_are_not_called_copies(file):
+    text = (
+        "fabric,trial,force_n,rating,posture,day\na,1,1,2,hand,1\na,1,1,3,sitting,1\nb,1,1,3,hand,1\nb,1,1,4,foot,1\n"
+    )
+    note = Ratings.read(file(text)).notes[-1]
+    assert "2 ratings repeat a participant, fabric, load and trial, and differ in 'posture', which is not used" in note
+    copied = Ratings.read(file(text.replace("sitting", "hand"))).notes[-1]
+    assert copied.endswith("are rows copied?")
+
+
 def test_columns_are_renamed(file):
     text = RATINGS.replace("rating", "Softness").replace("fabric", "cloth")
     columns = {"rating": "softness", "fabric": "cloth"}

@@ -8,6 +8,7 @@ from scipy.stats import kstest, norm, t
 from softness_bayes.errors import InputError
 from softness_bayes.likelihood.error_laws import LAPSES, NORMAL, STUDENT, error_law_named
 from softness_bayes.likelihood.interval_law import NARROW, Rows, below, derivatives, log_probability, score_at
+from softness_bayes.likelihood.interval_rule import REACHES, by_rule, rule
 from softness_bayes.likelihood.ratings import RatingParameters
 
 LAWS = NORMAL, STUDENT, LAPSES
@@ -101,6 +102,51 @@ def test_scores_of_intervals_are_normal(law):
     assert kstest(score_at(law, rows, np.full(size, 0.5), expected, SPREAD, POINT)[0], "norm").pvalue < 1e-6
     places = below(law, rows, expected, SPREAD, POINT)[0]
     assert_allclose(places.mean(), 0.5, atol=0.02)
+
+
+@pytest.mark.parametrize("inside", [reach.inside for reach in REACHES])
+def test_rules_are_exact_for_polynomials(inside):
+    points, weights, at_ends = rule(inside)
+    for degree in range(2 * inside + 8):
+        coefficients = np.eye(degree + 1)[-1]
+        found = weights @ np.polynomial.Legendre(coefficients)(points)
+        for j, weight in enumerate(at_ends):
+            low, high = np.polynomial.Legendre(coefficients).deriv(j)(np.array([-1.0, 1.0]))
+            found += weight * (low + (-1) ** j * high)
+        assert_allclose(found, 2.0 if degree == 0 else 0.0, atol=1e-11)
+    # and no further
+    beyond = np.polynomial.Legendre(np.eye(2 * inside + 9)[-1])
+    ends = sum(w * 2.0 * beyond.deriv(j)(1.0) * (-1) ** j for j, w in enumerate(at_ends))
+    assert abs(weights @ beyond(points) + ends) > 1e-6
+
+
+@pytest.mark.parametrize("nu", [0.5, 1.0, 2.0, 4.0, 8.0, 30.0, 300.0, np.inf])
+def test_the_rule_serves_intervals_to_one_in_ten_million(nu):
+    """Of every width that it takes, near and far; narrower and wider ones, and steep ones, are refused."""
+    law, one = (NORMAL, norm) if nu == np.inf else (STUDENT, t(nu))
+    parameters = POINT._replace(nu=np.array([nu]))
+    middle = np.linspace(0.0, 30.0, 700)
+    for factor in (0.01, 0.1, *(reach.widest for reach in REACHES)):
+        width = float(factor * np.ravel(law.smooth(parameters))[0] * (1.0 - 1e-9))
+        low, high = (middle + side * width / 2 for side in (-1, 1))
+        served = by_rule(law, low[None], high[None], NARROW, parameters)
+        good = served.good
+        exact = np.where(low > 0, one.sf(low) - one.sf(high), one.cdf(high) - one.cdf(low))[good]
+        assert_allclose(served.probability[0, good] * one.pdf(0.0), exact, rtol=1e-7)
+        assert good[: good.size // 60].all()  # up to errors of 0.5
+        assert nu < np.inf or factor < 0.2 or not good[-1]
+    assert not by_rule(law, low[None], 1.1 * high[None], NARROW, parameters).good.any()
+    assert not by_rule(law, middle[None], middle[None] + 0.9 * NARROW, NARROW, parameters).good.any()
+
+
+def test_points_in_one_call_are_those_alone():
+    """Rows are computed by one way for a whole block: the ways agree, and no row takes another's."""
+    points = POINT._replace(nu=np.array([0.6, 3.3, 40.0]))
+    spread = np.array([[0.02], [0.4], [5.0]])
+    together = log_probability(STUDENT, ROWS, np.repeat(EXPECTED, 3, axis=0), spread, points)
+    for k in range(3):
+        alone = POINT._replace(nu=points.nu[k : k + 1])
+        assert_allclose(together[k : k + 1], log_probability(STUDENT, ROWS, EXPECTED, spread[k], alone), atol=2e-7)
 
 
 def test_names_of_laws():

@@ -9,9 +9,9 @@ from scipy import stats
 
 from softness_bayes.errors import InputError
 from softness_bayes.parameters.choice import parameter_space
-from softness_bayes.parameters.coordinates import Bent, HalfLine, Interval, Line, Scaled, coordinate_for
+from softness_bayes.parameters.coordinates import Bent, HalfLine, Interval, Line, Scaled, coordinate_for, walked
 from softness_bayes.parameters.declared import HELD, PARAMETERS, PRIOR_SETS, SHAPE_PARAMETERS
-from softness_bayes.parameters.priors import HalfNormal, LogNormal, Normal, Uniform
+from softness_bayes.parameters.priors import HalfNormal, LogNormal, LogUniform, Normal, Uniform
 from softness_bayes.touch.neuron.fixed_channels import LARGEST_CURRENT
 from softness_bayes.touch.neuron.membrane import HODGKIN_HUXLEY, PAPER_CHANNELS, Channels
 from softness_bayes.touch.neuron.surface_design import DESIGNS
@@ -123,6 +123,22 @@ def test_coordinates_follow_the_support():
     assert coordinate_for(Normal(0, 1).support) == Line()
     assert coordinate_for(LogNormal(1, 1).support) == HalfLine(0.0)
     assert coordinate_for(Uniform(1, 2).support) == Interval(1, 2)
+
+
+def test_a_bracket_of_many_powers_of_ten_is_walked_as_a_normal_law():
+    """A law uniform in the logarithm has standard normal coordinates, at whose ends nothing crowds."""
+    rng, law = np.random.default_rng(8), LogUniform(1e-3, 1e8)
+    coordinate = walked(law)
+    z = coordinate.coordinate(law.quantile(rng.uniform(size=4000)))
+    assert stats.kstest(z, "norm").pvalue > 1e-3
+    at = np.linspace(-6.0, 6.0, 25)
+    np.testing.assert_allclose(
+        law.log_density(coordinate.natural(at)) + coordinate.log_slope(at), stats.norm.logpdf(at), atol=1e-9
+    )
+    np.testing.assert_allclose(coordinate.coordinate(coordinate.natural(at)), at, atol=1e-6)
+    # in log odds of the interval itself most of the law lies in one tail
+    odds = Interval(*law.support).coordinate(law.quantile(rng.uniform(size=4000)))
+    assert np.median(odds) < -10.0
 
 
 SPACES = {

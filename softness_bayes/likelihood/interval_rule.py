@@ -1,0 +1,116 @@
+"""Probabilities of intervals by quadrature, from densities inside and their derivatives at both ends.
+
+The derivatives at the ends are needed anyway, for those of the probability with respect to the expectation. With the
+density at n points between them, roots of Jacobi's polynomial for the weight (1 - x²)⁴, the rule is exact for
+polynomials of degree 2n + 7: Gauss's rule with two fixed nodes that count fourfold (Stancu and Stroud, Math. Comp. 17,
+384, 1963). It costs less than distribution functions do, of Student's law a fourth.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.polynomial import legendre
+from numpy.typing import NDArray
+from scipy.special import roots_jacobi
+
+from softness_bayes.likelihood.error_laws import ErrorLaw
+
+FloatArray = NDArray[np.float64]
+
+ORDERS = 4
+"""Derivatives at each end, the density itself being the first."""
+
+
+class Reach(NamedTuple):
+    """Intervals for which a number of points inside gives probabilities to 1e-7."""
+
+    inside: int
+    """Points inside of the interval."""
+    widest: float
+    """Width of the widest interval, in the smooth length of the law."""
+    steepest: float
+    """Largest change of the log density over the interval at the slope of either end."""
+
+
+REACHES = Reach(1, 0.8, 2.5), Reach(2, 1.6, 5.0), Reach(4, 2.8, 10.0), Reach(8, 5.0, 16.0)
+
+LEAST = 1e-250
+"""Smallest probability, over the density at 0: below it digits may be lost."""
+
+
+class Served(NamedTuple):
+    """Probabilities of intervals over the density at 0, and where the rule serves."""
+
+    probability: FloatArray
+    """Shape (..., rows)."""
+    slopes: tuple[FloatArray, ...]
+    """First four derivatives of it with respect to the expectation in spreads, each (..., rows)."""
+    good: NDArray[np.bool_]
+    """True for rows that the rule serves at all points, shape (rows,)."""
+
+
+def by_rule(law: ErrorLaw, low: FloatArray, high: FloatArray, narrowest: float, parameters: Any) -> Served:
+    """Return the probabilities between errors `low` and `high`, (..., rows), in units of their spread.
+
+    Parameters
+    ----------
+    law
+        Law of the errors.
+    low, high
+        Ends of the intervals, finite.
+    narrowest
+        Width below which differences of densities lose digits.
+    parameters
+        Parameters of the law, of batch shape (...).
+    """
+    width = high - low
+    longest = float((width / law.smooth(parameters)).max())
+    reach = next((one for one in REACHES if one.widest >= longest), REACHES[-1])
+    points, weights, at_ends = rule(reach.inside)
+    half, middle = 0.5 * width, 0.5 * (high + low)
+    ends = []
+    for end in (low, high):
+        density = law.kernel(end, parameters)
+        ends.append([density, *(density * part for part in law.slopes(end, parameters)[: ORDERS - 1])])
+    (f0, s0, b0, t0), (f1, s1, b1, t1) = ends
+    rise, turn = s1 - s0, t1 - t0
+    a0, a1, a2, a3 = at_ends
+    inner = (-a3 * turn) * half
+    inner += a2 * (b0 + b1)
+    inner *= half
+    inner -= a1 * rise
+    inner *= half
+    inner += a0 * (f0 + f1)
+    for point, weight in zip(points, weights, strict=True):
+        inner += weight * law.kernel(middle + point * half, parameters)
+    inner *= half
+    wrong = (width < narrowest) | ~(inner > LEAST)
+    if longest > reach.widest:
+        wrong |= width > reach.widest * law.smooth(parameters)
+    if law.steepest(parameters) * longest > reach.steepest:
+        wrong |= (np.abs(s0) * width > reach.steepest * f0) | (np.abs(s1) * width > reach.steepest * f1)
+    good = ~wrong.reshape(-1, wrong.shape[-1]).any(axis=0)
+    return Served(inner, (f0 - f1, rise, b0 - b1, turn), good)
+
+
+@cache
+def rule(inside: int) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return points inside of (-1, 1), their weights, and those of derivatives at -1; at 1 their signs alternate."""
+    points = roots_jacobi(inside, ORDERS, ORDERS)[0]
+    size = 2 * ORDERS + inside + inside % 2
+    basis = np.eye(size)
+    rows = []
+    for j in range(ORDERS):
+        ends = legendre.legval(np.array([-1.0, 1.0]), legendre.legder(basis, j, axis=0) if j else basis)
+        rows.append(ends[:, 0] + (-1.0) ** j * ends[:, 1])
+    matrix = np.array([*rows, *legendre.legval(points, basis).T])
+    # odd polynomials vanish by symmetry; points on either side share their weight
+    pairs = (inside + 1) // 2
+    matrix = np.concatenate([matrix[:ORDERS], matrix[ORDERS : ORDERS + pairs] + matrix[: -pairs - 1 : -1]])
+    weights = np.linalg.solve(matrix[:, ::2].T, 2.0 * np.eye(size // 2)[0])
+    half = weights[ORDERS:]
+    half[-1] *= 2.0 if inside % 2 else 1.0  # the middle is its own other side
+    return points, np.concatenate([half, half[: inside // 2][::-1]]), weights[:ORDERS]

@@ -1,0 +1,98 @@
+"""Ratings sorted by rater, as the integrals over their scales take them: parameters, and groups of like rows."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from softness_bayes.likelihood.interval_law import Rows
+
+FloatArray = NDArray[np.float64]
+IndexArray = NDArray[np.intp]
+
+WIDE = 0.6
+"""Width of intervals, as a difference of logs, beyond which their middles say little of them."""
+
+_WIDTHS = 1e-12, 0.1, 0.25, WIDE, 1e300  # between groups: exact numbers, intervals, and those with one end
+
+
+class LawParameters(NamedTuple):
+    """Parameters of the error laws, each an array (draws,), or with axes of length 1 behind."""
+
+    nu: FloatArray
+    lapse: FloatArray
+
+    def at_points(self) -> LawParameters:
+        """Return the parameters with an axis of points after that of draws."""
+        return LawParameters(self.nu[:, None], self.lapse[:, None])
+
+
+class Given(NamedTuple):
+    """Parameters of a batch of points, each with a first axis of draws."""
+
+    drive: FloatArray
+    """Drive of every row, sorted by rater, shape (draws, rows)."""
+    tau: FloatArray
+    """Shape (draws, 1)."""
+    spread: FloatArray
+    """Spread of single errors, shape (draws, 1)."""
+    parameters: LawParameters
+    """Those of the error law."""
+    rows: Rows
+    """Every row, sorted by rater."""
+    middle: FloatArray
+    """A number inside of each row's interval, from which Newton's method starts, shape (rows,) or (draws, rows)."""
+
+    def part(self, piece: Any) -> Given:
+        """Return some of the draws."""
+        of, middle = self.parameters, self.middle
+        return Given(
+            self.drive[piece],
+            self.tau[piece],
+            self.spread[piece],
+            LawParameters(*(v[piece] for v in of)),
+            self.rows.part(piece),
+            middle if middle.ndim == 1 else middle[piece],
+        )
+
+
+class Group(NamedTuple):
+    """Rows whose intervals are of the same kind."""
+
+    rows: IndexArray
+    """Indices of the rows, sorted by rater."""
+    rater: IndexArray
+    """Rater of each of these."""
+    first: IndexArray
+    """Places of the first row of each rater among these."""
+    raters: IndexArray
+    """Raters who have any."""
+    times: FloatArray | None
+    """How often each row counts; None if all count once."""
+
+    def of_raters(self, values: FloatArray) -> FloatArray:
+        """Return the sums of these rows (..., rows) by rater, shape (..., raters)."""
+        return np.add.reduceat(values if self.times is None else values * self.times, self.first, axis=-1)
+
+
+def groups_of(rater: IndexArray, width: FloatArray, times: FloatArray) -> list[Group]:
+    """Return groups of rows with intervals of about the same width; those that count 0 times are in none.
+
+    Parameters
+    ----------
+    rater
+        Rater of each row, sorted, shape (rows,).
+    width
+        Width of each row's interval, infinite if it has one end only.
+    times
+        How often each row counts.
+    """
+    kind, found = np.digitize(width, _WIDTHS), []
+    for k in np.unique(kind[times > 0]):
+        rows = np.flatnonzero((kind == k) & (times > 0))
+        raters, first = np.unique(rater[rows], return_index=True)
+        own = times[rows]
+        found.append(Group(rows, rater[rows], first, raters, None if (own == 1.0).all() else own))
+    return found
