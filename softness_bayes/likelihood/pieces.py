@@ -13,7 +13,7 @@ Array = NDArray[np.float64]
 ROOM = 1_000_000
 """Largest number of elements of an array in a chunk; about a dozen such arrays exist at once."""
 
-BLOCK = 10000
+BLOCK = 30_000
 """Elements of the arrays of a block: these stay in the processor's cache, and their memory is used again and again.
 Larger arrays are given back and taken anew at each operation, which costs several times the operation itself."""
 
