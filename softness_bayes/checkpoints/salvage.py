@@ -106,7 +106,7 @@ def _sentence(said: list[str], manifest: Mapping[str, Any], found: Mapping[str, 
     if not said:
         return ""
     then, now = manifest["state"], found["state"]
-    where = f"step {now['steps']}{' of its pilot walk' if found['piloting'] else ''}"
+    where = f"step {now['steps']}{' of its pilot phase' if found['piloting'] else ''}"
     lost = then["steps"] - (now["steps"] if now["phase"] == then["phase"] else 0)
     stage = "" if now["phase"] == then["phase"] else " of a later stage"
     return f"{'; '.join(said)}; the run goes on from {where}, the last whole state: {lost} steps{stage} are lost"

@@ -24,26 +24,26 @@ STARTED = time.monotonic()
 VERBS: Mapping[str, str] = {
     "demo": "Run a complete small example, from tables to a report, in seconds.",
     "new": "Write tables and scripts to start from into DIR.",
-    "check": "Validate data files and say what was understood.",
-    "plan": "Say how 'sample' would evaluate the model with the same options: stages, nodes, errors and cost.",
+    "check": "Validate data files and show how they are read.",
+    "plan": "Show how 'sample' would evaluate the model with the same options: stages, nodes, errors and cost.",
     "sample": "Sample the posterior of skin, transduction and rating parameters given ratings.",
-    "status": "Say how a run is getting on, without disturbing it.",
-    "resume": "Continue a run that was interrupted, or that ended.",
+    "status": "Show the progress of a run without disturbing it.",
+    "resume": "Continue a run that was interrupted or has ended.",
     "plot": "Draw the figures of a finished run.",
-    "simulate": "Simulate ratings of fabrics from stated parameters.",
-    "report": "Write one page about a finished run, to read, print or send.",
+    "simulate": "Simulate ratings of fabrics from given parameters.",
+    "report": "Write a one-page report of a finished run, to read, print or send.",
     "readings": "List and explain the readings of the model's equations.",
-    "priors": "List and explain the parameters with their priors, the laws and the sets of priors.",
+    "priors": "List and explain the parameters and their priors, the prior distributions and the sets of priors.",
     "figures": "List and explain the figures of a finished run.",
-    "compare": "Rank finished runs by how well they predict what is left out.",
+    "compare": "Rank finished runs by how well they predict held-out data.",
     "predict": "Predict contact, stress, firing and ratings for fabrics under loads.",
-    "rank": "Rank fabrics by predicted softness: the higher the typical rater's rating, the softer.",
-    "target": "Find the effective moduli that give a wished rating, and how probable it is that any does.",
-    "explore": "Move the model's parameters on a page of this machine, and see what its response does.",
-    "claims": "Say which of the paper's claims hold under which readings of its equations.",
-    "bench": "Measure time and error of the forward model on this machine, beside other ways to compute it.",
-    "study": "Fit many tables separately, and pool parameters over them.",
-    "calibrate": "Check the whole inference by simulation: whether posteriors hold the truth as often as they say.",
+    "rank": "Rank fabrics by predicted softness: the typical rater rates softer fabrics higher.",
+    "target": "Find the effective moduli that give a desired rating, and the probability that one exists.",
+    "explore": "Open an interactive page that shows how the response depends on each parameter.",
+    "claims": "Test which of the paper's claims hold under which readings of its equations.",
+    "bench": "Measure time and error of the forward model on this machine, and of other ways to compute it.",
+    "study": "Fit many tables separately, then pool parameters across them.",
+    "calibrate": "Test the inference by simulation: whether credible intervals have their stated coverage.",
 }
 """Verb -> its one-line help; `softness_bayes.cli.<verb>` holds the click command `command`."""
 
@@ -52,7 +52,7 @@ PRINTING = ("check", "plan", "status", "readings", "priors", "figures", "predict
 
 TYPED = f"{__name__}.typed"
 """Key of the words of a command line."""
-LESS_MEMORY = "each process needs its share: fewer --processes need less"
+LESS_MEMORY = "try fewer --processes, because each needs memory"
 """Advice where memory ran out."""
 
 
@@ -94,7 +94,7 @@ class VerbGroup(click.Group):
             try:
                 return super().main(args, *more, **extra)
             except SystemExit as end:
-                said = f"standard output: {out.lost}; what was printed is not complete"
+                said = f"standard output: {out.lost}; the printed output is incomplete"
                 if out.lost and not end.code and _prints(sys.argv[1:] if args is None else args):
                     click.echo(f"error: {said}", err=True)
                     raise SystemExit(2) from None

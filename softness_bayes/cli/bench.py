@@ -25,7 +25,7 @@ BENCH, MADE = "bench", (PRECISION, SCALING, FACTS, WORDS, *(f"{FIGURE}.{name}" f
 
 
 @click.command()
-@click.option("--quick", is_flag=True, help="Few draws, small scenes and no sampler: numbers to try it out by.")
+@click.option("--quick", is_flag=True, help="A trial run: few draws, small scenes and no sampler.")
 @click.option(
     "--out",
     type=click.Path(path_type=Path),
@@ -36,19 +36,20 @@ BENCH, MADE = "bench", (PRECISION, SCALING, FACTS, WORDS, *(f"{FIGURE}.{name}" f
 )
 @force
 def command(quick: bool, out: Path, force: bool) -> None:
-    """Measure time and error of the forward model on this machine, beside other ways to compute it.
+    """Measure time and error of the forward model on this machine, and of other ways to compute it.
 
-    Each stage, then the whole likelihood, at all resolutions, on one core: 12 fabrics under 3 indentations, prior
-    draws. Then larger scenes and batches, the sampler, the machine's limit, and peers that simulate every receptor,
-    each with its own error and the ratio of time at no more than that error. Writes work_precision.csv, scaling.csv,
-    bench.json (machine, sampler, limit, ratios), summary.md (the main numbers) and work_precision.png and .pdf.
+    Measures each stage and the whole likelihood at all resolutions, on one core, for 12 fabrics under 3 indentations
+    and draws of the prior. Then measures larger scenes and batches, the sampler, the limit of the machine, and
+    programs that simulate every receptor. Each of these is given with its error, and with the ratio of its time to
+    that of the likelihood at the same error or less. Writes work_precision.csv, scaling.csv, bench.json (machine,
+    sampler, limit, ratios), summary.md (the main numbers) and work_precision.png and .pdf.
     """
     from threadpoolctl import threadpool_limits
 
     from softness_bayes.files.outputs import require_outputs
 
     require_outputs(out, MADE, BENCH, force)
-    click.echo(f"measures for minutes, then writes {', '.join(MADE)} to {out.resolve()}", err=True)
+    click.echo(f"this takes minutes; it then writes {', '.join(MADE)} to {out.resolve()}", err=True)
     with threadpool_limits(1):
         _measure(quick, out)
     click.echo(f"written to {out}")
@@ -126,7 +127,7 @@ def _peers(work: Work, effort: Effort, points: list[Point]) -> tuple[list[Point]
         click.echo(_line(point))
         if found := faster(point, points):
             ratios[point.setting] = found
-            click.echo(f"{'':6}takes {found.ratio:.3g} times as long as the likelihood at no more error")
+            click.echo(f"{'':6}takes {found.ratio:.3g} times as long as the likelihood at the same error or less")
         peers.append(point)
     if not brian:
         click.echo(f"left out: {ABSENT}")

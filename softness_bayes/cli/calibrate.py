@@ -35,13 +35,13 @@ if TYPE_CHECKING:
     default=200,
     show_default=True,
     metavar="N",
-    help="Draws of the prior that are simulated and fitted; more may be asked for later.",
+    help="Number of parameter draws that are simulated and fitted; a later call can ask for more.",
 )
 @click.option(
     "--like",
     type=click.Path(path_type=Path),
     metavar="DIR",
-    help="Calibrate where the posterior of this run is, in its design and with its model, instead of over the prior.",
+    help="Calibrate over the posterior of this run instead of the prior, with the design and the model of the run.",
 )
 @click.option(
     "--fabrics", type=click.Path(path_type=Path), metavar="FILE", help="Fabric table (CSV); by default eight fabrics."
@@ -51,8 +51,7 @@ if TYPE_CHECKING:
 @click.option(
     "--design",
     is_flag=True,
-    help="Say what ratings of this design can tell before any is simulated: expected posterior widths; "
-    "nothing is written.",
+    help="Predict the posterior widths for this design without simulating; nothing is written.",
 )
 @click.option("--participants", type=whole(PARTICIPANTS), default=20, show_default=True, help="Number of raters.")
 @model_choice
@@ -62,20 +61,20 @@ if TYPE_CHECKING:
     type=whole(STEPS),
     default=500_000,
     show_default=True,
-    help="Steps of each ensemble after which a replicate ends, converged or not.",
+    help="Largest number of steps of each ensemble; a replicate then ends even if it has not converged.",
 )
 @click.option(
     "--processes",
     type=whole(PROCESSES),
     metavar="N",
-    help="Replicates side by side; by default one for each core. Ranks do not depend on it.",
+    help="Number of replicates run in parallel; by default one for each core. Ranks do not depend on it.",
 )
 @dask
 @click.option(
     "--finished",
     "so_far",
     is_flag=True,
-    help="Judge the replicates that are finished and run no more; the verdict stays open and names the others.",
+    help="Evaluate the finished replicates and run no more; the verdict stays open and names those that are missing.",
 )
 @seed
 @click.option(
@@ -84,7 +83,7 @@ if TYPE_CHECKING:
     metavar="DIR",
     default=Path("calibration"),
     show_default=True,
-    help="Directory to write to; a calibration there that was asked for in the same way is continued.",
+    help="Directory to write to; a calibration there that was begun with the same options is continued.",
 )
 def command(
     replicates: int,
@@ -104,21 +103,21 @@ def command(
     seed: int,
     out: Path,
 ) -> None:
-    """Check the whole inference by simulation: whether posteriors hold the truth as often as they say.
+    """Test the inference by simulation: whether credible intervals have their stated coverage.
 
-    Draws parameters from the prior, simulates ratings, samples their posterior until it has converged, and
-    ranks the truth among its draws. The ranks must be uniform: of every parameter, mu, the log-likelihood,
-    participants' effects, and under each load of whether and where the response turns over. The verdict says
-    which faults so many replicates could have seen. Without fabrics and loads a small scene is rated. Writes
-    to --out: a file per replicate (an interrupted run continues where it was), ranks.csv, coverage.csv,
-    ecdf.png and verdict.txt.
+    This is simulation-based calibration. Each replicate draws parameters from the prior, simulates ratings, samples
+    the posterior until it has converged, and ranks the true values among its draws. The ranks must be uniform. They
+    are tested for every parameter, mu, the log-likelihood, the participants' effects, and, under each load, the
+    existence and the place of the turning point. The verdict states which faults this number of replicates can
+    detect. Without fabrics and loads a small example is rated. Writes to --out: a file per replicate (an interrupted
+    calibration continues), ranks.csv, coverage.csv, ecdf.png and verdict.txt.
 
-    --like DIR draws the parameters from the posterior of a finished run instead, and simulates ratings of new raters
-    under its loads, with its missing cells and observation model; each fit is of the run's ratings and the simulated
-    ones together. Exit code 3: some replicates have not converged; 4: not calibrated.
+    --like DIR draws the parameters from the posterior of a finished run instead. It simulates ratings by new raters
+    under the loads of the run, with its missing cells and observation model, and fits them together with the ratings
+    of the run. Exit code 3: some replicates have not converged; 4: not calibrated.
 
-    --design foresees, by linearisation and in some seconds, how far a fit of the design would narrow every parameter,
-    and which other design would help most: ask it before the hours of a calibration.
+    --design predicts in some seconds, by linearisation, how much a fit would narrow every parameter and which other
+    design would help most. Use it before a calibration, which takes hours.
     """
     from softness_bayes.data import Fabrics, loads_of
     from softness_bayes.likelihood.scales import scale_named
@@ -162,7 +161,7 @@ def command(
     if found.unfinished:
         raise NotConvergedError(f"{len(found.unfinished)} of {replicates} replicates are not finished")
     if found.unconverged:
-        raise NotConvergedError(f"{found.unconverged} replicates have not converged at --max-steps {max_steps}")
+        raise NotConvergedError(f"{found.unconverged} replicates have not converged within --max-steps {max_steps}")
 
 
 _WITH_LIKE = ("replicates", "like", "max_steps", "processes", "dask", "so_far", "seed", "out")
@@ -180,7 +179,9 @@ def _require_no_design() -> None:
     for option in context.command.params:
         given = context.get_parameter_source(option.name or "") is not ParameterSource.DEFAULT
         if given and option.name not in _WITH_LIKE:
-            raise InputError(f"{option.opts[0]}: --like takes design and model from the run; leave it out")
+            raise InputError(
+                f"{option.opts[0]}: cannot be combined with --like, which takes design and model from the run"
+            )
 
 
 def _report(found: Calibrated, out: Path) -> None:
@@ -208,7 +209,7 @@ def _kept(out: Path, asked: int) -> str:
     finished = finished_replicates(out)
     if not finished:
         return ""
-    return f"{finished} of {asked} replicates are kept in {out}: the same command runs the others"
+    return f"{finished} of {asked} replicates are saved in {out}: the same command runs the others"
 
 
 class _Bar:

@@ -40,14 +40,16 @@ PRIOR_DRAWS = 200
 @categories
 @readings
 @click.option(
-    "--design", is_flag=True, help="Say what the design can tell: expected posterior widths, and what would help most."
+    "--design",
+    is_flag=True,
+    help="Predict how precise the design is: expected posterior widths, and the changes that would help most.",
 )
-@click.option("--json", "as_json", is_flag=True, help="Print everything that was understood as JSON, and no text.")
+@click.option("--json", "as_json", is_flag=True, help="Print all of it as JSON instead of text.")
 @click.option(
     "--figure",
     type=click.Path(path_type=Path),
     metavar="FILE",
-    help="Draw data and fabrics beside the prior's response (.png, .pdf or .svg).",
+    help="Draw data and fabrics beside the response that the prior predicts (.png, .pdf or .svg).",
 )
 @force
 def command(
@@ -61,15 +63,15 @@ def command(
     figure: Path | None,
     force: bool,
 ) -> None:
-    """Validate data files and say what was understood.
+    """Validate data files and show how they are read.
 
-    Ratings are one row each: participant, fabric, rating, and indentation_mm or force_n; trial if there are
-    any. Fabrics are one row each, in their own table, or columns of the ratings: fabric, and
-    effective_modulus_kpa, or bending_rigidity_n_m, or tensile_modulus_mpa and thickness_mm; poisson_ratio
-    where known. Compression data are one row per force of a rigid flat plate: participant, indentation_mm,
-    force_n; indentor, if other rows are to be left out. Errors name file, row, column and value. E_fab is
-    shown in the reading that is asked for. With ratings it is also said whether they rise or fall with stiffness,
-    and with --design what they can tell of every parameter before any sampling, in some seconds.
+    The table of ratings has one row per rating: participant, fabric, rating, and indentation_mm or force_n; trial, if
+    any. Fabrics have one row each in a separate table, or are columns of the ratings: fabric, and
+    effective_modulus_kpa, or bending_rigidity_n_m, or tensile_modulus_mpa and thickness_mm; poisson_ratio where
+    known. Compression data have one row per force of a rigid flat plate: participant, indentation_mm, force_n;
+    indentor, if the rows of other indentors are to be left out. Errors name file, row, column and value. E_fab is
+    shown under the chosen reading. For ratings, `check` also reports whether they rise or fall with stiffness. With
+    --design it predicts in some seconds, before any sampling, how precisely every parameter will be known.
     """
     from softness_bayes.data import Compression
     from softness_bayes.likelihood.scales import scale_named
@@ -121,10 +123,10 @@ def _show_tables(experiment: Experiment, asked: ModelOptions) -> None:
         click.echo(line)
     if exact := len(moduli.laws) - len(moduli.uncertain):
         click.echo(
-            f"warning: {'the' if moduli.known else exact} moduli are given without errors. A run that takes measured "
-            "moduli as exact has intervals that are too narrow. Add a column effective_modulus_cv (or thickness_cv, "
-            "tensile_modulus_cv, bending_rigidity_cv), or give the run --modulus-cv 0.15; --modulus-cv 0 says that "
-            "they are exact"
+            f"warning: {'the' if moduli.known else exact} moduli are given without errors. If measured moduli "
+            "are treated as exact, the intervals are too narrow. Add a column effective_modulus_cv (or "
+            "thickness_cv, tensile_modulus_cv, bending_rigidity_cv), or give the run --modulus-cv 0.15; use "
+            "--modulus-cv 0 if they are exact"
         )
     if experiment.compression is not None:
         click.echo()
@@ -148,7 +150,7 @@ def _forces_alone(compression: Compression, more: bool, as_json: bool) -> None:
     from softness_bayes.model.understanding import SCHEMA, understood_forces
 
     if more:
-        raise InputError("check: --design and --figure are for ratings: give --data, or leave them out")
+        raise InputError("check: --design and --figure need ratings: give --data, or omit them")
     if as_json:
         known = {"schema": SCHEMA, "forces": understood_forces(compression), "notes": list(compression.notes)}
         click.echo(json.dumps(known, indent=1, ensure_ascii=False))
@@ -239,7 +241,7 @@ def _summary(experiment: Experiment, modulus: NDArray[np.float64], own_units: bo
     if len(conditions.fabric) == 1:
         lines["gamma"] = "one condition: the response does not vary, so skin, receptors and gamma are not identifiable"
     if len(ratings) > 1 and ratings.rating.min() == ratings.rating.max():
-        lines["varsigma"] = "all ratings are the same: their spread (varsigma) is not identifiable"
+        lines["varsigma"] = "all ratings are equal: their spread (varsigma) is not identifiable"
     return [f"{name:14}{text}" for name, text in lines.items()]
 
 
@@ -262,7 +264,7 @@ def _loads(ratings: Ratings) -> str:
     if groups.merged:
         sizes = np.bincount(groups.of[ratings.load]).tolist()
         each = ", ".join(f"{name} ({size})" for name, size in zip(groups.names, sizes, strict=True))
-        parts.append(f"used as measured; shown and judged in {len(sizes)} groups: {each}")
+        parts.append(f"used as measured; shown and checked in {len(sizes)} groups: {each}")
     return ", ".join(parts)
 
 
@@ -283,7 +285,7 @@ def _fabric_table(experiment: Experiment, moduli: FabricModuli) -> list[str]:
         strict=True,
     ):
         limits = "" if law is None else "; 90 % limits {:.3g} to {:.3g} kPa".format(*law.quantile([0.05, 0.95]))
-        source = basis or "nothing: it is unknown"
+        source = basis or "nothing (unknown)"
         lines.append(f"{name:{width}}  {modulus / 1e3:11.4g}  {poisson:13g}  {count:7}  {source}{limits}")
     return lines
 

@@ -40,7 +40,7 @@ CLAIMS, MADE = "claims", ("claims.csv", "claims.md", "claims_loads.csv")
     multiple=True,
     callback=named(str),
     metavar="PLACE=NAME",
-    help="Another reading of one place of the model in every set, as in pressure=hertz. Repeatable.",
+    help="Another reading of one equation of the model, in every set, such as pressure=hertz. Repeatable.",
 )
 @click.option(
     "--priors",
@@ -51,7 +51,12 @@ CLAIMS, MADE = "claims", ("claims.csv", "claims.md", "claims_loads.csv")
 )
 @fix
 @prior
-@click.option("--data", type=click.Path(path_type=Path), metavar="FILE", help="Table of ratings (CSV) to judge by.")
+@click.option(
+    "--data",
+    type=click.Path(path_type=Path),
+    metavar="FILE",
+    help="Table of ratings (CSV) that the claims are tested against.",
+)
 @click.option(
     "--fabrics",
     type=click.Path(path_type=Path),
@@ -66,7 +71,7 @@ CLAIMS, MADE = "claims", ("claims.csv", "claims.md", "claims_loads.csv")
     type=whole(PRIOR_DRAWS),
     default=200,
     show_default=True,
-    help="Draws of each prior that probabilities are made of; 0 for the medians alone.",
+    help="Number of draws of each prior for the probabilities; 0 for the medians only.",
 )
 @dask
 @seed
@@ -90,12 +95,11 @@ def command(
     out: Path,
     force: bool,
 ) -> None:
-    """Say which of the paper's claims hold under which readings of its equations.
+    """Test which of the paper's claims hold under which readings of its equations.
 
-    Every claim has a criterion; under each set of readings, each prior set and each kind of load it holds,
-    fails, or no receptor fires and the model is silent. Prints the verdicts with the numbers behind them and
-    the probability over draws of the prior that the claim holds, and writes claims.csv, claims.md and
-    claims_loads.csv.
+    Every claim has a numerical criterion. For each set of readings, set of priors and kind of load, the verdict is
+    that the claim holds, that it fails, or that no receptor fires. Prints the verdicts with their numbers and the
+    prior probability that the claim holds, and writes claims.csv, claims.md and claims_loads.csv.
     """
     from softness_bayes.claims import PRIORS, TOUCHES, evaluate_claims
     from softness_bayes.claims.report import claims_table, loads_table, markdown, plain
@@ -145,11 +149,13 @@ def _materials(
 
     if data is None:
         if columns and fabrics is None:
-            raise InputError("--column names columns of --data or --fabrics: give one of them")
+            raise InputError("--column applies to --data or --fabrics: give one of them")
         chosen = CLOTH if fabrics is None else Fabrics.read(fabrics, columns=columns, decimal=decimal)
         return chosen, None, loads_of(indentation_mm, force_n)
     if len(indentation_mm) > 1 or len(force_n) > 1:
-        raise InputError("--data brings its own loads: give --indentation-mm or --force-n once at most, for all of it")
+        raise InputError(
+            "--data has its own loads: give --indentation-mm or --force-n at most once, as the load of all ratings"
+        )
     indentation, held_force = (next(iter(values), None) for values in (indentation_mm, force_n))
     experiment = read_experiment(
         data, fabrics, columns=columns, indentation_mm=indentation, force_n=held_force, decimal=decimal

@@ -24,12 +24,14 @@ COMPARE, COMPARISON = "compare", "compare.csv"
     type=click.Choice(LEFT_OUT),
     default=LEFT_OUT[0],
     show_default=True,
-    help="What is predicted from all the rest: single ratings, participants, fabrics, or fabrics under single loads.",
+    help="What is held out and predicted from the rest: single ratings, participants, fabrics, or fabrics "
+    "under single loads.",
 )
 @click.option(
     "--max-steps",
     type=whole(STEPS),
-    help="Steps of each ensemble after which a refit without a fabric ends in any case.",
+    help="Largest number of steps of each ensemble in a refit without a fabric; it then ends even if it has "
+    "not converged.",
 )
 @dask
 @click.option(
@@ -40,19 +42,19 @@ COMPARE, COMPARISON = "compare", "compare.csv"
     show_default=True,
     help=f"Directory to write {COMPARISON} to.",
 )
-@click.option("--force", is_flag=True, help=f"Replace a {COMPARISON} that is there.")
+@click.option("--force", is_flag=True, help=f"Replace an existing {COMPARISON}.")
 def command(
     directories: tuple[Path, ...], left_out: str, max_steps: int | None, dask: str | None, out: Path, force: bool
 ) -> None:
-    """Rank finished runs by how well they predict what is left out.
+    """Rank finished runs by how well they predict held-out data.
 
-    The runs are of the same ratings under different readings, directions, priors or effects. Each prediction
-    is a density of the ratings as filed; their logs are summed (elpd) and compared unit by unit. Ratings (lists and
-    pairs as a whole) and participants are left out by importance weights (PSIS); fabrics by sampling each model anew
-    without them, which takes about as long as the runs did times the fabrics; single conditions by weights, or anew
-    where these fail. The difference is judged by the largest of its standard errors: of single units, and of clusters
-    of ratings by fabric, condition and participant. Weights are those of the mixture of runs that predicts best
-    (stacking).
+    The runs must have the same ratings; readings, directions, priors or effects may differ. The log predictive
+    densities of the ratings (in the units of the table) are summed (elpd) and compared unit by unit. Ratings (lists
+    and pairs as a whole) and participants are held out by importance weights (PSIS). Fabrics are held out by sampling
+    each model again without them, which takes about as long as the runs times the number of fabrics. Single
+    conditions are held out by weights, and sampled again where these fail. The difference is compared with the
+    largest of its standard errors: over single units, and over clusters of ratings by fabric, condition and
+    participant. Weights are those of the mixture of runs that predicts best (stacking).
     """
     from dataclasses import replace
 
@@ -66,7 +68,7 @@ def command(
     require_outputs(out, [COMPARISON], COMPARE, force)
     labels = endings(directories)
     if len({*directories}) < len(directories):
-        raise InputError("compare: a result is named twice")
+        raise InputError("compare: a result is given twice")
     settings = REFIT if max_steps is None else replace(REFIT, max_steps=max_steps)
     with reading(*directories) as loaded, executor_of(dask) as executor:
         results = dict(zip(labels, loaded, strict=True))

@@ -35,10 +35,10 @@ STEPS = 3000
 def command(directory: Path, processes: int | None) -> None:
     """Run a complete small example, from tables to a report, in seconds.
 
-    Writes what 'new' writes into DIR (by default softness-demo), samples the posterior and makes its report, and shows
-    the commands that do so. The ratings are simulated, and most parameters are held at the values behind them: an
-    analysis of your own samples all of them, which takes minutes. Exit code 3 if the run has not converged, as for any
-    run.
+    Writes the files of 'new' into DIR (by default softness-demo), samples the posterior and makes its report, and shows
+    the commands for these steps. The ratings are simulated, and most parameters are fixed at their true values. An
+    analysis of real data samples all parameters, which takes minutes. Exit code 3 if the run has not converged, as for
+    any run.
     """
     from softness_bayes.cli.check import command as check
     from softness_bayes.cli.report import command as report
@@ -61,9 +61,9 @@ def command(directory: Path, processes: int | None) -> None:
         ended = error
     _run(report, "report", results, "--title", TITLE)
     click.echo(
-        f"\nthis was an EXAMPLE, with most parameters held at the values behind it; open {results / 'report.html'}"
+        f"\nthis was an EXAMPLE, with most parameters fixed at their true values; open {results / 'report.html'}"
     )
-    click.echo("in a browser. With tables of your own, begin with\n  softness-bayes new my-study")
+    click.echo("in a browser. To analyse your own tables, begin with\n  softness-bayes new my-study")
     if ended is not None:
         raise ended
 

@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     default=0,
     show_default=True,
     metavar="N",
-    help="Port on this machine's loopback address; 0 for any that is free.",
+    help="Port on the loopback address of this machine; 0 for any free port.",
 )
 @click.option("--show", is_flag=True, help="Open the page in the browser.")
 def command(
@@ -49,12 +49,12 @@ def command(
     port: int,
     show: bool,
 ) -> None:
-    """Move the model's parameters on a page of this machine, and see what its response does.
+    """Open an interactive page that shows how the response depends on each parameter.
 
-    Without DIR the parameters start at the medians of their priors; with the DIR of a finished run at those of its
-    posterior, with its finger, fabrics and loads, and its data and credible bands behind the curves. Sliders reach over
-    the central 98 % of each prior. The page shows the command that repeats its numbers. It is served on 127.0.0.1
-    alone, until Ctrl-C; writes nothing.
+    Without DIR the parameters start at the medians of their priors. With the DIR of a finished run they start at the
+    posterior medians; the page then uses the finger, fabrics and loads of the run, and draws its data and credible
+    bands behind the curves. Sliders cover the central 98 % of each prior. The page shows the command that repeats its
+    numbers. It is served only on 127.0.0.1, until Ctrl-C, and writes nothing.
     """
     from softness_bayes.explore.picture import picture
     from softness_bayes.explore.server import listening, serve
@@ -71,8 +71,7 @@ def command(
         else:
             if touches.asked or fixed or priors or finger or not choice.is_default or prior_set != PRIOR_SET:
                 raise InputError(
-                    "DIR brings its own fabrics, loads, priors, readings and finger: leave out the options of these, "
-                    "or DIR"
+                    "DIR has its own fabrics, loads, priors, readings and finger: omit the options for these, or DIR"
                 )
             subject = _of_run(directory)
         picture(subject, subject.start)  # compiles the scene, and refuses now what the page could not draw

@@ -11,7 +11,7 @@ from softness_bayes.cli.options.words import explained
 def command() -> None:
     """List and explain the figures of a finished run.
 
-    'plot DIR --figures NAME' draws one. A figure of your own goes by its importable name, as in
+    'plot DIR --figures NAME' draws one. A custom figure is given by its importable name, such as
     --figures mypackage.figures:mine.
     """
     from softness_bayes.plotting.figures import FIGURES, OWN_FIGURES
@@ -20,4 +20,4 @@ def command() -> None:
     rows = [(name, drawing.shows) for name, drawing in FIGURES.items()]
     rows += [(name, f"{point.value}, of an installed package") for name, point in installed(OWN_FIGURES).items()]
     click.echo(explained(rows))
-    click.echo("docs: a figure of your own: extending, 'One's own, without a change here'")
+    click.echo("docs: for custom figures see the page 'Extending'")

@@ -33,7 +33,7 @@ def require_none(directory: Path, names: Sequence[str] = EXAMPLE) -> None:
         Naming them.
     """
     if present := [name for name in names if os.path.lexists(directory / name)]:
-        raise InputError(f"{directory}: {', '.join(present)} exists, and nothing is replaced; choose another directory")
+        raise InputError(f"{directory}: {', '.join(present)} exists and would be overwritten; choose another directory")
 
 
 @click.command()
@@ -41,15 +41,15 @@ def require_none(directory: Path, names: Sequence[str] = EXAMPLE) -> None:
 def command(directory: Path) -> None:
     """Write tables and scripts to start from into DIR.
 
-    ratings.csv and fabrics.csv hold a small example, whose column 'note' explains the others: replace their rows by
-    yours. analysis.sh (command line) and analysis.py (Python) lead from these tables to a report and to answers.
-    Nothing is replaced: a file of one of these names in DIR is named and stays.
+    ratings.csv and fabrics.csv contain a small example, with a column 'note' that explains the others: replace its rows
+    by your data. analysis.sh (command line) and analysis.py (Python) lead from these tables to a report and to
+    predictions. Existing files are never overwritten: if DIR has a file of one of these names, the command stops.
     """
     from softness_bayes.files.outputs import write_outputs
 
     require_none(directory)
     write_outputs(directory, example(), NEW)
     click.echo(f"{directory}: {', '.join(EXAMPLE)}")
-    click.echo("the tables hold an EXAMPLE (simulated): replace their rows by yours; then")
-    click.echo(f"  softness-bayes check --data {directory / 'ratings.csv'}    how they are understood")
+    click.echo("the tables contain an EXAMPLE (simulated): replace its rows by your data, then run")
+    click.echo(f"  softness-bayes check --data {directory / 'ratings.csv'}    how the tables are read")
     click.echo(f"  sh {directory / 'analysis.sh'}    the whole analysis (or: python {directory / 'analysis.py'})")

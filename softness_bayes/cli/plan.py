@@ -21,10 +21,10 @@ if TYPE_CHECKING:
 @model_choice
 @rating_scale
 def command(files: DataFiles, model: ModelChoice, scale: str) -> None:
-    """Say how 'sample' would evaluate the model with the same options: stages, nodes, errors and cost.
+    """Show how 'sample' would evaluate the model with the same options: stages, nodes, errors and cost.
 
-    Errors are the largest over draws of the prior and conditions, relative to each draw's peak response and of
-    log(N/N_ref + eps); costs are the time for each parameter vector in batches of 64, measured here and now.
+    Errors are the largest over draws of the prior and conditions: of the response, relative to the peak of each draw,
+    and of log(N/N_ref + eps). Costs are the time per parameter vector in batches of 64, measured on this machine.
     """
     from softness_bayes.data import Compression
     from softness_bayes.likelihood.scales import scale_named
@@ -35,10 +35,10 @@ def command(files: DataFiles, model: ModelChoice, scale: str) -> None:
 
     data = files.read()
     if isinstance(data, Compression):
-        raise InputError("plan: forces alone are fitted without a response: give --data")
+        raise InputError("plan: a fit of forces alone needs no response, so there is nothing to plan: give --data")
     built = build(data, model.options(scale=scale_named(scale)))
     scene, chosen, draws = built.scene, built.resolution, prior_draws(built.posterior.space)
-    assert chosen is not None, "the command line asks for an accuracy"
+    assert chosen is not None, "the command line sets an accuracy"
     d = chosen.discretisation
     settings = ladder(chosen, draws)
     cost, others = seconds(scene, draws.parameters), built.posterior.other_loads
@@ -59,7 +59,7 @@ def command(files: DataFiles, model: ModelChoice, scale: str) -> None:
     click.echo("\nleft out:")
     for reason in left_out(built):
         click.echo(f"- {reason}")
-    click.echo("\nalternatives, with the other stage as chosen:")
+    click.echo("\nalternatives (the other stages as chosen):")
     for setting in settings:
         click.echo(_choice(setting))
 

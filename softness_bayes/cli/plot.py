@@ -20,10 +20,10 @@ _PATH = click.Path(path_type=Path)
     multiple=True,
     shell_complete=figures,
     metavar="NAME",
-    help="Draw this figure only, one of those that 'figures' lists or one of your own, as in mymodule:mine. "
-    "Repeatable. By default every figure that the run can fill.",
+    help="Draw only this figure: one that 'figures' lists, or a custom one such as mymodule:mine. Repeatable. "
+    "By default all figures for which the run has data.",
 )
-@click.option("--all", "every", is_flag=True, help="Draw also what is drawn on request only: all pairs of parameters.")
+@click.option("--all", "every", is_flag=True, help="Also draw the posterior of all pairs of parameters.")
 @click.option(
     "--format",
     "formats",
@@ -38,8 +38,8 @@ _PATH = click.Path(path_type=Path)
     "style_file",
     type=_PATH,
     metavar="FILE",
-    help="Style file of matplotlib (.mplstyle) to lay over the usual style; the width of its figure.figsize is that "
-    "of the page, as in 'figure.figsize: 3.4, 3' for one column.",
+    help="Style file of matplotlib (.mplstyle), applied on top of the default style. The width in its "
+    "figure.figsize is the width of the page: 'figure.figsize: 3.4, 3' for one column.",
 )
 @click.option("--out", type=_PATH, metavar="DIR", help="Directory to write to; by default DIR/figures.")
 def command(
@@ -52,8 +52,8 @@ def command(
 ) -> None:
     """Draw the figures of a finished run.
 
-    All that they show is stored in DIR: the model is not run, and DIR may come from another machine. Figures that
-    the run cannot fill are left out and named.
+    All data for the figures are stored in DIR: the model is not run, and DIR may come from another machine. A note
+    names figures for which the run has no data.
     """
     from softness_bayes.plotting.figures import draw_figures, every_figure, figure_named, figures_of, require_figures
     from softness_bayes.plotting.style import USUAL, Style, require_formats

@@ -52,14 +52,14 @@ REACHED = 16
     "--posterior",
     type=click.Path(path_type=Path),
     metavar="DIR",
-    help="A finished run: parameters are draws of its posterior, and each quantity gets its median and, as "
-    "NAME_low and NAME_high, the limits of its 90 % credible interval. Ratings are predicted too.",
+    help="A finished run: parameters are draws of its posterior. Each quantity is given as its median and, in "
+    "NAME_low and NAME_high, its 90 % credible interval. Ratings are predicted too.",
 )
 @click.option(
     "--raters",
     type=whole(PANEL),
     metavar="N",
-    help="With --posterior: predict the mean rating of N new raters; by default of as many as rated.",
+    help="With --posterior: predict the mean rating of N new raters; by default as many as in the run.",
 )
 @seed
 @click.option(
@@ -68,7 +68,7 @@ REACHED = 16
     metavar="FILE",
     help="CSV file to write; by default the table is printed, to five digits.",
 )
-@click.option("--force", is_flag=True, help="Replace an --out that 'predict' wrote.")
+@click.option("--force", is_flag=True, help="Replace the file --out if 'predict' wrote it.")
 def command(
     touches: Touches,
     values: dict[str, float],
@@ -84,11 +84,11 @@ def command(
 ) -> None:
     """Predict contact, stress, firing and ratings for fabrics under loads.
 
-    One row for each fabric and load. Parameters are the medians of their priors; --set changes single
-    ones, --posterior takes the draws of a run instead, and with --set the medians of its posterior. Ratings need a run:
-    they are predicted for the typical rater, for a new rater, and as the mean of several, with 50 and 90 % intervals.
-    The last columns say where no receptor fires, where the contact is too large for Hertz's geometry, and what lies
-    beyond the fabrics and loads that were rated.
+    The table has one row for each fabric and load. By default parameters are the medians of their priors, and --set
+    changes single ones. --posterior uses the draws of a run instead; with --set as well, the medians of its posterior.
+    Ratings need a run: they are predicted for the typical rater, for a new rater, and as the mean of several, with
+    50 and 90 % intervals. The last columns flag rows where no receptor fires, where the contact is too large for
+    Hertz's geometry, and where fabric or load lie outside the range that was rated.
     """
     from softness_bayes.files.outputs import require_outputs, write_outputs
     from softness_bayes.files.spreadsheet import PRINTED, csv_of
@@ -102,7 +102,10 @@ def command(
     fabrics, loads = touches.read()
     if posterior is None:
         if raters is not None:
-            raise InputError("--raters is for ratings, which only a run predicts: give --posterior, or leave it out")
+            raise InputError(
+                "--raters needs --posterior, because only a finished run predicts ratings: give "
+                "--posterior, or omit --raters"
+            )
         chosen = choice.resolve()
         named = usual_values(chosen, prior_set, values)
         parameters, compiled = touch_parameters(named), partial(scene_of, fabrics, loads, named, chosen)
@@ -112,7 +115,7 @@ def command(
     else:
         if finger or not choice.is_default or prior_set != PRIOR_SET:
             raise InputError(
-                "--posterior brings its own readings, priors and finger: leave out --finger, --priors and --reading"
+                "--posterior has its own readings, priors and finger: omit --finger, --priors and --reading"
             )
         table, scene, parameters, reached = _of_run(posterior, values, fabrics, loads, accuracy, raters, seed)
     if reached:
@@ -156,7 +159,7 @@ def _of_run(
 
     with reading(directory) as (result,):
         if not result.has_ratings:
-            raise InputError(f"{directory}: a run without ratings, which says nothing of the receptors; give --set")
+            raise InputError(f"{directory}: this run has no ratings, so it does not inform the receptors; give --set")
         named, noise = drawn_values(result, ANSWER_DRAWS, values), result.provenance.rating_model.noise
         if lacking := [n for n in TouchParameters._fields if n not in named and n not in SHAPE_PARAMETERS]:
             raise KeyError(lacking[0])  # `reading` names the file

@@ -21,7 +21,7 @@ def print_result(result: Result, out: Path, times: str = "") -> None:
 
     found, summary = result.provenance, result.summary()
     fit = fit_of(result.tree) if result.has_ratings else None
-    faults = [] if fit is None else [f"the fit has failed: {fault}" for fault in fit.faults]
+    faults = [] if fit is None else [f"the fit failed: {fault}" for fault in fit.faults]
     for fault in faults:
         click.echo(fault)
     left_out = ("contraction", "psens_prior_mcse", "psens_likelihood_mcse")  # said in words, or kept in the file
@@ -35,7 +35,7 @@ def print_result(result: Result, out: Path, times: str = "") -> None:
         click.echo(f"\n{found.plate.force_check}")
     if fit is not None:
         _print_ratings(result, fit)
-    click.echo(f"written to {out}; 'softness-bayes report {out}' makes one page of it")
+    click.echo(f"written to {out}; 'softness-bayes report {out}' makes a one-page report")
     click.echo(found.verdict)
     if fit is not None and fit.silence_note:
         click.echo(fit.silence_note)
@@ -56,12 +56,12 @@ def _turning(result: Result) -> str:
     grouped = f"\n({groups.sentence}; each row is at the middle load of its group)" if groups.merged else ""
     low, *_, high = (f"{float(f'{end:.3g}'):,.10g}" for end in result.group("predictions")["e_fab_kpa"].values)
     return (
-        "turning point of the response: a maximum (the paper's inflection) that exceeds the response at both ends of\n"
-        f"the range, {low} and {high} kPa, by {percent(result.least_drop)} of itself. Columns: its probability "
-        "(p_interior), the same under the\nprior, the probabilities of one among the fabrics' moduli (p_inside), of "
-        "none and of no firing; then E_fab at the\nturning point [kPa], median and 90 % limits. Each number ± its "
-        "Monte-Carlo standard error.\n"
-        f"{with_errors(table, columns).to_string()}{grouped}"
+        "turning point of the response: a maximum (the paper's inflection) from which the response falls by "
+        f"at least\n{percent(result.least_drop)} towards both ends of the range, {low} and {high} kPa. "
+        "Columns: probability of a turning point (p_interior)\nand its prior probability; probabilities of "
+        "one within the range of the fabrics' moduli (p_inside), of none, and\nof no firing; E_fab at the "
+        "turning point [kPa], median and 90 % limits. Each number ± Monte-Carlo standard "
+        f"error.\n{with_errors(table, columns).to_string()}{grouped}"
     )
 
 
@@ -102,6 +102,6 @@ def _print_ratings(result: Result, fit: Fit) -> None:
     )
     click.echo(
         f"error of the firing rates: at most {number(errors.firing_error, 2)} of the peak, if every receptor had the "
-        "largest error of its surface; their effect on the posterior:"
+        "largest interpolation error; effect on the posterior:"
     )
     click.echo(errors.exactness)

@@ -89,7 +89,7 @@ class Bar:
         begun, whole = self._begun - STARTED, time.monotonic() - STARTED
         return (
             f"took {whole:.1f} s: {begun:.1f} s to start, {self._sampled:.1f} s to sample, "
-            f"{whole - begun - self._sampled:.1f} s for all that follows"
+            f"{whole - begun - self._sampled:.1f} s for the stages after sampling"
         )
 
     def close(self) -> None:

@@ -36,13 +36,13 @@ SHOWN = 20
 )
 @seed
 @click.option("--out", type=FILE, metavar="OUT", help=f"Directory to write to; by default DIR/{FIGURE}.")
-@click.option("--force", is_flag=True, help="Replace what 'rank' wrote there.")
+@click.option("--force", is_flag=True, help="Replace the files that 'rank' wrote there.")
 def command(directory: Path, touches: Touches, against: Path | None, seed: int, out: Path | None, force: bool) -> None:
-    """Rank fabrics by predicted softness: the higher the typical rater's rating, the softer.
+    """Rank fabrics by predicted softness: the typical rater rates softer fabrics higher.
 
-    Under each load every fabric gets the probability of each place, and every pair that of its order. Fabrics that
-    have the same rating in a draw, as all have under which no receptor fires, tie and share their places equally.
-    Reads what 'sample' left in DIR.
+    For each load the tables give the probability of each rank of every fabric, and of the order of every pair. Fabrics
+    with the same rating in a draw are tied and share their ranks equally; this includes all fabrics for which no
+    receptor fires. DIR is a run of 'sample'.
     """
     from softness_bayes.data.observed_order import read_order
     from softness_bayes.files.outputs import require_outputs, write_outputs
@@ -55,7 +55,7 @@ def command(directory: Path, touches: Touches, against: Path | None, seed: int, 
     observed = None if against is None else read_order(against, touches.decimal)
     with reading(directory) as (result,):
         if not result.has_ratings:
-            raise InputError(f"{directory}: a run without ratings, which predicts none")
+            raise InputError(f"{directory}: a run without ratings cannot predict ratings")
         fabrics, loads = touches.of_run(result)
         found = result.rank(fabrics, loads, ANSWER_DRAWS, seed)
     agreement = None if observed is None else found.against(observed)
@@ -66,10 +66,13 @@ def command(directory: Path, touches: Touches, against: Path | None, seed: int, 
     _show(found)
     if observed is not None and agreement is not None:
         left = len(observed) - int(agreement["fabrics"].iloc[0])
-        click.echo("agreement with the observed order (median and 5-95 % limits over the draws; se between fabrics):")
+        click.echo(
+            "agreement with the observed order (median and 5-95 % limits over the draws; se from "
+            "differences between fabrics):"
+        )
         click.echo(agreement.to_string(index=False, float_format="{:.3f}".format, na_rep="–"))
         if left:
-            click.echo(f"note: {left} of {len(observed)} fabrics of {against} are not among those ranked", err=True)
+            click.echo(f"note: {left} of {len(observed)} fabrics of {against} were not ranked", err=True)
     click.echo(f"written to {target}: {', '.join((*tables, *MADE[3:]))}", err=True)
 
 
@@ -83,5 +86,7 @@ def _show(found: Ranking) -> None:
         click.echo("\n...\n".join(lines))
         tied, silent = int((one.tie > 0).sum()), int((one.p_silent >= 0.5).sum())
         if tied:
-            click.echo(f"{tied} of {len(rows)} fabrics tie with others; {silent} are silent in most draws")
+            click.echo(
+                f"{tied} of {len(rows)} fabrics are tied with others; no receptor fires for {silent} in most draws"
+            )
         click.echo()

@@ -13,8 +13,8 @@ from softness_bayes.cli.options.words import explained
 def command(place: str | None) -> None:
     """List and explain the readings of the model's equations.
 
-    --reading PLACE=NAME chooses one in every command that has it, --readings SET a whole set. A reading of your own
-    goes by its importable name, as in --reading pressure=mypackage.pressures:mine.
+    In every command that has these options, --reading PLACE=NAME chooses one reading and --readings SET a whole set. A
+    custom reading is given by its importable name, such as --reading pressure=mypackage.pressures:mine.
     """
     from softness_bayes.errors import InputError
     from softness_bayes.supplied import installed
@@ -31,7 +31,7 @@ def command(place: str | None) -> None:
     if place is None:
         click.echo("sets (--readings):")
         click.echo(explained([(name, _differences(name)) for name in NAMED_READINGS]))
-    click.echo("docs: the model, sections 1 to 8; a reading of your own: extending, 'One's own, without a change here'")
+    click.echo("docs: the page 'The model', sections 1 to 8; for custom readings see the page 'Extending'")
 
 
 def _differences(name: str) -> str:

@@ -18,28 +18,28 @@ REPORT = "report.html"
     "--out",
     type=click.Path(path_type=Path),
     metavar="FILE",
-    help=f"File to write; by default {REPORT} in DIR. A report that this command wrote there is replaced, "
-    "unless it was changed since.",
+    help=f"File to write; by default {REPORT} in DIR. An earlier report by this command is replaced, unless "
+    "the file has been edited.",
 )
 @click.option(
     "--anonymous",
     "nameless",
     is_flag=True,
-    help="Call participants P1, P2 and so on, everywhere on the page; names of fabrics and files stay.",
+    help="Call participants P1, P2 and so on everywhere on the page. Names of fabrics and files remain.",
 )
 @click.option("--title", default="", metavar="TEXT", help="Heading of the page, in place of 'Report of a run'.")
-@click.option("--author", default="", metavar="TEXT", help="Who stands for the page, below its heading.")
+@click.option("--author", default="", metavar="TEXT", help="Author of the page, shown below its heading.")
 @own_figures
 def command(
     directory: Path, out: Path | None, nameless: bool, title: str, author: str, own_figures: tuple[str, ...]
 ) -> None:
-    """Write one page about a finished run, to read, print or send.
+    """Write a one-page report of a finished run, to read, print or send.
 
-    Three sentences come first: whether to trust the run, what was learnt, what to do next. Then the verdict: converged
-    or not, exact enough or not, whether the model reproduces the turning point under each load, which parameters the
-    data informed. Then charts of response and rating (switch load and axis, point at
-    a curve for its values), figures, tables, how the run was made, and the command that repeats it. The file is a
-    single HTML page that needs no network. Reads what 'sample' left in DIR; runs nothing.
+    The page begins with three sentences: whether to trust the run, what was learnt, and what to do next. The verdict
+    follows: whether the run has converged, whether it is accurate enough, whether the model reproduces the turning
+    point under each load, and which parameters the data informed. Then come interactive charts of response and
+    rating, figures, tables, the settings of the run, and the command that repeats it. The file is a single HTML page
+    that needs no network. DIR is a run of 'sample'; nothing is computed again.
     """
     from softness_bayes.report import anonymous, write_report
 

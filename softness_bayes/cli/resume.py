@@ -26,13 +26,19 @@ if TYPE_CHECKING:
     "--more-steps",
     type=whole(STEPS),
     metavar="N",
-    help="Walk at least so many steps more, even if the run has converged.",
+    help="Run at least this many further steps, even if the run has converged.",
 )
 @max_time
 @processes
-@click.option("--data", type=click.Path(path_type=Path), metavar="FILE", help="The ratings, if they were moved.")
-@click.option("--fabrics", type=click.Path(path_type=Path), metavar="FILE", help="The fabrics, if they were moved.")
-@click.option("--compression", type=click.Path(path_type=Path), metavar="FILE", help="The forces, if they were moved.")
+@click.option(
+    "--data", type=click.Path(path_type=Path), metavar="FILE", help="New path of the ratings, if they were moved."
+)
+@click.option(
+    "--fabrics", type=click.Path(path_type=Path), metavar="FILE", help="New path of the fabrics, if they were moved."
+)
+@click.option(
+    "--compression", type=click.Path(path_type=Path), metavar="FILE", help="New path of the forces, if they were moved."
+)
 @no_figures
 def command(
     directory: Path,
@@ -44,14 +50,14 @@ def command(
     compression: Path | None,
     no_figures: bool,
 ) -> None:
-    """Continue a run that was interrupted, or that ended.
+    """Continue a run that was interrupted or has ended.
 
-    It goes on in DIR with the options it was begun with, to the draws of a run with the same seed that was never
-    interrupted. A run that has ended at its --max-steps gets as many steps again; one that has converged goes on
-    with --more-steps only; a first look (sample --quick) goes on to the full run. If the data, the priors, the
-    readings or anything else that decides the draws is not what it was, the run is refused and the difference
-    named. If files of the checkpoint are damaged, it goes on from the last whole state, and says which and how many
-    steps that costs.
+    The run continues in DIR with its original options, and gives the same draws as a run with the same seed that was
+    never interrupted. A run that ended at its --max-steps gets the same number of steps again. A run that has
+    converged continues only with --more-steps. A first look (sample --quick) continues to the full run. If the data,
+    the priors, the readings or anything else that determines the draws has changed, the run is refused and the
+    change is named. If files of the checkpoint are damaged, the run continues from the last intact state; the damaged
+    files and the number of lost steps are reported.
     """
     from softness_bayes.checkpoints.checkpoint import Checkpoint
     from softness_bayes.results.request import Request
@@ -64,19 +70,22 @@ def command(
         click.echo(f"note: {checkpoint.damage}", err=True)
     if checkpoint.request is None:
         raise InputError(
-            f"{directory}: the run was begun in Python; continue it there, with sample(..., checkpoint=...) inside "
-            f"'with Checkpoint.open({str(directory)!r}) as checkpoint'"
+            f"{directory}: the run was started in Python; continue it there, with sample(..., checkpoint=...) "
+            f"inside 'with Checkpoint.open({str(directory)!r}) as checkpoint'"
         )
     verdict = status.verdict if status.written and status.ended else None
     if verdict is not None and verdict.converged and more_steps is None and _is_whole(directory):
-        click.echo(f"{directory}: {verdict.sentence()} Its results are written; --more-steps continues it.")
+        click.echo(f"{directory}: {verdict.sentence()} Its results are complete; use --more-steps to continue it.")
         return
     model, how = Request.from_record(checkpoint.request["options"])
     how = replace(_continued(how, status, more_steps), max_seconds=max_time, processes=processes or how.processes)
     now, then = versions(), checkpoint.request["versions"]
     names = [name for name in now if now[name] != then.get(name)]
     if changed := [f"{name.removeprefix('version_')} {then.get(name)} (now {now[name]})" for name in names]:
-        click.echo(f"note: begun with {', '.join(changed)}: draws may differ from an uninterrupted run's", err=True)
+        click.echo(
+            f"note: the run was started with {', '.join(changed)}: draws may differ from those of an uninterrupted run",
+            err=True,
+        )
     files = recorded_files(checkpoint.request["files"], directory)
     files = replace(
         files,
@@ -87,7 +96,10 @@ def command(
     for option in ("data", "fabrics", "compression"):
         path = getattr(files, option)
         if path is not None and not path.exists():
-            raise InputError(f"{path}: no such file, and the run was begun with it; if it was moved, give --{option}")
+            raise InputError(
+                f"{path}: no such file, and the run was started with it; if it was moved, give its new path "
+                f"with --{option}"
+            )
     wanted = checkpoint.request["figures"] and not no_figures
     own = checkpoint.request.get("own_figures", []) if wanted else None
     require_drawn(own)

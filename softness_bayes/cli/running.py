@@ -58,8 +58,8 @@ def reading(*directories: Path) -> Iterator[list[Result]]:
     for result in results:
         if not result.verified:
             click.echo(
-                f"note: {result.source}: written by an earlier version without checksums, so changes since then cannot "
-                "be detected",
+                f"note: {result.source}: written by an earlier version without checksums, so later changes of "
+                "the file cannot be detected",
                 err=True,
             )
     try:
@@ -85,9 +85,11 @@ def needed(verdict: Verdict, pace: float) -> str:
     steps, most = verdict.foreseen
     if not math.isfinite(most):
         left = _time(pace * (steps - verdict.steps))
-        return f"the run needs at least about {steps} steps in all, {left} more; it is too short yet for a bound"
+        return f"the run needs at least about {steps} steps in total ({left} more); it is too short for an upper limit"
     least, longest = (_time(pace * (n - verdict.steps)) for n in (steps, most))
-    return f"the run needs about {steps} steps in all, {least} more, and hardly above {most:.0f}, {longest} more"
+    return (
+        f"the run needs about {steps} steps in total ({least} more), and probably at most {most:.0f} ({longest} more)"
+    )
 
 
 def _time(seconds: float) -> str:

@@ -41,26 +41,26 @@ if TYPE_CHECKING:
     default=NOISE,
     show_default=True,
     metavar="STRENGTH",
-    help="White current on every membrane [µA/cm² √ms], averaged over by simulation, which takes minutes; needs --fix "
-    "of c_Na, c_K, c_L and c_A.",
+    help="White-noise current on every membrane [µA/cm² √ms]. Its mean effect is found by simulation, which "
+    "takes minutes. Needs --fix for c_Na, c_K, c_L and c_A.",
 )
 @click.option(
     "--exact-reweight",
     is_flag=True,
-    help="Weight draws by the exact likelihood (Pareto-smoothed); summary and predictions are those of weighted draws.",
+    help="Weight the draws by the exact likelihood (Pareto-smoothed); summary and predictions use the weighted draws.",
 )
 @click.option(
     "--max-steps",
     type=whole(STEPS),
     default=MAX_STEPS,
     show_default=True,
-    help="Steps of each ensemble after which the run ends, converged or not.",
+    help="Largest number of steps of each ensemble; the run then ends even if it has not converged.",
 )
 @click.option(
     "--quick",
     is_flag=True,
-    help="A first look: ends where the chains are first looked at, unconverged, with few figures and without the "
-    "comparison with the exact model. 'resume' goes on to the full run.",
+    help="A first look: the run ends at the first check of the chains, before it has converged, with few "
+    "figures and without the comparison with the exact model. 'resume' continues it to the full run.",
 )
 @max_time
 @processes
@@ -87,20 +87,21 @@ def command(
 ) -> None:
     """Sample the posterior of skin, transduction and rating parameters given ratings.
 
-    Runs four independent ensembles until they have converged, or to --max-steps or --max-time, and writes to
-    --out: posterior.nc (draws, predictions, provenance), summary.csv, directions.csv, predictive_checks.csv
-    and figures/. Prints the summary, what the prior decides, where the response turns over under each load,
-    whether the model reproduces it, and a verdict. Exit code 3: not converged.
+    Runs four independent ensembles until they have converged, or until --max-steps or --max-time. Writes to --out:
+    posterior.nc (draws, predictions, provenance), summary.csv, directions.csv, predictive_checks.csv and figures/.
+    Prints the summary, the parameters that only the prior determines, the turning point of the response under each
+    load, whether the model reproduces it, and a verdict. Exit code 3: not converged.
 
-    --compression adds the forces of a rigid flat plate on fingerpads, which say what b and m are. Without
-    --data the run is on these alone: no response curves, no turning point, but how force grows with indentation.
+    --compression adds the forces of a rigid flat plate on fingerpads, which inform b and m directly. Without --data
+    only these forces are fitted: the run then has no response curves and no turning point, but predicts how the
+    force grows with indentation.
 
-    With all parameters fixed there is nothing to sample: the log-likelihood at that point is printed, and where the
-    response turns over under each load; nothing is written.
+    With all parameters fixed there is nothing to sample: the log-likelihood and the turning points at that point are
+    printed, and nothing is written.
 
-    The run is kept in --out all along: 'status' says how far it is, and 'resume' continues it, interrupted or
-    ended, to the draws of a run that was never interrupted. --quick takes a first look at it; 'resume' goes on from
-    there to the same draws too.
+    The run is saved in --out while it goes on. 'status' shows its progress, and 'resume' continues it after an
+    interruption or after its end; the draws are those of a run that was never interrupted. --quick takes a first
+    look, from which 'resume' continues to the same draws as well.
     """
     from softness_bayes.sampler import workers
 
@@ -161,12 +162,14 @@ def _model_of_forces(model: ModelChoice) -> ModelChoice:
     of_ratings = ("scale", "direction", "accuracy", "noise", "exact_reweight", "errors", "resolution")
     if any(source(name) is not ParameterSource.DEFAULT for name in of_ratings):
         raise InputError(
-            "--ratings, --direction, --accuracy, --noise, --exact-reweight, --errors and --resolution are for ratings: "
-            "give --data, or leave them out"
+            "--ratings, --direction, --accuracy, --noise, --exact-reweight, --errors and --resolution need "
+            "ratings: give --data, or omit them"
         )
     if source("prior_set") is not ParameterSource.DEFAULT:
         return model
-    click.echo("note: without ratings --priors is wide, which says little of the skin beforehand", err=True)
+    click.echo(
+        "note: without ratings the default is --priors wide, which is weakly informative about the skin", err=True
+    )
     return replace(model, prior_set="wide")
 
 
@@ -248,7 +251,7 @@ def run(
     ending = result.provenance.ending
     if not ending.converged and not ending.quick:
         raise NotConvergedError(
-            f"not converged after {ending.steps} steps; what was drawn is in {out}, for inspection only; "
+            f"not converged after {ending.steps} steps; the draws so far are in {out}, for inspection only; "
             f"'softness-bayes resume {out}' continues the run"
         )
 
@@ -261,12 +264,12 @@ def _kept(checkpoint: Checkpoint, drawing: bool = False) -> str:
     status = checkpoint.status
     if drawing:
         out = checkpoint.directory
-        return f"the results are written to {out}: 'softness-bayes plot {out}' draws the figures, and {_again(out)}"
+        return f"the results are written to {out}: 'softness-bayes plot {out}' draws the figures; {_again(out)}"
     if status is None:
         checkpoint.leave()  # the process may end before its main thread does so
-        return "nothing was kept, because sampling had not begun: start the run again"
-    until = "in its pilot walk" if status.piloting else f"up to step {status.steps}"
-    return f"the run is kept {until}: {_again(checkpoint.directory)}"
+        return "nothing was saved, because sampling had not begun: start the run again"
+    until = "in its pilot phase" if status.piloting else f"up to step {status.steps}"
+    return f"the run is saved {until}: {_again(checkpoint.directory)}"
 
 
 def _again(directory: Path) -> str:

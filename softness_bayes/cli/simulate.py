@@ -45,23 +45,23 @@ RATINGS, FABRICS, COMPRESSION, TRUTH = "ratings.csv", "fabrics.csv", "compressio
     type=click.FloatRange(0, 1, max_open=True),
     default=0.0,
     show_default=True,
-    help="Share of ratings left out at random.",
+    help="Share of ratings that are missing at random.",
 )
 @click.option(
-    "--typical-rating", type=Number(TYPICAL_RATINGS), metavar="Y", help="exp(mu), by default its prior's centre."
+    "--typical-rating", type=Number(TYPICAL_RATINGS), metavar="Y", help="exp(mu); by default the centre of its prior."
 )
 @rating_scale
 @direction
 @accuracy
 @click.option(
-    "--slope", type=Number(SLOPES), metavar="C1", help="c1 of standardised ratings, by default its prior's median."
+    "--slope", type=Number(SLOPES), metavar="C1", help="c1 of standardised ratings; by default the median of its prior."
 )
 @click.option(
     "--fingers",
     type=whole(FINGERS),
     default=0,
     show_default=True,
-    help="Fingers to press with a rigid flat plate to 0.5, 1, 1.5 and 2 mm, for compression.csv.",
+    help="Number of fingers pressed by a rigid flat plate to 0.5, 1, 1.5 and 2 mm, for compression.csv.",
 )
 @seed
 @out
@@ -88,13 +88,13 @@ def command(
     out: Path,
     force: bool,
 ) -> None:
-    """Simulate ratings of fabrics from stated parameters.
+    """Simulate ratings of fabrics from given parameters.
 
-    Every participant rates every fabric under every load once. Writes ratings.csv (with the fabrics'
-    columns), fabrics.csv and truth.json, which holds the parameters behind them; with --fingers also
-    compression.csv, the forces of a rigid flat plate on fingers of the same skin. With --load-cv every rating's
-    load errs by itself, and ratings.csv states the error. With --resolution participants answer on a grid of numbers,
-    from 0 on.
+    Every participant rates every fabric under every load once. Writes ratings.csv (with the columns of the fabrics),
+    fabrics.csv and truth.json, which has the true parameters. With --fingers it also writes compression.csv, the
+    forces of a rigid flat plate on fingers of the same skin. With --load-cv the load of every rating has an
+    independent error, whose size ratings.csv states. With --resolution participants round their answers to multiples
+    of this step.
     """
     import numpy as np
 

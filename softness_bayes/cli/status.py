@@ -16,10 +16,11 @@ if TYPE_CHECKING:
 @click.command()
 @click.argument("directory", type=click.Path(path_type=Path), metavar="DIR")
 def command(directory: Path) -> None:
-    """Say how a run is getting on, without disturbing it.
+    """Show the progress of a run without disturbing it.
 
-    Prints steps, what the last look at the chains found, the verdict, and whether a process is at it. Reads one
-    small file of DIR, which the run replaces whole every few seconds. Of a study, a line for each run that has begun.
+    Prints the number of steps, the result of the last check of the chains, the verdict, and whether a process is
+    running it. Reads one small file of DIR, which the run replaces every few seconds. For a study it prints one line
+    for each run that has begun.
     """
     from softness_bayes.checkpoints.status import read_status
     from softness_bayes.files.run_files import CHECKPOINT, MANIFEST, RUNS
@@ -49,8 +50,8 @@ def _of_a_study(directory: Path, runs: dict[str, Status]) -> None:
     good = sum(one.verdict is not None and one.verdict.converged for one in done)
     under_way = sum(one.running for one in runs.values())
     click.echo(
-        f"{directory}: of {len(runs)} runs that have begun {len(done)} have ended ({good} converged), {under_way} are "
-        f"running, {len(runs) - len(done) - under_way} are interrupted"
+        f"{directory}: of {len(runs)} runs that have begun, {len(done)} have ended ({good} converged), "
+        f"{under_way} are running, and {len(runs) - len(done) - under_way} are interrupted"
     )
     for name, one in runs.items():
         rate = one.seconds / max(one.steps, 1)
@@ -61,13 +62,15 @@ def _of_a_study(directory: Path, runs: dict[str, Status]) -> None:
 def _what(status: Status) -> str:
     """Say whether a run is under way, has ended or was interrupted."""
     if status.running:
-        return "a process is running it" + (", in its pilot walk" if status.piloting else "")
+        return "a process is running it" + (", in its pilot phase" if status.piloting else "")
     if status.ended and status.written and status.quick:
         return (
-            "a first look (--quick), before the chains have converged; 'softness-bayes resume' goes on to the full run"
+            "a first look (--quick), before the chains have converged; 'softness-bayes resume' continues it "
+            "to the full run"
         )
     if status.ended and status.written:
-        return "it has ended, its results are written"
+        return "it has ended and its results are written"
     return (
-        f"interrupted, no process is running it; 'softness-bayes resume' continues{' its pilot walk' * status.piloting}"
+        "interrupted, no process is running it; 'softness-bayes resume' "
+        f"continues{' its pilot phase' * status.piloting}"
     )

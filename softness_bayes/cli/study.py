@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     "pooled",
     metavar="NAMES",
     default="",
-    help="Parameters to pool, as in b,m; by default those of b, m and sigma_0 that are sampled.",
+    help="Parameters to pool, such as b,m; by default b, m and sigma_0, if they are sampled.",
 )
 @spreads
 @click.option(
@@ -46,17 +46,18 @@ if TYPE_CHECKING:
     type=whole(STEPS),
     default=MAX_STEPS,
     show_default=True,
-    help="Steps of each ensemble after which a fit ends, converged or not; the same command with more continues it.",
+    help="Largest number of steps of each ensemble; a fit then ends even if it has not converged. The same "
+    "command with more steps continues it.",
 )
 @max_time
 @click.option(
     "--processes",
     type=whole(PROCESSES),
     metavar="N",
-    help="Fits side by side; by default one for each core. Draws do not depend on it.",
+    help="Number of fits run in parallel; by default one for each core. Draws do not depend on it.",
 )
 @dask
-@click.option("--figures", is_flag=True, help="Draw the figures of every fit too, as 'plot' does later.")
+@click.option("--figures", is_flag=True, help="Also draw the figures of every fit ('plot' can draw them later).")
 @seed
 @click.option(
     "--out",
@@ -81,19 +82,19 @@ def command(
     seed: int,
     out: Path,
 ) -> None:
-    """Fit many tables separately, and pool parameters over them.
+    """Fit many tables separately, then pool parameters across them.
 
-    TABLES is a folder of tables of ratings (sites, participants, sessions), or a file with the columns table, data,
-    fabrics and compression that names them, by paths from its own folder on. Every table is fitted by itself, in an
-    ordinary run directory OUT/runs/NAME that 'status', 'resume' and 'report' know.
+    TABLES is a folder of tables of ratings (sites, participants, sessions), or a file that lists them in the columns
+    table, data, fabrics and compression, with paths relative to its folder. Every table is fitted separately, in an
+    ordinary run directory OUT/runs/NAME that 'status', 'resume' and 'report' accept.
 
-    Then each chosen parameter is given a population: normal over the tables on the scale on which it is unconstrained
-    (the logarithm of a positive one), with the parameter's own prior for its mean. The separate posteriors are weighted
-    anew under it, so that nothing is sampled again. A population whose weights fail is refused, with the table that
-    they fail at. Writes tables.csv, individual.csv, population.csv, forest.png and .pdf, and study.md.
+    Then each chosen parameter is given a population. Its values are normally distributed across tables on the
+    unconstrained scale (the logarithm of a positive parameter), and the mean has the prior of the parameter itself. The
+    separate posteriors are reweighted, so nothing is sampled again. A population whose weights fail is refused, and
+    the table at fault is named. Writes tables.csv, individual.csv, population.csv, forest.png and .pdf, and study.md.
 
     The same command continues a study that was interrupted. A table that cannot be read or fitted is named, and the
-    others go on. Exit code 2: a table was refused; 3: one has not converged; 4: a population was refused.
+    others continue. Exit code 2: a table was refused; 3: one has not converged; 4: a population was refused.
     """
     from softness_bayes.data.study_tables import list_tables
     from softness_bayes.files.run_files import RUNS
@@ -112,7 +113,7 @@ def command(
     }
     run = RunOptions(max_steps=max_steps, max_seconds=max_time, processes=processes, seed=seed, command=command_line())
     bar = _Bar(len(listed))
-    hint = f"finished fits, and all steps of the others, are kept in {out}: the same command goes on"
+    hint = f"finished fits, and all steps of the others, are saved in {out}: the same command continues"
     with keeping(lambda: hint), executor_of(dask, out) as executor:
         try:
             found = study(
@@ -163,8 +164,8 @@ def _end(found: Study) -> None:
         raise InputError(f"{len(bad)} of {len(found.outcomes)} tables were refused ({', '.join(bad)}); see above")
     if short := found.named(UNCONVERGED):
         raise NotConvergedError(
-            f"{len(short)} of {len(found.outcomes)} tables have not converged ({', '.join(short)}) and are not pooled; "
-            "the same command with more --max-steps continues them"
+            f"{len(short)} of {len(found.outcomes)} tables have not converged ({', '.join(short)}) and are not "
+            "pooled; the same command with a larger --max-steps continues them"
         )
     if found.failed:
         raise NumericalError(f"not pooled: {', '.join(found.failed)}; see above")

@@ -26,26 +26,26 @@ _SOUGHT = (("thickness_mm", "thickness", "mm"), ("tensile_modulus_mpa", "tensile
 @click.command()
 @click.argument("directory", type=FILE, metavar="DIR")
 @click.option(
-    "--rating", type=float, required=True, metavar="X", help="Rating of the typical rater, as the data have it."
+    "--rating", type=float, required=True, metavar="X", help="Rating of the typical rater, on the scale of the data."
 )
 @load_options(True, " of the touch. Repeatable; by default as rated.")
 @click.option(
     "--tensile-modulus-mpa",
     type=float,
     metavar="MPA",
-    help="Tensile modulus of the fabric, for which its thickness is found.",
+    help="Tensile modulus of the fabric; the command then finds its thickness.",
 )
 @click.option(
     "--thickness-mm",
     type=float,
     metavar="MM",
-    help="Thickness of the fabric, for which its tensile modulus is found.",
+    help="Thickness of the fabric; the command then finds its tensile modulus.",
 )
 @click.option(
     "--poisson-ratio",
     type=float,
     metavar="NU",
-    help="Poisson ratio of the fabric; by default the median of all rated.",
+    help="Poisson ratio of the fabric; by default the median of the rated fabrics.",
 )
 @seed
 @click.option(
@@ -54,7 +54,7 @@ _SOUGHT = (("thickness_mm", "thickness", "mm"), ("tensile_modulus_mpa", "tensile
     metavar="FILE",
     help="CSV file to write; by default the table is printed, to five digits.",
 )
-@click.option("--force", is_flag=True, help="Replace an --out that 'target' wrote.")
+@click.option("--force", is_flag=True, help="Replace the file --out if 'target' wrote it.")
 def command(
     directory: Path,
     rating: float,
@@ -67,11 +67,11 @@ def command(
     out: Path | None,
     force: bool,
 ) -> None:
-    """Find the effective moduli that give a wished rating, and how probable it is that any does.
+    """Find the effective moduli that give a desired rating, and the probability that one exists.
 
-    One row for each load and solution: where the response turns over, a softer and a stiffer fabric have the same
-    rating. Medians and limits are over the draws that have the solution. Moduli are searched from a tenth of the
-    smallest that was rated to ten times the largest. Reads what 'sample' left in DIR.
+    The table has one row for each load and solution: if the response turns over, a softer and a stiffer fabric can have
+    the same rating. Medians and limits are over the draws in which the solution exists. Moduli are searched from a
+    tenth of the smallest rated modulus to ten times the largest. DIR is a run of 'sample'.
     """
     from softness_bayes.data import loads_of
     from softness_bayes.data.columns import TENSILE_MODULUS, THICKNESS
@@ -88,7 +88,7 @@ def command(
     loads = loads_of(indentation_mm, force_n)
     with reading(directory) as (result,):
         if not result.has_ratings:
-            raise InputError(f"{directory}: a run without ratings, which predicts none")
+            raise InputError(f"{directory}: a run without ratings cannot predict ratings")
         found = result.target(rating, loads or None, *cloth, draws=ANSWER_DRAWS, seed=seed)
     table = found.table
     if out is None:
@@ -104,7 +104,9 @@ def _said(rows: pd.DataFrame) -> str:
     """Say under one load whether the rating can be reached, and how."""
     one = rows.iloc[0]
     reach = f"a rating of {one['rating']:g} is reachable with probability {chance(one['p_reachable'])}"
-    span = f"the typical rater's ratings go from {number(one['least_rating'])} to {number(one['largest_rating'])}"
+    span = (
+        f"the ratings of the typical rater range from {number(one['least_rating'])} to {number(one['largest_rating'])}"
+    )
     if not one["p_solution"]:
         return f"{reach}: {span}"
     ways = []

@@ -156,10 +156,10 @@ def test_a_readout_against_its_data_says_so_first_and_is_never_green(upside_down
     assert found[0].details[0].startswith("The readout runs against the data, --direction rises-with-firing is the wro")
     assert not any(finding.standing is Standing.GOOD for finding in found)
     assert "This fit has failed." in page.report_page(result)
-    assert "the fit has failed: the readout runs against" in result._repr_html_().partition("Converged")[0]
+    assert "the fit failed: the readout runs against" in result._repr_html_().partition("Converged")[0]
     print_result(result, tmp_path)
     first, *_, trust, learnt, following = capsys.readouterr().out.splitlines()
-    assert first.startswith("the fit has failed: the readout runs against the data")
+    assert first.startswith("the fit failed: the readout runs against the data")
     assert trust.startswith("Trust it?  No: ")
     assert "nothing about skin or receptors" in learnt
     assert "--direction falls-with-firing" in following
@@ -179,7 +179,7 @@ def test_left_to_the_data_the_same_table_fits(upside_down, plain, capsys, tmp_pa
     assert "has failed" not in page.report_page(result)
     print_result(result, tmp_path)
     out = capsys.readouterr().out
-    assert "the fit has failed" not in out
+    assert "the fit failed" not in out
     assert found["verdict"] in out.splitlines()
 
 

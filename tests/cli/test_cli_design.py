@@ -102,11 +102,11 @@ def test_lines_of_a_design(told):
 
     design = json.loads(told[0].stdout)["design"]
     lines = design_lines(design | {"not_foreseen": ["nu"]})
-    assert lines[0] == "What can this design tell?"
+    assert lines[0] == "How precise is this design?"
     assert any(line.strip().startswith("sigma_0") for line in lines)
-    assert "  not foreseen: nu" in lines
+    assert "  not covered: nu" in lines
     assert any(line.startswith("  turning point at 2.5 mm: ") for line in lines)
-    best = next(k for k, line in enumerate(lines) if line.startswith("What would help most?"))
+    best = next(k for k, line in enumerate(lines) if line.startswith("Which changes would help most?"))
     assert design["others"][0]["design"] in lines[best + 1]
     assert "ratings more" in lines[best + 1]
 
@@ -114,7 +114,7 @@ def test_lines_of_a_design(told):
 def test_design_of_forces_alone_is_refused(tmp_path):
     (tmp_path / "plate.csv").write_text("participant,indentation_mm,force_n\nP1,1,0.2\nP1,2,0.9\n", encoding="utf-8")
     done = CliRunner().invoke(main, ["check", "--compression", str(tmp_path / "plate.csv"), "--design"])
-    assert (done.exit_code, "--design and --figure are for ratings" in done.stderr) == (2, True)
+    assert (done.exit_code, "--design and --figure need ratings" in done.stderr) == (2, True)
     told = CliRunner().invoke(main, ["check", "--compression", str(tmp_path / "plate.csv"), "--json"])
     assert json.loads(told.stdout)["forces"]["count"] == 2
 

@@ -52,7 +52,7 @@ def table(tmp_path):
         ("one row", "one participant: the spread of rating scales between participants (tau)"),
         ("one participant", "one participant: the spread of rating scales between participants (tau)"),
         ("one fabric", "one condition: the response does not vary"),
-        ("identical", "all ratings are the same"),
+        ("identical", "all ratings are equal"),
         ("extreme", "from 1e-300 to 1e+300"),
         ("silent", "E_fab 0.001 to 0.002 kPa"),
     ],

@@ -109,7 +109,7 @@ def test_a_killed_run_is_reported_on_continued_and_draws_what_an_uninterrupted_o
     assert one.attributes["command"].count("; softness-bayes") == 1
 
     said = call("status", copied)
-    assert "it has ended, its results are written" in said.stdout
+    assert "it has ended and its results are written" in said.stdout
     assert other.attributes["verdict"] in said.stdout
     assert "ESS" in said.stdout
     # as if it had converged at its last step: there is nothing to do unless its results were lost
@@ -120,7 +120,7 @@ def test_a_killed_run_is_reported_on_continued_and_draws_what_an_uninterrupted_o
     before = (copied / "posterior.nc").read_bytes()
     again = call("resume", copied)
     assert again.returncode == 0
-    assert "Its results are written; --more-steps continues it." in again.stdout
+    assert "Its results are complete; use --more-steps to continue it." in again.stdout
     assert (copied / "posterior.nc").read_bytes() == before
     (copied / "posterior.nc").unlink()
     again = call("resume", copied, "--processes", "2")
@@ -187,7 +187,7 @@ def test_moved_data_are_asked_for_and_found(killed, copied):
     kept = json.loads(json.dumps(read_manifest(copied)).replace("ratings.csv", "gone.csv"))
     kept["request"]["versions"]["version_emcee"] = "2.0"
     manifest.write_bytes(sealed(kept))
-    refused(call("resume", copied), "gone.csv", "note: begun with emcee 2.0 (now ")
+    refused(call("resume", copied), "gone.csv", "note: the run was started with emcee 2.0 (now ")
     done = call("resume", copied, "--data", killed / "ratings.csv", "--max-time", "0s", "--processes", "1")
     assert done.returncode == 3, done.stderr
     assert "continues" in done.stderr
@@ -208,7 +208,7 @@ def test_a_run_begun_in_python_is_continued_there(copied):
         pass
     manifest = copied / "checkpoint" / "manifest.json"
     manifest.write_bytes(sealed({**read_manifest(copied), "request": None}))
-    refused(call("resume", copied), "begun in Python", "Checkpoint.open(")
+    refused(call("resume", copied), "started in Python", "Checkpoint.open(")
 
 
 @pytest.mark.parametrize(
@@ -263,7 +263,7 @@ def test_an_interrupt_keeps_the_run_and_frees_it(tmp_path):
     os.killpg(process.pid, signal.SIGINT)  # as a terminal does: to the workers too
     _, said = process.communicate(timeout=60)
     assert process.returncode == 130
-    assert "the run is kept " in said
+    assert "the run is saved " in said
     assert "Traceback" not in said
     status = read_status(tmp_path / "out")
     assert not status.running

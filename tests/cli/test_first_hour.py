@@ -37,7 +37,7 @@ def test_templates_are_read_as_they_are_and_say_that_they_are_examples(tmp_path)
     (home / "fabrics.csv").unlink()
     before = {path.name: path.read_bytes() for path in home.iterdir()}
     for verb in ("new", "demo"):
-        refused(call(verb, home), "ratings.csv", "exists, and nothing is replaced; choose another directory")
+        refused(call(verb, home), "ratings.csv", "exists and would be overwritten; choose another directory")
     assert {path.name: path.read_bytes() for path in home.iterdir()} == before
 
 

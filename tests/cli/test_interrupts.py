@@ -114,7 +114,7 @@ def sent(directory, delay, number=signal.SIGINT, whole=True):
         return "finished"
     if (directory / "out" / "checkpoint" / "manifest.json").exists():
         assert re.search(
-            r"the run is kept (up to step \d+|in its pilot walk): 'softness-bayes resume out' continues it", said
+            r"the run is saved (up to step \d+|in its pilot phase): 'softness-bayes resume out' continues it", said
         )
         assert not read_status(directory / "out").running
         return "kept"
@@ -181,7 +181,7 @@ def test_calibrate_ends_at_once_and_says_how_to_go_on(tmp_path):
     while process.poll() is None and not list(folder.glob("*.json")):
         time.sleep(0.05)
     said = stopped(process, signal.SIGINT)
-    assert re.search(r"\d+ of 2000 replicates are kept in out: the same command runs the others", said)
+    assert re.search(r"\d+ of 2000 replicates are saved in out: the same command runs the others", said)
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="elsewhere workers are children of this process")
@@ -392,7 +392,7 @@ def test_a_full_output_is_told(tmp_path):
     with open("/dev/full", "w") as full:
         done = into(tmp_path, full, *VERBS_THAT_PRINT["predict"])
     assert done.returncode == 2
-    assert done.stderr == "error: standard output: No space left on device; what was printed is not complete\n"
+    assert done.stderr == "error: standard output: No space left on device; the printed output is incomplete\n"
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="no /dev/full here")
@@ -400,7 +400,7 @@ def test_a_full_output_does_not_make_a_failure_of_files_that_are_written(tmp_pat
     with open("/dev/full", "w") as full:
         done = into(tmp_path, full, *VERBS_THAT_PRINT["simulate"])
     assert done.returncode == 0
-    assert "warning: standard output: No space left on device; what was printed is not complete" in done.stderr
+    assert "warning: standard output: No space left on device; the printed output is incomplete" in done.stderr
     assert (tmp_path / "simulated" / "ratings.csv").exists()
 
 

@@ -24,14 +24,14 @@ def test_a_long_run_says_once_what_it_needs_and_at_most(capsys):
     steps, most = verdict.foreseen
     left = 0.5 * (steps - 300)
     assert left > LONG
-    assert f"after 300 steps: the run needs about {steps} steps in all, {left / 60:.0f} minutes more" in line
-    assert f"hardly above {most:.0f}, {0.5 * (most - 300) / 60:.0f} minutes more" in line
+    assert f"after 300 steps: the run needs about {steps} steps in total ({left / 60:.0f} minutes more)" in line
+    assert f"probably at most {most:.0f} ({0.5 * (most - 300) / 60:.0f} minutes more)" in line
 
 
 def test_a_walk_that_is_too_short_gives_no_bound(capsys):
     _, (line,) = shown(capsys, 0.5, 60.0)
     assert "at least about" in line
-    assert "too short yet for a bound" in line
+    assert "too short for an upper limit" in line
 
 
 def test_a_short_run_says_nothing(capsys):

@@ -159,7 +159,7 @@ def test_bad_input_is_refused(unserved, tmp_path, report_run):
     refused(unfinished, "error: unfinished/posterior.nc: no such file", "try: softness-bayes resume unfinished")
     report_run("skin").save(tmp_path / "skin")
     refused(call("explore", tmp_path / "skin"), "without ratings")
-    refused(call("explore", tmp_path / "skin", "--fix", "m=2"), "DIR brings its own")
+    refused(call("explore", tmp_path / "skin", "--fix", "m=2"), "DIR has its own")
     refused(call("explore", "--column", "fabric=x"), "give --fabrics")
     refused(call("explore", "--port", "70000"), "70000")
     refused(call("explore", "--fix", "c_Na=3"), "c_Na")

@@ -164,7 +164,7 @@ def test_the_command_line_predicts_ratings(result, table, tmp_path):
     with quickly():
         done = call(*typed, "--posterior", tmp_path / "run", "--raters", 12)
         refused(call(*typed, "--posterior", tmp_path / "run", "--raters", 0), "--raters")
-        refused(call(*typed, "--raters", 12), "--raters is for ratings, which only a run predicts")
+        refused(call(*typed, "--raters", 12), "only a finished run predicts ratings")
     assert done.returncode == 0, done.stderr
     printed = pd.read_csv(io.StringIO(done.stdout), keep_default_na=False)
     assert [*printed] == [*table]

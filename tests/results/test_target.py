@@ -169,7 +169,7 @@ def test_the_command_line_finds_targets(result, wished, tmp_path):
     assert "is reachable with probability" in done.stderr
     assert "thickness " in done.stderr
     assert filed.returncode == 0, filed.stderr
-    assert "the typical rater's ratings go from" in filed.stderr
+    assert "the ratings of the typical rater range from" in filed.stderr
     assert pd.read_csv(tmp_path / "table.csv")["p_reachable"].tolist() == [0.0]
 
 

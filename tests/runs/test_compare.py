@@ -371,7 +371,7 @@ def test_compare_from_the_command_line(results, tmp_path):
     before = (tmp_path / "compare.csv").read_bytes()
     for arguments, message in (
         ([*directories, "--out", str(tmp_path)], "--force"),
-        ([directories[0], directories[0]], "named twice"),
+        ([directories[0], directories[0]], "given twice"),
         ([directories[0]], "expected at least two"),
         ([directories[0], str(tmp_path / "nowhere")], "nowhere"),
         ([*directories, "--leave", "finger"], "--leave"),

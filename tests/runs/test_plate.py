@@ -304,7 +304,7 @@ def test_a_run_from_the_command_line(tmp_path):
         *("--fix", "tau_m=0.3", "--out", tmp_path / "skin"),
     )
     assert done.returncode == 3, done.stderr
-    assert "note: without ratings --priors is wide" in done.stderr
+    assert "note: without ratings the default is --priors wide" in done.stderr
     assert re.search(r"force grows as indentation to the power 1\.\d\d", done.stdout)
     assert "turns over" not in done.stdout
     held = Result.load(tmp_path / "skin").group("constant_data")
@@ -334,8 +334,8 @@ def test_check_says_what_was_understood():
     [
         ([], "no data: give ratings with --data"),
         (["--compression", "nowhere.csv"], "nowhere.csv"),
-        (["--compression", DATA / "compression.csv", "--direction", "inverse"], "are for ratings"),
-        (["--compression", DATA / "compression.csv", "--force-n", "1"], "are for ratings"),
+        (["--compression", DATA / "compression.csv", "--direction", "inverse"], "need ratings"),
+        (["--compression", DATA / "compression.csv", "--force-n", "1"], "need ratings"),
         (
             ["--compression", DATA / "compression.csv", "--fix", "alpha=20"],
             "alpha: the model of these data has no such",

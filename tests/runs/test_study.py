@@ -176,7 +176,7 @@ def test_what_cannot_be_pooled(done, tmp_path):
 def test_status_of_a_study(done):
     said = call("status", done.directory).stdout
     assert "of 3 runs that have begun 3 have ended (3 converged), 0 are running" in said
-    assert "B: it has ended, its results are written" in said
+    assert "B: it has ended and its results are written" in said
 
 
 def test_a_study_under_way_is_not_disturbed(done):

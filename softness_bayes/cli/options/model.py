@@ -60,7 +60,7 @@ set_values = click.option(
     callback=named(finite, _require_values),
     shell_complete=completion.parameters,
     metavar="NAME=VALUE",
-    help="Value of a parameter, as in b=80; the others are at their medians. Repeatable.",
+    help="Value of a parameter, such as b=80; the others are at their medians. Repeatable.",
 )
 """Gives a verb `values`, name -> number."""
 
@@ -71,7 +71,7 @@ fix = click.option(
     callback=named(finite, _require_values),
     shell_complete=completion.parameters,
     metavar="NAME=VALUE",
-    help="Hold a parameter at a value, as in m=2. Repeatable.",
+    help="Fix a parameter at a value, such as m=2. Repeatable.",
 )
 """Gives a verb `fixed`, name -> number."""
 
@@ -82,7 +82,8 @@ prior = click.option(
     callback=named(_prior, _require_priors),
     shell_complete=completion.priors,
     metavar="NAME=PRIOR",
-    help="Prior of a parameter, as in b='lognormal(100,0.5)' (median, sd of the log); 'priors' lists laws. Repeatable.",
+    help="Prior of a parameter, such as b='lognormal(100,0.5)' (median, sd of the log); 'priors' lists the "
+    "distributions. Repeatable.",
 )
 """Gives a verb `priors`, name -> `Prior`."""
 
@@ -92,8 +93,8 @@ spreads = click.option(
     multiple=True,
     callback=named(_prior),
     metavar="NAME=PRIOR",
-    help="Prior of the spread of a pooled parameter between tables, as in b='halfnormal(0.3)'; by default half-normal "
-    "with the width of the parameter's own prior. Repeatable.",
+    help="Prior of the spread of a pooled parameter between tables, such as b='halfnormal(0.3)'; by default "
+    "half-normal with the width of the prior of the parameter. Repeatable.",
 )
 """Gives a verb `spreads`, name -> `Prior`."""
 
@@ -104,7 +105,7 @@ prior_set = click.option(
     show_default=True,
     shell_complete=completion.prior_sets,
     metavar="SET",
-    help="Named set of priors that --prior departs from: default, in-vivo or wide.",
+    help="Named set of priors: default, in-vivo or wide. --prior changes single ones.",
 )
 """Gives a verb `prior_set`, the name of one of the sets."""
 
@@ -115,7 +116,7 @@ _READING = click.option(
     callback=named(str, _require_readings),
     shell_complete=completion.readings,
     metavar="PLACE=NAME",
-    help="Another reading of one place of the model, as in pressure=hertz, or one of your own, as in "
+    help="Another reading of one equation of the model, such as pressure=hertz, or a custom one, such as "
     "pressure=mymodule:mine; 'readings' lists them. Repeatable.",
 )
 _READING_SET = click.option(
@@ -123,7 +124,7 @@ _READING_SET = click.option(
     "reading_set",
     shell_complete=completion.reading_sets,
     metavar="SET",
-    help="Named set of readings that --reading departs from: mended (the default), printed or hertz.",
+    help="Named set of readings: mended (the default), printed or hertz. --reading changes single ones.",
 )
 
 
@@ -165,8 +166,9 @@ finger = click.option(
     callback=named(finite, _require_finger),
     shell_complete=completion.fingers,
     metavar="NAME=VALUE",
-    help="Another finger, as in receptor_depth_mm=0.6: radius_mm, receptor_depth_mm, poisson_ratio, pad_length_mm, "
-    "pad_width_mm, contact_x_mm or contact_y_mm. Repeatable. A --prior of radius or receptor_depth samples it instead.",
+    help="One value of the finger, such as receptor_depth_mm=0.6. Names: radius_mm, receptor_depth_mm, "
+    "poisson_ratio, pad_length_mm, pad_width_mm, contact_x_mm or contact_y_mm. Repeatable. A --prior of "
+    "radius or receptor_depth samples it instead.",
 )
 """Gives a verb `finger`, name -> number, from which `model.fingers.finger_of` makes a `Finger`."""
 
@@ -178,7 +180,7 @@ def _law(ctx: click.Context, param: click.Parameter, text: str | None) -> Prior 
         return None
     try:
         law = _prior(text)
-        require_law("law of unknown moduli", law)
+        require_law("distribution of unknown moduli", law)
     except ValueError as error:
         raise click.BadParameter(str(error)) from None
     return law
@@ -189,8 +191,8 @@ modulus_cv = click.option(
     "modulus_cv",
     type=Number(RELATIVE_ERRORS),
     metavar="X",
-    help="Relative standard error of the fabrics' moduli that have none in their table, as in 0.15; 0 says that they "
-    "are exact.",
+    help="Relative standard error of moduli for which the fabric table gives none, such as 0.15; 0 means that "
+    "they are exact.",
 )
 """Gives a verb `modulus_cv`, a number or None."""
 
@@ -199,7 +201,7 @@ unknown_modulus = click.option(
     "unknown_modulus",
     callback=_law,
     metavar="PRIOR",
-    help="Prior of the moduli of fabrics that have none in their table [kPa]; lognormal(100,2) by default.",
+    help="Prior of the moduli [kPa] of fabrics without a modulus in their table; lognormal(100,2) by default.",
 )
 """Gives a verb `unknown_modulus`, a `Prior` or None."""
 
@@ -208,8 +210,8 @@ load_cv = click.option(
     "load_cv",
     type=Number(LOAD_ERRORS),
     metavar="X",
-    help="Relative standard error of the loads of ratings that have none in the table, as in 0.05, independent for "
-    "each rating; 0 says that they are exact.",
+    help="Relative standard error of loads for which the table gives none, such as 0.05, independent for each "
+    "rating; 0 means that they are exact.",
 )
 """Gives a verb `load_cv`, a number or None."""
 
@@ -218,8 +220,8 @@ shared_load_cv = click.option(
     "shared_load_cv",
     type=Number(SHARED_LOAD_ERRORS),
     metavar="X",
-    help="Relative standard error of each load that all its ratings share, as in 0.03 of a press that is set once: one "
-    "factor for each load.",
+    help="Relative standard error that all ratings at a load share, such as 0.03 for a press that is set "
+    "once: one factor for each load.",
 )
 """Gives a verb `shared_load_cv`, a number or None."""
 
@@ -240,8 +242,9 @@ individual = click.option(
     "individual",
     callback=_individual,
     metavar="NAMES",
-    help="What differs between raters, each with a sampled spread: of their fingers some of b, m and sigma_0, as in "
-    "b,sigma_0; or gamma (exponents of their own), varsigma (noise of their own) or both. By default nothing does.",
+    help="Parameters that differ between raters, each with a sampled spread: for their fingers some of b, m "
+    "and sigma_0, such as b,sigma_0; or gamma (a separate exponent for each), varsigma (a separate noise "
+    "level for each) or both. By default none.",
 )
 """Gives a verb `individual`, a tuple of names."""
 
@@ -251,8 +254,9 @@ accuracy = click.option(
     default=ACCURACY,
     show_default=True,
     metavar="X",
-    help="Bound of the response's numerical error, relative to its peak and in log(N/N_ref + eps): the cheapest "
-    "resolution that keeps to it over the parameters in question is chosen; 'plan' shows how.",
+    help="Largest numerical error of the response, relative to its peak and in log(N/N_ref + eps). The "
+    "cheapest resolution within this limit over the relevant parameters is used; 'plan' shows the "
+    "choice.",
 )
 """Gives a verb `accuracy`."""
 

@@ -21,9 +21,9 @@ errors = click.option(
     type=click.Choice([AUTO, *ERRORS]),
     default=AUTO,
     show_default=True,
-    help="Law of the errors of log ratings: normal, student (Student's t with sampled degrees of freedom) or lapses "
-    "(normal, but for a share of lapses over the rater's range); auto takes student where the table's residuals have "
-    "heavier tails than normal ones.",
+    help="Distribution of the errors of log ratings: normal, student (Student's t with sampled degrees of "
+    "freedom) or lapses (normal, mixed with a share of lapses over the range of the rater). auto chooses "
+    "student if the residuals of the table have heavier tails than normal ones.",
 )
 """Gives a verb `errors`, a name or `AUTO`."""
 
@@ -33,7 +33,8 @@ simulated_errors = click.option(
     type=click.Choice(ERRORS),
     default=ERRORS[0],
     show_default=True,
-    help="Law of the errors of log ratings: normal, student (Student's t, nu by --set) or lapses (--set lapse=0.03).",
+    help="Distribution of the errors of log ratings: normal, student (Student's t, nu by --set) or lapses "
+    "(--set lapse=0.03).",
 )
 """Gives a verb `errors`, a name."""
 
@@ -42,8 +43,8 @@ resolution = click.option(
     "resolution",
     type=Number(RESOLUTIONS),
     metavar="STEP",
-    help="Step of the grid of numbers that raters use, as in 1 for whole numbers; 0 takes ratings as exact numbers. By "
-    "default the grid of each rater is found.",
+    help="Rounding of ratings: 1 for whole numbers; 0 treats ratings as exact numbers. By default the "
+    "rounding of each rater is detected.",
 )
 """Gives a verb `resolution`, a number or None."""
 
@@ -73,8 +74,8 @@ direction_of_data = click.option(
     type=_Direction(AUTO, FREE.name),
     default=AUTO,
     show_default=True,
-    help="Whether ratings rise or fall with the response; auto takes what the data show, or "
-    f"{RISES.name} where they do not tell; {FREE.name} samples both, each with prior probability 1/2.",
+    help=f"Whether ratings rise or fall with the response. auto chooses from the data, or {RISES.name} if they "
+    f"do not decide it; {FREE.name} samples both, each with prior probability 1/2.",
 )
 """Gives a verb `direction`, a name or `AUTO`."""
 
@@ -94,7 +95,7 @@ categories = click.option(
     "n_categories",
     type=whole(CATEGORIES_RANGE),
     metavar="K",
-    help="Number of ordered categories (--ratings categories), by default the largest number in the table.",
+    help="Number of ordered categories (--ratings categories); by default the largest number in the table.",
 )
 """Gives a verb `n_categories`, a number or None."""
 
@@ -132,7 +133,7 @@ rating_scale = click.option(
     type=_Scale(RATING_SCALES),
     default=MAGNITUDE.name,
     show_default=True,
-    help=f"Whether ratings are {', or '.join(scale.meaning for scale in RATING_SCALES.values())}; "
-    "or one of your own, as in mymodule:SCALE.",
+    help=f"Whether ratings are {', or '.join(scale.meaning for scale in RATING_SCALES.values())}; or a custom "
+    "scale, such as mymodule:SCALE.",
 )
 """Gives a verb `scale`, the name of a reading of the rating scale."""

@@ -28,7 +28,8 @@ max_time = click.option(
     "--max-time",
     callback=_duration,
     metavar="TIME",
-    help="Time after which the run ends, converged or not: 90 (seconds), 10m or 2h. By default there is none.",
+    help="Longest time of the run, such as 90 (seconds), 10m or 2h; it then ends even if it has not "
+    "converged. By default no limit.",
 )
 """Gives a verb `max_time` [s]."""
 
@@ -43,12 +44,13 @@ processes = click.option(
 dask = click.option(
     "--dask",
     metavar="SCHEDULER",
-    help="Run on an existing Dask cluster instead of processes of this machine: the address of its scheduler, as in "
-    "tcp://10.0.0.1:8786, or its scheduler file. Its workers have this version, one thread each, and share --out.",
+    help="Run on an existing Dask cluster instead of this machine: the address of its scheduler, such as "
+    "tcp://10.0.0.1:8786, or its scheduler file. Workers must have this version, one thread each, and "
+    "share --out.",
 )
 """Gives a verb `dask`, an address or a file, or None."""
 
-no_figures = click.option("--no-figures", is_flag=True, help="Leave out the figures.")
+no_figures = click.option("--no-figures", is_flag=True, help="Draw no figures.")
 """Gives a verb `no_figures`."""
 
 own_figures = click.option(
@@ -57,8 +59,8 @@ own_figures = click.option(
     multiple=True,
     shell_complete=figures,
     metavar="MODULE:NAME",
-    help="Draw this figure of your own too, a function of a result and a style. Repeatable; those of installed "
-    "packages are drawn anyway.",
+    help="Also draw this custom figure, a function of a result and a style. Repeatable. Figures of installed "
+    "packages are always drawn.",
 )
 """Gives a verb `own_figures`, importable names."""
 
@@ -67,7 +69,7 @@ seed = click.option(
     type=click.IntRange(min=0),
     default=SEED,
     show_default=True,
-    help="Seed of the random numbers: equal seeds, equal results.",
+    help="Seed of the random numbers: the same seed gives the same results.",
 )
 """Gives a verb `seed`."""
 
@@ -77,7 +79,7 @@ out = click.option(
     metavar="DIR",
     default=Path("results"),
     show_default=True,
-    help="Directory to write to; one that is not empty is refused.",
+    help="Directory to write to; it must be empty or not exist.",
 )
 """Gives a verb `out`."""
 

@@ -25,7 +25,7 @@ column = click.option(
     multiple=True,
     callback=named(str),
     metavar="NAME=ACTUAL",
-    help="What a column is called in the files, as in rating=softness. Repeatable.",
+    help="Name of a column in your files, such as rating=softness. Repeatable.",
 )
 """Gives a verb `columns`, name -> name in the files."""
 
@@ -42,7 +42,7 @@ def _marks(ctx: click.Context, param: click.Parameter, given: tuple[str, ...]) -
                 f"expected a comma or a point, or TABLE=MARK for one of {', '.join(MARKED)}, got {quoted(word)}"
             )
         if found.setdefault(table, mark) != mark or ("" in found and len(found) > 1):
-            raise click.BadParameter(f"two marks for one table: {' and '.join(given)}")
+            raise click.BadParameter(f"two decimal marks for one table: {' and '.join(given)}")
     return found.get("", found or None)
 
 
@@ -51,8 +51,8 @@ decimal = click.option(
     metavar="[TABLE=]MARK",
     multiple=True,
     callback=_marks,
-    help="Decimal mark of the files (, or .), where their numbers do not show it; the other mark groups thousands. "
-    "If tables differ: ratings=, or fabrics=. or compression=, each with its mark.",
+    help="Decimal mark of the files (, or .), if their numbers do not show it; the other mark then separates "
+    "thousands. If tables differ: ratings=, or fabrics=. or compression=, each with its mark.",
 )
 """Gives a verb `decimal`: a mark, or table -> mark, or None."""
 
@@ -142,8 +142,8 @@ class DataFiles:
         given = (self.fabrics, self.indentation_mm, self.force_n, self.round_load)
         if any(one is not None for one in given) or self.drop_zeros or self.wide:
             raise InputError(
-                "--fabrics, --indentation-mm, --force-n, --round-load, --drop-zeros and --wide are for ratings: give "
-                "--data, or leave them out"
+                "--fabrics, --indentation-mm, --force-n, --round-load, --drop-zeros and --wide need ratings: "
+                "give --data, or omit them"
             )
         return Compression.read(self.compression, columns=self.columns, decimal=self.decimal)
 
@@ -156,8 +156,8 @@ def data_files(verb: Verb) -> Verb:
         "--compression",
         type=FILE,
         metavar="FILE",
-        help="Forces of a rigid flat plate on fingerpads (participant, indentation_mm, force_n), beside "
-        "ratings or alone.",
+        help="Forces of a rigid flat plate on fingerpads (participant, indentation_mm, force_n), with or "
+        "without ratings.",
     )
     @reading_options
     @functools.wraps(verb)
@@ -172,22 +172,25 @@ def reading_options(verb: Verb) -> Verb:
 
     @_fabrics(
         False,
-        "Fabric table; by default columns of the ratings, a sheet of their workbook, or a fabrics.csv beside them.",
+        "Fabric table; by default columns of the ratings, a sheet of their workbook, or a fabrics.csv in the "
+        "same folder.",
     )
     @column
     @decimal
-    @load_options(False, " of all ratings, where the table has no column for it.")
+    @load_options(False, " of all ratings, if the table has no column for it.")
     @click.option(
         "--round-load",
         type=float,
         metavar="STEP",
-        help="Round loads to multiples of STEP, in N and mm, and say which were merged; by default as measured.",
+        help="Round loads to multiples of STEP (in N and mm) and report which were merged; by default loads "
+        "are used as measured.",
     )
-    @click.option("--drop-zeros", is_flag=True, help="Leave out ratings of 0, which magnitude estimates cannot have.")
+    @click.option("--drop-zeros", is_flag=True, help="Leave out ratings of 0 instead of treating them as censored.")
     @click.option(
         "--wide",
         is_flag=True,
-        help="Ratings have one column per fabric, or per fabric and load (cotton_2mm), if the titles do not tell.",
+        help="The table has one column per fabric, or per fabric and load (cotton_2mm). Needed only if the "
+        "headers do not show it.",
     )
     @functools.wraps(verb)
     def wrapped(
@@ -263,7 +266,7 @@ class Touches:
             If columns are named of a table that is not given.
         """
         if self.columns and self.fabrics is None:
-            raise InputError("--column names columns of the fabric table: give --fabrics, or leave it out")
+            raise InputError("--column applies to the fabric table: give --fabrics, or omit --column")
         return self._fabrics() or fabrics, self._loads() or loads
 
     def _fabrics(self) -> Fabrics | None:
@@ -295,7 +298,7 @@ def touches_or_example(verb: Verb) -> Verb:
     """Give a verb the same options, without which fabrics and loads are those of an example."""
     return _touches(
         False,
-        "Fabric table (CSV, Excel or Parquet); by default six fabrics of an example.",
+        "Fabric table (CSV, Excel or Parquet); by default six example fabrics.",
         " of the touch. Repeatable; by default indentations of 1, 2 and 3 mm.",
     )(verb)
 
