@@ -1,1 +1,1 @@
-"""The forward model: from fabric to firing, pure NumPy and SciPy."""
+"""The forward model, from fabric mechanics to receptor firing, in pure NumPy and SciPy."""

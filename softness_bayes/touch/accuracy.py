@@ -1,9 +1,9 @@
 """Choice of a scene's resolution: the cheapest setting of each stage whose measured error stays under a bound.
 
-Two errors are measured: that of the total rate, relative to the vector's largest rate, and that of
-log(N/N_ref + eps), which enters a likelihood of log ratings. The reference is the same scene at given parameter
-vectors, with stress fields a hundred times more accurate and a far finer quadrature. Candidates use its fields, cut
-shorter, so that the choice costs one compilation.
+Two errors are measured: that of the total rate, relative to the largest rate of the parameter vector, and that of
+log(N/N_ref + eps), which enters a likelihood of log ratings. The reference is the same scene at the same parameter
+vectors, with stress fields a hundred times more accurate and a much finer quadrature. Candidates use truncated versions
+of its fields, so that the choice requires only one compilation.
 """
 
 from __future__ import annotations
@@ -25,8 +25,8 @@ QUADRATURES: tuple[tuple[int, float], ...] = (
     (4, 6.0), (5, 6.5), (6, 7.0), (7, 8.0), (8, 9.0), (9, 10.0), (10, 10.5), (12, 12.0), (14, 13.0), (16, 14.5),
     (18, 16.0), (21, 18.0), (24, 20.0), (30, 24.0),
 )  # fmt: skip
-"""Nodes of the population integral and its extent along the sigmoid, from cheap to accurate. Both errors shrink
-together, because refining one of them alone gains nothing."""
+"""Nodes of the population integral and its extent along the sigmoid, from cheap to accurate. Both are refined together,
+because refining only one gains nothing."""
 
 TOLERANCES = (1e-3, 3e-4, 1e-4, 3e-5, 1e-5, 3e-6, 1e-6, 3e-7, 1e-7, 3e-8, 1e-8)
 """Tolerances of the stress fields, from cheap to accurate."""
@@ -35,51 +35,51 @@ COARSEST = Discretisation(*QUADRATURES[0], TOLERANCES[0])
 """The coarsest candidate."""
 
 RATE_NODES = (18, 28)
-"""Exact rates that the curve of held channels goes through, first and second try."""
+"""Numbers of exact rates interpolated by the curve of fixed channels, first and second attempt."""
 
 REFERENCE = (40, 30.0)
 """Reference quadrature: within 1e-10 of the peak response."""
 
 RATES_SHARE = 0.2
-"""Share of the bound that the error of the held curve may take before the curve gets more exact rates."""
+"""Share of the bound that the error of a fixed-channel curve may use before more exact rates are added."""
 
 FIRST_SHARE = 0.5
-"""Share of the bound that the quadrature error may take; the fields get what is left."""
+"""Share of the bound that the quadrature error may use; the fields may use the remainder."""
 
 MARGIN = 0.8
-"""Share of the bound that the error may reach at the measured vectors, since others may have larger errors."""
+"""Share of the bound allowed at the measured vectors, because other vectors may have larger errors."""
 
 BEYOND = 0.01
-"""Share of the vectors, those with the largest errors, that the error of the rate curves leaves out."""
+"""Share of the vectors with the largest errors that is excluded from the error of the rate curves."""
 
 CONDITIONS = 120
-"""Conditions at which errors are measured; more are thinned evenly under each load, of loads if need be."""
+"""Largest number of conditions at which errors are measured; more are thinned evenly, by fabric and then by load."""
 
 
 class Errors(NamedTuple):
     """Errors of a scene: one number, or one for each parameter vector."""
 
     peak: Array
-    """Of the total rate, relative to the vector's largest."""
+    """Error of the total rate, relative to the largest rate of the vector."""
     log: Array
-    """Of log(N/N_ref + eps)."""
+    """Error of log(N/N_ref + eps)."""
 
     @property
     def largest(self) -> float:
-        """The larger of the two, at the worst vector."""
+        """Larger of the two errors, at the worst vector."""
         return float(max(self.peak.max(), self.log.max()))
 
     def worst(self) -> Errors:
-        """Return each one's largest over the vectors."""
+        """Return the maximum of each error over the vectors."""
         return Errors(np.asarray(self.peak.max()), np.asarray(self.log.max()))
 
     def plus(self, other: Errors) -> Errors:
-        """Return the sums."""
+        """Return the sums of both errors."""
         return Errors(self.peak + other.peak, self.log + other.log)
 
 
 class Tried(NamedTuple):
-    """One setting of one stage, the others at their best."""
+    """One setting of one stage, with the other stages at their most accurate."""
 
     stage: str
     discretisation: Discretisation
@@ -87,28 +87,28 @@ class Tried(NamedTuple):
 
 
 class Choice(NamedTuple):
-    """The discretisation chosen, and what was measured of it."""
+    """The chosen discretisation with its measured errors."""
 
     accuracy: float
     """The bound."""
     discretisation: Discretisation
     mechanics: Errors
-    """Of fields and population, largest over the vectors and conditions measured."""
+    """Errors of fields and population, maximum over the measured vectors and conditions."""
     firing: Errors
-    """Of the rate curves."""
+    """Errors of the rate curves."""
     tried: tuple[Tried, ...]
     """The candidates and their errors."""
     reference: Scene
-    """The scene that errors were measured against."""
+    """Reference scene for the errors."""
 
     @property
     def errors(self) -> Errors:
-        """The sum, which stays under the bound."""
+        """Sum of both errors, which is below the bound."""
         return self.mechanics.plus(self.firing)
 
 
 def errors(rate: Array, better: Array, n_receptors: float, eps: float | None) -> Errors:
-    """Compare total rates with better ones, both of shape (vectors, conditions).
+    """Compute errors of total rates relative to more accurate ones, both of shape (vectors, conditions).
 
     Parameters
     ----------
@@ -133,7 +133,7 @@ def errors(rate: Array, better: Array, n_receptors: float, eps: float | None) ->
 
 
 def references(accuracy: float) -> tuple[Discretisation, ...]:
-    """Return the resolutions of reference scenes, each with more exact rates of a held curve than the last.
+    """Return the resolutions of reference scenes, with increasing numbers of exact rates for a fixed-channel curve.
 
     Raises
     ------
@@ -166,7 +166,7 @@ def choose(
     accuracy
         The bound, of both errors.
     eps
-        As `errors` takes it.
+        As for `errors`.
     rates
         The error of the scene's rate curves.
     least
@@ -179,7 +179,7 @@ def choose(
     """
     best, few = reference.discretisation, thinned(reference)
     exact = few.total_rate(parameters)
-    # the two fields may share an error that their difference does not show
+    # the two fields may have a common error that their difference does not show
     lacking = Errors(*np.full((2,), few.field_error))
     room, tried = MARGIN * accuracy - rates.largest, list[Tried]()
 
@@ -189,7 +189,8 @@ def choose(
         return found.largest
 
     allowed = FIRST_SHARE * (room - few.field_error)
-    # a saturation leaves an error of its exponential, and a field about its tolerance: too large ones are not measured
+    # truncation at a saturation costs its exponential, a field about its tolerance: settings beyond the bound are
+    # skipped
     promising = (q for q in QUADRATURES if q[0] >= least.nodes and (np.exp(-q[1]) <= allowed or q == QUADRATURES[-1]))
     for nodes, saturation in promising:
         over = measured("population", replace(best, nodes=nodes, saturation=saturation)) - few.field_error
@@ -205,7 +206,7 @@ def choose(
 
 
 def held_rates(scene: Scene) -> Errors:
-    """Return the error of the curve of held channels, relative to the rate; a response has at most this error.
+    """Return the error of the fixed-channel curve, relative to the rate: an upper bound for the response.
 
     The error is 0 for an average over noise, whose Monte-Carlo error is reported separately.
     """
@@ -215,10 +216,10 @@ def held_rates(scene: Scene) -> Errors:
 
 
 def sampled_rates(scene: Scene, firing: Firing, parameters: TouchParameters, eps: float | None) -> Errors:
-    """Return how much exact rate curves change a scene's response at some parameter vectors.
+    """Return the change of a scene's response at some parameter vectors when exact rate curves are used.
 
-    The result is the quantile that all but `BEYOND` of the vectors stay under. As alpha approaches the rheobase the
-    response vanishes, and errors relative to it grow without meaning.
+    The result is the quantile exceeded by a share `BEYOND` of the vectors. As alpha approaches the rheobase, the
+    response vanishes and relative errors become meaningless.
 
     Parameters
     ----------
@@ -227,7 +228,7 @@ def sampled_rates(scene: Scene, firing: Firing, parameters: TouchParameters, eps
     firing
         The exact curves.
     parameters, eps
-        As `choose` takes them.
+        As for `choose`.
     """
     few = thinned(scene)
     found = errors(few.total_rate(parameters), few.fired_by(firing).total_rate(parameters), few.n_receptors, eps)
@@ -235,7 +236,7 @@ def sampled_rates(scene: Scene, firing: Firing, parameters: TouchParameters, eps
 
 
 def thinned(scene: Scene) -> Scene:
-    """Return a scene of at most `CONDITIONS` of the conditions, even in the modulus under each load, its ends kept."""
+    """Return a scene with at most `CONDITIONS` conditions, evenly spaced in modulus under each load, with both ends."""
     if scene.n_conditions <= CONDITIONS:
         return scene
     loads = np.unique(scene.load)

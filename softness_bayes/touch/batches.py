@@ -1,4 +1,4 @@
-"""Batches of parameter vectors, cut into chunks that fit the processor's cache."""
+"""Batches of parameter vectors, split into chunks that fit into the processor's cache."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from softness_bayes.touch.parameters import TouchParameters, checked_rows
 Array = NDArray[np.float64]
 
 CHUNK = 1 << 16
-"""Quadrature nodes evaluated at once: enough for array speed, few enough for the cache."""
+"""Number of quadrature nodes evaluated at once: enough for fast array operations, few enough for the cache."""
 
 
 def chunks(
@@ -28,13 +28,13 @@ def chunks(
     modulus
         E_fab [Pa] of each fabric, shape (..., fabrics), or None.
     nodes
-        Quadrature nodes that one vector takes.
+        Number of quadrature nodes per vector.
 
     Returns
     -------
     shape, chunks
-        The batch shape, and the vectors of each chunk along one axis, with their moduli. Each chunk is made when it
-        is asked for, so that the memory of one is free before the next.
+        The batch shape, and the vectors of each chunk along one axis, with their moduli. Chunks are created lazily, so
+        that the memory of one is released before the next.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Fabrics and conditions of a scene, checked."""
+"""Validation of the fabrics and conditions of a scene."""
 
 from __future__ import annotations
 
@@ -31,12 +31,12 @@ def checked_fabrics(modulus: ArrayLike, poisson: ArrayLike) -> tuple[Array, Arra
 def checked_conditions(
     fabric: ArrayLike | None, load: ArrayLike | None, fabrics: int, loads: int
 ) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Return each condition's fabric and load, shape (conditions,); all pairs, load by load, if one is None.
+    """Return each condition's fabric and load, shape (conditions,); all pairs, ordered by load, if one is None.
 
     Raises
     ------
     InputError
-        If there is no condition, or an index points nowhere.
+        If there is no condition, or an index is out of range.
     """
     if fabric is None or load is None:
         fabric, load = np.tile(np.arange(fabrics), loads), np.repeat(np.arange(loads), fabrics)
@@ -47,7 +47,7 @@ def checked_conditions(
 
 
 def distinct(*columns: ArrayLike) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Return the first of each group of conditions that agree in all columns, and each condition's group."""
+    """Return the first condition of each group that agrees in all columns, and the group of each condition."""
     _, first, place = np.unique(np.column_stack(columns), axis=0, return_index=True, return_inverse=True)
     return first, place.reshape(-1)
 

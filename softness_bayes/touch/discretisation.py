@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Discretisation:
-    """Resolution of a scene; the defaults leave errors near 1e-5 of the peak response."""
+    """Resolution of a scene; the defaults have errors of about 1e-5 of the peak response."""
 
     nodes: int = 12
     """Gauss nodes of the population integral for each condition."""
@@ -16,6 +16,6 @@ class Discretisation:
     field_tolerance: float = 3e-6
     """Error allowed in the tabulated stress field."""
     rate_nodes: int = 18
-    """Exact rates that the curve of held channels goes through."""
+    """Number of exact rates interpolated by the curve of fixed channels."""
     field_source: float | None = None
-    """Tolerance to which the stress field is made before it is cut to `field_tolerance`; by default the same."""
+    """Tolerance to which the stress field is computed before truncation to `field_tolerance`; by default the same."""

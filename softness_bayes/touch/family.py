@@ -1,16 +1,16 @@
 """Responses of many fabrics under one load, as values of one function (model.md 2-5).
 
-Fabric and skin meet only through ln k, k = (1 - nu_fab²) / ((1 - nu_skin²) E_fab): the skin's modulus
-depends on nothing else of the fabric, and 1/E_star = (1 - nu_skin²) (1/E_skin + k). For a parameter
-vector and a load the total rate is therefore one function of ln k. Above the onset of firing it is
-smooth. At the onset it rises from 0 like the 3/2 power of the distance (the responding area grows
-linearly, and the rate of a receptor like a root), or linearly where the rate starts with a jump.
-Where the responding patch reaches an edge of the pad, the second derivative jumps.
+Fabric and skin interact only through ln k, k = (1 - nu_fab²) / ((1 - nu_skin²) E_fab): the modulus of the skin depends
+on no other property of the fabric, and 1/E_star = (1 - nu_skin²) (1/E_skin + k). For a parameter vector and a load, the
+total rate is therefore a function of ln k alone. Above the onset of firing it is smooth. At the onset it rises from 0
+like the 3/2 power of the distance (the responding area grows linearly, the rate of a receptor like a square root), or
+linearly if the rate starts with a jump. When the responding patch reaches an edge of the pad, the second derivative
+jumps.
 
-None of these points needs to be located. The range is cut into panels, each with a Chebyshev series.
-A panel is halved if its series has not converged, or if only some of its nodes respond. A panel with no
-more fabrics than nodes is evaluated at its fabrics, which limits the cost of a kink. The number of
-evaluations grows with the logarithm of the number of fabrics.
+None of these points needs to be located. The range is divided into panels, each with a Chebyshev series. A panel is
+halved if its series has not converged, or if only some of its nodes respond. A panel with no more fabrics than nodes is
+evaluated at its fabrics, which limits the cost of a kink. The number of evaluations grows with the logarithm of the
+number of fabrics.
 """
 
 from __future__ import annotations
@@ -34,17 +34,17 @@ Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
 MANY = 250
-"""Number of fabrics under one load above which interpolation is at least twice as fast."""
+"""Number of fabrics under one load above which interpolation is at least twice as fast as direct evaluation."""
 
 NODES = 11
-"""Chebyshev nodes of a panel, its ends among them."""
+"""Chebyshev nodes of a panel, including its ends."""
 
 WIDTH = 2.5
-"""Widest panel in ln k; the poles of E_star lie about pi off the real axis."""
+"""Largest width of a panel in ln k; the poles of E_star lie about pi from the real axis."""
 
 FAINT = 0.01
-"""Rate per receptor [Hz] added to a panel's largest rate as the scale of its error: a tenth of the rating model's
-usual eps."""
+"""Rate per receptor [Hz] added to a panel's largest rate to form the scale of its error: a tenth of the typical eps of
+the rating model."""
 
 _X = np.polynomial.chebyshev.chebpts2(NODES)
 _TO_SERIES = np.linalg.inv(chebyshev.chebvander(_X, NODES - 1)).T
@@ -68,16 +68,16 @@ class _Panels(NamedTuple):
 def interpolated(
     evaluate: Callable[[Indices, Array], Array], batch: int, at: Array, tolerance: float, floor: float
 ) -> Array:
-    """Return the values, at many points, of a batch of functions that are piecewise smooth, and 0 on some pieces.
+    """Return the values at many points of a batch of piecewise smooth functions that may vanish on some pieces.
 
     Parameters
     ----------
     evaluate
-        Given vectors (n,) and points (n, k) it returns the values (n, k) of each vector's function at its points.
+        Function of vectors (n,) and points (n, k) that returns each vector's function at its points, shape (n, k).
     batch
         Number of functions.
     at
-        Points, rising and distinct, shape (points,).
+        Points, strictly increasing, shape (points,).
     tolerance
         Error allowed on a panel, relative to its largest value plus `floor`.
     floor
@@ -94,7 +94,7 @@ def interpolated(
     panels = _Panels(np.repeat(np.arange(batch), edges.size - 1), low, high)
     while panels.vector.size:
         first = np.searchsorted(at, panels.low, side="left")
-        # the last panel has its right end too
+        # the last panel includes its right end
         last = np.searchsorted(at, np.where(panels.high >= at[-1], np.inf, panels.high), side="left")
         occupied = last > first
         panels, first, last = panels.take(occupied), first[occupied], last[occupied]
@@ -115,7 +115,7 @@ def interpolated(
 
 
 def _fill(found: Array, panels: _Panels, first: Indices, last: Indices, series: Array, at: Array) -> None:
-    """Write the series of panels into `found`; vectors that share a panel share its polynomials."""
+    """Evaluate the series of panels into `found`; vectors with a common panel share its polynomials."""
     order = np.argsort(first, kind="stable")
     changes = np.flatnonzero(np.diff(first[order])) + 1
     for rows in np.split(order, changes) if order.size else []:
@@ -132,7 +132,7 @@ class Family:
     field
         The load's stress field.
     log_k
-        ln k of each fabric, shape (fabrics,); repetitions cost nothing.
+        ln k of each fabric, shape (fabrics,); repeated values are evaluated once.
     displacement
         The reading of the skin's compression.
     """
@@ -157,7 +157,7 @@ class Family:
         finger
             The finger that touches; `Fingertips` have the shape (batch, 1).
         chunk
-            Number of evaluations made at once.
+            Number of simultaneous evaluations.
         """
         rows, load = max(chunk // NODES, 1), self.field.load
 

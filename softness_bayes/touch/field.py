@@ -8,7 +8,7 @@ away, then with y = (sigma / sigma_peak)^(2/n)
     rho² = Q(y; E_star) (1 - y) / y
 
 and Q has no singularity at either end of y, so that a short Chebyshev series in y and in
-ln(E_star + shift) represents it. The series is cut where its coefficients fall below the tolerance.
+ln(E_star + shift) represents it. The series is truncated where its coefficients fall below the tolerance.
 """
 
 from __future__ import annotations
@@ -31,8 +31,8 @@ from softness_bayes.touch.receptors import kink_distances
 Array = NDArray[np.float64]
 
 SHAPE_NODES = (41, 81, 161, 321)
-"""Numbers of Chebyshev nodes in y at which the field is inverted before its series is cut; the first that suffices is
-taken.
+"""Numbers of Chebyshev nodes in y at which the field is inverted before its series is truncated; the first sufficient
+one is used.
 
 Finer tolerances and strong attenuation under a force need more nodes. The largest number is needed for the largest
 principal stress with the printed kernel, which is not symmetric about the axis: its slope in rho is then confined to a
@@ -53,7 +53,7 @@ class Profile(NamedTuple):
     """Lower end of that range, of a shape that broadcasts with the peak's."""
 
     def take(self, at: NDArray[np.intp]) -> Profile:
-        """Return the profile of some elements of the flattened batch, along one axis."""
+        """Return the profile of selected elements of the flattened batch, along one axis."""
         least = np.broadcast_to(self.y_least, self.peak.shape)
         return Profile(self.peak.take(at), self.shape.reshape(len(self.shape), -1).take(at, axis=1), least.take(at))
 
@@ -69,9 +69,7 @@ class StressField:
     Parameters
     ----------
     load
-        The load that holds.
-    finger, readings
-        Geometry and the readings of pressure, kernel and component.
+        The load that is held constant. finger, readings Geometry and the readings of pressure, kernel and component.
     modulus_range
         Reduced moduli [Pa] that the table covers. Others are computed exactly, which is slow.
     tolerance
@@ -82,9 +80,9 @@ class StressField:
     root : float
         2/n, the power of sigma / sigma_peak that gives y.
     reached : float
-        The table's error on the tolerance's scale: the largest difference from the field itself at points between
-        its nodes. A few times the tolerance is usual, because each series is cut by its own coefficients. Far more
-        means that no number of nodes sufficed. `Scene.error` includes it.
+        Error of the table on the scale of the tolerance: the largest difference from the exact field at points between
+        its nodes. A few times the tolerance is normal, because each series is truncated separately. Much more means
+        that no number of nodes was sufficient. `Scene.error` includes it.
     """
 
     def __init__(
@@ -102,7 +100,7 @@ class StressField:
         self.root = self._inversion.root
         low, high = modulus_range
         self.shift = self._shift(high)
-        # if the family has a limit for soft fabrics, the table starts there, at E_star = 0
+        # if the family has a limit for soft fabrics, the table starts at that limit, E_star = 0
         self.log_range = np.log(self.shift) if self.shift > 0 else np.log(low), np.log(high + self.shift)
         moduli = np.geomspace(1e-3 * low, 1e3 * high, 13)
         self.y_least = float(self._inversion.y_least(*self._touch(moduli)).min())
@@ -157,7 +155,7 @@ class StressField:
         self.reached = self._measure(*self._scale)
 
     def cut(self, tolerance: float) -> StressField:
-        """Return the field with its series cut at a larger tolerance; `reached` remains that of the whole ones."""
+        """Return the field with series truncated at a larger tolerance; `reached` still refers to the full series."""
         if tolerance <= self.tolerance:
             return self
         part = copy.copy(self)
@@ -182,7 +180,7 @@ class StressField:
 def profiles(
     fields: Sequence[StressField], columns: Sequence[NDArray[np.intp]], modulus: Array, radius: Array
 ) -> Profile:
-    """Return the fields of several loads at reduced moduli, side by side.
+    """Return the fields of several loads at reduced moduli, concatenated.
 
     Parameters
     ----------

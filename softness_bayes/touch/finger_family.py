@@ -37,19 +37,19 @@ SKIN_NODES = 12
 """Values of ln b at which the contact is solved for each fabric."""
 
 POINTS = 1 << 19
-"""Responses interpolated at once."""
+"""Number of responses interpolated at once."""
 
 _THRESHOLD_NODES = 400  # of the spline that inverts the stress on the axis
-_SOFTEST = 1.0  # E_star [Pa] at which the spline begins where the table has no lower end
+_SOFTEST = 1.0  # E_star [Pa] at which the spline begins if the table has no lower end
 
 
 class Spreads(NamedTuple):
-    """Spreads of fingers about the typical one, each of the batch shape (...); 0 for what all share."""
+    """Spreads of fingers about the typical one, each of batch shape (...); 0 for quantities that do not differ."""
 
     b: Any = 0.0
     """Standard deviation of ln b."""
     m: Any = 0.0
-    """Standard deviation of m, in its own unit."""
+    """Standard deviation of m, in the unit of m."""
     sigma_0: Any = 0.0
     """Standard deviation of ln sigma_0."""
 
@@ -73,7 +73,7 @@ class _Threshold:
         self._inverse, self._ends = CubicSpline(log_peak, log_modulus), (log_peak[0], log_peak[-1])
 
     def __call__(self, stress: Array) -> Array:
-        """Return ln E_star [ln Pa]; the lower end of the table where receptors always fire, infinity if never."""
+        """Return ln E_star [ln Pa]; the lower end of the table if receptors always fire, infinity if they never do."""
         with np.errstate(divide="ignore"):
             log_stress = np.log(np.maximum(stress, 0.0))
         first, last = self._ends
@@ -82,7 +82,7 @@ class _Threshold:
 
 
 class FingerFamily:
-    """The fingers of a grid that touch the fabrics of a scene.
+    """Responses of all fingers of a grid touching the fabrics of a scene.
 
     Parameters
     ----------
@@ -127,24 +127,25 @@ class FingerFamily:
         Parameters
         ----------
         parameters
-            Those of the typical finger, arrays of one batch shape (...), or scalars.
+            Parameters of the typical finger: arrays of one batch shape (...), or scalars.
         spreads
             Spreads of fingers, of that shape.
         modulus
-            E_fab [Pa] of each fabric in place of the scene's own, shape (..., fabrics).
+            E_fab [Pa] of each fabric, shape (..., fabrics); by default that of the scene.
         known
-            Laws of the skins of people of whom more is known than the spreads, arrays (..., people).
+            Laws of the skins of people with plate forces, arrays (..., people).
 
         Returns
         -------
         ndarray
-            Shape (..., fingers, conditions), the fingers in the order of `FingerGrid.z`; then, for each person of
-            `known`, as many fingers, as many standard deviations from the middle of that person's law.
+            Shape (..., fingers, conditions), the fingers in the order of `FingerGrid.z`; then, for each person in
+            `known`, the same number of fingers at the same distances, in standard deviations, from the mean of that
+            person's law.
 
         Raises
         ------
         InputError
-            As `Scene.total_rate`.
+            As for `Scene.total_rate`.
         """
         batch = (np.shape(value) for value in (*parameters, *spreads))
         shape = np.broadcast_shapes(*batch, () if modulus is None else modulus.shape[:-1])
@@ -211,7 +212,7 @@ class FingerFamily:
         nodes, scene = self._u.size, self.scene
         batch, sensitivities, loads = extent.shape
         t = 0.5 * extent[..., None] * (self._u + 1.0)
-        # a load under which none fires takes any modulus of its table
+        # for a load under which nothing fires, any modulus of its table will do
         anywhere = np.array([at.high for at in self._thresholds])
         log_modulus = np.where(np.isfinite(begins), begins, anywhere)[..., None] + t * t
         reduced = np.exp(log_modulus).reshape(batch * sensitivities, loads * nodes)
@@ -229,7 +230,7 @@ class FingerFamily:
 
 
 def _laws(spread: Spreads, known: SkinLaws | None, shape: tuple[int, ...]) -> SkinLaws:
-    """Return the law of anybody's skin, and then those of people of whom more is known, each (batch, 1 + people)."""
+    """Return the population law of the skin, followed by those of the people in `known`, each (batch, 1 + people)."""
     nothing = np.zeros_like(spread.b)
     anybody = SkinLaws(nothing, nothing, spread.b, nothing, spread.m)
     if known is None:

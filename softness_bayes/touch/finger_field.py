@@ -1,15 +1,15 @@
 """Stress field of one load for fingers whose radius and receptor depth vary, tabulated once (model.md 5).
 
-With the receptors' depth as the unit of length, the field of every load, modulus, radius and depth is one of a family
-in two numbers: A = a / z, and the decay q of the pressure. One load and a range of fingers reach a narrow band of it,
-which two coordinates straighten: one along the moduli, one across the fingers.
+With the receptors' depth as the unit of length, the fields of all loads, moduli, radii and depths form a family with
+two parameters: A = a / z, and the decay q of the pressure. One load and a range of fingers cover a narrow band of this
+family, which is straightened by two coordinates: one along the moduli, one across the fingers.
 
-    indentation   along: ln(1 + q)   across: ln(A), which the finger decides
-    force         along: ln(A)       across: ln(q_0), q = q_0 A^p
+    indentation   along: ln(1 + q)   across: ln(A), determined by the finger force         along: ln(A)       across:
+    ln(q_0), q = q_0 A^p
 
-Under a force the radius follows from E_star, so that the decay is a power of A. Q is a Chebyshev series in y and the
-two coordinates. The one across is the same for all conditions of a parameter vector: the series is summed over it
-once for each vector, and what is left is the table of a `StressField`.
+Under a force, the radius follows from E_star, so that the decay is a power of A. Q is a Chebyshev series in y and the
+two coordinates. The coordinate across the fingers is the same for all conditions of a parameter vector: the series is
+summed over it once per vector, which leaves the table of a `StressField`.
 """
 
 from __future__ import annotations
@@ -36,10 +36,10 @@ from softness_bayes.touch.receptors import kink_distances
 Array = NDArray[np.float64]
 
 FINGER_NODES = (3, 5, 7, 9, 12, 15, 20, 26)
-"""Numbers of Chebyshev nodes across the fingers; the first that suffices is taken."""
+"""Numbers of Chebyshev nodes across the fingers; the first sufficient one is used."""
 
 SILENT_DECAY = 1e-12
-"""Decay below which a pressure has none."""
+"""Decay below which it is treated as zero."""
 
 
 class FingerField:
@@ -48,19 +48,16 @@ class FingerField:
     Parameters
     ----------
     load
-        The load that holds.
-    finger, box
-        The pad and the skin's Poisson ratio; the ranges of radius and depth that the table covers. Other fingers are
-        computed exactly, which is slow.
+        The load that is held constant. finger, box The pad and the skin's Poisson ratio; the ranges of radius and depth
+        that the table covers. Other fingers are computed exactly, which is slow.
     readings, modulus_range, tolerance
-        As `StressField` takes them.
-    greatest
-        The greatest load that the table covers too, of the same kind; by default it covers one load.
+        As for `StressField`. greatest
+            Largest load, of the same kind, up to which the table extends; by default it covers only `load`.
 
     Attributes
     ----------
     root, reached
-        As those of `StressField`.
+        As for `StressField`.
     """
 
     def __init__(
@@ -85,7 +82,7 @@ class FingerField:
         touched = [end.touch(modulus, end.load.close(modulus, corners).radius, corners) for end in ends]
         along = np.stack([self._along(*contact) for contact in touched])
         across = np.stack([end._across(corners) for end in ends])
-        # indentations share the limit of soft fabrics, where the pressure has no decay
+        # all indentations have the same limit for soft fabrics, at which the pressure has no decay
         self._sides = np.array([[0.0 if self._held else along.min(), along.max()], [across.min(), across.max()]])
         self.y_least = float(self._inversion.y_least(*self._contacts(*np.mgrid[-2:2:9j, -1:1:3j].reshape(2, -1))).min())
         self._fit()
@@ -106,14 +103,14 @@ class FingerField:
         return radius / finger.receptor_depth, self.readings.pressure.decay(modulus, radius, finger)
 
     def _decay_at(self, relative: float, finger: Fingertip) -> Array:
-        """Return the decay under a held force where the contact radius is so many depths."""
+        """Return the decay under a given force for a contact radius in units of the depth."""
         assert isinstance(self.load, Force)
         radius = np.asarray(relative * finger.receptor_depth)
         modulus = 0.75 * finger.radius * self.load.newton / radius**3
         return self.readings.pressure.decay(modulus, radius, finger)
 
     def _power_of_decay(self, fingers: Fingertips) -> float:
-        """Return p in q = q_0 A^p under a held force; 0 if the pressure has no decay, or the radius is held.
+        """Return p in q = q_0 A^p under a given force; 0 if the pressure has no decay, or the radius is held.
 
         Raises
         ------
@@ -189,7 +186,7 @@ class FingerField:
 
     @staticmethod
     def _scale(rows: Array) -> Array:
-        """Return what errors of [unit peak, coefficients of Q / size] are relative to: the largest of the table."""
+        """Return the scale of errors of [unit peak, coefficients of Q / size]: the maxima over the table."""
         largest = np.abs(rows[..., 1:]).sum(axis=-1).max()
         return np.concatenate([[rows[..., 0].max()], np.full(rows.shape[-1] - 1, largest)])
 
@@ -207,7 +204,7 @@ class FingerField:
         )
 
     def cut(self, tolerance: float) -> FingerField:
-        """Return the field with its series cut at a larger tolerance; `reached` remains that of the whole ones."""
+        """Return the field with series truncated at a larger tolerance; `reached` still refers to the full series."""
         if tolerance <= self.tolerance:
             return self
         part = copy.copy(self)
@@ -262,12 +259,12 @@ def profiles(
     radius: Array,
     finger: Fingertip,
 ) -> Profile:
-    """Return the fields of several loads at reduced moduli, side by side, for one finger or for one of each row.
+    """Return the fields of several loads at reduced moduli, concatenated, for one finger or one finger per row.
 
     Parameters
     ----------
     fields, columns
-        As `softness_bayes.touch.field.profiles` takes them; all fields of one kind.
+        As for `softness_bayes.touch.field.profiles`; all fields of one kind.
     modulus, radius
         E_star [Pa] and contact radius [m], shape (batch, conditions).
     finger
@@ -293,7 +290,7 @@ def profiles(
 def _profiles_by_table(
     fields: Sequence[StressField], columns: Sequence[NDArray[np.intp]], modulus: Array, radius: Array
 ) -> Profile:
-    """Return the fields of loads of which some share tables."""
+    """Return the fields of loads, some of which share tables."""
     shared: dict[int, list[int]] = {}
     alone = [k for k, field in enumerate(fields) if not isinstance(field, LoadField)]
     parts: list[tuple[NDArray[np.intp], Profile]] = []
@@ -334,7 +331,7 @@ def _profiles_of_fingers(
 
 
 def _cut(table: Array, size: Array, tolerance: float) -> Array:
-    """Leave out the orders whose coefficients, of the given size, sum to less than a third of the tolerance."""
+    """Drop the orders whose coefficients, of the given sizes, sum to less than a third of the tolerance."""
 
     def kept(sizes: Array) -> int:
         return max(int((sizes[::-1].cumsum()[::-1] > tolerance / 3.0).sum()), 1)

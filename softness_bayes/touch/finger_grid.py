@@ -1,4 +1,4 @@
-"""Grids of fingers about the typical one, over which raters' own fingers are integrated (model.md 9)."""
+"""Grids of fingers about the typical one, over which individual fingers are integrated (model.md 9)."""
 
 from __future__ import annotations
 
@@ -16,23 +16,23 @@ from softness_bayes.errors import InputError
 Array = NDArray[np.float64]
 
 SPREAD_OF: Mapping[str, str] = MappingProxyType({"b": "tau_b", "m": "tau_m", "sigma_0": "tau_sigma"})
-"""The parameter that is the spread between fingers, by the name of what differs."""
+"""Name of the parameter for the spread between fingers, by the quantity that differs."""
 
 EFFECT_OF: Mapping[str, str] = MappingProxyType({"b": "rater_log_b", "m": "rater_m", "sigma_0": "rater_log_sigma_0"})
-"""Names in files of raters' deviations from the typical finger, by what differs."""
+"""Names in files of raters' deviations from the typical finger, by the quantity that differs."""
 
 AXES = ("sigma_0", "b", "m")
 """Order of the axes of a grid."""
 
 REACH = 4.0
-"""Usual extent of a grid to either side, in standard deviations; 6e-5 of the fingers lie beyond."""
+"""Default half-width of a grid, in standard deviations; 6e-5 of the fingers lie outside."""
 
 
 class SkinLaws(NamedTuple):
     """Normal laws of the deviations of several people's skins from the typical one, arrays (..., people).
 
-    A finger z standard deviations away, in b and in m, deviates by log_b + b_by_b z_b in ln b, and by
-    m + m_by_b z_b + m_by_m z_m in m.
+    A finger with scores z_b and z_m deviates from the typical one by log_b + b_by_b z_b in ln b, and by m + m_by_b z_b
+    + m_by_m z_m in m.
     """
 
     log_b: Array
@@ -42,7 +42,7 @@ class SkinLaws(NamedTuple):
     m_by_m: Array
 
     def deviation(self, z_b: Array, z_m: Array) -> tuple[Array, Array]:
-        """Return the deviations of ln b and of m of fingers so many standard deviations away."""
+        """Return the deviations in ln b and m of fingers with the given scores."""
         return self.log_b + self.b_by_b * z_b, self.m + self.m_by_b * z_b + self.m_by_m * z_m
 
 
@@ -50,20 +50,20 @@ class SkinLaws(NamedTuple):
 class FingerGrid:
     """Fingers at the nodes of a regular grid in standard deviations from the typical one.
 
-    For a smooth integrand the trapezoidal rule on such a grid errs by exp(-2 pi² s² / h²), where s is the width of
-    the integrand and h the distance of nodes: two distances suffice for 1e-34, one for 3e-9, two thirds for 2e-4.
+    For a smooth integrand, the trapezoidal rule on such a grid has an error of exp(-2 pi² s² / h²), where s is the
+    width of the integrand and h the node spacing: 1e-34 for s = 2 h, 3e-9 for s = h, 2e-4 for s = 2/3 h.
 
     Parameters
     ----------
     nodes
         Number of nodes for each quantity that differs between fingers, of b, m and sigma_0; each odd, at least 3.
     reach
-        Extent of the grid to either side, in standard deviations.
+        Half-width of the grid, in standard deviations.
 
     Raises
     ------
     InputError
-        If there is no quantity, or one that does not exist.
+        If no quantity is given, or an unknown one.
     """
 
     nodes: Mapping[str, int]
@@ -80,7 +80,7 @@ class FingerGrid:
         return tuple(name for name in SPREAD_OF if name in self.nodes)
 
     def axis(self, name: str) -> Array:
-        """Return the nodes of one quantity, in standard deviations; 0 alone if all fingers share it."""
+        """Return the nodes of one quantity, in standard deviations; only 0 if it does not differ between fingers."""
         return np.linspace(-self.reach, self.reach, self.nodes[name]) if name in self.nodes else np.zeros(1)
 
     @property
@@ -90,7 +90,7 @@ class FingerGrid:
 
     @cached_property
     def z(self) -> Mapping[str, Array]:
-        """The fingers: standard deviations from the typical one, shape (fingers,), by the name of what differs."""
+        """The fingers: standard deviations from the typical one, shape (fingers,), by the quantity that differs."""
         grids = np.meshgrid(*(self.axis(name) for name in AXES), indexing="ij")
         every = dict(zip(AXES, grids, strict=True))
         return {name: every[name].reshape(-1) for name in self.names}
@@ -100,10 +100,10 @@ class FingerGrid:
         """Log of the share of each finger in the population, shape (fingers,)."""
         weight = np.ones(self.size)
         for z in self.z.values():
-            # the rule's ends count half
+            # the end nodes have half weight
             weight = weight * np.exp(-0.5 * z**2) * np.where(np.abs(z) >= self.reach, 0.5, 1.0)
         return np.asarray(np.log(weight / weight.sum()))
 
     def finer(self) -> FingerGrid:
-        """Return the grid with nodes halfway between, the reference for this grid's error."""
+        """Return the grid with additional nodes halfway between, the reference for the error of this grid."""
         return FingerGrid({name: 2 * size - 1 for name, size in self.nodes.items()}, self.reach)

@@ -1,7 +1,7 @@
 """Exact rate curves of a sample of channel vectors, to measure a firing-rate surface's error on any scene.
 
-Exact rates take milliseconds for each current, so that the curves are stored. ``python -m
-softness_bayes.tools.firing_sample_build`` makes them again for every membrane that has a surface.
+Exact rates take milliseconds per current, so the curves are stored. ``python -m
+softness_bayes.tools.firing_sample_build`` recomputes them for every membrane that has a surface.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from softness_bayes.touch.parameters import TouchParameters
 Array = NDArray[np.float64]
 
 TABLE = "firing_sample.npz"
-"""Name of the data file beside this module."""
+"""Name of the data file next to this module."""
 
 
 @dataclass(frozen=True)
@@ -51,17 +51,17 @@ class FiringSample:
         return cls(Channels(*rows[:, :4].T), curve)
 
     def put_into(self, parameters: TouchParameters) -> TouchParameters:
-        """Return the first parameter vectors, shape (vectors,), with the sample's channel multipliers in turn."""
+        """Return the first parameter vectors, shape (vectors,), with the sample's channel multipliers."""
         size = min(np.size(parameters.alpha), self.curve.rheobase.size)
         first = TouchParameters(*(np.broadcast_to(v, np.shape(parameters.alpha))[:size] for v in parameters))
         return first._replace(**{name: values[:size] for name, values in self.channels._asdict().items()})
 
     def curves(self, parameters: Driven) -> RateCurve:
-        """Return the curves of parameter vectors, shape (vectors,), whose multipliers are of the sample."""
+        """Return the curves of parameter vectors, shape (vectors,), whose multipliers come from the sample."""
         order = np.argsort(self.channels.c_Na)
         place = np.searchsorted(np.asarray(self.channels.c_Na)[order], parameters.c_Na)
         return self.curve.take(order[place])
 
     def exact(self) -> FiringSample:
-        """Return itself."""
+        """Return this source: its curves are exact."""
         return self

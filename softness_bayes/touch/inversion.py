@@ -1,6 +1,6 @@
 """Exact inverse of the stress field: the distance from the axis at which the stress has some value (model.md 5).
 
-With the depth as the unit of length the field depends on two numbers alone: the contact radius and the decay of the
+With the depth as the unit of length, the field depends on only two numbers: the contact radius and the decay of the
 pressure. If the stress falls like rho^-n far away, then with y = (sigma / sigma_peak)^(2/n)
 
     rho² = Q(y) (1 - y) / y
@@ -23,7 +23,7 @@ from softness_bayes.touch.stress import GAUSS_DENSITY, unit_stress
 Array = NDArray[np.float64]
 
 BLOCK = 4
-"""Contacts inverted at once: the arrays of more of them do not fit into the cache."""
+"""Number of contacts inverted at once; arrays of more contacts do not fit into the cache."""
 
 
 @dataclass(frozen=True)
@@ -39,7 +39,7 @@ class Inversion:
     readings
         Readings of kernel and component.
     tolerance
-        Error allowed in Q, relative to its largest.
+        Error allowed in Q, relative to its maximum.
     """
 
     depth: float

@@ -1,8 +1,8 @@
 """Stress fields of many loads of one kind, from one table over load and reduced modulus (model.md 5).
 
-A field is a smooth function of its load: the contact radius and the pressure's decay are powers of it. The table is a
-Chebyshev series in the logarithm of the load beside those of a `StressField`. Summed over the load once, it gives the
-table of each load, so that compiling costs about as much as a dozen loads do one by one, however many there are.
+A field is a smooth function of its load: the contact radius and the pressure's decay are powers of it. The table adds a
+Chebyshev series in the logarithm of the load to those of a `StressField`. Summation over this series gives the table of
+each load, so that compilation costs about as much as a dozen separate loads, regardless of their number.
 """
 
 from __future__ import annotations
@@ -27,16 +27,16 @@ Array = NDArray[np.float64]
 Index = NDArray[np.intp]
 
 LOAD_NODES = (3, 5, 7, 9, 12, 15, 20, 26, 34, 44)
-"""Numbers of Chebyshev nodes in the logarithm of the load; the first that suffices is taken."""
+"""Numbers of Chebyshev nodes in the logarithm of the load; the first sufficient one is used."""
 
 LEAST_DECAY = 1e-3
-"""Added to the decay of the stiffest fabric in the modulus at which a table's coordinate turns logarithmic."""
+"""Added to the decay of the stiffest fabric to set the modulus beyond which a table's coordinate is logarithmic."""
 
 _MEASURED = 7  # reduced moduli between nodes at which errors are measured under each load
 
 
 def held(load: Load) -> float:
-    """Return what a load holds: its force [N] or its indentation [m]."""
+    """Return the quantity held constant by a load: its force [N] or its indentation [m]."""
     return load.newton if isinstance(load, Force) else load.depth
 
 
@@ -48,13 +48,12 @@ class LoadTable:
     least, greatest
         The ends of the range, both forces or both indentations.
     finger, readings, modulus_range, tolerance
-        As `StressField` takes them. The tolerance holds for each load, relative to its own largest.
+        As for `StressField`. The tolerance applies to each load, relative to the maximum under that load.
 
     Attributes
     ----------
     root, reached
-        As those of `StressField`; errors are measured at the ends of the range and between the nodes in the load, and
-        the worst load counts.
+        As for `StressField`; the error is the maximum over the ends of the range and loads between the nodes.
     """
 
     def __init__(
@@ -80,7 +79,7 @@ class LoadTable:
         self._fit()
 
     def ranges(self, loads: Array) -> tuple[Array, Array, Array]:
-        """Return shift and the ends of ln(E_star + shift), as those of a `StressField`, of loads [N or m]."""
+        """Return shift and the ends of ln(E_star + shift), as for a `StressField`, for loads [N or m]."""
         low, high = self.modulus_range
         if self.kind is Force:
             return np.zeros_like(loads), np.full_like(loads, np.log(low)), np.full_like(loads, np.log(high))
@@ -115,7 +114,7 @@ class LoadTable:
             tail = shape[..., -(self.shape_nodes // 10) :].sum(axis=-1)
             if (tail.max(axis=1) <= self.tolerance * shape.sum(axis=-1).max(axis=1)).all():
                 break
-        # errors are relative to the largest of each load; those of the series, to the largest of all
+        # errors are relative to the maximum of each load; those of the series, to the overall maximum
         scales = np.stack([rows[..., 0].max(axis=1), shape.sum(axis=-1).max(axis=1)])
         tolerance = self.tolerance * float((scales.min(axis=1) / scales.max(axis=1)).min())
         for n_across in LOAD_NODES:
@@ -136,7 +135,7 @@ class LoadTable:
         self.reached = self._measure()
 
     def _within(self, tolerance: float) -> Array:
-        """Return the series without the orders whose coefficients sum to less than a tenth of the tolerance."""
+        """Return the series truncated where the remaining coefficients sum to less than a tenth of the tolerance."""
         size = self._size
 
         def kept(sizes: Array) -> int:
@@ -146,7 +145,7 @@ class LoadTable:
         return self._whole[:across, :along, : 1 + kept(size[..., 1:].max(axis=(0, 1)))]
 
     def _measure(self) -> float:
-        """Return the largest difference between table and field, relative to the largest under the same load."""
+        """Return the largest difference between table and field, relative to the maximum under the same load."""
         n = self.table.shape[0]
         between = np.cos(np.pi * np.arange(1, n) / n)
         across = np.concatenate([[-1.0], between, [1.0]])
@@ -164,7 +163,7 @@ class LoadTable:
         return float(max(of_peak.max(), of_shape.max()))
 
     def cut(self, tolerance: float) -> LoadTable:
-        """Return the table with its series cut at a larger tolerance; `reached` remains that of the whole ones."""
+        """Return the table with series truncated at a larger tolerance; `reached` still refers to the full series."""
         if tolerance <= self.tolerance:
             return self
         part = copy.copy(self)
@@ -185,10 +184,10 @@ class LoadTable:
 
 
 class LoadFields(NamedTuple):
-    """Tables of single loads side by side, each array's first axis the loads'."""
+    """Tables of single loads, stacked along the first axis of each array."""
 
     of: LoadTable
-    """What they were summed from."""
+    """Table from which they were computed."""
     tables: Array
     """Series of [unit peak, coefficients of Q / size] in the modulus, shape (loads, 1 + order, terms)."""
     shift: Array
@@ -197,7 +196,7 @@ class LoadFields(NamedTuple):
     """Shift [Pa], and the ends of ln(E_star + shift)."""
 
     def scaled(self, places: Index, modulus: Array) -> Array:
-        """Return ln(E_star + shift) of conditions under loads at some places, scaled to [-1, 1]."""
+        """Return ln(E_star + shift), scaled to [-1, 1], of conditions under the loads at the given indices."""
         low, high = self.low[places], self.high[places]
         return (2.0 * np.log(modulus + self.shift[places]) - (low + high)) / (high - low)
 
@@ -215,19 +214,19 @@ class LoadField(StressField):
         self.table = side.tables[place].T
 
     def cut(self, tolerance: float) -> LoadField:
-        """Return the field with its series cut at a larger tolerance; `cut` of all fields at once takes less time."""
+        """Return the field with series truncated at a larger tolerance; `cut_together` is faster for many fields."""
         return self.side.of.cut(tolerance).fields([self.load])[0]
 
 
 def cut_together(fields: Sequence[LoadField], tolerance: float) -> list[LoadField]:
-    """Return fields of one table with their series cut at a larger tolerance."""
+    """Return fields of one table with series truncated at a larger tolerance."""
     table = fields[0].side.of
     cut = table.cut(tolerance)
     return list(fields) if cut is table else cut.fields([field.load for field in fields])
 
 
 def profiles_of_loads(fields: Sequence[LoadField], columns: Sequence[Index], modulus: Array, radius: Array) -> Profile:
-    """Return the fields of many loads of one table at reduced moduli, side by side in the order of the columns.
+    """Return the fields of many loads of one table at reduced moduli, concatenated in the order of the columns.
 
     Parameters
     ----------
@@ -241,7 +240,7 @@ def profiles_of_loads(fields: Sequence[LoadField], columns: Sequence[Index], mod
     Returns
     -------
     Profile
-        Of the conditions in `np.concatenate(columns)`.
+        Profile of the conditions in `np.concatenate(columns)`.
 
     Raises
     ------
@@ -257,7 +256,7 @@ def profiles_of_loads(fields: Sequence[LoadField], columns: Sequence[Index], mod
     beyond = np.abs(x) > 1 + 1e-12
     batch, n = x.shape
     _, width, terms = side.tables.shape
-    # conditions before the batch, so that each load's are one block
+    # conditions before the batch, so that those of each load form one block
     basis = chebyshev_values(np.minimum(np.maximum(x.T, -1.0), 1.0), terms).reshape(terms, n * batch)
     rows, ends = np.empty((width, n * batch)), np.cumsum([0, *sizes]) * batch
     for place, start, stop in zip(places.tolist(), ends[:-1].tolist(), ends[1:].tolist(), strict=True):
@@ -277,6 +276,6 @@ def profiles_of_loads(fields: Sequence[LoadField], columns: Sequence[Index], mod
 
 
 def _scale(rows: Array) -> Array:
-    """Return what errors of [unit peak, coefficients of Q / size] are relative to: the largest of the table."""
+    """Return the scale of errors of [unit peak, coefficients of Q / size]: the maxima over the table."""
     largest = np.abs(rows[..., 1:]).sum(axis=-1).max()
     return np.concatenate([[rows[..., 0].max()], np.full(rows.shape[-1] - 1, largest)])

@@ -17,7 +17,7 @@ Array = NDArray[np.float64]
 
 
 DRAWS_AT_ONCE = 8
-"""Number of draws whose stress is integrated together; more do not fit into the cache."""
+"""Number of draws with simultaneous integration of the stress; more do not fit into the cache."""
 
 
 class Profiles(NamedTuple):
@@ -34,7 +34,7 @@ class Profiles(NamedTuple):
 def touch_profiles(
     scene: Scene, parameters: TouchParameters, distance: ArrayLike, modulus: Array | None = None
 ) -> Profiles:
-    """Evaluate every condition of a scene along a line from the contact's axis outwards.
+    """Evaluate every condition of a scene along a line outwards from the contact's axis.
 
     Parameters
     ----------
@@ -45,12 +45,12 @@ def touch_profiles(
     distance
         Distances from the axis [m], shape (distances,).
     modulus
-        E_fab [Pa] of each fabric in place of the scene's own, shape (draws, fabrics).
+        E_fab [Pa] of each fabric, shape (draws, fabrics); by default that of the scene.
 
     Raises
     ------
     InputError
-        If a parameter is outside the range that the chain accepts.
+        If a parameter is outside the range accepted by the forward model.
     """
     r, contact = np.asarray(distance, float), scene.contact(parameters, modulus)
     parameters = TouchParameters(*np.broadcast_arrays(*parameters))
@@ -78,19 +78,19 @@ def _profiles(scene: Scene, parameters: TouchParameters, r: Array, modulus: Arra
 def draw_receptors(rng: np.random.Generator, finger: Finger = Finger(), density: Density = CONSISTENT) -> Array:
     """Draw the positions of a pad's receptors from a Poisson process of the given density.
 
-    Positions are drawn uniformly at the largest density and kept in proportion to the local density.
+    Positions are drawn uniformly at the largest density and thinned in proportion to the local density.
 
     Parameters
     ----------
     rng
-        Source of random numbers.
+        Random generator.
     finger, density
-        The pad and the reading of its density.
+        The pad and the reading of the receptor density.
 
     Returns
     -------
     ndarray
-        Along the finger from its end and across it [m], shape (receptors, 2).
+        Coordinates along the finger, from its end, and across it [m], shape (receptors, 2).
     """
     highest = float(density.at(np.linspace(0.0, finger.pad_length, 1001)).max())
     extent = np.array([finger.pad_length, finger.pad_width])

@@ -1,4 +1,4 @@
-"""Parameters of the chain as the forward model takes them: by name, in SI, of any batch shape."""
+"""Parameters of the forward model, by name, in SI, of any batch shape."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ Array = NDArray[np.float64]
 
 
 class TouchParameters(NamedTuple):
-    """One number, or one array of a common batch shape, for each parameter of the chain (model.md 10)."""
+    """Parameters of the forward model (model.md 10): numbers, or arrays of a common batch shape."""
 
     b: Any
     """Skin modulus at rest [Pa]."""
@@ -35,9 +35,9 @@ class TouchParameters(NamedTuple):
     c_A: Any
     """Multiplier of the A-current's conductance [-]."""
     radius: Any = 0.0
-    """Fingertip radius [m]; 0 for that of the scene's finger."""
+    """Fingertip radius [m]; 0 to use that of the scene's finger."""
     receptor_depth: Any = 0.0
-    """Depth of the receptors [m]; 0 for that of the scene's finger."""
+    """Depth of the receptors [m]; 0 to use that of the scene's finger."""
 
 
 _POSITIVE = [TouchParameters._fields.index(name) for name in ("b", "alpha", "beta", *Channels._fields)]
@@ -45,7 +45,7 @@ _FROM_ZERO = [TouchParameters._fields.index(name) for name in ("radius", "recept
 
 
 def checked_rows(parameters: TouchParameters) -> tuple[tuple[int, ...], TouchParameters]:
-    """Check parameter vectors; return their batch shape, and the vectors as arrays of one axis."""
+    """Check parameter vectors; return their batch shape, and the vectors as one-dimensional arrays."""
     shape, flat = rows_of(parameters)
     if not (np.isfinite(flat).all() and (flat[_POSITIVE] > 0).all() and (flat[_FROM_ZERO] >= 0).all()):
         _refuse(flat)
@@ -53,7 +53,7 @@ def checked_rows(parameters: TouchParameters) -> tuple[tuple[int, ...], TouchPar
 
 
 def _refuse(flat: Array) -> NoReturn:
-    """Say which parameter, a row each, has a value that it cannot take."""
+    """Raise an error that names the first parameter (one per row) with an invalid value."""
     for name, value in zip(TouchParameters._fields, flat, strict=True):
         if not np.isfinite(value).all():
             raise InputError(f"parameters: {name} is not finite")

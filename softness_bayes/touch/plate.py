@@ -14,7 +14,7 @@ Array = NDArray[np.float64]
 
 
 class PlateLine(NamedTuple):
-    """The force of a rigid plate, ln F = ln b + m slope + offset, arrays of the indentations' shape."""
+    """Force of a rigid plate, ln F = ln b + m slope + offset; arrays of the shape of the indentations."""
 
     slope: Array
     """a^power / R, the coefficient of m."""

@@ -1,4 +1,4 @@
-"""The named alternatives of the model, as values in tables, composed into one frozen `Readings`."""
+"""Readings of the paper: tables of named alternatives, composed into one frozen `Readings`."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def _name_of(place: str, value: Any) -> str:
 
 @dataclass(frozen=True)
 class Readings:
-    """One reading for every place where the paper allows several (model.md 1-8)."""
+    """One reading for each part of the model that the paper leaves ambiguous (model.md 1-8)."""
 
     fabric_modulus: FabricModulus = PRINTED_RIGIDITY
     skin_displacement: SkinDisplacement = STRAIN
@@ -68,14 +68,14 @@ class Readings:
 
     @property
     def names(self) -> dict[str, str]:
-        """The chosen name for each place: one of `ALTERNATIVES`, or the importable name of a user's own reading.
+        """Name of the reading of each part: one of `ALTERNATIVES`, or the importable name of a custom reading.
 
-        One that has no importable name stands for itself; `require_names` refuses it.
+        A custom reading without an importable name is returned as it is; `require_names` rejects it.
         """
         return {field.name: _name_of(field.name, getattr(self, field.name)) for field in fields(self)}
 
     def require_names(self) -> None:
-        """Raise an error for a reading that a stored run could not find again by its name.
+        """Raise an error for a reading that could not be restored by name from a stored run.
 
         Raises
         ------
@@ -89,7 +89,7 @@ class Readings:
 
     @property
     def label(self) -> str:
-        """Name of the nearest named set, and the places in which these readings depart from it."""
+        """Name of the closest named set, and the parts in which these readings differ from it."""
         departures = {
             name: [f"{place}={chosen}" for place, chosen in self.names.items() if chosen != named.names[place]]
             for name, named in NAMED_READINGS.items()
@@ -98,12 +98,12 @@ class Readings:
         return ", ".join([nearest, *departures[nearest]])
 
     def override(self, choices: Mapping[str, str]) -> Readings:
-        """Return these readings with some places given another alternative, by its name or its importable name.
+        """Return these readings with some parts replaced by other alternatives, given by name or importable name.
 
         Raises
         ------
         InputError
-            If a place or a name does not exist, or the readings do not fit together.
+            If a part or a name does not exist, or the readings are incompatible.
         """
         require_mapping("readings", choices, "{'pressure': 'hertz'}")
         return replace(self, **{place: alternative(place, name) for place, name in choices.items()})
@@ -122,11 +122,11 @@ _PLACES: dict[str, tuple[Any, ...]] = {
 ALTERNATIVES: Mapping[str, Mapping[str, Any]] = MappingProxyType(
     {place: MappingProxyType({value.name: value for value in values}) for place, values in _PLACES.items()}
 )
-"""Every alternative of every place, by name; the first of each is the default."""
+"""All alternatives of each part, by name; the first is the default."""
 
 
 MENDED = Readings()
-"""The paper's model with its misprints mended: the default."""
+"""The model of the paper with misprints corrected: the default."""
 AS_PRINTED = Readings(
     pressure=PRINTED_PRESSURE,
     stress_kernel=PRINTED_KERNEL,
@@ -134,7 +134,7 @@ AS_PRINTED = Readings(
     membrane=PRINTED_MEMBRANE,
     receptor_density=PRINTED_DENSITY,
 )
-"""Everything as the paper prints it, in mm-N-MPa."""
+"""The model exactly as printed in the paper, in mm-N-MPa."""
 CLASSICAL = Readings(fabric_modulus=PLATE_RIGIDITY, pressure=HERTZ, stress_kernel=AXISYMMETRIC)
 """Classical mechanics throughout: thin-plate rigidity, Hertz's pressure, Boussinesq's stress."""
 
@@ -143,12 +143,12 @@ NAMED_READINGS: Mapping[str, Readings] = MappingProxyType({"mended": MENDED, "pr
 
 
 def readings_named(name: str, overrides: Mapping[str, str] | None = None) -> Readings:
-    """Return a named set of readings, with single places overridden by name.
+    """Return a named set of readings, with single parts overridden by name.
 
     Raises
     ------
     InputError
-        If there is no such set, place or alternative, or the readings do not fit together.
+        If there is no such set, part or alternative, or the readings are incompatible.
     """
     if name not in NAMED_READINGS:
         raise InputError(f"readings: no set '{name}'; expected one of {', '.join(NAMED_READINGS)}")
@@ -156,12 +156,12 @@ def readings_named(name: str, overrides: Mapping[str, str] | None = None) -> Rea
 
 
 def alternative(place: str, name: str) -> Any:
-    """Return the alternative of a place: a named one, that of an installed package, or one by its importable name.
+    """Return an alternative of a part, by its name, entry point of an installed package, or importable name.
 
     Raises
     ------
     InputError
-        If the place or the name does not exist; the message lists those that do.
+        If the part or the name does not exist; the message lists the existing ones.
     """
     if place not in ALTERNATIVES:
         raise InputError(f"reading: no place '{place}'; expected one of {', '.join(ALTERNATIVES)}")

@@ -17,7 +17,7 @@ from softness_bayes.touch.neuron.polynomials import horner
 Array = NDArray[np.float64]
 
 DIGITS = 12
-"""Decimals [m] to which distances to the pad's edges are rounded, so that rounding errors do not split a kink."""
+"""Decimals to which distances [m] to the pad's edges are rounded, so that rounding errors do not split a kink."""
 
 
 def receptor_current(stress: ArrayLike, alpha: ArrayLike, beta: ArrayLike, sigma_0: ArrayLike) -> Array:
@@ -26,11 +26,11 @@ def receptor_current(stress: ArrayLike, alpha: ArrayLike, beta: ArrayLike, sigma
     Parameters
     ----------
     stress, sigma_0
-        Compressive stress at the receptor and the stress of half response [Pa].
+        Compressive stress at the receptor, and the stress of half-maximal current [Pa].
     alpha, beta
         Largest current [µA/cm²] and steepness [1/Pa]. All broadcast; no finite input overflows.
     """
-    # half the difference cannot overflow; if the product does, expit of infinity is right
+    # half the difference cannot overflow; if the product does, expit(infinity) is still correct
     excess = 0.5 * np.asarray(stress, float) - 0.5 * np.asarray(sigma_0, float)
     with np.errstate(over="ignore"):
         return np.asarray(alpha, float) * expit(2.0 * (np.asarray(beta, float) * excess))
@@ -42,9 +42,9 @@ class Density:
 
     name: str
     at: Callable[[Array], Array]
-    """Receptors per area [1/m²] at distance x [m] from the fingertip's end."""
+    """Receptors per area [1/m²] as a function of the distance x [m] from the fingertip's end."""
     meaning: str = field(default="", repr=False, compare=False)
-    """The reading in words, for lists."""
+    """Description of the reading, for lists."""
 
 
 def _consistent(x: Array) -> Array:
@@ -67,9 +67,9 @@ PRINTED_DENSITY = Density(
 
 
 def kink_distances(finger: Finger) -> Array:
-    """Return the distances [m] from the contact's axis to the pad's edges and corners, rising, without 0.
+    """Return the distances [m] from the contact's axis to the pad's edges and corners, increasing, without 0.
 
-    The number of receptors within a distance is smooth between them and nowhere else (model.md 8).
+    The number of receptors within a distance is smooth between these distances but not at them (model.md 8).
     """
     x, y = finger.contact_centre
     along = np.array([x, finger.pad_length - x])
@@ -82,9 +82,9 @@ def kink_distances(finger: Finger) -> Array:
 def receptors_within(distance: ArrayLike, finger: Finger, density: Density = CONSISTENT) -> Array:
     """Return the expected number of receptors within `distance` [m] of the contact's axis.
 
-    It is the integral of the density over the part of the disc on the pad, as one integral along the finger. At
-    x = x_c + r sin(psi) the pad's sides clip the chord where r cos(psi) exceeds them. The range of psi is cut
-    there, so that Gauss's rule is applied to smooth pieces.
+    It is the integral of the density over the part of the disc on the pad, as one integral along the finger. At x = x_c
+    + r sin(psi), the pad's sides clip the chord if r cos(psi) exceeds them. The range of psi is divided there, so that
+    Gauss quadrature is applied to smooth pieces.
     """
     r = np.atleast_1d(np.asarray(distance, float))
     x_c, y_c = finger.contact_centre
@@ -110,25 +110,24 @@ def _gauss() -> tuple[Array, Array]:
 
 @lru_cache(maxsize=64)
 def receptor_count(finger: Finger, density: Density) -> ReceptorCount:
-    """Return the count of a pad, made once for all the scenes that share it."""
+    """Return the receptor count of a pad, cached for all scenes that share it."""
     return ReceptorCount(finger, density)
 
 
 class ReceptorCount:
     """`receptors_within` as polynomials, one for each interval between the pad's kinks.
 
-    On the first interval the count is the squared distance times a smooth function of it (of the
-    distance itself where the axis is on the pad's edge), so that it keeps its relative accuracy
-    for the smallest patch. Beyond a kink at d it is smooth in sqrt(r² - d²), because the arc that
-    the edge cuts off grows like a square root.
+    On the first interval, the count is the squared distance times a smooth function of it (of the distance itself if
+    the axis is on the pad's edge), which preserves relative accuracy for the smallest patches. Beyond a kink at d it is
+    smooth in sqrt(r² - d²), because the arc that the edge cuts off grows like a square root.
 
     Parameters
     ----------
     finger, density
-        The pad, where it is touched, and the density reading.
+        The pad with its contact centre, and the density reading.
     tolerance
-        Error at which the series are cut, in receptors. Forty terms reach it, except with the axis within
-        a millimetre of an edge or corner, where the error is up to 1e-4 receptors.
+        Truncation error of the series, in receptors. It is reached with forty terms, unless the axis is within a
+        millimetre of an edge or corner, where the error is up to 1e-4 receptors.
     """
 
     def __init__(self, finger: Finger, density: Density, tolerance: float = 1e-9) -> None:
@@ -146,7 +145,7 @@ class ReceptorCount:
             part = 0.5 * (node + 1)
             squared = start**2 + span**2 * (part if even else part**2)
             within = receptors_within(np.sqrt(squared), finger, density)
-            # both vanish at the axis; their ratio is smooth and keeps the relative accuracy of small patches
+            # both vanish at the axis; their ratio is smooth and preserves relative accuracy for small patches
             full = np.asarray(chebyshev.chebfit(node, within if start else within / squared, 40))
             tail = np.abs(full)[::-1].cumsum()[::-1] * (1.0 if start else span**2)
             keep = max(int((tail > tolerance).sum()), 1)

@@ -1,12 +1,12 @@
 """Response of one parameter vector by slow adaptive integration: the reference for the fast scene.
 
-Nothing is tabulated and nothing is integrated by parts. Over the distance rho from the contact's
-axis, with w the receptors per unit distance that the pad has there,
+There are no tables and no integration by parts. Over the distance rho from the contact's axis, with w the number of
+receptors of the pad per unit distance,
 
     N = integral of w(rho) nu(I(sigma(rho))) d rho    from 0 to the last receptor that fires,
 
-where the stress is the exact one at every node and w comes from the arcs of the circle inside the
-pad. The range is cut where w or sigma has a kink, and each piece is halved until it agrees with its halves.
+where the stress is exact at every node and w follows from the arcs of the circle inside the pad. The range is divided
+where w or sigma has a kink, and each piece is halved until its integral agrees with that of its halves.
 """
 
 from __future__ import annotations
@@ -39,11 +39,11 @@ NODES = 12
 """Gauss nodes of a piece."""
 
 HALVINGS = 60
-"""Largest number of halvings of a piece; 2^-60 of the pad is less than an atom."""
+"""Largest number of halvings of a piece; 2^-60 of the pad is smaller than an atom."""
 
 INTERVAL_RTOL = 1e-7
-"""Smallest tolerance of the intervals. Near the onset of firing they are the reciprocal of a root, so that stresses
-rounded to 1e-15 leave them uncertain by about the root of that."""
+"""Smallest tolerance of mean intervals. Near the onset of firing they diverge like an inverse square root, so that
+rounding errors of 1e-15 in the stress cause errors of about the square root of that."""
 
 ARC_NODES = 40
 """Gauss nodes of an arc, which spans at most a quarter of the circle."""
@@ -62,7 +62,7 @@ class RateLaw(Protocol):
 
 @dataclass(frozen=True)
 class SimulatedRate:
-    """The membrane's own rate, simulated at every current.
+    """Firing rate of the membrane, simulated at every current.
 
     Parameters
     ----------
@@ -93,13 +93,12 @@ def reference_response(
     Parameters
     ----------
     scene
-        Its fabrics, loads, finger and readings are used; its tables are not.
+        The scene; its fabrics, loads, finger and readings are used, its tables are not.
     parameters
         Scalars; a radius or a depth among them replaces the finger's.
     law
-        The firing rate. By default the reading's membrane is simulated, which takes about a
-        millisecond for each quadrature node: ten seconds for 36 conditions at `rtol` 1e-5, against a
-        tenth of a second with a curve.
+        The firing rate. By default the reading's membrane is simulated, which takes about a millisecond per quadrature
+        node: ten seconds for 36 conditions at `rtol` 1e-5, compared with a tenth of a second for a rate curve.
     rtol
         Relative tolerance of each integral; intervals are not refined below `INTERVAL_RTOL`, and
         simulated rates have an error of 1e-6 themselves.
@@ -107,7 +106,7 @@ def reference_response(
     Returns
     -------
     Response
-        Fields of shape (conditions,); means are NaN where no receptor fires.
+        Fields of shape (conditions,); means are NaN if no receptor fires.
 
     Raises
     ------
@@ -190,13 +189,13 @@ def _contact(scene: Scene, finger: Finger, b: float, m: float) -> Contact:
 
 
 def _needed_stress(rheobase: float, alpha: float, beta: float, sigma_0: float) -> float:
-    """Return the stress [Pa] at which the current equals the rheobase; infinite if none is large enough."""
+    """Return the stress [Pa] at which the current equals the rheobase; infinite if the current never reaches it."""
     odds = (alpha - rheobase) / rheobase
     return sigma_0 - math.log(odds) / beta if odds > 0 else math.inf
 
 
 def _last_distance(excess: Callable[[float, int], float], condition: int, finger: Finger) -> float:
-    """Return the distance [m] up to which a condition's stress is large enough, at most the pad's farthest corner."""
+    """Return the distance [m] up to which the stress of a condition suffices, at most the pad's farthest corner."""
     farthest = float(kink_distances(finger)[-1])
     if excess(farthest, condition) >= 0:
         return farthest
@@ -211,10 +210,10 @@ class _Pieces(NamedTuple):
     condition: Indices
 
     def integrals(self, integrand: Callable[[Array, Indices], Array]) -> Array:
-        """Gauss's rule on each piece, shape (3, n).
+        """Gauss quadrature on each piece, shape (3, n).
 
-        With rho = lower + (upper - lower) sin²(phi) the square roots in which the rate starts, and in
-        which the arcs open behind a kink, are smooth at both ends of a piece.
+        The substitution rho = lower + (upper - lower) sin²(phi) removes the square-root singularities at the ends of a
+        piece, at the onset of firing and beyond a kink of the arcs.
         """
         node, weight = np.polynomial.legendre.leggauss(NODES)
         phi = 0.25 * np.pi * (node + 1.0)
@@ -229,7 +228,7 @@ class _Pieces(NamedTuple):
         return _Pieces(lower, upper, np.tile(self.condition, 2))
 
     def take(self, index: NDArray[np.bool_]) -> _Pieces:
-        """Return the pieces of a boolean choice."""
+        """Return the pieces selected by a mask."""
         return _Pieces(self.lower[index], self.upper[index], self.condition[index])
 
     @classmethod
@@ -241,7 +240,7 @@ class _Pieces(NamedTuple):
 
 
 def _integrate(integrand: Callable[[Array, Indices], Array], pieces: _Pieces, n_conditions: int, rtol: float) -> Array:
-    """Sum the integrals of each condition's pieces, halving those that do not agree with their halves."""
+    """Sum the integrals over each condition's pieces, halving pieces until they agree with their halves."""
     total = np.zeros((3, n_conditions))
     if not pieces.lower.size:
         return total

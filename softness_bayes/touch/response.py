@@ -1,4 +1,4 @@
-"""Responses of the receptor population to each condition, as values."""
+"""Response of the receptor population to each condition."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ class Response(NamedTuple):
     total_rate: Array
     """Sum of the receptors' firing rates [spikes/s]."""
     responding: Array
-    """Receptors that fire."""
+    """Number of receptors that fire."""
     mean_rate: Array
-    """Mean rate of the receptors that fire [Hz]; NaN where none does."""
+    """Mean rate of the receptors that fire [Hz]; NaN if none fire."""
     mean_interval: Array
-    """Mean inter-spike interval of the receptors that fire [s]; NaN where none does."""
+    """Mean inter-spike interval of the receptors that fire [s]; NaN if none fire."""
     peak_stress: Array
     """Stress at receptor depth on the contact's axis [Pa]."""
     contact: Contact

@@ -1,4 +1,4 @@
-"""The stress fields of loads as scenes share them: the moduli that they cover, and fields that are made once."""
+"""Stress fields shared between scenes: the range of moduli that they cover, and a cache of computed fields."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ STIFFEST_SKIN_MODULUS = 1e7
 
 
 MANY_LOADS = 24
-"""Number of loads of a kind above which one table serves them all; compiling it takes as long as that of 20 to 30."""
+"""Number of loads of one kind above which they share one table, whose compilation takes as long as 20 to 30 loads."""
 
 
 def covered_moduli(
@@ -60,10 +60,10 @@ def fields_of(
     modulus_range: tuple[float, float],
     discretisation: Discretisation,
 ) -> list[StressField | FingerField]:
-    """Return the stress fields of distinct loads at a resolution, for one finger, or for those of a box.
+    """Return the stress fields of distinct loads at a resolution, for one finger or a range of fingers.
 
-    Equal fields are made once. The reference scene of an accuracy choice and the chosen scene share a field, cut
-    differently. More than `MANY_LOADS` loads of a kind share one table.
+    Equal fields are computed once. The reference scene of an accuracy choice and the chosen scene share a field with
+    different truncations. More than `MANY_LOADS` loads of one kind share a table.
     """
     tolerance = discretisation.field_tolerance
     rest = readings, modulus_range, discretisation.field_source or tolerance
@@ -85,7 +85,7 @@ def fields_of(
 
 
 def cut(fields: Sequence[StressField | FingerField], tolerance: float) -> list[StressField | FingerField]:
-    """Return fields with their series cut at a larger tolerance."""
+    """Return fields with series truncated at a larger tolerance."""
     tables: dict[int, list[LoadField]] = {}
     of_fingers: dict[int, FingerField] = {}
     for field in fields:
@@ -104,7 +104,7 @@ def cut(fields: Sequence[StressField | FingerField], tolerance: float) -> list[S
 
 
 def forget() -> None:
-    """Forget the fields that were made, so that the next ones can be timed."""
+    """Clear the cache of fields, so that computation of the next ones can be timed."""
     for kept in (_stress_field, _finger_field, _load_table):
         kept.cache_clear()
 

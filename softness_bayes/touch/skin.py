@@ -23,7 +23,7 @@ class SkinDisplacement:
     power: int
     exponent_unit: str
     meaning: str = field(default="", repr=False, compare=False)
-    """The reading in words, for lists."""
+    """Description of the reading, for lists."""
 
 
 STRAIN = SkinDisplacement(
@@ -39,9 +39,9 @@ def skin_modulus(log_scale: ArrayLike, p: ArrayLike, log_k: ArrayLike, b: ArrayL
 
     With v = m u and w = ln v the equation becomes
     w + p e^w + (1-p) softplus(ln(k b) + e^w) = ln(m C) - p ln b. The left side rises and is convex
-    in w, so Newton's method finds the root from any start, without a bracket. The start is the
-    smaller of two upper bounds, one sharp for a soft and one for a stiff fabric. Halley's correction lengthens
-    steps above the root (to at most twice Newton's) and shortens those below it; three steps are usual.
+    in w, so Newton's method finds the root from any starting point, without a bracket. The starting point is the
+    smaller of two upper bounds, one sharp for soft and one for stiff fabrics. Halley's correction lengthens steps above
+    the root (to at most twice Newton's) and shortens those below it; three steps are typical.
 
     Parameters
     ----------
@@ -61,7 +61,7 @@ def skin_modulus(log_scale: ArrayLike, p: ArrayLike, log_k: ArrayLike, b: ArrayL
     if not ((b > 0) & np.isfinite(b)).all() or not ((m >= 0) & np.isfinite(m)).all():
         raise InputError("skin: expected finite b > 0 and m >= 0")
     log_b = np.log(b)
-    # m = 0 gives v = 0; a tiny positive number stands for it in logarithms
+    # m = 0 gives v = 0, replaced by a tiny positive number in logarithms
     target = np.asarray(log_scale, float) + np.log(np.maximum(m, 1e-300)) - p * log_b
     offset = np.asarray(log_k, float) + log_b
     q = 1.0 - p
@@ -78,7 +78,7 @@ def skin_modulus(log_scale: ArrayLike, p: ArrayLike, log_k: ArrayLike, b: ArrayL
         bend = (rise + v * v * q * logistic * (1.0 - logistic)) / (1.0 + rise)
         step = newton / np.maximum(1.0 - 0.5 * newton * bend, 0.5)
         w -= step
-        if (np.abs(step) * np.maximum(v, 1.0) <= 1e-5).all():  # the next error is of the cube of this
+        if (np.abs(step) * np.maximum(v, 1.0) <= 1e-5).all():  # the next error is proportional to the cube of this one
             break
     else:
         raise NumericalError("skin: the modulus did not converge")  # pragma: no cover - never seen

@@ -16,7 +16,7 @@ from softness_bayes.touch.contact import Finger, Fingertip, hertz_force
 Array = NDArray[np.float64]
 
 ATTENUATION = 2.67e-3
-"""kappa of the attenuated pressure [N m]: the paper's 2.67, whose unit must be N mm."""
+"""kappa of the attenuated pressure [N m]: 2.67 in the paper, which must be in N mm."""
 
 GAUSS_DENSITY = 9.0
 """Gauss nodes per unit of the graded variable of the stress integral; 9 reach 1e-12 at every depth."""
@@ -26,17 +26,17 @@ GAUSS_DENSITY = 9.0
 class Pressure:
     """A reading of the contact pressure, p(r) = amplitude sqrt(1 - r²/a²) exp(-decay r²/a²) for r <= a.
 
-    Both numbers depend on the touch only through E_star and a. A scene can therefore tabulate
-    the stress field of a load as a one-parameter family.
+    Amplitude and decay depend on the touch only through E_star and a. A scene can therefore tabulate the stress field
+    of a load as a one-parameter family.
     """
 
     name: str
     amplitude: Callable[[Array, Array, Fingertip], Array]
-    """Pressure at the centre [Pa] from E_star [Pa], a [m] and the finger."""
+    """Pressure at the centre [Pa] as a function of E_star [Pa], a [m] and the finger."""
     decay: Callable[[Array, Array, Fingertip], Array]
-    """Dimensionless decay from the same."""
+    """Dimensionless decay as a function of the same quantities."""
     meaning: str = field(default="", repr=False, compare=False)
-    """The reading in words, for lists."""
+    """Description of the reading, for lists."""
 
     def __call__(self, r: ArrayLike, reduced_modulus: ArrayLike, radius: ArrayLike, finger: Fingertip) -> Array:
         """Return the pressure [Pa] at distance `r` [m] from the axis; 0 outside the contact."""
@@ -63,7 +63,7 @@ def _printed_amplitude(modulus: Array, a: Array, finger: Fingertip) -> Array:
 
 
 def _printed_decay(modulus: Array, a: Array, finger: Fingertip) -> Array:
-    # numbers in mm-N-MPa, as the paper has them: F = 4 a⁴ E_star / 3 and r² F / (2.67 a)
+    # numbers in mm-N-MPa, as in the paper: F = 4 a⁴ E_star / 3 and r² F / (2.67 a)
     a_mm, modulus_mpa = a * 1e3, modulus * 1e-6
     return a_mm * (4.0 * a_mm**4 * modulus_mpa / 3.0) / 2.67
 
@@ -95,9 +95,9 @@ class Kernel:
     centre: Callable[[Array, float], Array]
     two_sided: bool
     far_power: float
-    """n, where the vertical stress falls like rho^-n far from the contact."""
+    """Exponent n of the decay rho^-n of the vertical stress far from the contact."""
     meaning: str = field(default="", repr=False, compare=False)
-    """The reading in words, for lists."""
+    """Description of the reading, for lists."""
 
 
 def _line_common(gap: Array, z: float) -> Array:
@@ -176,11 +176,11 @@ class Component:
     name: str
     select: Callable[..., Array]
     needs_plane: bool
-    """Whether all three plane stresses enter, which the axisymmetric kernel does not give."""
+    """Whether all three plane stresses are needed, which the axisymmetric kernel does not provide."""
     far_power: float | None
-    """n, where the stress falls like rho^-n far from the contact; None if the kernel defines it."""
+    """Exponent n of the decay rho^-n of the stress far from the contact; None if the kernel defines it."""
     meaning: str = field(default="", repr=False, compare=False)
-    """The reading in words, for lists."""
+    """Description of the reading, for lists."""
 
 
 def _vertical(sigma_z: Array) -> Array:
@@ -209,7 +209,7 @@ def _gauss(nodes: int) -> tuple[Array, Array]:
 
 
 def _graded(lower: Array, upper: Array, centre: Array, scale: Array, density: float) -> tuple[Array, Array]:
-    """Gauss nodes and weights on [lower, upper], crowded around `centre` within `scale` (a sinh map)."""
+    """Gauss nodes and weights on [lower, upper], concentrated within `scale` of `centre` by a sinh map."""
     u0, u1 = np.arcsinh((lower - centre) / scale), np.arcsinh((upper - centre) / scale)
     x, weight = _gauss(int(28 + density * np.max(u1 - u0, initial=0.0)))
     half = 0.5 * (u1 - u0)[..., None]
@@ -236,9 +236,9 @@ def unit_stress(
 
     The substitution s = a sin(phi) removes the square-root edges. Two length scales remain: the
     receptor's depth around the influence's centre, and the width of the attenuation around the
-    axis. If they are apart, the range is cut between them and each piece is graded towards its
-    own centre. The number of nodes then grows only with the logarithm of the scales' ratio as the
-    depth goes to 0 or the decay to infinity.
+    axis. If they are far apart, the range is divided between them and each piece is graded towards its own centre. The
+    number of nodes then grows only with the logarithm of the ratio of scales as the depth tends to 0 or the decay to
+    infinity.
 
     Parameters
     ----------
@@ -254,7 +254,7 @@ def unit_stress(
     Returns
     -------
     ndarray
-        Stress over the pressure's amplitude, of the broadcast shape.
+        Stress divided by the pressure amplitude, of the broadcast shape.
     """
     given = np.broadcast_arrays(np.asarray(rho, float), np.asarray(radius, float), np.asarray(decay, float))
     rho, a, q = (values.reshape(-1) for values in given)
@@ -282,7 +282,7 @@ def unit_stress(
         phi, weight = _graded(low[of], high[of], centre[of], scale[of], density)
         sine = np.sin(phi)
         squared = sine**2
-        # in place: the arrays are large, and this is where tables spend their time
+        # in place, because the arrays are large and most of the time for tables is spent here
         share = np.exp(-q[of][:, None] * squared)
         share *= np.subtract(1.0, squared, out=squared)
         share *= weight

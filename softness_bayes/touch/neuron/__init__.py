@@ -1,1 +1,1 @@
-"""From a receptor current to a firing rate: the membrane of a touch receptor's afferent, and its fast rate curves."""
+"""From receptor current to firing rate: membrane model of a touch afferent, and its precomputed rate curves."""

@@ -1,7 +1,8 @@
-"""Rest and its loss: equilibria of the membrane from its steady current, without a simulation.
+"""Resting state and its loss of existence: equilibria of the membrane from its steady current, without simulation.
 
-At a fold of ``I_ss(V)`` the resting state meets a saddle and vanishes. Where that leaves a closed orbit through the
-place of the fold, firing begins arbitrarily slowly: on the centre manifold ``dx/dt = a (I - I_fold) + b x^2``, so that
+At a fold of ``I_ss(V)`` the resting state collides with a saddle and vanishes (saddle-node bifurcation). If a closed
+orbit passes through the fold (SNIC), firing starts at arbitrarily low rates: on the centre manifold ``dx/dt = a (I -
+I_fold) + b x^2``, so that
 
 ``rate = sqrt(a b (I - I_fold)) / pi``,  ``a b = -I_ss''(V) / (2 C_eff^2)``,
 ``C_eff = C (1 + sum_g (dV'/dg) (dg_inf/dV) tau_g)``,
@@ -30,18 +31,18 @@ _VOLTAGE_ERROR = 1e-12  # mV
 
 
 class Fold(NamedTuple):
-    """The first fold of the steady current, NaN where there is none; every array has the shape (n,)."""
+    """The first fold of the steady current, NaN if there is none; all arrays have shape (n,)."""
 
     voltage: FloatArray
     """[mV]"""
     current: FloatArray
     """[µA/cm²]"""
     prefactor: FloatArray
-    """Rate over the square root of the excess current, just above [Hz/sqrt(µA/cm²)]"""
+    """Rate divided by the square root of the excess current, just above the fold [Hz/sqrt(µA/cm²)]"""
 
 
 def fold(channels: Channels, membrane: Membrane) -> Fold:
-    """Return the first local maximum of the steady current along the branch of rest.
+    """Return the first local maximum of the steady current along the resting branch.
 
     Parameters
     ----------
@@ -114,7 +115,7 @@ def _rising_root(
     low: FloatArray,
     high: FloatArray,
 ) -> FloatArray:
-    """Return the root of a function that rises through 0 between ``low`` and ``high``, by Newton and bisection."""
+    """Return the root of a function increasing through 0 between ``low`` and ``high``, by Newton and bisection."""
     x = 0.5 * (low + high)
     for _ in range(_ITERATIONS):
         value, steepness = function(x), slope(x)

@@ -1,4 +1,4 @@
-"""Rate curves of held channels: one curve for all parameter vectors, with or without noise."""
+"""Rate curves of fixed channels: one curve for all parameter vectors, with or without noise."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ LARGEST_CURRENT = 150.0
 """Largest alpha [µA/cm²] with a rate curve: depolarisation block starts at 154-210 (model.md 7)."""
 
 USUAL_CURRENT = 40.0
-"""Largest current [µA/cm²] of the usual curve."""
+"""Largest current [µA/cm²] of the default curve."""
 
 
 class Firing(Protocol):
@@ -29,7 +29,7 @@ class Firing(Protocol):
         """Return the rate curve of each parameter vector, of batch shape (batch,) or ()."""
 
     def exact(self) -> Firing:
-        """Return a source of the curves that these approximate, to measure their error against."""
+        """Return a source of exact curves, the reference for the error of these."""
 
 
 class FixedChannels:
@@ -40,11 +40,11 @@ class FixedChannels:
     channels, membrane
         Multipliers and membrane of the curve.
     max_current
-        Largest current [µA/cm²] of the usual curve. Larger alphas get a longer one, made once.
+        Largest current [µA/cm²] of the default curve. For larger alphas, a longer curve is computed once.
     noise
-        Strength of a white current [µA/cm² sqrt(ms)] over which the curve is averaged, by simulation.
+        Strength of a white-noise current [µA/cm² sqrt(ms)] over which the curve is averaged by simulation.
     nodes
-        Exact rates that the usual curve goes through.
+        Number of exact rates that the default curve interpolates.
     """
 
     def __init__(
@@ -60,7 +60,7 @@ class FixedChannels:
         self.channels, self.membrane, self.noise, self.max_current = channels, membrane, noise, max_current
         self.nodes = nodes
         self.curve = self._made(max_current, nodes)
-        # a curve of averages takes minutes: made now, for all the processes that a run may have
+        # an averaged curve takes minutes: computed now, once for all processes of a run
         self._longer: RateCurve | None = self._made(LARGEST_CURRENT, nodes) if noise else None
         self._exact: FixedChannels | None = None
 
@@ -70,7 +70,7 @@ class FixedChannels:
         return known_curve(self.channels, self.membrane, max_current, nodes)
 
     def exact(self) -> FixedChannels:
-        """Return a source with more nodes, made once; itself where the curve is an average over noise."""
+        """Return a cached source with more nodes, or this one if the curve is an average over noise."""
         if self.noise:
             return self
         if self._exact is None:
@@ -78,7 +78,7 @@ class FixedChannels:
         return self._exact
 
     def curves(self, parameters: Driven) -> RateCurve:
-        """Return the one curve, of batch shape (), or one for each vector where an alpha needs a longer one.
+        """Return the common curve, of batch shape (), or one per vector if an alpha requires a longer curve.
 
         Raises
         ------

@@ -2,7 +2,7 @@
 
 Every gate ``x`` obeys ``dx/dt = opening(V) - total(V) x``, so that ``x_inf = opening / total`` and
 ``tau = 1 / total``. Voltages are in mV, times in ms. Arrays of gates have one row for each gate, in the order
-m, (A,) h, (B,) n: activation before inactivation, so that ``m^3 h`` and ``A^3 B`` are formed side by side. Arrays of
+m, (A,) h, (B,) n: activation before inactivation, so that ``m^3 h`` and ``A^3 B`` are computed together. Arrays of
 channels have the rows Na, (A,) K.
 """
 
@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 FloatArray = NDArray[np.float64]
 
 VOLTAGE_LIMIT = 5000.0
-"""Rates are held at their values at plus or minus this voltage [mV], so that no exponential overflows."""
+"""Rates are constant beyond plus or minus this voltage [mV], so that no exponential overflows."""
 
 
 class Rate(NamedTuple):
@@ -71,7 +71,7 @@ class GateRates(NamedTuple):
 
 
 class _Terms(NamedTuple):
-    """The terms that all rates share; rows as ``Gating.__post_init__`` stacks them."""
+    """Terms common to all rates, with the rows stacked in ``Gating.__post_init__``."""
 
     arguments: FloatArray
     growth: FloatArray
@@ -82,7 +82,7 @@ class _Terms(NamedTuple):
 
 @dataclass(frozen=True)
 class Gating:
-    """All gates of one membrane: m, h and n, and A and B where there is an A-current.
+    """All gates of one membrane: m, h and n, plus A and B if there is an A-current.
 
     Parameters
     ----------
@@ -206,12 +206,12 @@ def open_fractions(gates: FloatArray) -> FloatArray:
 
 
 def channel_of_gate(gates: int) -> list[int]:
-    """Return the row of :func:`open_fractions` in which each gate appears."""
+    """Return the row of :func:`open_fractions` that contains each gate."""
     return [0, 0, 1] if gates == 3 else [0, 1, 0, 1, 2]
 
 
 def fraction_slopes(gates: FloatArray) -> FloatArray:
-    """Return the derivative of each gate's open fraction by that gate, shape (gates, n)."""
+    """Return the derivative of each open fraction with respect to each of its gates, shape (gates, n)."""
     pairs = len(gates) // 2
     activation, n = gates[:pairs], gates[-1]
     square = activation * activation
@@ -227,7 +227,7 @@ def _column(values: Iterable[float]) -> FloatArray:
 
 
 def _linear_slope(terms: _Terms) -> FloatArray:
-    """Derivative of ``z / expm1(z)`` by z, from its series where the closed form cancels."""
+    """Derivative of ``z / expm1(z)``, from its series where the closed form suffers from cancellation."""
     z, growth = terms.arguments[:2], terms.growth
     near = np.abs(z) < 0.02
     if not near.any():

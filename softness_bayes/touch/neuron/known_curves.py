@@ -1,4 +1,4 @@
-"""Rate curves of the paper's channels, computed once and shipped: others take a second or two each."""
+"""Precomputed rate curves of the paper's channels; other channels take a second or two per curve."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from softness_bayes.touch.neuron.firing import CurveError, RateCurve, exact_curv
 from softness_bayes.touch.neuron.membrane import Channels, Membrane
 
 CURVES = "known_curves.json"
-"""File of the curves, which `tools.curve_build` writes."""
+"""File of the curves, written by `tools.curve_build`."""
 
 
 def known_curve(channels: Channels, membrane: Membrane, max_current: float, nodes: int) -> RateCurve:
-    """Return the curve that `exact_curve` makes of the same arguments: the shipped one, if there is one."""
+    """Return the shipped curve if there is one; otherwise compute it by `exact_curve` with the same arguments."""
     kept = (
         None if any(np.ndim(value) for value in channels) else _kept().get(key(channels, membrane, max_current, nodes))
     )
@@ -24,13 +24,13 @@ def known_curve(channels: Channels, membrane: Membrane, max_current: float, node
 
 
 def key(channels: Channels, membrane: Membrane, max_current: float, nodes: int) -> str:
-    """Return all that decides a curve as text: every constant of the membrane too, so that none can be mistaken."""
+    """Return a text key with everything that determines a curve, including all constants of the membrane."""
     multipliers = ", ".join(f"{name} {float(value)!r}" for name, value in channels._asdict().items())
     return f"{multipliers}, to {float(max_current)!r} µA/cm², {nodes} nodes, {membrane!r}"
 
 
 def text_of(curves: dict[str, RateCurve]) -> str:
-    """Return the content of the file, which holds every digit."""
+    """Return the content of the file, with full precision."""
     fields = {
         name: {
             "rheobase": float(curve.rheobase),

@@ -1,8 +1,9 @@
-"""Steady firing after a current step from rest: integrate until the membrane repeats itself or settles.
+"""Steady firing after a current step from rest, integrated until the membrane fires periodically or settles.
 
-A spike is an upward crossing of ``SPIKE_VOLTAGE``. Its time is found by repeating the step that crosses it with
-other lengths until the step ends on it, so that it has the full order of the method. The rate is the inverse of the
-converged interval between spikes. Spikes are not counted: those of an onset transient are not sustained firing.
+A spike is an upward crossing of ``SPIKE_VOLTAGE``. The integration step that contains the crossing is repeated with
+adjusted lengths until it ends at the crossing, so that spike times have the full order of the method. The rate is the
+inverse of the converged inter-spike interval rather than a spike count, which would include spikes of the onset
+transient.
 """
 
 from __future__ import annotations
@@ -20,30 +21,30 @@ from softness_bayes.touch.neuron.vector_field import ArrowJacobian, Cells
 FloatArray = NDArray[np.float64]
 
 SPIKE_VOLTAGE = -30.0
-"""Voltage [mV] that a spike crosses upwards."""
+"""Voltage [mV] whose upward crossing defines a spike."""
 
 TOLERANCE = 2e-9
 """Largest local error of a step, relative to 100 mV and to a fully open gate. Periods are accurate to 3e-8, except
-where the membrane lingers near the place of a lost equilibrium: there the error grows with the time it stays."""
+where the membrane lingers near a vanished equilibrium: there the error grows with the time spent."""
 
 AGREEMENT = 1e-8
-"""Agreement of successive periods, and of the states at successive spikes, at which an orbit counts as periodic."""
+"""Relative difference of successive periods, and of states at successive spikes, below which an orbit is periodic."""
 
-_REARM = 1.0  # mV below the spike voltage before another spike can count
-_LOCATED = 1e-6  # mV from the spike voltage at which a spike counts as found
-_SETTLED = (2e-2, 2e-4)  # distance from a stable equilibrium [mV, gate] within which a cell counts as silent
-_SETTLED_CHECK = 16  # steps between looks for settled cells
-_MAX_SUBTHRESHOLD = 150  # voltage peaks without a spike after which a cell counts as silent: it oscillates below
+_REARM = 1.0  # mV below the spike voltage that must be reached before the next spike
+_LOCATED = 1e-6  # mV from the spike voltage within which a spike is located
+_SETTLED = (2e-2, 2e-4)  # distance from a stable equilibrium [mV, gate] within which a cell is silent
+_SETTLED_CHECK = 16  # steps between checks for settled cells
+_MAX_SUBTHRESHOLD = 150  # voltage peaks without a spike after which a cell is silent: it oscillates below threshold
 _MAX_STEPS = 400_000
 
 
 class StepsSpentError(NumericalError):
-    """The step limit of a search is reached."""
+    """The step limit of a search was reached."""
 
 
 @dataclass
 class Budget:
-    """Remaining integration steps of one search; a step of many cells side by side counts once."""
+    """Remaining integration steps of one search; a simultaneous step of many cells counts once."""
 
     left: int
 
@@ -53,7 +54,7 @@ class Budget:
         Raises
         ------
         StepsSpentError
-            If none is left, with the currents that were being tried.
+            If none is left; the message gives the currents being tried.
         """
         if self.left <= 0:
             low, high = cells.current.min(), cells.current.max()
@@ -62,12 +63,12 @@ class Budget:
 
 
 class Orbit(NamedTuple):
-    """The periodic orbit or equilibrium that cells end on."""
+    """The periodic orbit or equilibrium to which cells converge."""
 
     rate: FloatArray
-    """Rates [Hz], shape (n,); exactly 0 where a cell settles or oscillates below the spike voltage"""
+    """Rates [Hz], shape (n,); exactly 0 if a cell settles or oscillates below the spike voltage"""
     spike_state: FloatArray
-    """State on the orbit at the instant of a spike, shape (1 + gates, n); NaN where the rate is 0"""
+    """State on the orbit at the time of a spike, shape (1 + gates, n); NaN if the rate is 0"""
 
 
 def steady_orbit(
@@ -77,7 +78,7 @@ def steady_orbit(
     agreement: float = AGREEMENT,
     budget: Budget | None = None,
 ) -> Orbit:
-    """Follow cells that start from given states to the periodic orbit or equilibrium that they end on.
+    """Integrate cells from given states until they reach a periodic orbit or an equilibrium.
 
     Parameters
     ----------
@@ -90,12 +91,12 @@ def steady_orbit(
     agreement : float
         Relative difference of successive periods, and scaled distance of successive spikes, that ends the search.
     budget : Budget, optional
-        Steps that may be taken; without one, each call has its own.
+        Limit on the number of steps; by default a separate one for each call.
 
     Raises
     ------
     NumericalError
-        If a cell neither settles nor repeats itself, or the budget is spent.
+        If a cell neither settles nor becomes periodic, or the budget is spent.
     """
     rate, spike_state = np.zeros(len(cells)), np.full_like(state, np.nan)
     orbits = _Orbits.start(cells, state, tolerance)
@@ -122,21 +123,21 @@ def steady_orbit(
 
 @dataclass
 class _Orbits:
-    """Trajectories of the cells that are not yet decided, one column for each cell."""
+    """Trajectories of cells that have not yet converged, one column per cell."""
 
     cells: Cells
-    lane: NDArray[np.intp]  # the cell's place among all cells
+    lane: NDArray[np.intp]  # index of the cell among all cells
     tolerance: FloatArray
     state: FloatArray
-    stride: FloatArray  # step length that the error allows [ms]
-    length: FloatArray  # step length to be tried: the stride, or less while a spike is being located
+    stride: FloatArray  # step length allowed by the error [ms]
+    length: FloatArray  # step length to try: the stride, or less while a spike is being located
     elapsed: FloatArray  # time since the last spike [ms]
     armed: NDArray[np.bool_]  # the voltage has been below the spike voltage since the last spike
     rising: NDArray[np.bool_]
     peaks: NDArray[np.intp]  # voltage peaks since the last spike
     low: FloatArray  # step lengths around the spike, (length [ms], voltage above the spike voltage [mV])
     high: FloatArray
-    intervals: FloatArray  # the last four, newest last; NaN where there is none yet
+    intervals: FloatArray  # the last four, newest last; NaN if not yet available
     spike_state: FloatArray  # at the last spike
     returned: FloatArray  # scaled distance between the last two such states
 
@@ -192,7 +193,7 @@ class _Orbits:
         self.length = np.where(self.high[0] > 0.0, self._secant(), self.stride) if busy else self.stride
 
     def _locate(self, locating: NDArray[np.bool_], crossing: NDArray[np.bool_], gap: FloatArray) -> NDArray[np.bool_]:
-        """Tighten the bracket around every spike that is being located (Illinois); return which ones are found."""
+        """Tighten the bracket around every spike being located (Illinois method); return a mask of those found."""
         found = (locating | crossing) & (np.abs(gap) <= _LOCATED)
         before = self.state[0] - SPIKE_VOLTAGE
         self.low = np.where(crossing, [np.zeros_like(gap), before], self.low)
@@ -210,7 +211,7 @@ class _Orbits:
         return start - below * (end - start) / np.where(above > below, above - below, 1.0)
 
     def _record(self, spiking: NDArray[np.intp]) -> None:
-        """Note the intervals that end with the spikes just found."""
+        """Record the intervals that end with the spikes just found."""
         self.intervals[:, spiking] = np.vstack([self.intervals[1:, spiking], self.elapsed[spiking]])
         change = np.abs(self.state[:, spiking] - self.spike_state[:, spiking])
         change[0] /= 100.0
@@ -220,7 +221,7 @@ class _Orbits:
         self.peaks[spiking] = 0
 
     def period(self, agreement: float) -> FloatArray:
-        """Return the periods of the trajectories that repeat themselves [ms], 0 for the others."""
+        """Return the periods [ms] of periodic trajectories, 0 for the others."""
         fresh = self.elapsed == 0.0
         if not fresh.any():
             return np.zeros(len(self.lane))
@@ -232,7 +233,7 @@ class _Orbits:
         return np.where(fresh & repeated, last, np.where(fresh & converged, newer, 0.0))
 
     def settled(self) -> NDArray[np.bool_]:
-        """Return which trajectories have come to rest on a stable equilibrium."""
+        """Return a mask of the trajectories that have settled on a stable equilibrium."""
         settled = np.zeros(len(self.lane), dtype=bool)
         slope = self.cells.slope(self.state)
         slow = np.flatnonzero(np.abs(slope).max(axis=0) < 1e-1)
@@ -245,7 +246,7 @@ class _Orbits:
 
 
 def _aitken(first: FloatArray, second: FloatArray, third: FloatArray) -> FloatArray:
-    """Return the limit of a geometric sequence from three terms; the last term where they no longer differ."""
+    """Return the limit of a geometric sequence from three terms, or the last term if they no longer differ."""
     change = third - second
     curvature = change - (second - first)
     settled = np.abs(curvature) <= 1e-12 * np.abs(third)

@@ -1,4 +1,4 @@
-"""The membrane of a touch receptor's afferent: its channels and their currents.
+"""Membrane model of a touch afferent: channels and their currents.
 
 ``C dV/dt = c_Na g_Na m^3 h (E_Na - V) + c_K g_K n^4 (E_K - V) + c_L g_L (E_L - V) + c_A g_A A^3 B (E_A - V) + I``
 
@@ -69,14 +69,14 @@ PAPER_CHANNELS = Channels(c_Na=1.05, c_K=1.16, c_L=1.0, c_A=1.5)
 
 @dataclass(frozen=True)
 class Membrane:
-    """Constants of one excitable membrane, one reading of the paper's two citations.
+    """Constants of one excitable membrane: one interpretation of the two sources cited in the paper.
 
     Parameters
     ----------
     name : str
         Name in options and files.
     g_na, g_k, g_l, g_a : float
-        Maximal conductances [mS/cm²]; ``g_a`` counts only where the gating has an A-current.
+        Maximal conductances [mS/cm²]; ``g_a`` is used only if the gating has an A-current.
     e_na, e_k, e_l, e_a : float
         Reversal potentials [mV].
     gating : Gating
@@ -84,7 +84,7 @@ class Membrane:
     capacitance : float
         Membrane capacitance [µF/cm²].
     meaning : str
-        The reading in words, for lists.
+        Description of the reading, for lists.
     """
 
     name: str
@@ -108,7 +108,7 @@ class Membrane:
 
     @property
     def without_effect(self) -> tuple[str, ...]:
-        """Names of the multipliers of currents that the membrane does not have."""
+        """Names of the multipliers of currents absent from the membrane."""
         return ("c_A",) if self.gating.a_current is None else ()
 
 
@@ -166,7 +166,7 @@ class SteadyTerms(NamedTuple):
     current: FloatArray
     """[µA/cm²]"""
     slope: FloatArray
-    """Derivative by voltage [mS/cm²]"""
+    """Derivative with respect to voltage [mS/cm²]"""
 
 
 def steady_terms(voltage: FloatArray, membrane: Membrane) -> SteadyTerms:
@@ -213,7 +213,7 @@ def steady_current(
 
 
 def lanes(channels: Channels, **others: ArrayLike) -> tuple[tuple[int, ...], list[FloatArray]]:
-    """Check and broadcast the multipliers and further named arrays; return their common shape, and each flattened.
+    """Check and broadcast the multipliers and further named arrays; return the common shape and the flattened arrays.
 
     Raises
     ------

@@ -1,8 +1,9 @@
-"""The noise-averaged firing rate against current, with its Monte-Carlo error.
+"""Noise-averaged firing rate as a function of current, with its Monte-Carlo error.
 
-With noise a membrane also fires below its rheobase, less and less often. The curve ends where the mean rate falls
-below `LEAST_RATE`; below that current the membrane counts as silent. Above it the rate is smooth in the current, and a
-least-squares polynomial in the root of the distance from that end averages the simulations' scatter.
+With noise, a membrane also fires below its rheobase, at decreasing rates. The curve ends where the mean rate falls
+below `LEAST_RATE`; below that current the membrane is treated as silent. Above it, the rate is a smooth function of the
+current, and a least-squares polynomial in the square root of the distance from that end averages out the scatter of the
+simulations.
 """
 
 from __future__ import annotations
@@ -22,13 +23,13 @@ from softness_bayes.touch.neuron.spikes import firing_statistics
 FloatArray = NDArray[np.float64]
 
 LEAST_RATE = 0.25
-"""Mean rate [Hz] below which a noisy membrane counts as silent: a spike in four seconds."""
+"""Mean rate [Hz] below which a noisy membrane is treated as silent: one spike in four seconds."""
 
 _NODES = 40
 _DEGREE = 13
 _STEP = 0.02  # ms; rates are accurate to 2e-4
 _CLOSEST = 0.05  # of the range of s, the node next to the end of the curve
-_REACHES = np.linspace(0.0, 12.0, 25)  # µA/cm² below the rheobase where the end of the curve is looked for
+_REACHES = np.linspace(0.0, 12.0, 25)  # µA/cm² below the rheobase at which the end of the curve is searched
 
 
 def noisy_curve(
@@ -40,12 +41,12 @@ def noisy_curve(
     runs: int = 16,
     duration: float = 2000.0,
 ) -> RateCurve:
-    """Return the curve through simulated mean rates.
+    """Return a smooth curve fitted to simulated mean rates.
 
     Parameters
     ----------
     noise : float
-        Strength of the white current [µA/cm² sqrt(ms)].
+        Strength of the white-noise current [µA/cm² sqrt(ms)].
     channels : Channels
         Scalar multipliers of the conductances [-].
     membrane : Membrane
@@ -55,20 +56,20 @@ def noisy_curve(
     seed : int
         Seed of the simulations.
     runs : int
-        Runs of each current.
+        Number of runs for each current.
     duration : float
-        Length of each [ms].
+        Duration of each run [ms].
 
     Returns
     -------
     RateCurve
-        Of batch shape (). Its error is the largest deviation of a simulated rate from the curve, or two of the fit's
-        standard errors where that is more.
+        Curve of batch shape (). Its error is the larger of the maximum deviation of a simulated rate from the curve and
+        two standard errors of the fit.
 
     Raises
     ------
     InputError
-        If the noise is not positive, or the membrane silent up to the largest current.
+        If the noise is not positive, or the membrane is silent up to the largest current.
     """
     replace(NOISES, above=True).require("noise", noise)
     rng = np.random.default_rng(seed)
@@ -79,9 +80,9 @@ def noisy_curve(
     s_max = float(np.sqrt(max_current - begin))
     share = 0.5 * (1.0 - np.cos(np.pi * np.arange(_NODES) / (_NODES - 1)))
     s = s_max * (_CLOSEST + (1.0 - _CLOSEST) * share)
-    current = np.minimum(begin + s**2, max_current)  # rounding may pass the end
+    current = np.minimum(begin + s**2, max_current)  # rounding errors may go past the end
     found = firing_statistics(current, noise, rng, channels, membrane, duration, runs, _STEP)
-    # runs without a spike have no spread; their error is at least that of one spike
+    # runs without spikes have zero variance; their error is at least that of one spike
     spread = np.maximum(found.rate_error, 1000.0 / (duration * runs))
     w = 2.0 * s / s_max - 1.0
     rows = s[:, None] * chebyshev.chebvander(w, _DEGREE) / spread[:, None]
@@ -98,7 +99,7 @@ def noisy_curve(
 def _end(
     noise: float, channels: Channels, membrane: Membrane, rheobase: float, rng: np.random.Generator, runs: int
 ) -> float:
-    """Return the current at which the mean rate falls through `LEAST_RATE`, by interpolation of its logarithm."""
+    """Return the current at which the mean rate crosses `LEAST_RATE`, by interpolation of its logarithm."""
     current = rheobase - _REACHES
     found = firing_statistics(current, noise, rng, channels, membrane, 1000.0, 2 * runs, _STEP)
     seldom = np.flatnonzero(found.rate < LEAST_RATE)

@@ -1,14 +1,14 @@
 """Onset of firing: the rheobase, and the rate just above it.
 
-Firing begins in one of three ways, which simulation tells apart:
+Firing starts in one of three ways, which are distinguished by simulation:
 
-- at a fold of equilibria that the periodic orbit passes through, arbitrarily slowly (:mod:`~.equilibrium`);
+- at a fold of equilibria on the periodic orbit, at arbitrarily low rates (:mod:`~.equilibrium`);
 - at a fold of periodic orbits, at a finite rate: the stable orbit meets an unstable one and both vanish. Orbits near
-  the fold attract only weakly, and below it trajectories pass the lost orbit so slowly that they look periodic. The
-  fold is therefore extrapolated from stable orbits well above it, twice; the second time from closer by.
-  Where the two disagree, because the orbits turn too sharply, simulation finds the rheobase to 1e-3 µA/cm²;
-- elsewhere, where the trajectory that leaves rest stops falling into the basin of an equilibrium. There the period
-  grows without bound too, but only as the logarithm of the distance to the rheobase.
+  the fold attract only weakly, and below it trajectories pass the vanished orbit so slowly that they look periodic. The
+  fold is therefore extrapolated twice from stable orbits well above it, the second time from closer ones. If the two
+  disagree because the orbits turn too sharply, the rheobase is found by simulation to 1e-3 µA/cm²;
+- elsewhere, where the trajectory from rest no longer enters the basin of an equilibrium. There the period
+  also diverges, but only as the logarithm of the distance to the rheobase.
 """
 
 from __future__ import annotations
@@ -29,34 +29,34 @@ from softness_bayes.touch.neuron.vector_field import Cells
 FloatArray = NDArray[np.float64]
 
 SEARCH_LIMIT = 250.0
-"""Largest current [µA/cm²] at which the onset is searched for: beyond it depolarisation blocks every membrane."""
+"""Largest current [µA/cm²] in the search for the onset; all membranes are in depolarisation block beyond it."""
 
-_CLASSIFYING_TOLERANCE = 1e-7  # local error where only the kind of onset is needed
-_SECTIONS = 24  # currents tried side by side while a jump is bracketed, shared by the cells of a batch
-_RUNGS = 25  # currents tried upwards until one fires
+_CLASSIFYING_TOLERANCE = 1e-7  # local error if only the type of onset is needed
+_SECTIONS = 24  # currents tried simultaneously while a jump is bracketed, shared by the cells of a batch
+_RUNGS = 25  # increasing currents tried until one fires
 _RESOLUTION = 1e-6  # µA/cm², width of the final bracket around a jump
 _SLOW_RESOLUTION = 1e-3  # µA/cm², without a fold of equilibria: the time taken grows like 1/sqrt(width)
 _FAMILY_BRACKET = 0.02  # µA/cm², width of the bracket from which a fold of orbits is extrapolated
 _FAMILY = 0.1 + 0.7 * np.sin(0.5 * np.pi * (np.arange(12) + 0.5) / 12.0) ** 2  # sqrt(µA/cm²), orbits above the bracket
-_DEGREE_FROM_AFAR = 9  # of the current as a polynomial in the rate: higher degrees fit errors only
+_DEGREE_FROM_AFAR = 9  # of the current as a polynomial in the rate; higher degrees only fit errors
 _SAME_FOLD = 2e-3  # µA/cm², agreement of the two extrapolations
 _JUST_ABOVE = 5e-4  # µA/cm² above the fold, where a trajectory from rest must reach the orbit
 _LOOKS_PERIODIC = 5e-3  # µA/cm² below the fold within which a slow passage looks like firing
 _EXPECTED_WITHIN = 0.49 * _FAMILY_BRACKET  # µA/cm² around an expected rheobase that are searched first
-_PASSING = 1e-5  # agreement of periods where only the kind of onset is needed
+_PASSING = 1e-5  # agreement of periods if only the type of onset is needed
 
 
 class Onset(NamedTuple):
     """The onset of firing; every array has the shape of the multipliers."""
 
     rheobase: FloatArray
-    """Smallest current with sustained firing [µA/cm²]; infinite where there is none"""
+    """Smallest current with sustained firing [µA/cm²]; infinite if there is none"""
     rate: FloatArray
     """Rate just above the rheobase [Hz]: 0 at a fold of equilibria"""
     prefactor: FloatArray
-    """Rate over the root of the excess current at a fold of equilibria [Hz/sqrt(µA/cm²)]; NaN at a jump"""
+    """Rate divided by the square root of the excess current at a fold of equilibria [Hz/sqrt(µA/cm²)]; NaN at a jump"""
     born: NDArray[np.bool_]
-    """Whether firing begins at a fold of periodic orbits, where the rate is smooth in that root"""
+    """Whether firing starts at a fold of periodic orbits, where the rate is smooth in that square root"""
 
 
 def rheobase(channels: Channels = PAPER_CHANNELS, membrane: Membrane = CONNOR_STEVENS) -> FloatArray:
@@ -79,17 +79,17 @@ def onset(
     membrane : Membrane
         Constants.
     expected : array_like, optional
-        Expected rheobases [µA/cm²], of the multipliers' shape. A jump is searched for around them first, which is
-        several times faster. Simulation still decides.
+        Expected rheobases [µA/cm²], of the multipliers' shape. A jump is first searched around them, which is several
+        times faster. The result is still decided by simulation.
     budget : Budget, optional
-        Steps that may be taken, as :func:`~.limit_cycle.steady_orbit` takes it.
+        Limit on the number of steps, as for :func:`~.limit_cycle.steady_orbit`.
 
     Raises
     ------
     InputError
         If a multiplier is negative or not finite.
     NumericalError
-        If a membrane neither settles nor repeats itself, or the budget is spent.
+        If a membrane neither settles nor becomes periodic, or the budget is spent.
     """
     shape, multipliers = lanes(channels)
     distinct, first, lane = np.unique(np.array(multipliers), axis=1, return_index=True, return_inverse=True)
@@ -114,9 +114,9 @@ def onset(
 def fires_through(
     folds: Fold, channels: Channels, membrane: Membrane, budget: Budget | None = None
 ) -> NDArray[np.bool_]:
-    """Return whether firing begins arbitrarily slowly at each fold, shape (n,).
+    """Return whether firing starts at arbitrarily low rates at each fold, shape (n,).
 
-    There the period just above the fold is the time that the membrane lingers near the lost equilibrium.
+    In this case, the period just above the fold is the time that the membrane spends near the vanished equilibrium.
     """
     through = np.isfinite(folds.prefactor)
     some = Channels(*(c[through] for c in channels))
@@ -127,7 +127,7 @@ def fires_through(
 
 
 class _Bracket(NamedTuple):
-    """Currents between which firing begins [µA/cm²] and the rate at the upper one [Hz], of shape (n,)."""
+    """Currents that bracket the onset of firing [µA/cm²] and the rate at the upper one [Hz], of shape (n,)."""
 
     low: FloatArray
     high: FloatArray
@@ -137,13 +137,13 @@ class _Bracket(NamedTuple):
 def _jumps(
     channels: FloatArray, fold_current: FloatArray, membrane: Membrane, expected: FloatArray, budget: Budget | None
 ) -> tuple[FloatArray, FloatArray, NDArray[np.bool_]]:
-    """Return the currents at which firing begins abruptly, the rates there, and whether orbits fold.
+    """Return the currents at which firing starts abruptly, the rates there, and whether it is a fold of orbits.
 
     Multipliers have the shape (4, n).
     """
 
     def passing(current: FloatArray, lane: NDArray[np.intp]) -> FloatArray:
-        """Return approximate rates, without integrating through the many spikes near a fold of orbits."""
+        """Return approximate rates without integrating the many spikes near a fold of orbits."""
         some = Channels(*channels[:, lane])
         cells = Cells.of(membrane, some, current)
         return steady_orbit(cells, rest(some, membrane), _CLASSIFYING_TOLERANCE, _PASSING, budget).rate
@@ -155,13 +155,13 @@ def _jumps(
     start = np.where(np.isfinite(fold_current), fold_current, 0.0)
     bracket = _climb(passing, start, expected)
     found = np.isfinite(bracket.high)
-    # beside a fold of equilibria, orbits do not fold: firing begins where rest is left for the orbit's basin
+    # next to a fold of equilibria, orbits do not fold: firing starts where rest enters the basin of the orbit
     folding = np.flatnonzero(found & ~np.isfinite(fold_current))
     _narrow(passing, bracket, folding, _FAMILY_BRACKET)
     current, rate = _births(exact, passing, bracket, folding)
     born = np.zeros(found.size, dtype=bool)
     born[folding] = np.isfinite(current)
-    slow = folding[~born[folding]]  # a slow passage may have been taken for firing here
+    slow = folding[~born[folding]]  # a slow passage may have been mistaken for firing here
     bracket.high[slow] += _LOOKS_PERIODIC
     _narrow(exact, bracket, slow, _SLOW_RESOLUTION)
     _narrow(exact, bracket, np.flatnonzero(found & np.isfinite(fold_current)), _RESOLUTION)
@@ -176,7 +176,7 @@ _Rates = Callable[[FloatArray, NDArray[np.intp]], FloatArray]
 
 
 def _climb(rates: _Rates, start: FloatArray, expected: FloatArray) -> _Bracket:
-    """Return the first of rising currents that fires, and the one before it; infinite where none does."""
+    """Return the first of increasing currents with firing, and the one before it; infinite if there is none."""
     low, high, rate = start.copy(), np.full(start.size, np.inf), np.zeros(start.size)
     lane = np.flatnonzero(expected - _EXPECTED_WITHIN > start)
     if lane.size:
@@ -197,7 +197,7 @@ def _climb(rates: _Rates, start: FloatArray, expected: FloatArray) -> _Bracket:
 
 
 def _narrow(rates: _Rates, bracket: _Bracket, lane: NDArray[np.intp], width: float) -> None:
-    """Narrow the brackets at ``lane`` in place, several currents side by side."""
+    """Narrow the brackets at ``lane`` in place, with several currents at once."""
     sections = max(1, _SECTIONS // max(lane.size, 1))
     share = np.arange(1, sections + 1) / (sections + 1)
     while (lane := lane[bracket.high[lane] - bracket.low[lane] > width]).size:
@@ -213,17 +213,17 @@ def _narrow(rates: _Rates, bracket: _Bracket, lane: NDArray[np.intp], width: flo
 
 
 def _births(rates: _Rates, passing: _Rates, bracket: _Bracket, lane: NDArray[np.intp]) -> tuple[FloatArray, FloatArray]:
-    """Return current and rate at the folds of periodic orbits at which firing begins; NaN where it does not."""
+    """Return current and rate at the folds of periodic orbits where firing starts; NaN if it does not start there."""
     low, high = bracket.low[lane], bracket.high[lane]
     first, _ = _turn(rates, high, lane, _DEGREE_FROM_AFAR)
     margin = _LOOKS_PERIODIC + _SAME_FOLD
     with np.errstate(invalid="ignore"):
-        # so far from the bracket an extrapolated fold is an artefact, and is not refined
+        # an extrapolated fold this far from the bracket is an artefact and is not refined
         first = np.where((first > low - margin) & (first <= high + margin), first, np.nan)
         birth, rate = _turn(rates, first, lane, _FAMILY.size - 1)
         inside = (birth > low - _LOOKS_PERIODIC) & (birth <= high + _LOOKS_PERIODIC)
         found = np.flatnonzero(inside & (np.abs(birth - first) <= _SAME_FOLD))
-    # firing begins at the fold only if a trajectory from rest reaches the orbit
+    # firing starts at the fold only if a trajectory from rest reaches the orbit
     found = found[passing(birth[found] + _JUST_ABOVE, lane[found]) > 0.0]
     missing = np.setdiff1d(np.arange(lane.size), found)
     birth[missing], rate[missing] = np.nan, np.nan
@@ -231,7 +231,7 @@ def _births(rates: _Rates, passing: _Rates, bracket: _Bracket, lane: NDArray[np.
 
 
 def _turn(rates: _Rates, base: FloatArray, lane: NDArray[np.intp], degree: int) -> tuple[FloatArray, FloatArray]:
-    """Return current and rate where the family of orbits above ``base`` turns around; NaN where no turn is found.
+    """Return current and rate at which the family of orbits above ``base`` folds back; NaN if no fold is found.
 
     Along the family the current is a smooth function of the rate, and smallest at the fold.
     """

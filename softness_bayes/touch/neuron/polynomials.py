@@ -1,6 +1,6 @@
-"""Sums of polynomials for the inner loops: in place, orders along the first axis and points along the last.
+"""Evaluation of polynomial series for inner loops: in place, orders along the first axis, points along the last.
 
-Values of neighbouring points then lie side by side in memory, coefficients and points alike.
+Values at neighbouring points are then contiguous in memory, for coefficients and points alike.
 """
 
 from __future__ import annotations

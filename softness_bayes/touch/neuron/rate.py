@@ -1,4 +1,4 @@
-"""Exact steady firing rates: the reference for every faster form."""
+"""Exact steady firing rates, the reference for all faster approximations."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from softness_bayes.touch.neuron.vector_field import Cells
 
 FloatArray = NDArray[np.float64]
 
-_BLOCK = 2048  # cells integrated side by side
-_SLOW = 0.06  # sqrt(µA/cm²): closer to the fold the tolerance shrinks, because errors add up over the long period
+_BLOCK = 2048  # cells integrated simultaneously
+_SLOW = 0.06  # sqrt(µA/cm²): closer to the fold, the tolerance decreases because errors accumulate over the long period
 CONTINUED = 0.02  # sqrt(µA/cm²): closer to the fold the rate is continued analytically
 _CONTINUATION_NODES = CONTINUED * np.array([1.0, 1.5, 2.0, 2.5])
 _SAME_LIMIT = 1e-3  # relative difference to the analytic limit below which the orbit passes through the fold
@@ -31,9 +31,9 @@ def firing_rate(
     """Return the steady firing rate after a current step applied to the membrane at rest.
 
     The membrane starts from its equilibrium without a current, and the rate is the inverse period of the orbit that it
-    ends on: 0 where it settles on an equilibrium (below the rheobase, and in depolarisation block far above it).
-    Within 4e-4 µA/cm² above a fold the period exceeds seconds and is not integrated. There ``sqrt(I - I_fold) / rate``,
-    which is smooth in ``sqrt(I - I_fold)``, is interpolated between its analytic limit and exact values.
+    reaches: 0 if it settles on an equilibrium (below the rheobase, and in depolarisation block far above it). Within
+    4e-4 µA/cm² above a fold the period exceeds seconds and is not integrated. There ``sqrt(I - I_fold) / rate``, which
+    is smooth in ``sqrt(I - I_fold)``, is interpolated between its analytic limit and exact values.
 
     Parameters
     ----------
@@ -47,7 +47,7 @@ def firing_rate(
         Largest local error of a step. With 5e-8 rates take half the time, and differ by up to 1e-6 (relative), or 4e-6
         within 0.01 µA/cm² of the rheobase.
     budget : Budget, optional
-        Steps that may be taken, as :func:`~.limit_cycle.steady_orbit` takes it.
+        Limit on the number of steps, as for :func:`~.limit_cycle.steady_orbit`.
 
     Returns
     -------
@@ -59,7 +59,7 @@ def firing_rate(
     InputError
         If a current or multiplier is not finite, or a multiplier negative.
     NumericalError
-        If a membrane neither settles nor repeats itself, or the budget is spent.
+        If a membrane neither settles nor becomes periodic, or the budget is spent.
     """
     shape, (*multipliers, flat) = lanes(channels, current=current)
     distinct, lane = np.unique(np.array(multipliers), axis=1, return_inverse=True)
@@ -71,13 +71,13 @@ def firing_rate(
     above = _CONTINUATION_NODES[:, None] ** 2
 
     def exact(cells: NDArray[np.bool_], more: FloatArray) -> FloatArray:
-        """Exact rates of some cells, then of those at ``near`` with currents that are ``more`` above their folds."""
+        """Exact rates of some cells, then of the cells at ``near`` with currents ``more`` above their folds."""
         many = np.hstack([np.array(multipliers)[:, cells], np.tile(distinct[:, near], len(more))])
         currents = np.append(flat[cells], folds.current[near] + more)
         beyond = np.append(excess[cells], np.repeat(more, near.size))
         return simulated(currents, Channels(*many), membrane, beyond, tolerance, budget).rate
 
-    # all side by side: together they take the steps of the slowest
+    # all at once, because together they take only as many steps as the slowest
     found = exact(~slow, above)
     rate = np.zeros(flat.size)
     rate[~slow], nodes = np.split(found, [found.size - len(above) * near.size])
@@ -123,7 +123,7 @@ def simulated(
     tolerance: float = TOLERANCE,
     budget: Budget | None = None,
 ) -> Orbit:
-    """Return the orbits that cells reach from rest, by integration; ``excess`` is the current above a fold, or NaN."""
+    """Integrate cells from rest and return the orbits reached; ``excess`` is the current above a fold, or NaN."""
     closeness = np.where(excess > 0.0, np.sqrt(np.maximum(excess, 0.0)) / _SLOW, 1.0)
     local, agreement = tolerance * np.clip(closeness, CONTINUED / _SLOW, 1.0) ** 3, tolerance * (AGREEMENT / TOLERANCE)
     state = rest(channels, membrane)

@@ -1,8 +1,8 @@
-"""One step of Rodas5P for a row of cells, each with its own step length.
+"""Rodas5P integration steps for a row of cells, each with an individual step length.
 
 Rodas5P (Steinebach, BIT Numerical Mathematics 63:27, 2023) is an L-stable Rosenbrock method of order 5 with an
-embedded solution of order 4. A cell's Jacobian is an arrow, so each of its eight linear systems costs a handful of
-elementwise operations, and the long quiet passage before a spike takes few steps however stiff it is.
+embedded solution of order 4. The Jacobian of a cell is an arrowhead matrix, so each of the eight linear systems takes
+only a few elementwise operations, and the long quiescent phase before a spike takes few steps despite its stiffness.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ _STAGES = tuple(np.array([a + (1.0,) * (len(c) - len(a)), c]) for a, c in zip((*
 
 
 def step(cells: Cells, state: FloatArray, length: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Advance every cell by its own step length.
+    """Advance every cell by its step length.
 
     Parameters
     ----------
@@ -69,7 +69,7 @@ def step(cells: Cells, state: FloatArray, length: FloatArray) -> tuple[FloatArra
     rows, n = state.shape
     stages = np.empty((len(_STAGES) + 1, rows * n))
     stages[0] = solver(slope).ravel()
-    with np.errstate(over="ignore", invalid="ignore"):  # a step that is far too long overflows, and is rejected
+    with np.errstate(over="ignore", invalid="ignore"):  # a step that is much too long overflows and is rejected
         for i, weights in enumerate(_STAGES, start=1):
             offset, memory = (weights @ stages[:i]).reshape(2, rows, n)
             within = state + offset
@@ -92,7 +92,7 @@ def next_length(length: FloatArray, size: FloatArray) -> FloatArray:
 
 
 def travel(cells: Cells, state: FloatArray, duration: FloatArray, tolerance: float) -> FloatArray:
-    """Return the state of every cell after its own duration [ms], shapes as in :func:`step`."""
+    """Return the state of every cell after its duration [ms], with shapes as in :func:`step`."""
     state, left = state.copy(), duration.copy()
     length = np.minimum(FIRST_LENGTH, duration)
     under_way = np.flatnonzero(left > 0.0)
@@ -113,7 +113,7 @@ def travel(cells: Cells, state: FloatArray, duration: FloatArray, tolerance: flo
 
 
 class ArrowSolver:
-    """Solves ``(w - J) x = b`` for arrow Jacobians J and scalars w, one of each per cell."""
+    """Solver of ``(w - J) x = b`` for arrowhead Jacobians J and scalars w, one of each per cell."""
 
     def __init__(self, jacobian: ArrowJacobian, w: FloatArray) -> None:
         self._inverse = 1.0 / (w + jacobian.decay)

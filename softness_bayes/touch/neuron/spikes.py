@@ -1,8 +1,8 @@
-"""Spike trains under any current, with or without channel noise, and the noise-averaged firing rate.
+"""Spike trains for arbitrary currents, with or without channel noise, and the noise-averaged firing rate.
 
 Noise is a Gaussian white current, ``C dV = (...) dt + noise dW`` with ``noise`` in µA/cm² sqrt(ms). It is additive and
-integrated by Rößler's SRA1 (SIAM J. Numer. Anal. 48, 922, 2010): strong order 1.5 at two evaluations for each step. A
-train without noise is integrated by LSODA, its spikes located as events.
+integrated by Rößler's SRA1 (SIAM J. Numer. Anal. 48, 922, 2010), with strong order 1.5 at two evaluations per step.
+Noise-free trains are integrated by LSODA, with spikes located as events.
 """
 
 from __future__ import annotations
@@ -25,15 +25,15 @@ Current = Callable[[float], float] | float
 """Injected current [µA/cm²]: a number, or a function of the time [ms]."""
 
 REARM_VOLTAGE = -45.0
-"""Voltage [mV] below which the membrane must fall before it can spike again. Noise about the spike voltage, or about
-the depolarised rest of a blocked membrane, then makes no spikes."""
+"""Voltage [mV] below which the membrane must fall before it can spike again. This excludes spurious spikes from noise
+about the spike voltage or about the depolarised rest of a blocked membrane."""
 
 STEP = 0.01
 """Step of the noisy integration [ms]; the explicit method becomes unstable beyond about 0.04."""
 
 _TOLERANCE = 1e-7  # of the integration without noise
-_LONGEST_STEP = 1.0  # ms, so that no pulse of a millisecond is stepped over
-_TRANSIENT = 100.0  # ms left out of statistics: the onset of the current
+_LONGEST_STEP = 1.0  # ms, so that no pulse of a millisecond is missed
+_TRANSIENT = 100.0  # ms excluded from statistics after the onset of the current
 
 
 def spike_times(
@@ -44,7 +44,7 @@ def spike_times(
     noise: float = 0.0,
     rng: np.random.Generator | None = None,
 ) -> FloatArray:
-    """Return the spike times of one membrane that is at rest when the current begins.
+    """Return the spike times of one membrane that is at rest at the onset of the current.
 
     Parameters
     ----------
@@ -58,19 +58,17 @@ def spike_times(
     duration : float
         Length of the train [ms].
     noise : float
-        Strength of the white current [µA/cm² sqrt(ms)].
-    rng : Generator or None
-        Source of the noise.
+        Strength of the white-noise current [µA/cm² sqrt(ms)]. rng : Generator or None Source of the noise.
 
     Returns
     -------
     ndarray
-        Times of the upward crossings of ``SPIKE_VOLTAGE`` [ms], rising.
+        Times of the upward crossings of ``SPIKE_VOLTAGE`` [ms], in increasing order.
 
     Raises
     ------
     InputError
-        If a multiplier, the duration or the noise is negative or not finite, noise comes without a generator, or the
+        If a multiplier, the duration or the noise is negative or not finite, there is noise but no generator, or the
         current is not finite at some time.
     NumericalError
         If the integration fails.
@@ -110,7 +108,7 @@ def spike_times(
 
 
 def _rearmed(crossings: FloatArray, rearmings: FloatArray) -> FloatArray:
-    """Return the crossings that are the first, or the first after a rearming."""
+    """Return the first crossing overall, and the first after each rearming."""
     before = np.searchsorted(rearmings, crossings)
     return crossings[np.append(True, np.diff(before) > 0)[: crossings.size]]
 
@@ -162,9 +160,9 @@ def firing_statistics(
 ) -> FiringStatistics:
     """Return rate and interval statistics of a noisy membrane under constant currents.
 
-    Every current has its own independent ``runs``; errors are the standard errors between them. The first 100 ms of
-    each run are left out. Rates are spike counts per time, which is right here because noise makes them averages over
-    time; a noise-free rate comes from the interval instead.
+    Each current is simulated in ``runs`` independent runs, whose variation gives the standard errors. The first 100 ms
+    of each run are discarded. Rates are spike counts per time, an average over the noise; noise-free rates are instead
+    computed from the inter-spike interval.
 
     Parameters
     ----------
@@ -181,14 +179,14 @@ def firing_statistics(
     duration : float
         Length of each run after the transient [ms].
     runs : int
-        Runs of each current, at least 2.
+        Number of runs for each current, at least 2.
     step : float
         Step of the integration [ms].
 
     Raises
     ------
     InputError
-        If a value is not finite, negative where it cannot be, or there are fewer than two runs.
+        If a value is not finite or has the wrong sign, or there are fewer than two runs.
     """
     one = _one(channels)
     _require(duration, noise, rng)
@@ -224,7 +222,7 @@ def firing_statistics(
 
 
 def _mean_and_error(runs: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the mean over the runs that have a value, and its standard error, along the last axis."""
+    """Return the mean over runs that are not NaN, and its standard error, along the last axis."""
     known = np.isfinite(runs)
     n = known.sum(axis=-1)
     mean = np.where(known, runs, 0.0).sum(axis=-1) / n
@@ -233,7 +231,7 @@ def _mean_and_error(runs: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 class _Walk:
-    """Noisy cells side by side, step by step."""
+    """Simultaneous integration of noisy cells."""
 
     def __init__(
         self,
@@ -252,9 +250,9 @@ class _Walk:
         return cls(cells, state.copy(), noise, rng, step, state[0] < REARM_VOLTAGE)
 
     def advance(self, extra: float, extra_later: float) -> tuple[NDArray[np.bool_], FloatArray]:
-        """Take one SRA1 step; return which cells spiked, and at which fraction of the step.
+        """Take one SRA1 step; return the cells that spiked, and the fraction of the step at which they did.
 
-        ``extra`` is the current beyond the cells' own [µA/cm²] at the step's start, ``extra_later`` at 3/4 of it.
+        ``extra`` is the additional current [µA/cm²] at the start of the step, ``extra_later`` that at 3/4 of it.
         """
         h, before = self.step, self.state
         normal, other = self.rng.standard_normal((2, before.shape[1]))

@@ -1,4 +1,4 @@
-"""Designs of the firing-rate surfaces: the declared inputs of each membrane's surface."""
+"""Designs of the firing-rate surfaces: the inputs from which each surface is built."""
 
 from __future__ import annotations
 
@@ -28,18 +28,18 @@ FloatArray = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Border:
-    """Declared inputs of the border of the corner: ``c_K`` at which firing stops beginning at the fold.
+    """Inputs for the border of the corner: the ``c_K`` beyond which firing no longer starts at the fold.
 
     Parameters
     ----------
     degree : int
         Total degree in the other multipliers.
     points : int
-        Points that the polynomial is fitted to.
+        Number of points to which the polynomial is fitted.
     distance : float
         Root of the current above the fold at which the cell is tested for firing [sqrt(µA/cm²)].
     margin : float
-        Strip beside the border that counts as the corner, in units of the box's half-width.
+        Width of the strip along the border that is treated as the corner, in units of the box's half-width.
     """
 
     degree: int = 6
@@ -50,7 +50,7 @@ class Border:
 
 @dataclass(frozen=True)
 class Design:
-    """Declared inputs of one surface.
+    """Inputs from which one surface is built.
 
     Parameters
     ----------
@@ -61,13 +61,13 @@ class Design:
     degree : int
         Total degree in the multipliers.
     points : int
-        Channel vectors that the polynomials are fitted to.
+        Number of channel vectors to which the polynomials are fitted.
     nodes : int
         Nodes in ``s``, the root of the current above the rheobase.
     closest : float
-        First node, as a share of the largest ``s``; 0 where the limit is known analytically.
+        First node, as a share of the largest ``s``; 0 if the limit is known analytically.
     border : Border or None
-        Where there is a corner.
+        Border of the corner, if there is one.
     channels : Channels
         Centre of the box.
     half_width : float
@@ -96,7 +96,7 @@ class Design:
         return 2.0 * (self.closest + (1.0 - self.closest) * share) - 1.0
 
     def place(self, channels: FloatArray) -> FloatArray:
-        """Return the places in the box of multipliers of shape (4, n), in units of its half-width, shape (axes, n)."""
+        """Return the coordinates in the box of multipliers (4, n), in units of its half-width, shape (axes, n)."""
         return (np.asarray(channels)[self.axes] / self._centre - 1.0) / self.half_width
 
     @cached_property
@@ -104,7 +104,7 @@ class Design:
         return np.array(self.channels)[self.axes, None]
 
     def channels_at(self, place: FloatArray) -> Channels:
-        """Return multipliers at places of shape (axes, n); one without effect keeps the centre's value."""
+        """Return multipliers at coordinates of shape (axes, n); those without effect keep the value of the centre."""
         full = np.zeros((4, place.shape[1]))
         full[self.axes] = place
         return Channels(*(np.array(self.channels)[:, None] * (1.0 + self.half_width * full)))
@@ -116,13 +116,13 @@ class Design:
 
     @property
     def digest(self) -> str:
-        """SHA-256 of everything declared that the surface is made from."""
+        """SHA-256 of all inputs from which the surface is built."""
         declared = json.dumps([_declared(asdict(self)), TOLERANCE, AGREEMENT], sort_keys=True)
         return hashlib.sha256(declared.encode()).hexdigest()
 
 
 def _declared(value: Any) -> Any:
-    """Return declared numbers and names, without explanations and the private fields that are derived from them."""
+    """Return the numbers and names of a design, without descriptions and derived private fields."""
     if isinstance(value, dict):
         return {key: _declared(item) for key, item in value.items() if not key.startswith("_") and key != "meaning"}
     return value
@@ -137,7 +137,7 @@ DESIGNS: Mapping[str, Design] = MappingProxyType(
         )
     }
 )
-"""The surfaces that are shipped, by membrane."""
+"""Designs of the shipped surfaces, by membrane."""
 
 NO_SURFACE: Mapping[str, str] = MappingProxyType(
     {
@@ -145,5 +145,5 @@ NO_SURFACE: Mapping[str, str] = MappingProxyType(
         "and begins to fire in more ways than one"
     }
 )
-"""The reason why a membrane has no surface. The printed membrane begins to fire at 39 to 67 µA/cm² at a fold of
-orbits, but in another way over a fiftieth of the box."""
+"""Reasons why membranes have no surface. The printed membrane starts to fire at 39 to 67 µA/cm² at a fold of orbits,
+but in a different way in a fiftieth of the box."""

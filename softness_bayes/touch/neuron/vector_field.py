@@ -15,7 +15,7 @@ FloatArray = NDArray[np.float64]
 
 
 class ArrowJacobian(NamedTuple):
-    """Jacobian of a cell: gates depend on themselves and on the voltage only, so it is an arrow.
+    """Jacobian of a cell, an arrowhead matrix because each gate depends only on itself and the voltage.
 
     Attributes
     ----------
@@ -26,7 +26,7 @@ class ArrowJacobian(NamedTuple):
     gate_by_voltage : ndarray, shape (gates, n)
         [1/(ms mV)].
     decay : ndarray, shape (gates, n)
-        Minus the derivative of each gate by itself [1/ms].
+        Negative derivative of each gate's slope with respect to the gate [1/ms].
     """
 
     voltage_by_voltage: FloatArray
@@ -39,12 +39,12 @@ class ArrowJacobian(NamedTuple):
 class Cells:
     """A row of independent cells of one membrane under constant currents.
 
-    A state has the shape (1 + gates, n): the voltage [mV], then the gates as ``Gating.names`` orders them.
+    A state has the shape (1 + gates, n): the voltage [mV], then the gates in the order of ``Gating.names``.
 
     Parameters
     ----------
     membrane : Membrane
-        Constants that all cells share.
+        Constants common to all cells.
     conductance : ndarray, shape (2 or 3, n)
         Maximal conductances of the gated channels Na, (A,) K [mS/cm²].
     leak : ndarray, shape (n,)
@@ -89,11 +89,11 @@ class Cells:
         return self._slope(state, *self.membrane.gating.rates(state[0]), open_fractions(state[1:]))
 
     def linearise(self, state: FloatArray) -> ArrowJacobian:
-        """Return the derivative of :meth:`slope` by the state."""
+        """Return the derivative of :meth:`slope` with respect to the state."""
         return self.slope_and_jacobian(state)[1]
 
     def slope_and_jacobian(self, state: FloatArray) -> tuple[FloatArray, ArrowJacobian]:
-        """Return :meth:`slope` and :meth:`linearise`, which share their rates."""
+        """Return :meth:`slope` and :meth:`linearise` together, with rates computed once."""
         voltage, gates = state[0], state[1:]
         opening, total, opening_slope, total_slope = self.membrane.gating.rates_and_slopes(voltage)
         fractions = open_fractions(gates)
