@@ -59,6 +59,8 @@ class Sought(NamedTuple):
     """Name of the sheet in a workbook of several."""
     marks: tuple[frozenset[str], ...] = (frozenset({RATING.name}),)
     """Sets of columns of which one marks the sheet if none has its name."""
+    otherwise: tuple[frozenset[str], ...] = ()
+    """The same, if no sheet is marked by these: a wide table has no column of ratings."""
     given: frozenset[str] = frozenset()
     """Columns whose value is given beside the table: others that may hold it are named, and not read."""
 
@@ -89,9 +91,10 @@ _OF_RATINGS = frozenset(
 )
 _OF_FABRICS = frozenset(NUMBERS) - _SCALES - {LOAD_CV.name, INDENTATION.name, FORCE.name}
 
-LOADED = Sought(_OF_RATINGS, given=_HELD)
+_WIDE = (frozenset({"participant"}),)
+LOADED = Sought(_OF_RATINGS, given=_HELD, otherwise=_WIDE)
 """Ratings whose load is given beside the table."""
-RATED = Sought(_OF_RATINGS | _HELD, (Enough(_LOADS, _HELD),))
+RATED = Sought(_OF_RATINGS | _HELD, (Enough(_LOADS, _HELD),), otherwise=_WIDE)
 """Ratings, with a load in each row."""
 FABRICS = Sought(
     _OF_FABRICS | {"fabric"},

@@ -73,15 +73,18 @@ def has_sheet(source: str | Path, sought: Sought, renames: Mapping[str, str]) ->
 def _candidates(sheets: Mapping[str, Sheet], sought: Sought, renames: Mapping[str, str]) -> list[str]:
     """Return the sheets with the name that is looked for, or with the columns that mark it."""
     named = [name for name in sheets if key(name) == sought.sheet]
-    return named or [name for name, sheet in sheets.items() if _is_marked(sheet, sought, renames)]
+    titles = {name: _understood(sheet, sought, renames) for name, sheet in sheets.items()}
+    for marks in (sought.marks, sought.otherwise):
+        named = named or [name for name, known in titles.items() if any(names <= known for names in marks)]
+    return named
 
 
-def _is_marked(sheet: Sheet, sought: Sought, renames: Mapping[str, str]) -> bool:
+def _understood(sheet: Sheet, sought: Sought, renames: Mapping[str, str]) -> set[str]:
+    """Return the columns of a sheet that are known."""
     try:
-        at = understood(sheet.header, renames, sought, sheet.titled).at
+        return {*understood(sheet.header, renames, sought, sheet.titled).at}
     except InputError:
-        return False
-    return any(names <= at.keys() for names in sought.marks)
+        return set()
 
 
 def _chosen(path: Path, sheets: Mapping[str, Sheet], sought: Sought, renames: Mapping[str, str]) -> Sheet:

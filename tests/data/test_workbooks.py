@@ -2,7 +2,6 @@
 
 import contextlib
 import sys
-from importlib.util import find_spec
 
 import numpy as np
 import pandas as pd
@@ -239,43 +238,3 @@ def test_without_the_engine_the_remedy_is_named(tmp_path, monkeypatch, name, eng
 def test_written_forces_read_back_from_a_frame():
     forces = Compression.read(FORCES)
     assert compression_csv(forces).splitlines()[1] == "a,0.5,0.1"
-
-
-def test_all_forms_of_a_table_say_the_same(tmp_path):
-    """One table as text of several kinds, frame, workbook, Parquet file and wide table gives equal numbers."""
-    random = np.random.default_rng(6)
-    people, cloths, depths = ["01", "1", "Zoë"], ["Köper", "a b", "x"], [0.98, 1.5, 2.25]
-    rows = [(p, f, d) for p in people for f in cloths for d in depths]
-    long = pd.DataFrame(rows, columns=["participant", "fabric", "indentation_mm"])
-    long["rating"] = random.lognormal(2, 1, len(rows)).round(3)
-    long.loc[5, "rating"] = np.nan
-    wide = long.pivot(index="participant", columns=["fabric", "indentation_mm"], values="rating")
-    wide = wide.reindex(people)[[(f, d) for f in cloths for d in depths]]
-    wide.columns = [f"{f} @ {d * 1000:g} µm" for f, d in wide.columns]
-    forms = {"frame": long, "wide frame": wide}
-    for name, options in {
-        "comma": {},
-        "semicolon": {"sep": ";", "decimal": ","},
-        "tab": {"sep": "\t", "decimal": ",", "encoding": "utf-16"},
-        "latin": {"encoding": "latin-1"},
-    }.items():
-        forms[name] = tmp_path / f"{name}.csv"
-        long.to_csv(forms[name], index=False, **options)
-    forms["wide text"] = tmp_path / "wide.csv"
-    wide.to_csv(forms["wide text"], sep=";", decimal=",")
-    if find_spec("openpyxl"):
-        forms["book"], forms["wide book"] = tmp_path / "long.xlsx", tmp_path / "wide.xlsx"
-        long.to_excel(forms["book"], index=False)
-        wide.to_excel(forms["wide book"])
-    if find_spec("pyarrow"):
-        forms["Parquet"], forms["wide Parquet"] = tmp_path / "long.parquet", tmp_path / "wide.parquet"
-        long.to_parquet(forms["Parquet"])
-        wide.to_parquet(forms["wide Parquet"])
-    expected = Ratings.read(forms["comma"])
-    assert len(expected) == 26
-    for name, form in forms.items():
-        read = Ratings.read(form)
-        for field in ("participants", "fabrics", "loads", "n_missing"):
-            assert getattr(read, field) == getattr(expected, field), (name, field)
-        for field in ("participant", "fabric", "load", "rating"):
-            np.testing.assert_array_equal(getattr(read, field), getattr(expected, field), err_msg=name)
