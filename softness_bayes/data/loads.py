@@ -65,13 +65,14 @@ def given_load(table: Table, indentation_mm: float | None, force_n: float | None
             "--indentation-mm and --force-n are for tables without a load column; this one "
             f"has {' and '.join(repr(table.titles[name]) for name in filed)}"
         )
-    elif len(filed) > 1 and all(table.titles[name].casefold() != name for name in filed):
+    elif len(filed) > 1:
         cells = zip(*(table.cells[name] for name in filed), strict=True)
         if all(all(text.casefold() not in MISSING for text in row) for row in cells):
             ways = " or ".join(f"--column {name}={quoted(table.titles[name])}" for name in filed)
-            table.faults.add_general(
-                f"every row has an indentation and a force, expected one load; {ways} takes one alone"
-            )
+            remedy = f"{ways} takes one alone"
+            if any(table.titles[name].casefold() == name for name in filed):
+                remedy = f"leave out the column of what was measured only ({' or '.join(filed)})"
+            table.faults.add_general(f"every row has an indentation and a force, expected one load; {remedy}")
             table.check()
     return given[0] if given else None
 

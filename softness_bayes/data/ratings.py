@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -16,11 +17,12 @@ from softness_bayes.data.covariates import covariates_in
 from softness_bayes.data.decimals import Marks
 from softness_bayes.data.fabrics import Fabrics, log_sd
 from softness_bayes.data.headers import LOADED, RATED
-from softness_bayes.data.loads import given_load, loads_in, rank
+from softness_bayes.data.loads import LOAD_COLUMNS, given_load, loads_in, rank
 from softness_bayes.data.names import alike_notes, guess, natural
 from softness_bayes.data.pairs import unpaired
 from softness_bayes.data.plausible import missing_codes
 from softness_bayes.data.tables import (
+    MISSING,
     FloatArray,
     IntArray,
     Table,
@@ -295,6 +297,7 @@ def _rated_rows(table: Table, filed: FloatArray, drop_zeros: bool) -> tuple[IntA
             "leave the cell of a missing rating empty, or write a rating with decimals, as 999.0",
         )
     kept = ~np.isnan(filed)
+    _require_loads(table, np.flatnonzero(~kept))
     zeros = int((filed == 0).sum()) if drop_zeros else 0
     rated = np.flatnonzero(kept & (filed != 0) if drop_zeros else kept)
     faulty = np.array([table.is_faulty(i, RATING.name) for i in range(len(table))])
@@ -307,6 +310,16 @@ def _rated_rows(table: Table, filed: FloatArray, drop_zeros: bool) -> tuple[IntA
         notes.append(f"{zeros} ratings of 0 are left out, which favours what is rated higher")
     used = np.sort(np.concatenate([rated, np.flatnonzero(faulty & ~kept)]))  # the same rows, if nothing is wrong
     return rated, used, notes
+
+
+def _require_loads(table: Table, rows: IntArray) -> None:
+    """Find words in the place of loads in rows without a rating, such as a unit in a second row of titles."""
+    for entry in LOAD_COLUMNS:
+        name = entry.column.name
+        for i in rows if name in table else ():
+            text = table.cells[name][i]
+            if text.casefold() not in MISSING and not re.search("[0-9]", text):
+                table.fault(i, name, f"expected a number or nothing, got {quoted(text)}; is it a unit of the title?")
 
 
 def _fabrics_in(table: Table, fabrics: Fabrics | None) -> Sequence[str]:

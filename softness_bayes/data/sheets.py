@@ -11,10 +11,12 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from softness_bayes.data.second_headers import joined
 from softness_bayes.errors import InputError, quoted
 
 _CONTROL = re.compile("[\x00-\x08\x0e-\x1f]")
 _JAPANESE = re.compile("[\u3041-\u30fe\u4e00-\u9fff]{2}")
+_TOLD = re.compile('"?sep=([,;\t])"?\n')  # Excel's own line before the header
 _STARTS = {
     b"PK\x03\x04": "this is a workbook: let its name end in .xlsx",
     b"PAR1": "this is a Parquet file: let its name end in .parquet",
@@ -89,6 +91,8 @@ def sheet_of(
             records.append(cells)
             rows.append(line)
     header, body = records[0] if records else [], records[1:]
+    if len(body) > 1 and (two := joined(header, body[0])):
+        header, body, rows, notes = two.titles, body[1:], [rows[0], *rows[2:]], [*notes, two.note]
     if not body:
         raise InputError(f"{place}: there is no row below the header")
     titled = f"{place}: header" if rows[0] < 0 else f"{place}: row {rows[0]}"
@@ -116,7 +120,9 @@ def text_sheet(path: Path, content: bytes) -> Sheet:
         If it is not such a file; the message names file and row.
     """
     text, notes = _decode(path, content)
-    separator = _separator(text)
+    if told := _TOLD.match(text):
+        text = f"\n{text[told.end() :]}"  # a blank row keeps the numbers of the others
+    separator = told[1] if told else _separator(text)
     digest = hashlib.sha256(content).hexdigest()
     lines = _rows(path, text, separator)
     return sheet_of(lines, str(path), path.name, digest, between_commas=separator == ",", notes=notes)

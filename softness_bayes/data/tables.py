@@ -97,8 +97,11 @@ class Table:
     def require(self, *names: str) -> None:
         """Raise an error for a table without one of the columns `names`, with all other problems found."""
         if absent := [name for name in names if name not in self]:
-            remedy = [*self._may_be_ratings(), WIDE] if RATING.name in absent else []
-            known = [f"known columns: {', '.join(self.titles) or 'none'}", *self.notes, *remedy]
+            told = [*self.notes, *([*self._may_be_ratings(), WIDE] if RATING.name in absent else [])]
+            if RATING.name in absent and (series := _numbered([*self.others])):
+                named = listing([quoted(title) for title in series])
+                told = [f"columns {named} look like repeated ratings: give each a row of its own, in a column 'rating'"]
+            known = [f"known columns: {', '.join(self.titles) or 'none'}", *told]
             if len(absent) == 1:
                 lack = f"no column {absent[0]!r}, and no --column {absent[0]}=... says which it is"
             else:
@@ -190,6 +193,12 @@ def read_table(
     mark = mark_of(decimal, sought.sheet)
     sheet = read_sheet(source, sought, renames)
     return _table(sheet if form is None else lengthened(sheet, sought, renames, form), sought, renames, mark)
+
+
+def _numbered(titles: Sequence[str]) -> list[str]:
+    """Return titles that differ in a number at their end alone."""
+    stems = {title: match[1] for title in titles if (match := re.fullmatch(r"(.*?)[\s_.#-]*[0-9]{1,3}", title))}
+    return [title for title, stem in stems.items() if [*stems.values()].count(stem) > 1]
 
 
 def _table(sheet: Sheet, sought: Sought, renames: Mapping[str, str], decimal: str | None) -> Table:

@@ -8,6 +8,7 @@ import os
 import re
 import warnings
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from datetime import datetime, time
 from decimal import Decimal
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
@@ -111,10 +112,9 @@ def _workbook(path: Path, content: bytes) -> dict[str, Sheet]:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # styles and validations that openpyxl does not know
             book = openpyxl.load_workbook(io.BytesIO(content), data_only=True)
-            cells = {
-                name: [[_excel_text(cell) for cell in row] for row in book[name].iter_rows()]
-                for name in (sheet.title for sheet in book.worksheets)
-            }
+            sheets = book.worksheets
+            cells = {one.title: [[_excel_text(cell) for cell in row] for row in one.iter_rows()] for one in sheets}
+            merged = {one.title: _filled(one, cells[one.title]) for one in sheets}
     except Exception as error:  # damaged archives and XML end in errors of many kinds
         raise InputError(f"{path}: not a workbook that can be read ({type(error).__name__})") from None
     filled = {name: rows for name, rows in cells.items() if any(any(row) for row in rows)}
@@ -124,9 +124,20 @@ def _workbook(path: Path, content: bytes) -> dict[str, Sheet]:
             str(path) if len(filled) == 1 else f"{path}, sheet {name!r}",
             path.name if len(filled) == 1 else f"{path.name}, sheet {name!r}",
             digest,
+            notes=merged[name],
         )
         for name, rows in filled.items()
     }
+
+
+def _filled(sheet: Any, cells: list[list[str]]) -> list[str]:
+    """Give every row of cells that are merged within a column their value; return a note if there are any."""
+    found = [one for one in sheet.merged_cells.ranges if one.min_col == one.max_col and one.min_row < one.max_row]
+    for one in found:
+        for row in cells[one.min_row : one.max_row]:
+            row[one.min_col - 1] = cells[one.min_row - 1][one.min_col - 1]
+    places = sorted(str(one) for one in found)
+    return [f"each row of the merged cells {listing(places)} has their value"] if found else []
 
 
 def _excel_text(cell: Any) -> str:
@@ -211,6 +222,8 @@ def _other_text(value: Any) -> str:
     """Return the text of a value that is neither text nor a number of the usual kinds."""
     import pandas as pd
 
+    if isinstance(value, datetime) and value.time() == time():
+        value = value.date()  # as a day is shown
     if value is None or (pd.api.types.is_scalar(value) and pd.isna(value)):
         return ""
     return Number(value) if pd.api.types.is_number(value) else str(value)

@@ -1,0 +1,138 @@
+"""Odd but legitimate tables: two rows of titles, merged cells, dates as names, Excel's own first line."""
+
+import datetime
+
+import pytest
+
+from softness_bayes.data import Fabrics, Ratings, read_experiment
+from softness_bayes.data.second_headers import joined
+from softness_bayes.errors import InputError
+from softness_bayes.touch.contact import Force, Indentation
+
+ROWS = "A,cotton,100,10\nA,silk,100,25\nB,cotton,50,12\nB,silk,50,30\n"
+
+
+@pytest.fixture
+def file(tmp_path):
+    def written(text, name="ratings.csv"):
+        path = tmp_path / name
+        path.write_text(text, encoding="utf-8")
+        return path
+
+    return written
+
+
+# units below the titles
+
+
+@pytest.mark.parametrize(
+    ("title", "unit", "loads"),
+    [
+        ("force", "gf", (0.4903325, 0.980665)),
+        ("force", "[mN]", (0.05, 0.1)),
+        ("force_n", "mN", (0.05, 0.1)),
+        ("force_n", "(N)", (50.0, 100.0)),
+        ("Kraft (N)", "N", (50.0, 100.0)),
+    ],
+)
+def test_units_below_the_titles_are_read(file, title, unit, loads):
+    found = Ratings.read(file(f"participant,fabric,{title},rating\n,,{unit},-\n{ROWS}"))
+    assert found.loads == tuple(map(Force, loads))
+    assert (len(found), found.n_missing) == (4, 0)
+    assert found.rows.tolist() == [3, 4, 5, 6]
+    assert any("the second row holds units" in note for note in found.notes)
+
+
+def test_units_of_fabrics_are_read(file):
+    cloth = Fabrics.read(file("fabric;E;thickness\n;MPa;µm\ncotton;12;400\n"))
+    assert (cloth.tensile_modulus.tolist(), cloth.thickness.tolist()) == ([12e6], [400e-6])
+
+
+@pytest.mark.parametrize("unit", ["MN/m²", "mm", "gramweight", "kilo"])
+def test_a_unit_that_a_load_cannot_have_is_refused(file, unit):
+    """The row has no rating: it must not be passed over as a missing one."""
+    with pytest.raises(InputError):
+        Ratings.read(file(f"participant,fabric,force_n,rating\n,,{unit},\n{ROWS}"))
+
+
+def test_a_word_for_a_load_is_named_where_there_is_no_rating(file):
+    path = file(f"participant,fabric,force,rating\n,,gramweight,\n{ROWS}")
+    with pytest.raises(InputError, match="row 2, column 'force': expected a number or nothing, got 'gramweight'"):
+        Ratings.read(path, columns={"force_n": "force"})
+
+
+@pytest.mark.parametrize(
+    "row", [("m", "N", "1", "1"), ("A", "cotton", "1", "-"), ("", "", "1", "-"), ("", "", "", "-"), ("m", "", "N", "")]
+)
+def test_data_are_no_units(row):
+    assert joined(["participant", "fabric", "force_n", "rating"], row) is None
+
+
+# loads below the fabrics
+
+
+@pytest.mark.parametrize(
+    "head",
+    [
+        ",cotton,cotton,silk,silk\nparticipant,1 N,2 mm,1 N,2 mm\n",
+        "participant,cotton,,silk,\n,1 N,2 mm,1 N,2 mm\n",
+        "participant,cotton,,silk,\nparticipant,1N,2mm,1N,2mm\n",
+    ],
+)
+def test_loads_below_fabrics_are_read(file, head):
+    found = Ratings.read(file(f"{head}A,10,12,25,27\nB,,13,30,33\n"))
+    assert found.fabrics == ("cotton", "silk")
+    assert found.loads == (Indentation(2e-3), Force(1.0))
+    told = {(p, f, k): y for p, f, k, y in zip(found.participant, found.fabric, found.load, found.rating, strict=True)}
+    depths = {(0, 0, 0): 12, (0, 1, 0): 27, (1, 0, 0): 13, (1, 1, 0): 33}
+    assert told == {**depths, (0, 0, 1): 10, (0, 1, 1): 25, (1, 1, 1): 30}
+    assert found.n_missing == 1
+
+
+def test_loads_in_rows_are_no_titles():
+    assert joined(["participant", "cotton", "silk"], ["A", "1 N", "2 N"]) is None
+    assert joined(["", "", ""], ["", "1 N", "2 N"]) is None
+
+
+# workbooks
+
+
+def test_merged_cells_and_days_of_a_workbook(tmp_path):
+    openpyxl = pytest.importorskip("openpyxl")
+    book = openpyxl.Workbook()
+    sheet = book.active
+    sheet.append(["participant", "fabric", "force_n", "rating", "effective_modulus_kpa"])
+    for day in (datetime.date(2024, 2, 1), datetime.datetime(2024, 3, 1)):
+        for fabric, rating, modulus in (("cotton", 10, 50), ("silk", 20, 10)):
+            sheet.append([day, fabric, 1, rating, modulus])
+    sheet.merge_cells("A2:A3")
+    sheet.merge_cells("A4:A5")
+    sheet.merge_cells("G1:H1")  # side by side: nothing is meant by it
+    book.save(tmp_path / "ratings.xlsx")
+    found = read_experiment(tmp_path / "ratings.xlsx").ratings
+    assert found.participants == ("2024-02-01", "2024-03-01")
+    assert found.participant.tolist() == [0, 0, 1, 1]
+    assert "ratings.xlsx: each row of the merged cells A2:A3, A4:A5 has their value" in found.notes
+
+
+# others
+
+
+@pytest.mark.parametrize("told", ["sep=;", '"sep=;"'])
+def test_the_separator_that_excel_writes_is_read(file, told):
+    text = ROWS.replace(",", ";")
+    found = Ratings.read(file(f"{told}\nparticipant;fabric;force_n;rating\n{text}"))
+    assert found.rating.tolist() == [10, 25, 12, 30]
+    assert found.rows.tolist() == [3, 4, 5, 6]
+
+
+def test_trials_side_by_side_are_named(file):
+    with pytest.raises(InputError, match="columns 'trial 1', 'trial 2' look like repeated ratings") as error:
+        Ratings.read(file("participant,fabric,force_n,trial 1,trial 2\nA,silk,1,5,6\nB,silk,1,7,8\n"))
+    assert "misspelt" not in str(error.value)
+
+
+def test_a_load_of_each_kind_in_every_row_is_one_problem(file):
+    head = "participant,fabric,force_n,indentation_mm,rating\n"
+    with pytest.raises(InputError, match="every row has an indentation and a force, expected one load; leave out"):
+        Ratings.read(file(f"{head}A,silk,1,2,5\nB,silk,1,3,7\n"))
