@@ -62,9 +62,10 @@ class FabricCheck(NamedTuple):
         unit = self.unit
         if min(self.p_value, self.condition_p_value) >= NEEDED:
             return (
-                f"fabrics: no mean rating deviates from the response by more than noise explains (p = "
-                f"{self.condition_p_value:.2g}, {len(conditions)} means; deviations of about {self.noticed:.1g} (sd) "
-                f"in the {unit} would be noticed in {percent(NOTICED)} of such tables)"
+                "fabrics: no mean rating deviates from the response by more than noise explains (p = "
+                f"{self.condition_p_value:.2g}, {len(conditions)} means; power: deviations of about "
+                f"{self.noticed:.1g} (sd) in the {unit} would be detected in {percent(NOTICED)} of such "
+                "tables)"
             )
         if self.condition_p_value >= NEEDED:
             found = (
@@ -83,7 +84,7 @@ class FabricCheck(NamedTuple):
     def _remedy(self) -> str:
         """Advice about deviations, which depends on whether they are the same under every load."""
         if self.within_p_value < NEEDED:
-            return "they differ between the loads of a fabric, so that the response is in doubt: try other readings"
+            return "they differ between the loads of a fabric, so the response may be wrong: try other readings"
         alone = (
             "" if np.isfinite(self.within_p_value) else " (with one load per fabric the response may be wrong instead)"
         )

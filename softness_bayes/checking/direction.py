@@ -44,7 +44,7 @@ class Evidence(NamedTuple):
         mean, sign = self.trend.mean, self.trend.sign
         if not math.isfinite(mean.value):
             return (
-                "these ratings contain no information on stiffness: fabrics or mean ratings do not differ at any load"
+                "these ratings contain no information about stiffness: moduli or mean ratings do not differ at any load"
             )
         over = f"over {len(self.loads)} loads" if len(self.loads) > 1 else f"at {self.loads[0]}"
         numbers = f"rank correlation with E_fab {_numbers(mean)} {over}; p = {self.trend.p_value:.2g} if "
@@ -102,19 +102,19 @@ class Choice(NamedTuple):
         other = next(one for one in (RISES, FALLS) if one is not self.direction).name
         if self.against_data:
             return (
-                f"the readout runs against the data, --direction {name} is the wrong way round: {found.sentence}, and "
-                f"{found.model}; --direction {other} has the ratings run as they do"
+                f"the direction contradicts the data: with --direction {name} the prediction has the wrong "
+                f"sign, because {found.sentence}, and {found.model}; use --direction {other}"
             )
         if self.asked:
             return f"--direction {name}, as asked: {found.sentence}"
         if found.direction is None:
             return (
-                f"--direction {name} is taken by default: {found.sentence}, and {found.model}; "
-                f"--direction {other} is the other reading"
+                f"--direction {name} is used by default: {found.sentence}, and {found.model}; the alternative "
+                f"is --direction {other}"
             )
         return (
-            f"--direction {name} is taken from the data: {found.sentence}, and {found.model}; "
-            f"--direction {other} overrides it"
+            f"--direction {name} was chosen from the data: {found.sentence}, and {found.model}; --direction "
+            f"{other} overrides it"
         )
 
 

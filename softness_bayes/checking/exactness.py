@@ -101,7 +101,7 @@ class Exactness:
     def sentence(self) -> str:
         """Say how large the difference is and what it does to the posterior, in one line."""
         if not self.checked:
-            return "Not checked: a first look does not compare the fast model with the exact one."
+            return "Not checked: a first look (--quick) does not compare the fast model with the exact one."
         most = ""
         if self.shift.size:
             moved = int(np.abs(self.shift).argmax())
@@ -110,7 +110,7 @@ class Exactness:
         tail = f", Pareto k {self.pareto_k:.2f}" if self.sd > HARMLESS else ""
         verdict = "Exact enough" if self.exact_enough else "Not exact enough"
         return (
-            f"{verdict}: against {self.rates} and a finer quadrature the log-likelihood of "
+            f"{verdict}: compared with {self.rates} and a finer quadrature, the log-likelihood of "
             f"{self.difference.size} draws differs by {self.sd:.1g} (sd{error}), {self.largest:.1g} at most; "
             f"importance weights keep {percent(self.efficiency, 1)} of the effective sample size{tail}{most}."
         )

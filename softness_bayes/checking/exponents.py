@@ -34,15 +34,15 @@ class ExponentSpread(NamedTuple):
         remedy
             Whether a model that has them may be asked for.
         """
-        more = " more than the model says" if individual else ""
+        more = " more than the model allows" if individual else ""
         if np.isnan(self.p_value):
             return "participants: exponents cannot be compared, because the response varies for no participant"
         if self.p_value >= 0.05:
             return f"participants: no evidence that their exponents differ{more} (p = {self.p_value:.2g})"
-        advice = ": --individual gamma gives each one of their own" if remedy else ""
+        advice = ": --individual gamma gives each a separate exponent" if remedy else ""
         return (
-            f"participants: their exponents differ by about {self.deviation:.2g} (standard deviation), more than "
-            f"{'the model says' if individual else 'noise explains'} (p = {self.p_value:.2g})"
+            f"participants: their exponents differ by about {self.deviation:.2g} (standard deviation), more "
+            f"than {'the model allows' if individual else 'noise explains'} (p = {self.p_value:.2g})"
             + ("" if individual else f"; the model assumes one exponent for all{advice}")
         )
 

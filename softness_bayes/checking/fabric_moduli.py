@@ -84,7 +84,8 @@ def modulus_sentences(table: pd.DataFrame) -> list[str]:
     for name, row in table[table["shift"].abs() >= FAR].iterrows():
         side = "above" if row["shift"] > 0 else "below"
         said.append(
-            f"  {name}: {row['median']:.3g} kPa ({row['low']:.3g} to {row['high']:.3g}), {abs(row['shift']):.1f} "
-            f"standard errors {side} the {row['law_median']:.3g} kPa that were measured: measure it again"
+            f"  {name}: {row['median']:.3g} kPa ({row['low']:.3g} to {row['high']:.3g}), "
+            f"{abs(row['shift']):.1f} standard errors {side} the {row['law_median']:.3g} kPa that were "
+            "measured; repeat the measurement"
         )
     return said

@@ -33,20 +33,23 @@ class FingerCheck(NamedTuple):
     def sentence(self, individual: bool) -> str:
         """Return one line for the user; `individual` says whether the model has fingers of the raters' own."""
         if not np.isfinite(self.p_value):
-            return "fingers: no rater's response depends on the skin, so the ratings say nothing of fingers"
+            return (
+                "fingers: no rater's response depends on the skin, so the ratings do not inform "
+                "differences between fingers"
+            )
         if self.p_value >= NEEDED:
-            more = "more than the model says" if individual else ""
+            more = "more than the model allows" if individual else ""
             return f"fingers: the ratings do not show that the raters' skin differs {more}".rstrip() + (
                 f" (p = {self.p_value:.2g})"
             )
         if individual:
             return (
-                f"fingers: raters deviate as if their skin differed in more than was said (p = {self.p_value:.2g}); "
-                "name more of b, m and sigma_0 in --individual"
+                "fingers: raters deviate as if their skin also differed in other parameters (p = "
+                f"{self.p_value:.2g}); add more of b, m and sigma_0 to --individual"
             )
         return (
-            f"fingers: raters deviate as if each had skin of their own (p = {self.p_value:.2g}); "
-            "--individual b samples how much it differs"
+            f"fingers: raters deviate as if their skin differed (p = {self.p_value:.2g}); --individual b "
+            "samples by how much"
         )
 
 

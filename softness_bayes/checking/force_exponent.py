@@ -36,9 +36,13 @@ class ExponentCheck(NamedTuple):
     def sentence(self) -> str:
         """One line for the user."""
         if not math.isfinite(self.observed):
-            return "compression: no finger was pressed to two indentations, so how force grows cannot be checked"
+            return "compression: no finger was pressed to two indentations, so the growth of force cannot be checked"
         steeper = "steeper than" if self.observed > HERTZ_EXPONENT else "no steeper than"
-        weak = f"; with {self.points:.2g} forces of a finger a weak check" if self.points < FEW_POINTS else ""
+        weak = (
+            f"; with {self.points:.2g} forces per finger this check has little power"
+            if self.points < FEW_POINTS
+            else ""
+        )
         return (
             f"compression: force grows as indentation to the power {self.observed:.2f} ({steeper} Hertz's "
             f"{HERTZ_EXPONENT}); replicated: {self.low:.2f} to {self.high:.2f} (90 %), p = {self.p_value:.2g}{weak}"

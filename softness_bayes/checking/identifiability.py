@@ -126,8 +126,9 @@ def information_sentences(summary: pd.DataFrame) -> list[str]:
     width = _width(summary["contraction"])
     groups = {
         "determined by the data (posterior sd at most 1/3 of the prior sd)": width <= DETERMINED,
-        f"partly informed by the data (at most {INFORMED:g} of it)": (width > DETERMINED) & (width <= INFORMED),
-        "weakly identified (more; their posteriors mostly repeat their priors)": width > INFORMED,
+        f"partly informed by the data (posterior sd at most {INFORMED:g} of the prior sd)": (width > DETERMINED)
+        & (width <= INFORMED),
+        "weakly identified (posteriors nearly as wide as the priors)": width > INFORMED,
     }
     lines = [
         f"{words}: {', '.join(f'{name} {width[name]:.2g}' for name in summary.index[there]) or 'none'}"
@@ -139,8 +140,9 @@ def information_sentences(summary: pd.DataFrame) -> list[str]:
     if moved.any():
         named = ", ".join(f"{name} ({pull[name]:.2g})" for name in pull.index[moved])
         lines.append(
-            f"prior-sensitive (power-scaling sensitivity above {SENSITIVE} by two standard errors): {named}. Another "
-            "prior would change these posteriors: justify their priors, or compare runs under several (--prior)"
+            f"prior-sensitive (power-scaling sensitivity above {SENSITIVE} by two standard errors): {named}. "
+            "Another prior would change these posteriors: justify these priors, or compare runs with other "
+            "priors (--prior)"
         )
     if unclear.any():
         named = ", ".join(f"{name} ({pull[name]:.3f} ± {error[name] / 2:.1g})" for name in pull.index[unclear])
@@ -160,10 +162,10 @@ def direction_sentences(directions: pd.DataFrame) -> list[str]:
     names = [*directions.columns[1 : directions.columns.get_loc("product")]]
     lines = []
     for words, there in {
-        "combinations that the data determine (90 % interval at most 1/3 as wide as under the prior)": (
+        "combinations determined by the data (90 % interval at most 1/3 as wide as under the prior)": (
             width <= DETERMINED
         ),
-        f"combinations that the data partly inform (at most {INFORMED:g} as wide)": (
+        f"combinations partly informed by the data (at most {INFORMED:g} as wide)": (
             (width > DETERMINED) & (width <= INFORMED)
         ),
     }.items():

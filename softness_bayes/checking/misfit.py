@@ -64,9 +64,11 @@ class Fit(NamedTuple):
         found = [self.choice.sentence] if self.choice.against_data else []
         if self.flat:
             silent = (
-                f" ({percent(self.silent)} of the posterior is silent in every condition)" if self.silent > 0.5 else ""
+                f" (in {percent(self.silent)} of the posterior no receptor fires in any condition)"
+                if self.silent > 0.5
+                else ""
             )
-            found.append(f"the prediction is flat where the ratings are not{silent}: {'; '.join(self.flat)}")
+            found.append(f"the prediction is flat although the ratings differ{silent}: {'; '.join(self.flat)}")
         return found
 
     @property
@@ -85,11 +87,13 @@ class Fit(NamedTuple):
     def sentence(self) -> str:
         """The share of the differences between ratings that the response explains, in words."""
         if not self.explained or not np.isfinite(self.explained[-1].p_value):
-            return "the fit to the ratings cannot be judged: these data do not show how large the noise is"
+            return "the fit to the ratings cannot be assessed: these data do not show how large the noise is"
         whole = self.explained[-1]
         seen = f"a standard deviation of {whole.visible:.2g} between fabrics would have been detected"
         if not np.isfinite(whole.share) or not whole.p_value < 0.05:
-            return f"ratings do not differ between fabrics beyond noise (p = {whole.p_value:.2g}; {seen})"
+            return (
+                f"ratings do not differ between fabrics by more than noise explains (p = {whole.p_value:.2g}; {seen})"
+            )
         return (
             f"the response explains {_share(whole)} of the differences between fabrics under the same load "
             f"(standard deviation {whole.spread:.2g} in the {self.scale}; {seen})"
@@ -151,8 +155,8 @@ def predicted_ratings(tree: xr.DataTree, layout: Layout) -> NDArray[np.float64] 
 
 def _flat(one: Explained) -> str:
     return (
-        f"it explains {_share(one)} of the differences between fabrics, whose mean ratings differ by a standard "
-        f"deviation of {one.spread:.2g} (p = {one.p_value:.1g} if by noise)"
+        f"it explains {_share(one)} of the differences between fabrics, whose mean ratings differ by a "
+        f"standard deviation of {one.spread:.2g} (p = {one.p_value:.1g} under noise alone)"
     )
 
 

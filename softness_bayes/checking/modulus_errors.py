@@ -51,17 +51,18 @@ class ModulusCheck(NamedTuple):
     def sentence(self, exact: bool) -> str:
         """Return one line for the user; `exact` says whether moduli were taken as exact."""
         if not np.isfinite(self.p_value):
-            return "moduli: where no receptor fires the ratings say nothing of errors of the moduli"
-        beyond = "" if exact else " beyond those that were given"
+            return "moduli: where no receptor fires, the ratings do not show errors of the moduli"
+        beyond = "" if exact else " beyond those given"
         if self.p_value >= NEEDED:
             return (
-                f"moduli: the ratings show no errors{beyond} (p = {self.p_value:.2g}), which is no proof that there "
-                "are none: the fit takes up most of what wrong moduli do"
+                f"moduli: the ratings show no errors{beyond} (p = {self.p_value:.2g}). This check has little "
+                "power, because the fit absorbs most effects of wrong moduli"
             )
         remedy = "give the errors of your measurement (--modulus-cv 0.15, or a column effective_modulus_cv)"
         return (
             f"moduli: mean ratings deviate along the response as if moduli were wrong{beyond} (p = "
-            f"{self.p_value:.2g}); {remedy if exact else 'they may be larger than was said, or the response differs'}"
+            f"{self.p_value:.2g}); "
+            f"{remedy if exact else 'they may be larger than stated, or the response may be wrong'}"
         )
 
 
@@ -247,9 +248,9 @@ def shift_sentences(table: pd.DataFrame) -> list[str]:
         return []
     *smaller, largest = (f"{100 * error:.0f} %" for error in ERRORS)
     said = [
-        f"if the moduli were wrong by {', '.join(smaller)} or {largest} "
-        "(independent errors), posterior means would move, to first order, by these numbers of posterior standard "
-        f"deviations (beyond {LINEAR:g} first order does not tell the size: declare the errors and see)"
+        f"if the moduli had independent errors of {', '.join(smaller)} or {largest}, posterior means would "
+        "move by these numbers of posterior standard deviations (to first order; larger shifts than "
+        f"{LINEAR:g} are only a rough guide: repeat the run with the errors)"
     ]
     for name, row in clear.iterrows():
         moved = ", ".join(_moved(row[column], row[f"{column}_mcse"]) for column in columns)

@@ -47,15 +47,19 @@ class NoiseCheck(NamedTuple):
         if not np.isfinite(self.p_value):
             return "noise: the raters' scatter cannot be compared, because fewer than two gave three ratings or more"
         if self.p_value >= NEEDED:
-            more = " more than the model says" if individual else ""
+            more = " more than the model allows" if individual else ""
             return f"noise: no evidence that raters' noise differs{more} (p = {self.p_value:.2g})"
         size = f"by about {self.deviation:.2g} (sd of its log; p = {self.p_value:.2g})"
         if individual:
-            return f"noise: raters' noise differs {size} beyond what the model says: look for single outliers"
-        advice = "--individual varsigma gives each noise of their own" if remedy else "this model has one noise for all"
+            return f"noise: raters' noise differs {size} beyond what the model allows: look for single outliers"
+        advice = (
+            "--individual varsigma gives each a separate noise level"
+            if remedy
+            else ("this model has the same noise for all")
+        )
         return (
-            f"noise: some raters scatter more than others, {size}; the model takes their ratings as equally reliable: "
-            f"{advice}; single outliers look alike (--errors student)"
+            f"noise: some raters scatter more than others, {size}, but the model treats their ratings as "
+            f"equally reliable: {advice}. Single outliers look the same (--errors student)"
         )
 
 

@@ -130,8 +130,8 @@ def agreement(place: Array, observed: ArrayLike) -> dict[str, Agreement]:
     observed = np.asarray(observed, float)
     if observed.size < FEWEST or np.ptp(observed) == 0:
         raise InputError(
-            f"rank: {observed.size} fabrics with observed ranks, {np.unique(observed).size} of them different; "
-            f"expected {FEWEST} fabrics or more, and different ranks"
+            f"rank: {observed.size} fabrics with observed ranks ({np.unique(observed).size} distinct); "
+            f"expected {FEWEST} fabrics or more, and more than one rank"
         )
     found, middle = {}, place.mean(axis=0)
     for name, measure in MEASURES.items():

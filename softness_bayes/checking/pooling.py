@@ -163,9 +163,9 @@ class Pooled:
             others = f" and {len(self.failing) - 1} more" if len(self.failing) > 1 else ""
             return (
                 f"the weights of {worst}{others} fail ({one.effective:.0f} effective draws, at least "
-                f"{LEAST_EFFECTIVE:.0f}; largest weight {one.largest:.2g}, Pareto k {one.pareto_k:.2f}, at most "
-                f"{self.largest_k:.2f} where a weight exceeds {LARGEST_WEIGHT:g}): its own posterior hardly reaches "
-                "where the population lies; a wider prior of the separate fits lets it"
+                f"{LEAST_EFFECTIVE:.0f}; largest weight {one.largest:.2g}, Pareto k {one.pareto_k:.2f}, at "
+                f"most {self.largest_k:.2f} where a weight exceeds {LARGEST_WEIGHT:g}): its separate posterior "
+                "hardly overlaps with the population; use wider priors for the separate fits"
             )
         for what, error, sd in (("mean", self.mean_mcse, self.mean_sd), ("spread", self.spread_mcse, self.spread_sd)):
             if not error <= LARGEST_ERROR * sd:

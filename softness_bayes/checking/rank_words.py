@@ -26,12 +26,12 @@ def verdict(calibration: Calibration, size: str, decided: bool) -> str:
     faults = calibration.faults()
     if faults:
         return f"Not calibrated: {size}: {'; '.join(faults)}."
-    kind = ("Calibrated" if calibration.enough else "Too few replicates to tell") if decided else "Not decided"
+    kind = ("Calibrated" if calibration.enough else "Too few replicates") if decided else "Not decided"
     worst = min(min(one.uniform_p, one.spread_p) for one in calibration.judge().values())
     return (
-        f"{kind}: {size}; no alarm over {len(calibration.names)} quantities ranked among {calibration.draws} draws: "
-        f"smallest p-value {worst:.2g}, alarm below {calibration.threshold:.1g} (a right model raises one in at most "
-        f"{percent(FALSE_ALARM)} of calibrations). {_seen(calibration)}"
+        f"{kind}: {size}; no alarm over {len(calibration.names)} quantities ranked among {calibration.draws} "
+        f"draws: smallest p-value {worst:.2g}, alarm below {calibration.threshold:.1g} (false alarms in at "
+        f"most {percent(FALSE_ALARM)} of calibrations). {_seen(calibration)}"
     )
 
 
@@ -48,11 +48,11 @@ def coverage_sentence(calibration: Calibration) -> str:
 def _seen(calibration: Calibration) -> str:
     """Say which faults so many replicates detect, by simulation of the verdict itself."""
     width, shift = calibration.least_width, calibration.least_shift
-    said = "No fault would have raised an alarm nine times in ten."
+    said = "No fault would have been detected with a power of 90 %."
     if math.isfinite(width.value + shift.value):
         said = (
             f"A posterior {_number(width)} times too narrow, or shifted by {_number(shift)} of its standard "
-            "deviations, would have raised an alarm nine times in ten; smaller faults may be missed."
+            "deviations, would have been detected with a power of 90 %; smaller faults may be missed."
         )
     if calibration.enough:
         return said

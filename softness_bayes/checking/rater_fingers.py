@@ -113,10 +113,9 @@ def finger_sentences(table: pd.DataFrame) -> list[str]:
         unit = PARAMETERS[str(name)].unit
         median = raters["median"]
         said.append(
-            f"raters' own {name}: medians from {median.min():.3g} to {median.max():.3g}"
-            f"{'' if unit == '–' else f' {unit}'}; 90 % of new raters lie between {anyone['low']:.3g} and "
-            f"{anyone['high']:.3g}"
-            f"{_of_forces(raters)}"
+            f"{name} of single raters: medians from {median.min():.3g} to "
+            f"{median.max():.3g}{'' if unit == '–' else f' {unit}'}; 90 % of new raters lie between "
+            f"{anyone['low']:.3g} and {anyone['high']:.3g}{_of_forces(raters)}"
         )
     return said
 
@@ -124,4 +123,4 @@ def finger_sentences(table: pd.DataFrame) -> list[str]:
 def _of_forces(raters: pd.DataFrame) -> str:
     # results of earlier versions have no such column
     pressed = int(raters["pressed"].sum()) if "pressed" in raters else 0
-    return f"; forces of a plate tell of {pressed} of {len(raters)} raters" if pressed else ""
+    return f"; plate forces are available for {pressed} of {len(raters)} raters" if pressed else ""

@@ -107,17 +107,18 @@ def inflection_reproduced(table: pd.DataFrame) -> list[Reproduction]:
 
 def turning_sentences(table: pd.DataFrame) -> list[str]:
     """Say what `inflection_reproduced` found: the criterion, then one line for each load."""
-    words = {True: "yes", False: "no", None: "the ratings cannot tell"}
+    words = {True: "yes", False: "no", None: "not shown by the ratings"}
     head = (
-        "does the model reproduce the turning point (maximum)? A yes needs a check that would reject a response that "
-        f"levels off at its peak in at least {percent(NEEDED)} of simulated tables"
+        "does the model reproduce the turning point (maximum)? The answer is yes only if the check has the "
+        f"power to reject a response that levels off at its peak in at least {percent(NEEDED)} of simulated "
+        "tables"
     )
     found = inflection_reproduced(table)
     shown = shown_of(len(found))
     lines = [f"{load}: {words[answer]}; {seen}" for load, answer, seen in (found[k] for k in shown)]
     if len(shown) < len(found):
         counts = ", ".join(f"{word} {sum(one.reproduced is answer for one in found)}" for answer, word in words.items())
-        chance = f"of a right model at most about {DOUBTFUL * len(found):.1g} would be no"
+        chance = f"for a correct model, at most about {DOUBTFUL * len(found):.1g} would be no by chance"
         lines.insert(0, f"of {len(found)} loads: {counts} ({chance}); {len(shown)} of them:")
     return [head, *lines]
 
@@ -131,7 +132,7 @@ def _seen(rows: dict[str, pd.Series]) -> str:
         at, others = number(place["observed"]), f"so do {percent(share)} of simulated tables{where}"
         seen = f"the ratings turn over at {at} kPa ({others})"
     else:
-        seen = f"the ratings show no clear turn ({percent(share)} of simulated tables show one)"
+        seen = f"the ratings show no clear turning point ({percent(share)} of simulated tables show one)"
     if beyond is not None and np.isfinite(beyond["observed"]):
         seen += (
             f"; beyond the peak they fall by {beyond['observed']:.2g} times the predicted fall "

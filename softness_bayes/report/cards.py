@@ -31,29 +31,29 @@ QUESTIONS: Mapping[type[Finding], str] = MappingProxyType(
     {
         Convergence: "Has the sampler converged?",
         Agreement: "Does the model follow the ratings?",
-        FastModel: "Are the fast model's numbers exact enough?",
-        TurningPoints: "Does the model reproduce the turning point (maximum), where the ratings can tell?",
-        OtherChecks: "Does it reproduce everything else that was checked?",
+        FastModel: "Is the fast model accurate enough?",
+        TurningPoints: "Does the model reproduce the turning point (maximum), where the ratings can show it?",
+        OtherChecks: "Does it pass all other predictive checks?",
         InputErrors: "Would errors of the fabrics' moduli change the conclusions?",
         Information: "Which parameters did the data inform?",
-        PlateForces: "Does the skin reproduce the plate's forces?",
+        PlateForces: "Does the skin model reproduce the forces of the plate?",
     }
 )
 """The question that each kind of finding answers."""
 
 DOUBTS: Mapping[Doubt, str] = MappingProxyType(
     {
-        Doubt.NOT_CONVERGED: "The draws have not converged: this is for inspection only.",
+        Doubt.NOT_CONVERGED: "The chains have not converged: this is for inspection only.",
         Doubt.MODEL_FAILED: "The model does not follow these ratings: see the first finding.",
     }
 )
 """Sentences on the doubts in findings that would be good otherwise."""
 
 REPRODUCED: Mapping[bool | None, str] = MappingProxyType(
-    {True: "reproduced", False: "not reproduced", None: "ratings cannot tell"}
+    {True: "reproduced", False: "not reproduced", None: "not shown by the ratings"}
 )
 
-NO_RATINGS = "The run is on compression data alone, without receptors, responses or ratings."
+NO_RATINGS = "Only compression data were fitted: the run has no receptors, responses or ratings."
 
 
 class Card(NamedTuple):
@@ -93,7 +93,7 @@ def _told(finding: Finding) -> tuple[str, list[str]]:
             return _turning(finding)
         case OtherChecks():
             told = [unreproduced_sentence(finding.unreproduced), *finding.remarks]
-            return "Nothing else amiss" if good else "Not everything", [*map(sentence, told)]
+            return "No other discrepancy" if good else "Not everything", [*map(sentence, told)]
         case InputErrors():
             return _inputs(finding), [*map(sentence, finding.remarks)]
         case Information():
@@ -112,7 +112,7 @@ def _agreement(finding: Agreement) -> tuple[str, list[str]]:
     details = [*map(sentence, [*fit.faults, fit.sentence, *([fit.silence_note] if fit.silence_note else [])])]
     if finding.outcome is Standing.BAD:
         against = fit.choice.against_data
-        return "No: the readout runs against the data" if against else "No: a flat line through them", details
+        return "No: wrong direction of the ratings" if against else "No: the prediction is flat", details
     answers = {Standing.GOOD: "Yes", Standing.DOUBTFUL: "In part", Standing.NEUTRAL: "Not judged"}
     return answers[finding.outcome], [*details, sentence(fit.choice.sentence)]
 
@@ -121,16 +121,16 @@ def _inputs(finding: InputErrors) -> str:
     if finding.p_value < DOUBTFUL:
         return "The ratings show errors"
     if finding.sensitive:
-        return "They would: moduli are taken as exact"
-    return "Hardly" if finding.assumed else "They are accounted for"
+        return "Yes: the moduli are treated as exact"
+    return "Hardly" if finding.assumed else "No: errors are included in the model"
 
 
 def _errors(finding: FastModel) -> list[str]:
     numbers = (
-        f"Quadrature: {number(finding.numerical_error, 2)} of the peak response at most; "
+        f"Largest error of the quadrature: {number(finding.numerical_error, 2)} of the peak response; of the "
         f"firing rates: {number(finding.firing_error, 2)}, if every receptor had the largest error."
     )
-    weighted = "Summary and predictions are those of draws weighted by the exact likelihood."
+    weighted = "Summary and predictions use draws weighted by the exact likelihood."
     return [finding.sentence, numbers, *([weighted] if finding.reweighted else [])]
 
 
@@ -141,12 +141,12 @@ def _turning(finding: TurningPoints) -> tuple[str, list[str]]:
     elif yes:
         answer = f"Under {yes}" if unknown else "Under every load"
     else:
-        answer = "Ratings cannot tell"
+        answer = "Not shown by the ratings"
     if unknown and (yes or no):
-        answer += f"; ratings cannot tell under {unknown}"
+        answer += f"; not shown by the ratings under {unknown}"
     details = [
-        f"{one.load}: {REPRODUCED[one.reproduced]}; {one.seen}. All loads and the model together: the response turns "
-        f"over with probability {_likely(finding.table.loc[one.load], 'p_interior')} (prior: "
+        f"{one.load}: {REPRODUCED[one.reproduced]}; {one.seen}. From all loads together, under the model: the "
+        f"response turns over with probability {_likely(finding.table.loc[one.load], 'p_interior')} (prior: "
         f"{_likely(finding.table.loc[one.load], 'prior_p_interior')})."
         for one in (finding.judged[k] for k in shown_of(len(finding.judged)))
     ]

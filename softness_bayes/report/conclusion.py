@@ -159,44 +159,46 @@ def conclude(facts: Facts, directory: str | None = None) -> Conclusion:
 
 def _trust(facts: Facts) -> str:
     if facts.other_direction is not None:
-        return "No: the ratings run with stiffness in the opposite direction to the one that the run assumes."
+        return "No: ratings change with stiffness in the opposite direction to the one that the run assumes."
     if facts.flat:
         return "No: the model predicts the same rating for fabrics that were rated differently."
     if facts.quick:
         return (
-            f"Not yet: this is a first look, after {facts.steps} steps and before the chains have converged; the fast "
-            "model was not compared with the exact one."
+            f"Not yet: this is a first look after {facts.steps} steps. The chains have not converged, and the "
+            "fast model was not compared with the exact one."
         )
     if not facts.converged:
-        return (
-            f"Not yet: the chains have not converged after {facts.steps} steps, and more steps may change any number."
-        )
+        return f"Not yet: the chains have not converged after {facts.steps} steps. All numbers may still change."
     if not facts.exact:
-        return "With care: the chains have converged, but to a fast approximation that is not exact enough."
+        return "With care: the chains have converged, but the fast approximation of the model is not accurate enough."
     if failed := [*(f"the turning point at {load}" for load in facts.contradicted), *facts.unreproduced]:
         return f"In part: the chains have converged, but the model does not reproduce {_listed(failed)}."
     if facts.silent:
         return "With care: the chains have converged, but most of the posterior predicts that no receptor fires."
     if facts.moved is not None:
         return (
-            "With care: the chains have converged, and no check found a difference between model and data, but the "
-            f"fabrics' moduli are taken as exact. Errors of 10 % would move {facts.moved.name} by "
+            "With care: the chains have converged and no check found a difference between model and data, but "
+            f"the fabrics' moduli are treated as exact. Errors of 10 % would move {facts.moved.name} by "
             f"{_by(facts.moved.shift)}."
         )
-    return "Yes: the chains have converged, and no check found a difference between model and data."
+    return "Yes: the chains have converged and no check found a difference between model and data."
 
 
 def _by(shift: float) -> str:
     """Return a shift to first order, in posterior standard deviations, as far as that is a guide."""
-    return f"about {shift:.2g} posterior standard deviations" if shift <= LINEAR else "more than its posterior sd"
+    return (
+        f"about {shift:.2g} posterior standard deviations"
+        if shift <= LINEAR
+        else ("more than one posterior standard deviation")
+    )
 
 
 def _learnt(facts: Facts) -> str:
     if facts.failed:
-        return "nothing about skin or receptors, because the model does not describe these ratings."
+        return "nothing about skin or receptors, because the model does not fit these ratings."
     if not facts.converged and not facts.settled:
-        return "nothing yet: the draws so far are for inspection only."
-    return f"{'at first look, to be confirmed: ' * facts.quick}{_found(facts)}"
+        return "nothing yet. The draws so far are for inspection only."
+    return f"{'preliminary: ' * facts.quick}{_found(facts)}"
 
 
 def _found(facts: Facts) -> str:
@@ -204,7 +206,7 @@ def _found(facts: Facts) -> str:
         return f"{'; '.join(map(_known, facts.skin))}."
     if not facts.differ:
         return (
-            "the ratings do not differ between fabrics beyond noise, so they say little about where the response turns."
+            "the ratings do not differ between fabrics by more than noise, so they show little about the turning point."
         )
     return f"{'; '.join([*_softness(facts.softest), *map(_turned, facts.turns)])}."
 
@@ -231,9 +233,9 @@ def _turned(turn: Turn) -> str:
         return f"at {turn.load} the ratings contradict the model's turning point"
     said = chance(turn.probability)
     if turn.probability <= 1.0 - LIKELY:
-        return f"at {turn.load} the response does not turn over (probability of a turn: {said})"
+        return f"at {turn.load} the response does not turn over (probability of a turning point: {said})"
     if turn.probability < LIKELY:
-        return f"at {turn.load} the data cannot tell whether the response turns over (probability: {said})"
+        return f"at {turn.load} the data do not show whether the response turns over (probability: {said})"
     limits = f"(90 % interval {number(turn.low)} to {number(turn.high)} kPa)"
     alone = ", though the ratings at this load alone cannot show it" if turn.reproduced is None else ""
     return f"at {turn.load} the response turns over at E_fab = {number(turn.middle)} kPa {limits}{alone}"
@@ -243,7 +245,7 @@ def _known(one: Skin) -> str:
     declared = PARAMETERS[one.name]
     name = f"the {declared.meaning} ({one.name})"
     if not one.informed:
-        return f"the data say little about {name}, whose posterior is nearly as wide as its prior"
+        return f"{name} is weakly identified: its posterior is nearly as wide as its prior"
     unit = f" {declared.unit}" if declared.unit != "–" else ""
     return f"{name} lies between {one.low:.3g} and {one.high:.3g}{unit} (90 % interval)"
 
@@ -256,7 +258,7 @@ def _next(facts: Facts, directory: str | None) -> str:
     if facts.flat or (facts.silent and facts.converged):
         return "check the units of moduli and loads ('softness-bayes check'), then try --priors in-vivo."
     if facts.quick:
-        return f"'softness-bayes resume {directory or 'DIR'}' goes on to the full run, which needs no step twice."
+        return f"'softness-bayes resume {directory or 'DIR'}' continues to the full run and repeats no step."
     if not facts.converged:
         return f"continue the run with 'softness-bayes resume {directory or 'DIR'}'."
     if not facts.exact:
@@ -265,17 +267,20 @@ def _next(facts: Facts, directory: str | None) -> str:
         return _after_a_failed_check(facts)
     if facts.moved is not None:
         return (
-            "if the moduli were measured with errors, repeat the run with these (--modulus-cv 0.1, or a column "
-            "effective_modulus_cv); --modulus-cv 0 says that they are exact."
+            "if the moduli were measured with errors, repeat the run with these errors (--modulus-cv 0.1, or "
+            "a column effective_modulus_cv). If they are exact, use --modulus-cv 0."
         )
     help_ = _helpful(facts)
     steps = [f"read the page that 'softness-bayes report {directory}' writes"] if directory else []
-    return f"{'; '.join([*steps, *([help_] if help_ else [])]) or 'nothing is left to do'}."
+    return f"{'; '.join([*steps, *([help_] if help_ else [])]) or 'nothing more is needed'}."
 
 
 def _after_a_failed_check(facts: Facts) -> str:
     if facts.skin:
-        return "look for fingers that differ from the others in figures/compression.png, and check their forces' units."
+        return (
+            "look in figures/compression.png for fingers that differ from the others, and check the units "
+            "of their forces."
+        )
     return "see predictive_checks.csv, try another --reading, and rank the runs with 'softness-bayes compare'."
 
 

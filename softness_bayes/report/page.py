@@ -56,18 +56,21 @@ CAPTIONS: Mapping[str, str] = MappingProxyType(
         "response_ratio": "Response against the ratio of fabric modulus to skin modulus under each load.",
         "rating": "Predicted rating against the fabric's modulus under each load, with the data.",
         "rating_ratio": "Predicted rating against the ratio of fabric modulus to skin modulus, with the data.",
-        "touch": "The touch at the posterior's middle: pressure and stress under the pad, receptors by their rate.",
+        "touch": "The touch at the posterior medians: pressure and stress under the pad, and the firing rates "
+        "of the receptors.",
         "membrane": "Firing rate against current with its credible band, and example spike trains.",
-        "predictive_checks": "Test quantities of the ratings among those of ratings that the fitted model replicates.",
-        "category_counts": "Number of ratings in each category, with the limits of those that the model replicates.",
-        "psychometric": "Share of answers that call a fabric softer than the standard, with the limits of replicates.",
-        "loo_pit": "Rank of each rating in its prediction from all others: level where predictions are right.",
+        "predictive_checks": "Posterior predictive checks: test quantities of the ratings and of replicates "
+        "from the fitted model.",
+        "category_counts": "Number of ratings in each category, with the limits of replicates from the model.",
+        "psychometric": "Share of answers that a fabric is softer than the standard, with the limits of replicates.",
+        "loo_pit": "LOO-PIT: rank of each rating within its leave-one-out prediction. Uniform if the "
+        "predictions are calibrated.",
         "inflection": "Posterior of the fabric modulus at the turning point (maximum), and the probability of one.",
         "prior": "Prior (grey) and posterior (blue) of every parameter.",
         "corner": "Joint posterior of the most correlated pairs of parameters.",
         "corner_all": "Joint posterior of every pair of parameters.",
-        "trace": "Every ensemble's walk through each parameter, against its steps.",
-        "rank": "Ranks of each ensemble's draws among all draws: level where the ensembles agree.",
+        "trace": "Trace of every parameter in each ensemble, against the steps.",
+        "rank": "Ranks of the draws of each ensemble among all draws. Uniform if the ensembles agree.",
         "compression": "Force of a rigid plate on the typical finger with credible bands, and the data.",
     }
 )

@@ -31,8 +31,8 @@ DATA_FLAGS = (
 """Options of `sample` about the files of the data, which only the recorded command line knows."""
 
 PATHS = (
-    "Paths are relative to the directory in which the run was started. Of a file elsewhere that was given by its "
-    "absolute path, only the name is kept."
+    "Paths are relative to the directory in which the run was started. For a file elsewhere that was given by "
+    "its absolute path, only the name is stored."
 )
 """Note on the paths in a command."""
 
@@ -74,7 +74,7 @@ def repetition(result: Result) -> Repetition:
     words += ["--seed", str(run.seed), "--max-steps", str(steps), "--out", AGAIN]
     more = [shlex.join([PROGRAM, "resume", AGAIN, "--more-steps", count]) for count in map(_more_steps, continued)]
     notes.append(
-        "The same draws need the same files (compare their digests) and the same versions; both are listed above."
+        "The draws are the same only with the same files (compare their digests) and versions; both are listed above."
     )
     return Repetition((storable(shlex.join(words)), *more), tuple(notes))
 
@@ -107,7 +107,7 @@ def _data(result: Result, begun: list[str]) -> tuple[list[str], list[str]]:
         return typed, [PATHS]
     names = [("--data", "RATINGS.csv"), ("--fabrics", "FABRICS.csv")] if result.has_ratings else []
     names += [("--compression", "FORCES.csv")] if result.has_compression else []
-    note = "The run was begun in Python, where no file names are recorded: put yours in place of those in capitals."
+    note = "The run was started in Python, where file names are not recorded: replace the names in capitals by yours."
     return [word for pair in names for word in pair], [note]
 
 

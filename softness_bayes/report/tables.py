@@ -70,9 +70,9 @@ def of_parameters(result: Result) -> Table:
         )
     interval = share(result.summary()["hdi_prob"].iloc[0])
     caption = (
-        f"Posterior of every parameter. HDI: the narrowest interval with {interval}. Sd / prior’s: width of the "
-        "posterior relative to the prior, 1 where nothing was learnt. Pulls: how far the posterior moves when prior or "
-        "likelihood is given twice the power."
+        f"Posterior of every parameter. HDI: the narrowest interval with {interval}. Sd / prior’s: width of "
+        "the posterior relative to the prior; 1 means that nothing was learnt. Pulls: power-scaling "
+        "sensitivity, the shift of the posterior per doubling of the power of prior or likelihood."
     )
     return Table("summary", caption, head, rows)
 
@@ -89,9 +89,9 @@ def of_directions(result: Result) -> Table:
         for k, row in table.iterrows()
     ]
     caption = (
-        "Independent combinations of the parameters’ logarithms, the best determined first: the width of each relative "
-        "to the prior, and the product that it stands for with its 90 % limits, the middle multiplied and divided by "
-        "the factor."
+        "Independent combinations of the logarithms of the parameters, best determined first: width relative "
+        "to the prior, and the corresponding product of parameters. The 90 % limits of the product are its "
+        "median multiplied and divided by the factor."
     )
     return Table("directions", caption, ["Direction", "Sd / prior’s", "In words"], rows)
 
@@ -110,13 +110,13 @@ def of_turning_points(result: Result) -> Table:
         rows.append([str(load), *chances, *places, drop])
     low, *_, high = result.group("predictions")["e_fab_kpa"].values
     caption = (
-        "Where the response turns over: probabilities of a turning point, a maximum that exceeds the response at both "
-        f"{number(low)} and {number(high)} kPa by at least {share(result.least_drop)} of itself, and of one among the "
-        "fabrics’ own moduli; then medians and 90 % intervals over the draws with a turning point. ±: Monte-Carlo "
-        "standard error."
+        "Turning points. A turning point is a maximum from which the response falls by at least "
+        f"{share(result.least_drop)} towards both {number(low)} and {number(high)} kPa. Columns: its "
+        "probability, and that of one within the range of the fabrics’ moduli; then medians and 90 % "
+        "intervals over the draws with a turning point. ±: Monte-Carlo standard error."
     )
     if result.load_groups.merged:
-        caption += f" Of {result.load_groups.sentence}, each row is at the middle load of its group."
+        caption += f" Note: {result.load_groups.sentence}; each row is at the middle load of its group."
     return Table("inflection", caption, head, rows)
 
 
@@ -155,9 +155,9 @@ def of_fabrics(result: Result) -> Table:
     away = int((table["difference_sd"].abs() >= NOTABLE).sum())
     left_out = "" if len(shown) == len(table) else f" Shown are the {len(shown)} with the largest differences."
     caption = (
-        f"Rated and predicted softness of {len(table)} pairs of fabric and load: mean ratings, medians and 90 % bands "
-        "of the means that the fitted model replicates, and the difference in standard deviations of these. "
-        f"{away} differ by {NOTABLE:g} or more (✱).{left_out}"
+        f"Rated and predicted softness of {len(table)} pairs of fabric and load: mean ratings, medians and 90 "
+        "% bands of replicated means from the fitted model, and the difference in standard deviations of the "
+        f"replicates. {away} differ by {NOTABLE:g} or more (✱).{left_out}"
     )
     head = ["Fabric", "Load", "E_fab [kPa]", "Ratings", "Rated", "Predicted", "90 % band", "Difference [sd]"]
     return Table("fabrics", caption, head, rows)
@@ -179,8 +179,9 @@ def of_checks(result: Result) -> Table:
         cells = [number(row["observed"]), number(row["replicated"]), limits, number(row["p_value"], 2)]
         rows.append([TOLD.get(str(row["quantity"]), str(row["quantity"])), where or "all ratings", *cells])
     caption = (
-        "Predictive checks: what the data show beside what the fitted model replicates. Limits hold 90 % of the "
-        "replicates, jointly over the rows of a quantity; p is the probability of a replicate above the data."
+        "Posterior predictive checks: test quantities of the data and of replicates from the fitted model. "
+        "Limits contain 90 % of the replicates, jointly over the rows of a quantity; p is the probability "
+        "that a replicate exceeds the data."
     )
     return Table("checks", caption, ["Quantity", "Of", "Data", "Replicates", "Limits", "p"], rows)
 
@@ -204,7 +205,7 @@ def of_provenance(result: Result) -> list[Table]:
         ("Steps of each ensemble", str(ending.steps)),
         ("of these burn-in", str(ending.burn_in)),
         ("Points evaluated", str(ending.evaluations)),
-        ("of these not computable", str(ending.failures)),
+        ("of these, could not be computed", str(ending.failures)),
         ("Sampling took", f"{ending.sampling_seconds:.0f} s"),
     ]
     versions = [*found.versions.items()]
@@ -232,18 +233,18 @@ def _data(result: Result) -> list[tuple[str, str]]:
     if result.has_compression:
         plate = result.provenance.plate
         rows += [("SHA-256 of compression", plate.digest_compression)]
-        rows += [("Rows without force, dropped", str(plate.zero_forces))]
+        rows += [("Rows without force (dropped)", str(plate.zero_forces))]
     return [(name, value or "not recorded: the data were made in Python") for name, value in rows]
 
 
 def _errors(errors: NumericalErrors, silence: Silence) -> list[tuple[str, str]]:
     return [
-        ("Response, share of its peak, at most", number(errors.numerical_error, 2)),
-        ("Firing rates, share of the peak if each had its largest error", number(errors.firing_error, 2)),
+        ("Response, largest error as a share of the peak", number(errors.numerical_error, 2)),
+        ("Firing rates, the same if every receptor had the largest error", number(errors.firing_error, 2)),
         ("Log-likelihood of draws, sd of its error", f"{errors.exactness_sd:.1g}"),
         ("Log-likelihood of draws, largest error", f"{errors.exactness_largest:.1g}"),
-        ("Silent in every condition, share of the prior", share(silence.prior_silent_everywhere)),
-        ("Silent in every condition, share of the posterior", share(silence.posterior_silent_everywhere)),
+        ("No firing in any condition, share of the prior", share(silence.prior_silent_everywhere)),
+        ("No firing in any condition, share of the posterior", share(silence.posterior_silent_everywhere)),
         ("Contact beyond half the fingertip’s radius", share(silence.contact_beyond_half_radius)),
         ("Contact beyond the fingertip’s radius", share(silence.contact_beyond_radius)),
     ]

@@ -146,4 +146,6 @@ class Answers:
 def _require_fabrics(fabrics: Fabrics | None) -> None:
     from softness_bayes.data import Fabrics
 
-    require_kind("fabrics", fabrics, (Fabrics, type(None)), "Fabrics, as in Fabrics(('felt',), effective_modulus=3e4)")
+    require_kind(
+        "fabrics", fabrics, (Fabrics, type(None)), "Fabrics, such as Fabrics(('felt',), effective_modulus=3e4)"
+    )

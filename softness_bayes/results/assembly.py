@@ -296,8 +296,8 @@ def _held_eps(space: ParameterSpace) -> dict[str, str]:
         return {}
     held, prior = space.held["eps"], PARAMETERS["eps"].prior
     return {
-        "held_eps": f"eps is held at {held:g} Hz: all intervals take it as known, which no measurement makes it; "
-        f"leave out '--fix eps={held:g}' to sample it too, under its prior {prior}"
+        "held_eps": f"eps is fixed at {held:g} Hz: all intervals treat it as known, although it cannot be "
+        f"measured; omit '--fix eps={held:g}' to sample it with its prior {prior}"
     }
 
 

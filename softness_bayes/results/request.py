@@ -54,13 +54,13 @@ class RunOptions:
             ("max_steps", Integral, "a whole number of steps"),
             ("max_seconds", Real, "a number of seconds"),
             ("min_steps", Integral, "a whole number of steps"),
-            ("processes", (Integral, type(None)), "a whole number, or None for one for each core"),
+            ("processes", (Integral, type(None)), "a whole number, or None for one per core"),
             ("seed", Integral, "a whole number"),
             ("command", str, "a text"),
         ):
             require_kind(name, getattr(self, name), kind, expected)
         if self.quick and self.exact_reweight:
-            raise InputError("quick: a first look does without the exact likelihood; leave out exact_reweight or quick")
+            raise InputError("quick: a first look does not use the exact likelihood; omit exact_reweight or quick")
 
     @property
     def settings(self) -> Settings:
@@ -94,8 +94,8 @@ class Request(NamedTuple):
         TypeError
             If there is no option of a name.
         """
-        require_kind("model", self.model, ModelOptions, "ModelOptions, as in ModelOptions(fix={'m': 2.0})")
-        require_kind("run", self.run, RunOptions, "RunOptions, as in RunOptions(seed=1)")
+        require_kind("model", self.model, ModelOptions, "ModelOptions, such as ModelOptions(fix={'m': 2.0})")
+        require_kind("run", self.run, RunOptions, "RunOptions, such as RunOptions(seed=1)")
         model, run = (dict.fromkeys(option.name for option in fields(part)) for part in self)
         if unknown := [name for name in options if name not in model | run]:
             raise TypeError(f"no option {unknown[0]!r}; expected one of {', '.join(model | run)}")

@@ -114,8 +114,8 @@ class Result(Answers):
     def _require_ratings(self) -> None:
         if not self.has_ratings:
             raise InputError(
-                "result: the run is on compression data alone: without ratings it has no loads, response curves or "
-                "turning point"
+                "result: this run has compression data only; without ratings there are no loads, response "
+                "curves or turning points"
             )
 
     @property
@@ -289,8 +289,8 @@ class Result(Answers):
         """Return in one sentence whether loads were taken as exact."""
         if self.shared_load_cv:
             return (
-                f"loads: a relative error of {self.shared_load_cv:.3g} of each load, shared by all its ratings, is "
-                "accounted for"
+                f"loads: the model includes a relative error of {self.shared_load_cv:.3g} of each load, shared "
+                "by all its ratings"
             )
         given = self.provenance.asked.options.get("load_cv") is not None or LOAD_CV.name in self.group("constant_data")
         return load_sentence(self.load_cv, given)
@@ -321,7 +321,7 @@ class Result(Answers):
         """Return verdict, turning points and summary as a notebook shows them."""
         from softness_bayes.checking.misfit import fit_of
 
-        faults = [f"the fit has failed: {fault}" for fault in fit_of(self.tree).faults] if self.has_ratings else []
+        faults = [f"the fit failed: {fault}" for fault in fit_of(self.tree).faults] if self.has_ratings else []
         said = [*faults, self.provenance.verdict]
         columns = ["p_interior", "prior_p_interior", "p_none", "p_silent"]
         columns += ["e_fab_kpa_low", "e_fab_kpa", "e_fab_kpa_high"]

@@ -84,8 +84,9 @@ def _require_unchanged(path: Path, found: Changes) -> None:
     said = [f"{what} {_listed(parts)}" for what, parts in zip(("no", "changed or added"), found, strict=True) if parts]
     if said:
         raise InputError(
-            f"{path}: damaged, or changed since it was written: {', '.join(said)}; restore the file from a copy, or, "
-            f"if the change is meant, accept it in Python: Result.load({str(path)!r}, verify=False).save(DIRECTORY)"
+            f"{path}: damaged, or changed since it was written: {', '.join(said)}; restore the file from a "
+            f"copy, or, if the change was intended, accept it in Python: Result.load({str(path)!r}, "
+            "verify=False).save(DIRECTORY)"
         )
 
 
@@ -98,8 +99,8 @@ def _schema(path: Path, tree: xr.DataTree) -> int:
         raise InputError(f"{path}: schema {schema!r:.40}, expected a number from 1 to {SCHEMA}")
     if schema > SCHEMA:
         raise InputError(
-            f"{path}: schema {schema} is newer than {SCHEMA}, the last known; read it with the version of "
-            "softness-bayes that wrote it, or a later one"
+            f"{path}: schema {schema} is newer than {SCHEMA}, the latest that this version reads; read it with "
+            "the version of softness-bayes that wrote it, or a later one"
         )
     return int(schema)
 
@@ -135,13 +136,15 @@ def _old_tables(path: Path, every: Mapping[str, str | list[str]]) -> dict[str, p
         if not file.is_file():
             if name == SUMMARY_TABLE:
                 raise InputError(
-                    f"{file}: no such file; a result of schema 1 has its {SUMMARY_TABLE} beside {path.name}"
+                    f"{file}: no such file; a result of schema 1 needs its {SUMMARY_TABLE} in the same folder "
+                    f"as {path.name}"
                 )
             continue
         try:
             tables[name] = table_of(file, index)
         except (OSError, ValueError, KeyError) as error:  # no text, no table, or no such column
             raise InputError(
-                f"{file}: not the table that was written beside {path.name} ({error}); was it saved by a spreadsheet?"
+                f"{file}: not the table that was written with {path.name} ({error}); was it saved by a "
+                "spreadsheet program?"
             ) from None
     return tables

@@ -16,7 +16,7 @@ class Stage(Enum):
     REPLICATES = "replicated data"
     LEFT_OUT = "each rating given all others (leave-one-out)"
     PREDICTIONS = "predictions and turning points"
-    EXACT = "exactness of the fast model"
+    EXACT = "accuracy of the fast model"
     CHECKS = "checks of residuals"
     TABLES = "tables"
     FILES = "files"

@@ -60,7 +60,7 @@ class Cloth(NamedTuple):
         if self.tensile_modulus is not None and self.thickness is not None:
             raise InputError(
                 f"target: {TENSILE_MODULUS.name} and {THICKNESS.name} are both given, which fixes the modulus: "
-                "give one of them, and the other is found"
+                "give one of them to find the other"
             )
 
     def sought(self, modulus: Array, poisson_ratio: float, reading: FabricModulus) -> tuple[Column, Array] | None:
@@ -146,7 +146,7 @@ class Target:
             row = {"with_modulus": BRANCHES[key[0]], "p_solution": values.size / size, "p_inside": inside}
             rows.append({**shared, **row, **self._quantities(values), "remarks": one.remarks[key]})
         if not rows:
-            words = f"no fabric of {number(self.span[0] / KPA)} to {number(self.span[1] / KPA)} kPa has this rating"
+            words = f"no modulus from {number(self.span[0] / KPA)} to {number(self.span[1] / KPA)} kPa has this rating"
             row = {"with_modulus": "", "p_solution": 0.0, "p_inside": np.nan}
             rows.append({**shared, **row, **self._quantities(np.array([np.nan])), "remarks": words})
         return rows

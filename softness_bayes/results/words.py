@@ -27,14 +27,14 @@ def load_sentence(cv: NDArray[np.float64], given: bool) -> str:
         low, high = cv[cv > 0].min(), cv.max()
         size = f"{high:.3g}" if low == high else f"{low:.3g} to {high:.3g}"
         return (
-            f"loads: relative errors of {size}, independent for each rating, are accounted for in "
+            f"loads: the model includes relative errors of {size}, independent for each rating, for "
             f"{(cv > 0).sum()} of {cv.size} ratings"
         )
     if given:
-        return "loads: exact, as was said"
+        return "loads: exact, as stated"
     return (
-        "loads: taken as exact, because no errors were given (--load-cv 0.05, or a column load_cv); any errors "
-        "count as noise of the ratings, alike under every touch"
+        "loads: treated as exact, because no errors were given (--load-cv 0.05, or a column load_cv); any "
+        "errors become part of the rating noise, which is the same for every touch"
     )
 
 

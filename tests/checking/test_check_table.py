@@ -71,13 +71,14 @@ def test_without_power_nothing_is_said_to_be_reproduced(rng):
         table = check_table(tree(rng, rates, rates))
         _, *loads, _ = check_sentences(table)
         assert all(
-            ": the ratings cannot tell; the ratings show no clear turn" in load and words in load for load in loads
+            ": not shown by the ratings; the ratings show no clear turning point" in load and words in load
+            for load in loads
         )
         assert [one.reproduced for one in inflection_reproduced(table)] == [None, None]
     former = tree(rng)
     del former[LEVELLED]
     _, *loads, _ = check_sentences(check_table(former))
-    assert all("ratings cannot tell" in load and "is not known" in load for load in loads)
+    assert all("not shown by the ratings" in load and "is not known" in load for load in loads)
     table = check_table(tree(rng)).drop(columns=["power", "power_mcse"])  # of a file that an earlier version wrote
     assert [one.reproduced for one in inflection_reproduced(table)] == [None, None]
 
@@ -87,7 +88,7 @@ def test_of_many_loads_some_fail_by_chance(rng):
     one = table[table["load"] == "1 mm"]
     _, counts, *loads, _ = check_sentences(pd.concat([one.assign(load=f"{k} mm") for k in range(40)]))
     assert counts.startswith("of 40 loads: yes ")
-    assert counts.endswith("(of a right model at most about 2 would be no); 12 of them:")
+    assert counts.endswith("(for a correct model, at most about 2 would be no by chance); 12 of them:")
     assert len(loads) == 12
 
 
@@ -116,7 +117,7 @@ def test_two_fabrics_are_not_judged(rng):
     )
     _, *loads, _ = check_sentences(check_table(groups))
     assert len(loads) == 6
-    assert all(load.endswith("the ratings cannot tell; too few fabrics or ratings") for load in loads)
+    assert all(load.endswith("not shown by the ratings; too few fabrics or ratings") for load in loads)
 
 
 @pytest.mark.parametrize("name", ONE_SIDED)

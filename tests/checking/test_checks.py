@@ -198,4 +198,4 @@ def test_the_sentence_says_what_to_do():
     assert "z-scores have none" in FabricCheck(0.001, 0.21, unit="z-score", remedy=False).sentence(NAMES)
     fine = FabricCheck(0.4, 0.0, 0.93, 0.0, 0.9, 0.07).sentence(NAMES)
     assert "--prior" not in fine
-    assert "p = 0.93, 12 means; deviations of about 0.07 (sd)" in fine
+    assert "p = 0.93, 12 means; power: deviations of about 0.07 (sd)" in fine

@@ -114,7 +114,7 @@ def test_a_right_model_is_not_accused(rng):
 
 def test_a_flat_model_is(rng):
     (fault,) = fit_of(with_typical(tree(rng), np.zeros(12))).faults
-    assert fault.startswith("the prediction is flat where the ratings are not: at 1 mm it explains")
+    assert fault.startswith("the prediction is flat although the ratings differ: at 1 mm it explains")
     assert "; at 2 mm it explains" in fault
 
 
@@ -122,10 +122,10 @@ def test_what_earlier_versions_left_is_judged_by_its_silence(rng):
     groups = tree(rng)
     groups["posterior"] = groups["prior_predictive"]
     assert fit_of(groups).faults == []
-    assert "cannot be judged" in fit_of(groups).sentence
+    assert "cannot be assessed" in fit_of(groups).sentence
     groups.attrs["posterior_silent_everywhere"] = 1.0
     (fault,) = fit_of(groups).faults
-    assert "(100 % of the posterior is silent in every condition)" in fault
+    assert "(in 100 % of the posterior no receptor fires in any condition)" in fault
 
 
 # runs on ratings turned upside down: 400 / rating
@@ -152,14 +152,16 @@ def test_a_readout_against_its_data_says_so_first_and_is_never_green(upside_down
     result = upside_down["forced"]
     found = cards(findings(result))
     assert found[0].standing is Standing.BAD
-    assert found[0].answer == "No: the readout runs against the data"
-    assert found[0].details[0].startswith("The readout runs against the data, --direction rises-with-firing is the wro")
+    assert found[0].answer == "No: wrong direction of the ratings"
+    assert (
+        found[0].details[0].startswith("The direction contradicts the data: with --direction rises-with-firing the pr")
+    )
     assert not any(finding.standing is Standing.GOOD for finding in found)
     assert "This fit has failed." in page.report_page(result)
-    assert "the fit failed: the readout runs against" in result._repr_html_().partition("Converged")[0]
+    assert "the fit failed: the direction contradicts" in result._repr_html_().partition("Converged")[0]
     print_result(result, tmp_path)
     first, *_, trust, learnt, following = capsys.readouterr().out.splitlines()
-    assert first.startswith("the fit failed: the readout runs against the data")
+    assert first.startswith("the fit failed: the direction contradicts the data")
     assert trust.startswith("Trust it?  No: ")
     assert "nothing about skin or receptors" in learnt
     assert "--direction falls-with-firing" in following
@@ -169,7 +171,7 @@ def test_left_to_the_data_the_same_table_fits(upside_down, plain, capsys, tmp_pa
     result = upside_down["left to the data"]
     found = result.attributes
     assert (found["direction"], found["direction_asked"], found["firing_rises"]) == ("falls-with-firing", 0, 1.0)
-    assert found["direction_note"].startswith("--direction falls-with-firing is taken from the data")
+    assert found["direction_note"].startswith("--direction falls-with-firing was chosen from the data")
     assert (options_of(result).direction, "direction" in options_of(result).decided) == (FALLS, True)
     fit = fit_of(result.tree)
     assert fit.faults == []

@@ -79,7 +79,7 @@ def test_it_says_what_to_do():
     assert "--individual varsigma" in doubt
     assert "--errors student" in doubt
     assert "--individual" not in NoiseCheck(0.001, 0.42).sentence(False, False)
-    assert "beyond what the model says" in NoiseCheck(0.001, 0.42).sentence(True, True)
+    assert "beyond what the model allows" in NoiseCheck(0.001, 0.42).sentence(True, True)
     one = Design([0, 1, 2, 0], [0, 0, 0, 1], [0, 1, 2], 2)
     observed, p = LogRatings([1.0, 2.0, 3.0, 4.0], one, RatingModel()), RatingParameters(*[np.ones(1)] * 5)
     rate = np.ones((1, 3))

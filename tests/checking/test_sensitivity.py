@@ -316,7 +316,7 @@ def test_tables_of_a_result(rng):
     assert "b · m" in directions.loc[1, "meaning"]
     assert directions.loc[2:, "meaning"].str.fullmatch("not informed: as wide as under the prior").all()
     head, product, rest = direction_sentences(directions)
-    assert head.startswith("combinations that the data determine")
+    assert head.startswith("combinations determined by the data")
     assert product.startswith("  b · m")
     assert " within a factor of 1.08" in product
     assert rest.startswith("weakly identified: 2 further combinations of ")

@@ -214,7 +214,7 @@ def test_the_data_decide(rng, slope, direction):
     found = choose_direction(experiment, ModelOptions())
     assert (found.direction, found.asked, found.against_data) == (direction, False, False)
     assert found.evidence.firing == 1.0
-    assert f"--direction {direction.name} is taken from the data" in found.sentence
+    assert f"--direction {direction.name} was chosen from the data" in found.sentence
     decided = build(experiment, QUICK).options
     assert (decided.direction, decided.decided) == (direction, {"direction", "errors"})
     again = ModelOptions.from_record(decided.record())
@@ -227,7 +227,7 @@ def test_what_is_asked_for_is_taken_and_said_to_be_wrong(rng):
     found = choose_direction(experiment, ModelOptions(direction=RISES))
     assert (found.direction, found.asked, found.against_data) == (RISES, True, True)
     assert found.sentence.startswith(
-        "the readout runs against the data, --direction rises-with-firing is the wrong way"
+        "the direction contradicts the data: with --direction rises-with-firing the prediction"
     )
     asked = dataclasses.replace(QUICK, direction=RISES, errors=NORMAL)
     assert build(experiment, asked).options == asked
@@ -241,7 +241,7 @@ def test_where_the_table_cannot_tell_the_papers_reading_is_taken(modulus):
     experiment = table(np.random.default_rng(3), 0.0, modulus)
     found = choose_direction(experiment, ModelOptions())
     assert (found.direction, found.evidence.direction, found.against_data) == (RISES, None, False)
-    assert "is taken by default" in found.sentence
+    assert "is used by default" in found.sentence
     assert not choose_direction(experiment, ModelOptions(direction=FALLS)).against_data
 
 

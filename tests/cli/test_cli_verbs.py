@@ -153,8 +153,8 @@ def test_a_run_that_has_not_converged_ends_with_3_and_its_files(alone):
     assert stages == [*map(str, Stage)][:-1]  # without figures
     assert "Warning" not in done.stderr
     assert "determined by the data" in done.stdout
-    assert "eps is held at 0.1 Hz: all intervals take it as known" in done.stdout
-    assert "leave out '--fix eps=0.1' to sample it too" in done.stdout
+    assert "eps is fixed at 0.1 Hz: all intervals treat it as known" in done.stdout
+    assert "omit '--fix eps=0.1' to sample it" in done.stdout
     assert done.stdout.count("does the model reproduce the turning point (maximum)?") == 1
     assert "Not converged after 20 steps" in done.stdout
     assert "not converged" in done.stderr

@@ -39,8 +39,8 @@ def test_it_ends_well_and_says_what_it_is(looked, result):
     assert done.returncode == 0, done.stderr
     assert "A first look (quick), no result. Not converged after 300 steps" in done.stdout
     assert "Trust it?  Not yet: this is a first look" in done.stdout
-    assert "Not checked: a first look does not compare the fast model with the exact one." in done.stdout
-    assert "Next:      'softness-bayes resume out' goes on to the full run" in done.stdout
+    assert "Not checked: a first look (--quick) does not compare the fast model with the exact one." in done.stdout
+    assert "Next:      'softness-bayes resume out' continues to the full run" in done.stdout
     assert (result.attributes["quick"], result.attributes["converged"]) == (1, 0)
     assert result.provenance.ending.steps == FIRST_LOOK == 300
     assert np.isnan(result.group("sample_stats")["exact_difference"].values).all()
@@ -90,7 +90,7 @@ def test_resume_goes_on_to_the_very_result_of_a_full_run(looked):
 
 def test_exact_weights_are_refused(looked):
     done = call("sample", "--data", "ratings.csv", "--out", "no", *ASKED, "--quick", "--exact-reweight", cwd=looked[0])
-    refused(done, "a first look does without the exact likelihood")
+    refused(done, "a first look does not use the exact likelihood")
 
 
 def test_a_first_look_walks_no_more_than_it_is_allowed():

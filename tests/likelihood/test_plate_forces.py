@@ -155,7 +155,7 @@ def test_the_check_accepts_its_model_and_refuses_another(rng):
     found = [check(balanced(rng, TYPICAL)) for _ in range(20)]
     assert sum(one.p_value < 0.05 for one in found) <= 4
     assert "steeper than Hertz's 1.5" in found[0].sentence
-    assert "with 4 forces of a finger a weak check" in found[0].sentence
+    assert "with 4 forces per finger this check has little power" in found[0].sentence
     right = balanced(rng, TYPICAL)
     # no noise that TYPICAL allows for explains saturation at every depth
     wrong = CompressionForces(right.indentation, 0.2 * (right.indentation / 1e-3) ** 0.3, right.finger, 6)

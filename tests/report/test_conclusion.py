@@ -43,7 +43,7 @@ def test_the_softest_fabric_is_named_only_where_it_is_clear():
 
 def test_a_load_that_cannot_tell_asks_for_the_fabrics_that_would():
     found = conclude(GOOD._replace(turns=(TOLD, UNTOLD)), "results")
-    assert "at 2 mm the data cannot tell whether the response turns over (probability: 50 %)" in found.learnt
+    assert "at 2 mm the data do not show whether the response turns over (probability: 50 %)" in found.learnt
     assert "ratings at 2 mm of fabrics stiffer than 500 kPa would help to decide" in found.next_step
     inside = conclude(GOOD._replace(turns=(UNTOLD,), fabrics=(1.0, 5000.0)), "results")
     assert "more fabrics around 700 kPa" in inside.next_step
@@ -58,7 +58,7 @@ def test_a_probable_turning_point_that_its_own_load_cannot_show_says_so():
 
 def test_a_response_that_does_not_turn():
     found = conclude(GOOD._replace(turns=(Turn("1 mm", 0.02, np.nan, np.nan, np.nan, True),)))
-    assert found.learnt == "at 1 mm the response does not turn over (probability of a turn: 2 %)."
+    assert found.learnt == "at 1 mm the response does not turn over (probability of a turning point: 2 %)."
 
 
 def test_a_run_that_has_not_converged_is_continued_before_anything_is_learnt():
@@ -103,7 +103,7 @@ def test_an_inexact_model_and_a_silent_posterior_are_used_with_care():
 def test_a_run_on_plate_forces_alone_says_what_is_known_of_the_skin():
     found = conclude(Facts(True, 500, skin=(Skin("b", 70.0, 90.0, True), Skin("m", 1.0, 4.0, False))), "results")
     assert "the skin modulus at rest (b) lies between 70 and 90 kPa (90 % interval)" in found.learnt
-    assert "the data say little about the stiffening of the skin (m)" in found.learnt
+    assert "the stiffening of the skin (m) is weakly identified" in found.learnt
     assert "would narrow m" in found.next_step
     assert "turn" not in found.learnt
 

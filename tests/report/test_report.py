@@ -208,7 +208,7 @@ def test_every_finding_follows_the_numbers(made):
     tree = result.tree.copy()
     far = stats["exact_difference"] * 1e5
     tree["sample_stats"].dataset = stats.assign(exact_difference=far)
-    assert standing(replace(result, tree=tree), "exact enough").standing is Standing.BAD
+    assert standing(replace(result, tree=tree), "accurate enough").standing is Standing.BAD
     # a turning point is reproduced, or not, or the ratings cannot tell: by p-values, and by what the check would notice
     checks = result.tables["predictive_checks"].copy()
     rows = checks.index.get_level_values("quantity") == "turns over"
@@ -224,11 +224,11 @@ def test_every_finding_follows_the_numbers(made):
 
     for powers, p_value, answer, kind, first in (
         ((0.9, 0.95), 0.5, "Under every load", Standing.GOOD, True),
-        ((0.1, 0.95), 0.5, "Under 1.5 N; ratings cannot tell under 2 mm", Standing.GOOD, None),
-        ((0.79, 0.1), 0.5, "Ratings cannot tell", Standing.NEUTRAL, None),
-        ((np.nan, np.nan), 0.5, "Ratings cannot tell", Standing.NEUTRAL, None),
+        ((0.1, 0.95), 0.5, "Under 1.5 N; not shown by the ratings under 2 mm", Standing.GOOD, None),
+        ((0.79, 0.1), 0.5, "Not shown by the ratings", Standing.NEUTRAL, None),
+        ((np.nan, np.nan), 0.5, "Not shown by the ratings", Standing.NEUTRAL, None),
         ((0.9, 0.95), 1e-4, "Not under 2 mm", Standing.BAD, False),
-        ((0.1, 0.1), 1e-4, "Not under 2 mm; ratings cannot tell under 1.5 N", Standing.BAD, False),
+        ((0.1, 0.1), 1e-4, "Not under 2 mm; not shown by the ratings under 1.5 N", Standing.BAD, False),
     ):
         changed, finding = card(powers, p_value)
         assert (finding.answer, finding.standing) == (answer, kind)
@@ -242,7 +242,7 @@ def test_every_finding_follows_the_numbers(made):
     assert told.answer == f"{len(table) - 1} of {len(table)}"
     assert any(detail.startswith("Weakly identified") and detail.endswith(": b 0.89.") for detail in told.details)
     # a held eps is said to be taken as known, and only a held one
-    held = "Eps is held at 0.1 Hz: all intervals take it as known"
+    held = "Eps is fixed at 0.1 Hz: all intervals treat it as known"
     assert sum(detail.startswith(held) for detail in told.details) == 1
     tree = result.tree.copy()
     del tree.attrs["held_eps"]
@@ -341,10 +341,10 @@ def test_lost_tables_are_made_again_from_the_draws(made, pages, name, quick):
 def test_compression_alone_says_what_does_not_apply(pages, made):
     tree = Tree(pages("skin"))
     cards = {card.children[0].text: card.children[1].text for card in tree.by_class("card")}
-    assert cards["Does the model reproduce the turning point (maximum), where the ratings can tell?"].startswith(
+    assert cards["Does the model reproduce the turning point (maximum), where the ratings can show it?"].startswith(
         "Does not apply"
     )
-    assert cards["Does the skin reproduce the plate's forces?"].startswith(("Yes", "No"))
+    assert cards["Does the skin model reproduce the forces of the plate?"].startswith(("Yes", "No"))
     assert not tree.by_class("controls")
     assert "Bokeh" not in pages("skin")
     assert "RATINGS.csv" not in tree.by_id("repeat").text

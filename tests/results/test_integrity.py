@@ -213,7 +213,7 @@ def test_tables_that_a_spreadsheet_saved(small, old, tmp_path, resaved):
         path = directory / "summary.csv"
         path.write_bytes(resaved(path.read_text()))
     assert_same(Result.load(tmp_path / "run"), small_result())
-    with pytest.raises(InputError, match=r"old/summary\.csv: .*was it saved by a spreadsheet\?"):
+    with pytest.raises(InputError, match=r"old/summary\.csv: .*was it saved by a spreadsheet program\?"):
         Result.load(old)
 
 

@@ -51,5 +51,8 @@ def test_a_result_of_a_newer_schema_is_refused(tmp_path):
     with h5py.File(directory / "posterior.nc", "a") as file:
         file.attrs["schema_version"] = SCHEMA + 1
     for verb in (["report", directory], ["plot", directory], ["target", directory, "--rating", "20"]):
-        refused(call(*verb, cwd=tmp_path), f"schema {SCHEMA + 1} is newer than {SCHEMA}, the last known; read it with")
+        refused(
+            call(*verb, cwd=tmp_path),
+            f"schema {SCHEMA + 1} is newer than {SCHEMA}, the latest that this version reads; read it with",
+        )
     assert not (directory / "report.html").exists()

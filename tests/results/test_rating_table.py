@@ -151,7 +151,7 @@ def test_z_scores(report_run):
 
 
 def test_forces_alone_say_nothing_of_ratings(report_run):
-    with pytest.raises(InputError, match="compression data alone"):
+    with pytest.raises(InputError, match="compression data only"):
         report_run("skin").predict()
 
 

@@ -107,7 +107,7 @@ def test_probabilities_of_the_three_cases_sum_to_one(result, wished, found):
     assert never["p_too_high"].tolist() == below["p_too_low"].tolist() == [1.0]
     assert never["p_solution"].tolist() == [0.0]
     assert never["e_fab_kpa"].isna().all()
-    assert never["remarks"][0] == "no fabric of 2 to 4000 kPa has this rating"
+    assert never["remarks"][0] == "no modulus from 2 to 4000 kPa has this rating"
 
 
 @pytest.mark.parametrize("reading", ALTERNATIVES["fabric_modulus"].values(), ids=lambda reading: reading.name)
@@ -143,7 +143,7 @@ def test_z_scores_may_be_negative(report_run):
 
 
 def test_forces_alone_have_no_targets(report_run):
-    with pytest.raises(InputError, match="compression data alone"):
+    with pytest.raises(InputError, match="compression data only"):
         report_run("skin").target(9.0, [Force(1.0)])
 
 

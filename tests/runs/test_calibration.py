@@ -493,12 +493,12 @@ def test_few_replicates_are_too_few_to_tell():
     assert found.calibration.faults() == []
     assert next(row for row in found.calibration.coverage() if row["mass"] == 0.9)["share"] == 0.5
     said = found.sentence()
-    assert said.startswith("Too few replicates to tell: 6 replicates")
+    assert said.startswith("Too few replicates: 6 replicates")
     assert "Calibrated" not in said
     assert f"To find one 1.5 times too narrow takes about {found.calibration.needed} replicates" in said
     assert not found.passed
     alone = Calibrated({0: made_up(3)}).sentence()
-    assert "No fault would have raised an alarm nine times in ten" in alone
+    assert "No fault would have been detected with a power of 90 %" in alone
     # few may be enough to see a gross fault
     assert Calibrated({k: made_up(99) for k in range(12)}).sentence().startswith("Not calibrated: 12 replicates")
 
@@ -627,4 +627,4 @@ def test_what_a_design_can_tell_is_said_and_nothing_is_written(tmp_path, monkeyp
     assert options.direction is not None
     like = CliRunner().invoke(main, ["calibrate", "--design", "--like", str(tmp_path)])
     assert like.exit_code == 2
-    assert "--design: --like takes design and model" in like.output
+    assert "--design: cannot be combined with --like, which takes design and model" in like.output

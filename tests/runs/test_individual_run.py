@@ -59,7 +59,10 @@ def test_a_result_holds_the_raters_fingers(result):
     assert (table["low"] < table["median"]).all()
     assert (table["median"] < table["high"]).all()
     assert "tau_b" in result.summary().index
-    assert any("raters' own b" in line and "plate tell of 2 of 5 raters" in line for line in result.learnt())
+    assert any(
+        "b of single raters" in line and "plate forces are available for 2 of 5 raters" in line
+        for line in result.learnt()
+    )
     assert [*table["pressed"]] == [False, False, False, True, False, True]
     assert result.provenance.residuals.finger_check.startswith("fingers:")
 

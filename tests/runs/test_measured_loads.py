@@ -117,7 +117,7 @@ def test_falling_ratings_of_single_measured_loads_are_taken_as_falling(monkeypat
         options = Request().with_options(**OPTIONS).model
         found = build.choose_direction(experiment(), options)
         assert found.direction is FALLS
-        assert found.sentence.startswith("--direction falls-with-firing is taken from the data")
+        assert found.sentence.startswith("--direction falls-with-firing was chosen from the data")
         # each load alone, as it was before: nothing is seen, and the usual direction is taken
         monkeypatch.setattr(build, "groups_of", functools.partial(groups_of, most=1000))
         assert build.choose_direction(experiment(), options).direction is RISES

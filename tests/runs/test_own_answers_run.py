@@ -41,7 +41,7 @@ def test_a_result_holds_the_raters_exponents_and_noise(result):
         rows = table.loc[(slice(None), name), :]
         assert [*rows.index.get_level_values("participant")] == [POPULATION, *people]
         assert_allclose(table.loc[(people[2], name), "median"], np.median(own[..., 2]))
-        assert any(f"raters' own {name}" in line for line in result.learnt())
+        assert any(f"{name} of single raters" in line for line in result.learnt())
         assert f"tau_{name}" in result.summary().index
     assert (table["low"] < table["median"]).all()
     assert (table["median"] < table["high"]).all()
@@ -49,8 +49,8 @@ def test_a_result_holds_the_raters_exponents_and_noise(result):
 
 def test_its_checks_and_its_error_are_said(result):
     checks = result.provenance.residuals
-    assert "more than the model says" in checks.exponent_check
-    assert "more than the model says" in checks.noise_check
+    assert "more than the model allows" in checks.exponent_check
+    assert "more than the model allows" in checks.noise_check
     table = result.tables["predictive_checks"]
     assert_allclose(table.loc[("posterior", "participants' own noise"), "p_value"], checks.noise_p_value)
     # the nodes' error is part of the exactness check

@@ -171,7 +171,7 @@ def test_groups_of_a_run_on_forces_alone(result, shipped):
     assert (found["digest_compression"], found["zero_forces"]) == (shipped.digest, 0)
     assert found["prior_b"] == "lognormal(30,1)"
     assert "steeper than Hertz's 1.5" in found["force_check"]
-    assert "weak check" in found["force_check"]
+    assert "little power" in found["force_check"]
 
 
 def test_what_needs_ratings_says_so(result):

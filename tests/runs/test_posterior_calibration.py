@@ -152,6 +152,9 @@ def test_what_is_refused(report_run, tmp_path):
     with pytest.raises(InputError, match="has not converged"):
         calibrate_like(report_run("ratings"), RunOptions(), 2, tmp_path / "out")
     report_run("ratings").save(tmp_path / "run")
-    refused(call("calibrate", "--like", tmp_path / "run", "--participants", 3), "--participants: --like takes design")
+    refused(
+        call("calibrate", "--like", tmp_path / "run", "--participants", 3),
+        "--participants: cannot be combined with --like",
+    )
     refused(call("calibrate", "--like", tmp_path / "run", "--out", tmp_path / "out"), "has not converged")
     refused(call("calibrate", "--like", tmp_path / "none"), "no such file")

@@ -665,8 +665,8 @@ def test_under_noise_the_result_says_what_rates_it_was_compared_with(experiment,
     monkeypatch.setattr(fixed_channels, "noisy_curve", lambda *_: curve)
     monkeypatch.setattr(pictures, "spike_times", lambda *_: np.empty(0))
     noisy = sample(experiment, *options, noise=1.0, max_steps=4)
-    assert "against the same noise-averaged firing rates and a finer quadrature" in noisy.attributes["exactness"]
-    assert "against exact firing rates and a finer quadrature" in result.attributes["exactness"]
+    assert "compared with the same noise-averaged firing rates and a finer quadrature" in noisy.attributes["exactness"]
+    assert "compared with exact firing rates and a finer quadrature" in result.attributes["exactness"]
 
 
 def test_the_options_in_the_file_repeat_the_run_and_exact_weights_leave_it_as_it_is(experiment, result):

@@ -175,7 +175,7 @@ def test_what_cannot_be_pooled(done, tmp_path):
 
 def test_status_of_a_study(done):
     said = call("status", done.directory).stdout
-    assert "of 3 runs that have begun 3 have ended (3 converged), 0 are running" in said
+    assert "of 3 runs that have begun, 3 have ended (3 converged), 0 are running" in said
     assert "B: it has ended and its results are written" in said
 
 

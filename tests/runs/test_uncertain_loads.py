@@ -64,16 +64,16 @@ def test_replicates_are_spread_as_the_model_says(result):
 
 def test_it_says_whether_loads_were_taken_as_exact(result, report_run):
     said = result.said_of_loads()
-    assert said.startswith("loads: relative errors of 0.05 to 0.1, independent for each rating")
+    assert said.startswith("loads: the model includes relative errors of 0.05 to 0.1, independent for each rating")
     assert said in input_errors_of(result).remarks
     assert "relative errors of 0.05 to 0.1" in report_page(result)
     assert_allclose(result.load_cv[:4], [0.0, 0.1, 0.1, 0.05])
     plain = report_run("ratings")
-    assert plain.said_of_loads().startswith("loads: taken as exact")
+    assert plain.said_of_loads().startswith("loads: treated as exact")
     assert not plain.load_cv.any()
     with quickly():
         zero = sample(experiment(), **OPTIONS, load_cv=0.0)
-    assert zero.said_of_loads() == "loads: exact, as was said"
+    assert zero.said_of_loads() == "loads: exact, as stated"
     assert_array_equal(zero.group("posterior")["b"].values, plain.group("posterior")["b"].values)
 
 
@@ -111,7 +111,7 @@ def test_the_command_line_simulates_samples_and_resumes(tmp_path, brief_pilot):
     data = tmp_path / "made" / "ratings.csv"
     ended = call("sample", "--data", data, "--load-cv", "0.05", *QUICK, *FIXED, "--out", home)
     assert ended.returncode == 3
-    assert "loads: relative errors of 0.1," in ended.stdout
+    assert "loads: the model includes relative errors of 0.1," in ended.stdout
     assert "--load-cv 0.05" in report_page(Result.load(home))
     more = call("resume", home, "--more-steps", "20")
     assert more.returncode == 3
@@ -125,7 +125,7 @@ def test_an_error_that_a_load_shares_goes_through_a_run(few_pictures, tmp_path):
         table = result.predict(draws=20)
     assert (table["new_rater_rating_high"] > table["typical_rating_high"]).all()
     assert result.said_of_loads() == (
-        "loads: a relative error of 0.05 of each load, shared by all its ratings, is accounted for"
+        "loads: the model includes a relative error of 0.05 of each load, shared by all its ratings"
     )
     assert "--shared-load-cv 0.05" in report_page(result)
     assert np.isfinite(result.group("log_likelihood_loo")["rating"].values).all()
