@@ -184,6 +184,70 @@ def test_calibrate_ends_at_once_and_says_how_to_go_on(tmp_path):
     assert re.search(r"\d+ of 2000 replicates are saved in out: the same command runs the others", said)
 
 
+RATED = ["--data", "ratings.csv"]
+CLOTH = ["--fabrics", DATA / "fabrics.csv", "--indentation-mm", "2"]
+ALL_VERBS = {
+    "check": ["--design", *RATED],
+    "plan": RATED,
+    "sample": [*RATED, "--out", "out", *SAMPLE],
+    "resume": ["run", "--more-steps", "200"],
+    "status": ["run"],
+    "plot": ["run", "--out", "figures"],
+    "simulate": [*CLOTH, "--out", "simulated"],
+    "report": ["run", "--out", "page.html"],
+    "readings": [],
+    "priors": [],
+    "figures": [],
+    "compare": ["run", "run-2", "--out", "compared"],
+    "predict": ["--posterior", "run", *CLOTH],
+    "rank": ["run", "--out", "ranked"],
+    "target": ["run", "--rating", "9"],
+    "explore": ["run"],
+    "claims": ["--out", "claims"],
+    "bench": ["--out", "bench"],
+    "study": ["tables", "--out", "study", *SAMPLE[:-2], "--max-steps", "20"],
+    "calibrate": [*FIXED, "--out", "calibration", "--replicates", "4", "--max-steps", "60"],
+    "demo": ["shown"],
+    "new": ["begun"],
+}
+"""Words after every verb, with which it works for a while."""
+
+
+def test_every_verb_is_interrupted_somewhere():
+    assert {*ALL_VERBS} == {*VERBS}
+
+
+@pytest.mark.parametrize(
+    ("verb", "delay"),
+    [
+        ("rank", 0.8),
+        *(pytest.param(verb, delay, marks=pytest.mark.slow) for verb in ALL_VERBS for delay in (0.5, 2.0, 5.0)),
+    ],
+)
+def test_an_interrupt_ends_any_verb_quietly(verb, delay, report_run, tmp_path):
+    """What was there stays whole, and nothing half-written is left."""
+    few_ratings(tmp_path)
+    (tmp_path / "tables").mkdir()
+    few_ratings(tmp_path / "tables")
+    for name in ("run", "run-2"):
+        report_run("ratings").save(tmp_path / name)
+    process = began(tmp_path, verb, *ALL_VERBS[verb])
+    time.sleep(delay)
+    stopped_or_refused(process)
+    for name in ("run", "run-2"):
+        assert Result.load(tmp_path / name).verified
+    assert not [path for path in tmp_path.rglob("*") if path.suffix in (".part", ".tmp")]
+
+
+def stopped_or_refused(process):
+    """Interrupt a verb that may have ended, well or with a message, before."""
+    if process.poll() in (1, 2):
+        said = process.communicate()[1]
+        assert said.startswith(("error: ", "Usage: ")), said
+        return
+    stopped(process, signal.SIGINT)
+
+
 @pytest.mark.skipif(sys.platform != "linux", reason="elsewhere workers are children of this process")
 def test_workers_that_are_only_beginning_are_known():
     with Workers(10, 2) as workers:
