@@ -8,6 +8,8 @@ from dataclasses import replace
 
 import pytest
 
+from softness_bayes.likelihood.directions import FALLS
+from softness_bayes.likelihood.ratings import RatingParameters
 from softness_bayes.model.scenes import touch_parameters, usual_values
 from softness_bayes.parameters.priors import require_prior
 from softness_bayes.tools.rooms import FILE, PACKAGE, drawing, floors, imports, listing, needed
@@ -120,3 +122,12 @@ def test_the_values_of_ones_own_on_the_page_work():
     exec(textwrap.dedent(code), names)
     require_prior("the page's law", names["Gamma"](4, 0.05))
     assert replace(MENDED, pressure=names["MILD"]).pressure.meaning
+
+
+def test_the_observation_model_of_ones_own_is_one():
+    code = re.search(r"<!-- own-model -->\n```python\n(.*?)```", text_of("extending.md"), re.DOTALL)[1]
+    made = {"__name__": __name__}
+    exec(code, made)
+    scale, model = made["AGREEMENT"], made["AGREEMENT"].model(FALLS)
+    assert (model.scale, model.direction, scale.name) == (scale, FALLS, "agreement")
+    assert {*model.needs} <= {*RatingParameters._fields}
