@@ -117,8 +117,9 @@ class CompressionForces(Likelihood):
     finger
         Index of each row's finger, shape (rows,).
     n_fingers
-        Number of fingers. shape, displacement
-            As for `PlateModel`.
+        Number of fingers.
+    shape, displacement
+        As for `PlateModel`.
 
     Raises
     ------

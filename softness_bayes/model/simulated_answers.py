@@ -59,8 +59,9 @@ def paired(
     drive
         Drive of each condition, shape (conditions,).
     parameters
-        Parameters of the model. fabrics, loads
-            Names of the fabrics, and the loads.
+        Parameters of the model.
+    fabrics, loads
+        Names of the fabrics, and the loads.
 
     Raises
     ------

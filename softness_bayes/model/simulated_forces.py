@@ -54,7 +54,9 @@ def simulate_compression(
     readings
         Readings of the model.
     fingers
-        Number of fingers. depths Indentations [m].
+        Number of fingers.
+    depths
+        Indentations [m].
     shape
         Shape of every fingertip.
 

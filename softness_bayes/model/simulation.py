@@ -100,7 +100,9 @@ def simulate_ratings(
     readings
         Readings of the model.
     participants
-        Number of participants. missing Share of ratings left out at random; for pairs, the share of whole answers.
+        Number of participants.
+    missing
+        Share of ratings left out at random; for pairs, the share of whole answers.
     mu
         Mean log rating of magnitude estimates; by default the centre of its prior.
     direction

@@ -1,1 +1,1 @@
-"""Ensembles of walkers on any density: moves, convergence, and the state that continues a walk."""
+"""Ensemble sampling of arbitrary densities: moves, convergence, and the state from which a run continues."""

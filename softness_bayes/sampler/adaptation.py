@@ -1,9 +1,9 @@
-"""Map of a density's shape, learnt from a pilot walk and fixed before the draws that count.
+"""Map of the shape of a density, learnt from a pilot run and fixed before the retained draws.
 
-Ridges of a posterior are curved, and a walk along a curved ridge is slow. A pilot walk shows the curvature. A
-triangular map straightens it, so that the density is near a standard normal law in the map's coordinates y. There
-independent proposals are often accepted, which mixes faster than any step along a ridge. The map affects the speed of
-mixing, but not the distribution that the walk converges to.
+Ridges of a posterior are often curved, and walkers mix slowly along a curved ridge. The curvature is estimated from a
+pilot run and removed by a triangular map, so that the density is nearly standard normal in the coordinates y of the
+map. In these coordinates, independent proposals are often accepted, which mixes faster than steps along a ridge. The
+map affects the speed of mixing but not the stationary distribution.
 """
 
 from __future__ import annotations
@@ -21,17 +21,17 @@ FloatArray = NDArray[np.float64]
 _CURVATURE = 0.3  # expected size of a coefficient, in standard deviations
 _REACH = 8.0  # standard deviations at which the arguments of curved terms are clipped
 _REFITS = 4  # fits, each with a better estimate of the unexplained variance
-_LEAST_VARIANCE = 1e-30  # used for draws that are all the same
-_EXACT = 1e-8  # least share of a coordinate's variance that counts as unexplained
+_LEAST_VARIANCE = 1e-30  # used if all draws are equal
+_EXACT = 1e-8  # smallest unexplained share of a coordinate's variance
 
 
 @dataclass(frozen=True)
 class TriangularMap:
     """z = centre + axes t, with t_k = scale_k y_k + c_k·(1, t_j, t_i t_j, t_j³) over i <= j < k.
 
-    The axes are principal axes, with unit variance of t, ordered so that earlier ones explain later ones best. The
-    map is one-to-one on the whole space and has a constant Jacobian, so that log densities in z and y differ by a
-    constant only.
+    The axes are principal axes, scaled to unit variance of t and ordered so that earlier ones explain later ones best.
+    The map is one-to-one on the whole space with a constant Jacobian, so that log densities in z and y differ only by a
+    constant.
     """
 
     centre: FloatArray
@@ -66,9 +66,9 @@ class TriangularMap:
         draws
             Points z, shape (draws, dimension).
         effective
-            Effective sample size of the draws; with fewer draws the fitted curvature is shrunk more.
+            Effective sample size of the draws; the smaller it is, the more the fitted curvature is shrunk.
         linear
-            Number of last coordinates that follow the others in straight lines; they come last in the order too.
+            Number of last coordinates that depend linearly on the others; they are also placed last in the order.
         """
         centre, curved = draws.mean(axis=0), draws.shape[-1] - linear
         covariance = np.atleast_2d(np.cov(draws, rowvar=False))
@@ -88,7 +88,7 @@ class TriangularMap:
         t = t[:, order]
         fitted += [_straight(t, k) for k in range(curved, centre.size)]
         spread = (t - _bent(t, tuple(fitted))).std(axis=0)
-        # the width along an axis on which no walker moved is unknown
+        # the width along an axis is unknown if no walker moved on it
         return cls(centre, axes[:, order], np.where(spread > 0, spread, 1.0), tuple(fitted))
 
     def forward(self, y: FloatArray) -> FloatArray:
@@ -121,7 +121,7 @@ class Mapped:
 
 
 def learn(walks: FloatArray, log_density: FloatArray, tau: float, linear: int = 0) -> TriangularMap:
-    """Learn a map from a pilot walk.
+    """Learn a map from a pilot run.
 
     Parameters
     ----------
@@ -130,24 +130,25 @@ def learn(walks: FloatArray, log_density: FloatArray, tau: float, linear: int = 
     log_density
         Their log density, shape (...).
     tau
-        Steps of the walk for one independent draw.
+        Autocorrelation time: steps per independent draw.
     linear
-        As `TriangularMap.fit` takes it.
+        As for `TriangularMap.fit`.
     """
     draws, height = walks.reshape(-1, walks.shape[-1]), log_density.ravel()
-    # walkers still on their way from a bad start would stretch the map; their density is too low for a normal law
-    # if all are on their way, as with very precise data, the upper half is used
+    # exclude walkers still approaching from poor starts, whose density is too low for a normal law; if all
+    # are still approaching, as with very precise data, use the upper half
     low = min(height.max() - max(20.0, 4.0 * draws.shape[-1]), float(np.median(height)))
     draws = draws[height >= low]
     return TriangularMap.fit(draws, len(draws) / tau, linear)
 
 
 class _Bends:
-    """Regressions of each coordinate on linear, quadratic and cubic terms of others, from one matrix of moments.
+    """Regressions of each coordinate on linear, quadratic and cubic terms of the others, from one matrix of moments.
 
-    Coefficients have a normal prior of size `_CURVATURE`, which shrinks those that few draws cannot determine. Their
-    precision depends on the unexplained variance, which is estimated along with them: on a thin bent sheet even few
-    draws determine the curvature well, and shrinkage would leave more than the sheet's thickness.
+    Coefficients have a normal prior with standard deviation `_CURVATURE`, which shrinks those that the draws determine
+    poorly. Their precision depends on the unexplained variance, which is estimated jointly: on a thin curved sheet,
+    even a few draws determine the curvature well, and shrinkage would leave a bias larger than the thickness of the
+    sheet.
     """
 
     def __init__(self, t: FloatArray, effective: float) -> None:
@@ -157,14 +158,14 @@ class _Bends:
         self._dimension = t.shape[-1]
 
     def fit(self, k: int, others: list[int]) -> tuple[FloatArray, float]:
-        """Return coefficients of t_k on the features of the others, and the mean square that they explain."""
+        """Return coefficients of t_k on the features of the others, and the explained mean square."""
         terms = np.array([0, *(term for i, j in enumerate(others) for term in self._terms(j, others[: i + 1]))])
         moments, moment = self._moments[np.ix_(terms, terms)], self._with_features[terms, k]
         left = 1.0
         for _ in range(_REFITS):
             normal = moments + left / (_CURVATURE**2 * self._effective) * np.diag(terms > 0)
             solved = np.linalg.solve(normal, np.column_stack([moment, moments]))
-            # a copy: a column in place would be multiplied in another order, with other rounding than elsewhere
+            # a copy, because a strided column would be multiplied in a different order, with different rounding
             bend, spent = solved[:, 0].copy(), float(np.trace(solved[:, 1:]))
             unexplained = self._square[k] - 2.0 * bend @ moment + bend @ moments @ bend
             if spent >= self._effective:
@@ -174,12 +175,12 @@ class _Bends:
 
     @staticmethod
     def _terms(j: int, earlier: list[int]) -> list[int]:
-        """Return the indices of the features that t_j, one of the earlier coordinates, adds in `_features`."""
+        """Return the indices of the features in `_features` that are added by t_j, one of the earlier coordinates."""
         pairs = [_count(max(i, j)) + 1 + min(i, j) for i in earlier]
         return [_count(j), *pairs, _count(j + 1) - 1]
 
     def order(self) -> list[int]:
-        """Return the order in which earlier coordinates explain later ones best; the best explained comes last."""
+        """Return the order in which earlier coordinates explain later ones best; the best explained one is last."""
         left, order = list(range(self._dimension)), []
         while left:
             gains = [self.fit(k, [other for other in left if other != k])[1] for k in left]
@@ -188,7 +189,7 @@ class _Bends:
 
 
 def _straight(t: FloatArray, k: int) -> FloatArray:
-    """Return the coefficients of t_k on the features of the earlier coordinates, of which only linear ones count."""
+    """Return the coefficients of t_k on the features of the earlier coordinates, nonzero only for linear ones."""
     bend = np.zeros(_count(k))
     terms = [0, *(_count(j) for j in range(k))]
     linear = np.column_stack([np.ones(len(t)), np.clip(t[:, :k], -_REACH, _REACH)])
@@ -197,7 +198,7 @@ def _straight(t: FloatArray, k: int) -> FloatArray:
 
 
 def _features(t: FloatArray) -> FloatArray:
-    """Return 1 and, for every t_k, itself, its products with those up to it, and its cube, t clipped at `_REACH`.
+    """Return the features: 1 and, for every t_k, t_k, t_i t_k for i <= k, and t_k³, with t clipped at `_REACH`.
 
     The shape is (..., features) for t of shape (..., dimension); features of the first k coordinates come first.
     """
@@ -211,12 +212,12 @@ def _features(t: FloatArray) -> FloatArray:
 
 @cache
 def _count(coordinates: int) -> int:
-    """Return the number of features of so many coordinates."""
+    """Return the number of features for a number of coordinates."""
     return 1 + 2 * coordinates + coordinates * (coordinates + 1) // 2
 
 
 def _extend(features: FloatArray, near: FloatArray, k: int) -> None:
-    """Write the features that coordinate k adds to those of the earlier ones; points are on the last axis of both."""
+    """Write the features added by coordinate k to those of the earlier ones; points are on the last axis of both."""
     start, stop = _count(k), _count(k + 1)
     features[start] = near[k]
     np.multiply(near[: k + 1], near[k], out=features[start + 1 : stop - 1])
@@ -224,6 +225,6 @@ def _extend(features: FloatArray, near: FloatArray, k: int) -> None:
 
 
 def _bent(t: FloatArray, bends: tuple[FloatArray, ...]) -> FloatArray:
-    """Return the difference of each t_k from its prediction by the others, of the shape of ``t``."""
+    """Return the residual of each t_k from its prediction by the earlier ones, of the shape of ``t``."""
     features = _features(t)
     return np.stack([features[..., : bend.size] @ bend for bend in bends], axis=-1)

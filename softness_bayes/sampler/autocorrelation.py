@@ -1,9 +1,9 @@
-"""Integrated autocorrelation time of ensembles of walkers, about the mean that the walkers share.
+"""Integrated autocorrelation time of ensembles of walkers, about the mean of all walkers.
 
-emcee takes each walker's own mean away. What a walker's mean scatters by is then missing from the autocorrelations,
-which come out too small: walks with a quick and a slow part that end at 50 estimated times have 42 true ones. The mean
-of all walkers scatters far less, and the same walks have 50. `tools.benchmark_autocorrelation` compares both on walks
-of known time.
+emcee subtracts the mean of each walker. The variance of these means is then missing from the autocorrelations, which
+are therefore underestimated: chains with fast and slow components that stop at a length of 50 estimated times have only
+42 true ones. The mean of all walkers varies much less, and the same chains have 50. `tools.benchmark_autocorrelation`
+compares both estimates on processes with known autocorrelation time.
 """
 
 from __future__ import annotations
@@ -15,13 +15,13 @@ from scipy import fft
 FloatArray = NDArray[np.float64]
 
 WINDOW = 5.0
-"""The sum of autocorrelations stops at the first lag beyond this many times itself (Sokal)."""
+"""Window factor: the sum of autocorrelations stops at the first lag larger than this multiple of it (Sokal)."""
 
 
 def autocorrelation_time(walks: FloatArray) -> FloatArray:
-    """Return the autocorrelation time of each quantity, in steps; infinite where a walker never moved.
+    """Return the autocorrelation time of each quantity, in steps; infinite if a walker never moved.
 
-    Walkers of an ensemble that keep to places of their own have a long time, however quickly each moves there.
+    It is long if walkers stay in different regions, however fast each of them moves within its region.
 
     Parameters
     ----------
@@ -37,9 +37,9 @@ def autocorrelation_time(walks: FloatArray) -> FloatArray:
 
 
 def own_time(walks: FloatArray) -> FloatArray:
-    """Return the autocorrelation time about each walker's own mean, as emcee does; otherwise as `autocorrelation_time`.
+    """Return the autocorrelation time about the mean of each walker, as in emcee; see `autocorrelation_time`.
 
-    It is too short, but knows nothing of differences between walkers: beside `autocorrelation_time` it shows these.
+    It is too short but unaffected by differences between walkers; comparison with `autocorrelation_time` reveals these.
     """
     deviations = walks - walks.mean(axis=-2, keepdims=True)
     spread = np.sqrt((deviations**2).mean(axis=-2, keepdims=True))
@@ -49,8 +49,8 @@ def own_time(walks: FloatArray) -> FloatArray:
 def indicator_time(walks: FloatArray, below: FloatArray) -> FloatArray:
     """Return the autocorrelation time of the indicator that a quantity lies below a threshold, in steps.
 
-    All walkers use the mean and variance of the whole ensemble. A walker that never crosses the threshold has
-    no autocorrelation of its own, and in this way lengthens the time as it should.
+    Mean and variance are those of the whole ensemble. A walker that never crosses the threshold has no autocorrelation
+    of its own; with the common mean it lengthens the time as it should.
 
     Parameters
     ----------
@@ -62,7 +62,7 @@ def indicator_time(walks: FloatArray, below: FloatArray) -> FloatArray:
     Returns
     -------
     ndarray, shape (...)
-        Infinite where no walker crosses the threshold.
+        Infinite if no walker crosses the threshold.
     """
     return pooled_time((walks <= below[..., None, None]).astype(float))
 
@@ -78,7 +78,7 @@ def pooled_time(walks: FloatArray) -> FloatArray:
     Returns
     -------
     ndarray, shape (...)
-        Infinite where nothing varies.
+        Infinite if nothing varies.
     """
     deviations = walks - walks.mean(axis=(-2, -1), keepdims=True)
     steps = deviations.shape[-2]

@@ -13,12 +13,12 @@ from softness_bayes.sampler.autocorrelation import indicator_time
 FloatArray = NDArray[np.float64]
 
 _TAILS = (0.05, 0.95)
-_ESS_STRIDE = 3  # the bulk ESS uses draws this fraction of an autocorrelation time apart
+_ESS_STRIDE = 3  # spacing of the draws for the bulk ESS, as a fraction of an autocorrelation time
 _R_HAT_DRAWS = 4000  # draws of each ensemble that R-hat uses
 
 
 def r_hat_between(walks: FloatArray) -> FloatArray:
-    """Return R-hat between ensembles, each taken as one chain with its walkers interleaved in time order.
+    """Return R-hat between ensembles, each treated as one chain with its walkers interleaved in time order.
 
     Parameters
     ----------
@@ -57,7 +57,7 @@ def ess_tail(walks: FloatArray) -> FloatArray:
 
 
 def ess_bulk(walks: FloatArray, tau: FloatArray) -> FloatArray:
-    """Return ArviZ's bulk ESS with one chain per walker, from thinned draws: nearly the same and much faster."""
+    """Return ArviZ's bulk ESS with one chain per walker, from thinned draws: almost equal and much faster."""
     sizes = []
     for k in range(walks.shape[1]):
         every = max(1, int(tau[k] / _ESS_STRIDE))

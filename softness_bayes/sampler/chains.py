@@ -13,14 +13,14 @@ FloatArray = NDArray[np.float64]
 
 
 class Segment(NamedTuple):
-    """Some consecutive steps of one ensemble."""
+    """Consecutive steps of one ensemble."""
 
     coordinates: FloatArray
     """Sampler coordinates z, shape (steps, walkers, dimension)."""
     log_density: FloatArray
     """Log density in those coordinates, shape (steps, walkers)."""
     accepted: NDArray[np.int64]
-    """Accepted proposals of each walker, shape (walkers,)."""
+    """Number of accepted proposals of each walker, shape (walkers,)."""
 
     @staticmethod
     def join(parts: Iterable[Segment]) -> Segment:
@@ -29,13 +29,13 @@ class Segment(NamedTuple):
         return Segment(np.concatenate(coordinates), np.concatenate(log_density), np.sum(accepted, axis=0))
 
     def every(self, stride: int) -> Segment:
-        """Return every ``stride``-th stored step, starting with the last of the first ``stride``."""
+        """Return every ``stride``-th stored step, starting with step number ``stride``."""
         return Segment(self.coordinates[stride - 1 :: stride], self.log_density[stride - 1 :: stride], self.accepted)
 
 
 @dataclass(frozen=True)
 class Chains:
-    """All stored steps of all ensembles, every ``stride``-th step of the walk being stored.
+    """Stored steps of all ensembles, with every ``stride``-th step of the run stored.
 
     Parameters
     ----------
@@ -46,9 +46,9 @@ class Chains:
     accepted
         Share of accepted proposals of each walker, shape (ensembles, walkers).
     steps
-        Steps walked.
+        Number of steps.
     stride
-        Steps of the walk for one stored.
+        Number of steps per stored step.
     """
 
     coordinates: FloatArray
@@ -59,7 +59,7 @@ class Chains:
 
     @classmethod
     def of(cls, segments: Iterable[Segment], steps: int, stride: int) -> Chains:
-        """Return the chains of which each ensemble has drawn one segment."""
+        """Return the chains made of one segment per ensemble."""
         coordinates, log_density, accepted = zip(*segments, strict=True)
         share = np.array(accepted) / max(steps, 1)
         return cls(np.stack(coordinates), np.stack(log_density), share, steps, stride)
@@ -70,9 +70,9 @@ class Chains:
         Parameters
         ----------
         burn_in
-            Steps of the walk to drop.
+            Number of steps to drop.
         draws_per_walker
-            Upper limit to the stored steps that are left; the last is always one of them.
+            Largest number of stored steps to retain; the last step is always retained.
         """
         first = -(-burn_in // self.stride)
         left = self.log_density.shape[1] - first
@@ -87,7 +87,7 @@ class Chains:
         )
 
     def by_walker(self, values: FloatArray) -> FloatArray:
-        """Turn values (ensembles, stored, walkers, ...) into (chains, draws, ...), one chain per walker."""
+        """Reshape values (ensembles, stored, walkers, ...) to (chains, draws, ...), with one chain per walker."""
         swapped = np.swapaxes(values, 1, 2)
         return swapped.reshape(-1, *swapped.shape[2:])
 

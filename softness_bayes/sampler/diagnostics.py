@@ -1,4 +1,4 @@
-"""Convergence of ensembles of walkers, in numbers and in one sentence."""
+"""Convergence diagnostics of ensembles of walkers, as numbers and as one sentence."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ from softness_bayes.sampler.starts import NO_STARTS, Starts
 FloatArray = NDArray[np.float64]
 
 LOG_POSTERIOR = "log posterior"
-"""Name of the log density, which is judged together with the parameters."""
+"""Name of the log density, which is checked together with the parameters."""
 
-_APART = 1.1  # R-hat of long ensembles above which they sit in separate modes
-_LONGER = 10.0  # ratio of the times about the common mean and about own means from which walkers sit in separate modes
-_TELLING = 10.0  # autocorrelation times from which a walk bounds how long it will have to be
-_AT_MOST = 2.0  # how many times longer than foreseen from there such a walk becomes at most
+_APART = 1.1  # R-hat of long ensembles above which they are in separate modes
+_LONGER = 10.0  # ratio of the times about the common and individual means above which walkers are in separate modes
+_TELLING = 10.0  # autocorrelation times after which a run provides a bound on its total length
+_AT_MOST = 2.0  # largest ratio of the final length to the one estimated from there on
 
 
 @dataclass(frozen=True)
@@ -34,16 +34,15 @@ class Goal:
     lengths
         Kept steps of each ensemble, in autocorrelation times of its worst quantity.
     tau_change
-        Largest relative change of that time since the look before.
+        Largest relative change of that time since the previous check.
     r_hat
         Largest R-hat between ensembles.
     ess
         Smallest effective sample size, bulk and tail.
     looks
-        Successive looks at which all of this must hold.
+        Number of successive checks at which all of this must hold.
     burn_in
-        Steps dropped at the start, in autocorrelation times of the run's second half; never more
-        than half of the run.
+        Steps dropped at the start, in autocorrelation times of the second half of the run; at most half of the run.
     """
 
     lengths: float = 50.0
@@ -55,7 +54,7 @@ class Goal:
 
 
 class Share(NamedTuple):
-    """The share of the draws that one of several modes holds."""
+    """Share of the draws in one of several modes."""
 
     share: float
     """From 0 to 1."""
@@ -64,11 +63,11 @@ class Share(NamedTuple):
 
 
 class Foreseen(NamedTuple):
-    """The steps that a run needs in all, as far as a look can tell."""
+    """Total number of steps that a run needs, as estimated at a check."""
 
     steps: int
     most: float
-    """The largest number that is to be expected; infinite where the walk is too short for a bound."""
+    """Largest number to be expected; infinite if the run is too short for a bound."""
 
 
 @dataclass(frozen=True)
@@ -78,26 +77,26 @@ class Verdict:
     Parameters
     ----------
     names
-        Judged quantities: the parameters, the log posterior, and the modes' shares if there are several.
+        Checked quantities: the parameters, the log posterior, and the shares of the modes if there are several.
     steps, burn_in, kept
-        Steps walked by each ensemble, dropped at the start, and left.
+        Numbers of steps of each ensemble: in total, dropped at the start, and retained.
     ensembles, walkers
         Ensembles, and walkers of each.
     tau
         Autocorrelation time of each quantity in steps, about the mean of the walkers of all ensembles, shape
         (quantities,).
     tau_change
-        Relative change of the worst quantity's time since the look before; infinite at the first.
+        Relative change of the worst quantity's time since the previous check; infinite at the first.
     r_hat
         R-hat between ensembles, shape (quantities,).
     ess_bulk, ess_tail
-        Effective sample sizes, shape (quantities,); NaN while length, R-hat or the time's change still fails.
+        Effective sample sizes, shape (quantities,); NaN as long as length, R-hat or the change of the time fails.
     acceptance
         Share of accepted proposals.
     stuck
-        Walkers that never moved after the burn-in.
+        Number of walkers that never moved after the burn-in.
     looks_passed
-        Successive checks, this one included, at which the criteria were met.
+        Number of successive checks, including this one, at which the criteria were met.
     goal
         The criteria.
     shares
@@ -105,8 +104,8 @@ class Verdict:
     starts
         Result of the search for starting points.
     own
-        Longest autocorrelation time about each walker's own mean of any quantity and ensemble, in steps, where that
-        about the common mean is too long for the goal; else NaN.
+        Longest autocorrelation time, in steps, of any quantity and ensemble about the mean of each walker, if that
+        about the common mean is too long for the goal; otherwise NaN.
     """
 
     names: tuple[str, ...]
@@ -140,18 +139,18 @@ class Verdict:
 
     @property
     def lengths(self) -> float:
-        """Kept steps over the longest autocorrelation time."""
+        """Retained steps divided by the longest autocorrelation time."""
         return self.kept / float(self.tau.max())
 
     @property
     def ess(self) -> float:
-        """Smallest effective sample size; before it is computed, an estimate from the longest autocorrelation time."""
+        """Smallest effective sample size; until computed, an estimate from the longest autocorrelation time."""
         known = float(np.min([*self.ess_bulk, *self.ess_tail]))
         return known if math.isfinite(known) else self.ensembles * self.walkers * self.lengths
 
     @property
     def more_steps(self) -> int:
-        """Estimate of the steps that are still missing; 0 when converged."""
+        """Estimated number of further steps; 0 when converged."""
         if self.converged:
             return 0
         goal, tau = self.goal, float(self.tau.max())
@@ -160,7 +159,7 @@ class Verdict:
         needs = [
             1.02 * (goal.lengths + goal.burn_in) * tau - self.steps,
             self.kept * (goal.ess / float(np.nanmin([*self.ess_bulk, *self.ess_tail, math.inf])) - 1.0),
-            # R-hat² - 1 falls like one over the length if ensembles share a target
+            # R-hat² - 1 is inversely proportional to the length if ensembles sample the same target
             self.kept * ((float(self.r_hat.max()) ** 2 - 1.0) / (goal.r_hat**2 - 1.0) - 1.0),
             0.05 * self.steps,
         ]
@@ -168,12 +167,12 @@ class Verdict:
 
     @property
     def foreseen(self) -> Foreseen:
-        """Estimate of all steps, which slow movements that a short walk does not see yet make too small."""
+        """Estimated total number of steps; too small if slow movements are not yet visible in a short run."""
         steps = self.steps + self.more_steps
         return Foreseen(steps, _AT_MOST * steps if self.lengths >= _TELLING else math.inf)
 
     def sentence(self) -> str:
-        """Return the verdict in one line, with the unmet criteria and an estimate of the missing steps."""
+        """Return the verdict in one line, with the unmet criteria and the estimated number of further steps."""
         head = f"after {self.steps} steps of {self.ensembles} x {self.walkers} walkers"
         if self.converged:
             return (
@@ -190,7 +189,7 @@ class Verdict:
         return f"{self.tau.max():.0f} steps for the slowest quantity, {self.names[self.worst]}"
 
     def _starts(self) -> str:
-        """Say how many modes there are, and how well the search for them covers the prior."""
+        """Describe the number of modes, and how well the search for them covers the prior."""
         climbs, hopeless, _ = self.starts
         if self.shares:
             held = [f"{s.share:.3f} ± {s.error:.3f}" for s in self.shares if s.share > 0]
@@ -229,10 +228,10 @@ class Verdict:
 
     @property
     def modes(self) -> str:
-        """Ensembles or walkers that seem to sit in separate modes, in words; empty if none do.
+        """Description of ensembles or walkers that seem to be in separate modes; empty if there are none.
 
-        The signs are ensembles that disagree strongly, or walkers whose time about their common mean is many times
-        that about their own means, although all are long in the latter.
+        Indications are ensembles that disagree strongly, or an autocorrelation time about the common mean that is many
+        times longer than about individual means, although the run is long in terms of the latter.
         """
         alone = float(self.tau.max()) if math.isnan(self.own) else self.own
         if not self.kept >= self.goal.lengths * alone:
@@ -261,9 +260,9 @@ def look(
     names
         Names of the quantities.
     values
-        Their stored values from the first step on, shape (ensembles, stored, walkers, quantities).
+        Their stored values since the first step, shape (ensembles, stored, walkers, quantities).
     stride
-        Steps of the walk for one stored.
+        Number of steps per stored step.
     acceptance
         Share of accepted proposals, for the record.
     before
@@ -272,7 +271,7 @@ def look(
         Criteria of convergence.
     inside
         If the density has several modes, whether each draw is in each mode, shape (ensembles, stored, walkers,
-        modes). Their shares are judged like the other quantities.
+        modes). Their shares are checked like the other quantities.
     starts
         Result of the search for starting points, for the record.
     """

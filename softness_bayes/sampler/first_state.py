@@ -31,18 +31,18 @@ def place_walkers(
     Parameters
     ----------
     workers
-        Processes that hold the target as their resident.
+        Processes with the target as their resident object.
     seed
-        Source of all random numbers; each ensemble and each climb gets a child of it.
+        Seed of all random numbers; each ensemble and each optimisation uses a child of it.
     ensembles, walkers, optima
-        Ensembles, walkers of each, and optimised points about which these start.
+        Numbers of ensembles, of walkers per ensemble, and of optimised points about which these start.
     first_look
-        Step at which the chains are looked at first.
+        Step of the first convergence check.
 
     Raises
     ------
     NumericalError
-        If the density is zero at every start.
+        If the density is zero at all starting points.
     """
     # children by key, not by spawn(), whose result depends on how often it was called before
     seeds = [

@@ -1,4 +1,4 @@
-"""Monte-Carlo errors of any statistic of correlated draws, by leaving out groups of chains."""
+"""Jackknife errors of arbitrary statistics of correlated draws, with groups of chains left out."""
 
 from __future__ import annotations
 
@@ -10,19 +10,19 @@ from numpy.typing import NDArray
 FloatArray = NDArray[np.float64]
 
 GROUPS = 20
-"""Number of groups of consecutive draws; it makes the error itself uncertain by a sixth."""
+"""Number of groups of consecutive draws; the relative uncertainty of the error is then one sixth."""
 
 
 def jackknife(statistic: Callable[[NDArray[np.bool_]], float | FloatArray], draws: int) -> FloatArray:
-    """Return the Monte-Carlo standard error of a statistic, leaving out one group of draws at a time.
+    """Return the Monte-Carlo standard error of a statistic by leaving out one group of draws at a time.
 
-    Groups are consecutive draws, so that they keep the correlations within chains. The error is NaN with fewer than two
-    draws for each group.
+    Groups are consecutive draws and so preserve the correlations within chains. The error is NaN with fewer than two
+    draws per group.
 
     Parameters
     ----------
     statistic
-        Function of a mask of draws that returns the value, or values, of the marked ones.
+        Function of a mask of draws that returns the value, or values, for the selected draws.
     draws
         Number of draws, in order of the chains.
     """

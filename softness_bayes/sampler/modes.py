@@ -1,7 +1,7 @@
 """Separate modes of a density: the mode of each draw, and a map of each mode.
 
-A mode starts as the normal law that matches an optimum. From a pilot walk it gets its own map, which may be curved;
-draws are then assigned again, by the maps. Modes that overlap are merged.
+Each mode is initially the normal approximation at an optimum. A separate, possibly curved map is fitted to it in the
+pilot run; draws are then reassigned using these maps. Overlapping modes are merged.
 """
 
 from __future__ import annotations
@@ -18,35 +18,35 @@ from softness_bayes.sampler.moves import Student
 FloatArray = NDArray[np.float64]
 Labels = NDArray[np.intp]
 
-_ROUNDS = 10  # of assigning draws to modes and fitting the maps again
-_FEWEST = 4  # distinct draws of a mode, for each dimension, below which its map is not fitted again
-_NEAR = 3.0  # a draw belongs to two modes if their log densities differ by less
+_ROUNDS = 10  # iterations of assigning draws to modes and refitting the maps
+_FEWEST = 4  # distinct draws per dimension below which the map of a mode is not refitted
+_NEAR = 3.0  # a draw belongs to two modes if their log densities differ by less than this
 _SHARED = 0.1  # share of such draws above which two modes overlap
 
 _LAW = Student()
 
 
 def labels(modes: Sequence[TriangularMap], z: FloatArray) -> Labels:
-    """Return the number of the mode that each point belongs to, shape (...), for ``z`` of shape (..., dimension)."""
+    """Return the index of the mode of each point, shape (...), for ``z`` of shape (..., dimension)."""
     return np.asarray(_log_densities(modes, z.reshape(-1, z.shape[-1])).argmax(axis=0).reshape(z.shape[:-1]))
 
 
 def learn_modes(
     modes: Sequence[TriangularMap], walks: FloatArray, log_density: FloatArray, tau: float, linear: int = 0
 ) -> tuple[TriangularMap, ...]:
-    """Learn a map of each mode from a pilot walk, the mode with most draws first.
+    """Learn a map of each mode from a pilot run, ordered by decreasing number of draws.
 
     Parameters
     ----------
     modes
         Maps of the modes so far.
     walks, log_density, tau, linear
-        As `adaptation.learn` takes them.
+        As for `adaptation.learn`.
 
     Returns
     -------
     tuple of TriangularMap
-        One map for all draws if the modes turn out to be one.
+        Maps of the modes; a single map if there turns out to be only one mode.
     """
     draws, height = walks.reshape(-1, walks.shape[-1]), log_density.ravel()
     found = list(modes)
@@ -65,7 +65,7 @@ def learn_modes(
 def _mapped(
     modes: list[TriangularMap], draws: FloatArray, height: FloatArray, tau: float, linear: int
 ) -> tuple[list[TriangularMap], Labels]:
-    """Fit maps and assign draws in turns until few draws change their mode."""
+    """Alternate between fitting maps and assigning draws until few draws change their mode."""
     label = labels(modes, draws)
     for _ in range(_ROUNDS):
         own = [label == k for k in range(len(modes))]
@@ -81,7 +81,7 @@ def _mapped(
 
 
 def _overlapping(modes: Sequence[TriangularMap], label: Labels, draws: FloatArray) -> tuple[int, int] | None:
-    """Return two modes of which many draws of one also belong to the other, or None."""
+    """Return two overlapping modes, with many draws of one also belonging to the other, or None."""
     density = _log_densities(modes, draws)
     for k, other in permutations(range(len(modes)), 2):
         mine = label == k

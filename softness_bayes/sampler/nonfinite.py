@@ -1,4 +1,4 @@
-"""Points at which a density could not be computed: counted, recorded, and given density zero."""
+"""Handling of points at which a density could not be computed: counted, recorded, and assigned zero density."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ FloatArray = NDArray[np.float64]
 Value = TypeVar("Value")
 
 KEPT = 1000
-"""Largest number of points that a record keeps; further ones are only counted."""
+"""Largest number of points kept in a record; further ones are only counted."""
 
 _LEAST = 10_000  # smallest denominator of the share of failures, so that a few failures are always allowed
 
 
 @runtime_checkable
 class Explaining(Protocol):
-    """A target that can name the stage that fails."""
+    """A target that can identify the stage that failed."""
 
     def failing_stage(self, z: FloatArray) -> str:
         """Return the name of the first stage without a finite result at one point ``z``, shape (dimension,)."""
@@ -66,7 +66,7 @@ class Nonfinite:
         return self.count / max(self.evaluations, _LEAST)
 
     def sentence(self, names: Sequence[str], natural: Callable[[FloatArray], FloatArray]) -> str:
-        """Say how many failed, with the first of them in natural units; empty if none did."""
+        """Describe the number of failures, with the first one in natural units; empty if there are none."""
         if not self.failures:
             return ""
         first = natural(np.array(self.failures[0].point))
@@ -80,8 +80,8 @@ class Nonfinite:
 class Watched:
     """A target whose failures are recorded in `found` and have density zero, so that they are never accepted.
 
-    A target fails where it returns NaN or plus infinity, or raises an arithmetic error; minus infinity is
-    a density of zero. It is called like the target, and passes everything else on to it.
+    A target fails if it returns NaN or plus infinity, or raises an arithmetic error; minus infinity is a density of
+    zero. This object is called like the target and delegates all other members to it.
     """
 
     def __init__(self, target: Target) -> None:
@@ -101,7 +101,7 @@ class Watched:
         return self._target.draw_start(rng, size)
 
     def __call__(self, z: FloatArray) -> FloatArray:
-        """Return the log density at ``z`` (points, dimension), shape (points,): minus infinity where it fails."""
+        """Return the log density at ``z`` (points, dimension), shape (points,): minus infinity at failures."""
         raised: dict[int, str] = {}
         try:
             value = np.array(self._target(z), float)
@@ -117,7 +117,7 @@ class Watched:
         return value
 
     def _one_by_one(self, z: FloatArray) -> tuple[FloatArray, dict[int, str]]:
-        """Return values at points of which some raise, and the messages of those."""
+        """Return values at points, some of which raise errors, and the messages of these."""
         value, raised = np.full(len(z), np.nan), dict[int, str]()
         for i in range(len(z)):
             try:
@@ -136,7 +136,7 @@ def watching(work: Callable[..., Value], target: Target, *task: Any) -> tuple[Va
     Raises
     ------
     NumericalError
-        If the work raises it; the message adds the failures so far.
+        If raised by the work; the failures so far are added to the message.
     """
     watched = Watched(target)
     try:

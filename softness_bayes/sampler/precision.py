@@ -23,7 +23,7 @@ class Estimate(NamedTuple):
 def share(holds: NDArray[np.bool_]) -> Estimate:
     """Return the share of draws for which something holds.
 
-    For the error, half a draw is added to either side, so that a share of 0 or 1 has an error too.
+    For the error, half a draw is added to either side, so that a share of 0 or 1 also has an error.
 
     Parameters
     ----------
@@ -36,15 +36,15 @@ def share(holds: NDArray[np.bool_]) -> Estimate:
 
 
 def quantile(walks: FloatArray, probability: float) -> Estimate:
-    """Return a quantile of those draws that have a value.
+    """Return a quantile of the draws that are not NaN.
 
     Its error is half the distance between the quantiles one standard error of the probability below and above
-    (Vehtari et al., Bayesian Analysis 16, 667, 2021). It includes the error of which draws have a value.
+    (Vehtari et al., Bayesian Analysis 16, 667, 2021). It includes the uncertainty about which draws are NaN.
 
     Parameters
     ----------
     walks
-        Shape (ensembles, steps, walkers), NaN where a draw has no value.
+        Shape (ensembles, steps, walkers), NaN for draws without a value.
     probability
         Probability of a smaller value.
     """

@@ -1,13 +1,13 @@
-"""Independent ensembles of walkers, run until they have converged.
+"""Independent ensembles of walkers, run until convergence.
 
-A run has three parts. Walkers start about optimised points (`starts`). A pilot walk of a fixed number of steps learns
-the density's shape (`adaptation`); its draws are dropped. If a check finds the walk slow, it becomes one more stage of
-the pilot, a few times at most. After that nothing is adapted, and the walk is a Markov chain with the density as its
-stationary distribution.
+A run has three parts. Walkers start about optimised points (`starts`). In a pilot run with a fixed number of steps, the
+shape of the density is learnt (`adaptation`); its draws are dropped. If a check finds the subsequent sampling slow, it
+becomes one more stage of the pilot, at most a few times. After that nothing is adapted, and the run is a Markov chain
+with the density as its stationary distribution.
 
-The chain depends only on target, settings and seed. A run is a sequence of states (`walk`), each of which continues to
-the same chain, whatever the speed of the machine and however often the run is interrupted: only the chain decides at
-which steps it is checked, and a check at a limit does not change the chain.
+The chain depends only on target, settings and seed. A run is a sequence of states (`walk`), from each of which the same
+chain continues, regardless of the speed of the machine and of interruptions: the steps at which it is checked depend
+only on the chain, and a check at a limit does not change it.
 """
 
 from __future__ import annotations
@@ -45,14 +45,14 @@ from softness_bayes.sampler.workers import Workers, available_processors
 FloatArray = NDArray[np.float64]
 
 MANY_WALKERS = 80
-"""Walkers of an ensemble, four for each dimension, above which there need only be as many as the moves ask for."""
+"""Default number of walkers, four per dimension, is capped at this value unless the moves require more."""
 
 PATIENCE = 2.0
-"""Time [s] between reports of an ensemble, which limits the loss if the run is killed."""
+"""Time [s] between reports of an ensemble, which limits the loss if the run is terminated."""
 
 
 FIRST_LOOK = Schedule().first_look
-"""Steps before the usual first look at the chains."""
+"""Number of steps before the default first check of the chains."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -62,18 +62,18 @@ class Settings(Schedule):
     Parameters
     ----------
     ensembles
-        Independent ensembles, at least two.
+        Number of independent ensembles, at least two.
     walkers
-        Walkers of each; by default from the dimension.
+        Number of walkers of each; the default depends on the dimension.
     processes
-        Worker processes; by default one for each ensemble or processor, whichever are fewer. The draws do not
+        Number of worker processes; by default one per ensemble or processor, whichever is fewer. The draws do not
         depend on it.
     optima
-        Optimised points about which the walkers of an ensemble start.
+        Number of optimised points about which the walkers of an ensemble start.
     first_moves, moves
-        Proposals with their probabilities in the first stage of the pilot, and from then on.
+        Proposals with their probabilities in the first stage of the pilot, and afterwards.
     failures
-        Largest share of evaluated points at which the density may be NaN; above it the run stops.
+        Largest tolerated share of evaluated points with a density of NaN; above it, the run stops.
     """
 
     ensembles: int = 4
@@ -94,7 +94,7 @@ class Settings(Schedule):
         STEPS.require("sampling: max_steps", self.max_steps)
 
     def workers(self, target: Target) -> Workers:
-        """Return the processes that share the ensembles, each of which holds the target."""
+        """Return the worker processes for the ensembles, each with a copy of the target."""
         return Workers(target, self.processes or min(self.ensembles, available_processors()))
 
     def walkers_for(self, dimension: int) -> int:
@@ -103,7 +103,7 @@ class Settings(Schedule):
         Raises
         ------
         InputError
-            If the number asked for is odd or below twice the dimension plus two.
+            If the requested number is odd or below twice the dimension plus two.
         """
         if self.walkers is None:
             return max(20, min(4 * dimension, max(MANY_WALKERS, 2 * dimension + 2)))
@@ -113,11 +113,11 @@ class Settings(Schedule):
         return self.walkers
 
     def moves_for(self, dimension: int) -> Moves:
-        """Return the moves after the first stage, with proposals that suit the dimension where none were asked for."""
+        """Return the moves after the first stage; the default depends on the dimension."""
         return MANY_DIMENSIONS_MOVES if self.moves is MOVES and dimension > MANY_DIMENSIONS else self.moves
 
     def description(self, dimension: int) -> dict[str, str]:
-        """Return the settings that affect the draws, by name; limits and processes do not."""
+        """Return the settings that affect the draws, by name, without limits and processes."""
         named = ("ensembles", "round_steps", "stored", "optima", "pilot", "relearning", "slow", "growing", "goal")
         plain = {name: getattr(self, name) for name in named}
         made = {"first_moves": self.first_moves, "moves": self.moves_for(dimension)}
@@ -129,11 +129,11 @@ class Progress(NamedTuple):
     """Progress of a run."""
 
     steps: int
-    """Steps walked."""
+    """Number of completed steps."""
     missing: int
-    """Estimate of the steps still to go."""
+    """Estimated number of remaining steps."""
     seconds: float
-    """Time since the start, earlier sessions included."""
+    """Time since the start, including earlier sessions."""
     verdict: Verdict | None
     """The last convergence check; None before the first."""
     failures: int = 0
@@ -144,7 +144,7 @@ class Sampled(NamedTuple):
     """Result of a run."""
 
     chains: Chains
-    """All stored steps, those before the burn-in of the verdict included."""
+    """All stored steps, including the burn-in of the verdict."""
     verdict: Verdict
     """The last convergence check."""
 
@@ -158,7 +158,7 @@ def advance(
     stride: int = 1,
     modes: Sequence[TriangularMap] = (),
 ) -> tuple[EnsembleState, Segment]:
-    """Walk one ensemble; two calls give bit by bit the same as one call over all steps.
+    """Advance one ensemble; two calls give bitwise the same result as one call over all steps.
 
     Parameters
     ----------
@@ -167,13 +167,13 @@ def advance(
     state
         State of the ensemble.
     steps
-        Steps to walk, a multiple of ``stride``.
+        Number of steps, a multiple of ``stride``.
     moves
         Proposals with their probabilities.
     map
         Coordinates in which the moves are made.
     stride
-        Steps of the walk for one stored.
+        Number of steps per stored step.
     modes
         Maps of the density's modes, if it has several.
     """
@@ -184,7 +184,7 @@ def advance(
     leaps = leaping(moves, [Mode(map, own) for own in modes])
     made = [(proposal.made(), share) for proposal, share in leaps]
     sampler = emcee.EnsembleSampler(walkers, dimension, mapped, moves=made, vectorize=True)
-    # emcee accepts any state, and silently uses NumPy's global one if it does not understand it
+    # emcee accepts any state, and silently uses NumPy's global generator if it is invalid
     sampler.random_state = state.random
     if not _same_random(sampler.random_state, state.random):
         raise NumericalError("the state of the random generator was not accepted")
@@ -202,7 +202,7 @@ def walk(
     begin: RunState | None = None,
     workers: Workers | None = None,
 ) -> Iterator[RunState]:
-    """Sample a density with independent ensembles, state by state, until the last one has `RunState.ended`.
+    """Sample a density with independent ensembles, yielding states until `RunState.ended`.
 
     Parameters
     ----------
@@ -213,23 +213,23 @@ def walk(
     seed
         Seed of the draws, which do not depend on the number of processes.
     begin
-        State of a run with the same target, settings and seed, to be continued; limits may differ.
+        State of a run with the same target, settings and seed from which to continue; limits may differ.
     workers
-        Processes that hold the target, as `Settings.workers` makes them; by default new ones.
+        Processes with the target, from `Settings.workers`; by default new ones.
 
     Raises
     ------
     NumericalError
-        If the density is zero at all starts, or could not be computed at more than the settings' share of points
-        (raised after the state that records it).
+        If the density is zero at all starting points, or could not be computed at more than the tolerated share of
+        points (raised after the state that records it).
     InputError
-        If the settings do not fit the target.
+        If the settings are incompatible with the target.
     """
     begun = time.monotonic()
     root = seed if isinstance(seed, np.random.SeedSequence) else np.random.SeedSequence(seed)
     before = begin.seconds if begin is not None else 0.0
     walkers = settings.walkers_for(len(target.names))
-    pace = math.inf  # steps in a second: at first unknown
+    pace = math.inf  # steps per second, initially unknown
 
     with nullcontext(workers) if workers is not None else settings.workers(target) as workers:
         state = begin or place_walkers(workers, root, settings.ensembles, walkers, settings.optima, settings.first_look)
@@ -255,19 +255,19 @@ def sample_until(
     seed: int | np.random.SeedSequence = 0,
     progress: Callable[[Progress], None] | None = None,
 ) -> Sampled:
-    """Sample a density with independent ensembles until they have converged, or a limit is reached.
+    """Sample a density with independent ensembles until convergence or a limit.
 
     Parameters
     ----------
     target, settings, seed
-        As `walk` takes them.
+        As for `walk`.
     progress
-        Called after every state of the walk.
+        Function called after every state of the run.
 
     Raises
     ------
     NumericalError, InputError
-        As `walk`.
+        As for `walk`.
     """
     for state in walk(target, settings, seed):
         if progress is not None:
@@ -289,7 +289,7 @@ def progress_of(state: RunState, settings: Settings) -> Progress:
 
 
 def _advance(workers: Workers, settings: Settings, state: RunState, steps: int) -> RunState:
-    """Walk all ensembles."""
+    """Advance all ensembles."""
     first = state.phase == 0 and bool(settings.pilot)
     dimension = state.ensembles[0].coordinates.shape[-1]
     moves = settings.first_moves if first else settings.moves_for(dimension)

@@ -1,7 +1,7 @@
-"""Schedule of a run: convergence checks, thinning, the change from pilot to walk, and the end.
+"""Schedule of a run: convergence checks, thinning, the transition from pilot to sampling, and the end.
 
-The schedule depends on the steps walked and on the draws, and never on the clock or on interruptions. Only a limit
-may end a run elsewhere, and the check made there does not change the chain.
+The schedule depends on the number of steps and on the draws, never on the clock or on interruptions. Only a limit can
+end a run at other steps, and the check made there does not change the chain.
 """
 
 from __future__ import annotations
@@ -20,36 +20,37 @@ from softness_bayes.sampler.starts import Target, linear_coordinates
 from softness_bayes.sampler.state import RunState
 
 APART = 0.05
-"""Smallest number of steps between two checks, as a share of the walk."""
+"""Smallest number of steps between two checks, as a share of the run."""
 
 PARTS = 4
-"""Possible checks in a round; stored steps are thinned at the end of one."""
+"""Number of possible checks per round; stored steps are thinned at the end of a round."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Schedule:
-    """Length of a walk, and its schedule.
+    """Length of a run, and its schedule.
 
     Parameters
     ----------
     pilot
-        Steps of each stage of the pilot walk; after each the map is learnt again from its second half.
+        Number of steps of each stage of the pilot run; after each stage the map is refitted to its second half.
     relearning
-        Number of times that a slow walk may become one more stage of the pilot.
+        Number of times that a slow run may become one more stage of the pilot.
     slow, growing
-        Kept steps, in autocorrelation times about walkers' own means, below which a walk counts as slow; and the
-        change of the time about their common mean since the previous check above which it does too, because walkers
-        are still entering tails that the map has not seen.
+        Criteria of a slow run: retained steps, in autocorrelation times about the means of individual walkers, below
+        `slow`; or a change of the time about the common mean since the previous check above `growing`, which shows that
+        walkers are still entering tails not covered by the map.
     round_steps
-        The first check is made after three times this number of steps, others at multiples of a quarter of it.
+        The first check is made after three times this number of steps, the others at multiples of a quarter of it.
     stored
-        Largest number of stored steps of an ensemble; above it every second one is dropped, repeatedly.
+        Largest number of stored steps of an ensemble; when it is exceeded, every second one is dropped.
     goal
         Criteria of convergence.
     min_steps
-        Smallest number of steps, even if the run has converged before.
+        Smallest number of steps, even if the run has converged earlier.
     max_steps, max_seconds
-        Limits at which a run stops without having converged; steps count from the last map on, time is of this session.
+        Limits at which a run stops without convergence; steps are counted since the last map, time is that of this
+        session.
     """
 
     pilot: tuple[int, ...] = (100, 200)
@@ -76,25 +77,25 @@ class Schedule:
         return 3 * self.round_steps
 
     def relearned(self, target: Target, state: RunState) -> RunState:
-        """Return the state to continue from: with a new map and no draws if the last check found the walk slow.
+        """Return the state from which to continue: with a new map and no draws if the last check found the run slow.
 
-        The decision depends on the draws, not on limits: a run that ended here makes it when it is continued.
+        The decision depends on the draws, not on limits; for a run that ended here, it is made on continuation.
         """
         again, found = state.phase - len(self.pilot), state.before
         if not 0 <= again < self.relearning or found is None or found.steps != state.steps:
             return state
         growing = self.growing < found.tau_change < math.inf and found.lengths < self.goal.lengths
-        # by walkers' own times: that they are far apart is no fault of the map
+        # by the times about individual means, because differences between walkers are not due to the map
         if not found.kept < self.slow * found.own and not growing:
             return state
         return replace(_learn(target, state), stride=1, due=2 * state.steps, before=None, verdict=None)
 
     def in_pilot(self, state: RunState) -> bool:
-        """Return whether a run is still in its pilot walk, whose draws do not count."""
+        """Return whether a run is still in its pilot stage, whose draws are not used."""
         return state.phase < len(self.pilot)
 
     def settle(self, target: Target, state: RunState, late: bool) -> RunState:
-        """Do the steps that are due: learn a map, thin the stored steps, check the chains, end.
+        """Perform what is due: learn a map, thin the stored steps, check the chains, end the run.
 
         Parameters
         ----------
@@ -118,7 +119,7 @@ class Schedule:
             state = replace(state, parts=halved, stride=2 * state.stride)
         if state.steps >= state.due and state.steps % self._grid(state, PARTS) == 0:
             verdict = _look(target, state, self.goal)
-            # a share of the walk at least: a check of a long run takes longer than a few steps
+            # at least a share of the run, because a check of a long run takes longer than a few steps
             wait = max(verdict.more_steps, math.ceil(APART * state.steps))
             joined = tuple((Segment.join(part),) for part in state.parts)
             due = state.steps + min(wait, state.steps)
@@ -129,7 +130,7 @@ class Schedule:
         return replace(state, ended=last is not None and last.converged and state.steps >= self.min_steps)
 
     def next_steps(self, state: RunState, affordable: float) -> int:
-        """Return the steps before the next state: to a check, a limit or the affordable number, in whole strides."""
+        """Return the number of steps to the next state (check, limit or affordable number), in whole strides."""
         if self.in_pilot(state):
             most = self.pilot[state.phase] - state.steps
         else:
@@ -163,12 +164,12 @@ def _look(target: Target, state: RunState, goal: Goal) -> Verdict:
 
 
 def _learn(target: Target, state: RunState) -> RunState:
-    """End a stage of the pilot: learn a map, or one of each mode, from its second half, and drop its draws."""
+    """End a stage of the pilot: learn a map, or one per mode, from its second half, and drop its draws."""
     segments = [Segment.join(part) for part in state.parts]
     stored = state.steps // state.stride
     late = np.stack([segment.coordinates[stored // 2 :] for segment in segments])
     height = np.stack([segment.log_density[stored // 2 :] for segment in segments])
-    tau = own_time(np.moveaxis(late, -1, 1)).max()  # walkers may still be on their way to one another
+    tau = own_time(np.moveaxis(late, -1, 1)).max()  # walkers may not have come together yet
     modes = learn_modes(state.modes, late, height, min(float(tau), stored), linear_coordinates(target))
     learnt = modes[0]
     moved = tuple(

@@ -1,4 +1,4 @@
-"""Conversion of a run's states to arrays and plain values for a file, and back, bit by bit."""
+"""Conversion of the states of a run to arrays and plain values for a file, and back, without loss of precision."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _MAP = "map"
 
 
 def as_json(values: Any, what: str, indent: int | None = None) -> str:
-    """Return values as JSON, NumPy's scalars as plain ones.
+    """Return values as JSON, with NumPy scalars converted to plain ones.
 
     Parameters
     ----------
@@ -36,7 +36,7 @@ def as_json(values: Any, what: str, indent: int | None = None) -> str:
     what
         Name of the values, for the message.
     indent
-        As `json.dumps` takes it.
+        As for `json.dumps`.
 
     Raises
     ------
@@ -59,7 +59,7 @@ def packed(arrays: Arrays) -> bytes:
 
 
 def changed(path: Path) -> InputError:
-    """Return the error for a file of a checkpoint whose checksum does not fit."""
+    """Return the error for a checkpoint file with the wrong checksum."""
     return InputError(
         f"{path}: damaged, or changed since it was written: its checksum does not fit; 'softness-bayes resume' goes "
         "back to the last whole state if there is one; else restore the file from a copy, or start the run again in "
@@ -87,7 +87,7 @@ def unpacked(path: Path, digest: str) -> dict[str, NDArray[Any]]:
 
 
 def state_arrays(state: RunState) -> dict[str, NDArray[Any]]:
-    """Return the arrays of a state, its chains left out."""
+    """Return the arrays of a state, without its chains."""
     kinds, keys, *numbers = zip(*(one.random for one in state.ensembles), strict=True)
     accepted = [np.sum([segment.accepted for segment in part], axis=0) for part in state.parts]
     failures = state.nonfinite.failures
@@ -106,7 +106,7 @@ def state_arrays(state: RunState) -> dict[str, NDArray[Any]]:
 
 
 def state_values(state: RunState) -> dict[str, Any]:
-    """Return the numbers of a state, and its verdicts, as JSON holds them."""
+    """Return the numbers of a state and its verdicts as JSON data."""
     plain = ("phase", "steps", "stride", "due", "seconds", "ended")
     return {
         **{name: getattr(state, name) for name in plain},
@@ -160,11 +160,11 @@ def state_of(values: Mapping[str, Any], arrays: Arrays, segments: Sequence[Array
 
 
 def verdict_of(values: Mapping[str, Any] | None) -> Verdict | None:
-    """Return the verdict that JSON holds."""
+    """Return the verdict from JSON data."""
     if values is None:
         return None
     arrays = {name: np.array(values[name], dtype=float) for name in ("tau", "r_hat", "ess_bulk", "ess_tail")}
-    if arrays["tau"].ndim == 2:  # as earlier versions wrote them: a time for each ensemble
+    if arrays["tau"].ndim == 2:  # format of earlier versions: one time per ensemble
         values = {**values, "ensembles": len(arrays["tau"])}
         arrays["tau"] = arrays["tau"].max(axis=0)
     return Verdict(**{**values, **arrays, **_tuples(values), "goal": Goal(**values["goal"])})

@@ -1,4 +1,4 @@
-"""Set-up of the server that workers are forked from, which imports this module first: no other process may."""
+"""Initialisation of the server process from which workers are forked; not to be imported by any other process."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ _GONE = (FileNotFoundError, EOFError, ConnectionError)
 
 
 def _said(kind: type[BaseException], error: BaseException, trace: TracebackType | None) -> None:
-    """Say nothing where a worker begins after the run that asked for it has ended, such as by Ctrl-C."""
+    """Suppress the error of a worker that starts after its run has ended, for example by Ctrl-C."""
     last = trace
     while last is not None and last.tb_next is not None:
         last = last.tb_next

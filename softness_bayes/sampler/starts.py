@@ -1,7 +1,7 @@
-"""Starting points of walkers: spread about several optimised points, each reached from its own prior draw.
+"""Starting points of walkers, scattered about several optima, each found from a different prior draw.
 
-A local optimum is weighted by its mass: that of the normal law that matches it in height and curvature (Laplace).
-Its height alone says little, because a narrow mode can be far higher than a wide one of the same mass.
+A local optimum is weighted by its mass in the Laplace approximation, a normal law of the same height and curvature. The
+height alone is not informative, because a narrow mode can be much higher than a wide one of the same mass.
 """
 
 from __future__ import annotations
@@ -18,20 +18,20 @@ from softness_bayes.errors import NumericalError
 FloatArray = NDArray[np.float64]
 
 CANDIDATES = 32
-"""Number of prior draws from which the start of a climb is chosen."""
+"""Number of prior draws from which the start of an optimisation is chosen."""
 
 NEGLIGIBLE_MASS = 1e-3
-"""Share of the heaviest optimum's mass below which no walker starts at another optimum."""
+"""Smallest mass, relative to the largest one, of an optimum at which walkers start."""
 
-_STEP = 1e-3  # of the gradient, in sampler coordinates: a thousandth of a parameter's value
+_STEP = 1e-3  # step of the gradient, in sampler coordinates: a thousandth of a parameter's value
 _CURVATURE_STEP = 2e-2
 _ITERATIONS = 40
-_TOLERANCE = 1e-5  # relative: hundredths in a log density of thousands, less than the spread of walkers
-_WIDEN = 2.0  # walkers start this much wider than the curvature says
+_TOLERANCE = 1e-5  # relative tolerance: hundredths in a log density of thousands, less than the spread of walkers
+_WIDEN = 2.0  # width of the starting points relative to that given by the curvature
 _LEAST_CURVATURE = 0.25  # smallest curvature, that of a factor of e²
-_DEPTH = 20.0  # depth below its optimum, plus ten for each parameter, at which a walker is moved towards it
-_LAPLACE_ERROR = 7.0  # error of a log mass: on the shipped data, climbs that end along one ridge differ by up to five
-_UNSEEN = 0.05  # probability of missing a mode at which `Starts.missed` is stated
+_DEPTH = 20.0  # depth below its optimum, plus ten per parameter, at which a walker is moved towards it
+_LAPLACE_ERROR = 7.0  # error of a log mass: on the shipped data, optima on one ridge differ by up to five
+_UNSEEN = 0.05  # probability of missing a mode for which `Starts.missed` is reported
 _BARRIER = 5.0  # depth of a dip in log density that separates two modes
 _ON_THE_WAY = np.linspace(0.0, 1.0, 9)[1:-1, None]
 
@@ -50,13 +50,13 @@ class Target(Protocol):
         """Log density, shape (points,), at ``z`` of shape (points, dimension)."""
 
     def draw_start(self, rng: np.random.Generator, size: int) -> FloatArray:
-        """Draw dispersed points of finite density at which searches for optima may start, shape (size, dimension)."""
+        """Draw dispersed points of finite density from which optimisations may start, shape (size, dimension)."""
 
 
 def linear_coordinates(target: Target) -> int:
-    """Return how many last coordinates a target says to follow the others nearly in straight lines; 0 if it does not.
+    """Return the number of last coordinates that a target declares to be nearly linear in the others; by default 0.
 
-    A map learns fewer coefficients for these (`adaptation.TriangularMap.fit`).
+    A map has fewer coefficients for these (`adaptation.TriangularMap.fit`).
     """
     return int(getattr(target, "n_linear", 0))
 
@@ -86,32 +86,32 @@ class Starts(NamedTuple):
     climbs: int = 0
     """Optimised points."""
     hopeless: int = 0
-    """Optimised points of negligible mass."""
+    """Number of optimised points with negligible mass."""
     modes: int = 0
-    """Separate modes among the optimised points of larger mass."""
+    """Number of separate modes among the optimised points of larger mass."""
 
     @property
     def missed(self) -> float:
-        """Share p of climbs that lead to a mode which all miss with a probability of 5 %: (1 - p)^climbs = 0.05."""
+        """Share p of the basin of a mode that all optimisations miss with probability 5 %: (1 - p)^climbs = 0.05."""
         return 1.0 if not self.climbs else float(1.0 - _UNSEEN ** (1.0 / self.climbs))
 
 
 NO_STARTS = Starts()
-"""Starting points without a search."""
+"""Result for starting points without a search."""
 
 
 def find_optimum(target: Target, rng: np.random.Generator, best: bool = True) -> Optimum:
-    """Return the optimum that a climb from one of `CANDIDATES` starting draws reaches.
+    """Return the optimum reached from one of `CANDIDATES` starting draws.
 
     Parameters
     ----------
     target
         The density.
     rng
-        Source of the starting draws.
+        Random generator of the starting draws.
     best
-        Whether to climb from the most probable draw or from the first one of positive density. The best of many
-        draws is rarely near a narrow mode.
+        Whether to start from the most probable draw or from the first one of positive density. The best of many draws
+        is rarely near a narrow mode.
 
     Raises
     ------
@@ -125,13 +125,13 @@ def find_optimum(target: Target, rng: np.random.Generator, best: bool = True) ->
     offsets = _STEP * np.vstack([np.zeros(len(target.names)), np.eye(len(target.names)), -np.eye(len(target.names))])
 
     def downhill(z: FloatArray) -> tuple[float, FloatArray]:
-        values = np.maximum(target(z + offsets), -1e12)  # finite, so that a line search returns from zero density
+        values = np.maximum(target(z + offsets), -1e12)  # finite, so that a line search can return from zero density
         forward, backward = np.split(values[1:], 2)
         return -values[0], (backward - forward) / (2.0 * _STEP)
 
     order = np.where(np.isfinite(density), density, -np.inf) if best else np.isfinite(density)
     start = candidates[order.argmax()]
-    # within one and a half times the range of the candidates, because a line search does not know the prior
+    # within one and a half times the range of the candidates, because a line search is not limited by the prior
     low, high = candidates.min(axis=0), candidates.max(axis=0)
     bounds = list(zip(low - 0.5 * (high - low), high + 0.5 * (high - low), strict=True))
     options = {"maxiter": _ITERATIONS, "ftol": _TOLERANCE}
@@ -167,9 +167,9 @@ def scatter(
 
 
 def worth_starting_from(optima: Iterable[Sequence[Optimum]]) -> list[list[Optimum]]:
-    """Leave out local optima of negligible mass; an ensemble left with none takes those of all ensembles.
+    """Drop local optima of negligible mass; an ensemble left without any uses those of all ensembles.
 
-    An optimum stays if its mass could be `NEGLIGIBLE_MASS` of the heaviest one's within the error of the Laplace
+    An optimum is retained if its mass may be `NEGLIGIBLE_MASS` of the largest one, within the error of the Laplace
     approximation.
     """
     groups = [list(group) for group in optima]
@@ -180,10 +180,10 @@ def worth_starting_from(optima: Iterable[Sequence[Optimum]]) -> list[list[Optimu
 
 
 def separate(target: Target, optima: Iterable[Optimum]) -> list[Optimum]:
-    """Return the heaviest optimum of each mode, heaviest first.
+    """Return the optimum of largest mass of each mode, ordered by decreasing mass.
 
     Two optima belong to one mode if the log density along the line between them dips by less than `_BARRIER` below
-    both, and their volumes agree within that factor: a narrow peak on a wide hill is a mode of its own.
+    both, and their log volumes differ by less than that: a narrow peak on a wide hill is a separate mode.
     """
     modes: list[Optimum] = []
     left = sorted(optima, key=lambda o: -o.log_mass)

@@ -1,4 +1,4 @@
-"""State of a run: all that is needed to continue it bit by bit, as values."""
+"""State of a run: all values needed to continue it with bitwise identical draws."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ FloatArray = NDArray[np.float64]
 
 
 class EnsembleState(NamedTuple):
-    """All that is needed to continue an ensemble bit by bit, besides the map and the moves."""
+    """All values needed to continue an ensemble with bitwise identical draws, except the map and the moves."""
 
     coordinates: FloatArray
     """Map coordinates y of the walkers, shape (walkers, dimension)."""
     log_density: FloatArray
     """Their log density in sampler coordinates, shape (walkers,)."""
     random: tuple[Any, ...]
-    """State of the generator, as `numpy.random.RandomState.get_state` gives it."""
+    """State of the generator, from `numpy.random.RandomState.get_state`."""
 
 
 @dataclass(frozen=True)
@@ -35,12 +35,12 @@ class RunState:
     Parameters
     ----------
     phase
-        Completed stages of the pilot walk, including walks that were too slow; in the walk that counts at least as many
-        as the schedule has.
+        Number of completed stages of the pilot run, including runs that were too slow; in the final run, at least the
+        number of stages in the schedule.
     steps
-        Steps walked in this phase.
+        Number of steps in this phase.
     stride
-        Steps of the walk for one stored.
+        Number of steps per stored step.
     due
         Step of the next convergence check.
     ensembles
@@ -48,19 +48,19 @@ class RunState:
     map
         Coordinates in which the moves are made.
     parts
-        Segments that each ensemble has drawn in this phase.
+        Segments drawn by each ensemble in this phase.
     before
-        The last scheduled check, with which the next is compared.
+        The last scheduled check, with which the next one is compared.
     verdict
-        The last check of all, which may have been made because a limit was reached.
+        The most recent check, possibly made because a limit was reached.
     modes
-        Maps of the separate modes, if there are several, the one with most draws first.
+        Maps of the separate modes, if there are several, ordered by decreasing number of draws.
     starts
         Result of the search for starting points.
     nonfinite
         Points at which the density could not be computed.
     seconds
-        Time spent so far, earlier sessions included.
+        Time spent so far, including earlier sessions.
     ended
         Whether the run has converged or reached a limit.
     """
@@ -82,5 +82,5 @@ class RunState:
 
     @property
     def chains(self) -> Chains:
-        """Draws of the ensembles in this phase, which must have a step."""
+        """Draws of the ensembles in this phase, which must have at least one step."""
         return Chains.of((Segment.join(part) for part in self.parts), self.steps, self.stride)

@@ -1,4 +1,4 @@
-"""Tasks on one resident object, in this process, in several or on an executor, with the same results."""
+"""Execution of tasks on a resident object, in this process, in several or on an executor, with identical results."""
 
 from __future__ import annotations
 
@@ -28,18 +28,18 @@ from softness_bayes.errors import WorkersLostError
 Result = TypeVar("Result")
 
 _LONGEST = 60
-"""Largest length of the temporary directory's name [bytes] that leaves room for a socket's name, 107 in all."""
+"""Largest length of the temporary directory's name [bytes] for which a socket's name fits into 107 bytes."""
 
 RENEWALS = 1
-"""Number of times that dead processes are replaced without progress before the computation is given up."""
+"""Number of times that dead processes are replaced without progress before the computation is aborted."""
 
 
 AHEAD = 4000
-"""Largest number of tasks that wait at an executor."""
+"""Largest number of tasks queued at an executor."""
 
 
 def _served() -> bool:
-    """Return whether workers are forks of a server that has imported only what they need."""
+    """Return whether workers are forked from a server process that has imported only what they need."""
     return sys.platform == "linux" and len(os.fsencode(tempfile.gettempdir())) <= _LONGEST
 
 
@@ -48,9 +48,9 @@ def _context() -> BaseContext:
 
 
 def prepare(*modules: str) -> None:
-    """Begin to import modules that workers need, and emcee, in another process, in the background."""
+    """Start to import the modules that workers need, and emcee, in the background in another process."""
     if _served():
-        from multiprocessing import forkserver  # not on every system
+        from multiprocessing import forkserver  # not available on every system
 
         _context().set_forkserver_preload(["softness_bayes.sampler.server", *modules, "emcee"])
         with _shielded():
@@ -59,11 +59,11 @@ def prepare(*modules: str) -> None:
 
 @contextmanager
 def _shielded() -> Iterator[None]:
-    """Start processes that ignore keyboard interrupts; the process that waits for them handles these."""
+    """Start processes that ignore keyboard interrupts, which are handled by the waiting process."""
     if not hasattr(signal, "pthread_sigmask"):  # Windows
         yield
         return
-    resource_tracker.ensure_running()  # otherwise started in between, and lets signals through again
+    resource_tracker.ensure_running()  # otherwise it would be started in between, and would let signals through
     before = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
     try:
         yield
@@ -80,14 +80,14 @@ def available_processors() -> int:
 
 @runtime_checkable
 class Sharing(Protocol):
-    """An executor that sends a value once, however many tasks take it."""
+    """An executor that sends a value only once, even if many tasks use it."""
 
     def share(self, value: Any) -> Any:
-        """Return what stands for a value among the arguments of a task; the task receives the value itself."""
+        """Return a reference to a value for the arguments of a task; the task receives the value itself."""
 
 
 class Workers:
-    """Processes that each hold one object and work on it; a context manager.
+    """Context manager for worker processes, each with a copy of one resident object.
 
     New processes are not forks of this one, because a fork of a process with threads may hang. They are spawned, or
     forked from a server process without threads. A script that samples with more than one process therefore needs
@@ -96,12 +96,12 @@ class Workers:
     Parameters
     ----------
     resident
-        The object that tasks work on; sent to each process once.
+        The object used by all tasks; sent to each process once.
     processes
-        Number of processes; with one, the tasks run in this one.
+        Number of processes; with one, tasks run in the current process.
     executor
-        An executor that runs the tasks instead, of other processes or machines; it stays open. If it is `Sharing`, the
-        resident is sent once, otherwise with every task.
+        Executor that runs the tasks instead, in other processes or on other machines; it is not shut down. If it is
+        `Sharing`, the resident object is sent once, otherwise with every task.
     """
 
     def __init__(self, resident: Any, processes: int, executor: Executor | None = None) -> None:
@@ -125,7 +125,7 @@ class Workers:
         if kind is None or issubclass(kind, Exception):
             self._pool.shutdown(wait=True, cancel_futures=True)
             return
-        # an interrupt: the results are not needed any more
+        # an interrupt: the results are no longer needed
         running = [*(getattr(self._pool, "_processes", None) or {}).values()]
         self._pool.shutdown(wait=False, cancel_futures=True)
         for process in running:
@@ -140,7 +140,7 @@ class Workers:
         Raises
         ------
         BrokenExecutor
-            If a process has died meanwhile.
+            If a process has died in the meantime.
         WorkersLostError
             If the given executor has lost its workers.
         """
@@ -159,7 +159,7 @@ class Workers:
         Raises
         ------
         WorkersLostError
-            If that has happened too often.
+            If this has happened too often.
         """
         if self._given is not None:
             raise WorkersLostError(_LOST) from None
@@ -170,9 +170,9 @@ class Workers:
         self._pool = self._new_pool()
 
     def _finished(self, work: Callable[..., Result], tasks: Sequence[tuple[Any, ...]]) -> Iterator[tuple[int, Result]]:
-        """Yield number and result of every task as it finishes; tasks whose process died are repeated.
+        """Yield index and result of every task as it finishes; tasks whose process died are repeated.
 
-        At most `AHEAD` tasks wait at the executor: each takes some kilobytes of this process.
+        At most `AHEAD` tasks are queued at the executor, because each takes some kilobytes of memory in this process.
         """
         left = dict(enumerate(tasks))
         while left:
@@ -202,7 +202,7 @@ class Workers:
         running: dict[Future[Result], int],
         done: SimpleQueue[Future[Result]],
     ) -> None:
-        """Submit tasks by their numbers; each comes to a queue when it is done."""
+        """Submit tasks by index; each is put on a queue when it is done."""
         for k in numbers:
             future = self._submit(work, tasks[k])
             running[future] = k
@@ -219,7 +219,7 @@ class Workers:
         Raises
         ------
         WorkersLostError
-            If processes died again and again.
+            If processes died repeatedly.
         """
         if self._alone:
             return [_on_one_thread(work, self._resident, task) for task in tasks]
@@ -229,12 +229,12 @@ class Workers:
     def start(self, work: Callable[..., Result], *task: Any) -> Callable[[], Result]:
         """Start ``work(resident, *task)`` and return a function that waits for its result.
 
-        Without other processes the work runs when that function is called.
+        Without other processes, the work runs when that function is called.
 
         Raises
         ------
         WorkersLostError
-            From that function, as in `map`.
+            Raised by that function, as in `map`.
         """
         if self._alone:
             return lambda: _on_one_thread(work, self._resident, task)
@@ -253,7 +253,7 @@ class Workers:
         return finished
 
     def as_finished(self, work: Callable[..., Result], tasks: Sequence[tuple[Any, ...]]) -> Iterator[Result]:
-        """Yield ``work(resident, *task)`` of every task as soon as it finishes, in any order; otherwise as `map`."""
+        """Yield ``work(resident, *task)`` of every task as soon as it finishes, in any order; otherwise like `map`."""
         if self._alone:
             yield from (_on_one_thread(work, self._resident, task) for task in tasks)
             return
@@ -277,19 +277,19 @@ _resident: Any = None
 def _settle(resident: Any) -> None:
     global _resident
     _resident = resident
-    # as in the process that waits: a library that finds no handler writes its warnings to the screen
+    # as in the waiting process: without a handler, libraries print their warnings
     if not logging.getLogger().handlers:
         logging.getLogger().addHandler(logging.NullHandler())
-    # the process that waits for the results handles keyboard interrupts
+    # keyboard interrupts are handled by the process that waits for the results
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    # what was imported is never garbage: to look through it again and again is a fifth of the time of a figure
+    # imported objects are never garbage; scanning them repeatedly takes a fifth of the time of a figure
     gc.freeze()
     gc.set_threshold(*GARBAGE)
     threading.Thread(target=_end_with_parent, daemon=True).start()
 
 
 def _end_with_parent() -> None:
-    """End this process when its parent has ended, since no further task can arrive."""
+    """End this process when its parent has ended, because no further task can arrive."""
     parent = parent_process()
     if parent is not None:
         parent.join()
@@ -301,12 +301,12 @@ def _in_worker(work: Callable[..., Result], task: tuple[Any, ...]) -> Result:
 
 
 def _on_one_thread(work: Callable[..., Result], resident: Any, task: tuple[Any, ...]) -> Result:
-    """Run a task with one BLAS thread: more would compete, and could change the last bits of results."""
+    """Run a task with one BLAS thread: more threads would compete, and could change the last bits of results."""
     with _libraries(len(sys.modules)).limit(limits=1):
         return work(resident, *task)
 
 
 @lru_cache(maxsize=1)
 def _libraries(_modules: int) -> ThreadpoolController:
-    """Return the linear algebra that is loaded, looked for again whenever modules were imported."""
+    """Return the loaded linear algebra libraries, searched again whenever modules were imported."""
     return ThreadpoolController()

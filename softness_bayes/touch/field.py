@@ -69,7 +69,9 @@ class StressField:
     Parameters
     ----------
     load
-        The load that is held constant. finger, readings Geometry and the readings of pressure, kernel and component.
+        The load that is held constant.
+    finger, readings
+        Geometry and the readings of pressure, kernel and component.
     modulus_range
         Reduced moduli [Pa] that the table covers. Others are computed exactly, which is slow.
     tolerance

@@ -48,11 +48,14 @@ class FingerField:
     Parameters
     ----------
     load
-        The load that is held constant. finger, box The pad and the skin's Poisson ratio; the ranges of radius and depth
-        that the table covers. Other fingers are computed exactly, which is slow.
+        The load that is held constant.
+    finger, box
+        The pad and the skin's Poisson ratio; the ranges of radius and depth that the table covers. Other fingers are
+        computed exactly, which is slow.
     readings, modulus_range, tolerance
-        As for `StressField`. greatest
-            Largest load, of the same kind, up to which the table extends; by default it covers only `load`.
+        As for `StressField`.
+    greatest
+        Largest load, of the same kind, up to which the table extends; by default it covers only `load`.
 
     Attributes
     ----------

@@ -58,7 +58,9 @@ def spike_times(
     duration : float
         Length of the train [ms].
     noise : float
-        Strength of the white-noise current [µA/cm² sqrt(ms)]. rng : Generator or None Source of the noise.
+        Strength of the white-noise current [µA/cm² sqrt(ms)].
+    rng : Generator or None
+        Random generator of the noise.
 
     Returns
     -------
