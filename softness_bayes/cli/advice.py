@@ -10,7 +10,7 @@ from pathlib import Path
 
 import click
 
-from softness_bayes.cli.at_hand import fabrics_at_hand, is_run, ratings_at_hand, runs_at_hand, vacant
+from softness_bayes.cli.at_hand import fabrics_at_hand, is_run, kind_of, ratings_at_hand, runs_at_hand, vacant
 from softness_bayes.files.run_files import CHECKPOINT
 
 PROGRAM = "softness-bayes"
@@ -113,7 +113,8 @@ def _fabrics(match: re.Match[str], typed: Sequence[str]) -> list[str]:
     if "--fabrics" in typed:
         return []
     data = typed[typed.index("--data") + 1] if "--data" in typed[:-1] else ""
-    found = fabrics_at_hand(data)
+    named = re.search(r"--column rating=('[^']*'|\S+) takes", match.string)
+    found = fabrics_at_hand(data, {"rating": named[1].strip("'")} if named else {})
     return [PROGRAM, "new", vacant("my-study")] if found is None else ["--fabrics", found]
 
 
@@ -123,6 +124,24 @@ def _named(match: re.Match[str], typed: Sequence[str]) -> list[str]:
     if "no load column" in match.string:  # which has advice of its own
         found = [one for one in found if not one.startswith(("indentation_mm=", "force_n="))]
     return [word for one in found[:4] for word in ("--column", one.replace("'", ""))]
+
+
+def _other_kind(match: re.Match[str], typed: Sequence[str]) -> list[str]:
+    """Return the command for a table of fabrics or of forces that was given as one of ratings."""
+    if "--data" not in typed[:-1] or "--column rating=" in match.string.replace("--column rating=...", ""):
+        return []
+    at = typed.index("--data")
+    option, others = kind_of(typed[at + 1]), [*typed[:at], *typed[at + 2 :]]
+    if option == "--compression" and option not in typed:
+        return [PROGRAM, *others, option, typed[at + 1]]
+    if option != "--fabrics" or option in typed:
+        return []
+    rated = ratings_at_hand(typed[at + 1])
+    return (
+        [PROGRAM, "new", vacant("my-study")]
+        if rated is None
+        else [PROGRAM, *others, "--data", rated, option, typed[at + 1]]
+    )
 
 
 def _scale(match: re.Match[str], typed: Sequence[str]) -> list[str]:
@@ -161,6 +180,7 @@ def _compared(match: re.Match[str], typed: Sequence[str]) -> list[str]:
 
 
 ADVICE: Sequence[tuple[str, Callable[[re.Match[str], Sequence[str]], list[str]]]] = (
+    (r"no columns? .*'rating'", _other_kind),
     (r"the fabrics have no properties", _fabrics),
     (r"no load column|no load: give at least one", _load),
     (r"--column \w+=(?:'[^']*'|\S+) takes", _named),

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
+from types import MappingProxyType
 
 from softness_bayes.errors import SoftnessError
 from softness_bayes.files.run_files import POSTERIOR
@@ -18,22 +19,47 @@ LARGEST = 1_000_000
 _TABLES = (".csv", ".tsv", ".txt", ".xlsx", ".parquet")
 
 
-def ratings_at_hand() -> str | None:
-    """Return the name of a table of ratings that can be sampled without another option, None if there is none."""
+def ratings_at_hand(fabrics: str | None = None) -> str | None:
+    """Return the name of a table of ratings that can be sampled without another option, None if there is none.
+
+    Parameters
+    ----------
+    fabrics
+        A table of fabrics for it, if it is to be given one.
+    """
     from softness_bayes.data import read_experiment
 
-    return _first(_tables("ratings.csv"), lambda path: len(read_experiment(path).ratings) > 0)
+    return _first(_tables("ratings.csv"), lambda path: len(read_experiment(path, fabrics).ratings) > 0)
 
 
-def fabrics_at_hand(rated: str = "") -> str | None:
-    """Return the name of a table of fabrics, which has those of a table of ratings if one is named; else None."""
+def fabrics_at_hand(rated: str = "", columns: Mapping[str, str] = MappingProxyType({})) -> str | None:
+    """Return the name of a table of fabrics, which has those of a table of ratings if one is named; else None.
+
+    Parameters
+    ----------
+    rated
+        The table of ratings.
+    columns
+        Names of its columns, as `Ratings.read` takes them.
+    """
     from softness_bayes.data import Fabrics, Ratings
 
     names: set[str] = set()
     for depth in (2.0, None) if rated else ():  # with a load for all, or loads of its own
         with suppress(SoftnessError, OSError):
-            names |= {*Ratings.read(rated, indentation_mm=depth).fabrics}
+            names |= {*Ratings.read(rated, columns=columns, indentation_mm=depth).fabrics}
     return _first(_tables("fabrics.csv"), lambda path: names <= {*Fabrics.read(path).names})
+
+
+def kind_of(path: str) -> str:
+    """Return `--compression` or `--fabrics` for a table of forces or of fabrics, an empty text for any other."""
+    from softness_bayes.data import Compression, Fabrics
+
+    for option, table in (("--compression", Compression), ("--fabrics", Fabrics)):
+        with suppress(SoftnessError, OSError):
+            table.read(path)
+            return option
+    return ""
 
 
 def runs_at_hand() -> list[str]:

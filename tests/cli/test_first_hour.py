@@ -161,6 +161,26 @@ def test_without_a_table_or_a_run_the_advice_is_what_makes_one(tmp_path):
     assert call("sample", cwd=tmp_path).stderr.rstrip().splitlines()[-1] == "try: softness-bayes new my-study-2"
 
 
+def test_a_table_of_another_kind_is_given_its_own_option(tmp_path):
+    (tmp_path / "pressed.csv").write_text("participant,displacement_mm,force_N\nP1,1,0.5\nP1,2,1.5\n")
+    (tmp_path / "cloth.csv").write_text("fabric,effective_modulus_kpa\nfelt,30\nlawn,80\n")
+
+    def advised(name):
+        done = call("check", "--data", name, cwd=tmp_path)
+        refused(done)
+        return done.stderr.rstrip().splitlines()[-1].removeprefix("try: softness-bayes ")
+
+    assert advised("pressed.csv") == "check --compression pressed.csv"
+    assert advised("cloth.csv") == "new my-study"  # nothing to go with it
+    (tmp_path / "mine.csv").write_text("participant,fabric,force_n,rating\nP1,felt,1,3\nP1,lawn,1,4\n")
+    assert advised("cloth.csv") == "check --data mine.csv --fabrics cloth.csv"
+    for name in ("pressed.csv", "cloth.csv"):
+        assert call(*shlex.split(advised(name)), cwd=tmp_path).returncode == 0
+    # fabrics that are not those of the table are not advised
+    (tmp_path / "other.csv").write_text("participant,fabric,force_n,hardness_rating\nP1,mat,1,3\nP1,rug,1,4\n")
+    assert advised("other.csv") == "new my-study"
+
+
 def test_runs_that_are_there_are_named(tmp_path):
     for name in ("b run", "results"):
         (tmp_path / name).mkdir()
