@@ -1,1 +1,1 @@
-"""Results of a run: groups of variables, tables, and the files that hold them."""
+"""Results of a run: groups of variables, tables, and their files."""

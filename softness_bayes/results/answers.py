@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 
 class Answers:
-    """The methods of a `Result` that run its model anew."""
+    """Methods of a `Result` that evaluate its model at new touches."""
 
     def predict(
         self: Stored,
@@ -36,31 +36,30 @@ class Answers:
         Parameters
         ----------
         fabrics
-            What is touched; by default the fabrics of the data, by their moduli, which are those of the posterior where
-            they were not known exactly.
+            Fabrics that are touched; by default those of the data. Uncertain moduli are taken from the posterior.
         loads
-            How; by default the loads of the data.
+            Loads; by default those of the data.
         draws
-            Posterior draws that median and limits are of.
+            Number of posterior draws for medians and limits.
         raters
-            Number of new raters of whose ratings the mean is predicted; by default as many as rated.
+            Number of new raters whose mean rating is predicted; by default the number of raters in the data.
         seed
-            Seed of new raters and of the noise of their ratings.
+            Seed of new raters and of noise.
         values
-            Name -> value in natural units of sampled parameters, as in ``{"b": 80}``. If any are given, all others are
-            held at their posterior medians, and limits are those of the ratings alone: of their level given the data
-            and these parameters, of raters and of noise.
+            Values of sampled parameters in natural units, by name, as in ``{"b": 80}``. If any are given, all others
+            are fixed at their posterior medians, and limits include only the uncertainty of ratings: of their level
+            given the data and these parameters, of raters and of noise.
 
         Returns
         -------
         DataFrame
-            A row per fabric and load: medians as `prediction_table` gives them, with 5-95 % limits as NAME_low and
-            NAME_high, then the ratings of `rating_columns`, and why they are what they are.
+            A row per fabric and load: medians as in `prediction_table`, with 5-95 % limits as NAME_low and NAME_high,
+            then the ratings of `rating_columns` with the reasons for unusual predictions.
 
         Raises
         ------
         InputError
-            If the run had no ratings, which say what the receptors do, or a value cannot be set.
+            If the run had no ratings, which determine the receptors' parameters, or a value cannot be set.
         """
         import pandas as pd
 
@@ -88,7 +87,7 @@ class Answers:
         draws: int = ANSWER_DRAWS,
         seed: int = 0,
     ) -> Ranking:
-        """Rank fabrics by predicted softness; arguments and errors as `predict` has them.
+        """Rank fabrics by predicted softness; arguments and errors as for `predict`.
 
         Returns
         -------
@@ -111,18 +110,18 @@ class Answers:
         draws: int = ANSWER_DRAWS,
         seed: int = 0,
     ) -> Target:
-        """Find the fabrics that have a wished rating.
+        """Find the fabrics with a desired rating.
 
         Parameters
         ----------
         rating
-            Rating of the typical rater, as the data have it.
+            Rating of the typical rater, on the scale of the data.
         loads, draws, seed
-            As `predict` has them.
+            As for `predict`.
         tensile_modulus
-            E_ten of the fabric [Pa], for which its thickness is found too.
+            E_ten of the fabric [Pa]; if given, its thickness is found, too.
         thickness
-            h of the fabric [m], for which its tensile modulus is found too.
+            h of the fabric [m]; if given, its tensile modulus is found, too.
         poisson_ratio
             nu_fab of the fabric [-]; by default the median of those rated.
 
@@ -134,7 +133,7 @@ class Answers:
         Raises
         ------
         InputError
-            If the rating is not one of the run's scale, or a property is out of range.
+            If the rating is not on the scale of the run, or a property is out of range.
         """
         from softness_bayes.results.target import Cloth, target
 

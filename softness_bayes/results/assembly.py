@@ -1,4 +1,4 @@
-"""Assembly of the result of a run on ratings: every group is a function of the draws."""
+"""Assembly of the result of a run on ratings, with each group computed as a function of the draws."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ class Assembled(NamedTuple):
     tree: xr.DataTree
     summary: pd.DataFrame
     modulus_errors: pd.DataFrame | None
-    """What errors of the moduli that are taken as exact would do; None if none is."""
+    """Effects of errors in moduli taken as exact; None if there are no such moduli."""
 
 
 def assembled(
@@ -83,26 +83,26 @@ def assembled(
     figures: Beginning | None = None,
     exact: bool = True,
 ) -> Assembled:
-    """Return all that is computed from the draws of one run.
+    """Compute all groups and the summary from the draws of one run.
 
     Parameters
     ----------
     experiment, posterior
         The data, and the density that was sampled.
     chains, burn_in
-        The draws, and the steps to drop from their beginning.
+        The draws, and the number of initial steps to drop.
     rng
-        Source of everything drawn afterwards.
+        Random generator of all quantities drawn after sampling.
     workers
-        With `posterior` as their resident: the exact likelihood is computed there, beside everything else.
+        Processes with `posterior` as their resident object, which compute the exact likelihood in parallel.
     attributes
-        What the result's provenance says beside what is found here.
+        Provenance of the result, apart from what is added here.
     reweight
-        Whether summary, predictions and replicates are those of draws weighted by the exact likelihood.
+        Whether summary, predictions and replicates use draws weighted by the exact likelihood.
     listener
-        Called when a stage begins.
+        Function called at the start of each stage.
     figures
-        Begun as soon as what they show is known.
+        Figures, started as soon as their data are available.
     exact
         Whether the fast likelihood is compared with the exact one.
 
@@ -130,7 +130,7 @@ def assembled(
     turn = groups["predictions"]["inflection_e_fab_kpa"].values[0] * 1e3
     shown, axes = illustration_groups(draws, drawn, turn)
     levels = family_of(PRIOR, draws.model.levels)
-    # last of all, for it waits for the exact likelihood
+    # last, because it waits for the exact likelihood
     if exact and not reweight:
         listener(Stage.EXACT)
     exactness = comparison() if known is None else known
@@ -154,12 +154,12 @@ def assembled(
 
 
 def numerical_error(draws: RatedDraws) -> float:
-    """Return the largest numerical error of the response over some draws, relative to each one's peak."""
+    """Return the largest numerical error of the response over some draws, relative to the peak of each draw."""
     return float(draws.scene.error(*draws.touches(draws.subset(ERROR_DRAWS).theta)).max())
 
 
 def summary_of(draws: RatedDraws, exactness: Exactness) -> pd.DataFrame:
-    """Return the table of the parameters and of what all ratings share, from the draws that are kept."""
+    """Return the summary of the parameters and of common effects, from the retained draws."""
     ensembles, stored, walkers = draws.kept.log_density.shape
     levels = {n: v for n, (v, dims) in draws.model.named_effects(draws.effects).items() if not dims}
     values = np.concatenate([draws.theta, *(v[..., None] for v in levels.values())], axis=-1)
@@ -171,7 +171,7 @@ def summary_of(draws: RatedDraws, exactness: Exactness) -> pd.DataFrame:
 
 
 def _groups(draws: RatedDraws, drawn: Replicates, error: float, grid: Scene, listener: Listener) -> Groups:
-    """Return every group but those of the posterior itself, which wait for the exact likelihood."""
+    """Return all groups except those of the posterior, which wait for the exact likelihood."""
     listener(Stage.LEFT_OUT)
     few = draws.subset(REPLICATES)
     alone = draws.ratings.log_likelihood_loo(few.mean_rate, few.parameters)
@@ -198,7 +198,7 @@ def _posterior_groups(draws: RatedDraws) -> Groups:
 
 
 def _plate_groups(draws: RatedDraws, drawn: Replicates) -> Groups:
-    """Return the groups that compression data add; none without such data."""
+    """Return the groups added by compression data; empty without such data."""
     data, forces = draws.experiment.compression, draws.posterior.compression
     if data is None or forces is None or drawn.plate is None:
         return {}
@@ -206,7 +206,7 @@ def _plate_groups(draws: RatedDraws, drawn: Replicates) -> Groups:
 
 
 def _with_picks(tree: xr.DataTree, draws: RatedDraws) -> xr.DataTree:
-    """Add coordinates that say which draws are in the groups that hold only some of them."""
+    """Add coordinates that identify the draws in groups with only some of the draws."""
     for group, size in PICKED.items():
         chain, draw = draws.picked(size)
         which = {"posterior_chain": ("draw", chain), "posterior_draw": ("draw", draw)}
@@ -259,14 +259,14 @@ def _checks(draws: RatedDraws, error: float, exactness: Exactness) -> dict[str, 
 
 
 def _condition_names(experiment: Experiment) -> list[str]:
-    """Return every condition's fabric and load in words."""
+    """Return labels of all conditions, with fabric and load."""
     ratings = experiment.ratings
     at = zip(ratings.conditions.fabric, ratings.conditions.load, strict=True)
     return [f"{ratings.fabrics[fabric]} under {ratings.loads[load]}" for fabric, load in at]
 
 
 def _firing_error(draws: RatedDraws) -> float:
-    """Return a bound of what the measured error of the rate curves does to a draw's peak response."""
+    """Return a bound on the error of a draw's peak response due to the measured error of the rate curves."""
     touch, modulus = draws.touches(draws.subset(ERROR_DRAWS).theta)
     response = draws.scene.respond(touch, modulus)
     peak = response.total_rate.max(axis=-1)
@@ -276,7 +276,7 @@ def _firing_error(draws: RatedDraws) -> float:
 
 
 def _silence(draws: RatedDraws) -> Silence:
-    """Return how often the model is silent, and how often the contact leaves Hertz's range."""
+    """Return the shares of silent draws and of contacts outside the range of Hertz's theory."""
     stated = slice(draws.scene.n_conditions)
     prior, posterior = draws.posterior.mean_rate(draws.prior)[..., stated], draws.mean_rate[..., stated]
     beyond = draws.scene.beyond_hertz(*draws.touches(draws.subset(CURVES).theta))
@@ -291,7 +291,7 @@ def _silence(draws: RatedDraws) -> Silence:
 
 
 def _held_eps(space: ParameterSpace) -> dict[str, str]:
-    """Return the note on a held eps, as an attribute; nothing where eps is sampled or absent."""
+    """Return the note on a fixed eps, as an attribute; empty if eps is sampled or absent."""
     if "eps" not in space.held:
         return {}
     held, prior = space.held["eps"], PARAMETERS["eps"].prior
@@ -302,7 +302,7 @@ def _held_eps(space: ParameterSpace) -> dict[str, str]:
 
 
 def _plate_check(draws: RatedDraws, drawn: Replicates) -> dict[str, Any]:
-    """Return the provenance of compression data; nothing without such data."""
+    """Return the provenance of compression data; empty without such data."""
     data, forces = draws.experiment.compression, draws.posterior.compression
     if data is None or forces is None or drawn.plate is None:
         return {}

@@ -1,7 +1,7 @@
 """Checksums of the content of a result, part by part.
 
-A checksum is of values as they are read, not of the bytes of a file. Content that passes is the content that was
-written; a part that does not pass is named.
+Checksums are computed from values as they are read, not from the bytes of a file, so that each changed part can be
+identified by name.
 """
 
 from __future__ import annotations
@@ -18,11 +18,11 @@ if TYPE_CHECKING:
     import xarray as xr
 
 CHECKSUMS = "checksums"
-"""Attribute with the SHA-256 of every variable and attribute, as JSON."""
+"""Name of the attribute with the SHA-256 of every variable and attribute, as JSON."""
 
 
 def checksums(tree: xr.DataTree) -> str:
-    """Return the checksums of a tree, as its attribute `CHECKSUMS` holds them."""
+    """Return the checksums of a tree, in the form of its attribute `CHECKSUMS`."""
     return json.dumps(dict(_checksums(tree)))
 
 
@@ -32,7 +32,7 @@ class Changes(NamedTuple):
     missing: list[str]
     """Parts that are missing."""
     other: list[str]
-    """Parts with other content, or that were added."""
+    """Parts that were changed or added."""
 
 
 def changes(tree: xr.DataTree) -> Changes:
@@ -49,7 +49,7 @@ def changes(tree: xr.DataTree) -> Changes:
 
 
 def _checksums(tree: xr.DataTree) -> Iterator[tuple[str, str]]:
-    """Yield every part of a tree in words, and its checksum."""
+    """Yield a description and the checksum of every part of a tree."""
     for key, value in tree.attrs.items():
         if key != CHECKSUMS:
             yield f"attribute {key!r}", _digest(_bytes_of(value))
@@ -75,12 +75,12 @@ def _digest(*parts: bytes) -> str:
 
 
 def _bytes_of(value: Any) -> bytes:
-    """Return numbers with their type, or text, as bytes that are the same on every machine."""
+    """Return numbers with their type, or text, as bytes that do not depend on the machine."""
     array: NDArray[Any] = np.asarray(value)
     if array.dtype.kind not in "biufc":
         return json.dumps([str(text) for text in array.ravel()]).encode()
     if array.dtype.kind == "f":
-        # NaN has many forms: one stands for all
+        # NaN has many bit patterns, which are replaced by one
         array = np.where(np.isnan(array), np.array(np.nan, array.dtype), array)
     array = np.ascontiguousarray(array, array.dtype.newbyteorder("<"))
     return array.dtype.str.encode() + array.tobytes()

@@ -1,4 +1,4 @@
-"""Constants of a result: held parameters, fabrics, loads, ratings, and the names of the axes."""
+"""Constants of a result: fixed parameters, fabrics, loads, ratings, and coordinates of the axes."""
 
 from __future__ import annotations
 
@@ -23,19 +23,20 @@ from softness_bayes.results.plate import plate_coordinates
 from softness_bayes.touch.scene import Scene
 
 RATERS_OF_CELLS = "raters"
-"""Name of the number of raters of each cell."""
+"""Name of the variable with the number of raters per cell."""
 
 RATING_AS_FILED, RATING_LOW, RATING_HIGH = "rating_as_filed", "rating_low", "rating_high"
-"""Names of ratings as filed, 0 included, and of the ends of the intervals that they stand for."""
+"""Names of the variables for ratings as in the file, including 0, and for the ends of the intervals that they
+represent."""
 
 
 def held_parameters(space: ParameterSpace) -> dict[str, Variable]:
-    """Return the parameters that were held."""
+    """Return the fixed parameters."""
     return {n: Variable(np.array(value), units=EVERY_PARAMETER[n].unit) for n, value in space.held.items()}
 
 
 def _modulus_laws(space: ParameterSpace) -> dict[str, Variable]:
-    """Return the laws of the moduli that are not known exactly [kPa], in their written form."""
+    """Return the prior laws of uncertain moduli [kPa], in written form."""
     if space.moduli is None:
         return {}
     laws = np.array([str(space.moduli.laws[k]) for k in space.moduli.uncertain])
@@ -43,7 +44,7 @@ def _modulus_laws(space: ParameterSpace) -> dict[str, Variable]:
 
 
 def constant_group(draws: RatedDraws, pit: LooPit) -> dict[str, Variable]:
-    """Return the held parameters, the fabrics, the loads, and the participant, fabric and load of each rating."""
+    """Return the fixed parameters, the fabrics, the loads, and the participant, fabric and load of each rating."""
     ratings, fabrics = draws.experiment.ratings, draws.experiment.fabrics
     modulus = draws.scene.fabric_modulus / EFFECTIVE_MODULUS.factor
     return {
@@ -75,7 +76,7 @@ def constant_group(draws: RatedDraws, pit: LooPit) -> dict[str, Variable]:
 
 
 def _of_cells(draws: RatedDraws) -> dict[str, Variable]:
-    """Return the number of raters, and the standard deviations between them, where ratings are means of cells."""
+    """Return the numbers of raters and the standard deviations between them, if ratings are cell means."""
     cells = draws.experiment.ratings.cells
     if cells is None:
         return {}
@@ -84,7 +85,7 @@ def _of_cells(draws: RatedDraws) -> dict[str, Variable]:
 
 
 def _as_filed(draws: RatedDraws) -> dict[str, Variable]:
-    """Return ratings as filed and the ends of their intervals, where ratings are not exact numbers."""
+    """Return ratings as in the file and the ends of their intervals, if ratings are not exact numbers."""
     ends, filed = draws.ratings.ends, draws.experiment.ratings.rating
     if ends is None:
         same = np.array_equal(filed, draws.ratings.values)
@@ -97,7 +98,7 @@ def _as_filed(draws: RatedDraws) -> dict[str, Variable]:
 
 
 def _finger_radius(draws: RatedDraws) -> float:
-    """Return the finger's radius [m], the posterior median where it is sampled."""
+    """Return the finger's radius [m], or its posterior median if it is sampled."""
     sampled = np.asarray(draws.posterior.space.touch(draws.theta).radius)
     return float(np.median(sampled)) if sampled.any() else draws.scene.finger.radius
 

@@ -1,4 +1,4 @@
-"""Draws of a run on ratings, and the subsets of them from which the groups of its result are made."""
+"""Draws of a run on ratings, and the subsets used for the groups of its result."""
 
 from __future__ import annotations
 
@@ -26,22 +26,22 @@ from softness_bayes.touch.scene import Scene
 Array = NDArray[np.float64]
 
 DRAWS_PER_WALKER = 100
-"""Draws of each walker that the file keeps, evenly thinned; convergence is judged on all."""
+"""Number of evenly thinned draws per walker stored in the file; convergence is checked on all draws."""
 
 CURVES = 400
-"""Posterior draws whose response curves are stored."""
+"""Number of posterior draws with stored response curves."""
 
 REPLICATES = 500
-"""Draws with replicated ratings, and with the density of each rating given all the others."""
+"""Number of draws with replicated ratings and with the density of each rating given all the others."""
 
 PICKED = {"posterior_predictive": REPLICATES, "log_likelihood_loo": REPLICATES, "predictions": CURVES}
-"""Groups that hold a subset of the posterior's draws, and its size; their coordinates say which draws."""
+"""Groups with a subset of the posterior draws, and its size; their coordinates identify the draws."""
 
 PRIOR_DRAWS = 1000
-"""Draws of the prior."""
+"""Number of prior draws."""
 
 REWEIGHT_DRAWS = 1000
-"""Draws that are weighted where a run asks for exact weights."""
+"""Number of draws that are weighted if a run uses exact weights."""
 
 
 class Subset(NamedTuple):
@@ -51,12 +51,12 @@ class Subset(NamedTuple):
     mean_rate: Array
     parameters: RatingParameters
     effects: Any
-    """As the rating model draws them."""
+    """Effects, in the form of the rating model."""
 
 
 @dataclass(frozen=True)
 class RatedDraws:
-    """The draws of one run on ratings: all that the groups of its result have in common.
+    """The draws of one run on ratings, shared by all groups of its result.
 
     Parameters
     ----------
@@ -96,29 +96,29 @@ class RatedDraws:
 
     @cached_property
     def load_groups(self) -> LoadGroups:
-        """Groups in which many loads are judged and shown; of few each is alone."""
+        """Groups of loads for checks and figures; with few loads, each load is a separate group."""
         return groups_of(self.experiment.ratings.loads)
 
     @property
     def load_axis(self) -> str:
-        """Name of the axis of what is stored for each of these groups."""
+        """Name of the axis of variables stored for each of these groups."""
         return LOAD_GROUP if self.load_groups.merged else "load"
 
     @property
     def shown_loads(self) -> list[Load]:
-        """The load that stands for each of these groups."""
+        """Representative load of each of these groups."""
         return [self.scene.loads[k] for k in self.load_groups.at]
 
     @property
     def rises(self) -> float:
-        """Posterior probability that ratings rise with firing, where both directions are sampled; else NaN."""
+        """Posterior probability that ratings rise with firing if both directions were sampled, otherwise NaN."""
         if self.model.direction is not FREE:
             return np.nan
         return float((np.asarray(self.posterior.space.value("gamma", self.theta)) > 0).mean())
 
     @property
     def rises_error(self) -> float:
-        """Standard error of `rises` from the ensembles, which are independent."""
+        """Monte-Carlo standard error of `rises`, from the independent ensembles."""
         if self.model.direction is not FREE:
             return np.nan
         rises = (np.asarray(self.posterior.space.value("gamma", self.theta)) > 0).mean(axis=1)
@@ -132,7 +132,7 @@ class RatedDraws:
         return self.model.direction.sign if np.isnan(rises) else (1.0 if rises >= 0.5 else -1.0)
 
     def picked(self, size: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-        """Return chain and draw of evenly spaced draws, or of as many in proportion to their exact weights."""
+        """Return chain and draw indices of evenly spaced draws, or of draws resampled by their exact weights."""
         if self.log_weight is None:
             return evenly(self.theta.shape, size)
         chosen = resample(self.log_weight, size)
@@ -147,7 +147,7 @@ class RatedDraws:
 
     @cached_property
     def _subsets(self) -> dict[int, Subset]:
-        """Subsets by their size, each made once: responses of raters' own fingers take a second."""
+        """Cache of subsets by size, because responses of individual fingers take a second."""
         return {}
 
     def _subset(self, size: int) -> Subset:
@@ -160,18 +160,18 @@ class RatedDraws:
         )
 
     def touch(self, theta: Array) -> TouchParameters:
-        """Return the chain's parameters at theta, held ones repeated to the shape of sampled ones."""
+        """Return the parameters of the forward model at theta, fixed ones broadcast to the shape of sampled ones."""
         return TouchParameters(*(np.broadcast_to(v, theta.shape[:-1]) for v in self.posterior.space.touch(theta)))
 
     def touches(self, theta: Array) -> tuple[TouchParameters, Array | None]:
-        """Return the arguments of a scene's functions at theta: the chain's parameters, and moduli where not known."""
+        """Return the arguments for a scene at theta: parameters of the forward model, and moduli if uncertain."""
         return self.touch(theta), self.posterior.space.modulus(theta)
 
 
 def draws_of(
     experiment: Experiment, posterior: Posterior, kept: Chains, theta: Array, rng: np.random.Generator
 ) -> RatedDraws:
-    """Return the draws of a run, with effects given them and draws of the prior, both from `rng` in this order.
+    """Return the draws of a run with effects given each draw and prior draws, both from `rng` in this order.
 
     Raises
     ------
@@ -188,7 +188,7 @@ def draws_of(
 
 
 def _effects(posterior: Posterior, theta: Array, mean_rate: Array, rng: np.random.Generator) -> Any:
-    """Return effects drawn given each point; of raters with own fingers piece by piece, their responses being large."""
+    """Return effects drawn given each point; for individual fingers in chunks, because their responses are large."""
     ratings = posterior.observation
     if posterior.fingers is None:
         return ratings.draw_effects(rng, mean_rate, posterior.rating_parameters(theta))

@@ -1,4 +1,4 @@
-"""The log-likelihood with exact firing rates at some draws of a run, beside the fast one that was sampled."""
+"""Comparison of the sampled, fast log-likelihood with one based on exact firing rates, at some draws of a run."""
 
 from __future__ import annotations
 
@@ -19,15 +19,16 @@ from softness_bayes.touch.scene import Scene
 Array = NDArray[np.float64]
 
 EXACT_DRAWS = 200
-"""Posterior draws at which the log-likelihood is compared with an exact one at most."""
+"""Largest number of posterior draws at which the log-likelihood is compared with the exact one."""
 
 FIRST_DRAWS = 40
-"""Of these so many come first; the others only if the answer is not certain then."""
+"""Number of draws compared first; the others are used only if the result is then not yet certain."""
 
 EXACT_PARTS = 4
-"""Tasks that the comparison is divided into at most, for as many processes; `FIRST_DRAWS` are one task.
+"""Largest number of parallel tasks of the comparison; `FIRST_DRAWS` form one task.
 
-Draws are integrated side by side, and fewer take as long: 40 draws in four tasks take three times the work of one.
+Draws are integrated simultaneously, and small batches take as long as large ones: 40 draws in four tasks take three
+times the work of one task.
 """
 
 
@@ -45,7 +46,7 @@ def exact_log_likelihood(posterior: Posterior, theta: Array) -> Array:
 def begin_comparison(posterior: Posterior, theta: Array, workers: Workers, reweight: bool) -> Callable[[], Exactness]:
     """Start to compute the exact log-likelihood at evenly spaced draws; return a function that awaits the comparison.
 
-    The comparison ends with the first draws if these leave no doubt that the fast likelihood is exact enough.
+    The comparison stops after the first draws if these show clearly that the fast likelihood is accurate enough.
 
     Parameters
     ----------
@@ -54,9 +55,9 @@ def begin_comparison(posterior: Posterior, theta: Array, workers: Workers, rewei
     theta
         All draws, shape (chains, draws, dimension).
     workers
-        With `posterior` as their resident: the exact likelihood is computed there, beside everything else.
+        Processes with `posterior` as their resident object, which compute the exact likelihood in parallel.
     reweight
-        Whether to compare at `REWEIGHT_DRAWS` draws, which are to be weighted, instead of `EXACT_DRAWS`.
+        Whether to compare at `REWEIGHT_DRAWS` draws, for reweighting, instead of `EXACT_DRAWS`.
     """
     compared = theta[evenly(theta.shape, REWEIGHT_DRAWS if reweight else EXACT_DRAWS)]
     first = slice(None) if reweight else _first(len(compared))
@@ -85,7 +86,7 @@ def unchecked() -> Exactness:
 
 
 def _begin_exact(posterior: Posterior, theta: Array, workers: Workers) -> Callable[[], Array]:
-    # in parts that do not depend on the number of processes, nor then do the last bits
+    # the division does not depend on the number of processes, so that results agree to the last bit
     count = min(EXACT_PARTS, -(-len(theta) // FIRST_DRAWS))
     parts = [workers.start(exact_log_likelihood, part) for part in np.array_split(theta, count)]
     return lambda: np.concatenate([part() for part in parts])

@@ -1,4 +1,4 @@
-"""The posterior of a finished run at some of its draws, for touches that need not have been rated."""
+"""The posterior of a finished run at some of its draws, for predictions of arbitrary touches."""
 
 from __future__ import annotations
 
@@ -25,11 +25,11 @@ from softness_bayes.touch.scene import Scene
 
 Array = NDArray[np.float64]
 
-_SAME = 1e-6  # relative difference of moduli below which a fabric is the one that was rated
+_SAME = 1e-6  # relative difference of moduli below which a fabric is identified with a rated one
 
 
 def drawn_values(result: Stored, draws: int, values: Mapping[str, float] | None = None) -> dict[str, Array]:
-    """Return evenly spaced draws of every parameter by name, in natural units: numbers of those that the run held.
+    """Return evenly spaced draws of every parameter by name, in natural units: numbers for fixed parameters.
 
     Parameters
     ----------
@@ -38,12 +38,13 @@ def drawn_values(result: Stored, draws: int, values: Mapping[str, float] | None 
     draws
         Number of draws.
     values
-        If any are given, every draw is one point: these values, and the posterior medians of all others.
+        If any are given, all draws are equal to one point: these values, and posterior medians for all other
+        parameters.
 
     Raises
     ------
     InputError
-        If a value is of a parameter that the run did not sample, or out of its range.
+        If a value is given for a parameter that was not sampled, or is out of range.
     """
     named = result.values(draws)
     if not values:
@@ -58,7 +59,7 @@ def drawn_values(result: Stored, draws: int, values: Mapping[str, float] | None 
 
 
 class Fitted:
-    """The model of a finished run, made anew from what the run stores, and draws of its posterior.
+    """The model of a finished run, rebuilt from the stored result, with draws of its posterior.
 
     Parameters
     ----------
@@ -67,12 +68,12 @@ class Fitted:
     draws
         Number of draws, evenly spaced over the run.
     values
-        Values in place of the draws, as `drawn_values` takes them.
+        Values used instead of the draws, as for `drawn_values`.
 
     Raises
     ------
     InputError
-        If the run had no ratings, or lacks what its model is made from, or a value cannot be set.
+        If the run had no ratings, the result is incomplete, or a value cannot be set.
     """
 
     def __init__(self, result: Stored, draws: int, values: Mapping[str, float] | None = None) -> None:
@@ -84,7 +85,7 @@ class Fitted:
 
     @property
     def touch(self) -> TouchParameters:
-        """The chain's parameters at the draws [SI], each of shape (draws,)."""
+        """Parameters of the forward model at the draws [SI], each of shape (draws,)."""
         values = self.posterior.space.touch(self.theta)
         return TouchParameters(*(np.broadcast_to(value, len(self.theta)) for value in values))
 
@@ -95,11 +96,11 @@ class Fitted:
         return scene_of(fabrics, loads, self.named, result.readings, noise=noise, finger=result.finger)
 
     def touches(self, fabrics: Fabrics, scene: Scene) -> OtherTouches:
-        """Return the touches of a scene of some fabrics, of which those of `known` were rated."""
+        """Return the touches of a scene with some fabrics, matched to rated ones by `known`."""
         return OtherTouches(self.posterior, scene, self.known(fabrics))
 
     def known(self, fabrics: Fabrics) -> NDArray[np.intp]:
-        """Return each fabric's index among those that were rated, -1 where none has its name and its modulus."""
+        """Return the index of each fabric among the rated ones; -1 if none has its name and modulus."""
         rated = self.result.fabrics
         place = {name: k for k, name in enumerate(rated.names)}
         index = np.array([place.get(name, -1) for name in fabrics.names], np.intp)
@@ -110,7 +111,8 @@ class Fitted:
     def modulus(self, rng: np.random.Generator, fabrics: Fabrics) -> Array | None:
         """Return E_fab [Pa] of each fabric at each draw, (draws, fabrics); None if all are known exactly.
 
-        Of fabrics that were rated it is that of the posterior; of others with errors of their own it is drawn.
+        Moduli of rated fabrics come from the posterior; those of other, uncertain fabrics are drawn.
+
         """
         moduli, size = fabric_moduli(fabrics, self.result.readings.fabric_modulus), len(self.theta)
         drawn: dict[int, Array] = {k: law.draw(rng, size) for k, law in enumerate(moduli.laws) if law is not None}

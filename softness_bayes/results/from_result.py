@@ -1,4 +1,4 @@
-"""Data and options of a finished run, from its result alone."""
+"""Data and options of a finished run, restored from its result alone."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from softness_bayes.touch.scene import Discretisation
 
 
 def experiment_of(result: Stored) -> Experiment:
-    """Return the data that a result stores: ratings, fabrics by their moduli and compression data if any.
+    """Return the data stored in a result: ratings, fabrics by their moduli, and compression data if any.
 
     Raises
     ------
@@ -56,7 +56,7 @@ def experiment_of(result: Stored) -> Experiment:
 
 
 def _cells_of(constant: Any) -> Cells | None:
-    """Return the further numbers of cells whose means were rated, if they were."""
+    """Return numbers of raters and standard deviations of cells, if ratings are cell means."""
     if RATERS_OF_CELLS not in constant:
         return None
     known = constant[GEOMETRIC_SD.name].values if GEOMETRIC_SD.name in constant else None
@@ -64,7 +64,7 @@ def _cells_of(constant: Any) -> Cells | None:
 
 
 def _unknown_of(result: Stored) -> Prior:
-    """Return the law of unknown moduli that a run was asked for."""
+    """Return the prior law of unknown moduli requested for a run."""
     return parse_prior(result.provenance.asked.options.get("unknown_modulus", str(UNKNOWN_MODULUS)))
 
 
@@ -107,7 +107,7 @@ def _compression_of(result: Stored) -> Compression:
 
 
 def options_of(result: Stored) -> ModelOptions:
-    """Return the model that a result was sampled from."""
+    """Return the options of the model from which a result was sampled."""
     found, constant = result.provenance, result.group("constant_data")
     asked = Named(found.asked.options, "option", f"{result.source}: attribute 'options'")
     taken, priors = found.direction, found.priors
@@ -141,7 +141,7 @@ def options_of(result: Stored) -> ModelOptions:
 
 
 def differences(results: dict[str, Stored]) -> dict[str, str]:
-    """Return, for each result, what sets its model apart: readings, scale, direction, priors and held values."""
+    """Return, for each result, the readings, scale, direction, priors and fixed values in which its model differs."""
     told = {label: _model(result) for label, result in results.items()}
     every = dict.fromkeys(key for model in told.values() for key in model)
     apart = [key for key in every if len({model.get(key, "–") for model in told.values()}) > 1]

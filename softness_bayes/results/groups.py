@@ -1,4 +1,4 @@
-"""Groups of a result as variables with axes and units, and the tree that they make."""
+"""Groups of a result as variables with axes and units, and their assembly into a tree."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class Variable(NamedTuple):
 
 
 Groups = dict[str, dict[str, Variable]]
-"""Variables by group and name; a name means the same axes and unit in every group."""
+"""Variables by group and name; variables of the same name have the same axes and unit in every group."""
 
 
 def tree_of(groups: Groups, coordinates: Mapping[str, ArrayLike], attributes: Mapping[str, Any]) -> xr.DataTree:
@@ -47,13 +47,13 @@ def tree_of(groups: Groups, coordinates: Mapping[str, ArrayLike], attributes: Ma
 
 
 def merged(*parts: Groups) -> Groups:
-    """Return groups that hold the variables of all parts."""
+    """Return groups with the variables of all parts."""
     names = dict.fromkeys(group for part in parts for group in part)
     return {group: {n: v for part in parts for n, v in part.get(group, {}).items()} for group in names}
 
 
 def named(space: ParameterSpace, theta: Array) -> dict[str, Variable]:
-    """Return points theta (..., dimension) by the names of the parameters; sampled moduli are one variable."""
+    """Return points theta (..., dimension) by parameter name; sampled moduli form one variable."""
     return _by_name(space, theta, [p.unit for p in space.sampled])
 
 
@@ -90,7 +90,7 @@ def sampled_groups(density: Density, kept: Chains, theta: Array, data: str) -> G
 
 
 def turning_variables(turn: Inflection, shape: tuple[int, int], axis: str) -> dict[str, Variable]:
-    """Return where the response turns over as variables along an axis of loads, draws as `shape`, (chains, draws)."""
+    """Return turning points of the response as variables along an axis of loads; draws have `shape` (chains, draws)."""
     points: dict[str, tuple[NDArray[Any], str]] = {
         "inflection_outcome": (turn.outcome, ""),
         "inflection_e_fab_kpa": (turn.modulus * 1e-3, "kPa"),
@@ -103,14 +103,14 @@ def turning_variables(turn: Inflection, shape: tuple[int, int], axis: str) -> di
 
 
 def evenly(shape: tuple[int, ...], size: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Return chain and draw of draws evenly spaced over a whole run, all walkers side by side in time.
+    """Return chain and draw indices of draws evenly spaced over a run, with the walkers interleaved in time.
 
     Parameters
     ----------
     shape
         Shape of the run's draws, (chains, draws, ...).
     size
-        Their number, if there are as many.
+        Number of draws, if the run has enough.
     """
     chains, stored = shape[:2]
     flat = np.linspace(0, chains * stored - 1, min(size, chains * stored)).astype(int)

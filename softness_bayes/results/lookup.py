@@ -1,4 +1,4 @@
-"""Lookups in a result that name what is missing, and where."""
+"""Look-ups in a result with errors that name the missing item and its location."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ class MissingError(InputError, KeyError):
 
 
 class Named(dict[str, Any]):
-    """Values by name; one that is missing is an error that says so.
+    """Values by name, with an error that names a missing one.
 
     Parameters
     ----------
     values
         The values.
     what, where
-        What they are, and of which file, for the message.
+        Kind of values, and their file, for the message.
     """
 
     def __init__(self, values: Any, what: str, where: str) -> None:
@@ -36,9 +36,9 @@ class Named(dict[str, Any]):
 
 
 class Group(xr.Dataset):
-    """A group of a result; a variable that is missing is an error that says so.
+    """A group of a result, with an error that names a missing variable.
 
-    So are missing labels of an axis, for which xarray itself would return 0, 1, 2 and so on.
+    Missing labels of an axis also raise an error; xarray itself would return 0, 1, 2 and so on.
     """
 
     __slots__ = ()

@@ -1,4 +1,4 @@
-"""Shifts of a run's conclusions by errors of the moduli that it takes as exact, to first order."""
+"""First-order shifts of a run's conclusions due to errors in moduli that were taken as exact."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ if TYPE_CHECKING:
     import pandas as pd
 
 SHIFT_DRAWS = 1000
-"""Posterior draws from which the shifts are estimated."""
+"""Number of posterior draws from which the shifts are estimated."""
 
 SHIFTED = ("b", "m", "sigma_0", "gamma")
-"""Parameters whose shifts are stated, if they are sampled."""
+"""Parameters whose shifts are reported, if they are sampled."""
 
 
 def modulus_shifts(draws: RatedDraws, inflection: Mapping[str, Variable]) -> pd.DataFrame | None:
@@ -31,7 +31,7 @@ def modulus_shifts(draws: RatedDraws, inflection: Mapping[str, Variable]) -> pd.
     draws
         The draws of the run.
     inflection
-        The group of that name, of the points of `turning_draws`.
+        The group `inflection`, at the points of `turning_draws`.
 
     Returns
     -------

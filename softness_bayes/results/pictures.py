@@ -1,4 +1,4 @@
-"""Data of the figures of a touch and of the membrane, computed with a run so that no figure runs the model."""
+"""Data for the figures of a touch and of the membrane, stored with a run so that figures need no model."""
 
 from __future__ import annotations
 
@@ -21,23 +21,23 @@ from softness_bayes.touch.scene import Discretisation, Scene
 Array = NDArray[np.float64]
 
 ILLUSTRATIONS = "illustrations"
-"""The group of a result that has no draws: quantiles over them, and single examples."""
+"""Group of a result with quantiles over draws and single examples instead of draws."""
 
 QUANTILES = (0.025, 0.25, 0.5, 0.75, 0.975)
 """Quantiles of the profiles of a touch over the draws."""
 
 MOST_LOADS = 3
-"""Loads that are illustrated: the least, the middle one and the greatest."""
+"""Largest number of illustrated loads: the smallest, a middle one and the largest."""
 
 NEAR, FAR, REACH = 97, 8, 1.3
 """Points from the contact's axis to `REACH` radii of the largest contact, where rates fall off steeply, and beyond it
 to the pad's farthest corner."""
 
 UNTABLED = Discretisation(nodes=2, field_tolerance=1e-2)
-"""Discretisation of a scene whose tables of stress are not used: they are made quickly."""
+"""Coarse discretisation of a scene whose stress tables are not used."""
 
 CURRENTS = 121
-"""Points of the rate curves."""
+"""Number of points of the rate curves."""
 
 EXCESSES = (0.1, 0.4, 1.0)
 """Currents of the example trains, as shares of the way from the rheobase to the largest current."""
@@ -52,10 +52,10 @@ def illustrated_loads(loads: tuple[Load, ...]) -> NDArray[np.intp]:
 
 
 def illustrated_fabrics(scene: Scene, inflection: Array) -> tuple[list[str], Array]:
-    """Return names and moduli [Pa] of three fabrics in rising order: the softest, one between, the stiffest.
+    """Return names and moduli [Pa] of three fabrics in increasing order: softest, intermediate, stiffest.
 
-    The one between is where the response most often turns over, under the load under which it does so most
-    often; where no draw turns over, it is halfway in the logarithm.
+    The intermediate one is at the typical turning point of the response, under the load with the most turning points;
+    without any, it is halfway in the logarithm.
     """
     low, high = float(scene.modulus.min()), float(scene.modulus.max())
     column = inflection[:, (~np.isnan(inflection)).sum(axis=0).argmax()]
@@ -75,13 +75,13 @@ def touch_illustration(
     Parameters
     ----------
     receptors
-        Places of the pad's receptors [m], shape (receptors, 2), as `draw_receptors` draws them.
+        Positions of the pad's receptors [m], shape (receptors, 2), from `draw_receptors`.
     scene
         The scene of the data.
     parameters
-        Draws of the chain's parameters, shape (draws,).
+        Draws of the parameters of the forward model, shape (draws,).
     inflection
-        E_fab where draws turn over [Pa], shape (draws, loads), NaN where they do not.
+        E_fab at the turning points of draws [Pa], shape (draws, loads), NaN if there is none.
 
     Returns
     -------
@@ -144,18 +144,18 @@ class Trains(NamedTuple):
 def example_trains(
     rng: np.random.Generator, scene: Scene, parameters: TouchParameters, workers: Workers | None = None
 ) -> Callable[[], Trains]:
-    """Begin trains at `EXCESSES` of the way from the median rheobase to the median alpha; return what awaits them.
+    """Start trains at `EXCESSES` of the way from median rheobase to median alpha; return a function that awaits them.
 
     Parameters
     ----------
     rng
-        Source of the membrane's noise, if the scene has any: then trains are made at once.
+        Random generator of membrane noise, if the scene has any; trains are then simulated at once.
     scene
         The scene of the data.
     parameters
-        Draws of the chain's parameters, shape (draws,).
+        Draws of the parameters of the forward model, shape (draws,).
     workers
-        Where trains without noise are made, beside everything else.
+        Processes that simulate noise-free trains in parallel.
     """
     rheobase = _rheobase(scene, parameters)
     alpha, least = float(np.median(parameters.alpha)), float(np.median(rheobase))
@@ -183,18 +183,18 @@ def _trains(
 def membrane_illustration(
     trains: Trains, scene: Scene, parameters: TouchParameters
 ) -> tuple[Groups, dict[str, NDArray[np.generic]]]:
-    """Return firing rate against current for every draw, and example trains.
+    """Return firing rate as a function of current for every draw, and example trains.
 
     The currents go from below the lowest rheobase to the largest alpha of the draws' central 95 %.
 
     Parameters
     ----------
     trains
-        Awaited from `example_trains`.
+        Trains from `example_trains`.
     scene
         The scene of the data.
     parameters
-        Draws of the chain's parameters, shape (draws,).
+        Draws of the parameters of the forward model, shape (draws,).
     """
     curve, rheobase = scene.firing.curves(parameters), _rheobase(scene, parameters)
     top = min(float(np.quantile(parameters.alpha, 0.975)), float(np.min(curve.max_current)))

@@ -20,18 +20,18 @@ from softness_bayes.touch.plate import plate_force
 Array = NDArray[np.float64]
 
 POINTS = 60
-"""Indentations at which the typical finger's force is stored."""
+"""Number of indentations at which the force of the typical finger is stored."""
 
 
 class PlateReplicates(NamedTuple):
     """Draws made after a run on compression data, each of shape (draws, ...)."""
 
     fingers: FingerEffects
-    """How the fingers depart from the typical one, at every draw of every chain."""
+    """Deviations of the fingers from the typical one, at every draw of every chain."""
     again: Array
-    """Forces of the same fingers [N], by draws of the posterior."""
+    """Forces of the same fingers [N], for posterior draws."""
     prior: Array
-    """Forces of new fingers [N], by draws of the prior."""
+    """Forces of new fingers [N], for prior draws."""
 
 
 def draw_plate(
@@ -42,20 +42,20 @@ def draw_plate(
     replicates: Array,
     prior: Array,
 ) -> PlateReplicates:
-    """Draw how the fingers depart, and forces that the model makes.
+    """Draw the deviations of fingers, and replicated forces.
 
     Parameters
     ----------
     rng
-        Source of effects and noise.
+        Random generator of effects and noise.
     forces
         The likelihood.
     skin
-        Gives the skin's parameters of points theta.
+        Function that returns the skin's parameters at points theta.
     theta
-        All draws, shape (chains, draws, dimension), for the fingers' departures.
+        All draws, shape (chains, draws, dimension), for the deviations of fingers.
     replicates, prior
-        Draws of the posterior and of the prior (draws, dimension) that forces are made at.
+        Draws of the posterior and of the prior (draws, dimension) for which forces are simulated.
     """
 
     def forces_at(points: SkinParameters, effects: FingerEffects) -> Array:
@@ -79,7 +79,7 @@ def plate_groups(
     typical
         The skin's parameters at some draws of the posterior, shape (draws,), for the typical finger's force.
     drawn
-        From `draw_plate`.
+        Output of `draw_plate`.
     """
     depth = _depths(compression)
     line = plate_force(

@@ -18,14 +18,14 @@ from softness_bayes.touch.scene import Scene
 Array = NDArray[np.float64]
 
 TURNING = 4000
-"""Approximate number of draws whose turning points are stored, equally many of every walker."""
+"""Approximate number of draws with stored turning points, the same number for every walker."""
 
 ILLUSTRATED = 64
-"""Posterior draws whose touches are stored in detail."""
+"""Number of posterior draws whose touches are stored in detail."""
 
 
 def prediction_group(draws: RatedDraws, grid: Scene, error: float) -> dict[str, Variable]:
-    """Return response and rating against E_fab under each load that is shown, and where they turn over.
+    """Return response and rating as functions of E_fab under each shown load, with their turning points.
 
     Parameters
     ----------
@@ -61,7 +61,7 @@ def prediction_group(draws: RatedDraws, grid: Scene, error: float) -> dict[str, 
 
 
 def _typical(draws: RatedDraws, few: Any, drive: Array) -> Array:
-    """Return the typical rating where the response has these drives, shape (draws, loads, points)."""
+    """Return the typical rating for these drives, shape (draws, loads, points)."""
     found = [
         draws.ratings.typical(
             few.mean_rate, few.parameters, few.effects, drive[:, k], np.flatnonzero(draws.scene.load == load)
@@ -80,7 +80,7 @@ def turning_draws(draws: RatedDraws) -> Array:
 
 
 def turning_groups(draws: RatedDraws, error: float) -> Groups:
-    """Return where the response turns over in many draws of posterior and prior; arguments as `prediction_group`."""
+    """Return turning points for many posterior and prior draws; arguments as for `prediction_group`."""
     found: Groups = {}
     loads = draws.shown_loads
     for group, points in {"inflection": turning_draws(draws), "prior_inflection": draws.prior[None]}.items():
@@ -91,12 +91,12 @@ def turning_groups(draws: RatedDraws, error: float) -> Groups:
 
 
 def illustration_groups(draws: RatedDraws, drawn: Replicates, turn: Array) -> tuple[Groups, dict[str, NDArray[Any]]]:
-    """Return what the figures of touch and membrane show, and coordinates of its axes.
+    """Return the data for the figures of touch and membrane, and coordinates of their axes.
 
     Parameters
     ----------
     draws, drawn
-        The draws of the run, and what was drawn after it.
+        The draws of the run, and the quantities drawn after it.
     turn
         E_fab at the turning points of `CURVES` draws [Pa], shape (draws, loads), NaN where there is none.
     """

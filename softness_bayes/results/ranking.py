@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 SILENT = 0.5
-"""Share of the draws without a spike from which on a fabric is called silent."""
+"""Share of draws without spikes above which a fabric is called silent."""
 
 
 class Ranked(NamedTuple):
@@ -40,7 +40,7 @@ class Ranked(NamedTuple):
     places: Places
     pairs: Pairs
     tie: NDArray[np.intp]
-    """Number of each fabric's group of ties, 0 for none, shape (fabrics,)."""
+    """Index of each fabric's group of ties, 0 for none, shape (fabrics,)."""
     typical: Array
     """Draws of the typical rater's median rating, shape (draws, fabrics)."""
     p_silent: Array
@@ -62,7 +62,7 @@ class Ranking:
     fabrics
         Their names.
     modulus
-        Their E_fab [Pa]; medians where it is not known exactly.
+        E_fab of the fabrics [Pa]; the median if it is uncertain.
     scale
         The scale of the ratings.
     loads
@@ -105,13 +105,13 @@ class Ranking:
 
     @property
     def place_table(self) -> pd.DataFrame:
-        """A row per load, fabric and place that it may have, with the probability."""
+        """A row per load, fabric and possible place, with its probability."""
         import pandas as pd
 
         parts = []
         for one in self.loads:
             probability = one.places.probability[one.order]
-            # a sum of shares that cancel leaves a rounding error
+            # sums of shares that should cancel leave rounding errors
             row, place = np.nonzero(probability > 1e-9)
             names = [self.fabrics[one.order[k]] for k in row]
             found = {"load": str(one.load), "fabric": names, "place": place + 1, "probability": probability[row, place]}
@@ -156,7 +156,7 @@ class Ranking:
         Raises
         ------
         InputError
-            If there are too few fabrics that both have.
+            If too few fabrics are in both.
         """
         import pandas as pd
 
@@ -164,7 +164,7 @@ class Ranking:
         seen = np.array([observed[self.fabrics[k]] for k in here])
         rows = []
         for one in self.loads:
-            # places among the fabrics that both have
+            # places among the fabrics in both
             among = places(one.typical[:, here]).place if here else np.empty((1, 0))
             for name, found in agreement(among, seen).items():
                 rows.append({"load": str(one.load), "measure": name, **found._asdict(), "fabrics": len(here)})
@@ -174,23 +174,23 @@ class Ranking:
 def rank(
     result: Stored, fabrics: Fabrics, loads: tuple[Load, ...], draws: int = ANSWER_DRAWS, seed: int = 0
 ) -> Ranking:
-    """Rank fabrics by the rating of the typical rater that a finished run predicts, higher ratings being softer.
+    """Rank fabrics by the predicted rating of the typical rater in a finished run; higher ratings are softer.
 
     Parameters
     ----------
     result
         The run, on ratings.
     fabrics, loads
-        Fabrics that are ranked, under each load.
+        Fabrics to rank, and the loads under which to rank them.
     draws
-        Posterior draws that probabilities are of.
+        Number of posterior draws for the probabilities.
     seed
-        Seed of what is drawn given the draws.
+        Seed of quantities drawn given the posterior draws.
 
     Raises
     ------
     InputError
-        If there are too many fabrics, or the run had no ratings, or lacks what its model is made from.
+        If there are too many fabrics, the run had no ratings, or the result is incomplete.
     """
     RANKED.require("rank: number of fabrics", len(fabrics))
     fitted, rng = Fitted(result, draws), np.random.default_rng(seed)

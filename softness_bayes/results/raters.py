@@ -1,4 +1,4 @@
-"""Table of the raters with their covariates, as these were written."""
+"""Table of the raters with their covariates as text."""
 
 from __future__ import annotations
 
@@ -29,8 +29,8 @@ def rater_table(tree: xr.DataTree, ratings: Ratings) -> pd.DataFrame | None:
     Returns
     -------
     DataFrame
-        By participant: the number of ratings; where raters have scales of their own, the rater's on the additive scale
-        of the model, as median (effect) with 90 % limits; and the covariates by their names, as texts.
+        By participant: the number of ratings; if the model has individual rating scales, the rater's deviation on the
+        additive scale of the model, as median (effect) with 90 % limits; and the covariates by name, as text.
     """
     import pandas as pd
 
@@ -46,7 +46,7 @@ def rater_table(tree: xr.DataTree, ratings: Ratings) -> pd.DataFrame | None:
 
 
 def with_covariates(table: pd.DataFrame, ratings: Ratings) -> pd.DataFrame:
-    """Return a table of raters with their covariates; rows of others, as of the population, have empty ones."""
+    """Add covariates to a table of raters; they are empty for other rows, such as the population."""
     place = {name: k for k, name in enumerate(ratings.participants)}
     rows = [place.get(str(name), -1) for name in table.index.get_level_values("participant")]
     return table.assign(**{name: [(*own, "")[k] for k in rows] for name, own in ratings.covariates.items()})

@@ -1,4 +1,4 @@
-"""Predicted ratings as columns of a table: of the typical rater, of a new one, and the mean of several."""
+"""Predicted ratings as table columns: typical rater, new rater, and mean of several raters."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 LIMITS = {"_low": 0.05, "_low_50": 0.25, "": 0.5, "_high_50": 0.75, "_high": 0.95}
-"""Suffix of a column -> its quantile."""
+"""Quantiles by suffix of the column."""
 
 
 def rating_columns(
@@ -35,7 +35,7 @@ def rating_columns(
     seed: int = 0,
     values: Mapping[str, float] | None = None,
 ) -> pd.DataFrame:
-    """Return the predicted ratings of every condition of a scene, and why each is what it is.
+    """Return the predicted ratings of every condition of a scene, with reasons for unusual predictions.
 
     Parameters
     ----------
@@ -44,13 +44,13 @@ def rating_columns(
     fabrics, scene
         The fabrics, and the scene of all of them under some loads.
     draws
-        Posterior draws that median and limits are of.
+        Number of posterior draws for medians and limits.
     raters
-        Number of new raters of whose ratings the mean is predicted; by default as many as rated.
+        Number of new raters whose mean rating is predicted; by default the number of raters in the data.
     seed
-        Seed of what is drawn given the draws.
+        Seed of quantities drawn given the posterior draws.
     values
-        Values of parameters in place of the draws, as `fitted.drawn_values` takes them.
+        Values of parameters used instead of the draws, as for `fitted.drawn_values`.
 
     Returns
     -------
@@ -61,7 +61,7 @@ def rating_columns(
     Raises
     ------
     InputError
-        If the number of raters is out of range, or the result lacks what its model is made from.
+        If the number of raters is out of range, or the result is incomplete.
     """
     import pandas as pd
 
@@ -86,8 +86,8 @@ def limits(values: Array, alike: IndexArray | None = None) -> dict[str, Array]:
     values
         The draws.
     alike
-        Number of each column's group, shape (columns,), if columns of one group are draws of the same: these have one
-        set of limits, those of all their draws.
+        Group index of each column, shape (columns,), if columns of a group are draws of the same quantity; their draws
+        are pooled to give common limits.
     """
     levels = list(LIMITS.values())
     found = np.quantile(values, levels, axis=0)

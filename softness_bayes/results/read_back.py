@@ -34,7 +34,7 @@ def fabrics_in(constant: xr.Dataset, digest: str) -> Fabrics:
 
 
 def named_values(posterior: xr.Dataset, constant: xr.Dataset, size: int | None = None) -> dict[str, Array]:
-    """Return every parameter of the model by name, in natural units: draws, or the held value.
+    """Return every parameter of the model by name, in natural units: draws, or the fixed value.
 
     Parameters
     ----------
@@ -44,7 +44,7 @@ def named_values(posterior: xr.Dataset, constant: xr.Dataset, size: int | None =
         Number of draws, evenly spaced over the run; by default all.
     """
     names = [name for name, variable in posterior.items() if variable.dims == ("chain", "draw")]
-    # draws of all chains side by side in time, so that evenly spaced ones cover the whole run
+    # draws of all chains interleaved in time, so that evenly spaced ones cover the whole run
     columns = {str(name): posterior[name].values.T.ravel() for name in names}
     total = next(iter(columns.values())).size
     pick = np.arange(total) if size is None or size >= total else np.linspace(0, total - 1, size).astype(int)
@@ -54,7 +54,7 @@ def named_values(posterior: xr.Dataset, constant: xr.Dataset, size: int | None =
 
 
 def _sampled_moduli(posterior: xr.Dataset, total: int) -> dict[str, Array]:
-    """Return the draws of every sampled modulus [kPa] by its name, in the order of those of parameters."""
+    """Return the draws of every sampled modulus [kPa] by name, in the order of the draws of parameters."""
     if FABRIC_MODULUS not in posterior:
         return {}
     drawn, names = posterior[FABRIC_MODULUS].values, posterior[UNCERTAIN].values
@@ -73,7 +73,7 @@ def moduli_at(values: Mapping[str, Array], fabrics: Fabrics) -> Array | None:
 
 
 def curves_in(predictions: xr.Dataset) -> Curves:
-    """Return the response against E_fab, draw by draw, of the group `predictions`."""
+    """Return the response as a function of E_fab for each draw, from the group `predictions`."""
     stored = predictions.isel(chain=0)
     return Curves(
         stored["e_fab_kpa"].values * 1e3,
@@ -85,7 +85,7 @@ def curves_in(predictions: xr.Dataset) -> Curves:
 
 
 def turning_points_in(stored: xr.Dataset) -> Inflection:
-    """Return turning points as a group stores them, every field of shape (chains, draws, loads)."""
+    """Return the turning points stored in a group, with fields of shape (chains, draws, loads)."""
     return Inflection(
         stored["inflection_outcome"].values,
         stored["inflection_e_fab_kpa"].values * 1e3,

@@ -1,4 +1,4 @@
-"""Reasons why a prediction is what it is: silence, Hertz's geometry, and the range of what was rated."""
+"""Reasons for unusual predictions: silence, invalid Hertz geometry, and extrapolation beyond the rated range."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ from softness_bayes.touch.scene import Scene
 Array = NDArray[np.float64]
 
 NOTICED = 0.05
-"""Share of the draws from which on a remark says that something holds."""
+"""Share of draws above which a remark is made."""
 
 _SAME = 1e-6  # relative difference below which a value is at the end of a range
-_HELD = {Indentation: "indentation", Force: "force"}  # field of the contact that a load holds
+_HELD = {Indentation: "indentation", Force: "force"}  # field of the contact held constant by a load
 
 
 class Reasons(NamedTuple):
@@ -31,20 +31,20 @@ class Reasons(NamedTuple):
     p_beyond_half_radius: Array
     """Share of the draws whose contact radius exceeds R/2, where Hertz's geometry is questionable."""
     p_beyond_radius: Array
-    """Share of the draws whose contact radius is R or more, where it is meaningless."""
+    """Share of the draws whose contact radius is R or more, where it is invalid."""
     beyond_moduli: NDArray[np.str_]
-    """Whether E_fab lies `below` or `above` the moduli that were rated; else empty."""
+    """"below" or "above" if E_fab lies outside the rated moduli, otherwise empty."""
     beyond_loads: NDArray[np.str_]
-    """Whether the load lies `below` or `above` those of the ratings; else empty."""
+    """"below" or "above" if the load lies outside the rated loads, otherwise empty."""
     remarks: NDArray[np.str_]
-    """The same in words."""
+    """All reasons as text."""
 
 
 def reasons(fitted: Fitted, scene: Scene, rate: Array, modulus: Array | None = None) -> Reasons:
     """Return the reasons for predictions of the conditions of a scene.
 
-    A force is compared with the forces of the rated touches, an indentation with their indentations, in the median
-    over the draws where their loads held the other.
+    A force is compared with the forces of the rated touches, an indentation with their indentations. If the rated loads
+    are of the other kind, medians over the draws are used.
 
     Parameters
     ----------
@@ -53,7 +53,7 @@ def reasons(fitted: Fitted, scene: Scene, rate: Array, modulus: Array | None = N
     scene, rate
         The conditions, and their response at the draws, shape (draws, conditions).
     modulus
-        E_fab [Pa] of each fabric at each draw, where it is not the scene's.
+        E_fab [Pa] of each fabric at each draw; by default that of the scene.
     """
     touch, rated = fitted.touch, fitted.posterior.scene
     if not isinstance(rated, Scene):
@@ -83,7 +83,7 @@ def reasons(fitted: Fitted, scene: Scene, rate: Array, modulus: Array | None = N
 
 
 class _Span(NamedTuple):
-    """The range of what was rated."""
+    """The range of rated values."""
 
     low: float
     high: float
@@ -94,7 +94,7 @@ class _Span(NamedTuple):
         return cls(float(values.min()), float(values.max()), unit)
 
     def beyond(self, values: Array) -> NDArray[np.str_]:
-        """Return where values lie below or above the range, in a word."""
+        """Return "below" or "above" for values outside the range, otherwise an empty text."""
         return np.select(
             [values < self.low * (1.0 - _SAME), values > self.high * (1.0 + _SAME)], ["below", "above"], ""
         )
@@ -104,7 +104,7 @@ class _Span(NamedTuple):
 
 
 def _hertz(questionable: float, meaningless: float) -> str:
-    """Say in how many draws the contact leaves Hertz's geometry."""
+    """Describe the share of draws in which the contact is outside the range of Hertz's theory."""
     if meaningless >= NOTICED:
         return f"contact radius above R, where Hertz's geometry is meaningless, in {percent(meaningless)} of the draws"
     if questionable >= NOTICED:

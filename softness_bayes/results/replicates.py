@@ -1,6 +1,6 @@
-"""Random draws after a walk, and the groups that hold them.
+"""Random quantities drawn after sampling, and their groups.
 
-One function draws everything, in a fixed order, so that a seed fixes the numbers. The groups are functions of its
+One function draws everything in a fixed order, so that the seed determines the numbers. The groups are functions of its
 result.
 """
 
@@ -31,7 +31,7 @@ from softness_bayes.touch.pad import draw_receptors
 Array = NDArray[np.float64]
 
 ROWS = ("rating_row",)
-"""Axis of variables that have a value for each rating."""
+"""Axis of variables with one value per rating."""
 
 
 class Replicates(NamedTuple):
@@ -42,28 +42,28 @@ class Replicates(NamedTuple):
     anew: Array
     """Ratings of new participants."""
     levelled: Array
-    """Ratings as `again`, with the same noise, of a response that levels off at its peak."""
+    """Ratings as in `again`, with the same noise, for a response that stays at its peak beyond the turning point."""
     prior: Array
-    """Ratings of new participants, by draws of the prior."""
+    """Ratings of new participants, for prior draws."""
     plate: PlateReplicates | None
     """Forces of a plate; None without compression data."""
     receptors: Array
-    """Places of the pad's receptors [m], shape (receptors, 2)."""
+    """Positions of the pad's receptors [m], shape (receptors, 2)."""
     trains: Callable[[], Trains]
-    """Awaits the example spike trains."""
+    """Function that awaits the example spike trains."""
 
 
 def draw_replicates(rng: np.random.Generator, draws: RatedDraws, workers: Workers | None = None) -> Replicates:
-    """Draw everything random in a result but the walk and its effects.
+    """Draw all random quantities of a result except the posterior draws and their effects.
 
     Parameters
     ----------
     rng
-        Source of all draws; the order of the function's lines decides the numbers.
+        Random generator of all draws; the numbers depend on the order of the lines of this function.
     draws
         The draws of the run.
     workers
-        Where example trains are made, beside everything else.
+        Processes that simulate example trains in parallel.
     """
     few, ratings = draws.subset(REPLICATES), draws.ratings
     drive = ratings.drive(few.mean_rate, few.parameters)
@@ -85,7 +85,7 @@ def predictive_groups(draws: RatedDraws, drawn: Replicates, alone: Array) -> Gro
     Parameters
     ----------
     draws, drawn
-        The draws of the run, and what was drawn after it.
+        The draws of the run, and the quantities drawn after it.
     alone
         Log density of each rating given all others, at `REPLICATES` draws.
     """
@@ -95,7 +95,7 @@ def predictive_groups(draws: RatedDraws, drawn: Replicates, alone: Array) -> Gro
     return {
         "posterior_predictive": replicates,
         "log_likelihood_loo": {"rating": Variable(alone[None], ROWS)},
-        # by another name than the rating's, which has another axis
+        # not named like the rating, which has a different axis
         "log_likelihood_participant": {"ratings_of_participant": Variable(whole[None], ("participant",))},
         **_levelled_groups(draws, drawn),
     }
@@ -110,7 +110,7 @@ def prior_groups(draws: RatedDraws, drawn: Replicates) -> Groups:
 
 
 def _levelled_groups(draws: RatedDraws, drawn: Replicates) -> Groups:
-    """Return test quantities of ratings, and of the same ratings if the response levelled off at its peak."""
+    """Return test quantities of ratings, and of ratings for a response that levels off at its peak."""
     groups = draws.load_groups
     layout = merge(_layout(draws), groups.of)[0]
     found, shortfall = compare_levelled(layout, drawn.again, drawn.levelled)
@@ -146,12 +146,12 @@ def _rated(
 
 def _levelled_rated(rng: np.random.Generator, draws: RatedDraws, few: Subset) -> Array:
     width, layout = draws.scene.n_conditions, _layout(draws)
-    # single loads of many have too few fabrics to level off: those of a group do together
+    # with many loads, single loads have too few fabrics, so levelling is applied to groups of loads
     layout = replace(layout, load=draws.load_groups.of[layout.load])
     if draws.posterior.fingers is None:
         level = levelled(layout, few.mean_rate[..., :width])
     else:
-        # each finger's response levels off at its own peak
+        # the response of each finger levels off at its peak
         fingers = few.mean_rate.reshape(len(few.mean_rate), -1, width)
         level = levelled(layout, fingers).reshape(few.mean_rate.shape)
     drive = draws.ratings.drive_at(level, few.mean_rate, few.parameters)

@@ -1,4 +1,4 @@
-"""The request of a run: its model and its limits, as results and checkpoints record them."""
+"""Settings requested for a run, model and limits, in the form recorded by results and checkpoints."""
 
 from __future__ import annotations
 
@@ -24,20 +24,20 @@ class RunOptions:
     Parameters
     ----------
     max_steps, max_seconds
-        Steps of each ensemble, and time [s], after which the run ends in any case.
+        Maximum number of steps of each ensemble, and maximum time [s], of the run.
     min_steps
-        Steps of each ensemble that are walked even if the run has converged before.
+        Minimum number of steps of each ensemble, even if the run has converged earlier.
     processes
-        Processes that share the ensembles; None for one for each core. Draws do not depend on it.
+        Number of processes for the ensembles; None for one per core. Draws do not depend on it.
     seed
         Seed of all random numbers.
     exact_reweight
-        Whether the result is that of draws weighted by the exact likelihood.
+        Whether the result uses draws weighted by the exact likelihood.
     command
         The command line, for the record.
     quick
-        Whether the run ends at its first look at the chains, unconverged, and leaves out the comparison with the exact
-        model; the same run without it goes on from there.
+        Whether the run ends unconverged at its first convergence check, without the comparison with the exact model;
+        the same run without this option continues from there.
     """
 
     max_steps: int = MAX_STEPS
@@ -74,16 +74,16 @@ class RunOptions:
 
 
 class Request(NamedTuple):
-    """Everything that a run is asked for, apart from its data."""
+    """All settings of a run, apart from its data."""
 
     model: ModelOptions = ModelOptions()
     run: RunOptions = RunOptions()
 
     def record(self) -> dict[str, Any]:
-        """Return the request as JSON holds it; `from_record` is the inverse."""
+        """Return the request as JSON data; `from_record` is the inverse."""
         run = asdict(self.run)
         if not self.run.quick:
-            del run["quick"]  # as in the records of versions that took no first looks
+            del run["quick"]  # as in records of versions without first looks
         return {**self.model.record(), **run}
 
     def with_options(self, **options: Any) -> Self:
@@ -92,7 +92,7 @@ class Request(NamedTuple):
         Raises
         ------
         TypeError
-            If there is no option of a name.
+            If there is no option of that name.
         """
         require_kind("model", self.model, ModelOptions, "ModelOptions, such as ModelOptions(fix={'m': 2.0})")
         require_kind("run", self.run, RunOptions, "RunOptions, such as RunOptions(seed=1)")
@@ -105,7 +105,7 @@ class Request(NamedTuple):
         )
 
     def choices(self) -> dict[str, str]:
-        """Return the choices that decide the draws beside data, parameters and the sampler, by name."""
+        """Return the choices that affect the draws besides data, parameters and the sampler, by name."""
         return {**self.model.choices(), "seed": str(self.run.seed)}
 
     @classmethod

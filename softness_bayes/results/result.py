@@ -55,13 +55,13 @@ class Result(Answers):
     Parameters
     ----------
     tree
-        The groups of ``posterior.nc``, provenance in its attributes.
+        The groups of ``posterior.nc``, with the provenance in its attributes.
     table
         The summary, one row per parameter.
     tables
-        Further tables by name, out of `TABLES`.
+        Further tables by name, from `TABLES`.
     verified
-        Whether its checksums show no change since it was written; false for a file without checksums.
+        Whether the checksums show that it is unchanged since it was written; False for a file without checksums.
     source
         The file that it was read from, for messages.
     """
@@ -76,7 +76,7 @@ class Result(Answers):
     def attributes(self) -> dict[str, Any]:
         """Provenance as stored: schema, versions, command, seed, digests, readings, verdict.
 
-        A missing one raises an `InputError`.
+        A missing attribute raises an `InputError`.
         """
         from softness_bayes.results.lookup import Named
 
@@ -84,7 +84,7 @@ class Result(Answers):
 
     @property
     def provenance(self) -> Provenance:
-        """Provenance, typed: what was asked for, how the run ended, what its checks found."""
+        """Provenance as typed records: settings, end of the run, findings of checks."""
         return Provenance(self.attributes)
 
     def group(self, name: str) -> xr.Dataset:
@@ -93,7 +93,7 @@ class Result(Answers):
         Raises
         ------
         InputError
-            If the result has no such group; the dataset raises it for a variable that it lacks.
+            If the result has no such group. The dataset raises it for a missing variable.
         """
         from softness_bayes.results.lookup import Group, MissingError
 
@@ -120,14 +120,14 @@ class Result(Answers):
 
     @property
     def finger(self) -> Finger:
-        """The finger that the run was made with."""
+        """The finger of the run."""
         from softness_bayes.model.fingers import finger_of
 
         return finger_of(self.provenance.asked.options.get("finger", {}))
 
     @property
     def readings(self) -> Readings:
-        """The readings that the run was made with."""
+        """The readings of the run."""
         return self.provenance.readings
 
     @property
@@ -142,22 +142,22 @@ class Result(Answers):
         Raises
         ------
         InputError
-            If the run had no ratings, as for all that follows from the response.
+            If the run had no ratings, as for all members that depend on the response.
         """
         self._require_ratings()
         return loads_in(self.group("constant_data"))
 
     @property
     def load_groups(self) -> LoadGroups:
-        """Groups in which many loads are judged and shown; of few each is alone."""
+        """Groups of loads for checks and figures; with few loads, each load is a separate group."""
         return groups_of(self.loads)
 
     def summary(self) -> pd.DataFrame:
-        """Return mean, spread, interval and sampling error of every parameter."""
+        """Return mean, standard deviation, interval and Monte-Carlo error of every parameter."""
         return self.table.copy()
 
     def learnt(self) -> tuple[str, ...]:
-        """Return what the data determine and what they leave open, a sentence each: parameters, then combinations."""
+        """Return sentences on what the data determine and what they do not: parameters, then combinations."""
         from softness_bayes.checking.identifiability import direction_sentences, information_sentences
 
         kinds = {MODULI: modulus_sentences, FINGERS: finger_sentences, ANSWERS: finger_sentences}
@@ -165,7 +165,7 @@ class Result(Answers):
         return (*information_sentences(self.table), *direction_sentences(self.tables["directions"]), *latent)
 
     def checked(self) -> tuple[str, ...]:
-        """Return what the predictive checks found, a sentence each: turning points, then everything else.
+        """Return the findings of the predictive checks as sentences: turning points, then everything else.
 
         Raises
         ------
@@ -178,7 +178,7 @@ class Result(Answers):
         return tuple(check_sentences(self.tables["predictive_checks"]))
 
     def values(self, size: int | None = None) -> dict[str, Array]:
-        """Return every parameter of the model by name, in natural units: draws, or the held value.
+        """Return every parameter of the model by name, in natural units: draws, or the fixed value.
 
         Parameters
         ----------
@@ -188,9 +188,10 @@ class Result(Answers):
         return named_values(self.group("posterior"), self.group("constant_data"), size)
 
     def curves(self) -> Curves:
-        """Return the response against E_fab that the run stored, draw by draw, under each load or group of loads.
+        """Return the stored response as a function of E_fab, for each draw and each load or group of loads.
 
-        Of a group they are at the load that stands for it (`load_groups`).
+        For a group, the curves are those of its representative load (`load_groups`).
+
         """
         self._require_ratings()
         stored = self.group("predictions")
@@ -198,44 +199,44 @@ class Result(Answers):
         return Curves(modulus, *(values[:, shown_in(stored, self.load_groups)] for values in others))
 
     def typical_ratings(self) -> Array:
-        """Return the rating that a typical participant gives along `curves`, shape (draws, loads, points)."""
+        """Return the rating of a typical participant along `curves`, shape (draws, loads, points)."""
         self._require_ratings()
         stored = self.group("predictions")
         shown = shown_in(stored, self.load_groups)
         return np.asarray(stored["typical_rating"].isel(chain=0).values[:, shown])
 
     def inflections(self) -> Inflection:
-        """Return where the response turns over (its maximum), draw by draw, under the loads of `curves`."""
+        """Return the turning points (maxima) of the response for each draw, under the loads of `curves`."""
         self._require_ratings()
         draws = self._turning("inflection" if "inflection" in self.tree.children else "predictions")
         flat: list[Any] = [values.reshape(-1, values.shape[-1]) for values in draws]
         return Inflection(*flat)
 
     def _turning(self, group: str) -> Inflection:
-        """Return turning points of a group, fields of shape (chains, draws, loads that are shown)."""
+        """Return the turning points of a group, with fields of shape (chains, draws, shown loads)."""
         stored = self.group(group)
         shown = shown_in(stored, self.load_groups)
         return Inflection._make(values[..., shown] for values in turning_points_in(stored))
 
     @property
     def least_drop(self) -> float:
-        """Share of itself by which a maximum exceeds both ends of the range to count as a turning point."""
+        """Smallest drop, as a share of the maximum, towards both ends of the range that makes it a turning point."""
         return self.provenance.least_drop
 
     def inflection(self) -> pd.DataFrame:
-        """Return where the response turns over (its maximum, the turning point), one row per load or group of loads.
+        """Return the table of turning points (maxima of the response), one row per load or group of loads.
 
-        The row of a group (`load_groups`) is of the load that stands for it.
+        The row of a group (`load_groups`) refers to its representative load.
 
         Columns: probabilities of the three outcomes (p_interior: a maximum that exceeds both ends of the range by
         `least_drop` of itself, p_none, p_silent), of the first under the prior (prior_p_interior), and of a maximum
         inside the fabrics' own range (p_inside); then median and 5-95 % limits of E_fab [kPa], E_fab / E_skin, Hertz's
-        force [N] and the drop beyond it, over the draws that have one, as NAME, NAME_low and NAME_high. Each of these
-        has its Monte-Carlo standard error in COLUMN_mcse.
+        force [N] and the drop beyond it, over the draws with a turning point, as NAME, NAME_low and NAME_high. Each of
+        these has a Monte-Carlo standard error in COLUMN_mcse.
         """
         self._require_ratings()
         names = self.load_groups.names
-        if "inflection" not in self.tree.children:  # a result of an earlier version
+        if "inflection" not in self.tree.children:  # result of an earlier version
             return turning_table(self._turning("predictions"), names)
         drawn, prior = (self._turning(name) for name in ("inflection", "prior_inflection"))
         ensemble = self.group("inflection").coords.get(arviz_bridge.ENSEMBLE)
@@ -243,7 +244,7 @@ class Result(Answers):
 
     @property
     def fabrics(self) -> Fabrics:
-        """The fabrics of the data, by the moduli that the run's readings made of them.
+        """The fabrics of the data, with moduli computed under the readings of the run.
 
         Raises
         ------
@@ -255,19 +256,19 @@ class Result(Answers):
 
     @property
     def moduli_assumed(self) -> bool:
-        """True if moduli were taken as exact although nobody said that they are."""
+        """True if moduli were taken as exact without being declared so."""
         asked = self.provenance.asked.options.get("modulus_cv")
         return self.has_ratings and asked is None and MODULI not in self.tables
 
     def said_of_moduli(self) -> tuple[str, ...]:
-        """Return what the ratings say of errors of the moduli, and what these would do to the conclusions."""
+        """Return sentences on the evidence for errors in the moduli, and on their effect on the conclusions."""
         check = self.provenance.residuals.modulus_check
         shifts = shift_sentences(self.tables[MODULUS_ERRORS]) if MODULUS_ERRORS in self.tables else []
         return (*([check] if check else []), *shifts)
 
     @property
     def load_cv(self) -> NDArray[np.float64]:
-        """Relative standard error of each rating's load, as the run took it; 0 where it was taken as exact.
+        """Relative standard error of each rating's load used in the run; 0 if taken as exact.
 
         Raises
         ------
@@ -282,7 +283,7 @@ class Result(Answers):
 
     @property
     def shared_load_cv(self) -> float:
-        """Relative standard error of each load that all its ratings share, as the run took it; 0 if there is none."""
+        """Relative standard error of each load, shared by all its ratings, as used in the run; 0 if there is none."""
         return self.provenance.asked.options.get("shared_load_cv") or 0.0
 
     def said_of_loads(self) -> str:
@@ -297,17 +298,17 @@ class Result(Answers):
 
     @property
     def moduli(self) -> pd.DataFrame | None:
-        """Posterior of each modulus that was not known exactly; None if all were (see `modulus_table`)."""
+        """Posterior of each uncertain modulus; None if all were known exactly (see `modulus_table`)."""
         return self.tables[MODULI].copy() if MODULI in self.tables else None
 
     @property
     def fingers(self) -> pd.DataFrame | None:
-        """Posterior of raters' own fingers; None if all raters have the typical one (see `finger_table`)."""
+        """Posterior of individual fingers; None if all raters have the typical one (see `finger_table`)."""
         return self.tables[FINGERS].copy() if FINGERS in self.tables else None
 
     @property
     def answers(self) -> pd.DataFrame | None:
-        """Posterior of raters' own exponents and noise; None if all have the typical ones (see `answer_table`)."""
+        """Posterior of individual exponents and noise; None if all raters have typical ones (see `answer_table`)."""
         return self.tables[ANSWERS].copy() if ANSWERS in self.tables else None
 
     @property
@@ -318,7 +319,7 @@ class Result(Answers):
         return Plots(self)
 
     def _repr_html_(self) -> str:
-        """Return verdict, turning points and summary as a notebook shows them."""
+        """Return verdict, turning points and summary as HTML for a notebook."""
         from softness_bayes.checking.misfit import fit_of
 
         faults = [f"the fit failed: {fault}" for fault in fit_of(self.tree).faults] if self.has_ratings else []
@@ -330,14 +331,14 @@ class Result(Answers):
         return html_of(said, tables)
 
     def save(self, directory: str | Path) -> None:
-        """Write ``posterior.nc`` and the tables into a directory, all of them or none.
+        """Write ``posterior.nc`` and the tables to a directory, either all of them or none.
 
-        A result that was saved there before is replaced.
+        A result saved there earlier is replaced.
 
         Raises
         ------
         InputError
-            If another file of such a name stands there, or one that was changed since it was saved.
+            If another file of the same name exists there, or a file was changed since it was saved.
         OSError
             If there is no space or no permission; the earlier files remain.
         """
@@ -348,15 +349,15 @@ class Result(Answers):
 
     @classmethod
     def load(cls, directory: str | Path, verify: bool = True) -> Result:
-        """Read a result from its directory, or from its ``posterior.nc``, which holds the tables too.
+        """Read a result from its directory, or from its ``posterior.nc``, which also contains the tables.
 
         Parameters
         ----------
         directory
-            Where it was saved.
+            Directory in which it was saved.
         verify
-            Whether to refuse a file that was changed since it was written. To change one on purpose, load it without
-            and `save` it.
+            Whether to reject a file that was changed since it was written. To accept a deliberate change, load it with
+            False and `save` it.
 
         Raises
         ------

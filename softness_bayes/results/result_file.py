@@ -1,4 +1,4 @@
-"""File of a result: its groups, its tables, and the checksums that show whether they are unchanged."""
+"""File of a result: groups, tables, and checksums to detect changes."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ if TYPE_CHECKING:
     import xarray as xr
 
 SCHEMA = 2
-"""Version of the layout; a reader refuses a newer one. The first had neither tables nor checksums."""
+"""Version of the layout; newer versions are rejected on reading. The first had neither tables nor checksums."""
 
 SUMMARY_TABLE = "summary"
-"""The table that every result has."""
+"""Name of the table that every result has."""
 
 TABLES = "tables"
 """Group of the tables, each as JSON of its columns, so that no change of a CSV file matters."""
@@ -35,11 +35,11 @@ class Stored(NamedTuple):
     tree: xr.DataTree
     tables: dict[str, pd.DataFrame]
     verified: bool
-    """Whether its checksums show no change."""
+    """Whether the checksums show no change."""
 
 
 def sealed(tree: xr.DataTree, tables: Mapping[str, pd.DataFrame]) -> xr.DataTree:
-    """Return the groups of a result with its tables and checksums, as its file holds them."""
+    """Return the groups of a result with its tables and checksums, in the form of its file."""
     import xarray as xr
 
     text = xr.Dataset({name: ((), _text_of(table)) for name, table in tables.items()})
@@ -57,9 +57,9 @@ def read(path: Path, index: Mapping[str, str | list[str]], verify: bool = True) 
     path
         The file.
     index
-        For a file of the first layout, tables that may stand beside it as CSV, with the columns that identify a row.
+        For a file of the first layout, tables that may exist next to it as CSV, with the columns that identify a row.
     verify
-        Whether to refuse one that was changed since it was written.
+        Whether to reject a file that was changed since it was written.
 
     Raises
     ------
@@ -68,7 +68,7 @@ def read(path: Path, index: Mapping[str, str | list[str]], verify: bool = True) 
     """
     try:
         tree = arviz_bridge.read_netcdf(path)
-    except Exception as error:  # HDF5 and what stands above it have no error in common
+    except Exception as error:  # HDF5 and the libraries above it have no common error class
         raise InputError(f"{path}: not a readable result ({error!s:.200})") from None
     if _schema(path, tree) == 1:
         return Stored(tree, _old_tables(path, index), False)

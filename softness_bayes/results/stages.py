@@ -1,4 +1,4 @@
-"""Stages of a run after its walk, told to whoever waits for them."""
+"""Stages of a run after sampling, reported to a listener."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ if TYPE_CHECKING:
 
 
 class Stage(Enum):
-    """A part of what follows the walk; the value says what is done, in the order in which it is done."""
+    """A stage after sampling, in order of execution; the value describes it."""
 
     REPLICATES = "replicated data"
     LEFT_OUT = "each rating given all others (leave-one-out)"
@@ -24,7 +24,7 @@ class Stage(Enum):
 
     @property
     def number(self) -> int:
-        """Place among the stages, from 1."""
+        """Number of the stage, from 1."""
         return [*Stage].index(self) + 1
 
     def __str__(self) -> str:
@@ -32,7 +32,7 @@ class Stage(Enum):
 
 
 Listener = Callable[[Stage], None]
-"""Called when a stage begins."""
+"""Function called at the start of each stage."""
 
 
 def unheard(_: Stage) -> None:
@@ -40,10 +40,10 @@ def unheard(_: Stage) -> None:
 
 
 class Beginning(Protocol):
-    """Work that begins as soon as some groups of a result are known, such as drawing them."""
+    """Work that starts as soon as some groups of a result are available, such as drawing figures."""
 
     def begin_walk(self, tree: xr.DataTree) -> None:
-        """Take the posterior's draws, before anything is computed from them."""
+        """Receive the posterior draws, before anything is computed from them."""
 
     def begin_usual(self, tree: xr.DataTree) -> None:
-        """Take all groups, before tables are made of them."""
+        """Receive all groups, before tables are computed from them."""

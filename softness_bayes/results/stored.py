@@ -1,4 +1,4 @@
-"""The members of a finished run that its data, its model and its answers are made from."""
+"""Members of a finished run that are needed to restore its data and model and to compute answers."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 class Stored(Protocol):
-    """A finished run as those know it that make its model anew; `Result` is one."""
+    """A finished run from which the model can be rebuilt; implemented by `Result`."""
 
     @property
     def source(self) -> str:
@@ -35,11 +35,11 @@ class Stored(Protocol):
 
     @property
     def finger(self) -> Finger:
-        """The finger that the run was made with."""
+        """The finger of the run."""
 
     @property
     def readings(self) -> Readings:
-        """The readings that the run was made with."""
+        """The readings of the run."""
 
     @property
     def scale(self) -> Scale:

@@ -1,4 +1,4 @@
-"""Summary of each quantity: estimates, and their Monte-Carlo accuracy."""
+"""Summary of each quantity: estimates and their Monte-Carlo errors."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ FloatArray = NDArray[np.float64]
 
 
 def summarise(names: Sequence[str], values: FloatArray, hdi_probability: float = 0.9) -> pd.DataFrame:
-    """Return mean, spread, interval and Monte-Carlo accuracy of each quantity, unrounded.
+    """Return mean, standard deviation, interval and Monte-Carlo errors of each quantity, unrounded.
 
-    Bulk ESS and Monte-Carlo errors take every walker as a chain, tail ESS comes from autocorrelation
-    times of tail indicators, and R-hat compares the ensembles.
+    Bulk ESS and Monte-Carlo errors treat every walker as a chain, tail ESS uses autocorrelation times of tail
+    indicators, and R-hat compares the ensembles.
 
     Parameters
     ----------
@@ -56,16 +56,16 @@ def summarise(names: Sequence[str], values: FloatArray, hdi_probability: float =
 
 
 def reweighted(table: pd.DataFrame, draws: FloatArray, log_weight: FloatArray) -> pd.DataFrame:
-    """Return a summary with means, spreads and intervals of weighted draws, and their accuracies.
+    """Return a summary with means, standard deviations, intervals and Monte-Carlo errors of weighted draws.
 
     Parameters
     ----------
     table
         Summary of all draws, a row for each quantity.
     draws
-        Those with weights, shape (draws, quantities).
+        Draws that have weights, shape (draws, quantities).
     log_weight
-        Their log weights, shape (draws,).
+        Log weights of the draws, shape (draws,).
     """
     weight = np.exp(log_weight - log_weight.max())
     weight /= weight.sum()
@@ -75,7 +75,7 @@ def reweighted(table: pd.DataFrame, draws: FloatArray, log_weight: FloatArray) -
     found = table.assign(mean=mean, sd=sd)
     limits = [_weighted_hdi(column, weight, table["hdi_prob"].iloc[0]) for column in draws.T]
     found["hdi_low"], found["hdi_high"] = np.transpose(limits)
-    # the weighted draws are a share of all, and the weights waste some of those
+    # the weighted draws are a subset of all, and their effective number is reduced by the weights
     share = min(1.0, weight.size / float(table["ess_bulk"].max()))
     for name in ("ess_bulk", "ess_tail"):
         found[name] = np.minimum(table[name] * efficiency, weight.size * efficiency)

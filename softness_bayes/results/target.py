@@ -1,4 +1,4 @@
-"""Fabrics of a wished rating: the effective moduli that give it, and thickness or tensile modulus of such a fabric."""
+"""Fabrics with a desired rating: their effective moduli, and thickness or tensile modulus."""
 
 from __future__ import annotations
 
@@ -29,24 +29,24 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 POINTS = 401
-"""Moduli of the curve that is inverted; between them it is a straight line in the logarithm."""
+"""Number of moduli of the curve to be inverted, with interpolation linear in the log modulus."""
 
 BRANCHES = {True: "rises", False: "falls"}
 """Whether the rating rises or falls with E_fab at a solution."""
 
 
 class Cloth(NamedTuple):
-    """Given properties of the wished fabric."""
+    """Given properties of the desired fabric."""
 
     tensile_modulus: float | None = None
-    """E_ten [Pa], if the thickness is asked for."""
+    """E_ten [Pa], if the thickness is requested."""
     thickness: float | None = None
-    """h [m], if the tensile modulus is asked for."""
+    """h [m], if the tensile modulus is requested."""
     poisson_ratio: float | None = None
-    """nu_fab [-]; by default the median of the fabrics that were rated."""
+    """nu_fab [-]; by default the median of the rated fabrics."""
 
     def require(self) -> None:
-        """Raise an error for values out of range, or if nothing would be left to ask for.
+        """Raise an error for values out of range, or if nothing is left to be found.
 
         Raises
         ------
@@ -64,7 +64,7 @@ class Cloth(NamedTuple):
             )
 
     def sought(self, modulus: Array, poisson_ratio: float, reading: FabricModulus) -> tuple[Column, Array] | None:
-        """Return the column that is asked for beside E_fab, and its values [SI] for effective moduli [Pa]."""
+        """Return the column requested besides E_fab, and its values [SI] for effective moduli [Pa]."""
         rigidity, nu = modulus * PLATE_LENGTH**3, np.array(poisson_ratio)
         if self.tensile_modulus is not None:
             return THICKNESS, np.cbrt(rigidity / reading.rigidity(np.array(self.tensile_modulus), np.array(1.0), nu))
@@ -74,40 +74,40 @@ class Cloth(NamedTuple):
 
 
 class Solutions(NamedTuple):
-    """The moduli that give a rating under one load, draw by draw."""
+    """The moduli with a given rating under one load, for each draw."""
 
     load: Load
     modulus: Mapping[tuple[bool, int], Array]
-    """E_fab [Pa] of each solution, shape (draws,), NaN where a draw does not have it; the key says whether the rating
-    rises with E_fab there, and which one of such solutions it is, from the softest on."""
+    """E_fab [Pa] of each solution, shape (draws,), NaN for draws without it. The key gives the direction of the rating
+    with E_fab, and the index of the solution among those of that direction, from the softest on."""
     least: Array
     """Smallest rating over the range of moduli, shape (draws,)."""
     largest: Array
     """Largest one."""
     remarks: Mapping[tuple[bool, int], str]
-    """As predictions at the median modulus of each solution have them."""
+    """Reasons, as for predictions, at the median modulus of each solution."""
 
     @property
     def reachable(self) -> NDArray[np.bool_]:
-        """Draws that have a solution, true or false, shape (draws,)."""
+        """True for draws with a solution, shape (draws,)."""
         none = np.zeros(self.least.size, bool)
         return np.any([none, *(np.isfinite(found) for found in self.modulus.values())], axis=0)
 
 
 @dataclass(frozen=True)
 class Target:
-    """Fabrics of a wished rating.
+    """Fabrics with a desired rating.
 
     Parameters
     ----------
     rating
-        The typical rater's rating that is wished [as filed].
+        Desired rating of the typical rater [as in the file].
     span
-        Moduli that were searched, from and to [Pa].
+        Range of moduli that was searched [Pa].
     rated
-        Moduli that were rated, from and to [Pa].
+        Range of rated moduli [Pa].
     cloth, poisson_ratio, reading
-        What is given of the fabric, its Poisson ratio, and the reading of the rigidity.
+        Given properties of the fabric, its Poisson ratio, and the reading of the rigidity.
     loads
         The solutions under each load.
     """
@@ -122,7 +122,7 @@ class Target:
 
     @property
     def table(self) -> pd.DataFrame:
-        """A row per load and solution, the softest first; a load without one has a row too (docs/files.md 11)."""
+        """A row per load and solution, the softest first; also loads without solutions (docs/files.md 11)."""
         import pandas as pd
 
         return pd.DataFrame([row for one in self.loads for row in self._rows(one)])
@@ -152,7 +152,7 @@ class Target:
         return rows
 
     def _quantities(self, modulus: Array) -> dict[str, float]:
-        """Return the limits of E_fab, and of what else is asked for, in the units of their columns."""
+        """Return the limits of E_fab, and of the other requested property, in the units of their columns."""
         sought = self.cloth.sought(modulus, self.poisson_ratio, self.reading)
         columns = [(EFFECTIVE_MODULUS, modulus), *([] if sought is None else [sought])]
         return {
@@ -165,31 +165,31 @@ class Target:
 def target(
     result: Stored, rating: float, loads: tuple[Load, ...], cloth: Cloth, draws: int = ANSWER_DRAWS, seed: int = 0
 ) -> Target:
-    """Find the fabrics of a wished rating of the typical rater, under each of some loads.
+    """Find the fabrics for which the typical rater gives a desired rating, under each of some loads.
 
-    Moduli are searched from a tenth of the smallest that was rated to ten times the largest. Where the response turns
-    over, a softer and a stiffer fabric have the same rating: both are solutions. A fabric's own deviation, if the model
-    has them, is taken as 0.
+    Moduli are searched from a tenth of the smallest rated one to ten times the largest. If the response has a turning
+    point, a softer and a stiffer fabric have the same rating: both are solutions. Deviations of fabrics, if in the
+    model, are taken as 0.
 
     Parameters
     ----------
     result
         The run, on ratings.
     rating
-        The wished rating [as filed].
+        The desired rating [as in the file].
     loads
         The loads.
     cloth
-        What is given of the fabric.
+        Given properties of the fabric.
     draws
-        Posterior draws that solutions are found for.
+        Number of posterior draws for which solutions are found.
     seed
-        Seed of what is drawn given the draws.
+        Seed of quantities drawn given the posterior draws.
 
     Raises
     ------
     InputError
-        If the rating is not one of the run's scale, or a property of the fabric is out of range.
+        If the rating is not on the scale of the run, or a property of the fabric is out of range.
     """
     cloth.require()
     with np.errstate(invalid="ignore", divide="ignore"):
@@ -217,20 +217,20 @@ def target(
 
 
 def solutions(log_modulus: Array, beyond: Array) -> dict[tuple[bool, int], Array]:
-    """Return where curves cross 0, draw by draw.
+    """Return the zero crossings of curves for each draw.
 
     Parameters
     ----------
     log_modulus
         Grid of ln E_fab, shape (points,).
     beyond
-        Additive ratings less the wished one, shape (draws, points).
+        Ratings on the additive scale minus the desired one, shape (draws, points).
 
     Returns
     -------
     dict
-        E_fab of each crossing, shape (draws,), NaN where a draw has no such crossing; the keys say whether the curve
-        rises there, and the number of the crossing among those that do, from 0.
+        E_fab of each crossing, shape (draws,), NaN for draws without such a crossing. The keys give the direction of
+        the curve, and the index of the crossing among those of that direction, from 0.
     """
     above = beyond > 0
     draw, left = np.nonzero(above[:, 1:] != above[:, :-1])
@@ -241,7 +241,7 @@ def solutions(log_modulus: Array, beyond: Array) -> dict[tuple[bool, int], Array
     found: dict[tuple[bool, int], Array] = {}
     for direction in (True, False):
         of, at = draw[rises == direction], place[rises == direction]
-        # crossings of one draw follow each other from the softest on
+        # crossings of a draw are ordered from the softest on
         first = np.searchsorted(of, of, side="left")
         number = np.arange(of.size) - first
         for k in range(int(number.max(initial=-1)) + 1):

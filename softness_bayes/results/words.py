@@ -1,4 +1,4 @@
-"""Words of a result that belong to no single check: its loads, and what a notebook shows."""
+"""Text of a result that belongs to no single check: its loads, and HTML for notebooks."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def load_sentence(cv: NDArray[np.float64], given: bool) -> str:
     cv
         Relative standard error of each rating's load.
     given
-        Whether anybody said how large these errors are.
+        Whether these errors were stated.
     """
     if cv.any():
         low, high = cv[cv > 0].min(), cv.max()
@@ -39,7 +39,7 @@ def load_sentence(cv: NDArray[np.float64], given: bool) -> str:
 
 
 def html_of(said: Sequence[str], tables: Mapping[str, pd.DataFrame]) -> str:
-    """Return sentences in bold and tables below their titles, as a notebook shows them."""
+    """Return HTML for a notebook: sentences in bold, and tables below their titles."""
     lines = "".join(f"<p><strong>{escape(line)}</strong></p>" for line in said)
     shown = [
         f"<p>{title}</p>{table.to_html(float_format='{:.4g}'.format, na_rep='–', border=0)}"
