@@ -139,7 +139,7 @@ ENTRIES = [
     ("sample --accuracy nan", "expected a number from 1e-06 to 0.01"),
     ("sample --processes 100000000000000000000000", "1<=x<=256"),
     ("sample --max-steps 100000000000000000000000", "1<=x<=1000000000"),
-    ("sample --force-n 1e308", "expected a number from 1e-09 to 100 (a finger bears no more)"),
+    ("sample --force-n 1e308", "expected a number from 1e-09 to 100 (a finger cannot bear more)"),
     ("sample --indentation-mm 5e-324", "expected a number from 1e-06 to 8"),
     ("predict --fabrics x.csv --set c_Na=1e308", "c_Na is 1e+308, expected a number from 0.1 to 10"),
     ("predict --fabrics x.csv --set q=1", "no parameter 'q'"),

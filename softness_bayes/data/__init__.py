@@ -143,12 +143,14 @@ def read_experiment(
     fabric_table, own = table, [column.name for column in MODULUS_SOURCES if column.name in table]
     if elsewhere is not None and described is not None and not (own and fabrics_path is None):
         fabric_table = described()
-        unused = f"{table.label}: {listing(own)} not used, the fabrics are those of {fabric_table.place}"
+        unused = (
+            f"{table.label}: {listing(own)} not used, because properties of fabrics are read from {fabric_table.place}"
+        )
         notes += [unused] if own else elsewhere.notes(fabric_table)
     elif not own:
         table.faults.add_general(
-            "the fabrics have no properties: name their table with --fabrics, put a "
-            f"{FABRICS_BESIDE} beside the ratings, or give these a column of "
+            f"the fabrics have no properties: name their table with --fabrics, put a {FABRICS_BESIDE} in the "
+            "folder of the ratings, or add to the ratings a column "
             f"{', '.join(column.name for column in MODULUS_SOURCES)} (the last with {THICKNESS.name})"
             + "".join(f"; {note}" for note in table.notes)
         )
@@ -202,7 +204,7 @@ class _Elsewhere(NamedTuple):
 
     def notes(self, table: Table) -> list[str]:
         """Return the note that says where the fabrics are from."""
-        return [f"the fabrics are those of {table.place}, found {self.found}"] if self.found else []
+        return [f"properties of fabrics are read from {table.place}, found {self.found}"] if self.found else []
 
 
 def _elsewhere(ratings: TableSource, fabrics: TableSource | None, columns: Mapping[str, str]) -> _Elsewhere | None:

@@ -57,8 +57,8 @@ def cells_of(table: Table) -> tuple[Table, Cells | None]:
         n = int(known.max())
     if known.size and known.min() < known.max():
         table.faults.add_general(
-            f"column {table.titles[RATERS.name]!r}: cells of {known.min():g} to {n} raters; expected the same raters "
-            "in every cell: which of them are missing in a cell is not known, and their scales differ"
+            f"column {table.titles[RATERS.name]!r}: cells of {known.min():g} to {n} raters; expected the same "
+            "raters in every cell, because raters' scales differ and the table does not show who is missing"
         )
     if GEOMETRIC_MEAN.name in table:
         name, note = GEOMETRIC_MEAN.name, ""
@@ -77,7 +77,7 @@ def cells_of(table: Table) -> tuple[Table, Cells | None]:
     notes = [f"rows are geometric means of {n} raters, {told} the standard deviations of their log ratings"]
     notes += [note] if note else []
     if name == GEOMETRIC_MEAN.name and (unused := [table.titles[x.name] for x in (MEAN, SD, SE) if x.name in table]):
-        notes.append(f"columns of arithmetic numbers, not used beside geometric ones: {', '.join(unused)}")
+        notes.append(f"columns of arithmetic means, not used because there are geometric ones: {', '.join(unused)}")
     cells = {key: texts for key, texts in table.cells.items() if key not in OF_CELLS}
     made = replace(
         table,
@@ -94,20 +94,21 @@ def _converted(table: Table, raters: int) -> tuple[FloatArray, FloatArray]:
     spread = next((column for column in (SD, SE) if column.name in table), None)
     if spread is None:
         table.faults.add_general(
-            f"column {table.titles[MEAN.name]!r}: an arithmetic mean alone does not tell the geometric one; "
-            f"expected a column {SD.name} or {SE.name} too, or {GEOMETRIC_MEAN.name}"
+            f"column {table.titles[MEAN.name]!r}: an arithmetic mean alone does not determine the geometric "
+            f"one; expected a column {SD.name} or {SE.name} too, or {GEOMETRIC_MEAN.name}"
         )
         return np.log(mean), np.full(len(table), np.nan)
     sd = table.numbers(spread) * (np.sqrt(raters) if spread is SE else 1.0)
     ratio = sd / mean
     for i in np.flatnonzero(~np.isnan(mean) & np.isnan(sd)).tolist():
         if not table.is_faulty(i, spread.name):
-            table.fault(i, spread.name, f"expected a {spread.label.partition(' of')[0]} beside the mean, got ''")
+            table.fault(i, spread.name, f"expected a {spread.label.partition(' of')[0]} with the mean, got ''")
     if np.isfinite(ratio).any() and (scattered := float(np.nanmedian(ratio))) > MOST_SCATTERED:
         table.faults.add_general(
-            f"column {table.titles[spread.name]!r}: standard deviations are {scattered:.2g} times the means (median); "
-            f"beyond {MOST_SCATTERED:g}, few large ratings make an arithmetic mean, and the geometric one does not "
-            f"follow from it; expected columns {GEOMETRIC_MEAN.name} and {GEOMETRIC_SD.name}"
+            f"column {table.titles[spread.name]!r}: standard deviations are {scattered:.2g} times the means "
+            f"(median); beyond {MOST_SCATTERED:g}, a few large ratings dominate an arithmetic mean, and the "
+            f"geometric mean cannot be derived from it; expected columns {GEOMETRIC_MEAN.name} and "
+            f"{GEOMETRIC_SD.name}"
         )
     variance = np.log1p(ratio**2)
     return np.log(mean) - 0.5 * variance, np.sqrt(variance)

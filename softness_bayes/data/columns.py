@@ -117,7 +117,7 @@ BEARABLE = Range(FORCES.low, 1e2, "N")
 INDENTATION = Column(
     "indentation_mm", "indentation", "mm", power=-3, range=FINGERTIP, reason="a fingertip's radius is 8 mm"
 )
-FORCE = Column("force_n", "force", "N", range=BEARABLE, reason="a finger bears no more")
+FORCE = Column("force_n", "force", "N", range=BEARABLE, reason="a finger cannot bear more")
 RESOLUTION = Column("resolution", "step of the rater's grid of numbers", "", range=RESOLUTIONS)
 LOAD_CV = Column("load_cv", "relative error of the load", "", range=LOAD_ERRORS)
 RATING = Column("rating", "rating", "")

@@ -99,7 +99,10 @@ class Compression:
         if "indentor" in table:
             flat = np.array([name.casefold() in FLAT_PLATE for name in table.labels("indentor")])
             if not flat.all():
-                notes.append(f"{table.label}: {(~flat).sum()} of {len(table)} rows are not of a flat plate, left out")
+                notes.append(
+                    f"{table.label}: {(~flat).sum()} of {len(table)} rows have another indentor than "
+                    "a flat plate and are left out"
+                )
             table = table.take(np.flatnonzero(flat))
         by, depth, force = table.labels("participant"), table.numbers(_INDENTATION), table.numbers(_FORCE)
         for i in range(len(table)):
@@ -117,7 +120,9 @@ class Compression:
         if missing:
             notes.append(f"{table.label}: {missing} forces are missing")
         if zero:
-            notes.append(f"{table.label}: {zero} rows with a force of 0 dropped, which have no logarithm")
+            notes.append(
+                f"{table.label}: {zero} rows with a force of 0 are left out, because forces are fitted on a log scale"
+            )
         kept = np.flatnonzero(force > 0).tolist()
         if not kept:
             raise InputError(f"{table.place}: no row with a force above 0 on a flat plate")

@@ -55,6 +55,6 @@ def _beginning(pipe: io.FileIO, path: Path) -> bytes:
     end = time.monotonic() + PATIENCE
     while (found := pipe.read(2**16)) == b"":
         if time.monotonic() > end:
-            raise InputError(f"{path}: is a pipe to which nobody writes, expected a table")
+            raise InputError(f"{path}: is a pipe without data, expected a table")
         time.sleep(0.02)
     return found or b""

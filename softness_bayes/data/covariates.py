@@ -70,11 +70,12 @@ def _noted(table: Table, found: Mapping[str, tuple[str, ...]], varying: Sequence
     left = unused_note([title for title in table.others if title not in found])
     notes = [note for note in table.notes if note not in unused_note([*table.others])] + left
     if found:
-        notes.append(f"kept as covariates of participants, which no model uses: {listing([*found])}")
+        notes.append(f"copied to the results as covariates of participants (no model uses them): {listing([*found])}")
     for title in found:
         if (name := kept_name(title, table.others)) != unescaped(title):
             notes.append(
-                f"covariate {quoted(title)} is kept as {quoted(name)}, since tables have a column of that name"
+                f"covariate {quoted(title)} is renamed {quoted(name)}, because tables of the run have a column "
+                "of that name"
             )
     notes += [f"column {quoted(title)} is not a covariate: it varies within {quoted(name)}" for title, name in varying]
     return notes

@@ -31,8 +31,8 @@ def mark_of(marks: Marks, table: str) -> str | None:
     for name, mark in given.items():
         if name not in MARKED or mark not in MARKS:
             raise InputError(
-                f"decimal is {marks!r}, expected one of {', '.join(map(repr, MARKS))}, or one for some of the tables "
-                f"{', '.join(MARKED)}"
+                f"decimal is {marks!r}, expected one of {', '.join(map(repr, MARKS))}, or a mark for each of "
+                f"some of the tables {', '.join(MARKED)}"
             )
     return given.get(table)
 
@@ -125,8 +125,8 @@ def _thousands_shown(cells: Sequence[Cell], mark: str) -> Reading | None:
         ""
         if assumed is None
         else (
-            f"{assumed.place}: {assumed.text} is read as {assumed.text.replace(other, '')}, because {shows.text} in "
-            f"{shows.place} has grouped thousands; --decimal {other} reads it otherwise"
+            f"{assumed.place}: {assumed.text} is read as {assumed.text.replace(other, '')}, because "
+            f"{shows.text} in {shows.place} has thousands separators; --decimal {other} reads it otherwise"
         )
     )
     return Reading(mark, note, grouped=True)

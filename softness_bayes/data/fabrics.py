@@ -93,7 +93,7 @@ class Fabrics:
 
     def __post_init__(self) -> None:
         if isinstance(self.names, str) or not hasattr(self.names, "__iter__"):
-            refuse("fabrics: names", self.names, "a sequence of names, as in ('felt', 'lawn')")
+            refuse("fabrics: names", self.names, "a sequence of names, such as ('felt', 'lawn')")
         object.__setattr__(self, "names", tuple(self.names))
         if len(set(self.names)) < len(self.names):
             raise InputError(f"{self.source}: two fabrics have the same name")
@@ -118,7 +118,7 @@ class Fabrics:
             both = f"{EFFECTIVE_MODULUS_LOW.name} and {EFFECTIVE_MODULUS_HIGH.name}"
             if not low < high:
                 low, high = (f"{value / EFFECTIVE_MODULUS.factor:g}" for value in (low, high))
-                return f"{both} are {low} and {high}, expected both, the first below the other"
+                return f"{both} are {low} and {high}, expected both, the first smaller than the second"
             if not np.isnan(self.effective_modulus[i]):
                 return f"expected {EFFECTIVE_MODULUS.name}, or {both}, but not all three"
         return _EXPECTED if not basis[i] and (half or not any(basis)) else ""
@@ -247,7 +247,7 @@ class Fabrics:
         rows: dict[str, list[int]] = {name: [] for name in (natural(labels) if repeated else labels)}
         for i, name in enumerate(labels):
             if rows[name] and not repeated:
-                table.fault(i, "fabric", f"{quoted(name)} stands in row {table.rows[rows[name][0]]} already")
+                table.fault(i, "fabric", f"{quoted(name)} is already in row {table.rows[rows[name][0]]}")
             else:
                 rows[name].append(i)
         properties: dict[str, Any] = {}
@@ -264,8 +264,8 @@ class Fabrics:
         usual = np.isnan(properties["poisson_ratio"]).sum()
         if usual:
             notes.append(
-                f"{table.label}: poisson_ratio {USUAL_POISSON_RATIO} is taken for {usual} of "
-                f"{len(rows)} fabrics, which have none"
+                f"{table.label}: poisson_ratio {USUAL_POISSON_RATIO} is used for {usual} of {len(rows)} "
+                "fabrics without a value"
             )
         found = cls(
             tuple(rows),

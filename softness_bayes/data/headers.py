@@ -197,7 +197,7 @@ def _take_unit(found: Header, name: str, title: str, spelt: Spelt, where: str) -
         )
     else:
         found.notes.append(
-            f"column {quoted(title)}: {quoted(text)} is not a unit, so values are taken as they are for {name}"
+            f"column {quoted(title)}: {quoted(text)} is not a unit, so the numbers are read in the unit of {name}"
         )
 
 
@@ -232,7 +232,9 @@ def _seek(found: Header, titles: Sequence[str], sought: Sought, where: str) -> N
         fitting = [j for j in near if _fits(name, *parts[j], title=titles[j], names=names)]
         if len(fitting) > 1:
             ways = " or ".join(f"--column {name}={quoted(titles[j])}" for j in fitting[:4])
-            several = f"columns {listing([quoted(titles[j]) for j in fitting])} may each be {name!r}; {ways} decides"
+            several = (
+                f"columns {listing([quoted(titles[j]) for j in fitting])} may each be {name!r}; choose one with {ways}"
+            )
             if name != "trial":
                 raise InputError(f"{where}: {several}")
             found.notes.append(several)  # no number depends on it
@@ -262,8 +264,9 @@ def _seek(found: Header, titles: Sequence[str], sought: Sought, where: str) -> N
     # a letter stands for many things: it is named where what it may stand for is lacking
     lacking = sought.lacking(found.at)
     found.notes.extend(
-        f"column {quoted(titles[j])} is not read: a letter alone may be anything, with its unit it is {name}, as in "
-        f"{quoted(f'{titles[j]} ({NUMBERS[name].unit})')}; --column {name}={quoted(titles[j])} takes it so"
+        f"column {quoted(titles[j])} is not read, because a single letter is ambiguous; with a unit it is read "
+        f"as {name}, as in {quoted(f'{titles[j]} ({NUMBERS[name].unit})')}; --column "
+        f"{name}={quoted(titles[j])} takes it as {name}"
         for name, j in letters
         if name in lacking and j not in found.at.values() and NUMBERS[name].unit
     )
@@ -287,8 +290,8 @@ def _seek_cells(found: Header, titles: Sequence[str]) -> None:
     if ratings:
         if RATERS.name in at and at.keys() & {SD.name, SE.name, GEOMETRIC_SD.name}:
             found.notes.append(
-                f"columns {seen} go with means of several raters, and are not used: if the ratings are means, "
-                f"--column {MEAN.name}=... names them, and --ratings aggregated takes them as such"
+                f"columns {seen} belong to means of several raters, and are not used; if the ratings are "
+                f"means, name them with --column {MEAN.name}=... and use --ratings aggregated"
             )
     elif holds_cells({**found.at, **at}):
         found.at.update(at)
@@ -314,7 +317,7 @@ def _pass_over(found: Header, titles: Sequence[str], given: frozenset[str]) -> N
             own = {key(title), key(title_and_unit(title)[0])}
             if own & names and j not in found.at.values() and len(key(title)) > 2:
                 found.notes.append(
-                    f"column {quoted(title)} may hold loads, and is not read: all ratings are taken at the one given"
+                    f"column {quoted(title)} may contain loads but is not read: the given load is used for all ratings"
                 )
 
 

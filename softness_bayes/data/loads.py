@@ -62,16 +62,16 @@ def given_load(table: Table, indentation_mm: float | None, force_n: float | None
         )
     elif filed and given:
         table.faults.add_general(
-            "--indentation-mm and --force-n are for tables without a load column; this one "
-            f"has {' and '.join(repr(table.titles[name]) for name in filed)}"
+            "--indentation-mm and --force-n apply only to tables without a load column; this one has "
+            f"{' and '.join(repr(table.titles[name]) for name in filed)}"
         )
     elif len(filed) > 1:
         cells = zip(*(table.cells[name] for name in filed), strict=True)
         if all(all(text.casefold() not in MISSING for text in row) for row in cells):
             ways = " or ".join(f"--column {name}={quoted(table.titles[name])}" for name in filed)
-            remedy = f"{ways} takes one alone"
+            remedy = f"{ways} takes only one of them"
             if any(table.titles[name].casefold() == name for name in filed):
-                remedy = f"leave out the column of what was measured only ({' or '.join(filed)})"
+                remedy = f"remove the column that was measured rather than controlled ({' or '.join(filed)})"
             table.faults.add_general(f"every row has an indentation and a force, expected one load; {remedy}")
             table.check()
     return given[0] if given else None
@@ -89,7 +89,7 @@ def loads_in(table: Table, given: Load | None) -> list[Load | None]:
         if len(values) != 1 and not any(table.is_faulty(i, entry.column.name) for entry in filed):
             last = next(reversed(filed)).column.name
             found = " and ".join(quoted(table.cells[entry.column.name][i]) for entry in filed)
-            expected = "a load" if len(filed) == 1 else "one load, an indentation or a force"
+            expected = "a load" if len(filed) == 1 else "one load: an indentation or a force"
             table.fault(i, last, f"expected {expected}, got {found}")
         touches.append(next((entry.kind(value) for entry, value in values.items()), None))
     return touches

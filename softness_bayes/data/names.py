@@ -52,7 +52,7 @@ def alike_notes(kind: str, names: Iterable[str]) -> list[str]:
     pairs = [" and ".join(map(_shown, group)) for group in groups.values() if len(group) > 1]
     if not pairs:
         return []
-    return [f"column {kind!r}: {listing(pairs)} differ in {_DIFFERENCE} only; they are taken as different"]
+    return [f"column {kind!r}: {listing(pairs)} differ only in {_DIFFERENCE}; they are kept apart"]
 
 
 _DIFFERENCE = "case, Unicode form or invisible characters"

@@ -31,7 +31,7 @@ def read_order(path: TableSource, decimal: Marks = None) -> dict[str, float]:
     table.require("fabric")
     given = [column for column in (RANK, RATING) if column.name in table]
     if len(given) != 1:
-        raise InputError(f"{table.place}: expected a column {RANK.name!r} or a column {RATING.name!r}, one of both")
+        raise InputError(f"{table.place}: expected a column {RANK.name!r} or a column {RATING.name!r}, but not both")
     (column,) = given
     values = table.numbers(column)
     for i in np.flatnonzero(np.isnan(values)).tolist():

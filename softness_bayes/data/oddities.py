@@ -43,8 +43,9 @@ def _close_loads(ratings: Ratings) -> list[str]:
         pair = int(np.diff(np.log(held)).argmin())
         first, second = (f"{x / column.factor:.12g}" for x in held[pair : pair + 2])
         notes.append(
-            f"{held.size} different {column.label}s make {groups} groups whose members are within {percent(CLOSE)} of "
-            f"a neighbour, as {first} and {second} {column.unit}: used as measured; --round-load STEP makes them equal"
+            f"{held.size} different {column.label}s form {groups} groups with neighbours within "
+            f"{percent(CLOSE)} of each other, such as {first} and {second} {column.unit}; they are used as "
+            "measured, and --round-load STEP makes them equal"
         )
     return notes
 
@@ -61,7 +62,7 @@ def _ends(ratings: Ratings) -> list[str]:
         raters = np.unique(ratings.participant[at]).size
         notes.append(
             f"{percent(share)} of the ratings are {end:g}, the {what} of all, by {raters} of {people} "
-            "participants: the scale may have ended there"
+            "participants: the scale may end there"
         )
     return notes
 
@@ -72,8 +73,8 @@ def _categories(ratings: Ratings) -> list[str]:
     if not whole or ratings.cells is not None or not 1 <= least < most <= CATEGORIES_RANGE.high:
         return []
     return [
-        f"all ratings are whole numbers from {least:g} to {most:g}; if they were chosen among so many answers, "
-        "--ratings categories takes them as such"
+        f"all ratings are whole numbers from {least:g} to {most:g}; if these are numbers of ordered "
+        "categories, use --ratings categories"
     ]
 
 

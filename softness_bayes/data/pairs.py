@@ -20,8 +20,8 @@ def unpaired(table: Table) -> Table:
         return table
     if "list" in table:
         table.faults.add_general(
-            f"columns {table.titles[SECOND_FABRIC]!r} and {table.titles['list']!r}: each row is a pair, which is a "
-            "list of its own; leave one column out"
+            f"columns {table.titles[SECOND_FABRIC]!r} and {table.titles['list']!r}: each row is already a "
+            "pair, so a list has no meaning; remove one of these columns"
         )
     answers = ["" if text.casefold() in MISSING else text.replace(",", ".") for text in table.cells[RATING.name]]
     for i, text in enumerate(answers):
@@ -34,7 +34,7 @@ def unpaired(table: Table) -> Table:
             )
         if table.cells["fabric"][i] == table.cells[SECOND_FABRIC][i]:
             table.fault(
-                i, SECOND_FABRIC, f"expected another fabric than {quoted(table.cells['fabric'][i])}, got the same"
+                i, SECOND_FABRIC, f"expected two different fabrics, got {quoted(table.cells['fabric'][i])} twice"
             )
     table.labels(SECOND_FABRIC)
     table.check()
@@ -45,5 +45,5 @@ def unpaired(table: Table) -> Table:
     cells |= {name: [text for pair in zip(first[name], second[name], strict=True) for text in pair] for name in first}
     del cells[SECOND_FABRIC]
     titles = {**both.titles, "list": table.titles[SECOND_FABRIC]}
-    note = f"rows are pairs: 1 says that {table.titles['fabric']} was softer than {table.titles[SECOND_FABRIC]}"
+    note = f"rows are pairs: 1 means that {table.titles['fabric']} was softer than {table.titles[SECOND_FABRIC]}"
     return replace(both, cells=cells, titles=titles, notes=(*both.notes, note))

@@ -64,7 +64,7 @@ def cloth_notes(
         if note := _beyond(names, properties[name], column.name, column, usual):
             notes.append(f"{note}: is {column.name} {remedy}?")
     source = next(column for column in basis if column)
-    wrong = f"is {source} {_UNITS[source]}, or a unit a thousand times off?"
+    wrong = f"is {source} {_UNITS[source]}, or is the unit wrong by a factor of a thousand?"
     if note := _beyond(names, modulus, "E_fab", EFFECTIVE_MODULUS, MODULI):
         notes.append(f"{note}: {wrong}")
     elif not USUAL_MODULI.holds(median := float(np.exp(np.nanmedian(np.log(modulus))))):
@@ -93,7 +93,7 @@ def other_moduli(
             if source != column and value > 0 and not 1 / AGREEMENT <= taken / value <= AGREEMENT
         ]
         if differ:
-            notes.append(f"E_fab by the column taken and by {column} differ: {listing(differ, 3)}")
+            notes.append(f"E_fab from the column used and from {column} differ: {listing(differ, 3)}")
     return notes
 
 

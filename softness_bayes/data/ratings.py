@@ -236,7 +236,7 @@ class Ratings:
         else:
             by = [SOLE_PARTICIPANT if cells is None else PANEL] * len(table)
             if cells is None:
-                notes.append("no column 'participant': all ratings are taken as those of one participant")
+                notes.append("no column 'participant': all ratings are treated as those of one participant")
         what = _fabrics_in(table, fabrics)
         loads = loads_in(table, given)
         load_cv, resolution = (table.numbers(c) if c.name in table else None for c in (LOAD_CV, RESOLUTION))
@@ -244,11 +244,13 @@ class Ratings:
         touches = [load for load in loads if load is not None]
         notes += _repeats(table, by, what, touches)
         if cells is not None and len(set(zip(by, what, touches, strict=True))) < len(table):
-            table.faults.add_general("a cell of one fabric and load stands in several rows, expected one")
+            table.faults.add_general("a cell of one fabric and load is in several rows, expected one")
             table.check()
         wrong = np.flatnonzero(filed[rated] < 0)
         if rated.size > 2 and np.ptp(filed[rated]) == 0:
-            notes.append(f"looks wrong: all {rated.size} ratings are {filed[rated[0]]:g}, so they tell nothing")
+            notes.append(
+                f"looks wrong: all {rated.size} ratings are {filed[rated[0]]:g}, so they contain no information"
+            )
         participants = natural(by)
         covariates, noted = covariates_in(whole, participants)
         notes = [*noted, *notes, *alike_notes("participant", participants)]
@@ -293,8 +295,8 @@ def _rated_rows(table: Table, filed: FloatArray, drop_zeros: bool) -> tuple[IntA
         table.fault(
             i,
             RATING.name,
-            f"{texts[i]} looks like a code for a missing rating, since no other one is near it; "
-            "leave the cell of a missing rating empty, or write a rating with decimals, as 999.0",
+            f"{texts[i]} looks like a code for a missing rating, because no other rating is near it; leave the "
+            "cells of missing ratings empty; if it is a rating, write it with decimals, as 999.0",
         )
     kept = ~np.isnan(filed)
     _require_loads(table, np.flatnonzero(~kept))
@@ -307,7 +309,7 @@ def _rated_rows(table: Table, filed: FloatArray, drop_zeros: bool) -> tuple[IntA
     if missing := int((~kept).sum()):
         notes.append(f"{missing} of {len(table)} ratings are missing")
     if zeros:
-        notes.append(f"{zeros} ratings of 0 are left out, which favours what is rated higher")
+        notes.append(f"{zeros} ratings of 0 are left out, which biases the result towards higher ratings")
     used = np.sort(np.concatenate([rated, np.flatnonzero(faulty & ~kept)]))  # the same rows, if nothing is wrong
     return rated, used, notes
 
@@ -319,7 +321,11 @@ def _require_loads(table: Table, rows: IntArray) -> None:
         for i in rows if name in table else ():
             text = table.cells[name][i]
             if text.casefold() not in MISSING and not re.search("[0-9]", text):
-                table.fault(i, name, f"expected a number or nothing, got {quoted(text)}; is it a unit of the title?")
+                table.fault(
+                    i,
+                    name,
+                    f"expected a number or an empty cell, got {quoted(text)}; does this unit belong in the header?",
+                )
 
 
 def _fabrics_in(table: Table, fabrics: Fabrics | None) -> Sequence[str]:
@@ -360,5 +366,5 @@ def _repeats(table: Table, *keys: Sequence[object]) -> list[str]:
     ]
     if trials and apart:
         columns = " and ".join(quoted(title) for title in apart)
-        return [f"{what}, and differ in {columns}, which is not used: taken as further trials under the same load"]
-    return [f"{what}: {'are rows copied?' if trials else 'taken as further trials'}"]
+        return [f"{what}, and differ in {columns}, which is not used: treated as further trials under the same load"]
+    return [f"{what}: {'are rows copied?' if trials else 'treated as further trials'}"]

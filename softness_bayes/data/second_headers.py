@@ -52,8 +52,8 @@ def _with_units(titles: Sequence[str], units: Sequence[str]) -> Joined | None:
         return None
     # a title that has a unit already keeps it; what is below must not be another one
     found = {j: f"{titles[j]} [{bare[j]}]" for j in named if not _has(titles[j], bare[j])}
-    made = listing([quoted(text) for text in found.values()]) if found else "those of the titles"
-    return Joined([found.get(j, title) for j, title in enumerate(titles)], f"the second row holds units: {made}")
+    made = listing([quoted(text) for text in found.values()]) if found else "those of the headers"
+    return Joined([found.get(j, title) for j, title in enumerate(titles)], f"the second row contains units: {made}")
 
 
 def _has(title: str, unit: str) -> bool:
@@ -85,4 +85,4 @@ def _with_loads(titles: Sequence[str], second: Sequence[str]) -> Joined | None:
             found[j] = f"{fabric} @ {second[j]}"
         else:
             found[j], fabric = titles[j] or second[j], ""
-    return Joined(found, f"the second row holds loads: {listing([quoted(found[j]) for j in loaded])}")
+    return Joined(found, f"the second row contains loads: {listing([quoted(found[j]) for j in loaded])}")

@@ -18,8 +18,8 @@ _CONTROL = re.compile("[\x00-\x08\x0e-\x1f]")
 _JAPANESE = re.compile("[\u3041-\u30fe\u4e00-\u9fff]{2}")
 _TOLD = re.compile('"?sep=([,;\t])"?\n')  # Excel's own line before the header
 _STARTS = {
-    b"PK\x03\x04": "this is a workbook: let its name end in .xlsx",
-    b"PAR1": "this is a Parquet file: let its name end in .parquet",
+    b"PK\x03\x04": "this is a workbook: give it a name that ends in .xlsx",
+    b"PAR1": "this is a Parquet file: give it a name that ends in .parquet",
     b"\xd0\xcf\x11\xe0": "this is an old workbook: save it as .xlsx",
     b"\x1f\x8b": "this is a compressed file: unpack it",
 }
@@ -103,9 +103,11 @@ def sheet_of(
     for record, row in zip(body, rows[1:], strict=True):
         beyond = [cell for cell in record[used:] if cell]
         if beyond:
-            title = f"; is {quoted(header[0])} a title? The header has to come first" if used == 1 else ""
+            title = (
+                f"; is {quoted(header[0])} a title of the table? The header must be the first row" if used == 1 else ""
+            )
             raise InputError(
-                f"{place}: row {row}: {quoted(beyond[-1])} stands beyond the {used} columns of the header{title}"
+                f"{place}: row {row}: {quoted(beyond[-1])} is beyond the {used} columns of the header{title}"
             )
     body = [[*record[:used], *[""] * (used - len(record))] for record in body]
     return Sheet(place, label, digest, header[:used], body, rows[1:], titled, padded, between_commas, tuple(notes))

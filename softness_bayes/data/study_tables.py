@@ -59,11 +59,11 @@ def list_tables(source: Path) -> list[Listed]:
     for one in found:
         if not _NAME.fullmatch(one.name):
             raise InputError(
-                f"{source}: table {quoted(one.name)}: expected a name of letters, digits, '_', '-', '+' and '.', "
-                "which a folder can have"
+                f"{source}: table {quoted(one.name)}: expected a name of letters, digits, '_', '-', '+' and "
+                "'.', because it becomes the name of a folder"
             )
         if one.name.casefold() in seen:
-            raise InputError(f"{source}: table {quoted(one.name)} is named twice")
+            raise InputError(f"{source}: table {quoted(one.name)} is listed twice")
         seen.add(one.name.casefold())
     return found
 

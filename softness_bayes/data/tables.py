@@ -30,7 +30,7 @@ MISSING = frozenset({"", "na", "n/a", "n.a.", "#n/a", "nan", "null", "none", "-"
 """Texts for a missing number, in any case. Only an empty name is missing: NA may be initials."""
 
 _DATE = re.compile(r"[0-9]{4}-[0-9]{2}-[0-9]{2}|[0-9]{1,2}[./-](?:[0-9]{1,2}[./-][0-9]{2,4}|[A-Za-z]{3})")
-WIDE = "a table with one column per fabric is read with --wide"
+WIDE = "if the table has one column per fabric, add --wide"
 
 
 @dataclass(frozen=True)
@@ -100,13 +100,16 @@ class Table:
             told = [*self.notes, *([*self._may_be_ratings(), WIDE] if RATING.name in absent else [])]
             if RATING.name in absent and (series := _numbered([*self.others])):
                 named = listing([quoted(title) for title in series])
-                told = [f"columns {named} look like repeated ratings: give each a row of its own, in a column 'rating'"]
+                told = [
+                    f"columns {named} look like repeated ratings: put each rating in a separate row, in a "
+                    "column 'rating'"
+                ]
             known = [f"known columns: {', '.join(self.titles) or 'none'}", *told]
             if len(absent) == 1:
-                lack = f"no column {absent[0]!r}, and no --column {absent[0]}=... says which it is"
+                lack = f"no column {absent[0]!r}, and no --column {absent[0]}=... names it"
             else:
                 ways = " ".join(f"--column {name}=..." for name in absent)
-                lack = f"no columns {' and '.join(map(repr, absent))}, and no {ways} says which they are"
+                lack = f"no columns {' and '.join(map(repr, absent))}, and no {ways} names them"
             self.faults.add_general("; ".join([lack, *known]))
             self.check()
 
@@ -150,7 +153,7 @@ class Table:
                 if "," in text and not self.grouped:
                     remedy = "; if commas are decimal marks, add --decimal , and if they group thousands, --decimal ."
                 elif _DATE.match(text):
-                    remedy = "; has a spreadsheet made a date of a number?"
+                    remedy = "; did a spreadsheet program turn a number into a date?"
                 self.fault(i, column.name, f"{error}{remedy}")
         return values
 
@@ -210,7 +213,9 @@ def _table(sheet: Sheet, sought: Sought, renames: Mapping[str, str], decimal: st
     for name in (name for name in LABELS if name in at):
         total = Counter(cells[name])
         if both := [f"'{label}'" for label in natural(total) if 0 < padded[at[name], label] < total[label]]:
-            notes.append(f"column {name!r}: {listing(both)} with spaces at the ends and without are taken as the same")
+            notes.append(
+                f"column {name!r}: {listing(both)} with and without spaces at the ends are treated as the same"
+            )
     cells |= {name: [str(unescaped(text)) for text in cells[name]] for name in LABELS if name in cells}
     unused = {title: j for j, title in enumerate(header) if title and j not in at.values()}
     notes += unused_note([*unused])
@@ -297,6 +302,6 @@ def _unclear(place: str, cell: Cell) -> str:
     """Return the message for a number that can be read in two ways."""
     other = cell.text.replace(",", "").replace(".", "")
     return (
-        f"{place}: {cell.place}: {cell.text!r} may be {cell.text.replace(',', '.')} or {other}, and no number of this "
-        "table decides between them; name the decimal mark with --decimal . or --decimal ,"
+        f"{place}: {cell.place}: {cell.text!r} may be {cell.text.replace(',', '.')} or {other}, and no other "
+        "number of this table decides which; give the decimal mark with --decimal . or --decimal ,"
     )

@@ -55,7 +55,7 @@ def lengthened(sheet: Sheet, sought: Sought, renames: Mapping[str, str], form: F
     if long := [name for name in ("fabric", RATING.name) if name in at]:
         if form.wide:
             raise InputError(
-                f"{sheet.titled}: --wide is for tables with one column per fabric; this one has a column "
+                f"{sheet.titled}: --wide expects a table with one column per fabric; this one has a column "
                 f"{quoted(sheet.header[at[long[0]]])} for the {long[0]} of each row"
             )
         return sheet
@@ -68,7 +68,9 @@ def lengthened(sheet: Sheet, sought: Sought, renames: Mapping[str, str], form: F
     for column in _LOADS.values():
         if loaded is not None and column.name in at:
             filed = quoted(sheet.header[at[column.name]])
-            raise InputError(f"{sheet.titled}: loads stand in titles ({quoted(loaded)}) and in {filed}, expected one")
+            raise InputError(
+                f"{sheet.titled}: loads are in headers ({quoted(loaded)}) and in {filed}, expected only one of these"
+            )
     return _melted(sheet, rated, titles, loaded is not None)
 
 
@@ -95,7 +97,7 @@ def _rated(sheet: Sheet, titles: Mapping[int, str], form: Form) -> list[_Rated]:
         if near or name != title:
             raise InputError(f"{sheet.titled}, column {quoted(title)}: {quoted(name)} is not a known fabric{near}")
     if not found:
-        raise InputError(f"{sheet.titled}: no column is called like a fabric, such as {listing(sorted(absent), 3)}")
+        raise InputError(f"{sheet.titled}: no column has the name of a fabric, such as {listing(sorted(absent), 3)}")
     return found
 
 

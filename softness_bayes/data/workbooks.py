@@ -56,9 +56,7 @@ def read_sheet(source: TableSource, sought: Sought, renames: Mapping[str, str]) 
     if suffix in _PARQUET:
         return _parquet(path, content)
     if suffix in _OTHERS:
-        raise InputError(
-            f"{path}: {suffix} files are not read, expected .csv, .xlsx or .parquet: save the table as one"
-        )
+        raise InputError(f"{path}: {suffix} files cannot be read; save the table as .csv, .xlsx or .parquet")
     return text_sheet(path, content)
 
 
@@ -95,8 +93,8 @@ def _chosen(path: Path, sheets: Mapping[str, Sheet], sought: Sought, renames: Ma
     chosen = list(sheets) if len(sheets) == 1 else _candidates(sheets, sought, renames)
     if len(chosen) != 1:
         raise InputError(
-            f"{path}: {len(chosen) or 'none'} of the sheets {listing([quoted(name) for name in sheets])} may hold the "
-            f"{sought.sheet}; call that one {sought.sheet!r}"
+            f"{path}: {len(chosen) or 'none'} of the sheets {listing([quoted(name) for name in sheets])} may "
+            f"contain the {sought.sheet}; rename the right one to {sought.sheet!r}"
         )
     return sheets[chosen[0]]
 
@@ -137,7 +135,7 @@ def _filled(sheet: Any, cells: list[list[str]]) -> list[str]:
         for row in cells[one.min_row : one.max_row]:
             row[one.min_col - 1] = cells[one.min_row - 1][one.min_col - 1]
     places = sorted(str(one) for one in found)
-    return [f"each row of the merged cells {listing(places)} has their value"] if found else []
+    return [f"merged cells {listing(places)}: their value is used in each row"] if found else []
 
 
 def _excel_text(cell: Any) -> str:

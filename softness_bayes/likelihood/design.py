@@ -45,7 +45,7 @@ class Design:
             index.flags.writeable = False
             object.__setattr__(self, name, index)
         if self.condition.size == 0:
-            raise InputError("there are no ratings, so there is nothing to learn from")
+            raise InputError("there are no ratings")
         _require_range("condition", self.condition, self.n_conditions)
         _require_range("participant", self.participant, self.n_participants)
         cells = np.zeros((self.n_participants, self.n_conditions))

@@ -232,7 +232,7 @@ STUDENT = ErrorLaw(
 """Errors with heavy tails: Student's t with `nu` degrees of freedom."""
 LAPSES = ErrorLaw(
     "lapses",
-    "normal, but for a share of lapses over the rater's range",
+    "normal, mixed with a share of lapses over the rater's range",
     ("lapse",),
     _draw_normal,
     _same,
@@ -247,7 +247,7 @@ LAPSES = ErrorLaw(
 """Normal errors, but for a share `lapse` of observations that are uniform over the range of their rater's numbers."""
 GUMBEL = ErrorLaw(
     "gumbel",
-    "Gumbel's, as in the law of orders of Plackett and Luce",
+    "Gumbel's, as in the Plackett-Luce model of orders",
     (),
     _draw_gumbel,
     _gumbel_score,

@@ -60,7 +60,7 @@ class LoadErrors:
         """
         spread = np.broadcast_to(np.asarray(log_sd, float), design.condition.shape)
         if not (np.isfinite(spread) & (spread >= 0)).all():
-            raise InputError("load errors: expected finite standard deviations from 0 on")
+            raise InputError("load errors: expected finite standard deviations of 0 or above")
         pairs, of_row = np.unique(np.column_stack([design.condition, spread]), axis=0, return_inverse=True)
         return cls(pairs[:, 0].astype(np.intp), pairs[:, 1], of_row.reshape(-1), design.n_conditions)
 

@@ -36,7 +36,7 @@ def require_model(scale: Scale, model: Any) -> None:
     if model.scale != scale:
         raise InputError(f"{own} has the scale {model.scale.name}, expected {scale.name} itself")
     if model.error not in ERROR_LAWS.values():
-        raise InputError(f"{own} has an error law of its own, expected one of {', '.join(ERROR_LAWS)}")
+        raise InputError(f"{own} has an unknown error law, expected one of {', '.join(ERROR_LAWS)}")
 
 
 def try_likelihood(observed: RatingsLikelihood, mean_rate: FloatArray, values: Mapping[str, ArrayLike]) -> None:

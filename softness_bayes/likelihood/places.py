@@ -54,8 +54,8 @@ class Places:
         ties = _ties(new, filled)
         if ties and ties[-1].size > MOST_TIED:
             raise InputError(
-                f"ratings: {ties[-1].size} touches of one list share a place, expected at most {MOST_TIED}: numbers "
-                "with so many ties are categories"
+                f"ratings: {ties[-1].size} touches of one list share a place, expected at most {MOST_TIED}: "
+                "with so many ties, use categories"
             )
         return cls(row, np.cumsum(new, axis=1) - 1, filled, filled, ties)
 

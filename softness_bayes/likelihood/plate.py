@@ -142,7 +142,7 @@ class CompressionForces(Likelihood):
         self.finger, self.n_fingers = np.array(finger, np.intp), n_fingers
         rows = self.values.size
         if not rows:
-            raise InputError("compression: there are no forces, so there is nothing to learn from")
+            raise InputError("compression: there are no forces")
         for what, values in (("an indentation", self.indentation), ("a force", self.values)):
             if not (np.isfinite(values) & (values > 0)).all():
                 raise InputError(f"compression: {what} is not a positive number")

@@ -167,8 +167,9 @@ def _require_positive(table: Filed) -> None:
         found = quoted(table.not_positive or f"{table.rating[i]:.15g}")
         raise InputError(
             f"{table.source}: row {table.rows[i]}, column {table.rating_column!r}: expected a magnitude "
-            f"estimate of 0 or above, got {found} ({wrong.size} of {table.rating.size} ratings are negative); leave "
-            f"the cell of a missing rating empty; if these are z-scores, say so with --ratings {STANDARDISED.name}"
+            f"estimate of 0 or above, got {found} ({wrong.size} of {table.rating.size} ratings are negative); "
+            "leave the cell of a missing rating empty; if these are z-scores, use --ratings "
+            f"{STANDARDISED.name}"
         )
 
 
@@ -178,8 +179,8 @@ def _require_standardised(table: Filed) -> None:
     if abs(mean) > STANDARDISED_MEAN or sd > STANDARDISED_SD:
         raise InputError(
             f"{table.source}: column {table.rating_column!r}: expected standardised ratings, of mean 0 and "
-            f"standard deviation 1, got mean {mean:.3g} and standard deviation {sd:.3g}; standardise them, "
-            "or leave out --ratings if they are magnitude estimates"
+            f"standard deviation 1, got mean {mean:.3g} and standard deviation {sd:.3g}; standardise them, or "
+            "omit --ratings if they are magnitude estimates"
         )
 
 
@@ -227,7 +228,7 @@ STANDARDISED = Scale(
 )
 SLIDER = Scale(
     name="slider",
-    meaning="places on a slider, from its soft or low end to its other",
+    meaning="positions on a slider",
     suitable="inner",
     unit="log odds of the rating",
     short="log odds",
@@ -244,7 +245,7 @@ SLIDER = Scale(
 CATEGORIES = replace(
     STANDARDISED,
     name="categories",
-    meaning="numbers of ordered categories, from 1",
+    meaning="ordered categories, numbered from 1",
     suitable="whole",
     unit="category",
     short="category",
@@ -255,7 +256,7 @@ CATEGORIES = replace(
 RANKS = replace(
     STANDARDISED,
     name="ranks",
-    meaning="places in lists that a participant put in order, the largest number for the softest",
+    meaning="ranks of fabrics that a participant put in order, the largest number for the softest",
     unit="place",
     short="share",
     label="place [share of the list below]",
@@ -266,7 +267,7 @@ RANKS = replace(
 PAIRS = replace(
     RANKS,
     name="pairs",
-    meaning="answers to pairs of touches, the larger number for the softer one",
+    meaning="paired comparisons, the larger number for the softer touch",
     label="answer [share of pairs won]",
     answer="pair",
 )
@@ -292,7 +293,7 @@ def scale_named(name: str) -> Scale:
         return RATING_SCALES[name]
     if not is_supplied(OWN_SCALES, name):
         known = " or ".join([*RATING_SCALES, *installed(OWN_SCALES)])
-        raise InputError(f"ratings: scale {name!r} is not known, expected {known}, or {FORM} for one of your own")
+        raise InputError(f"ratings: scale {name!r} is not known, expected {known}, or {FORM} for a custom scale")
     found = supplied(OWN_SCALES, name)
     if not isinstance(found, Scale) or found.model is None:
         raise InputError(f"ratings: {name} is of the kind {type(found).__name__}, expected a Scale with a 'model'")

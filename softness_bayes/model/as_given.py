@@ -83,13 +83,13 @@ def as_given(ratings: Ratings, options: ModelOptions) -> AsGiven:
     asked = bool(options.resolution) or (ratings.resolution is not None and bool(np.nansum(ratings.resolution)))
     if alone and (asked or options.errors not in (None, NORMAL)):
         raise InputError(
-            f"ratings: {alone} are modelled for exact numbers with normal errors alone; leave out --resolution and "
-            "--errors, and a column resolution"
+            f"ratings: {alone} need exact numbers with normal errors; omit --resolution and --errors, and "
+            "remove a column resolution"
         )
     if alone and (ratings.rating <= 0).any() and options.scale is MAGNITUDE:
         raise InputError(
-            f"{ratings.source}: {(ratings.rating <= 0).sum()} ratings are 0, and {alone} are modelled for ratings "
-            "above 0 alone; leave these out with --drop-zeros, or that option"
+            f"{ratings.source}: {(ratings.rating <= 0).sum()} ratings are 0, and {alone} need ratings above 0; "
+            "leave these out with --drop-zeros, or omit that option"
         )
     said = _said_of(ratings, options, 0.0 if alone else options.resolution)
     if options.errors is not None:
@@ -108,7 +108,7 @@ def as_given(ratings: Ratings, options: ModelOptions) -> AsGiven:
 
 def _told_of_spreads(cells: Cells) -> str:
     if cells.geometric_sd is None:
-        return "without standard deviations: they tell nothing of the spread of raters' scales (tau)"
+        return "without standard deviations, so they do not inform the spread of raters' scales (tau)"
     return f"{int(np.isfinite(cells.geometric_sd).sum())} of them with the standard deviation of their log ratings"
 
 
@@ -130,13 +130,13 @@ def _as_modelled(ratings: Ratings, options: ModelOptions) -> AsGiven:
     name, law = options.scale.name, rating_model(options.scale).error
     if options.resolution is not None or ratings.resolution is not None or options.errors not in (None, law):
         raise InputError(
-            f"ratings: the model of {name}, of your own, says what its numbers and errors are; leave out --resolution "
-            "and --errors, and a column resolution"
+            f"ratings: the custom model of {name} defines its own numbers and errors; omit --resolution and "
+            "--errors, and remove a column resolution"
         )
     none = np.zeros(len(ratings))
     said = Stated(ratings.rating, none, none, np.full(len(ratings), np.inf))
-    note = f"ratings: {options.scale.meaning}, as the model of {name}, of your own, takes them"
-    return AsGiven(said, law, note, f"errors: {law.meaning}, as that model has them")
+    note = f"ratings: {options.scale.meaning}, as defined by the custom model of {name}"
+    return AsGiven(said, law, note, f"errors: {law.meaning}, as defined by that model")
 
 
 def stated(ratings: Ratings, resolution: float | None = None) -> Stated:
@@ -168,14 +168,14 @@ def stated_on_slider(ratings: Ratings, ends: tuple[float, float], resolution: fl
     if outside.size:
         i = outside[0]
         raise InputError(
-            f"{ratings.source}: row {ratings.rows[i]}, column {ratings.rating_column!r}: expected a place on a slider "
-            f"from {low:g} to {high:g}, got {ratings.rating[i]:.15g} ({outside.size} of {len(ratings)} ratings lie "
-            "beyond it); --slider LOW,HIGH gives its ends"
+            f"{ratings.source}: row {ratings.rows[i]}, column {ratings.rating_column!r}: expected a place on a "
+            f"slider from {low:g} to {high:g}, got {ratings.rating[i]:.15g} ({outside.size} of {len(ratings)} "
+            "ratings lie outside it); give its ends with --slider LOW,HIGH"
         )
     share = (ratings.rating - low) / (high - low)
     inner = (share > 0) & (share < 1)
     if not inner.any():
-        raise InputError(f"{ratings.source}: all ratings are at the ends of the slider, which tells nothing")
+        raise InputError(f"{ratings.source}: all ratings are at the ends of the slider, so they contain no information")
     nearest = float(np.minimum(share, 1.0 - share)[inner].min())
     step = _steps_of(ratings, resolution, nearest * (high - low)) / (high - low)
     limit, most = _limits(ratings, share, step), 1.0 - _limits(ratings, 1.0 - share, step)
@@ -200,7 +200,7 @@ def _as_places(ratings: Ratings, options: ModelOptions) -> AsGiven:
         "--categories": options.n_categories is not None,
     }
     if asked := [name for name, so in refused.items() if so]:
-        raise InputError(f"ratings: {options.scale.name} have no {' and no '.join(asked)}; leave it out")
+        raise InputError(f"ratings: {options.scale.name} have no {' and no '.join(asked)}; omit it")
     lists, own = ratings.own_lists, ratings.rating
     owners = np.unique(np.stack([lists, ratings.participant]), axis=1)[0]
     if owners.size > np.unique(lists).size:
@@ -215,15 +215,16 @@ def _as_places(ratings: Ratings, options: ModelOptions) -> AsGiven:
     if (count > MOST_TIED).any():
         i = place[count.argmax()]
         raise InputError(
-            f"{ratings.source}: row {ratings.rows[i]}, column {ratings.rating_column!r}: {count.max()} touches of one "
-            f"list have place {own[i]:g}, expected at most {MOST_TIED}; numbers with so many ties are categories"
+            f"{ratings.source}: row {ratings.rows[i]}, column {ratings.rating_column!r}: {count.max()} touches "
+            f"of one list have place {own[i]:g}, expected at most {MOST_TIED}; with so many ties, use "
+            "--ratings categories"
         )
     sizes = np.bincount(lists)
     sizes = sizes[sizes > 0]
     if sizes.max() < 2:
         raise InputError(
-            f"{ratings.source}: no list has two places, so there is no order; by default a list holds all touches of "
-            "one participant under one load, and a column list names others"
+            f"{ratings.source}: no list has two different ranks, so there is no order; by default a list is "
+            "all touches of one participant under one load, and a column 'list' can define others"
         )
     tied = int((count[of_row.ravel()] > 1).sum())
     zero = np.zeros(own.size)
@@ -231,7 +232,7 @@ def _as_places(ratings: Ratings, options: ModelOptions) -> AsGiven:
     if options.scale is PAIRS:
         return _as_pairs(ratings, options, said, sizes, tied // 2)
     note = f"ratings: places in {sizes.size} lists of {_span(sizes)} touches; a larger number is a higher place"
-    note += f"; {tied} places are shared, and say nothing of the order within them" if tied else ""
+    note += f"; {tied} places are tied, and do not inform the order within ties" if tied else ""
     return AsGiven(said, GUMBEL, note, f"errors: {GUMBEL.meaning}")
 
 
@@ -245,13 +246,14 @@ def _as_pairs(ratings: Ratings, options: ModelOptions, said: Stated, sizes: NDAr
     """
     if sizes.max() > 2:
         raise InputError(
-            f"{ratings.source}: a list holds {sizes.max()} touches, expected pairs; a column fabric_2 makes a pair of "
-            f"each row, a column list names the two rows of a pair, and --ratings {RANKS.name} takes longer lists"
+            f"{ratings.source}: a list holds {sizes.max()} touches, expected pairs; put both fabrics in one "
+            "row (column fabric_2), mark the two rows of a pair in a column 'list', or use --ratings "
+            f"{RANKS.name} for longer lists"
         )
     note = f"ratings: answers to {int((sizes == 2).sum())} pairs of touches; the larger number is that of the softer"
-    note += f"; {tied} of them call both equal, and tell nothing" if tied else ""
+    note += f"; {tied} of them are ties, and contain no information" if tied else ""
     law = options.errors or NORMAL
-    more = "; --errors lapses models guesses too" if law == NORMAL else ""
+    more = "; --errors lapses also models guesses" if law == NORMAL else ""
     return AsGiven(said, law, note, f"errors: {law.meaning}, so that an answer is a probit of the difference{more}")
 
 
@@ -310,7 +312,7 @@ def _count_of(ratings: Ratings, options: ModelOptions) -> int:
             f"category, 1 to {count}, got {ratings.rating[i]:.15g} ({wrong.size} of {len(ratings)} are none)"
         )
     if options.resolution is not None or ratings.resolution is not None:
-        raise InputError("ratings: categories have no resolution; leave it out")
+        raise InputError("ratings: categories have no resolution; omit it")
     return count
 
 
@@ -320,9 +322,7 @@ def _said_of(ratings: Ratings, options: ModelOptions, resolution: float | None) 
     if options.scale is SLIDER:
         return stated_on_slider(ratings, options.slider_ends, resolution)
     if options.slider_ends != (0.0, 1.0):
-        raise InputError(
-            f"slider: ends are given for {options.scale.name} ratings; add --ratings slider, or leave them out"
-        )
+        raise InputError(f"slider: ends are given for {options.scale.name} ratings; add --ratings slider, or omit them")
     return stated(ratings, resolution)
 
 
@@ -345,7 +345,7 @@ def _closed_form_alone(ratings: Ratings, options: ModelOptions) -> str:
 
 def _of_numbers(ratings: Ratings, said: Stated, alone: str) -> str:
     if said.exact:
-        return "ratings: taken as exact numbers" + (f", as {alone} need" if alone else "")
+        return "ratings: treated as exact numbers" + (f", as {alone} need" if alone else "")
     people = len(ratings.participants)
     step = np.zeros(people)
     np.maximum.at(step, ratings.participant, said.step)
@@ -356,14 +356,16 @@ def _of_numbers(ratings: Ratings, said: Stated, alone: str) -> str:
         named = [f"{size:g} ({count})" for count, size in most[:MOST_STEPS]]
         named += [f"{len(most) - MOST_STEPS} others"] if len(most) > MOST_STEPS else []
         parts.append(
-            f"{counts.sum()} of {people} participants answer on grids of numbers, with steps of {', '.join(named)}; "
-            "such a rating counts as the interval that it stands for"
+            f"{counts.sum()} of {people} participants round their answers to steps of {', '.join(named)}; each "
+            "rating counts as the interval that rounds to it"
         )
     if np.isfinite(said.end):
         low, high = (said.values < said.limit).sum(), (said.values > said.most).sum()
-        parts.append(f"{low} lie at the slider's lower end and {high} at the upper one, and stand for all beyond them")
+        parts.append(f"{low} lie at the slider's lower end and {high} at the upper one; these are censored")
     elif zeros:
-        parts.append(f"{zeros} ratings of 0 count as numbers below the smallest that their participant uses")
+        parts.append(
+            f"{zeros} ratings of 0 are censored: they count as numbers below the smallest that their participant uses"
+        )
     return "ratings: " + "; ".join(parts)
 
 
@@ -379,8 +381,8 @@ def _law_of(ratings: Ratings, said: Stated, options: ModelOptions) -> tuple[Erro
         design = layout.design
     fit = layout.fit(said.values)
     if layout.residual_freedom < FEWEST or not fit.sd > 0:
-        why = f"normal, because too few ratings repeat a condition{within} to tell"
-        return NORMAL, f"{why}; --errors overrides{', --round-load STEP makes near loads one' if within else ''}"
+        why = f"normal, because too few ratings repeat a condition{within} to test for heavier tails"
+        return NORMAL, (f"{why}; --errors overrides{', --round-load STEP merges nearby loads' if within else ''}")
     participant = np.nan_to_num(fit.participant)[design.participant]
     residual = options.scale.additive(said.values) - fit.condition[design.condition] - participant
     # ratings that alone determine their condition have zero residuals, which would look like a narrow peak

@@ -128,13 +128,13 @@ def build(experiment: Experiment, options: ModelOptions = ModelOptions()) -> Exp
         raise InputError(f"direction: {FREE.name} needs magnitude estimates, not {options.scale.name} ratings")
     if options.individual and len(experiment.ratings.participants) < 2:
         raise InputError(
-            f"individual: there is one participant only, whose {differing(options.individual)[4:]} cannot be told from "
-            "the typical one's; leave it out"
+            f"individual: there is one participant only, whose {differing(options.individual)[4:]} cannot be "
+            "distinguished from the typical one's; omit it"
         )
     if answers_of(options.individual) and FABRIC_SPREAD in options.priors:
         raise InputError(
-            f"individual: raters' {differing(options.individual)} and fabrics' own deviations (a prior of omega) can "
-            "not be combined: leave one of them out, and compare the two runs"
+            f"individual: raters' {differing(options.individual)} and fabrics' own deviations (a prior of "
+            "omega) cannot be combined: omit one of them, or compare two runs"
         )
     if fingers_of(options.individual) and (freed := sorted(SHAPE_PARAMETERS.keys() & options.priors.keys())):
         raise InputError(f"individual: raters' own fingers and a prior of {freed[0]} cannot be combined")
@@ -190,8 +190,8 @@ def _with_load_errors(observed: RatingsLikelihood, experiment: Experiment, optio
         raise InputError(f"individual: raters' {what} and errors of loads (load_cv) cannot be combined")
     if log_sd.any() and shared:
         raise InputError(
-            "shared_load_cv: errors that all ratings of a load share and errors of each rating's own load (load_cv) "
-            "cannot be combined; state the larger one"
+            "shared_load_cv: errors shared by all ratings of a load cannot be combined with independent "
+            "errors of each rating's load (load_cv); state the larger one"
         )
     if shared:
         spread = float(np.sqrt(np.log1p(shared**2)))
@@ -269,8 +269,8 @@ def space_of(experiment: Experiment, options: ModelOptions, given: AsGiven | Non
     require_one_source(options.priors, options.finger)
     if experiment.compression is not None and "radius" in options.priors:
         raise InputError(
-            "radius is given a prior, but the forces of compression data are those of one known radius: leave out the "
-            "prior or the compression data"
+            "radius is given a prior, but the model of compression data needs a known radius: omit the prior "
+            "or the compression data"
         )
     given = given or as_given(experiment.ratings, options)
     needs = _model_of(replace(options, errors=given.law), given).needs

@@ -67,16 +67,16 @@ def left_out(model: ExperimentModel) -> tuple[str, ...]:
     n, loads = scene.n_conditions, np.unique(scene.load).size
     tables = len({id(field.side.of) if isinstance(field, LoadField) else id(field) for field in scene.fields})
     said = [
-        "receptors that do not fire: the integral runs from the peak of the stress to where firing starts, and ends "
-        "where the sigmoid has saturated",
-        f"{n - loads} of {n} stress fields: conditions under one load differ in E_star alone, so that one table over "
-        f"E_star serves each of {loads} loads"
+        "receptors that do not fire: the integral runs from the peak of the stress to the onset of firing, "
+        "and stops where the sigmoid is saturated",
+        f"{n - loads} of {n} stress fields: conditions under one load differ only in E_star, so one table over "
+        f"E_star is enough for each of {loads} loads"
         + (f", and these come from {tables} tables over load and E_star" if tables < loads else ""),
     ]
     if scene.n_repeated:
-        said.append(f"{scene.n_repeated} of {n} conditions: their fabrics are others' equals under the same load")
+        said.append(f"{scene.n_repeated} of {n} conditions: another fabric with the same properties has the same load")
     if isinstance(scene.firing, FixedChannels):
-        said.append("c_Na, c_K, c_L, c_A: held, so that all parameter vectors share one rate curve")
+        said.append("c_Na, c_K, c_L, c_A: fixed, so all parameter vectors share one rate curve")
     if not {*TouchParameters._fields} & {*model.posterior.names}:
-        said.append("the chain itself: all its parameters are held, so that there is one response for all vectors")
+        said.append("the whole chain: all its parameters are fixed, so there is one response for all vectors")
     return tuple(said)

@@ -98,8 +98,8 @@ def foresee(model: ExperimentModel, planned: Planned, truths: Array | None = Non
     known = model.options.scale in (MAGNITUDE, SLIDER, STANDARDISED, RANKS, PAIRS)
     if not known or posterior.fingers is not None or posterior.other_loads is not None:
         raise InputError(
-            "design: what it tells is foreseen for magnitude estimates, sliders, z-scores, ranks and pairs, of the "
-            "typical finger under loads without errors alone"
+            "design: the prediction covers magnitude estimates, sliders, z-scores, ranks and pairs, for the "
+            "typical finger under loads without errors"
         )
     return _Foresight(model, planned, truths).found()
 

@@ -101,7 +101,7 @@ def require_one_source(names: Iterable[str], finger: Finger) -> None:
     """
     for name in names:
         if name in SHAPE_PARAMETERS and getattr(finger, name) != getattr(Finger(), name):
-            raise InputError(f"{name} is given a prior, and a value by the finger ({name}_mm); choose one")
+            raise InputError(f"{name} is given both a prior and a value of the finger ({name}_mm); choose one")
 
 
 def box_of_priors(sampled: Sequence[Parameter], finger: Finger) -> FingerBox | None:

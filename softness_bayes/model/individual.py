@@ -40,8 +40,9 @@ def require_individual(names: Sequence[str]) -> None:
         raise InputError(f"individual is {','.join(names)}, expected some of {', '.join(known)}, each once")
     if fingers_of(names) and answers_of(names):
         raise InputError(
-            f"individual is {','.join(names)}: raters' own fingers ({', '.join(SPREAD_OF)}) and their own answers "
-            f"({', '.join(OWN_ANSWERS)}) cannot be combined; let some of one kind differ, and compare the two runs"
+            f"individual is {','.join(names)}: raters' own fingers ({', '.join(SPREAD_OF)}) and their own "
+            f"answers ({', '.join(OWN_ANSWERS)}) cannot be combined; use one kind at a time, and compare the "
+            "two runs"
         )
 
 

@@ -27,15 +27,15 @@ from softness_bayes.touch.scene import Discretisation
 NUMBER = (int, float, np.number)
 KINDS: Mapping[str, tuple[Any, str]] = MappingProxyType(
     {
-        "fix": (Mapping, "a mapping from names to numbers, as in {'m': 2.0}"),
-        "readings": (Readings, "Readings, as in NAMED_READINGS['printed'] or Readings(pressure=...)"),
+        "fix": (Mapping, "a mapping from names to numbers, such as {'m': 2.0}"),
+        "readings": (Readings, "Readings, such as NAMED_READINGS['printed'] or Readings(pressure=...)"),
         "direction": ((RatingDirection, type(None)), "RISES, FALLS, FREE or None"),
         "scale": (Scale, "a Scale, such as SLIDER or CATEGORIES"),
-        "finger": (Finger, "a Finger, as in Finger(receptor_depth=0.6e-3)"),
-        "individual": (tuple, "a tuple of names, as in ('b',)"),
+        "finger": (Finger, "a Finger, such as Finger(receptor_depth=0.6e-3)"),
+        "individual": (tuple, "a tuple of names, such as ('b',)"),
         "errors": ((ErrorLaw, type(None)), "NORMAL, STUDENT, LAPSES or None"),
         "noise": (NUMBER, "a number"),
-        "accuracy": (NUMBER, "a number, as in 1e-3"),
+        "accuracy": (NUMBER, "a number, such as 1e-3"),
         "discretisation": ((Discretisation, type(None)), "a Discretisation or None"),
     }
 )

@@ -284,9 +284,9 @@ class Posterior(Density):
                     return self.space.coordinates(np.array(found[:size]))
         if not (found or some):
             raise InputError(
-                f"only 0 of {size * _WIDTHS[0][1]} prior draws make receptors fire in {needed} of "
-                f"{conditions} conditions, and none of priors {_WIDTHS[-1][0]:g} times as wide "
-                "in any: check the units of fabrics and loads, and the priors of alpha, beta and sigma_0"
+                f"only 0 of {size * _WIDTHS[0][1]} prior draws make receptors fire in {needed} of {conditions} "
+                f"conditions, and with priors {_WIDTHS[-1][0]:g} times as wide no draw does in any: check the "
+                "units of fabrics and loads, and the priors of alpha, beta and sigma_0"
             )
         rest = self.space.draw_prior(rng, size)
         return self.space.coordinates(np.array([*found, *some, *rest][:size]))

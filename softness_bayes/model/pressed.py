@@ -30,12 +30,12 @@ def people_note(experiment: Experiment, options: ModelOptions) -> str | None:
     pressed = set(experiment.compression.participants)
     both = [name for name in experiment.ratings.participants if name in pressed]
     if not both:
-        return "no rater and no pressed finger have the same name: they are taken as different people"
+        return "no rater has the name of a pressed finger: they are treated as different people"
     whose = f"{listing(both)}: rated and pressed ({len(both)} of {len(experiment.ratings.participants)} raters)"
     own = [name for name in SKIN if name in options.individual]
     if not own:
         return (
-            f"{whose}; without --individual b all raters have the typical finger, so the forces tell of that one, not "
-            "of each rater's own"
+            f"{whose}; without --individual b all raters have the typical finger, so the forces inform the "
+            "typical finger and not those of single raters"
         )
-    return f"{whose}; each is one person, of whose own {' and '.join(own)} the forces tell beside the ratings"
+    return f"{whose}; each is one person, whose {' and '.join(own)} is inferred from forces and ratings together"

@@ -103,10 +103,10 @@ def reach_note(
         return ""
     silent, questionable, meaningless, within = (percent(each.mean()) for each in here)
     said = (
-        f"most of what is asked lies outside of the model's reach: of {scene.n_conditions} pairs of fabric and load, "
-        f"no receptor fires in {silent}, and the geometry is meaningless (contact radius from R, or indentation from "
-        f"{DEEP:g} R, on) in {meaningless} and questionable (contact radius above R/2) in {questionable}; {within} "
-        "are within reach"
+        f"most fabrics and loads are outside the range of the model: of {scene.n_conditions} pairs of fabric "
+        f"and load, no receptor fires in {silent}, and the geometry is meaningless (contact radius from R, or "
+        f"indentation from {DEEP:g} R, on) in {meaningless} and questionable (contact radius above R/2) in "
+        f"{questionable}; {within} are within the range"
     )
     kinds = [kind for kind in OTHER_LOADS if any(isinstance(load, kind) for load in loads)]
     tried = [load for kind in kinds for load in OTHER_LOADS[kind]]
@@ -122,10 +122,10 @@ def reach_note(
             changes.append((float(share[best]), f"{tried[best]}{f' with {option}' if option else ''}"))
     gains = [f"{percent(share)} under {name}" for share, name in changes if share >= here.within.mean() + GAIN]
     if gains:
-        return f"{said}. Within reach would be {', '.join(gains)}"
+        return f"{said}. Within the range would be {', '.join(gains)}"
     ends = f"{tried[0]} to {tried[-1]}" if len(kinds) == 1 else "the usual forces and indentations"
     skins = f", with {' or '.join(others)} or without," if others else ""
-    return f"{said}. No load from {ends}{skins} brings {percent(GAIN)} more within reach"
+    return f"{said}. No load from {ends}{skins} brings {percent(GAIN)} more into the range"
 
 
 def reach_of_priors(

@@ -55,7 +55,7 @@ def usual_values(
     InputError
         If a given name is unknown, or its value is out of range.
     """
-    require_kind("readings", readings, Readings, "Readings, as in Readings() or NAMED_READINGS['printed']")
+    require_kind("readings", readings, Readings, "Readings, such as Readings() or NAMED_READINGS['printed']")
     space = parameter_space(
         fix=given,
         prior_set=prior_set,
@@ -101,7 +101,7 @@ def firing_of(
     varying = [name for name in Channels._fields if np.ndim(values.get(name, [])) > 0]
     if varying and noise:
         raise InputError(
-            f"noise needs fixed channel multipliers, for which the noise-averaged rate is simulated once: "
+            "noise needs fixed channel multipliers, because the noise-averaged rate is simulated only once: "
             f"fix {', '.join(varying)}"
         )
     if varying:

@@ -77,7 +77,7 @@ def paired(
     lists = np.repeat(np.arange(int(kept.sum())), 2)
     answers = np.tile([1.0, 0.0], int(kept.sum()))
     if not rows.size:
-        raise InputError("simulate: all answers are left out at random; take a smaller share, or another seed")
+        raise InputError("simulate: all answers are missing at random; use a smaller share or another seed")
     zero = np.zeros(rows.size)
     asked = Design(rows, participant, scene.fabric, participants)
     observed = model.observe(answers, asked, Stated(answers, zero, zero, zero + np.inf, lists=lists))

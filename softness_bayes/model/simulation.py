@@ -51,7 +51,7 @@ LOAD_NODES = 17
 """Number of loads at which responses are computed if simulated loads have errors."""
 
 
-RNG, VALUES = "a generator, as in numpy.random.default_rng(1)", "usual_values(readings, given={'b': 80})"
+RNG, VALUES = "a generator, such as numpy.random.default_rng(1)", "usual_values(readings, given={'b': 80})"
 """Examples of arguments."""
 
 
@@ -134,7 +134,7 @@ def simulate_ratings(
         error law for a scale that does not support it.
     """
     require_kind("rng", rng, np.random.Generator, RNG)
-    require_kind("fabrics", fabrics, Fabrics, "Fabrics, as in Fabrics(('felt',), effective_modulus=[3e4])")
+    require_kind("fabrics", fabrics, Fabrics, "Fabrics, such as Fabrics(('felt',), effective_modulus=[3e4])")
     require_mapping("values", values, VALUES)
     loads = require_loads("loads", loads)
     _require_of_scale(scale, resolution, load_cv)
@@ -193,7 +193,7 @@ def _model_of(
         if scale is not MAGNITUDE or errors != NORMAL:
             raise InputError(
                 f"simulate: {', '.join(OWN_ANSWERS[name] for name in differ)} for {scale.name} ratings with "
-                f"{errors.name} errors, expected them for magnitude estimates with normal errors alone"
+                f"{errors.name} errors, which only magnitude estimates with normal errors can have"
             )
         return OwnAnswersModel(direction, differ=differ)
     model: Any = rating_model(scale, direction, GUMBEL if scale is RANKS and errors == NORMAL else errors)
@@ -267,9 +267,11 @@ def _require_ranges(participants: int, ratings: int, missing: float, mu: float |
     PARTICIPANTS.require("simulate: number of participants", participants)
     SIMULATED_RATINGS.require("simulate: number of ratings", ratings)
     if not 0 <= missing < 1:
-        raise InputError(f"simulate: share {missing} of gaps, expected one in [0, 1)")
+        raise InputError(f"simulate: share of missing ratings is {missing}, expected one in [0, 1)")
     if mu is not None and not abs(mu) <= LARGEST_LOG_RATING:
-        raise InputError(f"simulate: mu is {mu}, expected a number up to {LARGEST_LOG_RATING:g} up or down")
+        raise InputError(
+            f"simulate: mu is {mu}, expected a number from -{LARGEST_LOG_RATING:g} to {LARGEST_LOG_RATING:g}"
+        )
 
 
 def _require_of_scale(scale: Scale, resolution: float, load_cv: float) -> None:
@@ -285,7 +287,7 @@ def _require_of_scale(scale: Scale, resolution: float, load_cv: float) -> None:
 def _require_averaged(scale: Scale, participants: int, missing: float) -> None:
     """Raise an error for means of raters who cannot be averaged."""
     if scale is AGGREGATED and (missing or participants < 2):
-        raise InputError("simulate: means of raters need at least two of them, and no gaps (missing 0)")
+        raise InputError("simulate: means of raters need at least two raters and no missing ratings (missing 0)")
 
 
 def _levels(model: Model, scale: Scale, mu: float | None, slope: float | None) -> dict[str, ArrayLike]:

@@ -47,13 +47,13 @@ def warnings(experiment: Experiment, options: ModelOptions, given: AsGiven) -> l
     apart = raters_apart(merge(layout, groups.of)[0] if groups.merged else layout, given.said.values)
     names = ratings.participants
     found = [
-        f"looks wrong: {names[k]} rates against all others (rank correlation {r:+.2f} with their means): did the scale "
-        "run the other way?"
+        f"looks wrong: {names[k]} rates against all others (rank correlation {r:+.2f} with their means): was "
+        "the scale reversed?"
         for k, r in apart.against.items()
     ]
     if apart.constant:
         same = ", ".join(names[k] for k in apart.constant)
-        found.append(f"looks wrong: all ratings of {same} are the same, so they tell nothing of fabrics")
+        found.append(f"looks wrong: all ratings of {same} are equal, so they contain no information about fabrics")
     found += [] if (people := people_note(experiment, options)) is None else [people]
     return [*found, *oddities(ratings, options.scale not in (CATEGORIES, RANKS, PAIRS))]
 

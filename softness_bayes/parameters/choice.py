@@ -116,8 +116,8 @@ def _of_set(prior_set: str, skin_displacement: SkinDisplacement, others: Collect
         return found[skin_displacement]
     if missing := [name for name in ("b", "m") if name not in others]:
         raise InputError(
-            f"skin_displacement={skin_displacement.name}: no set has priors under this reading; give --prior or --fix "
-            f"of {' and '.join(missing)} (in Python priors or fix)"
+            f"skin_displacement={skin_displacement.name}: no set of priors covers this reading; give --prior "
+            f"or --fix for {' and '.join(missing)} (in Python priors or fix)"
         )
     return {}
 
@@ -140,11 +140,11 @@ def _require_free_to_choose(freed: Set[str], fix: Mapping[str, float], absent: C
         _declared(name)
         if name in fix and name in SHAPE_PARAMETERS:
             raise InputError(
-                f"{name} is held at the finger's value, which --finger {name}_mm=VALUE sets (in Python a Finger); give "
-                "it a prior to sample it"
+                f"{name} is a value of the finger: set it with --finger {name}_mm=VALUE (in Python a Finger), "
+                "or give it a prior to sample it"
             )
         if name in absent:
-            raise InputError(f"{name}: the model of these data has no such parameter; leave it out")
+            raise InputError(f"{name}: the model of these data has no such parameter; omit it")
     if clash := sorted(freed & fix.keys()):
         raise InputError(f"{clash[0]} is both fixed and given a prior or freed; choose one")
     if prior_set not in PRIOR_SETS:
@@ -158,18 +158,16 @@ def _not_identifiable(
     held: dict[str, float] = {}
     if n_participants == 1:
         if "tau" in freed:
-            raise InputError("tau cannot be sampled: there is one participant only, so fix it or leave it out")
+            raise InputError("tau cannot be sampled, because there is only one participant: fix it or omit it")
         held["tau"] = 0.0
     if n_fingers == 1:
         for name in ("tau_b", "tau_m"):
             if name in freed:
-                raise InputError(f"{name} cannot be sampled: there is one finger only, so fix it or leave it out")
+                raise InputError(f"{name} cannot be sampled, because there is only one finger: fix it or omit it")
             held[name] = 0.0
     for name in membrane.without_effect:
         if name in freed:
-            raise InputError(
-                f"{name} cannot be sampled: the membrane {membrane.name} has no such current; leave it out"
-            )
+            raise InputError(f"{name} cannot be sampled: the membrane {membrane.name} has no such current; omit it")
         held[name] = PARAMETERS[name].prior.median
     return held
 
@@ -223,13 +221,14 @@ def _within_surface(
         low, high = firing.design.interval(p.name)
         if p.prior.support[0] < low * (1 - _ROUNDING) or p.prior.support[1] > high * (1 + _ROUNDING):
             raise InputError(
-                f"prior of {p.name}: {p.prior} reaches beyond {low:g} to {high:g}, where the firing-rate surface ends; "
-                f"expected one that ends there, as {PARAMETERS[p.name].prior} does, or {p.name} fixed"
+                f"prior of {p.name}: {p.prior} reaches beyond {low:g} to {high:g}, the range of the "
+                f"firing-rate surface; expected a prior within that range, as {PARAMETERS[p.name].prior} does, "
+                f"or {p.name} fixed"
             )
     if held.get("alpha", 0.0) > firing.max_current:
         raise InputError(
-            f"alpha is {held['alpha']}, expected at most {firing.max_current:g} µA/cm², where "
-            f"the firing-rate surface ends; fix {', '.join(p.name for p in channels)} too for larger ones"
+            f"alpha is {held['alpha']}, expected at most {firing.max_current:g} µA/cm², the range of the "
+            f"firing-rate surface; fix {', '.join(p.name for p in channels)} too for larger ones"
         )
     return tuple(
         replace(p, range=replace(p.range, high=firing.max_current)) if p.name == "alpha" else p for p in sampled
@@ -242,8 +241,8 @@ def _suitable(parameter: Parameter, prior: Prior) -> Prior:
         inside = float(np.diff(prior.cumulative(ends))[0])
         if inside < 1.0 - CUT_OFF:
             raise InputError(
-                f"prior of {parameter.name}: {1.0 - inside:.2g} of {prior} lies outside {ends[0]:g} to {ends[1]:g} "
-                f"{parameter.unit}, where the model ends; expected a narrower one"
+                f"prior of {parameter.name}: {1.0 - inside:.2g} of {prior} lies outside {ends[0]:g} to "
+                f"{ends[1]:g} {parameter.unit}, the range of the model; expected a narrower prior"
             )
     elif prior.support[0] < 0:
         raise InputError(

@@ -78,4 +78,6 @@ def require_law(name: str, law: Prior) -> None:
         Naming the law.
     """
     if law.support[0] < 0 or not law.median > 0:
-        raise InputError(f"{name}: {law} allows moduli below 0, expected a law above 0 [kPa], as {UNKNOWN_MODULUS}")
+        raise InputError(
+            f"{name}: {law} allows moduli below 0, expected a distribution above 0 [kPa], such as {UNKNOWN_MODULUS}"
+        )

@@ -48,7 +48,7 @@ def parse_prior(text: str) -> Prior:
     law = None if match is None else law_named(match[1])
     if match is None or law is None:
         known = [form_of(law) for law in LAWS.values()] + [f"{name}(...)" for name in installed(PRIORS)]
-        raise InputError(f"prior '{text}': expected {' or '.join(known)}, or {FORM}(...) for a law of your own")
+        raise InputError(f"prior '{text}': expected {' or '.join(known)}, or {FORM}(...) for a custom distribution")
     try:
         numbers = [float(part) for part in match[2].split(",") if part.strip() or law in LAWS.values()]
         prior: Prior = law(*numbers)
@@ -73,7 +73,7 @@ def law_named(name: str) -> type | None:
         return None
     found = supplied(PRIORS, name)
     if not (isinstance(found, type) and is_dataclass(found)):
-        raise InputError(f"prior: {name} is {found!r:.60}, expected a dataclass, as {Law.__name__} asks")
+        raise InputError(f"prior: {name} is {found!r:.60}, expected a dataclass, as {Law.__name__} requires")
     return found
 
 
@@ -106,7 +106,7 @@ def as_priors(given: Mapping[str, Prior | str]) -> dict[str, Prior]:
         If this is not a mapping, or one of them is not a prior.
     """
     if not isinstance(given, Mapping):
-        raise InputError(f"priors: {given!r:.60}, expected a mapping, as in {{'b': 'lognormal(100,0.5)'}}")
+        raise InputError(f"priors: {given!r:.60}, expected a mapping, such as {{'b': 'lognormal(100,0.5)'}}")
     return {name: as_prior(name, prior) for name, prior in given.items()}
 
 
@@ -154,4 +154,4 @@ def require_storable(what: str, prior: Prior) -> None:
         return
     require_reference(f"{what}: {kind.__name__}", kind)
     if parse_prior(str(prior)) != prior:
-        raise InputError(f"{what}: its written form {str(prior)!r} is read as another law; derive it from Law")
+        raise InputError(f"{what}: its written form {str(prior)!r} is read as another distribution; derive it from Law")

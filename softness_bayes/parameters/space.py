@@ -86,8 +86,9 @@ class ParameterSpace:
         """
         if not self.sampled:
             raise InputError(
-                "all parameters are held, so there is nothing to sample: free one; 'softness-bayes sample' with all of "
-                "them fixed, or softness_bayes.runs.evaluation.evaluate in Python, evaluates the model at that point"
+                "all parameters are fixed, so there is nothing to sample: free one. 'softness-bayes sample' "
+                "with all of them fixed, or softness_bayes.runs.evaluation.evaluate in Python, evaluates the "
+                "model at that point"
             )
 
     def natural(self, z: FloatArray) -> FloatArray:
@@ -174,8 +175,8 @@ class ParameterSpace:
                 return theta
             theta[beyond] = np.stack([_draw(p, rng, beyond.size) for p in self.sampled], axis=-1)
         raise InputError(
-            "the priors of the channel multipliers lie where firing begins at a jump, in the corner that the "
-            "firing-rate surface leaves out; hold the multipliers"
+            "the priors of the channel multipliers lie in the corner that the firing-rate surface does not "
+            "cover, where firing begins with a jump; fix the multipliers"
         )
 
     @property
@@ -237,6 +238,6 @@ def _draw(parameter: Parameter, rng: np.random.Generator, size: int) -> FloatArr
             return values
         values[beyond] = parameter.prior.draw(rng, beyond.size)
     raise InputError(
-        f"prior of {parameter.name}: {parameter.prior} lies beyond {parameter.largest:g} {parameter.unit}, "
-        "where the model ends"
+        f"prior of {parameter.name}: {parameter.prior} lies beyond {parameter.largest:g} {parameter.unit}, the "
+        "range of the model"
     )

@@ -106,9 +106,9 @@ def figure_named(name: str) -> Drawing:
         return FIGURES[name]
     if not is_supplied(OWN_FIGURES, name):
         known = ", ".join(every_figure())
-        raise InputError(f"figures: there is no {name!r}; expected some of {known}, or {FORM} for one of your own")
+        raise InputError(f"figures: there is no {name!r}; expected some of {known}, or {FORM} for a custom figure")
     if (file := file_of(name)) in FIGURES:
-        raise InputError(f"figures: {name}: there is a figure {file} already; give yours another name")
+        raise InputError(f"figures: {name}: a figure {file} already exists; use another name")
     return own_drawing(file, supplied(OWN_FIGURES, name))
 
 

@@ -29,8 +29,8 @@ class Evaluation(NamedTuple):
     def sentences(self) -> tuple[str, ...]:
         """Return the evaluation in words, a line each."""
         held = ", ".join(f"{name} {value:g}" for name, value in self.values.items())
-        said = [f"all parameters are held, so there is nothing to sample: {held}"]
-        said.append(f"log-likelihood of the data there: {self.log_likelihood:.10g}")
+        said = [f"all parameters are fixed, so there is nothing to sample: {held}"]
+        said.append(f"log-likelihood of the data at this point: {self.log_likelihood:.10g}")
         if self.inflection is not None:
             at = [f"{one}, at {one.load}" if isinstance(one, LoadGroup) else str(one) for one in self.loads]
             said += [f"under {load}: {self._turn(self.inflection, k)}" for k, load in enumerate(at)]

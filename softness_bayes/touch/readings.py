@@ -169,7 +169,7 @@ def alternative(place: str, name: str) -> Any:
         return ALTERNATIVES[place][name]
     if not is_supplied(place, name):
         known = ", ".join([*ALTERNATIVES[place], *installed(place)])
-        raise InputError(f"reading: {place} has no '{name}'; expected one of {known}, or {FORM} for one of your own")
+        raise InputError(f"reading: {place} has no '{name}'; expected one of {known}, or {FORM} for a custom reading")
     found = supplied(place, name)
     _require_kind(place, found)
     return found

@@ -117,9 +117,9 @@ KINDS = (
     ),
     Kind("a link to itself", in_place_of("ratings.csv", looped), ("ratings.csv", "symbolic links")),
     Kind(
-        "a pipe to which nobody writes",
+        "a pipe without data",
         in_place_of("ratings.csv", os.mkfifo),
-        ("ratings.csv: is a pipe to which nobody writes",),
+        ("ratings.csv: is a pipe without data",),
     ),
     Kind(
         "a huge file",
@@ -145,7 +145,9 @@ KINDS = (
         ("ratings.csv", "Shift-JIS"),
     ),
     Kind(
-        "a workbook by the name of a text file", text(b"PK\x03\x04\0\0"), ("ratings.csv", "let its name end in .xlsx")
+        "a workbook by the name of a text file",
+        text(b"PK\x03\x04\0\0"),
+        ("ratings.csv", "give it a name that ends in .xlsx"),
     ),
     Kind("a Parquet file by that name", text(b"PAR1\0"), ("ratings.csv", "this is a Parquet file")),
     Kind("an old workbook", text(b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1\0"), ("ratings.csv", "save it as .xlsx")),
@@ -159,7 +161,7 @@ KINDS = (
         text(RATINGS.replace("participant", "rating")),
         ("row 1", "2 columns are called 'rating'"),
     ),
-    Kind("a row that is too long", cell("5.5", "5.5,9"), ("ratings.csv: row 2", "'9' stands beyond the 4 columns")),
+    Kind("a row that is too long", cell("5.5", "5.5,9"), ("ratings.csv: row 2", "'9' is beyond the 4 columns")),
     Kind("a cell of a million letters", cell("5.5", "x" * 10**6), ("ratings.csv", "row 2")),
     Kind(
         "a row of ten thousand cells", cell("5.5", "5" + ",1" * 10**4), ("ratings.csv: row 2", "beyond the 4 columns")
@@ -179,7 +181,11 @@ KINDS = (
     Kind("a number in other digits", cell("5.5", "٣"), (WHERE, "got '٣'")),
     Kind("a formula for a rating", cell("5.5", "=1+1"), (WHERE, "got '=1+1'")),
     Kind("HTML for a rating", cell("5.5", "<b>5</b>"), (WHERE, "got '<b>5</b>'")),
-    Kind("a date for a rating", cell("5.5", "2026-11-23"), (WHERE, "has a spreadsheet made a date of a number?")),
+    Kind(
+        "a date for a rating",
+        cell("5.5", "2026-11-23"),
+        (WHERE, "did a spreadsheet program turn a number into a date?"),
+    ),
     Kind("a decimal comma between commas", cell("5.5", '"5,5"'), (WHERE, "--decimal ,")),
     Kind(
         "a number of two meanings",
@@ -289,7 +295,7 @@ KINDS = (
     Kind(
         "a long table that is called wide",
         nothing,
-        ("--wide is for tables with one column per fabric",),
+        ("--wide expects a table with one column per fabric",),
         (*CHECK, "--wide"),
     ),
     Kind(
@@ -318,7 +324,7 @@ KINDS = (
     Kind(
         "a fabric in two rows",
         cell("denim", "voile", "fabrics.csv"),
-        ("fabrics.csv", "row 3, column 'fabric': 'voile' stands in row 2 already"),
+        ("fabrics.csv", "row 3, column 'fabric': 'voile' is already in row 2"),
     ),
     Kind(
         "a modulus of 0",

@@ -208,7 +208,7 @@ def test_a_column_that_may_hold_the_load_is_named_not_passed_over(tmp_path):
     refused(done, "no load column", "--column indentation_mm=Indentation")
     assert "--indentation-mm 2" not in done.stderr.splitlines()[-1]
     assert "1 mm" in call(*asked, "--column", "indentation_mm=Indentation").stdout
-    assert "'Indentation' may hold loads, and is not read" in call(*asked, "--indentation-mm", "2").stdout
+    assert "'Indentation' may contain loads but is not read" in call(*asked, "--indentation-mm", "2").stdout
 
 
 def test_whole_numbers_of_few_values_may_be_categories(tmp_path):

@@ -37,7 +37,8 @@ def test_what_is_constant_within_participants_is_kept_as_written(file):
         "=sum": ("x", "=1+1", "-"),
     }
     assert "ratings.csv: unused columns: mood, empty" in ratings.notes
-    said = "ratings.csv: kept as covariates of participants, which no model uses: age, ID code, group, =sum"
+    said = "ratings.csv: copied to the results as covariates of participants (no model uses them): "
+    said += "age, ID code, group, =sum"
     assert said in ratings.notes
     again = Ratings.read(file(ratings_csv(ratings), "again.csv"))
     assert again.covariates == ratings.covariates
@@ -69,8 +70,8 @@ def test_names_that_tables_have_are_changed_and_said(file):
         "Effect (covariate) (covariate)": ("x", "y"),
         "effect (covariate)": ("u", "v"),
     }
-    note = "ratings.csv: covariate 'Effect' is kept as 'Effect (covariate) (covariate)', since tables have a column "
-    note += "of that name"
+    note = "ratings.csv: covariate 'Effect' is renamed 'Effect (covariate) (covariate)', because tables of the "
+    note += "run have a column of that name"
     assert note in ratings.notes
     assert Ratings.read(file(ratings_csv(ratings))).covariates == ratings.covariates
 
@@ -81,7 +82,7 @@ def test_wide_tables_have_covariates_in_their_rows(file):
     ratings = read_experiment(wide, cloth, force_n=1.0).ratings
     assert ratings.covariates == {"sex": ("f", "m")}
     shown = call("check", "--data", wide, "--fabrics", cloth, "--force-n", 1)
-    assert "kept as covariates of participants, which no model uses: sex" in shown.stdout
+    assert "copied to the results as covariates of participants (no model uses them): sex" in shown.stdout
     told = call("check", "--data", wide, "--fabrics", cloth, "--force-n", 1, "--json")
     assert [one["covariates"] for one in json.loads(told.stdout)["participants"]] == [{"sex": "f"}, {"sex": "m"}]
 

@@ -235,9 +235,9 @@ thick,12,1,,NA,0.25
     np.testing.assert_allclose(fabrics.modulus(length=2e-3), [20e3, 1e4 / 8, 1e6 / 0.75 / 8], rtol=1e-14)
     assert fabrics.poisson_ratio.tolist() == [0.1, 0.3, 0.25]
     assert fabrics.notes == (
-        "ratings.csv: poisson_ratio 0.3 is taken for 1 of 3 fabrics, which have none",
-        "ratings.csv: E_fab by the column taken and by bending_rigidity_n_m differ: all 20 and 10 kPa",
-        "ratings.csv: E_fab by the column taken and by tensile_modulus_mpa and thickness_mm differ: "
+        "ratings.csv: poisson_ratio 0.3 is used for 1 of 3 fabrics without a value",
+        "ratings.csv: E_fab from the column used and from bending_rigidity_n_m differ: all 20 and 10 kPa",
+        "ratings.csv: E_fab from the column used and from tensile_modulus_mpa and thickness_mm differ: "
         "all 20 and 92.6 kPa, rigid 10 and 119 kPa",
     )
 
@@ -318,7 +318,7 @@ RATING_FAULTS = [
     (3, "2.5", "", "column 'indentation_mm': expected a load, got ''"),
     (3, "voile", "", "column 'fabric': expected a name, got ''"),
     (4, "P2", " ", "column 'participant': expected a name, got ''"),
-    (4, "1e1", "1e1,2", "'2' stands beyond the 4 columns of the header"),
+    (4, "1e1", "1e1,2", "'2' is beyond the 4 columns of the header"),
 ]
 
 
@@ -341,7 +341,7 @@ FABRIC_FAULTS = [
         "0.6",
         "column 'poisson_ratio': expected a finite number above -1 and at most 0.5, got '0.6'",
     ),
-    (4, "felt", "voile", "column 'fabric': 'voile' stands in row 2 already"),
+    (4, "felt", "voile", "column 'fabric': 'voile' is already in row 2"),
     (4, "felt", "", "column 'fabric': expected a name, got ''"),
     (
         4,
@@ -379,7 +379,10 @@ def test_a_fault_in_fabrics_is_named(file, row, old, new, problem):
         ("fabric,force_n,feel\na,1,2\n", "--column rating=..."),
         ("fabric,force_n,feel\na,1,2\n", "unused columns: feel"),
         ("fabric,force_n,rating\na,1,\nb,1,NA\n", "column 'rating': there is no rating in any row"),
-        ("Study 1\nfabric,force_n,rating\na,1,2\n", "is 'Study 1' a title? The header has to come first"),
+        (
+            "Study 1\nfabric,force_n,rating\na,1,2\n",
+            "is 'Study 1' a title of the table? The header must be the first row",
+        ),
         ("fabric|force_n|rating\na|1|2\n", "unused columns: fabric|force_n|rating"),
     ],
 )
@@ -402,7 +405,7 @@ def test_without_a_load_the_options_are_named(file):
         assert "--indentation-mm" in message
         assert "--force-n" in message
     assert "this one has 'indentation_mm'" in refusal(Ratings.read, file(RATINGS), force_n=1.0)
-    assert "force_n: expected a number from 1e-09 to 100 (a finger bears no more), got '-1.0'" in refusal(
+    assert "force_n: expected a number from 1e-09 to 100 (a finger cannot bear more), got '-1.0'" in refusal(
         Ratings.read, path, force_n=-1
     )
 
@@ -411,7 +414,7 @@ def test_without_a_load_the_options_are_named(file):
 def test_a_row_fills_one_load_column(file, cells):
     text = f"fabric,indentation_mm,force_n,rating\na,1,,2\nb,{cells},3\n"
     message = refusal(Ratings.read, file(text))
-    assert "row 3, column 'force_n': expected one load, an indentation or a force, got '" in message
+    assert "row 3, column 'force_n': expected one load: an indentation or a force, got '" in message
 
 
 def test_a_point_in_a_file_of_decimal_commas_is_refused(file):
@@ -516,7 +519,10 @@ def test_fabrics_given_by_name_win_over_those_in_the_ratings(file):
     path = file("fabric,effective_modulus_kpa\na,10\nb,20\n", "cloth.csv")
     experiment = read_experiment(file(OWN), path)
     assert experiment.fabrics.modulus().tolist() == [10e3, 20e3]
-    assert any(f"tensile_modulus_mpa not used, the fabrics are those of {path}" in n for n in experiment.notes)
+    assert any(
+        f"tensile_modulus_mpa not used, because properties of fabrics are read from {path}" in n
+        for n in experiment.notes
+    )
 
 
 def test_without_fabrics_the_ways_to_give_them_are_named(file):

@@ -33,7 +33,7 @@ def test_a_number_of_two_meanings_is_refused_with_what_decides(tmp_path, separat
         Ratings.read(path)
     message = str(caught.value)
     assert message.startswith(f"{path}: row 3, column 'rating': '{number}' may be ")
-    assert message.endswith("name the decimal mark with --decimal . or --decimal ,")
+    assert message.endswith("give the decimal mark with --decimal . or --decimal ,")
     mark, other = (",", ".") if "," in number else (".", ",")
     assert Ratings.read(path, decimal=mark).rating.tolist() == [950, 1.234, 800]
     assert Ratings.read(path, decimal=other).rating.tolist() == [950, 1234, 800]
@@ -119,7 +119,7 @@ def test_people_who_look_alike_are_kept_and_named(tmp_path, one, other):
     path.write_text(rows, encoding="utf-8")
     read = Ratings.read(path)
     assert sorted(read.participants) == sorted([one, other])
-    (note,) = (note for note in read.notes if "taken as different" in note)
+    (note,) = (note for note in read.notes if "kept apart" in note)
     assert note.startswith("ratings.csv: column 'participant': ")
     assert ascii(one) in note
     assert ascii(other) in note
@@ -142,7 +142,7 @@ def test_names_that_are_the_same_without_spaces_at_the_end_are_one_and_named(tmp
     assert read.participants == ("P1", "P2")
     # of P2 and b every cell has a space: nothing was put together
     assert read.notes == (
-        "ratings.csv: column 'participant': 'P1' with spaces at the ends and without are taken as the same",
+        "ratings.csv: column 'participant': 'P1' with and without spaces at the ends are treated as the same",
     )
 
 
@@ -197,7 +197,7 @@ def test_one_wide_row_costs_no_more_than_its_length(tmp_path):
     rows = path.read_text()
     path.write_text(f"{rows}P1,a,1,5{',' * 16_379}x\n")
     taken, message = seconds(lambda: Ratings.read(path))
-    assert message.endswith("row 1082: 'x' stands beyond the 4 columns of the header")
+    assert message.endswith("row 1082: 'x' is beyond the 4 columns of the header")
     assert taken < 2
     path.write_text(f"{rows}P1,a,1,5{',' * 16_379}\n")
     assert len(Ratings.read(path)) == 1081  # nothing stands in the cells beyond
@@ -318,7 +318,7 @@ def test_western_text_is_not_taken_for_shift_jis(tmp_path, name):
 @pytest.mark.parametrize(
     ("content", "said"),
     [
-        (b"PK\x03\x04\x00\x00", "this is a workbook: let its name end in .xlsx"),
+        (b"PK\x03\x04\x00\x00", "this is a workbook: give it a name that ends in .xlsx"),
         (b"PAR1\x00", "this is a Parquet file"),
         (b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1\x00", "this is an old workbook: save it as .xlsx"),
         (LATIN.format("a").encode("utf-16-le"), "is it UTF-16 without a byte-order mark? Save it as UTF-8"),
@@ -334,7 +334,7 @@ def test_files_of_other_kinds_are_named(tmp_path, content, said):
 
 @pytest.mark.parametrize("cell", ["2024-02-01", "01.02.2024", "1-Feb", "2/1/24"])
 def test_a_number_that_has_become_a_date_is_named(tmp_path, cell):
-    with pytest.raises(InputError, match="has a spreadsheet made a date of a number"):
+    with pytest.raises(InputError, match="did a spreadsheet program turn a number into a date"):
         Ratings.read(table(tmp_path, ["5", cell]))
 
 

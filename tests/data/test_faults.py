@@ -73,7 +73,7 @@ def test_all_missing_columns_are_named_at_once(file):
     general, absent = refusal(Ratings.read, path).splitlines()[1:]
     assert general.startswith("  no load column (indentation_mm or force_n); give the load of all ratings by one of")
     assert absent.startswith(
-        "  no columns 'fabric' and 'rating', and no --column fabric=... --column rating=... says which they are; known "
+        "  no columns 'fabric' and 'rating', and no --column fabric=... --column rating=... names them; known "
         "columns: participant; unused columns: thing"
     )
     assert "no columns 'participant' and 'force_n', and no" in refusal(Compression.read, file("indentation_mm\n1\n"))
@@ -104,7 +104,7 @@ def test_all_problems_of_fabrics_are_named_and_none_that_follows(file):
         "  row 2, column 'thickness_mm': expected a finite number above 0, got 'x'",
         "  row 3, column 'tensile_modulus_mpa': expected a finite number above 0, got '-1'",
         "  row 3, column 'poisson_ratio': expected a finite number above -1 and at most 0.5, got '0.7'",
-        "  row 4, column 'fabric': 'b' stands in row 3 already",
+        "  row 4, column 'fabric': 'b' is already in row 3",
         "  row 6, column 'thickness_cv': expected a number from 0 to 3, got '9'",
     ]
 

@@ -105,7 +105,9 @@ def test_a_header_unit_beside_a_rename_is_converted_or_refused(file):
             cloth(file, f"{title},tensile_modulus_mpa", "250,2", columns={"thickness_mm": title})
     read = cloth(file, "Thickness (KES),tensile_modulus_mpa", "0.2,2", columns={"thickness_mm": "Thickness (KES)"})
     assert read.thickness.tolist() == [0.2e-3]
-    assert any("'KES' is not a unit, so values are taken as they are for thickness_mm" in note for note in read.notes)
+    assert any(
+        "'KES' is not a unit, so the numbers are read in the unit of thickness_mm" in note for note in read.notes
+    )
 
 
 def test_percentages_of_errors_are_converted(file):
@@ -195,8 +197,8 @@ def test_two_columns_that_may_be_the_same_are_refused_with_what_decides(file):
     with pytest.raises(InputError) as caught:
         Ratings.read(path)
     assert str(caught.value) == (
-        f"{path}: row 1: columns 'softness', 'magnitude' may each be 'rating'; --column rating='softness' or "
-        "--column rating='magnitude' decides"
+        f"{path}: row 1: columns 'softness', 'magnitude' may each be 'rating'; choose one with "
+        "--column rating='softness' or --column rating='magnitude'"
     )
     assert Ratings.read(path, columns={"rating": "magnitude"}).rating.tolist() == [3]
 
@@ -218,7 +220,7 @@ def test_of_two_loads_in_every_row_the_user_takes_one(file):
         Ratings.read(path)
     assert str(caught.value) == (
         f"{path}: every row has an indentation and a force, expected one load; --column indentation_mm='depth [mm]' "
-        "or --column force_n='force [N]' takes one alone"
+        "or --column force_n='force [N]' takes only one of them"
     )
     assert Ratings.read(path, columns={"force_n": "force [N]"}).loads == (Force(2.0), Force(3.0))
 
@@ -296,7 +298,7 @@ def test_titles_that_are_other_words_are_not_called_misspelt(file):
     assert read.notes == (
         "table.csv: column 'nu' is read as poisson_ratio",
         "table.csv: unused columns: t (s), B",
-        "table.csv: no column 'participant': all ratings are taken as those of one participant",
+        "table.csv: no column 'participant': all ratings are treated as those of one participant",
     )
 
 

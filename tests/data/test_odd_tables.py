@@ -40,7 +40,7 @@ def test_units_below_the_titles_are_read(file, title, unit, loads):
     assert found.loads == tuple(map(Force, loads))
     assert (len(found), found.n_missing) == (4, 0)
     assert found.rows.tolist() == [3, 4, 5, 6]
-    assert any("the second row holds units" in note for note in found.notes)
+    assert any("the second row contains units" in note for note in found.notes)
 
 
 def test_units_of_fabrics_are_read(file):
@@ -57,7 +57,7 @@ def test_a_unit_that_a_load_cannot_have_is_refused(file, unit):
 
 def test_a_word_for_a_load_is_named_where_there_is_no_rating(file):
     path = file(f"participant,fabric,force,rating\n,,gramweight,\n{ROWS}")
-    with pytest.raises(InputError, match="row 2, column 'force': expected a number or nothing, got 'gramweight'"):
+    with pytest.raises(InputError, match="row 2, column 'force': expected a number or an empty cell, got 'gramweight'"):
         Ratings.read(path, columns={"force_n": "force"})
 
 
@@ -112,7 +112,7 @@ def test_merged_cells_and_days_of_a_workbook(tmp_path):
     found = read_experiment(tmp_path / "ratings.xlsx").ratings
     assert found.participants == ("2024-02-01", "2024-03-01")
     assert found.participant.tolist() == [0, 0, 1, 1]
-    assert "ratings.xlsx: each row of the merged cells A2:A3, A4:A5 has their value" in found.notes
+    assert "ratings.xlsx: merged cells A2:A3, A4:A5: their value is used in each row" in found.notes
 
 
 # others
@@ -134,5 +134,5 @@ def test_trials_side_by_side_are_named(file):
 
 def test_a_load_of_each_kind_in_every_row_is_one_problem(file):
     head = "participant,fabric,force_n,indentation_mm,rating\n"
-    with pytest.raises(InputError, match="every row has an indentation and a force, expected one load; leave out"):
+    with pytest.raises(InputError, match="every row has an indentation and a force, expected one load; remove"):
         Ratings.read(file(f"{head}A,silk,1,2,5\nB,silk,1,3,7\n"))

@@ -41,8 +41,8 @@ def strange(read):
         ("indentation_mm,8.1", "'indentation_mm': expected a number from 1e-06 to 8 (a fingertip's radius is 8 mm)"),
         ("indentation_mm,1000", "'indentation_mm': expected a number from 1e-06 to 8 (a fingertip's radius is 8 mm)"),
         ("depth_um,8100", "'depth_um': expected a number from 0.001 to 8000 µm (a fingertip's radius is 8 mm)"),
-        ("force_n,2000", "'force_n': expected a number from 1e-09 to 100 (a finger bears no more)"),
-        ("force_n,101", "'force_n': expected a number from 1e-09 to 100 (a finger bears no more)"),
+        ("force_n,2000", "'force_n': expected a number from 1e-09 to 100 (a finger cannot bear more)"),
+        ("force_n,101", "'force_n': expected a number from 1e-09 to 100 (a finger cannot bear more)"),
     ],
 )
 def test_loads_beyond_a_finger_are_refused(file, load, expected):
@@ -86,7 +86,9 @@ def test_ratings_that_only_look_like_codes_are_read(file, ratings):
 
 
 def test_ratings_that_are_all_equal_are_named(file):
-    assert strange(rated(file, 5, 5, 5)) == ["table.csv: looks wrong: all 3 ratings are 5, so they tell nothing"]
+    assert strange(rated(file, 5, 5, 5)) == [
+        "table.csv: looks wrong: all 3 ratings are 5, so they contain no information"
+    ]
     assert strange(rated(file, 5, 5, 6)) == []
 
 
@@ -121,9 +123,8 @@ def test_properties_that_no_cloth_has_are_named(file, columns, values, named):
 
 def test_two_moduli_of_one_cloth_are_compared(file):
     text = "fabric,bending_rigidity_n_m,tensile_modulus_mpa,thickness_mm,poisson_ratio\nvoile,{},3.2,0.22,0.18\n"
-    named = (
-        "fabrics.csv: E_fab by the column taken and by tensile_modulus_mpa and thickness_mm differ: voile 2.94 and 3.46"
-    )
+    named = "fabrics.csv: E_fab from the column used and from tensile_modulus_mpa and thickness_mm differ: "
+    named += "voile 2.94 and 3.46"
     notes = Fabrics.read(file(text.format("2.94e-6"), "fabrics.csv")).notes
     assert notes == (f"{named} kPa",)
     assert Fabrics.read(file(text.format("3.4e-6"), "fabrics.csv")).notes == ()

@@ -76,7 +76,7 @@ def test_a_column_per_fabric_with_loads_in_rows_or_given(file):
         assert_same(Ratings.read(path, **options), long_form(file, rows))
     given = Ratings.read(file("subject,voile,denim\nP1,5,6\n"), CLOTH, force_n=1.5)
     assert (given.loads, given.fabrics) == ((Force(1.5),), ("voile", "denim"))
-    assert "a table with one column per fabric is read with --wide" in refusal(file("subject,voile,denim\nP1,5,6\n"))
+    assert "if the table has one column per fabric, add --wide" in refusal(file("subject,voile,denim\nP1,5,6\n"))
 
 
 def refusal(*args, **options):
@@ -112,10 +112,14 @@ def test_what_may_be_a_misspelt_fabric_is_refused(file):
     ("header", "options", "problem"),
     [
         ("participant,fabric,rating", {"wide": True}, "this one has a column 'fabric' for the fabric of each row"),
-        ("participant,x,y", {"wide": True, "fabrics": CLOTH}, "no column is called like a fabric, such as denim, felt"),
-        ("indentation_mm,voile_1mm,denim_1mm", {}, "loads stand in titles ('voile_1mm') and in 'indentation_mm'"),
+        (
+            "participant,x,y",
+            {"wide": True, "fabrics": CLOTH},
+            "no column has the name of a fabric, such as denim, felt",
+        ),
+        ("indentation_mm,voile_1mm,denim_1mm", {}, "loads are in headers ('voile_1mm') and in 'indentation_mm'"),
         ("participant,voile_9999mm,denim_9999mm", {}, "no column"),
-        ("participant,voile_1mm,denim_1mm", {"force_n": 1.0}, "are for tables without a load column"),
+        ("participant,voile_1mm,denim_1mm", {"force_n": 1.0}, "apply only to tables without a load column"),
     ],
 )
 def test_wide_tables_that_contradict_are_refused(file, header, options, problem):

@@ -169,9 +169,11 @@ def test_ratings_and_fabrics_on_two_sheets(tmp_path, names):
 
 def test_sheets_of_which_several_may_be_meant_are_named(tmp_path):
     path = book(tmp_path / "study.xlsx", monday=RATINGS, tuesday=RATINGS)
-    with pytest.raises(InputError, match="2 of the sheets 'monday', 'tuesday' may hold the ratings; call that one"):
+    with pytest.raises(
+        InputError, match="2 of the sheets 'monday', 'tuesday' may contain the ratings; rename the right one to"
+    ):
         Ratings.read(path)
-    with pytest.raises(InputError, match="none of the sheets 'monday', 'tuesday' may hold the fabrics"):
+    with pytest.raises(InputError, match="none of the sheets 'monday', 'tuesday' may contain the fabrics"):
         Fabrics.read(path)
 
 
@@ -200,7 +202,7 @@ def test_damaged_workbooks_and_others_are_refused(tmp_path):
             Ratings.read(path)
     old = tmp_path / "ratings.xls"
     old.write_bytes(b"\xd0\xcf\x11\xe0")
-    with pytest.raises(InputError, match=r"\.xls files are not read, expected \.csv, \.xlsx or \.parquet"):
+    with pytest.raises(InputError, match=r"\.xls files cannot be read; save the table as \.csv, \.xlsx or \.parquet"):
         Ratings.read(old)
 
 

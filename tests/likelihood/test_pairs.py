@@ -116,17 +116,17 @@ def test_rows_of_pairs_become_two_rows():
     assert ratings.rating.tolist() == [1.0, 0.0, 0.0, 1.0, 0.5, 0.5]
     assert ratings.lists.tolist() == [0, 0, 1, 1, 2, 2]
     assert ratings.paired
-    assert any("1 says that fabric was softer than fabric_2" in note for note in ratings.notes)
+    assert any("1 means that fabric was softer than fabric_2" in note for note in ratings.notes)
 
 
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
         ("2,1\n", "2,7\n", "expected 1 if the first fabric of the pair was softer, .* got '7'"),
-        ("a,b,2", "a,a,2", "expected another fabric than 'a', got the same"),
+        ("a,b,2", "a,a,2", "expected two different fabrics, got 'a' twice"),
         ("c,b,2", "c,z,2", "'z' is not a fabric"),
         ("c,b,2", "c,,2", "fabric_2"),
-        ("rating\n", "rating,list\n", "each row is a pair, which is a list of its own"),
+        ("rating\n", "rating,list\n", "each row is already a pair, so a list has no meaning"),
     ],
 )
 def test_tables_of_pairs_that_are_refused(old, new, message):

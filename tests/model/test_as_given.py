@@ -114,7 +114,7 @@ def test_exact_simulated_numbers_keep_the_closed_form():
     experiment, _ = simulated()
     model = build(experiment, QUICK)
     assert type(model.posterior.observation).__name__ == "LogRatings"
-    assert model.given.note == "ratings: taken as exact numbers"
+    assert model.given.note == "ratings: treated as exact numbers"
     assert (model.options.errors, "errors" in model.options.decided) == (NORMAL, True)
     assert ModelOptions.from_record(model.options.record()) == model.options
     assert "omega" in model.posterior.space.held
@@ -126,8 +126,11 @@ def test_whole_numbers_are_intervals_and_zeros_are_kept():
     assert (experiment.ratings.rating % 1 == 0).all()
     model = build(experiment, QUICK)
     assert model.posterior.observation.ends is not None
-    assert "answer on grids of numbers, with steps of 1 (1" in model.given.note
-    assert f"{(experiment.ratings.rating == 0).sum()} ratings of 0 count as numbers below" in model.given.note
+    assert "round their answers to steps of 1 (1" in model.given.note
+    assert (
+        f"{(experiment.ratings.rating == 0).sum()} ratings of 0 are censored: they count as numbers below"
+        in model.given.note
+    )
     theta = model.posterior.space.draw_prior(np.random.default_rng(1), 20)
     value = model.posterior.log_likelihood(theta)
     assert np.isfinite(value).all()
@@ -177,12 +180,12 @@ def test_what_has_no_model_is_refused():
     with pytest.raises(InputError, match=r"ratings are 0, and fabrics' own deviations \(a prior of omega\)"):
         build(experiment, own)
     some, _ = simulated()
-    with pytest.raises(InputError, match=r"fabrics' own deviations .* for exact numbers with normal errors alone"):
+    with pytest.raises(InputError, match=r"fabrics' own deviations .* need exact numbers with normal errors"):
         build(some, replace(own, errors=STUDENT))
-    with pytest.raises(InputError, match=r"raters' own fingers \(--individual\) are modelled for exact numbers"):
+    with pytest.raises(InputError, match=r"raters' own fingers \(--individual\) need exact numbers"):
         build(some, replace(QUICK, individual=("b",), resolution=1.0))
     scores = np.resize([-1.0, 0.5, 1.0], len(some.ratings))
-    with pytest.raises(InputError, match="standardised ratings are modelled for exact numbers"):
+    with pytest.raises(InputError, match="standardised ratings need exact numbers"):
         as_given(replace(some.ratings, rating=scores), ModelOptions(scale=STANDARDISED, errors=LAPSES))
     silent = replace(some.ratings, rating=np.zeros(len(some.ratings)))
     with pytest.raises(InputError, match="expected ratings above 0, got none"):
@@ -306,10 +309,10 @@ def test_lists_may_be_named():
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"lists": np.arange(96)}, "no list has two places, so there is no order"),
+        ({"lists": np.arange(96)}, "no list has two different ranks, so there is no order"),
         ({"lists": np.zeros(96, int)}, "a list holds the places of several participants"),
         ({"rating": np.ones(96), "lists": np.arange(96) // 12}, r"row 2, column 'rating': 12 touches .* have place 1"),
-        ({"resolution": np.ones(96)}, r"ranks have no --resolution \(or a column resolution\); leave it out"),
+        ({"resolution": np.ones(96)}, r"ranks have no --resolution \(or a column resolution\); omit it"),
     ],
 )
 def test_what_is_no_order_is_refused(change, message):

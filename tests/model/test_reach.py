@@ -47,13 +47,13 @@ def test_soft_cloth_is_out_of_reach_and_the_note_says_by_how_much():
     scene = scene_of(SOFT, (Force(0.1),), values_of(), MENDED, discretisation=COARSE)
     here = reach(scene, touch_parameters(values))
     said = reach_of_priors(SOFT, (Force(0.1),), MENDED)
-    assert said.startswith("most of what is asked lies outside of the model's reach: of 30 pairs of fabric and load")
+    assert said.startswith("most fabrics and loads are outside the range of the model: of 30 pairs of fabric and load")
     assert f"no receptor fires in {percent(here.silent.mean())}" in said
-    assert f"{percent(here.within.mean())} are within reach" in said
+    assert f"{percent(here.within.mean())} are within the range" in said
     # a larger force is named, and brings what it says
     better = scene_of(SOFT, (Force(1.0),), values_of(), MENDED, discretisation=COARSE)
     share = reach(better, touch_parameters(values)).within.mean()
-    assert f"Within reach would be {percent(share)} under 1 N" in said
+    assert f"Within the range would be {percent(share)} under 1 N" in said
     thin = Fabrics(("gauze", "tulle"), effective_modulus=np.array([10.0, 20.0]))
     hopeless = reach_of_priors(thin, (Force(1.0),), MENDED)
     assert "No load from 0.05 N to 5 N, with --priors in-vivo or without," in hopeless
@@ -81,7 +81,7 @@ def test_the_commands_say_it_first(tmp_path):
     (tmp_path / "fabrics.csv").write_text("\n".join(["fabric,effective_modulus_kpa", *cloth]))
     rows = [f"P{k},{name},0.1,{10 + k + j}" for k in range(3) for j, name in enumerate(names)]
     (tmp_path / "ratings.csv").write_text("\n".join(["participant,fabric,force_n,rating", *rows]))
-    begin = f"warning: most of what is asked lies outside of the model's reach: of {len(names)} pairs"
+    begin = f"warning: most fabrics and loads are outside the range of the model: of {len(names)} pairs"
     checked = call("check", "--data", tmp_path / "ratings.csv")
     assert checked.returncode == 0, checked.stderr
     assert checked.stdout.startswith(begin)

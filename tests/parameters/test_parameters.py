@@ -44,7 +44,7 @@ def test_alpha_ends_where_its_rate_curves_end():
     wide = parameter_space(fix=channels, priors={"alpha": LogNormal(100, 1)})
     assert largest(wide) == LARGEST_CURRENT
     assert wide.draw_prior(np.random.default_rng(0), 500)[:, 2].max() < LARGEST_CURRENT
-    with pytest.raises(InputError, match="where the model ends"):
+    with pytest.raises(InputError, match="the range of the model"):
         parameter_space(priors={"alpha": LogNormal(140, 0.01)}).draw_prior(np.random.default_rng(0), 5)
 
 
@@ -110,7 +110,7 @@ def test_choices_of_the_user():
         ({"prior_set": "in-vitro"}, "expected one of default, in-vivo"),
         ({"n_participants": 1, "free": ["tau"]}, "one participant"),
         ({"fix": {"alpha": 151}}, "alpha is 151, expected a number from 1e-06 to 150 µA/cm²"),
-        ({"fix": {"alpha": 61}}, "alpha is 61, expected at most 60 µA/cm², where the firing-rate surface ends"),
+        ({"fix": {"alpha": 61}}, "alpha is 61, expected at most 60 µA/cm², the range of the firing-rate surface"),
         ({"priors": {"c_K": LogNormal(1.16, 0.1)}}, r"prior of c_K: .* reaches beyond 1\.044 to 1\.276"),
     ],
 )

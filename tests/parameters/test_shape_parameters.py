@@ -70,7 +70,7 @@ def test_laws_that_leave_the_range_are_refused():
 
 def test_a_value_to_hold_is_one_of_the_finger():
     for name in SHAPE_PARAMETERS:
-        with pytest.raises(InputError, match=f"^{name} is held at the finger's value, which --finger {name}_mm=VALUE"):
+        with pytest.raises(InputError, match=f"^{name} is a value of the finger: set it with --finger {name}_mm=VALUE"):
             parameter_space(fix={name: 0.8})
     with pytest.raises(InputError, match="radius: the model of these data has no such parameter"):
         parameter_space(priors=LAWS, absent=["radius"])

@@ -179,7 +179,7 @@ def test_observed_orders_are_read(tmp_path):
     assert read_order(path) == {"lawn": -1.5, "drill": -3.0}
     for text, message in (
         ("fabric,thickness_mm\nlawn,1\n", "expected a column 'rank' or a column 'rating'"),
-        ("fabric,rank,rating\nlawn,1,2\n", "one of both"),
+        ("fabric,rank,rating\nlawn,1,2\n", "but not both"),
         ("fabric,rank\nlawn,\n", "row 2, column 'rank': is empty"),
         ("fabric,rank\nlawn,0\n", "row 2, column 'rank': expected a finite number above 0"),
         ("rank\n1\n", "fabric"),

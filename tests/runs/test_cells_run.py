@@ -97,7 +97,7 @@ def test_tables_of_cells_go_from_simulate_to_check(tmp_path):
 @pytest.mark.parametrize(
     ("options", "said"),
     [
-        ({"resolution": 1.0}, "means of several raters are modelled for exact numbers with normal errors alone"),
+        ({"resolution": 1.0}, "means of several raters need exact numbers with normal errors"),
         ({"individual": ("b",)}, "individual"),
         ({"load_cv": 0.1}, "errors of loads .load_cv. are not modelled for aggregated ratings"),
     ],

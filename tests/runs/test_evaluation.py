@@ -54,8 +54,8 @@ def test_sample_evaluates_says_so_and_writes_nothing(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     done = CliRunner().invoke(main, ["sample", "--data", str(DATA / "ratings.csv"), *fixed(EVERY)])
     assert done.exit_code == 0, done.output
-    assert "all parameters are held, so there is nothing to sample" in done.output
-    assert "log-likelihood of the data there: -" in done.output
+    assert "all parameters are fixed, so there is nothing to sample" in done.output
+    assert "log-likelihood of the data at this point: -" in done.output
     assert done.output.count("\nunder ") >= 2
     assert "nothing is written" in done.output
     assert not list(tmp_path.iterdir())
@@ -67,7 +67,7 @@ def test_forces_alone_are_evaluated_too(tmp_path, monkeypatch):
     path.write_text("participant,indentation_mm,force_n\nA,1,0.3\nA,2,1.5\nB,1,0.25\nB,2,1.2\n")
     done = CliRunner().invoke(main, ["sample", "--compression", str(path), *fixed(SKIN)])
     assert done.exit_code == 0, done.output
-    assert "log-likelihood of the data there: " in done.output
+    assert "log-likelihood of the data at this point: " in done.output
     assert "under" not in done.output
     forces = Compression.read(path)
     assert evaluate(build_skin(forces, ModelOptions(fix=SKIN)).posterior).inflection is None

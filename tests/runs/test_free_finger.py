@@ -130,7 +130,7 @@ def test_calibration_draws_them_from_the_prior():
 def test_a_finger_with_two_sources_is_refused():
     for name, value in (("radius", 7.5), ("receptor_depth", 0.6)):
         options = ModelOptions(fix=HELD, priors={name: LAWS[name]}, finger=finger_of({f"{name}_mm": value}))
-        with pytest.raises(InputError, match=f"{name} is given a prior, and a value by the finger"):
+        with pytest.raises(InputError, match=f"{name} is given both a prior and a value of the finger"):
             build(experiment(), options)
 
 
@@ -138,7 +138,7 @@ def test_forces_of_a_plate_are_those_of_one_radius():
     rng = np.random.default_rng(1)
     forces = simulate_compression(rng, usual_values(MENDED, n_fingers=3), fingers=3).compression
     rated = experiment()._replace(compression=forces)
-    with pytest.raises(InputError, match="radius is given a prior, but the forces of compression data"):
+    with pytest.raises(InputError, match="radius is given a prior, but the model of compression data"):
         build(rated, ModelOptions(fix=HELD, priors={"radius": LAWS["radius"]}))
     with pytest.raises(InputError, match="radius: the model of these data has no such parameter"):
         build_skin(forces, ModelOptions(priors={"radius": LAWS["radius"]}))

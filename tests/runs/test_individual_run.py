@@ -150,7 +150,7 @@ def test_the_notes_say_who_was_pressed():
     said = warnings(whole, ModelOptions(), as_given(whole.ratings, ModelOptions()))
     assert any("2 of 5 raters" in line for line in said)
     others = replace(whole.compression, participants=("F1", "F2", "F3", "F4"))
-    assert "taken as different people" in people_note(whole._replace(compression=others), alike)
+    assert "treated as different people" in people_note(whole._replace(compression=others), alike)
 
 
 def test_what_cannot_be_combined_is_refused():

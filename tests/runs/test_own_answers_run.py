@@ -99,11 +99,11 @@ def test_what_cannot_be_combined_is_refused():
     one = made._replace(ratings=replace(made.ratings, participants=made.ratings.participants[:1], participant=alone))
     with quickly():
         for of, options, message in (
-            (one, {}, "one participant only, whose exponents cannot be told from the typical one's"),
+            (one, {}, "one participant only, whose exponents cannot be distinguished from the typical one's"),
             (made, {"priors": {"omega": HalfNormal(0.3)}}, "own exponents and fabrics' own deviations .* be combined"),
             (made, {"load_cv": 0.05}, "own exponents and errors of loads .* cannot be combined"),
-            (made, {"errors": STUDENT}, "own exponents .* normal errors alone"),
-            (made, {"resolution": 1.0}, "own exponents .* are modelled for exact numbers"),
+            (made, {"errors": STUDENT}, "own exponents .* normal errors"),
+            (made, {"resolution": 1.0}, "own exponents .* need exact numbers"),
             (experiment(standardised=True), {"scale": STANDARDISED}, "own exponents need magnitude estimates"),
         ):
             with pytest.raises(InputError, match=message):

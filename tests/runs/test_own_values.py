@@ -51,7 +51,7 @@ def test_a_run_with_values_of_ones_own_is_saved_and_read(own_run):
     assert result.provenance.priors["m"] == Gamma(4, 2)
     assert NAMED["pressure"] in result.readings.label
     assert len(result.plot(own_values.b_sorted).axes) == 1
-    with pytest.raises(InputError, match=r"of your own, fails: KeyError: 'nothing'"):
+    with pytest.raises(InputError, match=r"custom figure .*failing.* fails: KeyError: 'nothing'"):
         result.plot(own_values.failing)
     with pytest.raises(InputError, match="expected a Drawing, or a function"):
         result.plot(f"{OWN}:NOT_A_FIGURE")
@@ -159,7 +159,7 @@ LOCAL = replace(HERTZ, name="mine")
         ({"scale": own_values.NOT_A_MODEL}, r"the model of nothing has no 'scale', expected all that"),
         ({"scale": own_values.LACKING}, r"the model of lacking: typical fails: ZeroDivisionError: no idea"),
         ({"scale": replace(own_values.AGREEMENT, model=None)}, r"the scale 'agreement' has no 'model' of its own"),
-        ({"scale": own_values.AGREEMENT, "resolution": 1.0}, r"of your own, says what its numbers and errors are"),
+        ({"scale": own_values.AGREEMENT, "resolution": 1.0}, r"defines its own numbers and errors"),
         ({"readings": Readings(membrane=LEAKY)}, r"channel multipliers cannot be sampled with the membrane leaky"),
         (
             {"readings": Readings(skin_displacement=replace(DISPLACEMENT, name="cubic", power=3))},
@@ -199,7 +199,7 @@ def test_a_law_defined_inside_a_function_is_refused(monkeypatch):
         ("pressure=support.own_values:SEVERE", "has no 'SEVERE'"),
         ("pressure=no_such_module:MILD", "there is no module 'no_such_module'"),
         ("pressure=support.own_values:OWN_LINE", "expected a Pressure"),
-        ("pressure=hertzz", "or MODULE:NAME for one of your own"),
+        ("pressure=hertzz", "or MODULE:NAME for a custom reading"),
         ("presure=hertz", "no place 'presure'"),
     ],
 )

@@ -76,7 +76,7 @@ def test_only_rows_of_a_flat_plate_count(table):
     text = "participant,indentor,indentation_mm,force_n\nA,Flat_Plate,1,0.2\nA,point,1,9\n"
     read = Compression.read(table(text))
     assert_allclose(read.force, [0.2])
-    assert any("1 of 2 rows are not of a flat plate" in note for note in read.notes)
+    assert any("1 of 2 rows have another indentor than a flat plate" in note for note in read.notes)
 
 
 @pytest.mark.parametrize(
@@ -211,7 +211,7 @@ def test_one_finger_has_no_spread_and_a_plate_knows_no_current(shipped):
     posterior = build_skin(alone, WIDE).posterior
     assert posterior.names == ("b", "m", "varsigma_f")
     assert (posterior.space.held["tau_b"], posterior.space.held["tau_m"]) == (0.0, 0.0)
-    with pytest.raises(InputError, match="tau_b cannot be sampled: there is one finger only"):
+    with pytest.raises(InputError, match="tau_b cannot be sampled, because there is only one finger"):
         build_skin(alone, dataclasses.replace(WIDE, priors={"tau_b": LogNormal(0.1, 1)}))
     with pytest.raises(InputError, match="gamma: the model of these data has no such parameter"):
         build_skin(shipped, dataclasses.replace(WIDE, fix={"gamma": 1.0}))

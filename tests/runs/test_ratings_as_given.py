@@ -52,7 +52,7 @@ def test_ratings_are_kept_as_filed_and_as_they_are_understood(results, given, tm
     assert options_of(loaded).errors is STUDENT
     assert options_of(loaded).direction is FREE
     assert "zero" not in loaded.provenance.rating_model.rating_note
-    assert "of 0 count as numbers below" in loaded.provenance.rating_model.rating_note
+    assert "of 0 are censored: they count as numbers below" in loaded.provenance.rating_model.rating_note
 
 
 def test_both_directions_are_weighed(results):

@@ -204,7 +204,7 @@ def test_a_folder_of_tables(tmp_path):
         ("table,ratings\nA,a.csv\n", "column 'ratings'"),
         ("table\nA\n", "no column 'data'"),
         ("table,data\nA,a.csv\nB,\n", "row 3, column 'data'"),
-        ("table,data\nA,a.csv\na,b.csv\n", "'a' is named twice"),
+        ("table,data\nA,a.csv\na,b.csv\n", "'a' is listed twice"),
         ("table,data\n../A,a.csv\n", "expected a name of letters"),
     ],
 )
