@@ -10,17 +10,19 @@ from numpy.typing import NDArray
 
 from softness_bayes.bench.subject import BATCH, Effort, Subject, quickest
 from softness_bayes.model.resolution import first
+from softness_bayes.touch.field import SeveralFields, StressField
 
 Array = NDArray[np.float64]
 
 EXPONENTIALS, ROOTS, DIVISIONS = 1, 2, 3
-"""For each node: expm1(-t²); s and y; the sigmoid, 1/s and (1 - y)/y."""
+"""For each node of the rate's gain: expm1(-t²); s and the root of the stress; the sigmoid, s / t and the speed."""
 
 TOGETHER = 16
 """Vectors whose bare operations are done in one call: enough for array speed, few enough for the cache."""
 
-SKIN_STEPS, SKIN_EXPONENTIALS = 3, 3
-"""Operations of the search for the skin's modulus, for each condition: e^w, and softplus with exp and log."""
+SKIN_STEPS, SKIN_EXPONENTIALS = 1, 3
+"""Operations of the search for the skin's modulus from a start, for each condition: e^w, and softplus with exp and
+log."""
 
 
 class Limit(NamedTuple):
@@ -48,26 +50,34 @@ class Limit(NamedTuple):
 def limit(of: Subject, effort: Effort) -> Limit:
     """Count and time the operations.
 
-    The polynomials of a node are those of the stress field's inverse (three passes of a Clenshaw recurrence each
-    order), of the rate's slope and of the receptor count (two of Horner's).
+    At each node of a condition that fires, the polynomials are those of the stress field's inverse (two passes of
+    Horner's rule each order, or three of a Clenshaw recurrence) and of the receptor count, and there is one division,
+    1/y. The rate's gain has a polynomial too. Conditions beyond saturation share its nodes, so that it is evaluated
+    once for each vector, and again for each condition whose peak is not beyond saturation.
     """
     scene = of.model.scene
     some = first(of.draws.parameters, BATCH)
-    contact = scene.contact(some)
-    orders = len(scene.stress_profile(contact).shape)
-    rates = scene.firing.curves(some).coefficients.shape[-1]
-    count = scene.count.coefficients[0].size
-    nodes = scene.discretisation.nodes + 2
-    conditions = scene.n_conditions
-    lanes = round(float((scene.total_rate(some) > 0).sum(axis=-1).mean()) * nodes)
-    passes = 3 * orders + 2 * (rates + count)
-    adds = lanes * (2 * orders + rates + count)
-    exponentials = lanes * EXPONENTIALS + conditions * SKIN_STEPS * SKIN_EXPONENTIALS
-    roots, divisions = lanes * ROOTS, lanes * DIVISIONS
-    traffic = 8.0 * (3 * passes * lanes + 2 * (exponentials + roots + divisions))
+    contact, curve = scene.contact(some), scene.firing.curves(some)
+    one_finger = [field for field in scene.fields if isinstance(field, StressField)]
+    fields = SeveralFields(one_finger, scene.columns, powers=True)
+    profile = fields.at(contact.reduced_modulus, contact.radius).whole()
+    orders, rates, count = len(profile.shape), curve.coefficients.shape[-1], scene.count.coefficients[0].size
+    nodes, conditions = scene.discretisation.nodes + 1, scene.n_conditions
+    odds = some.alpha / curve.rheobase - 1.0
+    with np.errstate(invalid="ignore"):
+        reach = some.beta[:, None] * (profile.peak - some.sigma_0[:, None]) + np.log(odds)[:, None]
+    fires, near = ((reach > 0.0) & (reach <= most) for most in (np.inf, scene.discretisation.saturation))
+    firing = round(float(fires.sum(axis=-1).mean()))
+    lanes, gains = firing * nodes, round((1.0 + float(near.sum(axis=-1).mean())) * nodes)
+    of_field = (2 if profile.powers else 3) * orders
+    at_lanes, at_gains = of_field + 2 * count, 2 * rates
+    adds = lanes * (2 * orders + count) + gains * rates
+    exponentials = gains * EXPONENTIALS + firing + conditions * SKIN_STEPS * SKIN_EXPONENTIALS
+    roots, divisions = gains * ROOTS + firing, gains * DIVISIONS + lanes
+    traffic = 8.0 * (3 * (at_lanes * lanes + at_gains * gains) + 2 * (exponentials + roots + divisions))
     rng = np.random.default_rng(0)
-    at_nodes, at_conditions = (rng.uniform(0.1, 0.9, (BATCH // TOGETHER, TOGETHER * n)) for n in (lanes, conditions))
-    work = partial(_bare, at_nodes, at_conditions, passes)
+    points = [rng.uniform(0.1, 0.9, (BATCH // TOGETHER, TOGETHER * n)) for n in (lanes, gains, conditions)]
+    work = partial(_bare, points, at_lanes, at_gains)
     matrix = np.random.default_rng(1).uniform(size=(256, 256))
     product = quickest(lambda: matrix @ matrix, effort.repeats)
     return Limit(
@@ -82,18 +92,24 @@ def limit(of: Subject, effort: Effort) -> Limit:
     )
 
 
-def _bare(at_nodes: Array, at_conditions: Array, passes: int) -> None:
+def _bare(points: list[Array], passes_at_lanes: int, passes_at_gains: int) -> None:
     """Do the operations of a batch, block by block, each of which fits the cache."""
-    y, skin = np.empty_like(at_nodes[0]), np.empty_like(at_conditions[0])
-    for x, e in zip(at_nodes, at_conditions, strict=True):
+    for x, gain, skin in zip(*points, strict=True):
+        y, speed, root = np.empty_like(x), np.empty_like(gain), np.empty_like(skin)
         for _ in range(SKIN_STEPS * SKIN_EXPONENTIALS):
-            np.exp(e, out=skin)
+            np.exp(skin, out=root)
         for _ in range(EXPONENTIALS):
-            np.expm1(x, out=y)
+            np.expm1(gain, out=speed)
         for _ in range(ROOTS):
-            np.sqrt(x, out=y)
+            np.sqrt(gain, out=speed)
         for _ in range(DIVISIONS):
-            np.divide(x, y, out=y)
-        for _ in range(passes // 2):
-            np.multiply(y, x, out=y)
-            np.add(y, x, out=y)
+            np.divide(gain, speed, out=speed)
+        _polynomials(gain, speed, passes_at_gains)
+        np.divide(1.0, x, out=y)
+        _polynomials(x, y, passes_at_lanes)
+
+
+def _polynomials(x: Array, y: Array, passes: int) -> None:
+    for _ in range(passes // 2):
+        np.multiply(y, x, out=y)
+        np.add(y, x, out=y)

@@ -35,7 +35,7 @@ from softness_bayes.model.other_loads import beside, touched_in
 from softness_bayes.model.posterior import Density, Posterior
 from softness_bayes.model.pressed import pressed_raters
 from softness_bayes.model.resolution import prior_draws, resolution_for
-from softness_bayes.model.scenes import scene_of
+from softness_bayes.model.scenes import scene_of, skin_of_priors
 from softness_bayes.parameters.choice import parameter_space
 from softness_bayes.parameters.coordinates import Bent, Coordinate, Scaled
 from softness_bayes.parameters.declared import ERROR_PARAMETERS, FINGER_PARAMETERS, PARAMETERS, SHAPE_PARAMETERS
@@ -45,7 +45,7 @@ from softness_bayes.touch import accuracy
 from softness_bayes.touch.load_groups import groups_of
 from softness_bayes.touch.scene import Discretisation, Scene
 
-COARSE = Discretisation(8, 9.0, 1e-4)
+COARSE = Discretisation(8, 6.0, 1e-4)
 """Resolution sufficient to order fabrics by firing."""
 
 ALPHA_WIDTH = 0.3
@@ -371,6 +371,7 @@ def _compiler(
             options.finger,
             moduli,
             box_of_priors(space.sampled, options.finger),
+            skin_of_priors(space),
         )
 
     return compiled

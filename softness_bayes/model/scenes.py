@@ -15,6 +15,7 @@ from softness_bayes.model.fingers import box_of_values
 from softness_bayes.parameters.choice import parameter_space
 from softness_bayes.parameters.declared import ANSWER_PARAMETERS, ERROR_PARAMETERS, EVERY_PARAMETER, SHAPE_PARAMETERS
 from softness_bayes.parameters.fabric_moduli import FabricModuli
+from softness_bayes.parameters.space import ParameterSpace
 from softness_bayes.touch.contact import Finger, FingerBox, Load
 from softness_bayes.touch.neuron.fixed_channels import Firing, FixedChannels
 from softness_bayes.touch.neuron.membrane import Channels, Membrane
@@ -22,6 +23,7 @@ from softness_bayes.touch.neuron.surface import FiringSurface
 from softness_bayes.touch.parameters import TouchParameters
 from softness_bayes.touch.readings import Readings
 from softness_bayes.touch.scene import Discretisation, Scene
+from softness_bayes.touch.skin_start import SkinBox
 
 
 def touch_parameters(values: Mapping[str, ArrayLike]) -> TouchParameters:
@@ -122,6 +124,7 @@ def scene_of(
     finger: Finger = Finger(),
     moduli: FabricModuli | None = None,
     finger_box: FingerBox | None = None,
+    skin_box: SkinBox | None = None,
 ) -> Scene:
     """Compile the scene of some fabrics under some loads.
 
@@ -146,6 +149,8 @@ def scene_of(
         Moduli of the fabrics, possibly uncertain; by default the measured ones.
     finger_box
         Radii and receptor depths that the scene covers; by default those among `values`.
+    skin_box
+        Parameters of the skin that most calls have, as `Scene` takes them.
     """
     modulus = fabrics.modulus(readings.fabric_modulus) if moduli is None else np.array(moduli.middle)
     firing = firing_of(values, readings.membrane, noise, discretisation.rate_nodes)
@@ -161,4 +166,23 @@ def scene_of(
         discretisation=discretisation,
         modulus_range=None if moduli is None or moduli.known else moduli.extent,
         finger_box=finger_box or box_of_values(values, finger),
+        skin_box=skin_box,
     )
+
+
+_TAILS = np.array([3e-4, 1.0 - 3e-4])  # of the priors, about 3.4 standard deviations of a normal law
+_LEAST_SHARE = 0.01  # of the largest value
+
+
+def skin_of_priors(space: ParameterSpace) -> SkinBox | None:
+    """Return the skin's parameters that a run usually meets, in SI; None where its exponent is held at 0."""
+    priors = {p.name: p.prior for p in space.sampled}
+
+    def ends(name: str) -> tuple[float, float]:
+        low, high = 2 * [space.held[name]] if name in space.held else priors[name].quantile(_TAILS)
+        # laws that reach down to 0 have no logarithm there
+        low, si = max(float(low), _LEAST_SHARE * float(high)), EVERY_PARAMETER[name].si
+        return si * low, si * float(high)
+
+    box = SkinBox(ends("b"), ends("m"))
+    return box if min(box.b[0], box.m[0]) > 0.0 else None

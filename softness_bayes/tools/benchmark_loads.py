@@ -12,7 +12,6 @@ import csv
 import sys
 import time
 from collections.abc import Mapping, Sequence
-from contextlib import ExitStack
 from pathlib import Path
 from typing import NamedTuple
 from unittest.mock import patch
@@ -24,7 +23,7 @@ from softness_bayes.bench.subject import BATCH
 from softness_bayes.model.resolution import first, prior_draws
 from softness_bayes.model.scenes import curve_of_held
 from softness_bayes.parameters.choice import parameter_space
-from softness_bayes.touch import scene, shared_fields
+from softness_bayes.touch import shared_fields
 from softness_bayes.touch.contact import Force, Indentation, Load
 from softness_bayes.touch.neuron.membrane import PAPER_CHANNELS
 from softness_bayes.touch.parameters import TouchParameters
@@ -47,7 +46,7 @@ MOST_APART = 300
 
 CONDITIONS, REPEATS = 360, 5
 MODULI = np.geomspace(5e3, 5e6, 12)
-COMPILED, USED, CLOSE = (Discretisation(9, 10.0, tolerance) for tolerance in (1e-5, 3e-4, 1e-7))
+COMPILED, USED, CLOSE = (Discretisation(9, 6.0, tolerance) for tolerance in (1e-5, 3e-4, 1e-7))
 """Resolution that scenes are compiled for, that they are cut to (as runs of the usual accuracy), and the reference."""
 
 
@@ -74,9 +73,7 @@ def measured(kind: str, count: int, apart: bool, parameters: TouchParameters) ->
     pairs = np.unique(np.stack([np.arange(n) * count // n, np.arange(n) % MODULI.size]), axis=1)
     firing = curve_of_held(PAPER_CHANNELS, MENDED.membrane, 0.0, COMPILED.rate_nodes)
     limit = sys.maxsize if apart else shared_fields.MANY_LOADS
-    with ExitStack() as stack:
-        for module in (shared_fields, scene):
-            stack.enter_context(patch.object(module, "MANY_LOADS", limit))
+    with patch.object(shared_fields, "MANY_LOADS", limit):
         shared_fields.forget()
         begun = time.process_time()
         whole = Scene(MODULI, 0.3, loads, firing, pairs[1], pairs[0], readings=MENDED, discretisation=COMPILED)

@@ -59,7 +59,7 @@ CHANCE = 1e-4
 
 _SIDE, _NEGLIGIBLE = 25, 1e-5  # of the grids: points along a parameter, share of the peak that is left out
 _TEMPERED = 30.0, 4.0, 1.0, 1.0  # what log densities are divided by: points may miss a narrow peak
-_COARSE = Discretisation(nodes=8, saturation=9.0, field_tolerance=1e-3)
+_COARSE = Discretisation(nodes=8, saturation=6.0, field_tolerance=1e-3)
 _SAMPLED = ("gamma", "varsigma")
 
 

@@ -33,8 +33,9 @@ from softness_bayes.touch.neuron.firing import CurveError, exact_curve
 from softness_bayes.touch.neuron.limit_cycle import steady_orbit
 from softness_bayes.touch.neuron.membrane import Channels
 from softness_bayes.touch.neuron.onset import Onset, onset
+from softness_bayes.touch.neuron.polynomials import TotalDegree
 from softness_bayes.touch.neuron.rate import simulated
-from softness_bayes.touch.neuron.surface import ERRORS, TABLES, FiringSurface, TotalDegree
+from softness_bayes.touch.neuron.surface import ERRORS, TABLES, FiringSurface
 from softness_bayes.touch.neuron.surface_design import DESIGNS, Border, Design
 from softness_bayes.touch.neuron.vector_field import Cells
 

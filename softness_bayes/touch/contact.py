@@ -228,34 +228,44 @@ class ManyLoads:
     """
 
     def __init__(self, loads: Sequence[Load]) -> None:
-        self._deep = np.array([k for k, load in enumerate(loads) if isinstance(load, Indentation)], dtype=np.intp)
-        self._pressed = np.array([k for k, load in enumerate(loads) if isinstance(load, Force)], dtype=np.intp)
-        self._depth = np.array([load.depth for load in loads if isinstance(load, Indentation)])
-        self._newton = np.array([load.newton for load in loads if isinstance(load, Force)])
+        self._deep = np.array([isinstance(load, Indentation) for load in loads])
+        # what a load does not hold is not a number
+        self._depth = np.array([load.depth if isinstance(load, Indentation) else np.nan for load in loads])
+        self._newton = np.array([load.newton if isinstance(load, Force) else np.nan for load in loads])
 
-    def close(self, reduced_modulus: Array, finger: Fingertip) -> Array:
-        """Return contact radius, indentation and force for E_star [Pa] of shape (batch, conditions), along one axis."""
-        found = np.empty((3, *reduced_modulus.shape))
-        found[:, :, self._deep] = _close_at_depth(self._depth, reduced_modulus[:, self._deep], finger)
-        found[:, :, self._pressed] = _close_at_force(self._newton, reduced_modulus[:, self._pressed], finger)
-        return found
+    def radius(self, reduced_modulus: Array, finger: Fingertip) -> Array:
+        """Return the contact radius [m] for E_star [Pa], both of shape (batch, conditions)."""
+        held = np.sqrt(finger.radius * self._depth)
+        if self._deep.all():
+            return np.broadcast_to(held, reduced_modulus.shape)
+        return np.where(self._deep, held, _radius_at_force(self._newton, reduced_modulus, finger))
+
+    def close(self, reduced_modulus: Array, finger: Fingertip) -> Closure:
+        """Return contact radius, indentation and Hertz's force for E_star [Pa] of shape (batch, conditions)."""
+        radius = self.radius(reduced_modulus, finger)
+        indentation = np.where(self._deep, self._depth, radius**2 / finger.radius)
+        return Closure(
+            radius, indentation, np.where(self._deep, hertz_force(reduced_modulus, radius, finger), self._newton)
+        )
 
     def log_scales(self, finger: Fingertip, displacement: SkinDisplacement) -> Array:
         """Return ln C of `skin_modulus`, shape (batch, conditions), of fingers of shape (batch, 1)."""
-        found = np.empty((np.size(finger.radius), self._deep.size + self._pressed.size))
-        found[:, self._deep] = _log_scale_of_depth(self._depth, finger, displacement)
-        found[:, self._pressed] = _log_scale_of_force(self._newton, finger, displacement)
-        return found
+        deep = _log_scale_of_depth(self._depth, finger, displacement)
+        return np.where(self._deep, deep, _log_scale_of_force(self._newton, finger, displacement))
 
 
-def _close_at_depth(depth: float | Array, reduced_modulus: Array, finger: Fingertip) -> Closure:
+def _close_at_depth(depth: float, reduced_modulus: Array, finger: Fingertip) -> Closure:
     radius = np.full_like(reduced_modulus, np.sqrt(finger.radius * depth))
     return Closure(radius, np.full_like(reduced_modulus, depth), hertz_force(reduced_modulus, radius, finger))
 
 
-def _close_at_force(newton: float | Array, reduced_modulus: Array, finger: Fingertip) -> Closure:
-    radius = np.cbrt(0.75 * finger.radius * newton / reduced_modulus)
+def _close_at_force(newton: float, reduced_modulus: Array, finger: Fingertip) -> Closure:
+    radius = _radius_at_force(newton, reduced_modulus, finger)
     return Closure(radius, radius**2 / finger.radius, np.full_like(reduced_modulus, newton))
+
+
+def _radius_at_force(newton: float | Array, reduced_modulus: Array, finger: Fingertip) -> Array:
+    return np.cbrt(0.75 * finger.radius * newton / reduced_modulus)
 
 
 def _log_scale_of_depth(depth: float | Array, finger: Fingertip, displacement: SkinDisplacement) -> float | Array:

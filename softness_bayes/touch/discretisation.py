@@ -10,8 +10,8 @@ class Discretisation:
     """Resolution of a scene; the defaults have errors of about 1e-5 of the peak response."""
 
     nodes: int = 12
-    """Gauss nodes of the population integral for each condition."""
-    saturation: float = 12.0
+    """Nodes of the population integral for each condition."""
+    saturation: float = 8.0
     """Extent of the integral along the sigmoid, in units of its exponent beyond the rheobase."""
     field_tolerance: float = 3e-6
     """Error allowed in the tabulated stress field."""

@@ -15,7 +15,8 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Sequence
-from typing import NamedTuple
+from itertools import pairwise
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.polynomial import chebyshev
@@ -24,7 +25,7 @@ from numpy.typing import NDArray
 from softness_bayes.errors import InputError, NumericalError
 from softness_bayes.touch.contact import Finger, Load
 from softness_bayes.touch.inversion import Inversion, values_to_coefficients
-from softness_bayes.touch.neuron.polynomials import chebyshev_values, clenshaw
+from softness_bayes.touch.neuron.polynomials import chebyshev_values, clenshaw, horner, in_powers_of
 from softness_bayes.touch.readings import Readings
 from softness_bayes.touch.receptors import kink_distances
 
@@ -41,6 +42,10 @@ layer near y = 1."""
 MODULUS_NODES = (24, 48, 96, 160)
 """Chebyshev nodes in ln(E_star + shift), likewise."""
 
+ROUNDING = 1e-2
+"""Share of a field's tolerance that may be lost where its series in T_k are made series in powers, and where that of
+the peak is cut."""
+
 
 class Profile(NamedTuple):
     """The field at a batch of reduced moduli, ready to be evaluated at any stress."""
@@ -48,19 +53,39 @@ class Profile(NamedTuple):
     peak: Array
     """Stress on the axis [Pa], shape (...)."""
     shape: Array
-    """Coefficients of Q [m²] in T_k of y scaled to its range, shape (order, ...)."""
+    """Coefficients of Q [m²] in T_k of y scaled to [-1, 1] over its range, shape (order, ...)."""
     y_least: Array
     """Lower end of that range, of a shape that broadcasts with the peak's."""
+    powers: bool = False
+    """Whether the coefficients are those of powers instead, which take less time."""
+
+    def among(self, mask: NDArray[np.bool_]) -> tuple[NDArray[np.intp], Profile]:
+        """Return indices into the flattened batch of the elements of a mask, and their profile along one axis."""
+        at = np.flatnonzero(mask)
+        return at, self.take(at)
 
     def take(self, at: NDArray[np.intp]) -> Profile:
         """Return the profile of selected elements of the flattened batch, along one axis."""
         least = np.broadcast_to(self.y_least, self.peak.shape)
-        return Profile(self.peak.take(at), self.shape.reshape(len(self.shape), -1).take(at, axis=1), least.take(at))
+        shape = self.shape.reshape(len(self.shape), -1).take(at, axis=1)
+        return Profile(self.peak.take(at), shape, least.take(at), self.powers)
 
     def squared_distance(self, y: Array) -> Array:
         """Return rho² [m²] where the stress is y^(1/root) of its peak, of the shape of `y`: (..., *batch)."""
-        least = self.y_least
-        return clenshaw(self.shape, (2.0 * y - (1.0 + least)) * (1.0 / (1.0 - least))) * (1.0 - y) / y
+        rise = 2.0 / (1.0 - self.y_least)
+        scaled = y * rise - (rise - 1.0)
+        return (horner if self.powers else clenshaw)(self.shape, scaled) * (1.0 / y - 1.0)
+
+
+class Fields(Protocol):
+    """The field at a batch of reduced moduli, of which only some elements may be needed at every stress."""
+
+    @property
+    def peak(self) -> Array:
+        """Stress on the axis [Pa], shape (batch, conditions)."""
+
+    def among(self, mask: NDArray[np.bool_]) -> tuple[NDArray[np.intp], Profile]:
+        """Return indices into the flattened batch of the elements of a mask, and their profile along one axis."""
 
 
 class StressField:
@@ -133,7 +158,7 @@ class StressField:
         return self._inversion.rows(*self._touch(modulus), shape_nodes, self.y_least)
 
     def _moduli(self, x: Array) -> Array:
-        """Return the moduli [Pa] at points of the table's range scaled to [-1, 1]: the inverse of `scaled`."""
+        """Return the moduli [Pa] at points of the range of ln(E_star + shift), scaled to [-1, 1]."""
         low, high = self.log_range
         return np.exp(0.5 * (low + high) + 0.5 * (high - low) * x) - self.shift
 
@@ -173,16 +198,16 @@ class StressField:
         found = rows[:, 1:] @ chebyshev.chebvander(across, self.table.shape[1] - 2).T
         return float(max(np.abs(rows[:, 0] - peak).max() / peak_scale, np.abs(found - shape).max() / shape_scale))
 
-    def scaled(self, modulus: Array) -> Array:
-        """Return ln(E_star + shift) scaled to [-1, 1] over the table's range."""
-        low, high = self.log_range
-        return (2.0 * np.log(modulus + self.shift) - (low + high)) * (1.0 / (high - low))
-
 
 def profiles(
     fields: Sequence[StressField], columns: Sequence[NDArray[np.intp]], modulus: Array, radius: Array
 ) -> Profile:
-    """Return the fields of several loads at reduced moduli, concatenated.
+    """Return the fields of several loads at reduced moduli, side by side; arguments as `SeveralFields` takes them."""
+    return SeveralFields(fields, columns).at(modulus, radius).whole()
+
+
+class SeveralFields:
+    """The fields of several loads, side by side.
 
     Parameters
     ----------
@@ -190,35 +215,111 @@ def profiles(
         One for each load.
     columns
         The conditions under each load.
-    modulus, radius
-        E_star [Pa] and contact radius [m], shape (batch, conditions).
-
-    Raises
-    ------
-    NumericalError
-        If a modulus is not a positive finite number.
+    powers
+        Whether profiles may be series in powers, where that loses no more than `ROUNDING` of the tolerance.
     """
-    if not ((modulus > 0) & np.isfinite(modulus)).all():
-        raise NumericalError("stress field: a reduced modulus is not positive and finite")
-    x = np.empty_like(modulus)
-    for field, where in zip(fields, columns, strict=True):
-        x[:, where] = field.scaled(modulus[:, where])
-    basis = chebyshev_values(np.minimum(np.maximum(x, -1.0), 1.0), max(field.table.shape[0] for field in fields))
-    beyond = np.abs(x) > 1 + 1e-12
-    order = max(field.table.shape[1] for field in fields) - 1
-    shape, unit, y_least = np.zeros((order, *x.shape)), np.empty_like(x), np.empty(x.shape[1])
-    for field, where in zip(fields, columns, strict=True):
-        terms, width = field.table.shape
-        there = basis[:terms, :, where]
-        rows = (field.table.T @ there.reshape(terms, -1)).reshape(width, *there.shape[1:])
-        if (outside := beyond[:, where]).any():
-            rows[:, outside] = field.exact_rows(modulus[:, where][outside])[:, :width].T
-        unit[:, where] = rows[0]
-        shape[: width - 1, :, where] = rows[1:]
-        y_least[where] = field.y_least
-    first = fields[0]
-    shape *= first.size(modulus, radius)
-    return Profile(first.readings.pressure.amplitude(modulus, radius, first.finger) * unit, shape, y_least)
+
+    def __init__(
+        self, fields: Sequence[StressField], columns: Sequence[NDArray[np.intp]], powers: bool = False
+    ) -> None:
+        self.fields, self.columns = fields, columns
+        self.powers = powers and all(_keeps_digits_in_powers(field) for field in fields)
+        series = [in_powers_of(field.table[:, 1:]) if self.powers else field.table[:, 1:] for field in fields]
+        # transposed: a matrix product with the polynomials gives rows
+        # transposed: a matrix product with the polynomials gives rows
+        self.series = [np.ascontiguousarray(part.T) for part in series]
+        conditions = sum(where.size for where in columns)
+        self.terms = max(field.table.shape[0] for field in fields)
+        self.order = max(field.table.shape[1] for field in fields) - 1
+        self.shift, self.rise, self.fall, self.y_least = np.empty((4, conditions))
+        of_peak = [_peak_series(field) for field in fields]
+        self.of_peak = np.zeros((max(part.size for part in of_peak), conditions))
+        for field, where, peak in zip(fields, columns, of_peak, strict=True):
+            low, high = field.log_range
+            # ln(E_star + shift) is scaled to [-1, 1] over the table's range
+            self.rise[where], self.fall[where] = 2.0 / (high - low), (low + high) / (high - low)
+            self.shift[where], self.y_least[where] = field.shift, field.y_least
+            self.of_peak[: peak.size, where] = peak[:, None]
+
+    def at(self, modulus: Array, radius: Array) -> FieldsAt:
+        """Return the fields at E_star [Pa] and the contact radius [m], both of shape (batch, conditions).
+
+        Raises
+        ------
+        NumericalError
+            If a modulus is not a positive finite number.
+        """
+        return FieldsAt(self, modulus, radius)
+
+
+class FieldsAt:
+    """The fields of several loads at reduced moduli: peaks at once, profiles where they are asked for.
+
+    Parameters
+    ----------
+    several, modulus, radius
+        As `SeveralFields.at` takes them.
+
+    Attributes
+    ----------
+    peak
+        Stress on the axis [Pa], shape (batch, conditions).
+    """
+
+    def __init__(self, several: SeveralFields, modulus: Array, radius: Array) -> None:
+        if not ((modulus > 0) & np.isfinite(modulus)).all():
+            raise NumericalError("stress field: a reduced modulus is not positive and finite")
+        self._of, self._modulus, self._radius = several, modulus, radius
+        x = np.log(modulus + several.shift)
+        x *= several.rise
+        x -= several.fall
+        self._beyond = np.abs(x) > 1 + 1e-12
+        self._basis = chebyshev_values(np.minimum(np.maximum(x, -1.0), 1.0), several.terms)
+        unit = np.einsum("kbn,kn->bn", self._basis[: len(several.of_peak)], several.of_peak)
+        if self._beyond.any():
+            for field, where in zip(several.fields, several.columns, strict=True):
+                if (outside := self._beyond[:, where]).any():
+                    rows, columns = np.nonzero(outside)
+                    unit[rows, where[columns]] = field.exact_rows(modulus[rows, where[columns]])[:, 0]
+        first = several.fields[0]
+        self.peak = first.readings.pressure.amplitude(modulus, radius, first.finger) * unit
+
+    def whole(self) -> Profile:
+        """Return the profile of all elements."""
+        at, part = self.among(np.ones(self.peak.shape, dtype=bool))
+        shape = np.empty_like(part.shape)
+        shape[:, at] = part.shape
+        return Profile(self.peak, shape.reshape(len(shape), *self.peak.shape), self._of.y_least, part.powers)
+
+    def among(self, mask: NDArray[np.bool_]) -> tuple[NDArray[np.intp], Profile]:
+        """Return indices into the flattened batch of the elements of a mask, load by load, and their profile."""
+        several, conditions = self._of, self.peak.shape[1]
+        parts = [np.nonzero(mask[:, where]) for where in several.columns]
+        lanes = [row * conditions + where[column] for (row, column), where in zip(parts, several.columns, strict=True)]
+        at, ends = np.concatenate(lanes), np.cumsum([0, *(part.size for part in lanes)])
+        basis = self._basis.reshape(several.terms, -1).take(at, axis=1)
+        shape, modulus, beyond = np.empty((several.order, at.size)), self._modulus.take(at), self._beyond.take(at)
+        for field, series, (start, stop) in zip(several.fields, several.series, pairwise(ends.tolist()), strict=True):
+            order, terms = series.shape
+            np.matmul(series, basis[:terms, start:stop], out=shape[:order, start:stop])
+            shape[order:, start:stop] = 0.0
+            if (outside := beyond[start:stop]).any():
+                exact = field.exact_rows(modulus[start:stop][outside])[:, 1 : order + 1]
+                shape[:order, start:stop][:, outside] = (in_powers_of(exact) if several.powers else exact).T
+        shape *= several.fields[0].size(modulus, self._radius.take(at))
+        return at, Profile(self.peak.take(at), shape, several.y_least.take(at % conditions), several.powers)
+
+
+def _keeps_digits_in_powers(field: StressField) -> bool:
+    lost = np.finfo(float).eps * np.abs(in_powers_of(field.table[:, 1:])).sum()
+    return bool(lost <= ROUNDING * field.tolerance * np.abs(field.table[0, 1]))
+
+
+def _peak_series(field: StressField) -> Array:
+    """Return the terms of the peak's series without which it would lose more than `ROUNDING` of the tolerance."""
+    series = field.table[:, 0]
+    left = np.abs(series)[::-1].cumsum()[::-1]
+    return series[: max(int((left > ROUNDING * field.tolerance * left[0]).sum()), 1)]
 
 
 def side_by_side(parts: Sequence[tuple[NDArray[np.intp], Profile]]) -> Profile:

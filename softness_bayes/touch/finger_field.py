@@ -25,7 +25,15 @@ from numpy.typing import NDArray
 
 from softness_bayes.errors import InputError, NumericalError
 from softness_bayes.touch.contact import Finger, FingerBox, Fingertip, Fingertips, Force, Load
-from softness_bayes.touch.field import MODULUS_NODES, SHAPE_NODES, Profile, StressField, side_by_side
+from softness_bayes.touch.field import (
+    MODULUS_NODES,
+    SHAPE_NODES,
+    Fields,
+    Profile,
+    SeveralFields,
+    StressField,
+    side_by_side,
+)
 from softness_bayes.touch.field import profiles as profiles_of_one_finger
 from softness_bayes.touch.inversion import Inversion, values_to_coefficients
 from softness_bayes.touch.load_field import LoadField, profiles_of_loads
@@ -253,6 +261,28 @@ class FingerField:
         inversion = replace(self._inversion, farthest=self._farthest / depth.min())
         y_least = float(inversion.y_least(relative, decay).min())
         return inversion.rows(relative, decay, self.shape_nodes, y_least), y_least
+
+
+class FieldsOfLoads:
+    """The stress fields of the loads of a scene, side by side, for one finger or for one of each row.
+
+    Parameters
+    ----------
+    fields, columns
+        As `softness_bayes.touch.field.SeveralFields` takes them; all fields of one kind.
+    """
+
+    def __init__(self, fields: Sequence[StressField | FingerField], columns: Sequence[NDArray[np.intp]]) -> None:
+        self._fields, self._columns = fields, columns
+        one = [field for field in fields if isinstance(field, StressField)]
+        shared = any(isinstance(field, LoadField) for field in one)
+        self._several = SeveralFields(one, columns, powers=True) if one and not shared else None
+
+    def at(self, modulus: Array, radius: Array, finger: Fingertip) -> Fields:
+        """Return the fields at reduced moduli and contact radii; arguments as `profiles` takes them."""
+        if self._several is not None:
+            return self._several.at(modulus, radius)
+        return profiles(self._fields, self._columns, modulus, radius, finger)
 
 
 def profiles(

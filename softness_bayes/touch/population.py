@@ -8,7 +8,7 @@ total rate is the integral of nu over the receptors; by parts it is
 (plus nu just above the rheobase times M there, if the rate starts with a jump). With
 u = beta (sigma - sigma_0) and u = u_rheobase + t² the integrand is smooth in t on all of [0, T]:
 the substitution removes the square root at the onset of the rate, and M has no singularity at the
-peak of the stress. A few Gauss nodes therefore suffice for each condition. M is evaluated through the
+peak of the stress. A few nodes therefore suffice for each condition. M is evaluated through the
 tabulated field. The range is cut only where the responding patch crosses an edge or corner of the pad.
 """
 
@@ -18,13 +18,15 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import eval_legendre, roots_jacobi
 
-from softness_bayes.touch.field import Profile
+from softness_bayes.touch.field import Fields, Profile
 from softness_bayes.touch.neuron.firing import RateCurve
 from softness_bayes.touch.neuron.polynomials import horner
 from softness_bayes.touch.receptors import ReceptorCount
 
 Array = NDArray[np.float64]
+Index = NDArray[np.intp]
 
 WIDE = 0.02
 """Share of the peak stress below which the edge of a patch makes it wide: the pole of M at stress 0 is then close."""
@@ -66,7 +68,7 @@ class Population:
     count
         Number of receptors within a distance.
     nodes
-        Gauss nodes in t for each condition.
+        Nodes in t for each condition, without the one at the peak.
     saturation
         Upper limit of u - u_rheobase. Beyond it the sigmoid is within exp(-saturation) of its limit, and the rest
         of the rate is one term for all receptors.
@@ -74,49 +76,99 @@ class Population:
 
     def __init__(self, root: float, count: ReceptorCount, nodes: int, saturation: float) -> None:
         self.root, self.count, self.saturation = root, count, saturation
+        # M is known at both ends, which Lobatto's rule uses: at the onset it is needed anyway, at the peak it is 0
+        inside = roots_jacobi(nodes - 1, 1.0, 1.0)[0]
+        self.part = np.concatenate([[0.0], 0.5 * (inside + 1.0), [1.0]])
+        at_nodes = eval_legendre(nodes, 2.0 * self.part - 1.0)
+        self.weight = 1.0 / (nodes * (nodes + 1) * at_nodes**2)
         x, weight = np.polynomial.legendre.leggauss(nodes)
-        # the two ends have weight 0: they serve the count of responding receptors, and the rest beyond saturation
-        self.part = np.concatenate([[0.0], 0.5 * (x + 1.0), [1.0]])
-        self.weight = np.concatenate([[0.0], 0.5 * weight, [0.0]])
+        # of Gauss's rule the two ends have weight 0: they serve the count of responding receptors, and the rest beyond
+        # saturation
+        self.gauss_part = np.concatenate([[0.0], 0.5 * (x + 1.0), [1.0]])
+        self.gauss_weight = np.concatenate([[0.0], 0.5 * weight, [0.0]])
 
-    def sums(self, profile: Profile, drive: Drive, intervals: bool = False) -> Sums:
+    def sums(self, fields: Fields, drive: Drive, intervals: bool = False) -> Sums:
         """Integrate over the receptors for a batch of parameter vectors and all conditions.
 
         Parameters
         ----------
-        profile
+        fields
             The stress fields, shape (batch, conditions).
         drive
             Transduction and firing.
         intervals
-            Whether to sum the inter-spike intervals too, which takes half as long again.
+            Whether to sum the inter-spike intervals too, which takes as long again.
         """
         onset = _Onset.of(drive)
-        reach = np.maximum(onset.beta[:, None] * (profile.peak - onset.stress[:, None]), 0.0)
+        reach = onset.beta[:, None] * (fields.peak - onset.stress[:, None])
         # conditions without firing, often a third of all, are skipped
-        firing = np.flatnonzero(reach)
-        vector = firing // reach.shape[1]
+        lanes, profile = fields.among(reach > 0.0)
         sums = Sums(*(np.zeros(reach.size) for _ in Sums._fields))
-        found = self._firing(profile.take(firing), onset.take(vector), reach.take(firing), intervals)
-        for whole, part in zip(sums, found, strict=True):
-            whole[firing] = part
+        if lanes.size:
+            found = self._firing(profile, onset, lanes // reach.shape[1], reach.take(lanes), intervals)
+            for whole, part in zip(sums, found, strict=True):
+                whole[lanes] = part
         return Sums(*(whole.reshape(reach.shape) for whole in sums))
 
-    def _firing(self, profile: Profile, onset: _Onset, reach: Array, intervals: bool) -> Sums:
-        """Integrate conditions in which receptors fire, all arrays along one axis.
+    def _firing(self, profile: Profile, onset: _Onset, vector: Index, reach: Array, intervals: bool) -> Sums:
+        """Integrate conditions in which receptors fire, all arrays along one axis, with the vector of each.
 
         Arrays over nodes have the nodes on an axis before that one, so that NumPy's inner loops run over the
         conditions, of which there are many more than nodes.
         """
-        top = np.sqrt(np.minimum(reach, self.saturation))
-        nodes = _Nodes(top * self.part[:, None], top * self.weight[:, None])
-        extent, sums = self._inner(profile, onset, reach, nodes, None, intervals)
-        wide = np.flatnonzero((extent > self.count.kinks[0] ** 2) | (onset.stress < WIDE * profile.peak))
+        root, gain = self._steps(onset, vector, reach)
+        extent = profile.squared_distance(self._y(profile, root))
+        within = self.count(extent)
+        sums = Sums(np.einsum("kn,kn->n", gain, within), within[0], np.zeros_like(reach))
+        if intervals:
+            top = np.sqrt(np.minimum(reach, self.saturation))
+            nodes = _Nodes(top * self.gauss_part[:, None], top * self.gauss_weight[:, None])
+            found = self._inner(profile, onset.take(vector), reach, nodes, within[0], True)
+            sums = sums._replace(interval=found.interval)
+        stress = onset.stress.take(vector)
+        wide = np.flatnonzero((extent[0] > self.count.kinks[0] ** 2) | (stress < WIDE * profile.peak))
         if wide.size:
-            beyond = self._wide(profile.take(wide), onset.take(wide), reach[wide], intervals)
+            beyond = self._wide(profile.take(wide), onset.take(vector[wide]), reach[wide], intervals)
             for whole, part in zip(sums, beyond, strict=True):
                 whole[wide] = part
         return sums
+
+    def _steps(self, onset: _Onset, vector: Index, reach: Array) -> _Steps:
+        """Return the nodes of conditions from the onset to the peak, or to saturation and beyond.
+
+        Conditions whose peak is beyond saturation have the same nodes, if they share a parameter vector. Beyond it the
+        gain in u falls like exp(-u), but for terms of exp(-2 u). The last node has that gain too, and lies at the mean
+        of both, which makes the error one of the second order there.
+        """
+        limit = self.saturation
+        shared = self._steps_to(onset, np.full_like(onset.beta, np.sqrt(limit)))
+        # all that is gained beyond saturation, relative to the gain at the last node
+        rest = (1.0 + onset.odds * np.exp(-limit)) / (2.0 * limit * self.weight[-1])
+        root, gain = (part.take(vector, axis=1) for part in shared)
+        beyond = np.maximum(reach - limit, 1e-300)
+        share = -np.expm1(-beyond)
+        more = rest.take(vector) * share
+        gain[-1] *= 1.0 + more
+        mean = 1.0 - beyond * (1.0 - share) / share
+        stress = onset.stress.take(vector) + (limit + mean * more / (1.0 + more)) / onset.beta.take(vector)
+        root[-1] = self._root(stress)
+        near = np.flatnonzero(reach <= limit)
+        root[:, near], gain[:, near] = self._steps_to(onset.take(vector[near]), np.sqrt(reach[near]))
+        return _Steps(root, gain)
+
+    def _steps_to(self, onset: _Onset, top: Array) -> _Steps:
+        t = top * self.part[:, None]
+        gain = (top * self.weight[:, None]) * onset.gain(t)
+        gain[0] += onset.rate_0
+        return _Steps(self._root(onset.stress_at(t)), gain)
+
+    def _root(self, stress: Array) -> Array:
+        """Return the power of stresses whose share of that of the peak is y."""
+        positive = np.maximum(stress, 0.0)
+        return np.sqrt(positive) if self.root == 0.5 else positive**self.root
+
+    def _y(self, profile: Profile, root: Array) -> Array:
+        return np.minimum(np.maximum(root * (1.0 / self._root(profile.peak)), profile.y_least), 1.0)
 
     def _inner(
         self,
@@ -124,47 +176,35 @@ class Population:
         onset: _Onset,
         reach: Array,
         nodes: _Nodes,
-        responding: Array | None,
+        responding: Array,
         intervals: bool,
-    ) -> tuple[Array, Sums]:
-        """Integrate from the first node to the peak, where the patch lies within the pad's first kink.
-
-        Return the squared distance at the first node, and the sums. Unless it is given, the number of responding
-        receptors is the number within that distance.
-        """
+    ) -> Sums:
+        """Integrate from the first node to the peak, where the patch lies within the pad's first kink."""
         t = nodes.t
-        extent = profile.squared_distance(self._y(profile, onset.stress_at(t)))
+        extent = profile.squared_distance(self._y(profile, self._root(onset.stress_at(t))))
         within = self.count(extent)
         gain = nodes.weight * onset.gain(t)
         saturated, rest = reach > self.saturation, np.zeros_like(reach)
         rest[saturated] = self.count.anywhere(extent[-1][saturated])
         at_top, at_peak = onset.rate(np.stack([t[-1], np.sqrt(reach)]))
         rate = (gain * within).sum(axis=0) + rest * (at_peak - at_top)
-        if responding is None:
-            responding = within[0]
-            rate += onset.rate_0 * responding
         interval = np.zeros_like(rate)
         if intervals:
             with np.errstate(divide="ignore", invalid="ignore"):
                 interval = (gain[1:-1] * (responding - within[1:-1]) / onset.rate(t[1:-1]) ** 2).sum(axis=0)
                 interval += (responding - rest) / at_top + rest / at_peak
-        return extent[0], Sums(rate, responding, interval)
-
-    def _y(self, profile: Profile, stress: Array) -> Array:
-        relative = np.maximum(stress, 0.0) / profile.peak
-        power = np.sqrt(relative) if self.root == 0.5 else relative**self.root
-        return np.minimum(np.maximum(power, profile.y_least), 1.0)
+        return Sums(rate, responding, interval)
 
     def _wide(self, profile: Profile, onset: _Onset, reach: Array, intervals: bool) -> Sums:
         """Integrate, interval by interval, where the patch may reach past the pad's first kink."""
         kinks = self.count.kinks
         t_kinks = np.minimum(self._t_at(profile, onset, kinks), np.sqrt(reach))
-        responding = self.count.anywhere(profile.squared_distance(self._y(profile, onset.stress)))
+        responding = self.count.anywhere(profile.squared_distance(self._y(profile, self._root(onset.stress))))
         # the integral ends at saturation if that comes first
         top = np.sqrt(np.minimum(reach, self.saturation))
         bottom = np.minimum(t_kinks[0], top)
         nodes = self._stretched(onset, bottom, top)
-        _, inner = self._inner(profile, onset, reach, nodes, responding, intervals)
+        inner = self._inner(profile, onset, reach, nodes, responding, intervals)
         # from the outermost kink inwards; below its t every receptor of the pad fires
         whole = onset.rate(np.minimum(t_kinks[-1], bottom)) - onset.rate_0
         rate = inner.rate + onset.rate_0 * responding + self.count.total * whole
@@ -174,10 +214,10 @@ class Population:
             if not (near > outer).any():
                 continue
             # just outside a kink the count grows like a square root, which x² makes smooth
-            part = self.part[:, None]
+            part = self.gauss_part[:, None]
             t = near - (near - outer) * part**2
-            weight = (near - outer) * 2.0 * part * self.weight[:, None]
-            extent = profile.squared_distance(self._y(profile, onset.stress_at(t)))
+            weight = (near - outer) * 2.0 * part * self.gauss_weight[:, None]
+            extent = profile.squared_distance(self._y(profile, self._root(onset.stress_at(t))))
             within = self.count(np.clip(extent, kinks[k - 1] ** 2, kinks[k] ** 2), k)
             gain = weight * onset.gain(t)
             rate = rate + (gain * within).sum(axis=0)
@@ -197,10 +237,10 @@ class Population:
         low, high = (np.sqrt(np.maximum(end**2 - below, 0.0)) for end in (bottom, top))
         scale = np.sqrt(np.maximum(onset.beta * onset.stress, 0.25 * low**2)) + 1e-150
         start, stop = np.arcsinh(low / scale), np.arcsinh(high / scale)
-        w = start + (stop - start) * self.part[:, None]
+        w = start + (stop - start) * self.gauss_part[:, None]
         height = scale * np.sinh(w)
         t = np.clip(np.sqrt(height**2 + below), bottom, top)
-        weight = (stop - start) * self.weight[:, None] * scale * np.cosh(w)
+        weight = (stop - start) * self.gauss_weight[:, None] * scale * np.cosh(w)
         return _Nodes(t, weight * height / np.maximum(t, 1e-300))
 
     def _t_at(self, profile: Profile, onset: _Onset, distance: Array) -> Array:
@@ -235,6 +275,16 @@ class Population:
             low, high, low_stays = np.where(up, y, low), np.where(up, high, y), ~up
         stress = profile.peak * y ** (1.0 / self.root)
         return np.sqrt(np.maximum(onset.beta * (stress - onset.stress), 0.0))
+
+
+class _Steps(NamedTuple):
+    """Nodes of some conditions; arrays of shape (nodes, n)."""
+
+    root: Array
+    """The stress to the power that makes y of its share of the peak."""
+    gain: Array
+    """What the rate of a receptor gains from node to node [Hz]: the number of receptors within each node's stress
+    times its gain sums to the total rate."""
 
 
 class _Nodes(NamedTuple):
@@ -293,13 +343,14 @@ class _Onset(NamedTuple):
 
     def gain(self, t: Array) -> Array:
         """Return d nu / d t [Hz] at t of shape (..., *batch)."""
-        lost = -np.expm1(-t * t)
+        squared = np.maximum(t * t, 1e-300)
+        lost = -np.expm1(-squared)
         left = 1.0 - lost
         below = 1.0 / (1.0 + self.odds * left)
-        # I - I_rheobase = excess (1 - exp(-t²)) / (1 + odds exp(-t²)), without cancellation at t -> 0
-        s = np.sqrt(self.excess * lost * below)
-        speed = self.excess * (1.0 + self.odds) * left * t * below * below / np.maximum(s, 1e-300)
-        return speed * horner(self.slope, self.scale * s - 1.0)
+        # I - I_rheobase = s² = excess (1 - exp(-t²)) / (1 + odds exp(-t²)), without cancellation at t -> 0
+        ratio = np.sqrt(self.excess * lost / squared * below)
+        speed = self.excess * (1.0 + self.odds) * left * below * below / ratio
+        return speed * horner(self.slope, self.scale * ratio * t - 1.0)
 
     def rate(self, t: Array) -> Array:
         """Return nu [Hz] at t of shape (..., *batch)."""

@@ -21,28 +21,37 @@ from softness_bayes.touch.contact import (
     FingerBox,
     Fingertip,
     Load,
-    ManyLoads,
     fingertips,
-    log_compliance_ratio,
-    reduced_modulus,
     require_loads,
 )
+from softness_bayes.touch.contacts import Contacts
 from softness_bayes.touch.discretisation import Discretisation
 from softness_bayes.touch.family import MANY, Family
 from softness_bayes.touch.field import Profile
-from softness_bayes.touch.finger_field import profiles
+from softness_bayes.touch.finger_field import FieldsOfLoads, profiles
 from softness_bayes.touch.neuron.fixed_channels import Firing
 from softness_bayes.touch.parameters import TouchParameters, checked_rows
-from softness_bayes.touch.population import Drive, Population, Sums
+from softness_bayes.touch.population import Drive, Population
 from softness_bayes.touch.readings import Readings
 from softness_bayes.touch.receptors import kink_distances, receptor_count
 from softness_bayes.touch.response import BeyondHertz, Response
-from softness_bayes.touch.shared_fields import MANY_LOADS, covered_moduli, cut, fields_of
-from softness_bayes.touch.skin import skin_modulus
+from softness_bayes.touch.shared_fields import covered_moduli, cut, fields_of
+from softness_bayes.touch.skin_start import SkinBox
 
 Array = NDArray[np.float64]
 
-_KEPT = ("loads", "firing", "fabric", "load", "finger", "readings", "discretisation", "modulus_range", "finger_box")
+_KEPT = (
+    "loads",
+    "firing",
+    "fabric",
+    "load",
+    "finger",
+    "readings",
+    "discretisation",
+    "modulus_range",
+    "finger_box",
+    "skin_box",
+)
 """Arguments of a scene that it keeps by their names."""
 
 
@@ -67,6 +76,8 @@ class Scene:
     finger_box
         Radii and receptor depths that the stress fields shall cover, for parameter vectors with fingers of their own;
         None if all have the scene's finger.
+    skin_box
+        The skin's parameters that most calls have, whose contact then takes less time and is the same.
 
     Raises
     ------
@@ -88,6 +99,7 @@ class Scene:
         discretisation: Discretisation = Discretisation(),
         modulus_range: tuple[float, float] | None = None,
         finger_box: FingerBox | None = None,
+        skin_box: SkinBox | None = None,
     ) -> None:
         loads = require_loads("loads", loads)
         require_members("firing", firing, ("curves",), "a source of rate curves, as in FixedChannels()")
@@ -97,12 +109,9 @@ class Scene:
         moduli, poisson = checked_fabrics(fabric_modulus, fabric_poisson)
         self.fabric, self.load = checked_conditions(fabric, load, moduli.size, len(loads))
         self._moduli, self._poissons, self.modulus_range = moduli, poisson, modulus_range
-        self.loads, self.firing, self.finger_box = tuple(loads), firing, finger_box
+        self.loads, self.firing, self.finger_box, self.skin_box = tuple(loads), firing, finger_box, skin_box
         self.finger, self.readings, self.discretisation = finger, readings, discretisation
         self.modulus, self.poisson = frozen(moduli[self.fabric]), frozen(poisson[self.fabric])
-        self._log_k = log_compliance_ratio(self.modulus, self.poisson, finger)
-        compression = np.array([one.compression(finger, readings.skin_displacement) for one in loads])
-        self._log_scale, self._skin_power = compression[self.load].T
         self.count = receptor_count(finger, readings.receptor_density)
         used = [index for index in range(len(self.loads)) if (self.load == index).any()]
         self.columns = [np.flatnonzero(self.load == index) for index in used]
@@ -115,9 +124,15 @@ class Scene:
         self._once = self._each_once()
 
     @cached_property
-    def _many_loads(self) -> ManyLoads | None:
-        """The loads of the conditions, if there are so many that they are not closed one after another."""
-        return ManyLoads([self.loads[k] for k in self.load]) if len(self.fields) > MANY_LOADS else None
+    def _contacts(self) -> Contacts:
+        """The contacts of all conditions."""
+        loads, displacement = [self.loads[k] for k in self.load], self.readings.skin_displacement
+        return Contacts(self.modulus, self.poisson, loads, self.finger, displacement, self.skin_box)
+
+    @cached_property
+    def _side_by_side(self) -> FieldsOfLoads:
+        """The stress fields of all loads."""
+        return FieldsOfLoads(self.fields, self.columns)
 
     def _each_once(self) -> tuple[Scene, NDArray[np.intp]] | None:
         """Return the scene of the distinct conditions and each condition's index in it; None if all are distinct."""
@@ -190,15 +205,21 @@ class Scene:
         if max(columns.size for columns in self.columns) > MANY and modulus is None:
             return self._interpolated_rate(parameters)
         shape, chunks = self._chunks(parameters, modulus)
-        rates = [self._sums(chunk, contact, intervals=False)[0].rate for chunk, contact in chunks]
-        return np.concatenate(rates).reshape(*shape, self.n_conditions)
+        return np.concatenate([self._total_rate(*chunk) for chunk in chunks]).reshape(*shape, self.n_conditions)
+
+    def _total_rate(self, parameters: TouchParameters, modulus: Array | None) -> Array:
+        """Return the total rates of one chunk, with no more of the contact and of the fields than they need."""
+        finger, own = self.fingertip(parameters), None if modulus is None else modulus[:, self.fabric]
+        _, reduced = self._contacts.moduli(parameters.b, parameters.m, own, finger)
+        fields = self._side_by_side.at(reduced, self._contacts.radius(reduced, finger), finger)
+        return self.population.sums(fields, self._drive(parameters)).rate
 
     def _interpolated_rate(self, parameters: TouchParameters) -> Array:
         shape, flat = checked_rows(parameters)
         found, curve = np.empty((flat.b.size, self.n_conditions)), self.firing.curves(flat)
         finger = self.fingertip(flat)
         for columns, field in zip(self.columns, self.fields, strict=True):
-            family = Family(field, self._log_k[columns], self.readings.skin_displacement)
+            family = Family(field, self._contacts.log_k[columns], self.readings.skin_displacement)
             chunk = batches.CHUNK // self.discretisation.nodes
             found[:, columns] = family.total_rate(flat, curve, self.population, finger, chunk)
         return found.reshape(*shape, self.n_conditions)
@@ -210,11 +231,13 @@ class Scene:
         """
         shape, chunks = self._chunks(parameters, modulus)
         parts = []
-        for chunk, touch in chunks:
-            sums, peak = self._sums(chunk, touch, intervals=True)
+        for chunk, own in chunks:
+            touch = self._contact(chunk, own)
+            fields = self._side_by_side.at(touch.reduced_modulus, touch.radius, self.fingertip(chunk))
+            sums = self.population.sums(fields, self._drive(chunk), intervals=True)
             with np.errstate(invalid="ignore"):
                 mean_rate, mean_interval = sums.rate / sums.responding, sums.interval / sums.responding
-            parts.append((sums.rate, sums.responding, mean_rate, mean_interval, peak, *touch))
+            parts.append((sums.rate, sums.responding, mean_rate, mean_interval, fields.peak, *touch))
         rate, responding, mean_rate, mean_interval, peak, *contact_fields = (
             np.concatenate(part).reshape(*shape, self.n_conditions) for part in zip(*parts, strict=True)
         )
@@ -223,7 +246,7 @@ class Scene:
     def contact(self, parameters: TouchParameters, modulus: Array | None = None) -> Contact:
         """Return the state of the contact alone, fields of shape (..., conditions); parameters as in `total_rate`."""
         shape, chunks = self._chunks(parameters, modulus)
-        fields = zip(*(contact for _, contact in chunks), strict=True)
+        fields = zip(*(self._contact(chunk, own) for chunk, own in chunks), strict=True)
         return Contact(*(np.concatenate(part).reshape(*shape, self.n_conditions) for part in fields))
 
     def stress_profile(self, contact: Contact, finger: Fingertip | None = None) -> Profile:
@@ -296,9 +319,10 @@ class Scene:
         if not chosen.size:
             raise InputError("scene: expected at least one condition")
         part._finer = None
-        part.__dict__.pop("_many_loads", None)
+        for made in ("_contacts", "_side_by_side"):
+            part.__dict__.pop(made, None)
         part.finger, part.count = finger, receptor_count(finger, self.readings.receptor_density)
-        for name in ("fabric", "load", "modulus", "poisson", "_log_k", "_log_scale", "_skin_power"):
+        for name in ("fabric", "load", "modulus", "poisson"):
             setattr(part, name, getattr(self, name)[chosen])
         places = [np.flatnonzero(np.isin(chosen, columns)) for columns in self.columns]
         part.columns = [columns for columns in places if columns.size]
@@ -315,6 +339,7 @@ class Scene:
         """
         part, d = copy.copy(self), discretisation
         part.discretisation, part._once, part._finer = d, None, None
+        part.__dict__.pop("_side_by_side", None)
         part.fields = cut(self.fields, d.field_tolerance)
         part.population = Population(part.fields[0].root, self.count, d.nodes, d.saturation)
         return part
@@ -363,39 +388,12 @@ class Scene:
 
     def _chunks(
         self, parameters: TouchParameters, modulus: Array | None
-    ) -> tuple[tuple[int, ...], Iterator[tuple[TouchParameters, Contact]]]:
-        shape, parts = batches.chunks(parameters, modulus, self.n_conditions * self.discretisation.nodes)
-        return shape, ((chunk, self._contact(chunk, own)) for chunk, own in parts)
+    ) -> tuple[tuple[int, ...], Iterator[tuple[TouchParameters, Array | None]]]:
+        return batches.chunks(parameters, modulus, self.n_conditions * self.discretisation.nodes)
 
     def _contact(self, parameters: TouchParameters, modulus: Array | None) -> Contact:
-        b, m, log_k = parameters.b[:, None], parameters.m[:, None], self._log_k
-        if modulus is None:
-            modulus = self.modulus
-        else:
-            modulus = modulus[:, self.fabric]
-            log_k = log_k - np.log(modulus / self.modulus)
-        finger = self.fingertip(parameters)
-        skin = skin_modulus(self._log_scales(finger), self._skin_power, log_k, b, m)
-        reduced = reduced_modulus(skin, modulus, self.poisson, self.finger)
-        if self._many_loads is not None:
-            return Contact(skin, reduced, *self._many_loads.close(reduced, finger))
-        closure = np.empty((3, *reduced.shape))
-        for columns, field in zip(self.columns, self.fields, strict=True):
-            closure[:, :, columns] = field.load.close(reduced[:, columns], finger)
-        return Contact(skin, reduced, *closure)
+        own = None if modulus is None else modulus[:, self.fabric]
+        return self._contacts.close(parameters.b, parameters.m, own, self.fingertip(parameters))
 
-    def _log_scales(self, finger: Fingertip) -> Array:
-        """Return ln C of `skin_modulus`, shape (conditions,), or (batch, conditions) if fingers vary."""
-        if finger is self.finger:
-            return self._log_scale
-        if self._many_loads is not None:
-            return self._many_loads.log_scales(finger, self.readings.skin_displacement)
-        found = np.empty((np.size(finger.radius), self.n_conditions))
-        for columns, field in zip(self.columns, self.fields, strict=True):
-            found[:, columns] = field.load.compression(finger, self.readings.skin_displacement)[0]
-        return found
-
-    def _sums(self, parameters: TouchParameters, contact: Contact, intervals: bool) -> tuple[Sums, Array]:
-        drive = Drive(parameters.alpha, parameters.beta, parameters.sigma_0, self.firing.curves(parameters))
-        profile = self.stress_profile(contact, self.fingertip(parameters))
-        return self.population.sums(profile, drive, intervals), profile.peak
+    def _drive(self, parameters: TouchParameters) -> Drive:
+        return Drive(parameters.alpha, parameters.beta, parameters.sigma_0, self.firing.curves(parameters))

@@ -85,16 +85,18 @@ def test_brian_simulates_the_same_membrane():
 
 
 def test_sizes_and_limit_are_counted():
-    of = subject(Discretisation(6, 7.0, 1e-3), True, 8)
+    of = subject(Discretisation(6, 4.0, 1e-3), True, 8)
     sizes = scaling(of, QUICK._replace(repeats=1, most_fabrics=4, most_vectors=4))
     assert {size.what for size in sizes} == {"conditions", "batch"}
     for size in sizes:
         assert size.per_condition == pytest.approx(size.seconds / size.conditions)
     found = limit(of, QUICK._replace(repeats=1))
-    # an exponential for each of 6 nodes and both ends where receptors fire, nine for each condition
+    # an exponential for each of 6 nodes and the peak of a vector, and of its conditions that do not saturate; one for
+    # each condition that fires, and three for each condition
     firing = (of.model.scene.total_rate(first(of.draws.parameters, BATCH)) > 0).sum(axis=-1).mean()
     assert 0 < firing < 36
-    assert found.exponentials == round(8 * firing) + 9 * 36
+    least = round(7 + firing) + 3 * 36
+    assert least < found.exponentials < least + 7 * firing
     assert found.over_bare == pytest.approx(found.seconds / found.bare_seconds)
     assert min(found.bare_seconds, found.flop_seconds, found.megabytes) > 0
 

@@ -225,3 +225,31 @@ def test_whole_pad_at_its_largest_rate(beta, default_scene, paper):
     np.testing.assert_allclose(found.responding, default_scene.n_receptors, rtol=1e-10)
     np.testing.assert_allclose(found.total_rate, default_scene.n_receptors * largest, rtol=1e-10)
     np.testing.assert_allclose(found.mean_interval, 1 / largest, rtol=1e-10)
+
+
+def test_the_rest_beyond_saturation_is_right_to_second_order(fine_scene, paper, rng):
+    """With many nodes the error is that of the rest: a share of exp(-saturation) that one number would not reach."""
+    parameters = paper(
+        b=1e5 * np.exp(0.5 * rng.normal(size=100)),
+        alpha=22.0,
+        beta=0.6e-3 * np.exp(0.3 * rng.normal(size=100)),
+        sigma_0=6e3 * np.exp(0.4 * rng.normal(size=100)),
+    )
+    exact = fine_scene.total_rate(parameters)
+    for saturation in (4.0, 6.0, 8.0):
+        coarse = fine_scene.coarser(Discretisation(30, saturation, 1e-8))
+        error = np.abs(coarse.total_rate(parameters) - exact).max(axis=1) / exact.max(axis=1)
+        # the number at saturation in place of all beyond it is wrong by up to 0.09 of the exponential
+        assert error.max() < 0.05 * math.exp(-saturation)
+        assert error.max() > 1e-9
+
+
+def test_no_leap_and_no_bend_where_conditions_begin_to_saturate(default_scene, paper):
+    saturation, beta, condition = default_scene.discretisation.saturation, 0.6e-3, 10
+    peak = default_scene.respond(paper()).peak_stress[condition]
+    crossing = peak + math.log(20.3 / RHEOBASE - 1) / beta - saturation / beta
+    rate = default_scene.total_rate(paper(sigma_0=crossing + np.linspace(-1.0, 1.0, 41)))[:, condition]
+    slope = np.diff(rate)
+    assert (slope < 0).all()
+    # 1 Pa of 10 kPa: the slope changes by no more than a smooth function's does
+    np.testing.assert_allclose(slope, slope.mean(), rtol=2e-3)

@@ -5,7 +5,12 @@ Values at neighbouring points are then contiguous in memory, for coefficients an
 
 from __future__ import annotations
 
+import itertools
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+
 import numpy as np
+from numpy.polynomial import chebyshev
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
@@ -25,13 +30,28 @@ def chebyshev_values(x: Array, order: int) -> Array:
 def clenshaw(coefficients: Array, x: Array) -> Array:
     """Return sum_k coefficients[k] T_k(x), each coefficients[k] of a shape that broadcasts to that of x."""
     twice = 2.0 * x
-    ahead, further = np.zeros_like(x), np.zeros_like(x)
+    ahead, further, product = np.zeros_like(x), np.zeros_like(x), np.empty_like(x)
     for c in coefficients[:0:-1]:
         # b_k = c_k + 2x b_{k+1} - b_{k+2}, in the place of b_{k+2}
         np.subtract(c, further, out=further)
-        further += twice * ahead
+        np.multiply(twice, ahead, out=product)
+        further += product
         ahead, further = further, ahead
     return coefficients[0] + x * ahead - further
+
+
+def in_powers_of(coefficients: Array) -> Array:
+    """Return coefficients of powers from those of T_k, along the last axis."""
+    return coefficients @ _to_powers(coefficients.shape[-1])
+
+
+@lru_cache(maxsize=256)
+def _to_powers(order: int) -> Array:
+    """Return the coefficients of the powers in T_k, k < order, one row for each."""
+    matrix = np.zeros((order, order))
+    for k in range(order):
+        matrix[k, : k + 1] = chebyshev.cheb2poly(np.eye(order)[k, : k + 1])
+    return matrix
 
 
 def horner(coefficients: Array, x: Array) -> Array:
@@ -45,3 +65,29 @@ def horner(coefficients: Array, x: Array) -> Array:
         result *= x
         result += c
     return result
+
+
+@dataclass(frozen=True)
+class TotalDegree:
+    """Chebyshev products in some variables up to a total degree."""
+
+    variables: int
+    degree: int
+
+    @cached_property
+    def exponents(self) -> NDArray[np.intp]:
+        """Degrees of every product, shape (variables, terms)."""
+        every = itertools.product(range(self.degree + 1), repeat=self.variables)
+        return np.array([e for e in every if sum(e) <= self.degree]).T
+
+    def basis(self, x: Array) -> Array:
+        """Return the values of all products at points of shape (variables, n), shape (n, terms)."""
+        return np.ascontiguousarray(products(chebyshev_values(x, self.degree + 1), self.exponents).T)
+
+
+def products(values: Array, exponents: NDArray[np.intp]) -> Array:
+    """Return products, shape (terms, n), of polynomials of each variable, shape (orders, variables, n)."""
+    product = values[exponents[0], 0]
+    for k, exponent in enumerate(exponents[1:], 1):
+        product *= values[exponent, k]
+    return product

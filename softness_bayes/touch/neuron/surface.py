@@ -11,7 +11,6 @@ The tables are built and measured by ``python -m softness_bayes.tools.surface_bu
 
 from __future__ import annotations
 
-import itertools
 import json
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
@@ -23,7 +22,7 @@ from numpy.typing import NDArray
 from softness_bayes.errors import InputError, NumericalError
 from softness_bayes.touch.neuron.firing import CurveError, RateCurve, exact_curve, exact_curves
 from softness_bayes.touch.neuron.membrane import CONNOR_STEVENS, Channels, Driven, Membrane, lanes
-from softness_bayes.touch.neuron.polynomials import chebyshev_values
+from softness_bayes.touch.neuron.polynomials import TotalDegree, chebyshev_values, products
 from softness_bayes.touch.neuron.surface_design import DESIGNS, NO_SURFACE, Design
 
 FloatArray = NDArray[np.float64]
@@ -36,24 +35,6 @@ ERRORS = "firing_surface.json"
 
 _CHECKING = 5e-8  # local error where many exact curves are made: within 1e-6 of a rate, and in half the time
 _AT_THE_EDGE = 1e-9  # of the box's half-width: rounding of a multiplier at its prior's end
-
-
-@dataclass(frozen=True)
-class TotalDegree:
-    """Chebyshev products in some variables up to a total degree."""
-
-    variables: int
-    degree: int
-
-    @cached_property
-    def exponents(self) -> NDArray[np.intp]:
-        """Degrees of every product, shape (variables, terms)."""
-        every = itertools.product(range(self.degree + 1), repeat=self.variables)
-        return np.array([e for e in every if sum(e) <= self.degree]).T
-
-    def basis(self, x: FloatArray) -> FloatArray:
-        """Return the values of all products at points of shape (variables, n), shape (n, terms)."""
-        return np.ascontiguousarray(_products(chebyshev_values(x, self.degree + 1), self.exponents).T)
 
 
 class Summed:
@@ -82,19 +63,11 @@ class Summed:
     def __call__(self, x: FloatArray) -> FloatArray:
         """Return the values of the polynomials at points of shape (variables, n), shape (n, columns)."""
         values = chebyshev_values(x, self._degree + 1)
-        product = _products(values[:, :-1], self._exponents).T
+        product = products(values[:, :-1], self._exponents).T
         total = product @ self._parts[0]
         for last, part in zip(values[1:, -1], self._parts[1:], strict=True):
             total += last[:, None] * (product[:, : len(part)] @ part)
         return total
-
-
-def _products(values: FloatArray, exponents: NDArray[np.intp]) -> FloatArray:
-    """Return products, shape (terms, n), of polynomials of each variable, shape (orders, variables, n)."""
-    product = values[exponents[0], 0]
-    for k, exponent in enumerate(exponents[1:], 1):
-        product *= values[exponent, k]
-    return product
 
 
 @dataclass(frozen=True)

@@ -23,8 +23,9 @@ from softness_bayes.touch.neuron.membrane import (
     Membrane,
 )
 from softness_bayes.touch.neuron.onset import Onset
+from softness_bayes.touch.neuron.polynomials import TotalDegree
 from softness_bayes.touch.neuron.rate import firing_rate
-from softness_bayes.touch.neuron.surface import ERRORS, TABLES, FiringSurface, Summed, TotalDegree
+from softness_bayes.touch.neuron.surface import ERRORS, TABLES, FiringSurface, Summed
 from softness_bayes.touch.neuron.surface_design import DESIGNS
 from softness_bayes.touch.parameters import TouchParameters
 from support.onsets import CORNER, EXACT_ENOUGH

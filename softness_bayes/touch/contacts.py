@@ -1,0 +1,91 @@
+"""Contacts of many conditions at once: each condition's fabric under its load, for a batch of fingers' skins."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from softness_bayes.touch.contact import (
+    Contact,
+    Finger,
+    Fingertip,
+    Load,
+    ManyLoads,
+    log_compliance_ratio,
+    reduced_modulus,
+)
+from softness_bayes.touch.skin import SkinDisplacement, skin_modulus
+from softness_bayes.touch.skin_start import USEFUL, SkinBox, SkinStart
+
+Array = NDArray[np.float64]
+
+
+class Contacts:
+    """The contacts of conditions with one finger, or with fingers like it of other radius and depth.
+
+    Parameters
+    ----------
+    modulus, poisson
+        E_fab [Pa] and nu_fab of each condition.
+    loads
+        The load of each condition.
+    finger
+        The usual finger.
+    displacement
+        The reading of the skin's compression.
+    skin_box
+        The skin's parameters that most calls have, if they are known.
+    """
+
+    def __init__(
+        self,
+        modulus: Array,
+        poisson: Array,
+        loads: Sequence[Load],
+        finger: Finger,
+        displacement: SkinDisplacement,
+        skin_box: SkinBox | None,
+    ) -> None:
+        self.modulus, self.poisson = modulus, poisson
+        self.finger, self.displacement = finger, displacement
+        self.log_k = log_compliance_ratio(modulus, poisson, finger)
+        self._closing = ManyLoads(loads)
+        of_load = {load: load.compression(finger, displacement) for load in set(loads)}
+        self._log_scale, self._skin_power = np.array([of_load[load] for load in loads]).T
+        if (self._skin_power == self._skin_power[0]).all():
+            self._skin_power = self._skin_power[0]
+        start = None if skin_box is None else SkinStart(skin_box, self._log_scale, self._skin_power, self.log_k)
+        self._start = start if start is not None and start.error <= USEFUL else None
+
+    def moduli(self, b: Array, m: Array, fabric_modulus: Array | None, finger: Fingertip) -> tuple[Array, Array]:
+        """Return E_skin and E_star [Pa], shape (batch, conditions).
+
+        Parameters
+        ----------
+        b, m
+            The skin's modulus at rest [Pa] and exponent, shape (batch,).
+        fabric_modulus
+            E_fab [Pa] in place of the conditions' own, shape (batch, conditions), or None.
+        finger
+            The usual finger, or one for each row.
+        """
+        log_scale, log_k, modulus, start = self._log_scale, self.log_k, self.modulus, None
+        if finger is not self.finger:
+            log_scale = self._closing.log_scales(finger, self.displacement)
+        if fabric_modulus is not None:
+            modulus, log_k = fabric_modulus, log_k - np.log(fabric_modulus / self.modulus)
+        elif finger is self.finger and self._start is not None:
+            start = self._start(b, m)
+        skin = skin_modulus(log_scale, self._skin_power, log_k, b[:, None], m[:, None], start)
+        return skin, reduced_modulus(skin, modulus, self.poisson, self.finger)
+
+    def radius(self, reduced: Array, finger: Fingertip) -> Array:
+        """Return contact radii [m] for E_star [Pa] of shape (batch, conditions)."""
+        return self._closing.radius(reduced, finger)
+
+    def close(self, b: Array, m: Array, fabric_modulus: Array | None, finger: Fingertip) -> Contact:
+        """Return the contacts, with fields of shape (batch, conditions); arguments as `moduli` takes them."""
+        skin, reduced = self.moduli(b, m, fabric_modulus, finger)
+        return Contact(skin, reduced, *self._closing.close(reduced, finger))

@@ -1,0 +1,78 @@
+"""Start of the search for the skin's modulus: a polynomial in the skin's parameters for each condition (model.md 2).
+
+For given fabrics and loads, w of `log_stiffening` is a smooth function of ln b and ln m. Over the range that a prior
+covers, a polynomial comes so close to it that the search takes one step where it otherwise takes three. The root
+is the same, so the polynomial's error costs time alone.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.polynomial import chebyshev
+from numpy.typing import NDArray
+
+from softness_bayes.touch.neuron.polynomials import TotalDegree
+from softness_bayes.touch.skin import ONE_STEP, log_stiffening, upper_bound
+
+Array = NDArray[np.float64]
+
+DEGREES = (6, 8, 10, 12, 14)
+"""Total degrees of the polynomials; the first that leaves one step is taken, or the last."""
+
+USEFUL = 0.1
+"""Largest error of w from which the search takes fewer steps than from its own start."""
+
+
+class SkinBox(NamedTuple):
+    """Range of the skin's parameters, each with two positive ends."""
+
+    b: tuple[float, float]
+    """Modulus at rest [Pa]."""
+    m: tuple[float, float]
+    """Stiffening exponent, as the reading of the skin's compression has it."""
+
+
+class SkinStart:
+    """Starts for the conditions of a scene.
+
+    Parameters
+    ----------
+    box
+        The range that the polynomials cover; elsewhere the start is `upper_bound`.
+    log_scale, p, log_k
+        As `log_stiffening` takes them, shape (conditions,).
+
+    Attributes
+    ----------
+    error
+        Largest error of w within the box, multiplied by e^w where that is above 1.
+    """
+
+    def __init__(self, box: SkinBox, log_scale: Array, p: Array, log_k: Array) -> None:
+        self._of = log_scale, p, log_k
+        ends = np.log(box)
+        self._middle, self._half = ends.mean(axis=1)[:, None], np.maximum(0.5 * np.diff(ends, axis=1), 1e-6)
+        grid = np.array(np.meshgrid(*2 * (chebyshev.chebpts2(DEGREES[-1] + 4),))).reshape(2, -1)
+        b, m = np.exp(self._middle + self._half * grid)[..., None]
+        exact = log_stiffening(log_scale, p, log_k, b, m)
+        for degree in DEGREES:
+            self._terms = TotalDegree(2, degree)
+            basis = self._terms.basis(grid)
+            self._coefficients = np.linalg.lstsq(basis, exact, rcond=None)[0]
+            error = np.abs(basis @ self._coefficients - exact) * np.maximum(np.exp(exact), 1.0)
+            self.error = float(error.max())
+            if self.error <= ONE_STEP:
+                break
+
+    def __call__(self, b: Array, m: Array) -> Array:
+        """Return w at which the search begins, shape (batch, conditions), for parameters of shape (batch,)."""
+        # m may be 0
+        x = (np.log([b, np.maximum(m, 1e-300)]) - self._middle) / self._half
+        beyond = np.abs(x) > 1.0
+        w = self._terms.basis(np.minimum(np.maximum(x, -1.0), 1.0)) @ self._coefficients
+        if beyond.any():
+            outside = beyond.any(axis=0)
+            w[outside] = upper_bound(*self._of, b[outside, None], m[outside, None])
+        return w

@@ -1,0 +1,90 @@
+"""The start of the search for the skin's modulus: close within its box, harmless outside, the same modulus anywhere."""
+
+import numpy as np
+import pytest
+
+from softness_bayes.model.scenes import skin_of_priors
+from softness_bayes.parameters.choice import parameter_space
+from softness_bayes.touch.contact import Finger, Force, Indentation, log_compliance_ratio
+from softness_bayes.touch.scene import Discretisation, Scene
+from softness_bayes.touch.skin import DISPLACEMENT, ONE_STEP, STRAIN, log_stiffening, skin_modulus
+from softness_bayes.touch.skin_start import USEFUL, SkinBox, SkinStart
+
+FABRICS = np.geomspace(1e2, 1e8, 9)
+LOADS = {
+    "depth": (Indentation(1e-3), Indentation(3e-3)),
+    "force": (Force(0.1), Force(5.0)),
+    "both": (Force(0.5), Indentation(2e-3)),
+}
+PRIORS = SkinBox((18e3, 550e3), (0.7, 5.6))
+
+
+def conditions(loads, displacement=STRAIN):
+    """ln C, p and ln k of every fabric under every load."""
+    scale, p = np.repeat([load.compression(Finger(), displacement) for load in loads], FABRICS.size, axis=0).T
+    return scale, p, np.tile(log_compliance_ratio(FABRICS, 0.3, Finger()), len(loads))
+
+
+def within(box, rng, size, share=1.0):
+    """Parameters of the skin spread over a share of the logarithmic range of a box, its corners among them."""
+    x = share * np.concatenate([rng.uniform(-1, 1, (size, 2)), [[-1, -1], [-1, 1], [1, -1], [1, 1]]]).T
+    ends = np.log(box)
+    return np.exp(ends.mean(axis=1)[:, None] + 0.5 * np.diff(ends, axis=1) * x)
+
+
+@pytest.mark.parametrize("loads", LOADS.values(), ids=LOADS)
+def test_one_step_suffices_over_the_default_priors(loads, rng):
+    of = conditions(loads)
+    b, m = within(PRIORS, rng, 400)
+    exact = log_stiffening(*of, b[:, None], m[:, None])
+    error = np.abs(SkinStart(PRIORS, *of)(b, m) - exact) * np.maximum(np.exp(exact), 1.0)
+    # the draws lie between the points that the polynomials were fitted at
+    assert error.max() <= 2.0 * ONE_STEP
+
+
+@pytest.mark.parametrize("displacement", [STRAIN, DISPLACEMENT], ids=str)
+@pytest.mark.parametrize("share", [1.0, 3.0])
+def test_the_modulus_does_not_depend_on_the_start(displacement, share, rng):
+    box = PRIORS if displacement == STRAIN else SkinBox(PRIORS.b, (250.0, 2000.0))
+    of = conditions(LOADS["both"], displacement)
+    b, m = within(box, rng, 60, share)
+    m[0] = 0.0
+    start = SkinStart(box, *of)(b, m)
+    b, m = b[:, None], m[:, None]
+    np.testing.assert_allclose(skin_modulus(*of, b, m, start), skin_modulus(*of, b, m), rtol=1e-13)
+
+
+def test_too_wide_a_box_costs_steps_and_no_digits(rng):
+    box, of = SkinBox((1.0, 1e9), (1e-3, 1e3)), conditions(LOADS["both"])
+    b, m = within(box, rng, 100)
+    made, exact = SkinStart(box, *of), log_stiffening(*of, b[:, None], m[:, None])
+    start = made(b, m)
+    assert made.error > USEFUL
+    assert np.abs(start - exact).max() > 1e3 * ONE_STEP
+    np.testing.assert_allclose(log_stiffening(*of, b[:, None], m[:, None], start), exact, rtol=1e-12, atol=1e-12)
+
+
+def test_scenes_with_and_without_a_box_answer_alike(smooth_firing, paper, rng):
+    with_box, without = (
+        Scene(FABRICS, 0.3, LOADS["both"], smooth_firing(), discretisation=Discretisation(8, 6.0, 1e-3), skin_box=box)
+        for box in (PRIORS, None)
+    )
+    parameters = paper(b=1e5 * np.exp(0.8 * rng.normal(size=40)), m=2.0 * np.exp(0.5 * rng.normal(size=40)))
+    wanted = without.total_rate(parameters)
+    assert wanted.max() > 0
+    np.testing.assert_allclose(with_box.total_rate(parameters), wanted, rtol=1e-10, atol=1e-10 * wanted.max())
+    part, few = with_box.take([3, 11]), without.take([3, 11])
+    np.testing.assert_allclose(part.contact(parameters).skin_modulus, few.contact(parameters).skin_modulus, rtol=1e-13)
+
+
+def test_the_box_is_that_of_the_priors():
+    space = parameter_space(fix={"m": 2.0})
+    box = skin_of_priors(space)
+    assert box.m == (2.0, 2.0)
+    low, high = np.log(np.array(box.b) / 1e5) / 0.5
+    assert -3.5 < low < -3.3
+    assert 3.3 < high < 3.5
+    assert skin_of_priors(parameter_space(fix={"m": 0.0})) is None
+    # a law that reaches down to 0 gives a box with a positive end
+    reaching = skin_of_priors(parameter_space(priors={"b": "uniform(0,300)"}))
+    assert 0 < reaching.b[0] < 0.02 * reaching.b[1]
