@@ -1,4 +1,4 @@
-"""Predictive checks of a run as a table and in sentences, from the groups of its result alone."""
+"""Predictive checks of a run as a table and as sentences, from the groups of its result alone."""
 
 from __future__ import annotations
 
@@ -34,13 +34,13 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 PROBABILITY = 0.9
-"""Share of replicates that the limits hold."""
+"""Share of replicates within the limits."""
 
 ALL = "all"
-"""Load, fabric or participant of a quantity that is over all of them."""
+"""Label for a quantity over all loads, fabrics or participants."""
 
 NEW_PARTICIPANTS = "rating_of_new_participants"
-"""Replicated ratings of participants drawn anew, in the group `posterior_predictive`."""
+"""Name of the replicated ratings of new participants in the group `posterior_predictive`."""
 
 LOO_PIT, PARETO_K = "loo_pit", "loo_pareto_k"
 """Variables of the group `constant_data`: each rating's LOO-PIT value, and Pareto k of its importance weights."""
@@ -48,16 +48,17 @@ LOO_PIT, PARETO_K = "loo_pit", "loo_pareto_k"
 CONDITIONS, FABRICS = "deviations of mean ratings", "fabrics' own deviations"
 EXPONENTS, NOISE, PIT = "participants' own exponents", "participants' own noise", "LOO-PIT"
 ALONG, FINGERS = "deviations along the response's slope", "raters' deviations along the skin's slope"
-"""Checks of residuals at draws of the posterior, beside the test quantities."""
+"""Checks of residuals at posterior draws, besides the test quantities."""
 ONE_SIDED = (CONDITIONS, FABRICS, EXPONENTS, NOISE, ALONG, FINGERS, PIT)
-"""Those whose p-value is the probability of larger deviations: a large one means that there are few, not a fault."""
+"""Checks whose p-value is the probability of larger deviations: large p-values indicate small deviations, not a
+fault."""
 
 PIT_POINTS = np.arange(1, 100) / 100
 """Points at which the distribution function of LOO-PIT values is evaluated."""
 
 
 def layout_of(tree: xr.DataTree) -> Layout:
-    """Return participant and condition of every rating in a result; of many loads, by their groups."""
+    """Return participant and condition of every rating in a result; many loads are merged into groups."""
     constant = tree["constant_data"].to_dataset()
     fabric, load = constant["fabric_index"].values, constant["load_index"].values
     modulus = constant["effective_modulus_kpa"].values * 1e3
@@ -72,7 +73,7 @@ def layout_of(tree: xr.DataTree) -> Layout:
 
 
 def check_table(tree: xr.DataTree) -> pd.DataFrame:
-    """Return every test quantity of the data among its replicates.
+    """Return every test quantity of the data compared with its replicates.
 
     Parameters
     ----------
@@ -128,7 +129,7 @@ def check_table(tree: xr.DataTree) -> pd.DataFrame:
 def _levelled_rows(
     tree: xr.DataTree, layout: Layout, data: Additive, replicates: Additive, rows: list[dict[str, Any]]
 ) -> list[dict[str, Any]]:
-    """Return the rows of the fall beyond the turning point; its check's power joins those of presence."""
+    """Return the rows of fall beyond the turning point; the power of their check is added to the rows of presence."""
     levelled = alternative(tree, layout, replicates)
     if levelled is None:
         return []
@@ -153,11 +154,11 @@ class Replicates(NamedTuple):
     findings: list[QuantityCheck]
     """The comparison of every column, as in `check_table`."""
     replicated: Array
-    """Shape (replicates, columns); NaN where a replicate does not have it."""
+    """Shape (replicates, columns); NaN for replicates without a value."""
 
 
 def posterior_quantities(tree: xr.DataTree, quantities: Sequence[Quantity] = QUANTITIES) -> list[Replicates]:
-    """Return the test quantities of ratings that `check_table` lists, replicate by replicate.
+    """Return the test quantities in `check_table` for each replicate.
 
     Parameters
     ----------
@@ -182,7 +183,7 @@ def posterior_quantities(tree: xr.DataTree, quantities: Sequence[Quantity] = QUA
 
 
 def check_sentences(table: pd.DataFrame) -> list[str]:
-    """Say whether the model reproduces the turning point under each load, and what else it does not.
+    """Describe whether the model reproduces the turning point under each load, and which other quantities it does not.
 
     Parameters
     ----------
@@ -193,7 +194,7 @@ def check_sentences(table: pd.DataFrame) -> list[str]:
 
 
 def doubts(table: pd.DataFrame) -> list[str]:
-    """Return the quantities, beside the turning point, that the model does not reproduce, each with its worst place.
+    """Return the quantities, other than the turning point, that the model does not reproduce, each with its worst case.
 
     Parameters
     ----------
@@ -217,7 +218,7 @@ def doubts(table: pd.DataFrame) -> list[str]:
 
 
 def doubt_sentences(table: pd.DataFrame) -> list[str]:
-    """Say which quantities, beside the turning point, the model does not reproduce.
+    """Describe the quantities, other than the turning point, that the model does not reproduce.
 
     Parameters
     ----------
@@ -228,14 +229,14 @@ def doubt_sentences(table: pd.DataFrame) -> list[str]:
 
 
 def unreproduced_sentence(names: Sequence[str]) -> str:
-    """Say which quantities, beyond the turning point, the model does not reproduce, by their names from `doubts`."""
+    """Describe quantities, other than the turning point, that the model does not reproduce; names from `doubts`."""
     if not names:
         return "predictive checks: the model reproduces all other test quantities"
     return f"predictive checks: the model does not reproduce {', '.join(names)} (see predictive_checks.csv)"
 
 
 def _posterior_replicates(tree: xr.DataTree) -> dict[bool, Array]:
-    """Return the posterior's replicated ratings, (draws, rows), by whether they are of new participants."""
+    """Return the posterior replicates of ratings, (draws, rows), keyed by whether participants are new."""
     names = {False: "rating", True: NEW_PARTICIPANTS}
     return {anew: _values(tree, "posterior_predictive", name)[0] for anew, name in names.items()}
 

@@ -17,13 +17,13 @@ from softness_bayes.readable import percent
 Array = NDArray[np.float64]
 
 FABRIC_SPREAD = "omega"
-"""The parameter of models in which fabrics have effects of their own."""
+"""Name of the parameter of models with random effects of fabrics."""
 
 NEEDED = 0.05
-"""Predictive p-value below which deviations of fabrics count as real."""
+"""Predictive p-value below which deviations of fabrics are considered real."""
 
 NOTICED = 0.8
-"""Power at which the detectable deviation is stated."""
+"""Power for which the detectable deviation is reported."""
 
 
 class FabricCheck(NamedTuple):
@@ -35,27 +35,27 @@ class FabricCheck(NamedTuple):
     """
 
     p_value: float
-    """Probability that replicated ratings spread at least as much between fabrics as the real ones."""
+    """Probability that replicated ratings vary at least as much between fabrics as the observed ones."""
     deviation: float
-    """Standard deviation between fabrics that the excess amounts to, in the (log) rating."""
+    """Standard deviation between fabrics estimated from the excess, in the (log) rating."""
     condition_p_value: float = 1.0
     """As `p_value`, between conditions."""
     condition_deviation: float = 0.0
     """As `deviation`, between conditions."""
     within_p_value: float = np.nan
-    """As `p_value`, between the loads of a fabric; NaN where each fabric has one load."""
+    """As `p_value`, between the loads of a fabric; NaN if each fabric has only one load."""
     noticed: float = np.nan
-    """About the standard deviation between conditions that would be noticed in `NOTICED` of all tables."""
+    """Approximate standard deviation between conditions that would be detected with power `NOTICED`."""
     worst: int = 0
-    """Index of the condition that deviates by most standard errors."""
+    """Index of the condition with the largest deviation in standard errors."""
     worst_residual: float = 0.0
     """Its mean residual, in the (log) rating."""
     worst_errors: float = 0.0
-    """That in standard errors."""
+    """Mean residual in standard errors."""
     unit: str = MAGNITUDE.unit
-    """Unit of deviations, in words."""
+    """Unit of deviations, for sentences."""
     remedy: bool = True
-    """Whether the model has an effect per fabric to offer; that of z-scores has none."""
+    """Whether a model with an effect per fabric is available; there is none for z-scores."""
 
     def sentence(self, conditions: Sequence[str]) -> str:
         """One line for the user; `conditions` names each condition."""
@@ -95,12 +95,12 @@ class FabricCheck(NamedTuple):
 def mean_residuals(
     observation: Likelihood, mean_rate: Array, parameters: Parameters, effects: Effects
 ) -> tuple[Array, Array]:
-    """Return the number of ratings of each condition, and their mean residual at every draw, 0 where there are none.
+    """Return the number of ratings of each condition, and their mean residual at every draw, 0 if there are none.
 
     Parameters
     ----------
     observation, mean_rate, parameters, effects
-        As `check_fabrics` takes them.
+        As for `check_fabrics`.
 
     Returns
     -------
@@ -117,7 +117,7 @@ def mean_residuals(
 
 
 def exceeded_along(along: Array, weight: Array, steep: NDArray[np.bool_], spread: Array) -> float:
-    """Return the probability that replicated ratings deviate at least as much along slopes, the mean over draws.
+    """Return the probability, averaged over draws, that replicated ratings deviate at least as much along slopes.
 
     The sum of along² / weight over steep groups, in units of spread², has a chi-squared law with a degree of freedom
     for each.
@@ -145,13 +145,13 @@ def exceeded_along(along: Array, weight: Array, steep: NDArray[np.bool_], spread
 
 
 def check_fabrics(observation: Likelihood, mean_rate: Array, parameters: Parameters, effects: Effects) -> FabricCheck:
-    """Compare the residuals' spread between fabrics, and between conditions, with what the model replicates.
+    """Compare the variation of residuals between fabrics, and between conditions, with that of replicates.
 
     The discrepancy is T = sum_c n_c (mean residual of condition c)², given a draw of all parameters and
     effects; likewise for fabrics. Residuals of replicated ratings are N(0, varsigma²), so their T / varsigma²
     follows a chi-squared law with one degree of freedom for each condition or fabric: no replicate needs to be
-    drawn. At a single draw the p-value is uniform under the model; its mean over draws is less spread than that,
-    so that it errs towards silence.
+    drawn. At a single draw the p-value is uniform under the model; its mean over draws varies less, which makes the
+    check conservative.
 
     Parameters
     ----------
@@ -174,7 +174,7 @@ def check_fabrics(observation: Likelihood, mean_rate: Array, parameters: Paramet
     within = rated.size - fabrics.size
     errors = (np.sqrt(count) * mean / spread[:, None]).mean(axis=0)
     worst = int(np.abs(errors).argmax())
-    # noise n/varsigma² of a deviation's variance is added to the law's scale
+    # a deviation's variance, times n/varsigma², is added to the scale of the law
     scale = chdtri(rated.size, NEEDED) / chdtri(rated.size, NOTICED)
     return FabricCheck(
         _p_value(between, spread, fabrics.size),
@@ -197,6 +197,6 @@ def _p_value(squares: Array, spread: Array, freedom: int) -> float:
 
 
 def _deviation(squares: Array, spread: Array, count: Array) -> float:
-    """Return the standard deviation between groups that sums of squares beyond noise amount to."""
+    """Return the standard deviation between groups estimated from sums of squares in excess of noise."""
     excess = (squares / count.size - spread**2) / count.mean()
     return float(np.sqrt(max(np.median(excess), 0.0)))

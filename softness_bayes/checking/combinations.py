@@ -1,4 +1,4 @@
-"""Products of powers of parameters that the data inform, with the width of their posteriors."""
+"""Products of powers of parameters about which the data are informative, with the widths of their posteriors."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from softness_bayes.sampler.jackknife import jackknife
 FloatArray = NDArray[np.float64]
 
 _LEADING = 0.3  # share of a direction's largest component below which a component is left out of its product
-_SLIGHT = 0.1  # share of a product's largest component below which a fitted component is left out too
+_SLIGHT = 0.1  # share of a product's largest component below which a fitted component is also left out
 _SAME = 0.7  # correlation under the prior beyond which a product repeats an earlier one
 _LIMITS = (0.05, 0.95)
 _PRIOR_DRAWS = 20_000
@@ -25,26 +25,26 @@ class Product(NamedTuple):
     """A product of powers of parameters, the first with exponent 1."""
 
     exponents: FloatArray
-    """As printed, shape (parameters,); 0 for those that are not in it."""
+    """Exponents as printed, shape (parameters,); 0 for parameters that are not in the product."""
     order: tuple[int, ...]
-    """The parameters in it, the one with exponent 1 first."""
+    """Parameters in the product, the one with exponent 1 first."""
     factor: float
-    """The 90 % limits are the middle times and over this factor."""
+    """Factor between the median and the 90 % limits."""
     error: float
     """Monte-Carlo standard error of the factor."""
     prior_factor: float
     """The same factor under the prior."""
     width: float
-    """Width of the 90 % limits of the logarithm, over that under the prior."""
+    """Width of the 90 % limits of the logarithm, relative to that under the prior."""
 
     def written(self, names: Sequence[str]) -> str:
-        """Return the product in words, as in b · m^0.7."""
+        """Return the product as text, such as b · m^0.7."""
         return " · ".join(
             names[k] if self.exponents[k] == 1.0 else f"{names[k]}^{self.exponents[k]:g}" for k in self.order
         )
 
     def sentence(self, names: Sequence[str]) -> str:
-        """Say how closely the data determine the product."""
+        """Describe how precisely the data determine the product."""
         if self.width > INFORMED:
             return f"not informed: {self.written(names)} (limits {100 * self.width:.0f} % as wide as under the prior)"
         word = "determined" if self.width <= DETERMINED else "informed"
@@ -54,20 +54,20 @@ class Product(NamedTuple):
 
 
 def find_products(priors: Sequence[Prior], theta: FloatArray, directions: Directions) -> list[Product | None]:
-    """Return the product that each direction stands for; None where the posterior is nearly as wide as the prior.
+    """Return the product that represents each direction; None if the posterior is nearly as wide as the prior.
 
-    Small components of a direction are left out. The exponents of the others are fitted again, so that the product
-    varies least in the posterior, and rounded to two digits. If that repeats an earlier product, the direction keeps
-    its own exponents.
+    Small components of a direction are left out. The exponents of the others are refitted to minimise the posterior
+    variance of the product, and rounded to two digits. If this repeats an earlier product, the original exponents of
+    the direction are used.
 
     Parameters
     ----------
     priors
         Prior of each parameter.
     theta
-        Draws, shape (draws, parameters), chain after chain.
+        Draws, shape (draws, parameters), with the chains concatenated.
     directions
-        As `find_directions` finds them.
+        Directions from `find_directions`.
     """
     logs = np.log(theta)
     covariance = np.atleast_2d(np.cov(logs.T))
@@ -93,7 +93,7 @@ def _leading(vector: FloatArray) -> list[int]:
 
 
 def _fitted_without_slight(covariance: FloatArray, order: Sequence[int], prior_sd: FloatArray) -> FloatArray:
-    """Fit, leave out exponents that are small beside the others, and fit again until none is left out."""
+    """Fit, drop exponents that are small compared with the others, and repeat until none is dropped."""
     exponents = _fitted(covariance, order)
     scaled = np.abs(exponents * prior_sd)
     kept = [k for k in order if k == order[0] or scaled[k] >= _SLIGHT * scaled.max()]

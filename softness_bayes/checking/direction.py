@@ -1,4 +1,4 @@
-"""Direction of a table's ratings with stiffness, and the reading of the readout that agrees with it."""
+"""Direction of a table's ratings with stiffness, and the direction with the response that agrees with it."""
 
 from __future__ import annotations
 
@@ -15,13 +15,15 @@ from softness_bayes.likelihood.directions import FALLS, FREE, RISES, RatingDirec
 from softness_bayes.readable import percent
 
 WAY = {1: "rise", -1: "fall"}
-"""The verb for the sign of a correlation of ratings with stiffness."""
+"""Verbs for the sign of a correlation of ratings with stiffness."""
 
 DRAWS, FEWEST = 256, 16
-"""Prior draws whose response is examined, and the smallest number of them that must vary with the fabric."""
+"""Number of prior draws whose response is examined, and the smallest number whose response must vary with the
+fabric."""
 
 SURE = 0.9
-"""Share of these draws in which firing must rise, or fall, with stiffness for the ratings to decide the direction."""
+"""Share of these draws in which firing must rise (or fall) with stiffness for the ratings to determine the
+direction."""
 
 
 class Evidence(NamedTuple):
@@ -30,17 +32,17 @@ class Evidence(NamedTuple):
     trend: Trend
     loads: tuple[str, ...]
     firing: float
-    """Share of the prior's draws under which firing rises with stiffness over these fabrics (`firing_rises`)."""
+    """Share of prior draws for which firing rises with stiffness across these fabrics (`firing_rises`)."""
 
     @property
     def direction(self) -> RatingDirection | None:
-        """The reading under which ratings run with stiffness as these do; None if the table cannot tell."""
+        """The direction that predicts the observed trend with stiffness; None if the table does not determine it."""
         firing = int(self.firing >= SURE) - int(self.firing <= 1.0 - SURE)
         return {1: RISES, -1: FALLS}.get(firing * self.trend.sign)
 
     @property
     def sentence(self) -> str:
-        """The direction of the ratings with stiffness over all loads, in one line."""
+        """The trend of the ratings with stiffness over all loads, in one line."""
         mean, sign = self.trend.mean, self.trend.sign
         if not math.isfinite(mean.value):
             return (
@@ -55,7 +57,7 @@ class Evidence(NamedTuple):
 
     @property
     def model(self) -> str:
-        """The model's prediction for firing against stiffness, in a clause."""
+        """The model's prediction for firing as a function of stiffness, in a clause."""
         rises = self.firing >= 0.5
         share = self.firing if rises else 1.0 - self.firing
         way = "rises" if rises else "falls"
@@ -63,7 +65,7 @@ class Evidence(NamedTuple):
 
     @property
     def reading(self) -> str:
-        """The reading that agrees with the table, in words."""
+        """The direction that agrees with the table, in words."""
         if self.direction is None:
             return f"the table cannot decide between {RISES.name} and {FALLS.name}; {self.model}"
         return f"these ratings agree with --direction {self.direction.name}, because {self.model}"
@@ -85,17 +87,17 @@ class Choice(NamedTuple):
 
     direction: RatingDirection
     asked: bool
-    """Whether the user asked for it; otherwise it comes from the data, or is the default if these cannot decide."""
+    """Whether the user chose it; otherwise it is inferred from the data, or is the default if these do not decide."""
     evidence: Evidence
 
     @property
     def against_data(self) -> bool:
-        """True if the data clearly run the other way."""
+        """True if the data clearly show the opposite direction."""
         return self.direction is not FREE and self.evidence.direction not in (None, self.direction)
 
     @property
     def sentence(self) -> str:
-        """The direction taken, the reason, and the option that overrides it."""
+        """The chosen direction, the reason, and the option that overrides it."""
         name, found = self.direction.name, self.evidence
         if self.direction is FREE:
             return f"--direction {name}: both directions are sampled, each with prior probability 1/2: {found.sentence}"
@@ -119,11 +121,11 @@ class Choice(NamedTuple):
 
 
 def firing_rises(layout: Layout, rate: NDArray[np.float64]) -> float:
-    """Return the share of parameter vectors under which firing rises with stiffness over the fabrics.
+    """Return the share of parameter vectors for which firing rises with stiffness across the fabrics.
 
-    The response rises with E_fab up to its turning point and falls beyond it. Only vectors whose response varies
-    count; it rises if the mean rank correlation over the loads is positive. If fewer than `FEWEST` vary, loads are
-    too light for a turn, and the share is 1.
+    The response rises with E_fab up to its turning point and falls beyond it. Only vectors with varying responses are
+    counted; a response rises if its mean rank correlation over the loads is positive. If fewer than `FEWEST` vary,
+    loads are too light for a turning point, and the share is 1.
 
     Parameters
     ----------
@@ -143,12 +145,12 @@ def evidence_in(layout: Layout, ratings: NDArray[np.float64], loads: Sequence[st
 
 
 def choose(asked: RatingDirection | None, evidence: Evidence) -> Choice:
-    """Return the direction asked for, or that of the data, or the paper's if these cannot decide."""
+    """Return the requested direction, or that of the data, or the default if these do not decide."""
     return Choice(asked or evidence.direction or RISES, asked is not None, evidence)
 
 
 def _way(found: Correlation) -> str:
-    sure = found.low * found.high > 0  # NaN is not
+    sure = found.low * found.high > 0  # NaN does not count as varying
     return f"ratings {WAY[int(np.sign(found.value))]} with stiffness" if sure else "no clear order with stiffness"
 
 

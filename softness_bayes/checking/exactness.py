@@ -1,4 +1,4 @@
-"""Effect of the fast forward model on the posterior: its log-likelihood against an exact one at posterior draws."""
+"""Effect of the fast forward model on the posterior: its log-likelihood compared with an exact one."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ SAME_RATES = "the same noise-averaged firing rates"
 
 @dataclass(frozen=True)
 class Exactness:
-    """Exact minus fast log-likelihood at posterior draws, and the effect of importance weighting by it.
+    """Exact minus fast log-likelihood at posterior draws, and the effect of the resulting importance weights.
 
     Parameters
     ----------
@@ -40,7 +40,7 @@ class Exactness:
     pareto_k
         Shape of the weights' tail.
     shift
-        Change of each parameter's mean by the weights, in its posterior standard deviations, shape (parameters,).
+        Change of each parameter's mean due to the weights, in its posterior standard deviations, shape (parameters,).
     names
         The parameters.
     rates
@@ -56,20 +56,20 @@ class Exactness:
 
     @property
     def checked(self) -> bool:
-        """True if any draw was compared; the numbers of a comparison of none are NaN."""
+        """True if any draw was compared; without draws, the numbers are NaN."""
         return self.difference.size > 0
 
     @property
     def sd(self) -> float:
-        """Standard deviation of the differences; a common offset does not matter."""
+        """Standard deviation of the differences; a common offset is irrelevant."""
         return float(self.difference.std()) if self.checked else np.nan
 
     @property
     def certain(self) -> bool:
-        """True if more draws would hardly call the approximation anything but exact enough.
+        """True if more draws would almost certainly not change the conclusion that the approximation is exact enough.
 
-        The differences' standard deviation plus five of its standard errors (jackknife) is then still harmless, and
-        so is the largest deviation.
+        The standard deviation of the differences plus five of its standard errors (jackknife) must be negligible, and
+        so must the largest deviation.
         """
         return self.sd + _CERTAIN * self.sd_error <= HARMLESS and self.largest <= HARMLESS
 
@@ -89,7 +89,7 @@ class Exactness:
 
     @property
     def efficiency(self) -> float:
-        """Effective sample size of the weighted draws over their number."""
+        """Effective sample size of the weighted draws divided by their number."""
         weight = np.exp(self.log_weight)
         return float(weight.sum() ** 2 / (weight**2).sum() / weight.size) if self.checked else np.nan
 
@@ -99,7 +99,7 @@ class Exactness:
         return self.sd <= HARMLESS or (self.pareto_k <= LARGEST_K and float(np.abs(self.shift).max(initial=0.0)) <= 0.1)
 
     def sentence(self) -> str:
-        """Say how large the difference is and what it does to the posterior, in one line."""
+        """Describe the size of the difference and its effect on the posterior, in one line."""
         if not self.checked:
             return "Not checked: a first look (--quick) does not compare the fast model with the exact one."
         most = ""
@@ -128,9 +128,9 @@ def compare_likelihoods(
     theta
         Draws, shape (draws, parameters).
     fast, exact
-        Log-likelihoods, shape (draws,); there may be none.
+        Log-likelihoods, shape (draws,), possibly empty.
     rates
-        Firing rates behind the exact log-likelihood, in words.
+        Description of the firing rates in the exact log-likelihood.
     """
     difference = exact - fast
     if not difference.size:
@@ -144,7 +144,7 @@ def compare_likelihoods(
 
 
 def resample(log_weight: Array, size: int) -> NDArray[np.intp]:
-    """Return indices of draws in proportion to their weights, by systematic resampling from the middle of strata."""
+    """Return indices of draws in proportion to their weights, by systematic resampling at the midpoints of strata."""
     cumulative = np.cumsum(np.exp(log_weight - log_weight.max()))
     at = (np.arange(size) + 0.5) / size * cumulative[-1]
     return np.searchsorted(cumulative, at).astype(np.intp)

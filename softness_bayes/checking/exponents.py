@@ -1,4 +1,4 @@
-"""Differences between participants' exponents, which the model takes as one."""
+"""Check for differences between participants' exponents, which the model takes as equal."""
 
 from __future__ import annotations
 
@@ -19,20 +19,20 @@ class ExponentSpread(NamedTuple):
     """Check for differences between participants' exponents."""
 
     p_value: float
-    """Probability that replicated residuals follow the response as strongly within participants; NaN where the
-    response varies for nobody."""
+    """Probability that replicated residuals depend on the response at least as strongly within participants; NaN if the
+    response does not vary for any participant."""
     deviation: float
-    """Standard deviation of participants' own exponents that the excess amounts to."""
+    """Standard deviation of participants' exponents estimated from the excess."""
 
     def sentence(self, individual: bool = False, remedy: bool = True) -> str:
-        """Say whether exponents differ, in one line.
+        """Describe whether exponents differ, in one line.
 
         Parameters
         ----------
         individual
-            Whether the model has exponents of the raters' own.
+            Whether the model has individual exponents.
         remedy
-            Whether a model that has them may be asked for.
+            Whether a model with individual exponents is available.
         """
         more = " more than the model allows" if individual else ""
         if np.isnan(self.p_value):
@@ -50,13 +50,13 @@ class ExponentSpread(NamedTuple):
 def check_exponents(
     observation: Likelihood, mean_rate: FloatArray, parameters: Parameters, effects: Effects
 ) -> ExponentSpread:
-    """Compare how residuals follow the response within participants with what the model replicates.
+    """Compare the dependence of residuals on the response within participants with that of replicates.
 
     The discrepancy is T = sum_p S_p slope_p², slope_p that of participant p's residuals on the logarithm of
     the response (z-scores: on the standardised response), S_p the sum of squares of the latter about its
     mean. Given a draw of all parameters and effects, T / varsigma² of replicated residuals follows a
-    chi-squared law with one degree of freedom for each participant under whom the response varies; draws
-    where it varies for nobody are left out.
+    chi-squared law with one degree of freedom for each participant under whom the response varies; draws in which it
+    varies for none are left out.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Posterior of the fabrics' moduli that are not known exactly, beside their laws, from the groups of a result."""
+"""Posteriors of uncertain fabric moduli compared with their prior laws, from the groups of a result."""
 
 from __future__ import annotations
 
@@ -18,7 +18,8 @@ PROBABILITY = 0.9
 """Share of the draws within the limits."""
 
 FAR = 2.0
-"""Standard deviations of its law from which the mean log modulus of a fabric is said to be far from the measured."""
+"""Distance, in standard deviations of its law, from which a mean log modulus is reported as far from the measured
+one."""
 
 MODULUS_LAW = "fabric_modulus_law"
 """Law of each sampled modulus [kPa] in its written form, in the group `constant_data`."""
@@ -28,7 +29,7 @@ UNCERTAIN = "uncertain_fabric"
 
 
 def modulus_table(tree: xr.DataTree) -> pd.DataFrame | None:
-    """Return what the ratings say of each modulus that is not known exactly; None if all are known.
+    """Return the posterior of each uncertain modulus; None if all are known exactly.
 
     Parameters
     ----------
@@ -70,7 +71,7 @@ def modulus_table(tree: xr.DataTree) -> pd.DataFrame | None:
 
 
 def modulus_sentences(table: pd.DataFrame) -> list[str]:
-    """Say which moduli the ratings narrow, and which they move away from what was measured.
+    """Describe the moduli that the ratings narrow, and those that they move away from the measured values.
 
     Parameters
     ----------

@@ -17,16 +17,16 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 MEANS = tuple(one for one in QUANTITIES if one.columns is Columns.CONDITION)
-"""The test quantity that has a value for each fabric and load: the mean rating on the additive scale."""
+"""Name of the test quantity with a value for each fabric and load: the mean rating on the additive scale."""
 
 
 def fabric_rating_table(tree: xr.DataTree) -> pd.DataFrame:
     """Return rated and predicted mean ratings of every fabric under every load.
 
-    Predicted are the means of replicated ratings by the same participants, so that the band holds the scatter of as
-    many ratings as there are, and what is not known of the model. The means are those of the additive fit to the
-    participants (`quantities.Layout.fit`), for magnitude estimates geometric ones. The replicates come from a fit to
-    these ratings, which makes the differences somewhat too small.
+    Predictions are means of replicated ratings by the same participants, so that the band includes both the scatter of
+    the actual number of ratings and the uncertainty of the model. The means are those of the additive fit to the
+    participants (`quantities.Layout.fit`), for magnitude estimates geometric ones. Because the replicates come from a
+    fit to the same ratings, the differences are somewhat too small.
 
     Parameters
     ----------
@@ -37,7 +37,7 @@ def fabric_rating_table(tree: xr.DataTree) -> pd.DataFrame:
     -------
     DataFrame
         Index load and fabric; columns e_fab_kpa, ratings (their number), rated, predicted (median), predicted_low and
-        predicted_high (limits of 90 % of the replicates), difference_sd: rated less the replicates' mean, on the
+        predicted_high (limits of 90 % of the replicates), difference_sd: rated minus the mean of the replicates, on the
         additive scale, in standard deviations of the replicates.
     """
     import pandas as pd

@@ -1,7 +1,8 @@
-"""Fingers of raters' own: whether the ratings deviate as if the raters' skin differed more than the model says.
+"""Check for individual fingers: deviations of ratings as if raters' skin differed more than in the model.
 
 If a rater's skin is stiffer or softer than the typical one, the rater's ratings deviate along the slope of the response
-in ln b. The slope is not proportional to the response, so that neither the rater's scale nor an exponent stands for it.
+in ln b. The slope is not proportional to the response, so that neither the rater's scale nor an exponent can account
+for it.
 """
 
 from __future__ import annotations
@@ -18,20 +19,20 @@ from softness_bayes.likelihood.pieces import part_of, pieces
 Array = NDArray[np.float64]
 
 STEP = 0.1
-"""Change of ln b to either side over which the slope is taken."""
+"""Half-width, in ln b, of the secant for the slope."""
 
 FLAT = 1e-6
-"""Root mean square slope below which a rater's ratings say nothing of their skin."""
+"""Root mean square slope below which ratings carry no information about the rater's skin."""
 
 
 class FingerCheck(NamedTuple):
     """Comparison of the raters' deviations along the slope in ln b with noise."""
 
     p_value: float
-    """Probability that replicated ratings deviate at least as much; NaN where no rater's response has a slope."""
+    """Probability that replicated ratings deviate at least as much; NaN if no rater's response has a slope."""
 
     def sentence(self, individual: bool) -> str:
-        """Return one line for the user; `individual` says whether the model has fingers of the raters' own."""
+        """Return one line for the user; `individual` is whether the model has individual fingers."""
         if not np.isfinite(self.p_value):
             return (
                 "fingers: no rater's response depends on the skin, so the ratings do not inform "
@@ -56,7 +57,7 @@ class FingerCheck(NamedTuple):
 def check_fingers(
     observation: Likelihood, mean_rate: Array, slope: Array, parameters: Parameters, effects: Effects
 ) -> FingerCheck:
-    """Compare each rater's residuals along the slope of the response in ln b with what the model replicates.
+    """Compare each rater's residuals along the slope of the response in ln b with those of replicates.
 
     The discrepancy is T = sum over raters of (sum_i d_i r_i)² / sum_i d_i², over a rater's rows i, with residuals r_i
     and with slopes d_i about the rater's mean, given a draw of all parameters and effects. T / varsigma² of replicated
@@ -67,7 +68,7 @@ def check_fingers(
     observation
         The ratings.
     mean_rate
-        As `Likelihood.residual` takes it, shape (draws, ...).
+        As for `Likelihood.residual`, shape (draws, ...).
     slope
         Derivative of `Likelihood.drive` in each condition with respect to ln b, shape (draws, conditions).
     parameters, effects

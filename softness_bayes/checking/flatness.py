@@ -14,26 +14,26 @@ from softness_bayes.checking.quantities import ROUNDING, Additive, Layout
 FloatArray = NDArray[np.float64]
 
 LEVEL = 1e-3
-"""p-value below which fabrics differ beyond doubt."""
+"""p-value below which fabrics clearly differ."""
 
 FLAT = 0.1
-"""Explained share below which a prediction is flat; and share of all loads' differences below which one load's are
-negligible."""
+"""Explained share below which a prediction is flat; and share of the differences under all loads below which those
+under one load are negligible."""
 
 
 class Explained(NamedTuple):
     """Share of the differences between fabrics that a prediction explains, under one load or under all of them."""
 
     share: float
-    """Explained share of their variance beyond noise, median over draws; negative if the prediction runs the other way,
-    NaN if fabrics do not differ."""
+    """Explained share of their variance beyond noise, median over draws; negative if the prediction has the opposite
+    trend, NaN if fabrics do not differ."""
     low: float
     high: float
     """5 and 95 % limits over draws."""
     spread: float
     """Standard deviation of mean (log) ratings between fabrics, beyond noise."""
     p_value: float
-    """p-value of the differences under noise alone; NaN if the size of the noise is not known."""
+    """p-value of the differences under noise alone; NaN if the noise is unknown."""
     visible: float
     """Standard deviation between fabrics that would have been detected."""
     matters: bool
@@ -55,7 +55,7 @@ def explain(layout: Layout, fit: Additive, predicted: FloatArray) -> list[Explai
     Parameters
     ----------
     layout
-        Who rated what.
+        Design of the ratings.
     fit
         The additive fit of the ratings.
     predicted

@@ -1,4 +1,4 @@
-"""A check of plate forces: how they grow with indentation, against what the fitted skin replicates."""
+"""Check of plate forces: exponent of force against indentation, compared with replicates of the fitted skin."""
 
 from __future__ import annotations
 
@@ -13,24 +13,24 @@ from softness_bayes.likelihood.plate import CompressionForces
 Array = NDArray[np.float64]
 
 FEW_POINTS = 10
-"""Forces of a finger below which a check of how they grow is called weak."""
+"""Number of forces per finger below which the check of the exponent is called weak."""
 
 HERTZ_EXPONENT = 1.5
-"""Power of the indentation that force follows on skin that does not stiffen."""
+"""Exponent of force against indentation for skin that does not stiffen."""
 
 
 class ExponentCheck(NamedTuple):
     """Check of the growth of forces with indentation under the fitted skin."""
 
     observed: float
-    """Power of the indentation in the data."""
+    """Exponent in the data."""
     low: float
     high: float
     """Limits of 90 % of the replicates."""
     p_value: float
     """Two-sided predictive p-value."""
     points: float
-    """Forces of a finger, on average."""
+    """Mean number of forces per finger."""
 
     @property
     def sentence(self) -> str:
@@ -50,7 +50,7 @@ class ExponentCheck(NamedTuple):
 
 
 def check_exponent(forces: CompressionForces, replicated: Array) -> ExponentCheck:
-    """Compare how force grows with indentation with what the model replicates, forces (draws, rows) [N]."""
+    """Compare the exponent of force against indentation with that of replicated forces (draws, rows) [N]."""
     observed, again = float(forces.exponent(forces.values)), forces.exponent(replicated)
     low, high = np.quantile(again, [0.05, 0.95])
     tail = min(float((again >= observed).mean()), float((again <= observed).mean()))

@@ -1,4 +1,4 @@
-"""Ratings under many loads, judged in groups of them: the loads of a result, and conditions taken together."""
+"""Grouping of many loads for checks: the loads of a result, and conditions merged over groups of loads."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ FloatArray = NDArray[np.float64]
 IndexArray = NDArray[np.intp]
 
 LOAD_GROUP = "load_group"
-"""Axis of what is stored for groups of many loads; for each of a few loads it is `load`."""
+"""Axis of variables stored for groups of many loads; with few loads, the axis is `load`."""
 
 
 def loads_in(constant: xr.Dataset) -> tuple[Load, ...]:
@@ -37,12 +37,12 @@ def groups_in(tree: xr.DataTree) -> LoadGroups:
 
 
 def shown_in(stored: xr.Dataset, groups: LoadGroups) -> IndexArray:
-    """Return where a group of a result has the loads that are shown, on its axis of loads.
+    """Return the indices of the shown loads on the load axis of a group of a result.
 
     Parameters
     ----------
     stored
-        Curves or turning points. Results of earlier versions hold those of every one of many loads.
+        Curves or turning points. Results of earlier versions store them for every load.
     groups
         The groups of all loads.
     """
@@ -55,9 +55,9 @@ def merge(layout: Layout, of: IndexArray) -> tuple[Layout, IndexArray]:
     Parameters
     ----------
     layout
-        Who rated what, under single loads.
+        Design of the ratings, under single loads.
     of
-        Index of each load's group, which takes the load's place.
+        Index of each load's group, which replaces the load.
     """
     design = layout.design
     code = of[layout.load] * design.n_fabrics + design.fabric
@@ -73,11 +73,11 @@ def averaged(layout: Layout, place: IndexArray, values: FloatArray) -> FloatArra
     Parameters
     ----------
     layout
-        Who rated what, under single loads.
+        Design of the ratings, under single loads.
     place
         Merged condition of each condition, from `merge`.
     values
-        Of the conditions, shape (..., conditions).
+        Values by condition, shape (..., conditions).
     """
     count = layout.design.cells.sum(axis=0)
     weight = np.zeros((count.size, int(place.max()) + 1))

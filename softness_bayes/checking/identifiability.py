@@ -43,8 +43,8 @@ def information_table(tree: xr.DataTree) -> pd.DataFrame:
     DataFrame
         A row per parameter that has a prior: prior_mean, prior_sd (natural units), contraction,
         psens_prior, psens_likelihood, and their Monte-Carlo standard errors psens_prior_mcse,
-        psens_likelihood_mcse. mu, which is drawn after the run, has no sensitivities: the likelihood whose power
-        they change has mu integrated out.
+        psens_likelihood_mcse. mu, which is drawn after the run, has no sensitivities, because it is integrated out of
+        the power-scaled likelihood.
     """
     import pandas as pd
 
@@ -84,16 +84,16 @@ def direction_table(tree: xr.DataTree) -> pd.DataFrame:
     -------
     DataFrame
         A row per direction (index ``direction``, from 1): contraction along it; for each parameter the
-        component of the unit vector, in units of the log parameter's prior sd; then the product of parameters
-        that it stands for, if the data narrow it (product, factor_90, factor_90_mcse, prior_factor_90: its 90 %
-        limits are its middle times and over the factor; width: width of the limits over that under the prior);
-        and its meaning in words.
+        component of the unit vector, in units of the log parameter's prior sd; then the product of parameters that
+        represents it, if the data narrow it (product; factor_90, factor_90_mcse, prior_factor_90: factor between its
+        median and its 90 % limits; width: width of the limits relative to that under the prior); and its meaning in
+        words.
     """
     import pandas as pd
 
     names = [*_draws(tree, "log_prior")]
     priors, posterior = Provenance(tree.attrs).priors, _draws(tree, "posterior")
-    theta = np.abs(np.stack([posterior[name] for name in names], axis=-1))  # an exponent may have either sign
+    theta = np.abs(np.stack([posterior[name] for name in names], axis=-1))  # a signed exponent has no logarithm
     laws = [magnitude(EVERY_PARAMETER[name].cut(priors[name])) for name in names]
     found = find_directions(laws, theta)
     table = pd.DataFrame(found.vectors, columns=names)
@@ -116,7 +116,7 @@ def direction_table(tree: xr.DataTree) -> pd.DataFrame:
 
 
 def information_sentences(summary: pd.DataFrame) -> list[str]:
-    """Say which parameters the data determine, partly inform or leave open, and which ones depend on the prior.
+    """Describe which parameters the data determine, partly inform or leave open, and which depend on the prior.
 
     Parameters
     ----------
@@ -151,12 +151,12 @@ def information_sentences(summary: pd.DataFrame) -> list[str]:
 
 
 def direction_sentences(directions: pd.DataFrame) -> list[str]:
-    """Say which combinations of parameters the data determine, which they partly inform, and which they leave open.
+    """Describe the combinations of parameters that the data determine, partly inform, or leave open.
 
     Parameters
     ----------
     directions
-        As `direction_table` returns it.
+        Table from `direction_table`.
     """
     width = directions["width"].astype(float)
     names = [*directions.columns[1 : directions.columns.get_loc("product")]]
@@ -191,7 +191,7 @@ def _open(contraction: float) -> str:
 
 
 def _has_errors(summary: pd.DataFrame) -> bool:
-    """Return whether a summary has errors of its sensitivities; earlier versions did not store them."""
+    """Return whether a summary has Monte-Carlo errors of sensitivities, which earlier versions did not store."""
     return "psens_prior_mcse" in summary
 
 
@@ -201,6 +201,6 @@ def _width(contraction: Any) -> Any:
 
 
 def _draws(tree: xr.DataTree, group: str) -> dict[str, Array]:
-    """Return the scalar variables of a group, draws of all chains in one axis."""
+    """Return the scalar variables of a group, with the draws of all chains on one axis."""
     dataset = tree[group].to_dataset()
     return {str(name): v.values.ravel() for name, v in dataset.items() if v.dims == SAMPLE_DIMS}

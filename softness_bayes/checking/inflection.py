@@ -1,4 +1,4 @@
-"""Response against the fabric's modulus, draw by draw, and its turning point (model.md 11)."""
+"""Response as a function of fabric modulus for each draw, and its turning point (model.md 11)."""
 
 from __future__ import annotations
 
@@ -26,9 +26,9 @@ RANGE_FACTOR = 10.0
 """The range of a turning point: from a tenth of the smallest fabric to ten times the largest."""
 
 TURNING_POINTS = 41
-"""Grid points for the turning points of thousands of draws, which gives their place to 0.1 %."""
+"""Number of grid points for the turning points of thousands of draws; their position is accurate to 0.1 %."""
 
-_PIECE = 500  # draws whose curves are held at once
+_PIECE = 500  # draws whose curves are kept in memory at once
 
 
 class Outcome(IntEnum):
@@ -43,10 +43,10 @@ class Outcome(IntEnum):
 
 
 class Curves(NamedTuple):
-    """The chain along a grid of fabric moduli, for every draw and load."""
+    """Response and contact along a grid of fabric moduli, for every draw and load."""
 
     modulus: Array
-    """E_fab [Pa], shape (points,), rising by a constant factor."""
+    """E_fab [Pa], shape (points,), with constant ratio."""
     total_rate: Array
     """Response [spikes/s], shape (draws, loads, points)."""
     skin_modulus: Array
@@ -150,7 +150,7 @@ def turning_points(
     points: int = TURNING_POINTS,
     loads: Sequence[Load] | None = None,
 ) -> Inflection:
-    """Return the turning points of many draws, without keeping their curves.
+    """Return the turning points of many draws without storing their curves.
 
     Parameters
     ----------
@@ -159,11 +159,11 @@ def turning_points(
     parameters
         A batch of draws, shape (draws,).
     error
-        As `find_inflection` takes it.
+        As for `find_inflection`.
     points
         Number of grid points.
     loads
-        Loads under which to look; by default those of the scene.
+        Loads; by default those of the scene.
     """
     grid, fabrics = curve_scene(scene, points, loads), (float(scene.modulus.min()), float(scene.modulus.max()))
     parameters = TouchParameters(*np.broadcast_arrays(*parameters))

@@ -1,8 +1,8 @@
 """Power of the check of the turning point against a response that levels off at its peak.
 
-The alternative comes from the run itself: each replicated table is made again with the same draw, effects and noise,
-and with its response held at its largest value for all stiffer fabrics. The check of the data is applied to these
-tables; the share that fails it is the power.
+The alternative is derived from the run itself: each replicated table is simulated again with the same draw, effects and
+noise, but with the response held at its peak for all stiffer fabrics. The check is applied to these tables; the share
+that fails is its power.
 """
 
 from __future__ import annotations
@@ -22,14 +22,14 @@ DOUBTFUL = 0.05
 """Two-sided p-value below which a model does not reproduce a test quantity."""
 
 NEEDED = 0.8
-"""Power from which a passed check means that the model reproduces the turning point."""
+"""Power above which a passed check means that the model reproduces the turning point."""
 
 
 GROUPS = 20
-"""Groups of tables, each left out once by the jackknife."""
+"""Number of groups of tables for the jackknife."""
 
 LEAST_SHORTFALL = 1e-6
-"""Spread of the model's fall in mean (log) ratings below which they do not fall."""
+"""Variation of the model's fall in mean (log) ratings below which there is no fall."""
 
 
 class Power(NamedTuple):
@@ -41,12 +41,12 @@ class Power(NamedTuple):
 
 
 def levelled(layout: Layout, response: FloatArray) -> FloatArray:
-    """Return responses that rise with the fabric's modulus under each load and never fall.
+    """Return responses held at their peak, so that they never fall with the fabric's modulus under a load.
 
     Parameters
     ----------
     layout
-        Where the conditions lie.
+        Moduli and loads of the conditions.
     response
         Shape (..., conditions).
     """
@@ -78,7 +78,7 @@ def fall(layout: Layout, condition: FloatArray, expected: FloatArray, shortfall:
     Returns
     -------
     ndarray, shape (..., loads)
-        NaN where the model's response does not fall within the range of the fabrics.
+        NaN if the model's response does not fall within the range of the fabrics.
     """
     count, found = layout.design.cells.sum(axis=0), []
     for load in layout.loads:
@@ -115,7 +115,7 @@ def compare_levelled(layout: Layout, model: FloatArray, other: FloatArray) -> tu
     Parameters
     ----------
     layout
-        Who rated what.
+        Design of the ratings.
     model, other
         Ratings replicated under the model and, with the same draws, effects and noise, under the levelled response;
         shape (tables, rows).
@@ -128,8 +128,8 @@ def compare_levelled(layout: Layout, model: FloatArray, other: FloatArray) -> tu
 def departs(p_values: FloatArray, fall_p_value: FloatArray) -> NDArray[np.bool_]:
     """Return whether test quantities lie outside the range of the replicates.
 
-    Half of `DOUBTFUL` is for a fall that is too small, as of a response that levels off. Presence, place and drop
-    share the other half, or all of it if the model's response does not fall.
+    Half of `DOUBTFUL` is assigned to a fall that is too small, as for a response that levels off. Presence, place and
+    drop share the other half, or all of it if the model's response does not fall.
 
     Parameters
     ----------
@@ -158,9 +158,9 @@ def fall_p_value(values: FloatArray, replicates: FloatArray) -> FloatArray:
 
 
 def power(alternative: Tables, replicates: Tables) -> list[Power]:
-    """Return the power of the check of each load, NaN where the ratings are too few to judge.
+    """Return the power of the check of each load, NaN if there are too few ratings.
 
-    Its error is that of a jackknife over groups of tables, and at least that of a binomial share.
+    Its error is estimated by a jackknife over groups of tables, and is at least the binomial error.
 
     Parameters
     ----------

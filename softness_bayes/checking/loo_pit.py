@@ -1,4 +1,4 @@
-"""LOO-PIT: the place of each rating in its prediction from all the others."""
+"""LOO-PIT: probability integral transform of each rating in its leave-one-out predictive distribution."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from softness_bayes.likelihood.pieces import pieces
 
 FloatArray = NDArray[np.float64]
 
-_SEED = 0  # of the places of ratings with probabilities within these
+_SEED = 0  # seed of the random positions of discrete ratings within their probabilities
 
 
 class LooPit(NamedTuple):
-    """Places of ratings in their predictions and how far to trust them, arrays of shape (rows,)."""
+    """LOO-PIT values and their reliability, arrays of shape (rows,)."""
 
     value: FloatArray
     """Probability of a smaller rating; each is uniform under the model, but they are not independent."""
@@ -33,7 +33,8 @@ def loo_pit(
     With the effects of participants and fabrics integrated out, p(y_i | y_-i, theta) is known in closed
     form. It is averaged over theta with importance weights 1 / p(y_i | y_-i, theta), smoothed by a generalised Pareto
     law, which turn draws given all ratings into draws given the others (Bürkner, Gabry and Vehtari, Computational
-    Statistics 36, 1243, 2021). Ratings with probabilities, not densities, lie at a share of theirs that is drawn once.
+    Statistics 36, 1243, 2021). For discrete ratings, the transform is randomised within the probability of the rating
+    by a fixed random number.
 
     Parameters
     ----------

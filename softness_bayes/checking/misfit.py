@@ -1,4 +1,4 @@
-"""Failed fits: a readout that runs against its data, or a flat line through ratings that differ."""
+"""Detection of failed fits: a direction that contradicts the data, or a flat prediction for ratings that differ."""
 
 from __future__ import annotations
 
@@ -19,36 +19,37 @@ if TYPE_CHECKING:
     import xarray as xr
 
 TYPICAL = "typical_rating_of_condition"
-"""Rating predicted of a typical participant in each condition, by fabric and then load, in the group `predictions`."""
+"""Name of the predicted rating of a typical participant, by fabric and then load, in the group `predictions`."""
 
 SILENT = 0.99
-"""Share of silent draws from which a result without `TYPICAL` is taken to predict one rating for all conditions."""
+"""Share of silent draws above which a result without `TYPICAL` is assumed to predict equal ratings in all
+conditions."""
 
 
 MOSTLY_SILENT = 0.5
-"""Share of silent draws and conditions above which a result explains what their silence means."""
+"""Share of silent draws and conditions above which a result explains their meaning."""
 
 
 class Fit(NamedTuple):
-    """The agreement of a model with its ratings, as far as it decides whether the fit has failed."""
+    """Agreement of a model with its ratings, with the criteria of a failed fit."""
 
     choice: Choice
-    """The direction of the run, and the evidence of its data for it."""
+    """The direction of the run, and the evidence of the data for it."""
     loads: tuple[str, ...]
     explained: tuple[Explained, ...]
     """Share explained by the response under each load, then under all; empty if a result does not store it."""
     silent: float
-    """Share of the posterior's draws that are silent in every condition."""
+    """Share of posterior draws that are silent in every condition."""
     silent_conditions: float
     """Share of draws and conditions in which no receptor fires."""
     fabric_effects: bool
-    """Whether fabrics have effects of their own beside the response."""
+    """Whether fabrics have random effects in addition to the response."""
     scale: str
     """The quantity whose standard deviations are given: log rating or z-score."""
 
     @property
     def flat(self) -> list[str]:
-        """Loads under which the prediction is flat although ratings differ, a clause each."""
+        """Loads under which the prediction is flat although ratings differ, one clause each."""
         if not self.explained:
             return []
         each = zip(self.loads, self.explained[:-1], strict=True)
@@ -60,7 +61,7 @@ class Fit(NamedTuple):
 
     @property
     def faults(self) -> list[str]:
-        """Reasons why the fit has failed, a sentence each, most important first; empty if it has not."""
+        """Reasons for a failed fit, one sentence each, most important first; empty if it has not failed."""
         found = [self.choice.sentence] if self.choice.against_data else []
         if self.flat:
             silent = (
@@ -101,7 +102,7 @@ class Fit(NamedTuple):
 
 
 def fit_of(tree: xr.DataTree) -> Fit:
-    """Return how the model of a result follows its ratings.
+    """Return the agreement of the model of a result with its ratings.
 
     Parameters
     ----------
@@ -130,7 +131,7 @@ def fit_of(tree: xr.DataTree) -> Fit:
 
 
 def _predicted(tree: xr.DataTree, silent: float, layout: Layout) -> NDArray[np.float64] | None:
-    """Return the typical rating in every condition of a layout, (draws, conditions); None where it is not known."""
+    """Return the typical rating in every condition of a layout, (draws, conditions); None if unknown."""
     known = predicted_ratings(tree, layout)
     if known is None and silent >= SILENT:
         return np.ones((1, layout.design.n_conditions))
@@ -144,7 +145,7 @@ def predicted_ratings(tree: xr.DataTree, layout: Layout) -> NDArray[np.float64] 
         return None
     constant = tree["constant_data"].to_dataset()
     rows = constant["fabric_index"].values * constant["load"].size + constant["load_index"].values
-    # stored by fabric and then load; a condition of a layout may hold several of these
+    # stored by fabric and then load; a condition of a layout may contain several of these
     stored_of, values = np.unique(rows, return_inverse=True)[1], np.asarray(stored[TYPICAL].values[0], float)
     share = np.zeros((values.shape[1], layout.design.n_conditions))
     np.add.at(share, (stored_of, layout.design.condition), 1.0)

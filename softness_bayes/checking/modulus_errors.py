@@ -1,4 +1,4 @@
-"""Errors of the fabrics' moduli: whether the ratings show them, and what they would do to the conclusions.
+"""Errors of the fabrics' moduli: their evidence in the ratings, and their effect on the conclusions.
 
 Both follow from the slope of the response in the logarithm of a fabric's modulus. If moduli are wrong, mean ratings
 deviate along that slope, by the same relative error under every load. To first order, an error of a modulus moves the
@@ -23,33 +23,34 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 STEP = 0.05
-"""Change of the log modulus over which slopes are taken, a third of what laboratories usually err by."""
+"""Change of the log modulus over which slopes are computed, a third of typical errors between laboratories."""
 
 ERRORS = (0.05, 0.10, 0.20)
-"""Relative errors of the moduli whose consequences are stated."""
+"""Relative errors of the moduli for which consequences are reported."""
 
 DIRECTIONS = 24
-"""Fabrics that are moved one at a time; with more of them, all are moved at once in as many random directions."""
+"""Number of fabrics up to which moduli are changed one at a time; with more, all are changed at once in this many
+random directions."""
 
 FLAT = 1e-6
-"""Slope of the (log) rating in the log modulus below which a condition says nothing of the modulus."""
+"""Slope of the (log) rating in the log modulus below which a condition carries no information about the modulus."""
 
 LINEAR = 1.0
-"""Shift, in posterior standard deviations, up to which first order is a guide: a posterior that is left by more than
-its own width is met by others of its ridges, and moves less than foretold."""
+"""Shift, in posterior standard deviations, up to which the first-order approximation is useful; larger actual shifts
+are smaller than predicted, because the posterior moves along its ridges."""
 
 CLEAR = 2.0
-"""Monte-Carlo standard errors above which a shift is stated."""
+"""Number of Monte-Carlo standard errors above which a shift is reported."""
 
 
 class ModulusCheck(NamedTuple):
     """Comparison of the mean ratings' deviations along the slope of the response with noise."""
 
     p_value: float
-    """Probability that replicated ratings deviate at least as much; NaN where no condition has a slope."""
+    """Probability that replicated ratings deviate at least as much; NaN if no condition has a slope."""
 
     def sentence(self, exact: bool) -> str:
-        """Return one line for the user; `exact` says whether moduli were taken as exact."""
+        """Return one line for the user; `exact` is whether moduli were taken as exact."""
         if not np.isfinite(self.p_value):
             return "moduli: where no receptor fires, the ratings do not show errors of the moduli"
         beyond = "" if exact else " beyond those given"
@@ -69,12 +70,12 @@ class ModulusCheck(NamedTuple):
 def check_moduli(
     observation: Likelihood, mean_rate: Array, slope: Array, parameters: Parameters, effects: Effects
 ) -> ModulusCheck:
-    """Compare the residuals along the slope of the response in the log modulus with what the model replicates.
+    """Compare the residuals along the slope of the response in the log modulus with those of replicates.
 
     The discrepancy is T = sum over fabrics of (sum_c n_c d_c r_c)² / sum_c n_c d_c², over the conditions c of a fabric,
     with mean residuals r_c, numbers n_c and slopes d_c, given a draw of all parameters and effects. T / varsigma² of
     replicated ratings follows a chi-squared law with one degree of freedom for each fabric that has a slope. The fit
-    takes up most of what wrong moduli do, so that the p-value errs towards silence.
+    absorbs most of the effect of wrong moduli, so that the check is conservative.
 
     Parameters
     ----------
@@ -98,7 +99,7 @@ def check_moduli(
 
 
 def directions(fabrics: NDArray[np.intp], total: int) -> tuple[Array, float]:
-    """Return directions in which log moduli are moved, and the weight of each in a sum over fabrics.
+    """Return directions in which log moduli are changed, and the weight of each in a sum over fabrics.
 
     Parameters
     ----------
@@ -158,10 +159,10 @@ class Shift(NamedTuple):
 
 
 def posterior_shift(quantity: Array, score: Array, share: float = 1.0) -> Shift:
-    """Return how far errors of the moduli would move the posterior mean of a quantity.
+    """Return the shift of the posterior mean of a quantity due to errors of the moduli.
 
-    d E[q] / d log E_f = Cov(q, d log L / d log E_f) over the posterior. Squares of covariances that are noise add up
-    over fabrics; what the noise adds is subtracted.
+    d E[q] / d log E_f = Cov(q, d log L / d log E_f) over the posterior. The Monte-Carlo noise of the squared
+    covariances, which accumulates over fabrics, is subtracted.
 
     Parameters
     ----------
@@ -177,7 +178,7 @@ def posterior_shift(quantity: Array, score: Array, share: float = 1.0) -> Shift:
 
     def covariance(kept: NDArray[np.bool_]) -> Array:
         chosen = q[kept] - q[kept].mean()
-        spread = chosen.std() or np.nan  # draws that are all the same have no shift to speak of
+        spread = chosen.std() or np.nan  # constant draws have no shift
         return np.asarray(chosen @ (s[kept] - s[kept].mean(axis=0)) / chosen.size / spread)
 
     each = covariance(np.ones(q.size, dtype=bool))
@@ -185,14 +186,14 @@ def posterior_shift(quantity: Array, score: Array, share: float = 1.0) -> Shift:
     if not np.isfinite(error).all():
         return Shift(np.nan, np.nan)
     squared = share * ((each**2).sum() - (error**2).sum())
-    # delta method, and the noise of squares of noise
+    # delta method, plus the variance of squared noise
     noise = share * np.sqrt((4.0 * each**2 * error**2 + 2.0 * error**4).sum())
     sd = float(np.sqrt(max(squared, 0.0)))
     return Shift(sd, float(noise / (2.0 * sd)) if sd > 0 else float(np.sqrt(noise)))
 
 
 def shift_table(names: Sequence[str], shifts: Sequence[Shift]) -> pd.DataFrame:
-    """Return what errors of the moduli would do to each quantity.
+    """Return the effect of errors of the moduli on each quantity.
 
     Returns
     -------
@@ -226,7 +227,7 @@ class MovedMost(NamedTuple):
 
 
 def moved_most(table: pd.DataFrame) -> MovedMost | None:
-    """Return the quantity of a `shift_table` that errors would move most; None where no shift exceeds its noise."""
+    """Return the quantity of a `shift_table` with the largest shift; None if no shift exceeds its noise."""
     clear = table[table["shift_10"] >= CLEAR * table["shift_10_mcse"]]
     if clear.empty:
         return None
@@ -235,12 +236,12 @@ def moved_most(table: pd.DataFrame) -> MovedMost | None:
 
 
 def shift_sentences(table: pd.DataFrame) -> list[str]:
-    """Say how far conclusions would move if moduli that are taken as exact were wrong.
+    """Describe how far conclusions would shift if moduli taken as exact were wrong.
 
     Parameters
     ----------
     table
-        From `shift_table`; quantities whose Monte-Carlo error is as large are left out.
+        From `shift_table`; quantities with Monte-Carlo errors of the same size are left out.
     """
     columns = [_column(error) for error in ERRORS]
     clear = table[table[columns[0]] >= CLEAR * table[f"{columns[0]}_mcse"]]

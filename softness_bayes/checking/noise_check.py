@@ -1,4 +1,4 @@
-"""Noise of raters' own: whether some raters scatter about their own line more than others do."""
+"""Check for individual noise: differences between raters in the scatter about their regression lines."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ from softness_bayes.likelihood.pieces import part_of, pieces
 Array = NDArray[np.float64]
 
 FEWEST = 3
-"""Smallest number of ratings of a rater whose scatter is judged."""
+"""Smallest number of ratings of a rater whose scatter is checked."""
 
 REFERENCE = 4000
-"""Draws of raters' scatter under equal noise, with which the real one is compared."""
+"""Number of draws of raters' scatter under equal noise for the comparison."""
 
 _SEED = 0
 _LEAST = 1e-300
@@ -32,7 +32,7 @@ class NoiseCheck(NamedTuple):
     p_value: float
     """Probability that the scatter of replicated ratings differs as much between raters; NaN with fewer than two."""
     deviation: float
-    """Standard deviation between raters of the log of their noise that the excess amounts to."""
+    """Standard deviation of log noise between raters, estimated from the excess."""
 
     def sentence(self, individual: bool, remedy: bool) -> str:
         """Return one line for the user.
@@ -40,9 +40,9 @@ class NoiseCheck(NamedTuple):
         Parameters
         ----------
         individual
-            Whether the model has noise of the raters' own.
+            Whether the model has individual noise.
         remedy
-            Whether a model that has it may be asked for.
+            Whether a model with individual noise is available.
         """
         if not np.isfinite(self.p_value):
             return "noise: the raters' scatter cannot be compared, because fewer than two gave three ratings or more"
@@ -64,19 +64,19 @@ class NoiseCheck(NamedTuple):
 
 
 def check_noise(observation: Likelihood, mean_rate: Array, parameters: Parameters, effects: Effects) -> NoiseCheck:
-    """Compare how much raters' residuals scatter with what equal noise would give.
+    """Compare the scatter of raters' residuals with that expected for equal noise.
 
     The discrepancy is Bartlett's, T = N ln(sum_p S_p / N) - sum_p n_p ln(S_p / n_p), with S_p the sum of squares of
     rater p's n_p residuals given a draw of all parameters and effects. Residuals of replicated ratings are independent
-    and normal with one standard deviation, whose size cancels: the law of T is that of chi-squared S_p, and is drawn
-    once. Raters with fewer than `FEWEST` ratings are left out.
+    and normal with a common standard deviation, which cancels: T has the law for chi-squared S_p, from which it is
+    drawn once. Raters with fewer than `FEWEST` ratings are left out.
 
     Parameters
     ----------
     observation
         The ratings.
     mean_rate
-        As `Likelihood.residual` takes it, shape (draws, ...).
+        As for `Likelihood.residual`, shape (draws, ...).
     parameters, effects
         Draws of the rating model's parameters, shape (draws,), and of the effects given them.
     """
@@ -94,7 +94,7 @@ def check_noise(observation: Likelihood, mean_rate: Array, parameters: Parameter
     law = _reference(tuple(count.tolist()))
     found = _discrepancy(squares, count)
     above = law.size - np.searchsorted(law, found * (1.0 - 1e-12))
-    # half of the variance of the log of S, of which chance alone makes a part
+    # half of the variance of log S, part of which is due to chance
     log_noise = 0.5 * (np.log(squares / count) - np.log(squares.sum(axis=1) / count.sum())[:, None])
     chance = 0.25 * polygamma(1, 0.5 * count).mean()
     excess = float(np.median(log_noise.var(axis=1, ddof=1))) - float(chance)
@@ -109,7 +109,7 @@ def _discrepancy(squares: Array, count: Array) -> Array:
 
 @lru_cache(maxsize=8)
 def _reference(count: tuple[float, ...]) -> Array:
-    """Return discrepancies of raters with so many ratings each and equal noise, in order."""
+    """Return sorted discrepancies for raters with the given numbers of ratings and equal noise."""
     rows = np.array(count)
     squares = np.random.default_rng(_SEED).chisquare(rows, (REFERENCE, rows.size))
     return np.sort(_discrepancy(squares, rows))

@@ -1,4 +1,4 @@
-"""Places of fabrics in the order of their softness, draw by draw: ties, pairs, and agreement with observed ranks."""
+"""Ranks of fabrics by softness for each draw: ties, pairs, and agreement with observed ranks."""
 
 from __future__ import annotations
 
@@ -14,23 +14,23 @@ from softness_bayes.errors import InputError
 Array = NDArray[np.float64]
 
 TIED = 0.95
-"""Share of the draws in which two fabrics have one rating, from which on they are said to tie."""
+"""Share of draws with equal ratings above which two fabrics are considered tied."""
 
 FEWEST = 3
 """Smallest number of fabrics whose order can be compared with an observed one."""
 
 
 class Places(NamedTuple):
-    """Places of some fabrics, 1 for the softest; equal ratings share their places equally."""
+    """Places of some fabrics, 1 for the softest; fabrics with equal ratings share their places equally."""
 
     place: Array
-    """Place of each fabric in each draw, the mean of those that it shares, shape (draws, fabrics)."""
+    """Place of each fabric in each draw, averaged over ties, shape (draws, fabrics)."""
     probability: Array
     """Probability of each place, shape (fabrics, places): all rows and all columns sum to 1."""
 
 
 def places(rating: ArrayLike) -> Places:
-    """Return the places that draws of ratings, shape (draws, fabrics), put the fabrics in: the highest rating first."""
+    """Return the places of fabrics from draws of ratings, shape (draws, fabrics); the highest rating is first."""
     rating = np.asarray(rating, float)
     draws, fabrics = rating.shape
     order = np.argsort(-rating, axis=1, kind="stable")
@@ -42,7 +42,7 @@ def places(rating: ArrayLike) -> Places:
     last = np.minimum.accumulate(np.where(ends, at, fabrics)[:, ::-1], axis=1)[:, ::-1]
     place = np.empty((draws, fabrics))
     np.put_along_axis(place, order, 0.5 * (first + last) + 1.0, axis=1)
-    # each fabric's share of the places from the first to the last of its tie
+    # share of each fabric in the places from the first to the last of its tie
     steps, share = np.zeros((fabrics, fabrics + 1)), 1.0 / (draws * (last - first + 1.0))
     np.add.at(steps, (order, first), share)
     np.add.at(steps, (order, last + 1), -share)
@@ -67,10 +67,9 @@ def pairs(rating: ArrayLike) -> Pairs:
 
 
 def ties(tie: Array, order: NDArray[np.intp]) -> NDArray[np.intp]:
-    """Return the number of each fabric's group of ties, shape (fabrics,); 0 for a fabric that ties with none.
+    """Return the index of each fabric's group of ties, shape (fabrics,); 0 for a fabric without ties.
 
-    A group follows each other in the order, and its members tie with its first one with a probability of at least
-    `TIED`.
+    Members of a group are consecutive in the order and tie with its first member with probability `TIED` or more.
     """
     found, group, first = np.zeros(order.size, np.intp), 0, order[0]
     for below in order[1:]:
@@ -88,7 +87,7 @@ class Agreement(NamedTuple):
     value: float
     """Median over the draws."""
     low: float
-    """5 % limit over the draws: what the posterior leaves open."""
+    """5 % limit over the draws, which reflects posterior uncertainty."""
     high: float
     """95 % limit."""
     se: float
@@ -120,7 +119,7 @@ MEASURES: Mapping[str, Callable[[Array, Array], float]] = MappingProxyType({"spe
 def agreement(place: Array, observed: ArrayLike) -> dict[str, Agreement]:
     """Return the agreement of places in draws, shape (draws, fabrics), with observed ranks, shape (fabrics,).
 
-    A draw in which all fabrics tie has none, and does not count.
+    Draws in which all fabrics tie are left out.
 
     Raises
     ------

@@ -1,10 +1,10 @@
 """Populations of separate posteriors: mean and spread of one parameter by importance weights.
 
 Each table j has draws of its own posterior, p_j(x) proportional to L_j(x) pi_j(x), x on an unconstrained scale. Under a
-population x_j ~ N(mean, spread²) its marginal likelihood is, but for a constant, the average of N(x; mean, spread²) /
-pi_j(x) over these draws. The product over tables is evaluated on a grid of mean and spread, so that nothing is sampled
-again. The weights are good where the draws of a table cover what the population makes of it; where they do not, the
-population is refused.
+population x_j ~ N(mean, spread²) its marginal likelihood is, up to a constant, the average of N(x; mean, spread²) /
+pi_j(x) over these draws. The product over tables is evaluated on a grid of mean and spread, without further sampling.
+The weights are reliable if the draws of a table cover its posterior under the population; otherwise the population is
+rejected.
 """
 
 from __future__ import annotations
@@ -28,20 +28,20 @@ from softness_bayes.sampler.jackknife import GROUPS
 Array = NDArray[np.float64]
 
 LEAST_TABLES = 2
-"""Fewest tables that have a population."""
+"""Smallest number of tables for a population."""
 
 LEAST_EFFECTIVE = 50.0
 """Smallest effective number of weighted draws of each table."""
 
 LARGEST_WEIGHT = 0.01
 """Share of all weight up to which the largest one is harmless (the criterion of Chatterjee and Diaconis, Annals of
-Applied Probability 28, 1099, 2018); Pareto k, the shape of the tail, is judged where it is exceeded."""
+Applied Probability 28, 1099, 2018); if it is exceeded, Pareto k, the shape of the tail, is checked."""
 
 LARGEST_ERROR = 1.0 / 3.0
 """Largest Monte-Carlo error of the population's mean and spread, in their own posterior standard deviations."""
 
 LIMITS = (0.05, 0.5, 0.95)
-"""Probabilities up to the low end, the middle and the high end of every interval."""
+"""Cumulative probabilities of the low end, the median and the high end of every interval."""
 
 NARROWEST = 0.1
 """Narrowest kernel of a table's draws, in their standard deviations: it widens the table's likelihood by 0.5 %, and
@@ -52,7 +52,7 @@ CELLS = 64
 
 _COARSE, _PASSES = 32, 3
 _MOST = 0.99999  # probability up to the ends of a prior
-_LEAST_MASS = 1e-6  # of a row of the coarse grid, below which the fine one leaves it out
+_LEAST_MASS = 1e-6  # probability of a row of the coarse grid below which the fine grid excludes it
 _BLOCK = 1 << 22  # numbers computed at once
 _TINY = 1e-300
 
@@ -131,7 +131,7 @@ class Pooled:
     tables
         By name.
     largest_k
-        Largest Pareto k that so many draws allow.
+        Largest reliable Pareto k for the number of draws.
     """
 
     mean: Array
@@ -156,7 +156,7 @@ class Pooled:
 
     @property
     def fault(self) -> str:
-        """The reason why the population is refused; empty if there is none."""
+        """The reason for rejecting the population; empty if there is none."""
         if self.failing:
             worst = min(self.failing, key=lambda name: self.tables[name].effective)
             one = self.tables[worst]
@@ -221,7 +221,7 @@ def pool(tables: Mapping[str, Separate], population: Population) -> Pooled:
 
 
 def _unreached(tables: Mapping[str, Separate]) -> Pooled:
-    """Return what there is where no mean and spread are possible for all tables."""
+    """Return the result if no mean and spread are compatible with all tables."""
     none = np.full(len(LIMITS), np.nan)
     alone = {
         name: Shrunken(_limits(one.value, np.full(one.value.size, 1.0 / one.value.size)), none, np.inf, 0.0, 1.0)
@@ -231,14 +231,14 @@ def _unreached(tables: Mapping[str, Separate]) -> Pooled:
 
 
 def _focused(tables: Sequence[Separate], population: Population) -> Grid:
-    """Return the grid over what is left of the prior by coarse ones, whose kernels are as wide as their cells."""
+    """Return the grid over the part of the prior retained by coarse grids, whose kernels are as wide as their cells."""
     wide = float(population.spread.quantile(_MOST))
     within = population.scale.coordinate(population.mean.quantile(np.array([1.0 - _MOST, _MOST])))
     mean = (
         float(max(min(one.value.min() for one in tables) - wide, within[0])),
         float(min(max(one.value.max() for one in tables) + wide, within[1])),
     )
-    if mean[0] >= mean[1]:  # no draw lies where the prior of the mean does; the weights will tell
+    if mean[0] >= mean[1]:  # no draw lies within the prior of the mean; the weights will show this
         mean = (float(within[0]), float(within[1]))
     spread = (0.0, wide)
     for _ in range(_PASSES):
@@ -288,7 +288,7 @@ def _without(sums: Array, posterior: Array) -> list[Array]:
 
 
 def _shrunken(table: Separate, grid: Grid, posterior: Array, log_likelihood: Array) -> Shrunken:
-    """Return a table's parameter separately and in its population, each cell weighted by what the other tables say."""
+    """Return a table's parameter separately and in its population, cells weighted by the other tables."""
     even = np.full(table.value.size, 1.0 / table.value.size)
     separate = _limits(table.value, even)
     held = (posterior > _LEAST_MASS * posterior.max()) & np.isfinite(log_likelihood)
@@ -341,7 +341,7 @@ def _sd(weight: Array, values: Array) -> float:
 
 
 def _normalised(log_density: Array) -> Array:
-    """Return probabilities of cells, zeros where no cell has any."""
+    """Return probabilities of cells, zeros if no cell has any."""
     if not np.isfinite(log_density).any():
         return np.zeros(log_density.size)
     found: Array = np.exp(log_density - logsumexp(log_density))

@@ -1,8 +1,7 @@
 """Test quantities of ratings: summaries of a data set that a model should reproduce.
 
-Each is computed in the same way from the ratings that were filed and from replicated ones, without knowing
-any parameter. All start from the additive fit of participants and conditions to log ratings (to z-scores as
-they are), which a gap in the table does not bias.
+Each is computed in the same way from observed and replicated ratings, without using any parameter. All start from an
+additive fit of participants and conditions to log ratings (or to z-scores), which is not biased by missing ratings.
 """
 
 from __future__ import annotations
@@ -25,10 +24,10 @@ FloatArray = NDArray[np.float64]
 IndexArray = NDArray[np.intp]
 
 CLEAR = 2.0
-"""Standard errors by which a mean rating must exceed those at both ends to count as an interior maximum."""
+"""Number of standard errors by which an interior maximum of mean ratings must exceed both ends."""
 
 ROUNDING = 1e-12
-"""Spread of residuals [-] that counts as zero: rounding errors of log ratings are below it."""
+"""Standard deviation of residuals [-] below which it is treated as zero: rounding errors of log ratings are smaller."""
 
 
 class Additive(NamedTuple):
@@ -61,7 +60,7 @@ class Layout:
     sign
         Whether ratings rise (+1) or fall (-1) with the response.
     scale
-        Scale of the ratings, with the numbers in which they are additive.
+        Scale of the ratings, with its transformation to the additive scale.
     """
 
     design: Design
@@ -77,13 +76,13 @@ class Layout:
 
     @cached_property
     def _laplacian(self) -> FloatArray:
-        """Matrix of the normal equations of the conditions, participants taken away."""
+        """Matrix of the normal equations of the conditions, with participants eliminated."""
         cells, count = self.design.cells, np.maximum(self.design.cells.sum(axis=1), 1.0)
         return np.diag(cells.sum(axis=0)) - cells.T @ (cells / count[:, None])
 
     @cached_property
     def _inverse(self) -> FloatArray:
-        """Its pseudoinverse, which costs the cube of the conditions."""
+        """Pseudoinverse of `_laplacian`, with cubic cost in the number of conditions."""
         return np.asarray(np.linalg.pinv(self._laplacian, hermitian=True))
 
     @cached_property
@@ -127,7 +126,7 @@ class Layout:
             residual = y - condition[:, design.condition] - participant[:, design.participant]
             level = participant[:, present].mean(axis=-1, keepdims=True)
             participant = np.where(present, participant - level, np.nan)
-            # of complete orders and pairs every participant has the same mean
+            # in complete orders and pairs, every participant has the same mean
             rounding = ROUNDING * np.abs(y).max(axis=-1, keepdims=True)
             participant = np.where(np.abs(participant) < rounding, 0.0, participant)
             sd = np.sqrt((residual**2).sum(axis=-1) / freedom) if freedom > 0 else np.full(len(y), np.nan)
@@ -147,7 +146,7 @@ class Turn(NamedTuple):
 
 
 def find_turn(layout: Layout, fit: Additive) -> Turn:
-    """Locate the maximum of the mean log rating under each load (the minimum where ratings fall with the response).
+    """Locate the maximum of the mean log rating under each load (the minimum if ratings fall with the response).
 
     It is interior if it exceeds the means of the softest and of the stiffest fabric by `CLEAR` standard
     errors of their difference. Its place is the vertex of the parabola through it and its neighbours in
@@ -198,9 +197,9 @@ class Quantity:
     name
         As in tables.
     new_participants
-        Whether replicates are of new participants instead of those who rated.
+        Whether replicates are for new participants instead of those in the data.
     columns
-        What the quantity has one value for.
+        Entities for which the quantity has one value each.
     of
         Values of data sets, shape (..., columns).
     centre
@@ -227,7 +226,7 @@ def _spread_of_participants(_: Layout, fit: Additive) -> FloatArray:
 
 
 def _in_spreads(extreme: FloatArray, sd: FloatArray) -> FloatArray:
-    """Return an extreme residual in standard deviations, NaN where there are no deviations."""
+    """Return an extreme residual in standard deviations, NaN if there are no deviations."""
     return np.where(sd > ROUNDING, extreme / np.maximum(sd, ROUNDING), np.nan)[..., None]
 
 
@@ -246,14 +245,14 @@ QUANTITIES = (
 
 
 class QuantityCheck(NamedTuple):
-    """One number of the data among its replicates."""
+    """One number of the data compared with its replicates."""
 
     observed: float
     replicated: float
-    """Median of the replicates that have the quantity; of yes and no the share of yes."""
+    """Median of the replicates with a value; for yes-no quantities, the share of yes."""
     low: float
     high: float
-    """Limits of the replicates; over several columns they hold all of them together."""
+    """Limits of the replicates, joint over the columns."""
     p_value: float
     """P(replicate > observed) + P(equal) / 2 among replicates with a value; NaN if the data or replicates have none."""
 
@@ -261,7 +260,7 @@ class QuantityCheck(NamedTuple):
 def check_quantity(
     quantity: Quantity, layout: Layout, data: Additive, replicates: Additive, probability: float = 0.9
 ) -> list[QuantityCheck]:
-    """Compare the values of a quantity with those of replicates, one finding for each of its columns.
+    """Compare the values of a quantity with those of replicates, with one result per column.
 
     Parameters
     ----------
@@ -270,7 +269,7 @@ def check_quantity(
     data, replicates
         Fits of the ratings, and of replicated ones of batch shape (replicates,).
     probability
-        Share of the replicates that the limits hold, all columns of a replicate at once.
+        Share of replicates with all columns within the limits.
     """
     observed, replicated = quantity.of(layout, data), quantity.of(layout, replicates)
     low, high = joint_limits(replicated, probability)
@@ -303,7 +302,7 @@ def joint_limits(replicated: FloatArray, probability: float) -> tuple[FloatArray
     if whole.any():
         values = np.sort(replicated[:, whole], axis=0)
         rank = np.argsort(np.argsort(replicated[:, whole], axis=0), axis=0)
-        depth = np.minimum(rank, size - 1 - rank).min(axis=1)  # how far inside a replicate's outermost column is
+        depth = np.minimum(rank, size - 1 - rank).min(axis=1)  # distance of the outermost column from the ends
         cut = int(np.quantile(depth, 1.0 - probability, method="lower"))
         low[whole], high[whole] = values[cut], values[size - 1 - cut]
     return low, high

@@ -1,8 +1,8 @@
-"""Power of a calibration: tables of ranks simulated under a stated fault, judged by the calibration's rule.
+"""Power of a calibration, from tables of ranks simulated under a given fault and the rule of the calibration.
 
 A posterior too narrow by a factor w, or shifted by s of its standard deviations, puts the truth at the normal score
 w z + s among its draws, z ~ N(0, 1). The distribution of the rank follows by quadrature. Tables are drawn from it by
-inversion of the same uniform numbers for every w and s, so that the alarm's frequency is smooth in both.
+inversion of the same uniform numbers for every w and s, so that the frequency of alarms is smooth in both.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from softness_bayes.checking.uniformity import simultaneous_band
 FloatArray = NDArray[np.float64]
 
 POWER = 0.9
-"""Probability of the alarm at which the detectable fault is stated."""
+"""Probability of an alarm for which the detectable fault is reported."""
 
 LARGEST_WIDTH, LARGEST_SHIFT = 10.0, 10.0
 """Largest faults in the search."""
@@ -86,7 +86,7 @@ def rank_law(draws: int, width: float = 1.0, shift: float = 0.0) -> FloatArray:
     draws
         Posterior draws that a truth is ranked among.
     width
-        Right over stated standard deviation.
+        Ratio of correct to stated standard deviation.
     shift
         Shift of the posterior, in its standard deviations.
     """
@@ -101,7 +101,7 @@ def rank_law(draws: int, width: float = 1.0, shift: float = 0.0) -> FloatArray:
 
 @lru_cache(maxsize=64)
 def alarm_of(size: int, draws: int, threshold: float) -> Alarm:
-    """Return the rule of a calibration; its limits take a second."""
+    """Return the cached rule of a calibration, whose limits take a second to compute."""
     return Alarm(size, draws, threshold)
 
 

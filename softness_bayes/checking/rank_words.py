@@ -36,7 +36,7 @@ def verdict(calibration: Calibration, size: str, decided: bool) -> str:
 
 
 def coverage_sentence(calibration: Calibration) -> str:
-    """Say how many coverages lie outside their limits, and how many do by chance."""
+    """Describe how many coverages lie outside their limits, and how many are expected by chance."""
     rows = calibration.coverage()
     named = ("low", "share", "high", "outside")
     low, share, high, chance = np.array([[float(row[name]) for name in named] for row in rows]).T
@@ -46,7 +46,7 @@ def coverage_sentence(calibration: Calibration) -> str:
 
 
 def _seen(calibration: Calibration) -> str:
-    """Say which faults so many replicates detect, by simulation of the verdict itself."""
+    """Describe the faults that the number of replicates can detect, by simulation of the verdict."""
     width, shift = calibration.least_width, calibration.least_shift
     said = "No fault would have been detected with a power of 90 %."
     if math.isfinite(width.value + shift.value):

@@ -1,4 +1,4 @@
-"""Ranking of models by prediction: errors of summed differences over clusters, and weights of a mixture."""
+"""Ranking of models by predictive accuracy: clustered errors of summed differences, and stacking weights."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def clustered_error(values: FloatArray, cluster: NDArray[np.intp]) -> float:
 
 
 def largest_pareto_k(draws: int) -> float:
-    """Return the largest Pareto k that so many draws allow (Vehtari et al., JMLR 25, 72, 2024)."""
+    """Return the largest reliable Pareto k for a number of draws (Vehtari et al., JMLR 25, 72, 2024)."""
     return float(min(1.0 - 1.0 / np.log10(max(draws, 11)), LARGEST_K))
 
 
@@ -45,7 +45,7 @@ def stacking_weights(log_density: FloatArray) -> FloatArray:
     """Return the weights of the mixture of models that best predicts the left-out data.
 
     They maximise sum_i log sum_k w_k exp(l_ik) (Yao, Vehtari, Simpson and Gelman, Bayesian Analysis 13, 917, 2018),
-    which is concave; each step of the EM algorithm for mixtures climbs it.
+    which is concave and increases with each step of the EM algorithm for mixtures.
 
     Parameters
     ----------
@@ -57,7 +57,7 @@ def stacking_weights(log_density: FloatArray) -> FloatArray:
     ndarray, shape (models,)
     """
     weights = np.full(log_density.shape[1], 1.0 / log_density.shape[1])
-    # against the best model of each unit, whose weight cannot fall below one in the number of units
+    # relative to the best model of each unit, whose weight is at least one over the number of units
     density = np.exp(log_density - log_density.max(axis=1, keepdims=True))
     for _ in range(_ITERATIONS):
         after = weights * (density / (density @ weights)[:, None]).mean(axis=0)

@@ -1,4 +1,4 @@
-"""Ranks of true values among posterior draws: tests of their uniformity, coverage, and what these can detect.
+"""Ranks of true values among posterior draws: tests of uniformity, coverage, and their power.
 
 If prior, likelihood and sampler are consistent, the rank of a true value among independent posterior draws
 is uniform, for every quantity of parameters and data (Talts, Betancourt, Simpson, Vehtari and Gelman,
@@ -30,10 +30,10 @@ MASSES = (0.5, 0.8, 0.9, 0.95)
 """Central intervals whose coverage is counted."""
 
 FALSE_ALARM = 0.01
-"""Probability of a false alarm for a right model, shared between all tests."""
+"""Probability of a false alarm for a correct model, divided among all tests."""
 
 LARGEST_WIDTH = 1.5
-"""Factor by which a posterior may be too narrow that enough replicates must detect.
+"""Factor by which a posterior is too narrow that a sufficient number of replicates must detect.
 
 A 90 % interval of such a posterior contains the truth in 73 % of cases."""
 
@@ -48,7 +48,7 @@ class Replicate(NamedTuple):
     truth: tuple[float, ...]
     """True values, in natural units; 0 for a missing turning point."""
     steps: int
-    """Steps that each ensemble walked."""
+    """Number of steps of each ensemble."""
     tau: float
     """Longest autocorrelation time, in steps."""
     converged: bool
@@ -117,12 +117,12 @@ class Calibration:
 
     @property
     def least_shift(self) -> Least:
-        """Smallest shift of a posterior, in its standard deviations, that they detect as often."""
+        """Smallest shift of a posterior, in its standard deviations, that is detected as often."""
         return least_shift(len(self.rank), self.draws, self.threshold)
 
     @property
     def enough(self) -> bool:
-        """True if they detect posteriors `LARGEST_WIDTH` times too narrow as often; else uniform ranks mean little."""
+        """True if posteriors `LARGEST_WIDTH` times too narrow are detected as often; otherwise the test is too weak."""
         return self.least_width.value <= LARGEST_WIDTH
 
     @property
@@ -132,7 +132,7 @@ class Calibration:
 
     @property
     def threshold(self) -> float:
-        """P-value below which one of the tests raises the alarm: `FALSE_ALARM` shared between all."""
+        """P-value below which one of the tests raises the alarm: `FALSE_ALARM` divided among all."""
         return FALSE_ALARM / (2 * len(self.names))
 
     def faults(self) -> list[str]:

@@ -1,4 +1,4 @@
-"""Posterior of raters' own fingers and answers beside the population's, from the groups of a result."""
+"""Posterior of individual fingers and answers compared with the population, from the groups of a result."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ POPULATION = "population"
 
 
 def finger_table(tree: xr.DataTree) -> pd.DataFrame | None:
-    """Return what the ratings say of each rater's finger; None if all raters have the typical one.
+    """Return the posterior of each rater's finger; None if all raters have the typical one.
 
     Parameters
     ----------
@@ -39,14 +39,14 @@ def finger_table(tree: xr.DataTree) -> pd.DataFrame | None:
     DataFrame
         For each quantity that differs between raters a row for the population (a finger drawn from it) and one for
         each rater: participant and quantity (index); median, low and high (90 % limits) in the quantity's unit;
-        ratio, the rater's median over that of the typical finger; and pressed, whether forces of a plate on this
-        rater's finger tell of the quantity, beside the ratings.
+        ratio, the rater's median over that of the typical finger; and pressed, whether plate forces on this rater's
+        finger also inform the quantity.
     """
     return _table(tree, EFFECT_OF, SPREAD_OF)
 
 
 def answer_table(tree: xr.DataTree) -> pd.DataFrame | None:
-    """Return what the ratings say of each rater's exponent and noise; None if all raters have the typical ones.
+    """Return the posterior of each rater's exponent and noise; None if all raters have the typical ones.
 
     Parameters
     ----------
@@ -56,7 +56,7 @@ def answer_table(tree: xr.DataTree) -> pd.DataFrame | None:
     Returns
     -------
     DataFrame
-        As `finger_table`, of gamma and varsigma, of which no force tells: without `pressed`.
+        As for `finger_table`, for gamma and varsigma, without `pressed`.
     """
     table = _table(tree, EFFECT_OF_ANSWER, OWN_ANSWERS)
     return None if table is None else table.drop(columns="pressed")
@@ -89,7 +89,7 @@ def _drawn(tree: xr.DataTree, posterior: xr.Dataset, name: str) -> Array:
 
 
 def _row(who: str, name: str, typical: Array, deviation: Array) -> dict[str, Any]:
-    # m alone deviates in its own unit, all others in the logarithm
+    # only m deviates in its own unit, all others in the logarithm
     value = np.maximum(typical + deviation, 0.0) if name == "m" else typical * np.exp(deviation)
     tail = 0.5 * (1.0 - PROBABILITY)
     low, median, high = np.quantile(value, [tail, 0.5, 1.0 - tail]).tolist()
@@ -99,7 +99,7 @@ def _row(who: str, name: str, typical: Array, deviation: Array) -> dict[str, Any
 
 
 def finger_sentences(table: pd.DataFrame) -> list[str]:
-    """Say how far raters' fingers or answers differ, without their names, which a report may hide.
+    """Describe how much raters' fingers or answers differ, without names, which a report may hide.
 
     Parameters
     ----------

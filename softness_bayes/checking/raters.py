@@ -1,4 +1,4 @@
-"""Raters who stand apart: those whose ratings run against everybody else's, and those who always say the same."""
+"""Detection of unusual raters: ratings with a trend opposite to all others, and constant ratings."""
 
 from __future__ import annotations
 
@@ -14,26 +14,26 @@ from softness_bayes.checking.trend import condition_means
 FloatArray = NDArray[np.float64]
 
 LEVEL = 0.01
-"""Probability that any rater of a table is named by chance."""
+"""Probability that any rater of a table is reported by chance."""
 
 FEWEST = 5
 """Smallest number of conditions of a rater whose order is compared, and of ratings that may all be the same."""
 
 
 class Apart(NamedTuple):
-    """Raters who stand apart, by their indices."""
+    """Indices of unusual raters."""
 
     against: dict[int, float]
-    """Rater -> correlation with the means of all others, significantly below 0."""
+    """Correlation with the means of all others, significantly below 0, by rater."""
     constant: tuple[int, ...]
-    """Raters whose ratings are all equal, beside others whose are not."""
+    """Raters whose ratings are all equal, if those of others are not."""
 
 
 def raters_apart(layout: Layout, ratings: FloatArray) -> Apart:
-    """Return the raters who run against the others, and those whose ratings are all equal.
+    """Return the raters with a trend opposite to the others, and those whose ratings are all equal.
 
-    A rater runs against the others if the correlation of ranks between the rater's condition means and the additive
-    fit of all other raters is below 0 at the level `LEVEL`, divided by the number of raters.
+    A trend is opposite if the rank correlation between the rater's condition means and the additive fit of all other
+    raters is significantly below 0 at level `LEVEL` divided by the number of raters.
 
     Parameters
     ----------
@@ -53,7 +53,7 @@ def raters_apart(layout: Layout, ratings: FloatArray) -> Apart:
     if people.size < 3:
         return Apart(against, tuple(equal) if people.size > 1 else ())
     weights = np.ones((people.size, design.n_participants))
-    # a weight next to nothing keeps the conditions that one rater alone rated
+    # a tiny weight keeps the conditions rated only by this rater
     weights[np.arange(people.size), people] = 1e-9
     others = condition_means(layout, y, weights)
     for place, k in enumerate(people.tolist()):

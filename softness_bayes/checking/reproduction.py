@@ -1,4 +1,4 @@
-"""Check of the turning point: its reproduction by the model, load by load, and the power of the check."""
+"""Check of the turning point: its reproduction by the model under each load, and the power of the check."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ FALL = "fall beyond inflection / expected"
 
 
 class Alternative(NamedTuple):
-    """A run's response levelled at its peak, as the check of the turning point needs it."""
+    """Response of a run levelled at its peak, for the check of the turning point."""
 
     quantity: Quantity
     """The fall beyond the turning point."""
@@ -72,17 +72,17 @@ class Reproduction(NamedTuple):
 
     load: str
     reproduced: bool | None
-    """None where the ratings cannot decide."""
+    """None if the ratings do not decide."""
     seen: str
     """The turn in the ratings, its frequency among replicates, and the power of the check, in words."""
 
 
 def inflection_reproduced(table: pd.DataFrame) -> list[Reproduction]:
-    """Judge load by load whether the model reproduces the turning point.
+    """Decide for each load whether the model reproduces the turning point.
 
     The model fails if presence, place, drop or fall lies outside the range of the replicates (`levelled.departs`).
     Otherwise it passes if a response that levels off at its peak would fail in at least `levelled.NEEDED` of the
-    tables; with less power than that the ratings cannot decide.
+    tables; with less power, the ratings do not decide.
 
     Parameters
     ----------
@@ -106,7 +106,7 @@ def inflection_reproduced(table: pd.DataFrame) -> list[Reproduction]:
 
 
 def turning_sentences(table: pd.DataFrame) -> list[str]:
-    """Say what `inflection_reproduced` found: the criterion, then one line for each load."""
+    """Describe the findings of `inflection_reproduced`: the criterion, then one line per load."""
     words = {True: "yes", False: "no", None: "not shown by the ratings"}
     head = (
         "does the model reproduce the turning point (maximum)? The answer is yes only if the check has the "

@@ -21,10 +21,10 @@ from softness_bayes.sampler.jackknife import jackknife
 FloatArray = NDArray[np.float64]
 
 SENSITIVE = 0.05
-"""Power-scaling sensitivity above which a posterior counts as sensitive to prior or likelihood."""
+"""Power-scaling sensitivity above which a posterior is sensitive to prior or likelihood."""
 
 DETERMINED, INFORMED = 1 / 3, 0.8
-"""Posterior widths, as shares of the prior's, up to which the data determine a quantity, or partly inform it.
+"""Ratios of posterior to prior width up to which the data determine a quantity, or partly inform it.
 
 In a normal model the data then carry at least 8 times, or 0.56 times, as much information as the prior.
 """
@@ -68,7 +68,7 @@ def prior_moments(prior: Prior, of: Callable[[FloatArray], FloatArray] = np.asar
 
 
 def contraction(prior_sd: ArrayLike, sd: ArrayLike) -> FloatArray:
-    """Return 1 - (sd / prior_sd)²: 0 if nothing was learnt, near 1 if much was, below 0 if the posterior is wider."""
+    """Return 1 - (sd / prior_sd)²: 0 without information, near 1 with much, below 0 if the posterior is wider."""
     return 1.0 - (np.asarray(sd, float) / np.asarray(prior_sd, float)) ** 2
 
 
@@ -129,7 +129,7 @@ def distance(draws: FloatArray, weights: FloatArray) -> float:
     Parameters
     ----------
     draws, weights
-        Shape (draws,); the weights add up to 1.
+        Shape (draws,); the weights sum to 1.
     """
     order = np.argsort(draws)
     return _distance(draws[order], weights[order])
@@ -152,8 +152,8 @@ def _distance(x: FloatArray, weights: FloatArray) -> float:
 def find_directions(priors: Sequence[Prior], theta: FloatArray) -> Directions:
     """Return principal directions of the posterior in logarithms, scaled by the priors' standard deviations.
 
-    Under the prior every direction has variance 1. The posterior variance is much smaller along stiff directions,
-    and nearly the same along sloppy ones.
+    Under the prior every direction has variance 1. The posterior variance is much smaller along stiff directions and
+    almost unchanged along sloppy ones.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Softest fabric under each load, as a result predicts it."""
+"""Predicted softest fabric under each load, from a result."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
 CLEAR = 0.5
-"""Probability from which a fabric is said to be the softest."""
+"""Probability above which a fabric is called the softest."""
 
 
 class Softest(NamedTuple):
@@ -23,7 +23,8 @@ class Softest(NamedTuple):
     load: str
     fabric: str
     probability: float
-    """Of the highest rating by a typical rater among the fabrics rated under this load; ties share it equally."""
+    """Probability of the highest rating by a typical rater among the fabrics rated under this load, divided equally
+    among ties."""
     error: float
     """Its Monte-Carlo standard error."""
     fabrics: int
@@ -31,12 +32,12 @@ class Softest(NamedTuple):
 
     @property
     def clear(self) -> bool:
-        """True if the fabric is more probably the softest than not, whatever the Monte-Carlo error."""
+        """True if the fabric is more probably the softest than not, even allowing for Monte-Carlo error."""
         return self.probability - 2.0 * self.error > CLEAR
 
 
 def softest_fabrics(tree: xr.DataTree) -> tuple[Softest, ...]:
-    """Return the softest fabric under each load with at least two; nothing for a result without predicted ratings.
+    """Return the softest fabric under each load with at least two; empty for a result without predicted ratings.
 
     Parameters
     ----------

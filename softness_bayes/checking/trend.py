@@ -16,7 +16,7 @@ FloatArray = NDArray[np.float64]
 IndexArray = NDArray[np.intp]
 
 LEVEL = 0.05
-"""Two-sided p-value below which ratings count as rising or falling."""
+"""Two-sided p-value below which ratings are considered to rise or fall."""
 
 LIMITS = (0.05, 0.95)
 """Quantiles that an interval lies between."""
@@ -31,9 +31,9 @@ MANY_CONDITIONS = 200
 """Number of conditions above which means are found by way of the participants, if these are fewer."""
 
 _ALL_ORDERS = 720  # of six fabrics
-_SEED = 0  # the same for every table: the answer depends on the data alone
-_CELLS = 2_000_000  # of the matrices that are solved at once
-_ROUNDING = 1e-9  # means closer than this are ties
+_SEED = 0  # the same seed for every table, so that the result depends only on the data
+_CELLS = 2_000_000  # total size of matrices solved at once
+_ROUNDING = 1e-9  # means closer than this are tied
 
 
 class Correlation(NamedTuple):
@@ -54,15 +54,15 @@ class Trend(NamedTuple):
     fabrics: tuple[int, ...]
     """Fabrics under each load."""
     mean: Correlation
-    """Mean over the loads that have one, weighted by their fabrics less one."""
+    """Mean over loads with a correlation, weighted by their number of fabrics minus one."""
     p_value: float
     """Two-sided p-value of the mean correlation for a random order of the fabrics."""
     shuffled: str
-    """What the p-value permutes: whole fabrics or, if there are few, each participant's ratings."""
+    """Units permuted for the p-value: whole fabrics or, if there are few, the ratings of each participant."""
 
     @property
     def sign(self) -> int:
-        """+1 if ratings clearly rise with stiffness, -1 if they clearly fall, 0 if the table cannot tell."""
+        """+1 if ratings clearly rise with stiffness, -1 if they clearly fall, 0 if the table does not decide."""
         return int(np.sign(self.mean.value)) if self.p_value <= LEVEL else 0
 
 
@@ -78,7 +78,7 @@ def find_trend(layout: Layout, ratings: FloatArray) -> Trend:
     Parameters
     ----------
     layout
-        Who rated what, and the moduli.
+        Design of the ratings, and the moduli.
     ratings
         Shape (rows,).
     """
@@ -99,12 +99,12 @@ def find_trend(layout: Layout, ratings: FloatArray) -> Trend:
 
 
 def condition_means(layout: Layout, y: FloatArray, weights: FloatArray) -> FloatArray:
-    """Return the condition's part of the additive fit, participants weighted.
+    """Return the condition effects of the additive fit, with weighted participants.
 
     Parameters
     ----------
     layout
-        Who rated what.
+        Design of the ratings.
     y
         Ratings on the additive scale, shape (rows,).
     weights
@@ -196,7 +196,7 @@ def _p_of_fabrics(layout: Layout, mean: FloatArray) -> float:
         orders = np.concatenate([np.arange(rated.size)[None], shuffled])
     found = np.stack([_correlation(rank[orders[:, place[some]]], _ranks(mean[some])) for some in _by_load(layout)])
     statistic = np.abs(_mean(found, _shares(layout)))
-    # the first order is the observed one, which counts among them
+    # the first order is the observed one, which is included
     return float(np.mean(~(statistic < statistic[0] - _ROUNDING)))
 
 
@@ -215,19 +215,19 @@ def _p_of_participants(layout: Layout, y: FloatArray) -> float:
 
 
 def _spearman(x: FloatArray, y: FloatArray) -> FloatArray:
-    """Return rank correlations of x, shape (k,), with every row of y, shape (rows, k); NaN where one is constant."""
+    """Return rank correlations of x, shape (k,), with every row of y, shape (rows, k); NaN if one is constant."""
     return _correlation(_ranks(y), _ranks(x))
 
 
 def _correlation(rows: FloatArray, x: FloatArray) -> FloatArray:
-    """Return the correlation of every row, shape (rows, k), with x; NaN where one is constant."""
+    """Return the correlation of every row, shape (rows, k), with x; NaN if one is constant."""
     rows, x = rows - rows.mean(axis=1, keepdims=True), x - x.mean()
     size = np.sqrt((x @ x) * (rows**2).sum(axis=1))
     return np.divide(rows @ x, size, out=np.full(len(rows), np.nan), where=size > 0)
 
 
 def _ranks(values: FloatArray) -> FloatArray:
-    """Return ranks from 1 along the last axis; ties, also up to rounding errors, share their mean."""
+    """Return ranks from 1 along the last axis; ties (up to rounding errors) share their mean rank."""
     order = np.argsort(values, axis=-1)
     ordered = np.take_along_axis(values, order, -1)
     apart = np.diff(ordered, axis=-1) > _ROUNDING * np.maximum(np.ptp(values, axis=-1, keepdims=True), 1e-6)
@@ -241,7 +241,7 @@ def _ranks(values: FloatArray) -> FloatArray:
 
 
 def _mean(found: FloatArray, weight: FloatArray) -> FloatArray:
-    """Return weighted means over loads of correlations (loads, resamples); NaN where no load has one."""
+    """Return weighted means over loads of correlations (loads, resamples); NaN if no load has one."""
     known = np.isfinite(found) & (weight[:, None] > 0)
     total = (known * weight[:, None]).sum(axis=0)
     summed = (np.where(known, found, 0.0) * weight[:, None]).sum(axis=0)

@@ -1,4 +1,4 @@
-"""The table of where the response turns over: probabilities and places, with their Monte-Carlo errors."""
+"""Table of turning points of the response: probabilities and positions, with Monte-Carlo errors."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ if TYPE_CHECKING:
     import pandas as pd
 
 PERCENTS = (0.05, 0.5, 0.95)
-"""Lower limit, middle and upper limit of what tables say of a turning point."""
+"""Lower limit, median and upper limit of turning points in tables."""
 
 PLACES = {"e_fab_kpa": ("modulus", 1e-3), "ratio": ("ratio", 1.0), "force_n": ("force", 1.0), "drop": ("drop", 1.0)}
-"""Column -> field of `Inflection`, and units of the column in one of the field."""
+"""Field of `Inflection`, and conversion factor to the unit of the column, by column."""
 
 
 def turning_table(
@@ -27,18 +27,18 @@ def turning_table(
     prior: Inflection | None = None,
     ensemble: NDArray[Any] | None = None,
 ) -> pd.DataFrame:
-    """Return where the response turns over, one row per load; columns as `Result.inflection` has them.
+    """Return the table of turning points, one row per load, with the columns of `Result.inflection`.
 
     Parameters
     ----------
     draws
-        Of the posterior, fields of shape (chains, draws, loads).
+        Turning points of posterior draws, with fields of shape (chains, draws, loads).
     loads
         Names of the loads.
     prior
-        Draws of the prior, independent, likewise; None if there are none.
+        Turning points of independent prior draws, likewise; None if there are none.
     ensemble
-        Ensemble of every chain, equally many of each and in order; None for a single one.
+        Ensemble of every chain, in order and with equal numbers of chains; None for a single one.
     """
     import pandas as pd
 
@@ -62,7 +62,7 @@ def turning_table(
 def with_errors(table: pd.DataFrame, columns: Sequence[str]) -> pd.DataFrame:
     """Return some columns of a `turning_table` as text, each number with its Monte-Carlo standard error.
 
-    A number without an error is of too few draws, all of them the same, and is left out.
+    A number without an error comes from too few or constant draws and is left out.
     """
     import pandas as pd
 
@@ -79,6 +79,6 @@ def with_errors(table: pd.DataFrame, columns: Sequence[str]) -> pd.DataFrame:
 
 
 def _walks(values: NDArray[Any], ensemble: NDArray[Any] | None = None) -> NDArray[Any]:
-    """Lay draws (chains, draws) out as (ensembles, draws, walkers)."""
+    """Rearrange draws (chains, draws) as (ensembles, draws, walkers)."""
     count = 1 if ensemble is None else np.unique(ensemble).size
     return np.swapaxes(values.reshape(count, -1, values.shape[-1]), 1, 2)

@@ -1,8 +1,8 @@
 """Test of uniformity: exact simultaneous limits of an empirical distribution function.
 
-Limits of the counts at several points are chosen with one local level such that independent uniform values
-stay within all of them with a stated probability (Säilynoja, Bürkner and Vehtari, Statistics and Computing
-32, 32, 2022). That probability is summed exactly, over the Markov chain of counts from point to point.
+Limits of the counts at several points are chosen with a common local level such that independent uniform values stay
+within all of them with a given probability (Säilynoja, Bürkner and Vehtari, Statistics and Computing 32, 32, 2022).
+This probability is computed exactly from the Markov chain of counts from point to point.
 """
 
 from __future__ import annotations
@@ -30,25 +30,25 @@ class Band(NamedTuple):
 
 
 def simultaneous_band(size: int, points: ArrayLike, probability: float = 0.95) -> Band:
-    """Return limits that contain the distribution function of uniform values everywhere, with some probability.
+    """Return limits that contain the empirical distribution function of uniform values with given probability.
 
     Parameters
     ----------
     size
         Number of values.
     points
-        Rising points inside (0, 1) at which values are counted, shape (points,).
+        Increasing points inside (0, 1) at which values are counted, shape (points,).
     probability
         Smallest probability of staying within all limits.
     """
     points = np.asarray(points, float)
     below, above = _tails(size, points)
-    least, most = 0.0, 1.0 - probability  # bounds of the local level; the upper one is right for a single point
+    least, most = 0.0, 1.0 - probability  # bounds of the local level; the upper one is exact for a single point
     wide = narrow = _limits(below, above, least)
     for _ in range(_HALVINGS):
         level = 0.5 * (least + most)
         limits = _limits(below, above, level)
-        # limits are whole counts, so that close levels have the same, whose probability is known
+        # limits are whole counts, so that nearby levels share limits with a known probability
         known = np.array_equal(limits, wide), np.array_equal(limits, narrow)
         if known[0] or (not known[1] and _stays(size, points, *limits) >= probability):
             least, wide = level, limits
