@@ -45,7 +45,7 @@ def supplied(group: str, name: str) -> Any:
     target = installed(group)[name].value if name in installed(group) else name
     module, _, attribute = (part.strip() for part in target.partition(":"))
     if not (all(part.isidentifier() for part in module.split(".")) and attribute):
-        raise InputError(f"{group}: {quoted(name)}, expected {FORM}, as in mypackage.mymodule:mine")
+        raise InputError(f"{group}: {quoted(name)}, expected {FORM}, such as mypackage.mymodule:mine")
     if "" not in sys.path:
         sys.path.append("")
         importlib.invalidate_caches()
@@ -101,9 +101,9 @@ def require_reference(what: str, value: Any) -> str:
     """
     if (name := reference(value)) is not None:
         return name
-    why = "no module has it under a name"
+    why = "it is not a named object of a module"
     if next(_references(value, [(SCRIPT, sys.modules[SCRIPT])]), None):
-        why = "it is defined in the script that runs, which no later command can import"
+        why = "it is defined in the running script, which later commands cannot import"
     raise InputError(
         f"{what} cannot be stored, because {why}; define it at the top of a module, such as mine.py, and import it "
         "from there"

@@ -24,7 +24,7 @@ def values():
 WRONG = {
     "a load that is a number": (lambda: scene(loads=[2e-3]), r"loads: expected Indentation\(depth \[m\]\) or Force\("),
     "one load": (lambda: scene(loads=sb.Force(1)), r"loads: expected a sequence of Indentation"),
-    "no firing": (scene, r"firing: expected a source of rate curves, as in FixedChannels\(\), got None"),
+    "no firing": (scene, r"firing: expected a source of rate curves, such as FixedChannels\(\), got None"),
     "a finger that is a number": (lambda: scene(firing=Curves(), finger=8e-3), r"finger: expected a Finger"),
     "readings by name": (lambda: scene(firing=Curves(), readings="printed"), r"readings: expected Readings"),
     "a modulus in words": (
@@ -81,7 +81,10 @@ WRONG = {
     "no scale": (lambda: sb.HalfNormal(None), r"halfnormal: scale is None, expected"),
     "a prior that is a number": (lambda: sb.parameter_space(priors={"b": 3}), r"prior of b: 3 has no 'median'"),
     "a list of results": (lambda: sb.compare([None, None]), r"results: expected a mapping, as in \{'hertz': result"),
-    "results by place": (lambda: sb.compare({"a": "x", "b": "y"}), r"results: a: expected a Result, as sample"),
+    "results by place": (
+        lambda: sb.compare({"a": "x", "b": "y"}),
+        r"results: a: expected a Result, as returned by sample",
+    ),
     "readings of claims": (lambda: sb.evaluate_claims("mended"), r"readings: expected a mapping"),
     "draws of claims": (lambda: sb.evaluate_claims(draws="x"), r"number of draws is 'x', expected a whole number"),
     "ratings to build": (lambda: sb.build(experiment().ratings), r"experiment: expected an Experiment"),

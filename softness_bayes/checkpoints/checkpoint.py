@@ -154,7 +154,7 @@ class Checkpoint:
             try:
                 self._home.mkdir(parents=True, exist_ok=True)
             except OSError as error:
-                raise InputError(f"{self.directory}: cannot be made ({error.strerror})") from None
+                raise InputError(f"{self.directory}: cannot be created ({error.strerror})") from None
             for place in reversed(made):
                 stack.callback(self._remove_unused, place)
             lock = stack.enter_context(Lock(self._home / LOCK))
@@ -218,8 +218,8 @@ class Checkpoint:
         """
         if said := differences(self.description, description):
             raise InputError(
-                f"{self.directory}: cannot be continued, because the run was begun with {said}; "
-                "continue it with the same options and data, or start a new run in another directory"
+                f"{self.directory}: cannot be continued, because the run was begun with {said}; continue it "
+                "with its original options and data, or start a new run in another directory"
             )
 
     def keep(self, state: RunState, schedule: Schedule, target: Target) -> None:

@@ -74,7 +74,7 @@ def require_density(density: Density, state: RunState) -> None:
             k = int(apart.argmax())
             raise InputError(
                 f"the run cannot be continued: the log density at one of its walkers was {then[k]!r} and is "
-                f"{now[k]!r} now, though data and options are the same; was the software changed meanwhile?"
+                f"{now[k]!r} now, although data and options are the same; has the software changed?"
             )
 
 

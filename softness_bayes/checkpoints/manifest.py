@@ -54,8 +54,8 @@ def read_manifest(directory: Path, name: str = MANIFEST) -> dict[str, Any]:
         raise InputError(f"{path}: not a manifest ({error})") from None
     if not isinstance(manifest, dict) or manifest.get("format") != FORMAT:
         raise InputError(
-            f"{path}: not a checkpoint of format {FORMAT}, the only one known to this version; continue the run with "
-            "the version it was begun with, or start it anew in another directory"
+            f"{path}: not a checkpoint of format {FORMAT}, the only one that this version reads; continue the "
+            "run with the version that began it, or start it again in another directory"
         )
     if manifest.pop(_DIGEST, None) != _digest(manifest):
         raise changed(path)

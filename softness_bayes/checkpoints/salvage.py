@@ -90,8 +90,8 @@ def last_whole(directory: Path) -> Whole:
             broken.append(wrong)
             said.append(f"{home / wrong}: damaged or missing")
     raise InputError(
-        f"{'; '.join(said)}; no whole state is left to go back to; restore the files from a copy, or start the run "
-        "again in another directory"
+        f"{'; '.join(said)}; no intact state is left; restore the files from a copy, or start the run again in "
+        "another directory"
     )
 
 
@@ -109,7 +109,7 @@ def _sentence(said: list[str], manifest: Mapping[str, Any], found: Mapping[str, 
     where = f"step {now['steps']}{' of its pilot phase' if found['piloting'] else ''}"
     lost = then["steps"] - (now["steps"] if now["phase"] == then["phase"] else 0)
     stage = "" if now["phase"] == then["phase"] else " of a later stage"
-    return f"{'; '.join(said)}; the run goes on from {where}, the last whole state: {lost} steps{stage} are lost"
+    return f"{'; '.join(said)}; the run continues from {where}, the last intact state: {lost} steps{stage} are lost"
 
 
 def _is_whole(path: Path, digest: str) -> bool:

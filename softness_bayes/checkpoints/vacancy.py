@@ -44,8 +44,8 @@ def require_vacant(directory: Path, replace: bool, inputs: Iterable[Path] = ()) 
     others = {**kept.others, **beside.others}
     if replace and others:
         raise InputError(
-            f"{directory}: --force replaces an earlier run and nothing else, and this is in the way: {told(others)}; "
-            "move it away, or choose another --out"
+            f"{directory}: --force replaces only an earlier run, but {told(others)}; move it away, or choose "
+            "another --out"
         )
     # a run that was killed before its first state leaves a checkpoint without a manifest
     begun = (directory / CHECKPOINT / MANIFEST).exists()

@@ -148,9 +148,9 @@ def evaluate_claims(
         raise InputError("claims: expected at least one set of readings, prior set and load")
     PRIOR_DRAWS.require("claims: number of draws", draws)
     if freed := [name for name in PAPER_CHANNELS._fields if name in (priors or {})]:
-        raise InputError(f"{', '.join(freed)}: channel multipliers are held; give a value instead of a prior")
+        raise InputError(f"{', '.join(freed)}: channel multipliers are fixed here; give a value instead of a prior")
     if freed := [name for name in SHAPE_PARAMETERS if name in (priors or {})]:
-        raise InputError(f"{', '.join(freed)}: claims are judged on one finger of known shape; leave the prior out")
+        raise InputError(f"{', '.join(freed)}: claims are tested on one finger of known shape; omit the prior")
     held = {**PAPER_CHANNELS._asdict(), **(fix or {})}
     asked = Asked(tuple(prior_sets), touches, fabrics, ratings, draws, seed, held, priors)
     # readings with one membrane share its rates, the multipliers being the same under every prior set

@@ -188,7 +188,7 @@ def _evaluated(data: Experiment | Compression, options: ModelOptions) -> bool:
     else:
         model = build(data, options)
         said.append(_direction_note(model))
-        assert model.resolution is not None, "the command line asks for an accuracy"
+        assert model.resolution is not None, "the command line sets an accuracy"
         found = evaluate(model.posterior, float(model.resolution.errors.peak))
     if found is None:
         return False

@@ -34,7 +34,7 @@ from softness_bayes.report.charts import INK, TURN_TINT, dress, plain_ticks
 
 TITLE = "softness-bayes explore"
 
-ANY = "of the modulus below"
+ANY = "(the modulus below)"
 """The choice of a fabric without a name."""
 
 MODULUS = "E_fab"
@@ -63,9 +63,9 @@ QUANTITIES = {
     "contact_radius_mm": "contact radius [mm]",
     "peak_stress_kpa": "largest stress at the receptors [kPa]",
     "total_rate_hz": "total rate [spikes/s]",
-    "responding": "receptors that fire",
+    "responding": "firing receptors",
     "mean_rate_hz": "their mean rate [Hz]",
-    "mean_interval_ms": "their mean interval [ms]",
+    "mean_interval_ms": "their mean interspike interval [ms]",
     "typical_rating": "rating of a typical participant",
 }
 """Quantities of a touch in words, in the order of the table."""
@@ -177,7 +177,7 @@ class Page:
             charts["rating"].segment(x0="x", x1="x", y0="low", y1="high", source=data, color=USUAL.data, alpha=0.6)
             charts["rating"].scatter(x="x", y="mean", source=data, size=8, color=USUAL.data)
         heading = Title(text="Receptors by distance")
-        firing = _figure(heading, "from the contact's axis [mm]", "firing rate of a receptor [Hz]")
+        firing = _figure(heading, "distance from the contact's axis [mm]", "firing rate of a receptor [Hz]")
         firing.line("x", "rate", source=self._source("firing", "x", "rate"), color=INK, line_width=2)
         self.distances = firing.x_range = Range1d(start=0.0, end=1.0)
         return charts | {"firing": firing, "pad": self._pad()}
@@ -265,7 +265,7 @@ class Page:
         self.relay.put(name, columns)
 
     def _layout(self) -> Any:
-        about = "the priors' medians" if self.subject.rated is None else self.subject.rated.source
+        about = "the medians of the priors" if self.subject.rated is None else self.subject.rated.source
         head = Div(text=f"<h2>{TITLE}</h2><p>{escape(about)}</p>")
         legend = Div(text=_legend(self.subject.rated is not None))
         controls = [self.load, self.fabric, *self.sliders.values(), self.reset]

@@ -104,7 +104,7 @@ def _response_in_words(subject: Subject, state: State, found: Inflection) -> str
     load = title(subject.loads[state.load])
     match Outcome(int(found.outcome[0, state.load])):
         case Outcome.SILENT:
-            return f"{load}: no receptor fires, whatever the modulus."
+            return f"{load}: no receptor fires at any modulus."
         case Outcome.INTERIOR:
             return f"{load}: the response turns over at E_fab = {found.modulus[0, state.load] / KPA:.4g} kPa."
     return (
@@ -117,17 +117,19 @@ def _reach(subject: Subject, values: Mapping[str, float], chosen: Mapping[str, f
     """Say where the touch is silent, its geometry questionable, or its modulus beyond those that were rated."""
     said = []
     if not chosen["total_rate_hz"]:
-        said.append("No receptor fires under this fabric: the model cannot tell it from other silent ones.")
+        said.append(
+            "No receptor fires under this fabric: the model cannot distinguish it from other fabrics without firing."
+        )
     tip = values.get("radius", subject.finger.radius * 1e3)
     extent = chosen["contact_radius_mm"] / tip
     if extent > HERTZ_LIMIT:
         word, limit = ("meaningless", "R") if extent >= 1.0 else ("questionable", "R/2")
         said.append(
-            f"Out of reach: the contact's radius of {chosen['contact_radius_mm']:.3g} mm exceeds {limit}, with R = "
-            f"{tip:.3g} mm, where Hertz's geometry is {word}."
+            f"Out of range: the contact radius of {chosen['contact_radius_mm']:.3g} mm exceeds {limit}, with R "
+            f"= {tip:.3g} mm, where Hertz's geometry is {word}."
         )
     if subject.rated is not None:
         low, high = subject.rated.span
         if not low * (1 - 1e-6) <= chosen["e_fab_kpa"] <= high * (1 + 1e-6):
-            said.append(f"This modulus is beyond those that were rated, {number(low)} to {number(high)} kPa.")
+            said.append(f"This modulus is outside the rated range, {number(low)} to {number(high)} kPa.")
     return said

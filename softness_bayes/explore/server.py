@@ -22,7 +22,7 @@ from softness_bayes.explore.subject import Subject
 ADDRESS = "127.0.0.1"
 """The loopback address: nobody else on a network reaches it."""
 
-_TAKEN = {errno.EADDRINUSE: "it is in use", errno.EACCES: "it needs other rights"}
+_TAKEN = {errno.EADDRINUSE: "it is in use", errno.EACCES: "it needs other permissions"}
 
 
 def listening(port: int) -> socket:

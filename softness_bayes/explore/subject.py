@@ -228,7 +228,7 @@ def of_run(result: Result) -> Subject:
         If the run had no ratings, or lacks what its model is made from.
     """
     if not result.has_ratings:
-        raise InputError(f"{result.source}: a run without ratings, which has no response to explore")
+        raise InputError(f"{result.source}: a run without ratings has no response to explore")
     rated = Rated(result)
     space, scene, medians = rated.posterior.space, rated.scene, rated.medians
     moved = tuple(p for p in space.chain if p.name in (*TouchParameters._fields, *RATED_PARAMETERS))

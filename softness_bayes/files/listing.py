@@ -68,8 +68,8 @@ class Listing:
             return cls()
         except (ValueError, KeyError, TypeError, AttributeError) as error:
             raise InputError(
-                f"{path}: not the list of what softness-bayes wrote here ({error}); move it away, and the files "
-                "beside it count as yours"
+                f"{path}: not the list of what softness-bayes wrote here ({error}); move it away: the other "
+                "files are then never overwritten"
             ) from None
 
     def write(self, directory: Path) -> None:
@@ -91,7 +91,7 @@ class Listing:
         if path.is_symlink():
             return "is a symbolic link"
         if not path.is_file():
-            return "is a directory" if path.is_dir() else "is no ordinary file"
+            return "is a directory" if path.is_dir() else "is not an ordinary file"
         entry = self.files.get(path.name)
         if entry is None or entry.by not in by:
             return "was not written by this command"

@@ -25,7 +25,7 @@ def write_whole(path: Path, content: bytes) -> None:
         If there is no room or no permission; the earlier file is then unchanged, or the new one is whole.
     """
     if path.is_symlink():
-        raise InputError(f"{path}: is a symbolic link, which nothing is written through; move it away")
+        raise InputError(f"{path}: is a symbolic link, and files are not written through links; move it away")
     put({path: staged(path, content)})
 
 

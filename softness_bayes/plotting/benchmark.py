@@ -69,7 +69,7 @@ def work_precision_figure(
             (line,) = axes.plot(wrong, time, "o", ms=9, mfc="none", color="black", ls="none", label="the dial's 1e-3")
             line.set_gid("dial")
         axes.set(xscale="log", yscale="log", xlabel="largest error, relative to the peak response")
-        axes.set_ylabel("time for each parameter vector [µs]")
+        axes.set_ylabel("time per parameter vector [µs]")
         axes.invert_xaxis()
         axes.set_title(machine)
         axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5))

@@ -93,7 +93,8 @@ def checks_figure(
         raise InputError("predictive checks: nothing to show")
     left = len(quantities) - len(shown)
     more = (
-        f"left out, because these ratings and their replicates lack them: {left} of {len(quantities)} quantities"
+        f"not shown, because these ratings and their replicates do not have them: {left} of {len(quantities)} "
+        "quantities"
         if left
         else ""
     )
@@ -220,7 +221,7 @@ def loo_pit_figure(values: ArrayLike, points: ArrayLike, probability: float = 0.
         )
         area.set(gid="band", label=f"{100 * probability:.0f} % of independent ones: approximate for ratings")
         axes.plot(x, share - x, color=style.posterior, drawstyle="steps-mid", gid="ecdf")[0].set_label(
-            "ratings in their predictions from all the others"
+            "leave-one-out probability integral transform (LOO-PIT) of the ratings"
         )
         axes.axhline(0.0, color=style.prior, linewidth=0.6)
         axes.set(xlim=(0, 1), xlabel="LOO-PIT [–]", ylabel="ECDF − uniform [–]")

@@ -209,6 +209,6 @@ def _limits(axes: Axes, x: Array | IndexArray, replicates: Array, load: str, sty
     low, middle, high = np.quantile(replicates, [0.5 - INSIDE / 2, 0.5, 0.5 + INSIDE / 2], axis=0)
     colour = style.tint(style.posterior, 0.7)
     lines = axes.vlines(x, low, high, color=colour, linewidth=3.0, zorder=3)
-    lines.set(label=f"{percent(INSIDE)} of replicates, each by itself", gid=f"limits/{load}")
+    lines.set(label=f"{percent(INSIDE)} of replicates, pointwise", gid=f"limits/{load}")
     (marks,) = axes.plot(x, middle, "_", color=style.posterior, markersize=8, zorder=3)
     marks.set(label="their median", gid=f"median/{load}")

@@ -157,7 +157,7 @@ def corner(result: Drawable, style: Style) -> Figure:
     first = informative(draws)
     names = [every[k] for k in first]
     left_out = len(every) - len(first)
-    note = f"{left_out} less correlated parameters are left out:\n'softness-bayes plot --all'" if left_out else ""
+    note = f"{left_out} less correlated parameters are not shown:\n'softness-bayes plot --all'" if left_out else ""
     return corner_figure(draws[:, first], _labels(names), names=names, note=note, style=style)
 
 

@@ -20,10 +20,11 @@ if TYPE_CHECKING:
     from softness_bayes.plotting.drawable import Drawable
 
 CURVES = Source("predictions/total_rate", "the run had no ratings, so it has no response curves")
-REPLICATES = Source("posterior_predictive/rating_of_new_participants", "it holds no replicated ratings")
-PIT = Source("constant_data/loo_pit", "it holds no ratings predicted from all the others")
+REPLICATES = Source("posterior_predictive/rating_of_new_participants", "it has no replicated ratings")
+PIT = Source("constant_data/loo_pit", "it has no leave-one-out predictions")
 _OLDER = (
-    "the run is of a version that did not store it; 'softness-bayes resume DIR --more-steps 1' writes the results again"
+    "the run was written by a version that did not store it; 'softness-bayes resume DIR --more-steps 1' "
+    "writes the results again"
 )
 TOUCH = Source("illustrations/touch_stress_kpa", _OLDER)
 FIRING = Source("predictions/firing_rate_hz", _OLDER)
@@ -39,31 +40,33 @@ FIGURES: Mapping[str, Drawing] = MappingProxyType(
         ),
         "inflection": Drawing(contents.inflection, "where the response turns over under each load", (CURVES,)),
         "predictive_checks": Drawing(
-            contents.checks, "test quantities of the ratings among those of replicates", (CURVES, REPLICATES)
+            contents.checks,
+            "posterior predictive checks: test quantities of the ratings and of replicates",
+            (CURVES, REPLICATES),
         ),
         "category_counts": Drawing(
             contents.category_counts,
-            "ratings in each category beside those of replicates",
+            "number of ratings in each category, in the data and in replicates",
             (REPLICATES,),
             only=CATEGORIES,
         ),
         "psychometric": Drawing(
             contents.psychometric,
-            "answers to pairs against the modulus, beside those of replicates",
+            "paired comparisons against the modulus, in the data and in replicates",
             (REPLICATES,),
             only=PAIRS,
         ),
-        "loo_pit": Drawing(contents.loo_pit, "ratings in their predictions from all the others", (CURVES, PIT)),
+        "loo_pit": Drawing(contents.loo_pit, "leave-one-out predictive check (LOO-PIT) of the ratings", (CURVES, PIT)),
         "touch": Drawing(
-            contents.touch, "pressure and stress under the pad, and its receptors by their rate", (CURVES, TOUCH)
+            contents.touch, "pressure and stress under the pad, and the firing rates of its receptors", (CURVES, TOUCH)
         ),
         "membrane": Drawing(
             contents.membrane, "firing rate against current, and example spike trains", (CURVES, FIRING)
         ),
-        "corner": Drawing(contents.corner, "the posterior of the most correlated pairs of parameters"),
-        "corner_all": Drawing(contents.corner_all, "the posterior of every pair of parameters", on_request=True),
-        "prior": Drawing(contents.prior, "prior against posterior of every parameter"),
-        "trace": Drawing(contents.trace, "the course of the ensembles"),
+        "corner": Drawing(contents.corner, "joint posterior of the most correlated pairs of parameters"),
+        "corner_all": Drawing(contents.corner_all, "joint posterior of every pair of parameters", on_request=True),
+        "prior": Drawing(contents.prior, "prior and posterior of every parameter"),
+        "trace": Drawing(contents.trace, "traces of the ensembles"),
         "rank": Drawing(contents.rank, "ranks of the draws of each ensemble"),
         "compression": Drawing(contents.compression, "force of a rigid plate against indentation", (FORCES,)),
     }

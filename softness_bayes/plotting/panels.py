@@ -215,7 +215,7 @@ def short(value: float) -> str:
 def say_grouped(figure: Figure, groups: LoadGroups, style: Style, curves: bool = True) -> None:
     """Write at the head of a figure that it shows loads in groups, if it does, and at which its curves are."""
     if groups.merged:
-        at = "; curves are those at the middle load of each" if curves else ""
+        at = "; curves are at the middle load of each" if curves else ""
         figure.suptitle(f"{groups.sentence}{at}", fontsize=style.small)
 
 

@@ -38,7 +38,7 @@ class Plots:
         InputError
             If there is no such figure, or the result does not hold what it shows.
         """
-        require_kind("style", style, Style, "a Style, as in Style.read('mine.mplstyle')")
+        require_kind("style", style, Style, "a Style, such as Style.read('mine.mplstyle')")
         drawing = figure_named(name) if isinstance(name, str) else own_drawing("figure", name)
         figure = drawing(self._result, style)
         # a notebook shows figures of pyplot by itself, but these are made without it

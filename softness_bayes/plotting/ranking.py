@@ -93,7 +93,7 @@ def ranking_figure(orders: Sequence[Order], scale: Scale, style: Style = USUAL) 
             _draw_places(left, order, style)
             _draw_ratings(right, order, scale, style)
             unit = " [%]" if len(order.fabrics) <= WRITTEN else ""
-            left.set_title(f"{title(order.load)}: probability of each place{unit}")
+            left.set_title(f"{title(order.load)}: probability of each rank{unit}")
             right.set_title("predicted rating, 90 % interval")
         cells[-1][0].set_xlabel("place (1: softest)")
         cells[-1][1].set_xlabel(scale.label)
@@ -151,7 +151,7 @@ def _add_key(axes: Axes, cells: AxesImage, style: Style) -> None:
     ticks = [probability for probability in KEYED if np.sqrt(probability) <= most]
     key = figure.colorbar(cells, ax=axes, location="bottom", aspect=40, shrink=0.6)
     key.set_ticks([float(np.sqrt(probability)) for probability in ticks], labels=[f"{one:g}" for one in ticks])
-    key.ax.set_xlabel("probability of the place", fontsize=style.small)
+    key.ax.set_xlabel("probability of the rank", fontsize=style.small)
     key.ax.tick_params(labelsize=style.small)
 
 
@@ -168,7 +168,7 @@ def _draw_ratings(axes: Axes, order: Order, scale: Scale, style: Style) -> None:
     for what, here, colour in (("rating", ~order.silent, style.posterior), ("silent", order.silent, style.absent)):
         if here.any():
             (points,) = axes.plot(middle[here], y[here], "o", color=colour, markersize=size, gid=f"{what}/{gid}")
-            points.set(label="silent in most draws" if what == "silent" else "median")
+            points.set(label="no receptor fires in most draws" if what == "silent" else "median")
     axes.set(xscale=scale.axis, ylim=(y.size + 0.5, 0.5))
     if scale.axis == "log":
         number_ticks(axes.xaxis)

@@ -213,7 +213,7 @@ def _key_of_receptors(figure: Figure, style: Style) -> None:
 
     dot: dict[str, Any] = {"linestyle": "none", "marker": "o"}
     keys = [
-        Line2D([], [], color=colormaps[COLOURS](0.7), markersize=4, label="receptor that fires, by its rate", **dot),
+        Line2D([], [], color=colormaps[COLOURS](0.7), markersize=4, label="firing receptor (colour: rate)", **dot),
         Line2D([], [], color=style.absent, markerfacecolor="none", markersize=3, label="silent receptor", **dot),
         Line2D([], [], color="black", linewidth=0.6, label="edge of the contact"),
     ]

@@ -153,7 +153,7 @@ class Source(NamedTuple):
 def _like(result: Result, run: RunOptions, settings: Settings) -> tuple[Source, dict[str, Any]]:
     """Return the source of replicates like a run, and all that decides the ranks."""
     if not result.provenance.ending.converged:
-        raise InputError(f"{result.source}: the run has not converged, so that its draws are not those of a posterior")
+        raise InputError(f"{result.source}: the run has not converged, so its draws do not represent the posterior")
     posterior = build(experiment_of(result), options_of(result)).posterior
     values = result.values(TRUTHS)
     truths = np.stack([np.asarray(values[name]) for name in posterior.names], axis=-1)
@@ -208,7 +208,7 @@ def _made_folder(directory: Path, manifest: dict[str, Any]) -> Path:
     _require_alike(directory, manifest)
     require_outputs(directory, (RANKS, COVERAGE, VERDICT, f"{FIGURE}.png"), CALIBRATE)
     if folder.is_symlink():
-        raise InputError(f"{folder}: is a symbolic link, which nothing is written through; move it away")
+        raise InputError(f"{folder}: is a symbolic link, and files are not written through links; move it away")
     folder.mkdir(parents=True, exist_ok=True)
     return folder
 
@@ -239,7 +239,7 @@ def _so_far(manifest: dict[str, Any], count: int, directory: Path) -> Calibrated
     _require_alike(directory, manifest)
     done = _finished(directory / REPLICATES, count)
     if not done:
-        raise InputError(f"{directory}: no replicate of a calibration is finished there")
+        raise InputError(f"{directory}: no finished replicate of a calibration in this directory")
     return Calibrated(done, tuple(index for index in range(count) if index not in done))
 
 
@@ -330,8 +330,8 @@ def _require_alike(directory: Path, manifest: dict[str, Any]) -> None:
         for name in dict.fromkeys([*before, *manifest]):
             if before.get(name) != manifest.get(name):
                 raise InputError(
-                    f"{path}: {name} was {before.get(name)} and is now {manifest.get(name)}; "
-                    "choose another --out, or ask for the same"
+                    f"{path}: {name} was {before.get(name)} and is now {manifest.get(name)}; choose another "
+                    "--out, or use the earlier value"
                 )
     elif directory.is_dir() and any(entry.name not in (LOCK, REPLICATES) for entry in directory.iterdir()):
-        raise InputError(f"{directory}: is not empty and holds no calibration; choose another --out")
+        raise InputError(f"{directory}: is not empty and contains no calibration; choose another --out")

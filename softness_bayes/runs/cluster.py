@@ -120,7 +120,9 @@ def require_workers(scheduler: str, found: Mapping[str, Worker | BaseException],
         Naming the workers and the reason.
     """
     if not found:
-        raise InputError(f"{scheduler}: the scheduler has no workers; start some, as with 'dask worker --nthreads 1'")
+        raise InputError(
+            f"{scheduler}: the scheduler has no workers; start some, for example with 'dask worker --nthreads 1'"
+        )
     own = versions()
     faults: dict[str, str] = {}
     for address, one in found.items():
@@ -133,7 +135,7 @@ def require_workers(scheduler: str, found: Mapping[str, Worker | BaseException],
         elif one.threads != 1:
             faults[address] = f"has {one.threads} threads; start it with --nthreads 1, and more workers with --nworkers"
         elif directory is not None and not one.shares:
-            faults[address] = f"does not see {directory.resolve()}: the workers must share this directory"
+            faults[address] = f"cannot read {directory.resolve()}: the workers must share this directory"
     if faults:
         said = [f"worker {address} {fault}" for address, fault in faults.items()]
         shown = "; ".join(said[:_NAMED]).replace(f"worker {SCHEDULER}", "the scheduler itself")
@@ -249,7 +251,7 @@ def _pass_on(done: Future[Result], found: Future[Result]) -> None:
     try:
         found.set_result(done.result())
     except KilledWorker as error:
-        found.set_exception(WorkersLostError(f"workers of the cluster died again and again at one task: {error}"))
+        found.set_exception(WorkersLostError(f"workers of the cluster died repeatedly at the same task: {error}"))
     except (CancelledError, OSError) as error:
         found.set_exception(WorkersLostError(f"the cluster was lost ({error or 'its scheduler ended'})"))
     except BaseException as error:

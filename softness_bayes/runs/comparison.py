@@ -71,8 +71,10 @@ class Comparison:
         by, error = max(known.items(), key=lambda one: one[1]) if known else ("", float("nan"))
         numbers = f"elpd differs by {gap:.1f} (standard error {error:.1f}{by})"
         if gap < SMALL_DIFFERENCE or gap < 2.0 * error:
-            return f"the data cannot tell {best.name} from {second.name}: {numbers}, each {self.leave} left out"
-        return f"{best.name} predicts best, before {second.name}: {numbers}, each {self.leave} left out"
+            return (
+                f"the data do not distinguish {best.name} from {second.name}: {numbers}, holding out each {self.leave}"
+            )
+        return f"{best.name} predicts better than {second.name}: {numbers}, holding out each {self.leave}"
 
     @property
     def warnings(self) -> list[str]:
@@ -82,8 +84,8 @@ class Comparison:
             if row["pareto_k_high"]:
                 found.append(
                     f"{label}: Pareto k is high for {row['pareto_k_high']} of {row['units']} (largest "
-                    f"{row['pareto_k_max']:.2f}): single {self.leave}s influence the posterior too much, and its "
-                    "elpd is unreliable"
+                    f"{row['pareto_k_max']:.2f}): single {self.leave}s influence the posterior too much, so "
+                    "its elpd is unreliable"
                 )
             if row["unfinished"]:
                 found.append(f"{label}: {row['unfinished']} of {row['units']} refits did not converge")
@@ -130,7 +132,7 @@ def compare(
 
     require_mapping("results", results, "{'hertz': result, 'attenuated': other}")
     for label, result in results.items():
-        require_kind(f"results: {label}", result, Result, "a Result, as sample or Result.load returns it")
+        require_kind(f"results: {label}", result, Result, "a Result, as returned by sample or Result.load")
     leave = _leave(leave)
     _require_comparable(results)
     told = differences(dict(results))
@@ -184,7 +186,7 @@ def _leave(leave: str | Leave) -> Leave:
     if isinstance(leave, Leave):
         return leave
     if leave not in LEAVE:
-        raise InputError(f"compare: cannot leave out {leave!r}; expected one of {', '.join(LEAVE)}")
+        raise InputError(f"compare: cannot hold out {leave!r}; expected one of {', '.join(LEAVE)}")
     return LEAVE[leave]
 
 
@@ -216,12 +218,14 @@ def _require_comparable(results: Mapping[str, Result]) -> None:
             raise InputError(f"{label}: a run without ratings cannot be ranked")
         if result.scale != results[first].scale:
             raise InputError(
-                f"{label}: fits to z-scores are not ranked against fits to ratings: {first} and {label} are "
+                f"{label}: fits to z-scores cannot be ranked against fits to ratings: {first} and {label} are "
                 "on different scales"
             )
         other = other or _data_that_differ(results[first], result)
         if other:
-            raise InputError(f"{label}: fitted to other data than {first} ({other}); models are ranked on the same")
+            raise InputError(
+                f"{label}: fitted to other data than {first} ({other}); models can be ranked only on the same data"
+            )
 
 
 def _data_that_differ(one: Result, two: Result) -> str:
@@ -233,7 +237,7 @@ def _data_that_differ(one: Result, two: Result) -> str:
         name for name in (RATING_LOW, RATING_HIGH) if any(name in r.group("constant_data") for r in (one, two))
     ]
     if any(name not in r.group("constant_data") for r in (one, two) for name in intervals):
-        return "one takes ratings as intervals, whose probabilities are not densities: give both --resolution 0"
+        return "one treats ratings as intervals, whose probabilities are not densities: use --resolution 0 for both"
     constants = (*intervals, "participant_index", "fabric_index", "load_index", "indentation_mm", "force_n")
     pairs = [
         (r.group("observed_data")["rating"], *(r.group("constant_data")[n] for n in constants)) for r in (one, two)

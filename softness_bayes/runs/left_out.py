@@ -96,7 +96,7 @@ def _refit(
     experiment = experiment_of(result)
     posterior, fabric = build(experiment, options_of(result)).posterior, experiment.ratings.fabric
     if (fabric == fabric[0]).all():
-        raise InputError("compare: there is one fabric only; nothing is left to predict it from")
+        raise InputError("compare: there is only one fabric, so no data remain to predict it from")
     seed, names = int(result.attributes["seed"]), experiment.ratings.fabrics
     without = [Without(k, name, fabric == k, (seed, 1 << 21, k)) for k, name in enumerate(names)]
     found = _each_anew(posterior, without, settings, progress, executor)
@@ -112,7 +112,7 @@ def _by_condition(
     experiment = experiment_of(result)
     posterior, conditions = build(experiment, options_of(result)).posterior, experiment.ratings.conditions
     if len(conditions.fabric) < 2:
-        raise InputError("compare: there is one condition only; nothing is left to predict it from")
+        raise InputError("compare: there is only one condition, so no data remain to predict it from")
     at = _at_draws(posterior, result)
     left = leave_by_weights(block_log_likelihood(posterior.observation, *at, conditions.of_rating))
     density, shape, seed = left.log_density.copy(), left.pareto_k.copy(), int(result.attributes["seed"])

@@ -115,7 +115,7 @@ def pool_results(
     if not chosen:
         raise InputError(f"study: none of {', '.join(USUAL)} is sampled in every table; name parameters to pool")
     if odd := [name for name in spreads or {} if name not in chosen]:
-        raise InputError(f"study: a spread of {odd[0]} is given, which is not pooled")
+        raise InputError(f"study: a prior for the spread of {odd[0]} is given, but {odd[0]} is not pooled")
     found = {}
     for name in chosen:
         if held := [table for table, names in sampled.items() if name not in names]:

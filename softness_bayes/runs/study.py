@@ -140,7 +140,7 @@ class Study:
                 both = (_interval(row, "separate"), _interval(row, "shrunken"))
                 cells = (row["table"], *both, f"{row['effective_draws']:.0f}", f"{row['pareto_k']:.2f}")
                 parts.append(f"| {' | '.join(map(str, cells))} |")
-        parts += ["", "Medians with 90 % intervals. Each parameter is pooled by itself: in the population of one the"]
+        parts += ["", "Medians with 90 % intervals. Each parameter is pooled separately: in the population of one the"]
         parts += ["others keep their separate priors."]
         return "\n".join(parts) + "\n"
 

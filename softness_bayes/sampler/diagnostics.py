@@ -176,8 +176,8 @@ class Verdict:
         head = f"after {self.steps} steps of {self.ensembles} x {self.walkers} walkers"
         if self.converged:
             return (
-                f"Converged {head}: {self.lengths:.0f} autocorrelation times kept ({self.slowest}), "
-                f"R-hat <= {self.r_hat.max():.3f}, ESS >= {self.ess_bulk.min():.0f} (bulk) and "
+                f"Converged {head}: {self.lengths:.0f} autocorrelation times ({self.slowest}), R-hat <= "
+                f"{self.r_hat.max():.3f}, ESS >= {self.ess_bulk.min():.0f} (bulk) and "
                 f"{self.ess_tail.min():.0f} (tail).{self._starts()}"
             )
         shortfalls = "; ".join(self._shortfalls())
@@ -194,15 +194,19 @@ class Verdict:
         if self.shares:
             held = [f"{s.share:.3f} ± {s.error:.3f}" for s in self.shares if s.share > 0]
             left = len(self.shares) - len(held)
-            also = f"; {left} more, found by climbs from prior draws, hold{'s' * (left == 1)} none" if left else ""
+            also = (
+                f"; {left} more, found by optimisation from prior draws, contain{'s' * (left == 1)} none"
+                if left
+                else ""
+            )
             if len(held) == 1:
-                return f" One mode holds all draws{also}."
-            return f" {len(held)} modes hold {' and '.join(held)} of the draws{also}."
+                return f" All draws are in one mode{also}."
+            return f" {len(held)} modes contain {' and '.join(held)} of the draws{also}."
         if not climbs:
             return ""
-        found = f"All {climbs} climbs" if not hopeless else f"{climbs - hopeless} of {climbs} climbs"
+        found = f"All {climbs} optimisations" if not hopeless else f"{climbs - hopeless} of {climbs} optimisations"
         others = ", the others to negligible mass" if hopeless else ""
-        missed = f"a mode that fewer than {percent(self.starts.missed)} of climbs reach may have been missed"
+        missed = f"a mode that fewer than {percent(self.starts.missed)} of optimisations reach may have been missed"
         return f" {found} from prior draws led to one mode{others}; {missed}."
 
     def _shortfalls(self) -> list[str]:
@@ -210,7 +214,7 @@ class Verdict:
         if self.stuck:
             found.append(f"{self.stuck} walker{'s' * (self.stuck > 1)} never moved")
         if not self.lengths >= goal.lengths and not self.stuck:
-            kept = f"{self.lengths:.0f} autocorrelation times kept, {goal.lengths:.0f} needed"
+            kept = f"{self.lengths:.0f} autocorrelation times, {goal.lengths:.0f} needed"
             found.append(f"{kept} ({self.slowest})")
         if not self.r_hat.max() <= goal.r_hat:
             apart = self.names[int(self.r_hat.argmax())]
@@ -222,9 +226,9 @@ class Verdict:
             change = "not yet compared" if math.isinf(self.tau_change) else f"changed by {100 * self.tau_change:.0f} %"
             found.append(f"the autocorrelation time of {self.names[self.worst]} {change}")
         if self.modes:
-            long = f"though each is longer than {goal.lengths:.0f} of its own autocorrelation times"
-            found.append(f"{self.modes}, {long}: more steps may never bring them together")
-        return found or [f"all criteria hold at this check, but they must hold at {goal.looks} checks in a row"]
+            long = f"although each is longer than {goal.lengths:.0f} of its autocorrelation times"
+            found.append(f"{self.modes}, {long}: more steps may not help")
+        return found or [f"all criteria hold at this check, but {goal.looks} successive checks are required"]
 
     @property
     def modes(self) -> str:
@@ -237,9 +241,9 @@ class Verdict:
         if not self.kept >= self.goal.lengths * alone:
             return ""
         if self.r_hat.max() > _APART:
-            return f"the ensembles sit in separate modes of {self.names[int(self.r_hat.argmax())]}"
+            return f"the ensembles are in separate modes of {self.names[int(self.r_hat.argmax())]}"
         if self.tau.max() > _LONGER * alone:
-            return f"walkers of an ensemble sit in separate modes of {self.names[self.worst]}"
+            return f"walkers of an ensemble are in separate modes of {self.names[self.worst]}"
         return ""
 
 

@@ -61,9 +61,9 @@ def packed(arrays: Arrays) -> bytes:
 def changed(path: Path) -> InputError:
     """Return the error for a checkpoint file with the wrong checksum."""
     return InputError(
-        f"{path}: damaged, or changed since it was written: its checksum does not fit; 'softness-bayes resume' goes "
-        "back to the last whole state if there is one; else restore the file from a copy, or start the run again in "
-        "another directory"
+        f"{path}: damaged, or changed since it was written: its checksum does not match; 'softness-bayes "
+        "resume' goes back to the last intact state if there is one; otherwise restore the file from a copy, "
+        "or start the run again in another directory"
     )
 
 
@@ -195,7 +195,7 @@ def _mode(k: int) -> str:
 def _plain(value: Any) -> Any:
     if isinstance(value, np.generic):
         return value.item()
-    raise TypeError(f"{type(value).__name__} is not what JSON holds")
+    raise TypeError(f"{type(value).__name__} cannot be stored as JSON")
 
 
 def _is_json(value: Any) -> bool:

@@ -262,9 +262,9 @@ class Workers:
 
 
 _DIED = (
-    "a worker process died, and the one in its place died too: they were killed, perhaps by the system for want of "
-    "memory. Use fewer processes (--processes 1 needs no worker). "
-    "In a script, the call must stand under 'if __name__ == \"__main__\":'"
+    "a worker process died, and its replacement died too: they were killed, perhaps by the system because "
+    "memory ran out. Use fewer processes (--processes 1 needs no worker). In a script, the call must be under "
+    "'if __name__ == \"__main__\":'"
 )
 
 

@@ -260,15 +260,15 @@ def _unreachable(accuracy: float, mechanics: float, rates: Errors, scene: Scene)
     helps = []
     if rates.largest > 0.5 * MARGIN * accuracy:
         helps.append(
-            f"the error of the firing rates alone is {rates.largest:.1e}: hold c_Na, c_K, c_L and c_A (--fix), which "
-            "makes rates exact"
+            f"the error of the firing rates alone is {rates.largest:.1e}: fix c_Na, c_K, c_L and c_A (--fix), "
+            "which makes rates exact"
         )
     if scene.field_error > 0.2 * accuracy:
         helps.append(f"the error of its stress fields is {scene.field_error:.1e}: try another reading, or fewer loads")
     reached = (mechanics + rates.largest) / MARGIN
     return InputError(
-        f"accuracy {accuracy:g} is out of this scene's reach; it can reach {_rounded_up(reached):.1e}"
-        + "".join(f"; {help_}" for help_ in helps)
+        f"accuracy {accuracy:g} cannot be reached for these fabrics and loads; the smallest possible is "
+        f"{_rounded_up(reached):.1e}" + "".join(f"; {help_}" for help_ in helps)
     )
 
 

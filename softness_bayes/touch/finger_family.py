@@ -67,8 +67,8 @@ class _Threshold:
         log_peak = np.log(profiles([field], columns, modulus, radius, field.finger).peak[0])
         if not (np.diff(log_peak) > 0).all():
             raise InputError(
-                f"raters' own fingers: the stress at the receptors does not rise with stiffness at {field.load} "
-                "under these readings; leave out 'individual'"
+                "raters' own fingers: the stress at the receptors does not rise with stiffness at "
+                f"{field.load} under these readings; omit 'individual'"
             )
         self._inverse, self._ends = CubicSpline(log_peak, log_modulus), (log_peak[0], log_peak[-1])
 

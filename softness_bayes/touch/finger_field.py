@@ -136,8 +136,8 @@ class FingerField:
         power = float(np.log2(two[0, 0] / one[0, 0]))
         if not (np.allclose(two, one * 2.0**power, rtol=1e-9) and np.allclose(ten, one * 10.0**power, rtol=1e-9)):
             raise InputError(
-                f"radius and receptor_depth cannot be sampled with pressure={self.readings.pressure.name} under a held "
-                "force: its decay is not a power of the contact radius; hold the finger"
+                f"radius and receptor_depth cannot be sampled with pressure={self.readings.pressure.name} "
+                "under a given force, because its decay is not a power of the contact radius; fix the finger"
             )
         return power
 

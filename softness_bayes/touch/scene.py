@@ -102,9 +102,9 @@ class Scene:
         skin_box: SkinBox | None = None,
     ) -> None:
         loads = require_loads("loads", loads)
-        require_members("firing", firing, ("curves",), "a source of rate curves, as in FixedChannels()")
-        require_kind("finger", finger, Finger, "a Finger, as in Finger(receptor_depth=0.6e-3)")
-        require_kind("readings", readings, Readings, "Readings, as in NAMED_READINGS['printed']")
+        require_members("firing", firing, ("curves",), "a source of rate curves, such as FixedChannels()")
+        require_kind("finger", finger, Finger, "a Finger, such as Finger(receptor_depth=0.6e-3)")
+        require_kind("readings", readings, Readings, "Readings, such as NAMED_READINGS['printed']")
         require_kind("discretisation", discretisation, Discretisation, "a Discretisation")
         moduli, poisson = checked_fabrics(fabric_modulus, fabric_poisson)
         self.fabric, self.load = checked_conditions(fabric, load, moduli.size, len(loads))

@@ -73,10 +73,10 @@ def test_a_run_goes_on_from_its_last_whole_state(run, states, part, damage):
     assert {file.name: file.read_bytes() for file in home.iterdir()} == before  # looking changes nothing
     assert str(path) in opened.damage
     steps = opened._manifest["state"]["steps"]
-    assert f"goes on from step {steps}" in opened.damage
+    assert f"continues from step {steps}" in opened.damage
     if part == "first piece":  # of the last stage nothing is left, of the one before all
         assert opened._manifest["state"]["phase"] < kept["state"]["phase"]
-        assert f"the last whole state: {kept['state']['steps']} steps of a later stage are lost" in opened.damage
+        assert f"the last intact state: {kept['state']['steps']} steps of a later stage are lost" in opened.damage
     else:
         assert f": {kept['state']['steps'] - steps} steps are lost" in opened.damage
         assert (kept["state"]["steps"] == steps) == (part == "manifest.json")
@@ -100,7 +100,7 @@ def test_where_nothing_is_whole_the_run_is_refused_by_name(run):
     home = run / "checkpoint"
     for path in home.glob("state-*"):
         flip(path)
-    with pytest.raises(InputError, match=r"state-\d+\.npz: damaged or missing; no whole state is left") as error:
+    with pytest.raises(InputError, match=r"state-\d+\.npz: damaged or missing; no intact state is left") as error:
         Checkpoint.open(run, salvage=True)
     assert str(home / read_manifest(run)["arrays"]) in str(error.value)
     for name in ("manifest.json", "manifest-copy.json"):

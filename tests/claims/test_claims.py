@@ -462,7 +462,7 @@ def test_command_takes_loads_and_fabrics(tmp_path, quick):
         (["--reading", "pressure=round"], "pressure has no 'round'"),
         (["--priors", "mine"], "prior set 'mine'"),
         (["--fix", "bee=1"], "no parameter 'bee'"),
-        (["--prior", "c_K=lognormal(1.16,0.03)"], "channel multipliers are held"),
+        (["--prior", "c_K=lognormal(1.16,0.03)"], "channel multipliers are fixed here"),
         (["--indentation-mm", "-1"], "--indentation-mm"),
         (["--data", "nowhere.csv"], "nowhere.csv"),
         (["--fabrics", "nowhere.csv"], "nowhere.csv"),

@@ -179,7 +179,7 @@ def test_what_changed_is_named(killed, copied):
 def test_another_density_under_the_same_options_is_refused(copied, monkeypatch):
     right = LogRatings.log_likelihood
     monkeypatch.setattr(LogRatings, "log_likelihood", lambda *arguments: 1.001 * right(*arguments))
-    refused(call("resume", copied), "the log density at one of its walkers was", "was the software changed")
+    refused(call("resume", copied), "the log density at one of its walkers was", "has the software changed")
 
 
 def test_moved_data_are_asked_for_and_found(killed, copied):

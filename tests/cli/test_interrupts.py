@@ -312,7 +312,7 @@ def test_a_worker_that_dies_is_replaced_and_its_task_done_again(tmp_path, way):
 
 def test_workers_that_die_again_and_again_are_given_up():
     assert RENEWALS > 0
-    with Workers(10, 2) as workers, pytest.raises(WorkersLostError, match="the one in its place died too") as error:
+    with Workers(10, 2) as workers, pytest.raises(WorkersLostError, match="its replacement died too") as error:
         workers.map(_die, [(1,)])
     assert error.value.exit_code == 7
 
@@ -363,7 +363,7 @@ def test_a_run_whose_workers_are_killed_again_and_again_has_an_exit_code_of_its_
     few_ratings(tmp_path)
     process, said = killed_at_work(tmp_path, again=True)
     assert process.returncode == WorkersLostError.exit_code == 7, said
-    assert "a worker process died, and the one in its place died too" in said
+    assert "a worker process died, and its replacement died too" in said
     assert "'softness-bayes resume out' continues it" in said
     assert "Traceback" not in said
 

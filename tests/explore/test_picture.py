@@ -123,10 +123,10 @@ def test_silence_and_reach_are_said_in_words(of_medians):
     silent = picture(of_medians, replace(moved(of_medians, sigma_0=22.0), load=0, fabric=0))
     assert silent.chosen["total_rate_hz"] == 0
     assert any("No receptor fires under this fabric" in one for one in silent.told)
-    assert "no receptor fires, whatever the modulus" in silent.told[0] or "turn" in silent.told[0]
+    assert "no receptor fires at any modulus" in silent.told[0] or "turn" in silent.told[0]
     dead = of_priors(of_medians.fabrics, (Indentation(2e-3),), fix={"alpha": 5.0})
     found = picture(dead, dead.start)
-    assert found.told[0] == "Indentation 2 mm: no receptor fires, whatever the modulus."
+    assert found.told[0] == "Indentation 2 mm: no receptor fires at any modulus."
     assert not (found.receptors > 0).any()
     assert np.isnan(found.turn).all()
     deep = picture(of_medians, moved(of_medians))
@@ -245,10 +245,10 @@ def test_z_scores_have_a_rating_without_an_exponent(report_run):
 
 
 def test_what_is_beyond_the_rated_moduli_is_said(of_ratings):
-    assert "beyond those that were rated" in " ".join(
+    assert "outside the rated range" in " ".join(
         picture(of_ratings, replace(of_ratings.start, fabric=None, modulus_kpa=3000.0)).told
     )
-    assert "beyond those" not in " ".join(picture(of_ratings, replace(of_ratings.start, fabric=0)).told)
+    assert "outside the rated range" not in " ".join(picture(of_ratings, replace(of_ratings.start, fabric=0)).told)
 
 
 def test_a_run_without_ratings_is_refused(report_run):

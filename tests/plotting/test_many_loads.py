@@ -75,7 +75,7 @@ def merged(monkeypatch):
 @pytest.mark.parametrize("name", ["response", "response_ratio", "rating", "rating_ratio", "inflection"])
 def test_a_figure_says_that_loads_are_grouped(name, merged):
     figure = FIGURES[name](merged, USUAL)
-    assert figure.get_suptitle() == "2 loads in 1 group; curves are those at the middle load of each"
+    assert figure.get_suptitle() == "2 loads in 1 group; curves are at the middle load of each"
     assert any(axes.get_title(loc) == "Force a to b N" for axes in figure.axes for loc in ("left", "center"))
     named = {artist.get_gid() for axes in figure.axes for artist in axes.get_children()}
     assert any(gid and gid.endswith("/a to b N") for gid in named) or name == "inflection"

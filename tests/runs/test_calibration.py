@@ -419,7 +419,7 @@ def test_another_calibration_is_not_continued(tmp_path):
 
 def test_a_directory_with_something_else_is_refused(tmp_path):
     (tmp_path / "notes.txt").write_text("mine")
-    with pytest.raises(InputError, match="holds no calibration"):
+    with pytest.raises(InputError, match="contains no calibration"):
         run(tmp_path, 1)
     assert [path.name for path in tmp_path.iterdir()] == ["notes.txt"]
     with pytest.raises(InputError, match="expected a whole number from 1 to"):
@@ -471,7 +471,7 @@ def test_replicates_that_ran_longer_or_did_not_converge_are_counted_and_kept():
 
 
 def test_what_is_finished_can_be_judged_and_the_rest_is_named(tmp_path):
-    with pytest.raises(InputError, match="no replicate of a calibration is finished there"):
+    with pytest.raises(InputError, match="no finished replicate of a calibration"):
         finished(FakeCalibration(), ModelOptions(), RunOptions(processes=1), 2, tmp_path / "none", BRIEF)
     done, _ = run(tmp_path / "a", 2)
     (tmp_path / "a" / "replicates" / "00000.json").unlink()

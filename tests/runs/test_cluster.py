@@ -151,7 +151,7 @@ OTHER = GOOD._replace(versions={**versions(), "version_numpy": "1.0"})
         ),
         ({"tcp://b": ModuleNotFoundError("softness_bayes")}, "b cannot run softness-bayes"),
         ({"tcp://a": GOOD._replace(threads=4)}, "a has 4 threads"),
-        ({"tcp://a": GOOD, "tcp://c": GOOD._replace(shares=False)}, "c does not see"),
+        ({"tcp://a": GOOD, "tcp://c": GOOD._replace(shares=False)}, "c cannot read"),
         ({SCHEDULER: Worker({}, True, 1), "tcp://a": GOOD}, "the scheduler itself has python None"),
         ({f"tcp://{k}": GOOD._replace(threads=2) for k in range(5)}, "and 2 more"),
     ],

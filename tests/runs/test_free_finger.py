@@ -150,7 +150,7 @@ def test_forces_of_a_plate_are_those_of_one_radius():
 
 
 def test_claims_are_judged_on_one_finger():
-    with pytest.raises(InputError, match="radius: claims are judged on one finger"):
+    with pytest.raises(InputError, match="radius: claims are tested on one finger"):
         evaluate_claims(priors={"radius": LAWS["radius"]})
 
 

@@ -520,7 +520,9 @@ def test_a_directory_that_holds_something_is_refused(tmp_path):
     (fresh / "notes.txt").write_text("mine")
     with pytest.raises(InputError, match=r"is not empty; choose another --out, or --force"):
         require_vacant(fresh, replace=False)
-    with pytest.raises(InputError, match=r"in the way: .*notes\.txt was not written by this command"):
+    with pytest.raises(
+        InputError, match=r"replaces only an earlier run, but .*notes\.txt was not written by this command"
+    ):
         require_vacant(fresh, replace=True)
     for below in (fresh / "notes.txt", fresh / "notes.txt" / "deeper"):
         with pytest.raises(InputError, match=r"notes\.txt: is a file"):

@@ -164,7 +164,7 @@ def test_what_cannot_be_pooled(done, tmp_path):
         pool_results(results, ["m"])
     with pytest.raises(InputError, match="no parameter 'c'"):
         study(TABLES, tmp_path, pool=["c"])
-    with pytest.raises(InputError, match="a spread of m is given"):
+    with pytest.raises(InputError, match="a prior for the spread of m is given"):
         pool_results(results, ["b"], {"m": HalfNormal(1.0)})
     with pytest.raises(InputError, match="values below 0"):
         pool_results(results, ["b"], {"b": Uniform(-1.0, 1.0)})

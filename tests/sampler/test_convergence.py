@@ -61,7 +61,7 @@ def test_separated_modes_do_not_converge_however_long_the_run():
     assert verdict.lengths < 2
     assert not verdict.converged
     assert "ensembles disagree about b (R-hat 1." in verdict.sentence()
-    assert "the ensembles sit in separate modes of b" in verdict.sentence()
+    assert "the ensembles are in separate modes of b" in verdict.sentence()
     # negative control: while they are short, nobody can tell
     assert not judged(values[:, :150], [100, 150]).modes
 
@@ -75,7 +75,7 @@ def test_separated_modes_within_each_ensemble_do_not_converge_either():
     assert verdict.kept > 50 * verdict.own
     assert verdict.r_hat.max() < 1.01
     assert not verdict.converged
-    assert "walkers of an ensemble sit in separate modes of b" in verdict.sentence()
+    assert "walkers of an ensemble are in separate modes of b" in verdict.sentence()
 
 
 def test_a_start_far_away_delays_convergence():
@@ -109,7 +109,7 @@ def test_a_short_run_says_what_is_missing_and_how_much():
     values = autoregressive(np.random.default_rng(8), (4, 400, 20, 2), 20.0)
     verdict = judged(values, [300, 400])
     assert not verdict.converged
-    assert " autocorrelation times kept, 50 needed" in verdict.sentence()
+    assert " autocorrelation times, 50 needed" in verdict.sentence()
     # 55 tau and what ensembles differ by are needed: 1100 steps and somewhat more
     assert verdict.steps + verdict.more_steps == pytest.approx(1300, rel=0.35)
     assert f"about {verdict.more_steps} more steps" in verdict.sentence()

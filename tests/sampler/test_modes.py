@@ -54,7 +54,7 @@ def test_a_narrow_mode_and_a_wide_one_of_equal_mass(seed):
     assert abs(found - 0.5) < 4 * error
     assert error < 0.01
     shares = " and ".join(f"{share:.3f} ± {error:.3f}" for share, error in state.verdict.shares)
-    assert state.verdict.sentence().endswith(f"2 modes hold {shares} of the draws.")
+    assert state.verdict.sentence().endswith(f"2 modes contain {shares} of the draws.")
 
 
 @pytest.mark.slow
@@ -100,18 +100,18 @@ def test_one_mode_is_walked_on_as_if_there_were_no_others():
     *_, state = walk(one_mode(), settings(max_steps=100), 1)
     assert (state.modes, state.starts) == ((), Starts(8, 0, 1))
     assert not state.verdict.shares
-    said = "All 8 climbs from prior draws led to one mode; a mode that fewer than 31 % of climbs reach may have been"
-    said += " missed."
+    said = "All 8 optimisations from prior draws led to one mode; a mode that fewer than 31 % of optimisations reach "
+    said += "may have been missed."
     assert state.verdict.sentence().endswith(said)
     assert binom.pmf(0, 8, state.starts.missed) == pytest.approx(0.05)
     # climbs that ended nowhere say nothing of modes; draws in none of the modes are not counted as if there were some
     other = replace(state.verdict, starts=Starts(8, 2, 1))
-    assert "6 of 8 climbs from prior draws led to one mode, the others to negligible mass" in other.sentence()
+    assert "6 of 8 optimisations from prior draws led to one mode, the others to negligible mass" in other.sentence()
     shares = (Share(1.0, 0.0), Share(0.0, 0.0))
     assert (
         replace(other, shares=shares)
         .sentence()
-        .endswith("One mode holds all draws; 1 more, found by climbs from prior draws, holds none.")
+        .endswith("All draws are in one mode; 1 more, found by optimisation from prior draws, contains none.")
     )
 
 

@@ -109,7 +109,9 @@ def test_a_cut_scene_is_the_one_compiled_so(scenes):
 def test_what_cannot_be_reached_is_refused_with_what_can(scenes):
     draws = prior_draws(parameter_space(fix=HELD), 64)
     rates = Errors(np.array(2e-5), np.array(1e-5))
-    with pytest.raises(InputError, match=r"accuracy 1e-05 is out of this scene's reach.*2\.\de-05.*hold c_Na"):
+    with pytest.raises(
+        InputError, match=r"accuracy 1e-05 cannot be reached for these fabrics and loads.*2\.\de-05.*fix c_Na"
+    ):
         choose(scenes(references(1e-4)[0]), draws.parameters, 1e-5, EPS, rates)
     for accuracy in (0.0, -1e-3, 2.0, float("nan")):
         with pytest.raises(InputError, match="expected a bound"):
@@ -214,6 +216,6 @@ def test_plan_prints_stages_errors_cost_and_the_ladder():
 
 
 def test_plan_refuses_what_is_out_of_reach_or_range():
-    refused(call("plan", "--data", RATINGS, "--accuracy", "1e-5"), "accuracy 1e-05 is out of", "hold c_Na")
+    refused(call("plan", "--data", RATINGS, "--accuracy", "1e-5"), "accuracy 1e-05 is out of", "fix c_Na")
     assert call("plan", "--data", RATINGS, "--accuracy", "0.5").returncode == 2
     refused(call("plan", "--compression", RATINGS.parent / "compression.csv"), "give --data")

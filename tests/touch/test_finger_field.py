@@ -126,7 +126,7 @@ def test_finer_tolerances_are_kept():
 def test_a_decay_that_is_no_power_of_the_radius_is_refused_under_a_force():
     odd = Pressure("odd", ATTENUATED.amplitude, lambda modulus, a, finger: 1.0 + a / finger.receptor_depth)
     FingerField(Indentation(2e-3), Finger(), BOX, Readings(pressure=odd), RANGE, 1e-2)
-    with pytest.raises(InputError, match=r"cannot be sampled with pressure=odd.*hold the finger"):
+    with pytest.raises(InputError, match=r"cannot be sampled with pressure=odd.*fix the finger"):
         FingerField(Force(1.0), Finger(), BOX, Readings(pressure=odd), RANGE, 1e-2)
 
 

@@ -231,8 +231,8 @@ class FiringSurface:
         alpha = np.asarray(parameters.alpha, float)
         if not (alpha <= self.max_current).all():
             raise NumericalError(
-                f"alpha = {alpha.max():.6g} µA/cm² lies beyond the {self.max_current:g} that the firing-rate surface "
-                "covers; hold the channel multipliers for larger ones"
+                f"alpha = {alpha.max():.6g} µA/cm² lies beyond the {self.max_current:g} that the firing-rate "
+                "surface covers; fix the channel multipliers for larger currents"
             )
         return self.curve(Channels(*(getattr(parameters, name) for name in Channels._fields)))
 
@@ -250,8 +250,8 @@ class FiringSurface:
                 ends = f"{centre * (1 - width):.6g} to {centre * (1 + width):.6g}"
                 said.append(f"{Channels._fields[which]} = {value:.6g} lies outside {ends}")
             raise InputError(
-                f"{', '.join(said)}, the box that the firing-rate surface covers; "
-                "hold the channel multipliers at values there, or let their priors end within it"
+                f"{', '.join(said)}, the box that the firing-rate surface covers; fix the channel multipliers "
+                "at values within it, or use priors within it"
             )
 
 
