@@ -25,6 +25,7 @@ from softness_bayes.checking.quantities import (
 from softness_bayes.checking.reproduction import FALL, alternative, turning_sentences
 from softness_bayes.checking.uniformity import uniformity_p_value
 from softness_bayes.likelihood.design import Design
+from softness_bayes.parameters.fabric_moduli import FABRIC_MODULUS
 from softness_bayes.provenance import Provenance
 
 if TYPE_CHECKING:
@@ -61,7 +62,7 @@ def layout_of(tree: xr.DataTree) -> Layout:
     """Return participant and condition of every rating in a result; many loads are merged into groups."""
     constant = tree["constant_data"].to_dataset()
     fabric, load = constant["fabric_index"].values, constant["load_index"].values
-    modulus = constant["effective_modulus_kpa"].values * 1e3
+    modulus = _moduli(tree)
     codes, condition = np.unique(load * modulus.size + fabric, return_inverse=True)
     fabrics, loads = codes % modulus.size, codes // modulus.size
     people = _values(tree, "log_likelihood_participant", "participant").size
@@ -70,6 +71,18 @@ def layout_of(tree: xr.DataTree) -> Layout:
     layout = Layout(design, modulus[fabrics], loads, found.direction.sign, found.rating_model.rating_scale)
     groups = groups_in(tree)
     return merge(layout, groups.of)[0] if groups.merged else layout
+
+
+def _moduli(tree: xr.DataTree) -> Array:
+    """Return the modulus [Pa] of each fabric (fabrics,): of one that was sampled the median of its draws."""
+    constant = tree["constant_data"].to_dataset()
+    modulus = np.array(constant["effective_modulus_kpa"].values, float)
+    if "posterior" in tree.children and FABRIC_MODULUS in tree["posterior"]:
+        drawn = tree["posterior"].to_dataset()[FABRIC_MODULUS]
+        names = constant["fabric"].values.tolist()
+        places = [names.index(name) for name in drawn[drawn.dims[-1]].values.tolist()]
+        modulus[places] = np.median(drawn.values, axis=(0, 1))
+    return modulus * 1e3
 
 
 def check_table(tree: xr.DataTree) -> pd.DataFrame:

@@ -124,8 +124,14 @@ def _levelled_groups(draws: RatedDraws, drawn: Replicates) -> Groups:
 
 
 def _layout(draws: RatedDraws) -> Layout:
-    model, load = draws.model, draws.experiment.ratings.conditions.load
-    return Layout(draws.ratings.design, draws.scene.modulus, load, draws.sign, model.scale)
+    """Return the design, with each condition's modulus: of one that is sampled the median of its draws."""
+    model, conditions = draws.model, draws.experiment.ratings.conditions
+    space, modulus = draws.posterior.space, draws.scene.modulus
+    drawn = space.modulus(draws.theta)
+    if drawn is not None and space.moduli is not None:
+        places = [space.moduli.names.index(name) for name in draws.experiment.ratings.fabrics]
+        modulus = np.median(drawn, axis=(0, 1))[places][conditions.fabric]
+    return Layout(draws.ratings.design, modulus, conditions.load, draws.sign, model.scale)
 
 
 def _rated(

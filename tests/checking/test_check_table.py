@@ -5,10 +5,12 @@ import dataclasses
 import numpy as np
 import pandas as pd
 import pytest
+import xarray as xr
 
 from softness_bayes.checking.check_table import ONE_SIDED, check_sentences, check_table, doubts, layout_of
 from softness_bayes.checking.quantities import QUANTITIES
 from softness_bayes.checking.reproduction import FALL, LEVELLED, inflection_reproduced
+from softness_bayes.parameters.fabric_moduli import FABRIC_MODULUS
 from support.made_ratings import LAY, MODULUS, SHALLOW, STEEP, tree
 
 FLAT = np.tile([0.2, 0.5, 1.0, 2.0, 3.0, 4.0], 2)
@@ -22,6 +24,21 @@ def test_the_layout_comes_back(rng):
     np.testing.assert_allclose(found.modulus, MODULUS)
     assert found.sign == 1
     assert layout_of(tree(rng, direction="inverse")).sign == -1
+
+
+def test_moduli_that_are_sampled_stand_where_the_ratings_put_them(rng):
+    """A bracket's middle may stand on the other side of the turning point: a fall among such middles is none."""
+    drawn = xr.Dataset(
+        {FABRIC_MODULUS: (("chain", "draw", "uncertain_fabric"), [[[7.0, 90.0], [9.0, 70.0], [8.0, 80.0]]])},
+        coords={"uncertain_fabric": ["e", "b"]},
+    )
+    known = tree(rng)
+    known["posterior"] = xr.DataTree(drawn)
+    found = layout_of(known)
+    fabric = LAY.design.fabric
+    np.testing.assert_allclose(found.modulus[fabric == 4], 8e3)
+    np.testing.assert_allclose(found.modulus[fabric == 1], 80e3)
+    np.testing.assert_allclose(found.modulus[~np.isin(fabric, [1, 4])], MODULUS[~np.isin(fabric, [1, 4])])
 
 
 def test_the_table_has_every_quantity_under_both_laws(rng):
