@@ -76,7 +76,7 @@ def reasons(fitted: Fitted, scene: Scene, rate: Array, modulus: Array | None = N
             f"no receptor fires in {percent(silent[k])} of the draws" if silent[k] >= NOTICED else "",
             _hertz(half[k], whole[k]),
             f"E_fab {beyond_moduli[k]} the rated range ({moduli})" if beyond_moduli[k] else "",
-            f"load {beyond_loads[k]} those rated ({loads[scene.load[k]]})" if beyond_loads[k] else "",
+            f"load {beyond_loads[k]} the rated range ({loads[scene.load[k]]})" if beyond_loads[k] else "",
         ]
         words.append("; ".join(one for one in said if one))
     return Reasons(silent, half, whole, beyond_moduli, beyond_loads, np.array(words, str))

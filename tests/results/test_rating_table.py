@@ -86,8 +86,8 @@ def test_reasons(result):
     # whatever is silent has the same rating
     quiet = table.loc[table["p_silent"] == 1.0, "typical_rating"]
     assert_allclose(quiet, quiet.iloc[0], rtol=1e-12)
-    assert "E_fab above those rated (20 to 400 kPa)" in rows.loc["steel", "remarks"].iloc[0]
-    assert "load below those rated (" in table["remarks"].iloc[-1]
+    assert "E_fab above the rated range (20 to 400 kPa)" in rows.loc["steel", "remarks"].iloc[0]
+    assert "load below the rated range (" in table["remarks"].iloc[-1]
 
 
 def test_equal_responses_have_equal_limits(result):

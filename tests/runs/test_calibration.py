@@ -619,7 +619,7 @@ def test_what_a_design_can_tell_is_said_and_nothing_is_written(tmp_path, monkeyp
     done = CliRunner().invoke(main, arguments)
     assert done.exit_code == 0, done.output
     assert "0.20 (0.10 to 0.30)" in done.output
-    assert "not foreseen: nu" in done.output
+    assert "not covered: nu" in done.output
     assert not out.exists()
     ((experiment, options),) = asked
     assert len(experiment.ratings.participants) == 3
