@@ -30,7 +30,7 @@ WORKS: Mapping[str, tuple[str, ...]] = {
     "simulate": ("--fabrics", FABRICS, "--indentation-mm", "2", "--out", "{simulated}"),
     "report": (RUN,),
     "compare": (RUN, OTHER),
-    "predict": ("--posterior", RUN, "--force-n", "1"),
+    "predict": ("--posterior", RUN, "--fabrics", FABRICS, "--force-n", "1"),
     "rank": (RUN, "--force-n", "1"),
     "target": (RUN, "--rating", "20", "--force-n", "1"),
     "explore": (RUN,),

@@ -26,7 +26,7 @@ HELD = {
 }
 """Parameters that are held at the values behind the example, so that it takes seconds."""
 STEPS = 3000
-"""Largest number of steps; the example needs about 800."""
+"""Largest number of steps; the example needs about 350."""
 
 
 @click.command()

@@ -190,6 +190,9 @@ def test_runs_that_are_there_are_named(tmp_path):
     # a run that was typed is the one that is meant
     said = call("target", "b run", cwd=tmp_path).stderr.rstrip().splitlines()[-1]
     assert said == "try: softness-bayes target 'b run' --rating 20 --force-n 1"
+    (tmp_path / "cloth.csv").write_text("fabric,effective_modulus_kpa\nfelt,30\n")
+    said = call("predict", "--posterior", "b run", "--force-n", "1", cwd=tmp_path).stderr.rstrip().splitlines()[-1]
+    assert said == "try: softness-bayes predict --posterior 'b run' --fabrics cloth.csv --force-n 1"
     said = call("resume", "b run", "--max-steps", "30", cwd=tmp_path).stderr.rstrip().splitlines()[-1]
     assert said == "try: softness-bayes resume 'b run'"
 
