@@ -1,1 +1,1 @@
-"""Checkpoints: a run under way, in files that survive a kill."""
+"""Checkpoints: files from which an interrupted or killed run can continue."""

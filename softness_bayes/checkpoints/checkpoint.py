@@ -1,8 +1,8 @@
 """Checkpoint of a run: pieces of its chains, its last state, and a manifest that names the valid files.
 
-A piece is written once and never changed; the manifest is replaced last, whole. Whenever the process is killed, the
-manifest on the disk names complete files, and a reader needs only the manifest. It contains the checksums of these
-files and of itself, so that damaged, exchanged or reordered files raise an error.
+A piece is written once and never changed; the manifest is replaced last, atomically. Whenever the process is killed,
+the manifest on disk therefore lists complete files, and readers need only the manifest. It contains the checksums of
+these files and of itself, so that damaged, exchanged or reordered files raise an error.
 """
 
 from __future__ import annotations
@@ -51,19 +51,19 @@ MOST_PIECES = 64
 class Checkpoint:
     """The checkpoint of one run in its results' directory; a context manager that holds the directory's lock.
 
-    Use `create` for a new run and `open` for one to continue. If nothing was kept, leaving the context removes
-    the files that it made.
+    Use `create` for a new run and `open` to continue one. If nothing was saved, leaving the context removes the files
+    that it created.
 
     Parameters
     ----------
     directory
         Directory of the results.
     request
-        The request of the run, for its continuation: any JSON values.
+        The settings requested for the run, as JSON values, needed for its continuation.
     manifest
         Manifest of the run to continue; None for a new one.
     salvage
-        Whether the last whole state takes the place of a damaged one.
+        Whether to use the last intact state if a later one is damaged.
     replace
         Whether a new run may replace an earlier one.
     inputs
@@ -84,7 +84,7 @@ class Checkpoint:
         self._manifest, self._held = manifest, ExitStack()
         self._description: dict[str, str] = {}
         self._saved: tuple[int, int, int] = (-1, 0, 0)  # phase, stride and number of the stored steps in the pieces
-        self._salvage, self.damage = salvage, ""  # damaged files and what they cost, in a sentence
+        self._salvage, self.damage = salvage, ""  # damaged files and the resulting loss, as a sentence
         self._pieces: list[str] = []
         self._earlier: list[Earlier] = []
         self._digests: dict[str, str] = {}  # SHA-256 of every file by its name
@@ -95,27 +95,27 @@ class Checkpoint:
     def create(
         cls, directory: str | Path, replace: bool = False, request: Any = None, inputs: Iterable[Path] = ()
     ) -> Checkpoint:
-        """Return the checkpoint of a new run; an earlier result goes when the first state is kept.
+        """Return the checkpoint of a new run; an earlier result is removed when the first state is saved.
 
         Parameters
         ----------
         directory
             An empty directory or a new one.
         replace
-            Whether it may hold an earlier run, the files of which are then removed and no others.
+            Whether it may contain an earlier run; only the files of that run are then removed.
         request
-            The request of the run, for its continuation.
+            The settings requested for the run, needed for its continuation.
         inputs
             Files that the run reads, which are never removed.
 
         Raises
         ------
         InputError
-            If the directory cannot be written to, or holds something that may not be replaced.
+            If the directory cannot be written to, or contains something that may not be replaced.
         LockedError
             If another process is running there.
         """
-        if Path(directory).is_dir():  # what else stands there is refused below
+        if Path(directory).is_dir():  # other contents are rejected below
             require_free(Path(directory) / CHECKPOINT / LOCK)
         checkpoint = cls(Path(directory), request, None, False, replace, inputs)
         require_vacant(checkpoint.directory, replace, checkpoint._inputs)
@@ -130,19 +130,19 @@ class Checkpoint:
         directory
             Directory of its results.
         salvage
-            Whether to go back to the last whole state if a file is damaged, as `damage` then says. Damaged files
-            stay until the next state is written.
+            Whether to go back to the last intact state if a file is damaged, which is then reported in `damage`.
+            Damaged files are kept until the next state is written.
 
         Raises
         ------
         InputError
-            If the directory holds none, or one of another version; or if the manifest is damaged, or with `salvage`
-            no state is whole.
+            If the directory contains no checkpoint, or one of another version; or if the manifest is damaged or, with
+            `salvage`, no state is intact.
         LockedError
             With `salvage`, if another process is running there.
         """
         if salvage:
-            require_free(Path(directory) / CHECKPOINT / LOCK)  # files that change meanwhile look damaged
+            require_free(Path(directory) / CHECKPOINT / LOCK)  # files that change during reading would look damaged
         manifest, damage = _read(Path(directory), salvage)
         checkpoint = cls(Path(directory), manifest["request"], manifest, salvage)
         checkpoint.damage = damage
@@ -160,7 +160,7 @@ class Checkpoint:
             lock = stack.enter_context(Lock(self._home / LOCK))
             stack.callback(self._vanish_unused, lock)
             if self._manifest is None:
-                # another run may have begun and ended meanwhile
+                # another run may have started and ended in the meantime
                 require_vacant(self.directory, self._replace, self._inputs)
             else:
                 self._manifest, self.damage = _read(self.directory, self._salvage)  # as the last holder left it
@@ -179,11 +179,11 @@ class Checkpoint:
         self.leave()
 
     def leave(self) -> None:
-        """Release the directory, and remove what was made there if nothing was kept; a second call does nothing."""
+        """Release the directory, and remove files created there if nothing was saved; a second call does nothing."""
         self._held.close()
 
     def begin(self, description: Mapping[str, str]) -> RunState | None:
-        """Return the state to continue from, or none for a new run.
+        """Return the state from which to continue, or None for a new run.
 
         Parameters
         ----------
@@ -193,8 +193,8 @@ class Checkpoint:
         Raises
         ------
         InputError
-            If the settings differ from those at the start of the run, naming the differences; if a file is damaged;
-            or if JSON cannot store the request of a new run.
+            If the settings differ from those at the start of the run, with the differences; if a file is damaged; or if
+            JSON cannot store the request of a new run.
         """
         if self._manifest is None:
             self._description = dict(description)
@@ -209,7 +209,7 @@ class Checkpoint:
         return state
 
     def require_same(self, description: Mapping[str, str]) -> None:
-        """Raise an error if settings that affect the draws are not those of the kept run.
+        """Raise an error if settings that affect the draws differ from those of the saved run.
 
         Raises
         ------
@@ -223,19 +223,19 @@ class Checkpoint:
             )
 
     def keep(self, state: RunState, schedule: Schedule, target: Target) -> None:
-        """Write a state, or remember it if the last one was written a moment ago.
+        """Write a state, or hold it in memory if the last one was written very recently.
 
         Parameters
         ----------
         state
             State of the run.
         schedule, target
-            Its schedule, and the density that it samples.
+            Schedule of the run, and the sampled density.
 
         Raises
         ------
         OSError
-            If it cannot be written; the earlier state is still kept.
+            If it cannot be written; the earlier state remains valid.
         """
         self._pending = lambda: self._write(state, schedule, target)
         now = time.monotonic()
@@ -243,12 +243,12 @@ class Checkpoint:
             self.flush()
 
     def flush(self) -> None:
-        """Write the state in memory, if it is not written yet.
+        """Write the state held in memory, if not yet written.
 
         Raises
         ------
         OSError
-            As `keep`.
+            As for `keep`.
         """
         if self._pending is not None:
             write, self._pending = self._pending, None
@@ -256,18 +256,18 @@ class Checkpoint:
             self._last = time.monotonic()
 
     def finish(self) -> None:
-        """Note that the results of the kept steps are written."""
+        """Record that the results of the saved steps are written."""
         if self._manifest is not None:
             self._replace_manifest({**self._manifest, "written": self._manifest["state"]["steps"]})
 
     @property
     def description(self) -> Mapping[str, str]:
-        """Settings that affect the draws of the kept run, by name; empty before the first state."""
+        """Settings that affect the draws of the saved run, by name; empty before the first state."""
         return {} if self._manifest is None else self._manifest["description"]
 
     @property
     def status(self) -> Status | None:
-        """Status of the kept run; None before the first state."""
+        """Status of the saved run; None before the first state."""
         return None if self._manifest is None else status_of(self._manifest, True)
 
     def _write(self, state: RunState, schedule: Schedule, target: Target) -> None:
@@ -332,9 +332,9 @@ class Checkpoint:
         write_whole(self._home / MANIFEST_COPY, content)
 
     def _tidy(self) -> None:
-        """Remove files that the manifest does not name: leftovers of interrupted writes, and replaced files.
+        """Remove files that are not in the manifest: leftovers of interrupted writes, and replaced files.
 
-        The manifest on the disk decides, because it may be newer than the one in memory after an error.
+        The manifest on disk is used, because after an error it may be newer than the one in memory.
         """
         named: set[str] = set()
         if (self._home / MANIFEST).exists():
@@ -357,5 +357,5 @@ class Checkpoint:
 
 
 def _read(directory: Path, salvage: bool) -> Whole:
-    """Return what to continue from: what the manifest names, or the last whole state."""
+    """Return the data from which to continue: the files in the manifest, or the last intact state."""
     return last_whole(directory) if salvage else Whole(read_manifest(directory), "")

@@ -1,4 +1,4 @@
-"""Identity of a run, which a continuation must share: everything that affects its draws, by name and value."""
+"""Identity of a run, which must not change on continuation: all settings that affect its draws, by name."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from softness_bayes.model.posterior import Density
 from softness_bayes.sampler.sampling import Settings
 from softness_bayes.sampler.state import RunState
 
-_RELATIVE, _ABSOLUTE = 1e-9, 1e-6  # of a log density: other versions of the libraries round otherwise
+_RELATIVE, _ABSOLUTE = 1e-9, 1e-6  # tolerance of a log density: library versions differ in rounding errors
 
 
 def identity(
@@ -26,7 +26,7 @@ def identity(
     Parameters
     ----------
     data, density, settings
-        Data, what is sampled, and how.
+        Data, sampled density, and settings of the sampler.
     choices
         Further choices, such as the seed.
     """

@@ -1,4 +1,4 @@
-"""Manifest of a checkpoint: the valid files in order, with their checksums and its own."""
+"""Manifest of a checkpoint: the valid files in order, with their checksums and that of the manifest."""
 
 from __future__ import annotations
 
@@ -13,18 +13,18 @@ from softness_bayes.files.run_files import CHECKPOINT, MANIFEST
 from softness_bayes.sampler.serial import as_json, changed
 
 FORMAT = 2
-"""Version of the checkpoint's layout; another one is refused."""
+"""Version of the checkpoint's layout; other versions are rejected."""
 
 _DIGEST = "sha256"
 
 
 def sealed(manifest: Mapping[str, Any]) -> bytes:
-    """Return a manifest as the bytes of its file, with its own checksum.
+    """Return a manifest as the bytes of its file, including its checksum.
 
     Raises
     ------
     InputError
-        If JSON cannot hold it.
+        If it cannot be stored as JSON.
     """
     content = {"format": FORMAT, **manifest}
     return as_json({**content, _DIGEST: _digest(content)}, MANIFEST, indent=1).encode()
@@ -38,12 +38,12 @@ def read_manifest(directory: Path, name: str = MANIFEST) -> dict[str, Any]:
     directory
         The directory.
     name
-        Name of the manifest's file: its own, or that of the copy.
+        Name of the manifest's file or of its copy.
 
     Raises
     ------
     InputError
-        If there is none, it is of another version, or not what was written.
+        If there is none, or it is of another version or damaged.
     """
     path = directory / CHECKPOINT / name
     try:

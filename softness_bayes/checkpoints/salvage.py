@@ -1,4 +1,4 @@
-"""Last whole state of a checkpoint: what is left of a run after a file was damaged or lost."""
+"""Last intact state of a checkpoint, to recover a run after a file was damaged or lost."""
 
 from __future__ import annotations
 
@@ -18,18 +18,18 @@ from softness_bayes.sampler.serial import as_json, state_arrays, state_values, u
 from softness_bayes.sampler.state import RunState
 
 MOST_EARLIER = 8
-"""Largest number of earlier states, with the pieces of the last one, that a checkpoint keeps."""
+"""Largest number of earlier states kept in a checkpoint that share the pieces of the last one."""
 
 _VALUES = "values"
 
 
 class Whole(NamedTuple):
-    """The last whole state of a checkpoint."""
+    """The last intact state of a checkpoint."""
 
     manifest: dict[str, Any]
-    """The manifest that names it."""
+    """Manifest of this state."""
     damage: str
-    """Damaged files, and what they cost, in a sentence; empty if nothing is damaged."""
+    """Damaged files and the resulting loss, as a sentence; empty if nothing is damaged."""
 
 
 class Earlier(NamedTuple):
@@ -38,20 +38,20 @@ class Earlier(NamedTuple):
     arrays: str
     """Its file."""
     pieces: list[str]
-    """Pieces of the chains that it needs, in order."""
+    """Required pieces of the chains, in order."""
 
 
 def whole_state(state: RunState, found: Mapping[str, Any]) -> dict[str, NDArray[Any]]:
-    """Return a state as arrays, its chains left out, with what its manifest says of it."""
+    """Return a state, without its chains, as arrays, together with its entry for the manifest."""
     values = as_json({**found, "state": state_values(state)}, "state").encode()
     return {**state_arrays(state), _VALUES: np.frombuffer(values, np.uint8)}
 
 
 def kept_states(earlier: Sequence[Earlier], pieces: Sequence[str]) -> list[Earlier]:
-    """Return the earlier states to be kept beside one that has some pieces.
+    """Return the earlier states to be kept in addition to a state with some pieces.
 
-    Of states with the same pieces as this one the first stays, and every other one if there are too many. Of states
-    with other pieces, from before the chains were thinned or begun anew, the last stays, and one without any.
+    Of states with the same pieces as this one, the first is kept, and every second one if there are too many. Of states
+    with other pieces, from before the chains were thinned or restarted, the last is kept, and one without any.
     """
     own = [one for one in earlier if one.pieces and one.pieces[0] == pieces[0]] if pieces else []
     others = [one for one in earlier if one not in own]
@@ -60,14 +60,14 @@ def kept_states(earlier: Sequence[Earlier], pieces: Sequence[str]) -> list[Earli
 
 
 def last_whole(directory: Path) -> Whole:
-    """Return the last whole state of the run in a directory of results; nothing is changed there.
+    """Return the last intact state of the run in a directory of results, without changing anything.
 
     Raises
     ------
     InputError
-        If there is no run, or no state of it is whole.
+        If there is no run, or none of its states is intact.
     OSError
-        If a file cannot be read for another reason than damage.
+        If a file cannot be read for reasons other than damage.
     """
     home, said = directory / CHECKPOINT, []
     try:

@@ -14,16 +14,16 @@ from softness_bayes.sampler.serial import verdict_of
 
 
 class Status(NamedTuple):
-    """Status of a run, read without disturbing it."""
+    """Status of a run, read without interfering with it."""
 
     running: bool
-    """Whether a process holds the directory."""
+    """Whether a process is using the directory."""
     piloting: bool
-    """Whether the run is still in its pilot walk."""
+    """Whether the run is still in its pilot stage."""
     steps: int
-    """Steps of that walk."""
+    """Number of steps in the present phase."""
     missing: int
-    """Estimate of the steps still to go."""
+    """Estimated number of remaining steps."""
     seconds: float
     """Time spent."""
     failures: int
@@ -31,13 +31,13 @@ class Status(NamedTuple):
     ended: bool
     """Whether the run has converged or reached a limit."""
     written: bool
-    """Whether the results beside the checkpoint are those of these steps."""
+    """Whether the results next to the checkpoint are those of these steps."""
     max_steps: int
     """Largest number of steps, in whole strides."""
     verdict: Verdict | None
-    """The last look."""
+    """The last convergence check."""
     quick: bool = False
-    """Whether it is a first look, begun at the command line."""
+    """Whether it is a first look started from the command line."""
 
 
 def read_status(directory: str | Path) -> Status:
@@ -46,23 +46,23 @@ def read_status(directory: str | Path) -> Status:
     Raises
     ------
     InputError
-        If the directory holds no checkpoint, or one of another version.
+        If the directory contains no checkpoint, or one of another version.
     """
     home = Path(directory) / CHECKPOINT
     running = is_held(home / LOCK)
-    if running and not (home / MANIFEST).exists():  # it still looks for a place to start
+    if running and not (home / MANIFEST).exists():  # it is still searching for starting points
         return Status(True, True, 0, 0, 0.0, 0, False, False, 0, None)
     return status_of(read_manifest(Path(directory)), running)
 
 
 def _quick(request: Any) -> bool:
-    """Return whether a command line's request, or any of a Python user's own, is that of a first look."""
+    """Return whether the settings of a run, from the command line or Python, are those of a first look."""
     options = request.get("options") if isinstance(request, dict) else None
     return isinstance(options, dict) and bool(options.get("quick"))
 
 
 def status_of(manifest: Mapping[str, Any], running: bool) -> Status:
-    """Return the status of a run by its manifest."""
+    """Return the status of a run from its manifest."""
     state, piloting = manifest["state"], manifest["piloting"]
     return Status(
         running=running,

@@ -14,7 +14,7 @@ from softness_bayes.files.run_files import CHECKPOINT, LOCK, MANIFEST, MANIFEST_
 from softness_bayes.files.whole import is_part
 
 OF_A_RUN = (RUN, "plot", "report", "rank")
-"""Commands whose files are removed together with a run that another one replaces."""
+"""Commands whose files are removed together with a replaced run."""
 
 _KEPT = re.compile(r"(?:piece|state)-([0-9]{7,})\.npz")
 
@@ -25,16 +25,16 @@ def require_vacant(directory: Path, replace: bool, inputs: Iterable[Path] = ()) 
     Parameters
     ----------
     directory
-        Where the run is to be written.
+        Directory for the run.
     replace
-        Whether an earlier run there may be removed: only unchanged files that it wrote.
+        Whether an earlier run there may be removed; only unchanged files of that run are.
     inputs
         Files that the run reads, which are never removed.
 
     Raises
     ------
     InputError
-        If it is a file or lies below one; or if it is not empty and `replace` is false, or not all files are of an
+        If it is a file or is below one; or if it is not empty and `replace` is False, or not all files belong to an
         earlier run.
     """
     for place in (directory, *directory.parents):
@@ -47,7 +47,7 @@ def require_vacant(directory: Path, replace: bool, inputs: Iterable[Path] = ()) 
             f"{directory}: --force replaces only an earlier run, but {told(others)}; move it away, or choose "
             "another --out"
         )
-    # a run that was killed before its first state leaves a checkpoint without a manifest
+    # a run killed before its first state leaves a checkpoint without a manifest
     begun = (directory / CHECKPOINT / MANIFEST).exists()
     if not replace and (begun or others or beside.ours):
         instead = "'softness-bayes resume' to continue its run" if begun else "--force to replace an earlier run"
@@ -56,13 +56,13 @@ def require_vacant(directory: Path, replace: bool, inputs: Iterable[Path] = ()) 
 
 
 def remove_run(directory: Path, inputs: Iterable[Path] = ()) -> None:
-    """Remove an earlier run except for the lock; its manifests first, so that no incomplete run can be continued."""
+    """Remove an earlier run except for the lock, manifests first, so that no incomplete run can be continued."""
     remove(_kept(directory / CHECKPOINT))
     remove(survey(directory, OF_A_RUN, inputs, but=(CHECKPOINT,)))
 
 
 def is_kept(path: Path) -> bool:
-    """Return whether a file has the name of a piece or a state of a checkpoint, staged or not."""
+    """Return whether a file has the name of a piece or state of a checkpoint, staged or not."""
     return is_part(path) or (_KEPT.fullmatch(path.name) is not None and path.is_file() and not path.is_symlink())
 
 

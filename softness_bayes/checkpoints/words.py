@@ -1,4 +1,4 @@
-"""Words about a run that is kept: how its settings differ from those of its start, and where its density failed."""
+"""Messages about a saved run: changed settings, and points at which its density failed."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from softness_bayes.sampler.state import RunState
 
 
 def differences(then: Mapping[str, str], now: Mapping[str, str]) -> str:
-    """Return the settings in which a run differs from its start, in words."""
+    """Describe the settings in which a run differs from its start."""
     names = [name for name in {**then, **now} if _today(then.get(name)) != _today(now.get(name))]
     return "; ".join(f"{n} {then.get(n, 'not given')} (now {now.get(n, 'not given')})" for n in names)
 

@@ -1,1 +1,1 @@
-"""Runs from data to result: sampling, plate runs, comparison, calibration and evaluation."""
+"""Complete runs from data to result: sampling, plate data, comparison, calibration and evaluation."""

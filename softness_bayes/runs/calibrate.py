@@ -1,4 +1,4 @@
-"""Calibration of a whole scene: replicates in parallel, one file each."""
+"""Simulation-based calibration of a scene: parallel replicates, with one file each."""
 
 from __future__ import annotations
 
@@ -37,14 +37,14 @@ from softness_bayes.sampler.workers import Workers, available_processors
 MANIFEST, REPLICATES, LOCK = "manifest.json", "replicates", "lock"
 
 TRUTHS = 4000
-"""Most draws of a run's posterior among which the truths of replicates like it are chosen."""
+"""Largest number of posterior draws of a run from which the true values of its replicates are chosen."""
 
 ENSEMBLES = 2
-"""Independent ensembles of each replicate: the least that can disagree."""
+"""Number of independent ensembles per replicate: the smallest number that can disagree."""
 
 RANKED = Goal(lengths=20.0, tau_change=math.inf, r_hat=1.02, ess=4.0 * DRAWS, looks=1)
-"""Convergence of a replicate: ranks among `DRAWS` draws need as many independent ones of a walk that has forgotten its
-start, not the precision of quantiles that a run needs."""
+"""Convergence goal of a replicate: ranks among `DRAWS` draws require that many independent draws after burn-in, but not
+the precision of quantiles required in a run."""
 
 
 def calibrate(
@@ -57,17 +57,17 @@ def calibrate(
     settings: Settings | None = None,
     executor: Executor | None = None,
 ) -> Calibrated:
-    """Calibrate the model of a scene; replicates that a directory already holds are not run again.
+    """Calibrate the model of a scene; replicates that are already in a directory are not repeated.
 
-    A replicate is cheap where its posterior is smooth. Where a prior draw has hardly any noise (varsigma of a few
-    hundredths or thousandths), the posterior is a curved sheet as thin as the noise, which takes many times the
-    usual number of steps. A replicate that has not converged by the largest number of steps counts with the draws that
-    it has, and the verdict stays open.
+    A replicate is fast if its posterior is smooth. If a prior draw has very little noise (varsigma of a few hundredths
+    or thousandths), the posterior is a thin curved sheet, which takes many times the typical number of steps. A
+    replicate that has not converged within the largest number of steps is included with its existing draws, and the
+    verdict remains open.
 
     Parameters
     ----------
     scene
-        Who rates what.
+        Design of the ratings.
     options
         Choices of the model.
     run
@@ -75,20 +75,20 @@ def calibrate(
     count
         Number of replicates.
     directory
-        Where each replicate leaves a file as soon as it is finished.
+        Directory in which each replicate writes a file as soon as it is finished.
     progress
-        Called with the number of finished replicates and the last of them.
+        Function called with the number of finished replicates and the last of them.
     settings
-        How to sample; `ENSEMBLES` ensembles until they meet `RANKED`, or `run.max_steps`, if left out.
+        Settings of the sampler; by default `ENSEMBLES` ensembles until they meet `RANKED`, or `run.max_steps`.
     executor
-        An executor that runs the replicates instead of processes of this machine, one as one task, with the same
-        ranks; its workers share the directory (see `runs.cluster`).
+        Executor that runs the replicates instead of local processes, one task per replicate, with the same ranks; its
+        workers must share the directory (see `runs.cluster`).
 
     Raises
     ------
     InputError
-        If the directory holds anything but a calibration that was asked for in the same way, apart from the
-        number of replicates and processes.
+        If the directory contains anything but a calibration with the same settings, apart from the numbers of
+        replicates and processes.
     LockedError
         If another process is calibrating there.
     """
@@ -110,22 +110,23 @@ def calibrate_like(
     settings: Settings | None = None,
     executor: Executor | None = None,
 ) -> Calibrated:
-    """Calibrate the inference about the data of a finished run, where its posterior is (posterior SBC).
+    """Calibrate the inference in the region of the posterior of a finished run (posterior SBC).
 
     Each replicate draws parameters from the run's posterior, and simulates ratings of new raters in its design: with
-    its missing cells, loads and observation model. The fit is of the run's ratings and the simulated ones together.
+    its missing cells, loads and observation model. The model is fitted to the run's ratings and the simulated ones
+    together.
 
     Parameters
     ----------
     result
         A run on ratings that has converged.
     run, count, directory, progress, settings, executor
-        As `calibrate` takes them.
+        As for `calibrate`.
 
     Raises
     ------
     InputError
-        If the run has not converged, or as `calibrate`.
+        If the run has not converged, or as for `calibrate`.
     LockedError
         If another process is calibrating there.
     """
@@ -138,20 +139,20 @@ def calibrate_like(
 def finished_like(
     result: Result, run: RunOptions, count: int, directory: Path, settings: Settings | None = None
 ) -> Calibrated:
-    """Return the replicates of `calibrate_like` that are finished, and run none; otherwise as `finished`."""
+    """Return the finished replicates of `calibrate_like` without running any; otherwise like `finished`."""
     _, manifest = _like(result, run, settings or _usual(run))
     return _so_far(manifest, count, directory)
 
 
 class Source(NamedTuple):
-    """Origin of replicates: the model, and draws of its posterior if their truths are some of these."""
+    """Origin of replicates: the model and, if true values are drawn from its posterior, posterior draws."""
 
     posterior: Posterior
     truths: NDArray[np.float64] | None = None
 
 
 def _like(result: Result, run: RunOptions, settings: Settings) -> tuple[Source, dict[str, Any]]:
-    """Return the source of replicates like a run, and all that decides the ranks."""
+    """Return the source of replicates for a finished run, and all settings that affect the ranks."""
     if not result.provenance.ending.converged:
         raise InputError(f"{result.source}: the run has not converged, so its draws do not represent the posterior")
     posterior = build(experiment_of(result), options_of(result)).posterior
@@ -181,7 +182,7 @@ def _calibrated(
     settings: Settings,
     executor: Executor | None,
 ) -> Calibrated:
-    """Run the replicates that a directory lacks."""
+    """Run the replicates missing in a directory."""
     folder = _made_folder(directory, manifest)
     with Lock(directory / LOCK) as lock:
         _require_alike(directory, manifest)
@@ -203,7 +204,7 @@ def _calibrated(
 
 
 def _made_folder(directory: Path, manifest: dict[str, Any]) -> Path:
-    """Return the folder of the replicates, made if need be, in a directory that may be written to."""
+    """Return the folder of the replicates, created if necessary, in a writable directory."""
     folder = directory / REPLICATES
     _require_alike(directory, manifest)
     require_outputs(directory, (RANKS, COVERAGE, VERDICT, f"{FIGURE}.png"), CALIBRATE)
@@ -221,9 +222,9 @@ def finished(
     directory: Path,
     settings: Settings | None = None,
 ) -> Calibrated:
-    """Return the replicates of a calibration that are finished, and run none; it may be going on meanwhile.
+    """Return the finished replicates of a calibration without running any; it may still be in progress.
 
-    Arguments, and what raises, as `calibrate`; also
+    Arguments and errors as for `calibrate`; in addition
 
     Raises
     ------
@@ -248,19 +249,19 @@ def _usual(run: RunOptions) -> Settings:
 
 
 def _finished(folder: Path, count: int) -> dict[int, Replicate]:
-    """Return the replicates that have left a file, by index."""
+    """Return the replicates with a file, by index."""
     return {index: _read(path) for index in range(count) if (path := _path(folder, index)).is_file()}
 
 
 def _run(source: Source, settings: Settings, seed: int, index: int, folder: str) -> tuple[int, Replicate]:
-    """Run one replicate and leave its file."""
+    """Run one replicate and write its file."""
     one = replicate(source.posterior, settings, seed, index, truths=source.truths)
     write_whole(_path(Path(folder), index), (json.dumps(one._asdict(), indent=1) + "\n").encode())
     return index, one
 
 
 def finished_replicates(directory: Path) -> int:
-    """Return how many replicates a directory holds."""
+    """Return the number of replicates in a directory."""
     return sum(1 for _ in (directory / REPLICATES).glob("*.json"))
 
 
@@ -294,7 +295,7 @@ def _json(path: Path, what: str) -> dict[str, Any]:
 
 
 def _manifest(scene: CalibrationScene, request: Request, settings: Settings) -> dict[str, Any]:
-    """Return all that decides the ranks, as JSON holds it."""
+    """Return all settings that affect the ranks, as JSON data."""
     fabrics, options = scene.fabrics, request.model
     named = {
         "version": __version__,
@@ -315,17 +316,17 @@ def _manifest(scene: CalibrationScene, request: Request, settings: Settings) -> 
         "max_steps": settings.max_steps,
         "goal": str(settings.goal),
     }
-    # scale, errors, resolution, and whatever else decides the model
+    # scale, errors, resolution, and all other settings that define the model
     return {**options.record(), **named}
 
 
 def _require_alike(directory: Path, manifest: dict[str, Any]) -> None:
-    """Make sure that a directory is empty, or holds what was asked for in the same way."""
+    """Raise an error unless a directory is empty or contains a calibration with the same settings."""
     manifest = json.loads(json.dumps(manifest))
     path = directory / MANIFEST
     if path.is_file():
         before = _json(path, "calibration")
-        if "direction" in before:  # by the name it has now
+        if "direction" in before:  # by its present name
             before["direction"] = direction_named(str(before["direction"])).name
         for name in dict.fromkeys([*before, *manifest]):
             if before.get(name) != manifest.get(name):

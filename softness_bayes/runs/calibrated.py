@@ -18,10 +18,10 @@ if TYPE_CHECKING:
 RANKS, COVERAGE, VERDICT, FIGURE = "ranks.csv", "coverage.csv", "verdict.txt", "ecdf"
 
 CALIBRATE = "calibrate"
-"""The verb that the files are listed under."""
+"""Command under which the files are listed."""
 
 LONG = 2_000
-"""Steps beyond which a replicate is counted as one that ran longer."""
+"""Number of steps above which a replicate is counted as long."""
 
 
 @dataclass(frozen=True)
@@ -33,7 +33,7 @@ class Calibrated:
     replicates
         By index.
     unfinished
-        Indices of those that were asked for and are not among them.
+        Indices of requested replicates that are missing.
     """
 
     replicates: Mapping[int, Replicate]
@@ -46,7 +46,7 @@ class Calibrated:
 
     @property
     def unconverged(self) -> int:
-        """Replicates that did not converge within the steps allowed; their ranks count all the same."""
+        """Replicates that did not converge within the allowed steps; their ranks are included."""
         return sum(not one.converged for one in self.replicates.values())
 
     @property
@@ -61,11 +61,11 @@ class Calibrated:
 
     @property
     def decided(self) -> bool:
-        """True if all are finished and converged: the slowest differ from the others, so that none may be missing."""
+        """True if all are finished and converged; slow replicates differ from others, so none may be missing."""
         return not self.unconverged and not self.unfinished
 
     def ranks(self) -> pd.DataFrame:
-        """Return a row per replicate: its walk (steps, autocorrelation_time, converged), then every rank and truth."""
+        """Return a row per replicate: steps, autocorrelation_time, converged, then all ranks and true values."""
         import pandas as pd
 
         rows = {}
@@ -82,7 +82,7 @@ class Calibrated:
         return pd.DataFrame.from_dict(rows, orient="index").rename_axis("replicate")
 
     def coverage(self) -> pd.DataFrame:
-        """Return how often central intervals hold the truth, with the tests of each quantity beside it."""
+        """Return how often central intervals contain the true value, with the tests of each quantity."""
         import pandas as pd
 
         calibration = self.calibration
@@ -98,6 +98,6 @@ class Calibrated:
         return verdict(self.calibration, f"{asked} replicates ({walks})", self.decided)
 
     def save(self, directory: Path) -> None:
-        """Write ranks, coverage and verdict, all or none of them; those of an earlier calibration are replaced."""
+        """Write ranks, coverage and verdict, either all or none; those of an earlier calibration are replaced."""
         ranks, coverage = csv_of(self.ranks()), csv_of(self.coverage())
         write_outputs(directory, {RANKS: ranks, COVERAGE: coverage, VERDICT: self.sentence() + "\n"}, CALIBRATE)

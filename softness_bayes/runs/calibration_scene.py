@@ -17,7 +17,7 @@ from softness_bayes.model.simulation import simulate_ratings
 from softness_bayes.touch.contact import Indentation, Load
 
 USUAL_FABRICS = Fabrics(tuple("abcdefgh"), effective_modulus=np.geomspace(3e3, 6e5, 8))
-"""Cloth from one on which no receptor fires under a light touch to one beyond the turning point under a firm touch."""
+"""Fabrics from one without firing under a light touch to one beyond the turning point under a firm touch."""
 
 USUAL_LOADS: tuple[Load, ...] = (Indentation(1.5e-3), Indentation(2.5e-3))
 
@@ -29,7 +29,7 @@ class CalibrationScene:
     Parameters
     ----------
     fabrics, loads
-        What is rated; by default a small scene, so that a replicate takes seconds.
+        Rated fabrics and loads; by default a small scene, so that a replicate takes seconds.
     participants
         Their number.
     """
@@ -39,12 +39,12 @@ class CalibrationScene:
     participants: int = 20
 
     def model(self, options: ModelOptions) -> ExperimentModel:
-        """Return the model of the scene, built once for all replicates; its ratings are to be replaced."""
+        """Return the model of the scene, built once for all replicates, with placeholder ratings."""
         return build(*self.planned(options))
 
     def planned(self, options: ModelOptions) -> tuple[Experiment, ModelOptions]:
-        """Return the design with made-up ratings of its scale, and the options with what no data can decide."""
-        options = replace(options, direction=options.direction or RISES)  # there are no data to take it from
+        """Return the design with placeholder ratings on its scale, and the options with all open choices filled in."""
+        options = replace(options, direction=options.direction or RISES)  # there are no data from which to infer it
         if options.scale is not MAGNITUDE and options.scale.model is None:
             law = options.errors or rating_model(options.scale).error
             exact = 0.0 if options.scale is SLIDER and options.resolution is None else options.resolution
@@ -52,7 +52,7 @@ class CalibrationScene:
         return Experiment(self._ratings(options), self.fabrics, ()), options
 
     def _ratings(self, options: ModelOptions) -> Ratings:
-        """Return ratings of the design on the scale: all 1, or simulated where those would not be on it."""
+        """Return placeholder ratings: all 1, or simulated ones if these would not be on the scale."""
         if options.scale is not MAGNITUDE:
             made = simulate_ratings(
                 np.random.default_rng(0),
@@ -66,7 +66,7 @@ class CalibrationScene:
                 finger=options.finger,
                 categories=options.n_categories,
             ).ratings
-            # standard deviations between raters are not simulated again for each replicate
+            # standard deviations between raters are not simulated for each replicate
             return made if made.cells is None else replace(made, cells=made.cells._replace(geometric_sd=None))
         names = [f"P{k}" for k in range(1, self.participants + 1)]
         table = np.ones((self.participants, len(self.fabrics), len(self.loads)))

@@ -1,4 +1,4 @@
-"""Executor of an existing Dask cluster, whose workers have this version and share the directory."""
+"""Executor on an existing Dask cluster whose workers have the same version and share the directory."""
 
 from __future__ import annotations
 
@@ -25,20 +25,20 @@ if TYPE_CHECKING:
 Result = TypeVar("Result")
 
 INSTALL = "pip install 'softness-bayes[dask]'"
-"""Command that installs what speaks with a cluster."""
+"""Command that installs the client of a cluster."""
 
 TIMEOUT = 10.0
-"""Time [s] in which a scheduler must answer."""
+"""Time [s] within which a scheduler must answer."""
 
 SCHEDULER = "at the scheduler"
-"""Address of the report of the scheduler itself."""
+"""Key of the scheduler's own report."""
 
 _NAMED = 3  # workers in a message
 _KINDS = ("tcp", "tls", "ws", "wss")  # of addresses with a host and a port
 
 
 class Worker(NamedTuple):
-    """State of one worker, as it reports it."""
+    """State of one worker, as reported by it."""
 
     versions: Mapping[str, str]
     shares: bool
@@ -47,9 +47,9 @@ class Worker(NamedTuple):
 
 
 class Cluster(Executor):
-    """An executor that runs tasks on a Dask cluster, and sends a shared value to the scheduler once, by its content.
+    """Executor that runs tasks on a Dask cluster and sends each shared value to the scheduler only once.
 
-    The scheduler gives the task of a killed worker to another one. Use `cluster`, which connects and checks.
+    The scheduler reassigns the task of a killed worker to another one. Use `cluster`, which connects and checks.
 
     Parameters
     ----------
@@ -61,13 +61,13 @@ class Cluster(Executor):
         self._client, self._executor, self._versions = client, client.get_executor(pure=False), versions()
 
     def share(self, value: Any) -> Any:
-        """Return the cluster's handle of a value; a task that takes it receives the value."""
+        """Return the cluster's handle for a value; a task that gets the handle receives the value."""
         content = pickle.dumps(value)
         digest = hashlib.sha256(content).hexdigest()
         return self._client.submit(pickle.loads, content, key=f"softness-bayes-{digest}")
 
     def submit(self, work: Callable[..., Result], /, *task: Any, **named: Any) -> Future[Result]:
-        """Submit a task; its future fails with `WorkersLostError` if its workers were killed again and again."""
+        """Submit a task; its future fails with `WorkersLostError` if its workers were killed repeatedly."""
         found: Future[Result] = Future()
         running = self._executor.submit(_alike, self._versions, work, *task, **named)
         found.add_done_callback(lambda asked: running.cancel() if asked.cancelled() else None)
@@ -75,18 +75,18 @@ class Cluster(Executor):
         return found
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
-        """Leave the cluster, which goes on for others."""
+        """Disconnect from the cluster, which keeps running."""
         self._executor.shutdown(wait=wait and not cancel_futures)
 
 
 @contextmanager
 def cluster(scheduler: str, directory: Path | None = None) -> Iterator[Cluster]:
-    """Connect to a cluster that is running.
+    """Connect to a running cluster.
 
     Parameters
     ----------
     scheduler
-        Address of its scheduler, as in ``tcp://10.0.0.1:8786``, or path of its scheduler file.
+        Address of its scheduler, such as ``tcp://10.0.0.1:8786``, or path of its scheduler file.
     directory
         Directory that the workers must share with this process; None if tasks need none.
 
@@ -110,7 +110,7 @@ def require_workers(scheduler: str, found: Mapping[str, Worker | BaseException],
     scheduler
         Its name, for messages.
     found
-        Report of each worker by its address, or the error that it gave instead.
+        Report of each worker by its address, or the error raised instead.
     directory
         The directory that they must share.
 
@@ -178,7 +178,7 @@ def _address(scheduler: str) -> str:
 def _knock(address: str) -> None:
     """Raise an error at once if nothing listens at an address.
 
-    A client of Dask that fails to connect goes on trying in its destructor, whose traceback cannot be caught.
+    A Dask client that fails to connect tries again in its destructor, whose traceback cannot be caught.
     """
     from distributed.comm.addressing import parse_address, parse_host_port
 
@@ -190,7 +190,7 @@ def _knock(address: str) -> None:
 
 
 def _workers(client: Client, directory: Path | None) -> dict[str, Worker | BaseException]:
-    """Return the report of every worker, or the error that it gave instead."""
+    """Return the report of every worker, or the error raised instead."""
     token, path = secrets.token_hex(8), None
     if directory is not None:
         require_directory(directory)
@@ -201,7 +201,7 @@ def _workers(client: Client, directory: Path | None) -> dict[str, Worker | BaseE
         reports = client.run(_report, None if path is None else str(path), token, on_error="return")
         threads = client.nthreads()
         found: dict[str, Worker | BaseException] = {}
-        if reports:  # the scheduler reads the tasks too
+        if reports:  # the scheduler also unpickles the tasks
             found[SCHEDULER] = _of_the_scheduler(client)
         for address, one in reports.items():
             failed = isinstance(one, BaseException)
@@ -221,7 +221,7 @@ def _of_the_scheduler(client: Client) -> Worker | BaseException:
 
 
 def _report(path: str | None, token: str) -> tuple[dict[str, str], bool]:
-    """Return versions of a worker, and whether it sees a file."""
+    """Return the versions of a worker, and whether it can read a file."""
     seen = ""
     if path is not None:
         with suppress(OSError):
@@ -230,9 +230,9 @@ def _report(path: str | None, token: str) -> tuple[dict[str, str], bool]:
 
 
 def _alike(expected: Mapping[str, str], work: Callable[..., Result], *task: Any, **named: Any) -> Result:
-    """Run a task on a worker as elsewhere: with the same versions, though it may have joined after others were asked.
+    """Run a task on a worker after checking its versions, because it may have joined after the first check.
 
-    Inside, libraries take Dask as one thread: xarray would ask the scheduler for a lock to write a file in memory.
+    Dask is set to a single thread; otherwise xarray would request a lock from the scheduler to write a file in memory.
     """
     import dask
 
@@ -243,7 +243,7 @@ def _alike(expected: Mapping[str, str], work: Callable[..., Result], *task: Any,
 
 
 def _pass_on(done: Future[Result], found: Future[Result]) -> None:
-    """Give a task's result, or its error as one of ours, to another future."""
+    """Pass a task's result, or its error converted to an error of the toolkit, to another future."""
     from distributed import KilledWorker
 
     if not found.set_running_or_notify_cancel():

@@ -26,13 +26,13 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 CLUSTERS = ("fabric", "condition", "participant")
-"""Common properties of single ratings or conditions, within which their differences are correlated."""
+"""Properties shared by ratings or conditions, within which their differences are correlated."""
 
 SMALL_DIFFERENCE = 4.0
 """Difference in expected log predictive density below which data do not distinguish models."""
 
 REFIT = Settings(ensembles=2, max_steps=20_000, goal=Goal(lengths=20.0, tau_change=0.1, r_hat=1.02, ess=200.0, looks=1))
-"""Settings of a refit without a fabric, which needs draws for one expectation only."""
+"""Settings of a refit without a fabric, which needs draws for only one expectation."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,12 +46,12 @@ class Comparison:
         log predictive densities, and se, its standard error; elpd_diff, elpd less the best one's, and
         se_diff, the standard error of that difference unit by unit; se_by_fabric, se_by_condition and
         se_by_participant, that of clusters, where single ratings or conditions are left out (ratings of one go
-        together); weight, in the mixture of models that predicts best (stacking); units, how many were left out;
-        pareto_k_max and pareto_k_high, the largest Pareto k and how many exceed what the draws allow;
-        unfinished, how many refits did not converge; converged, whether the run itself had; model, what
-        sets it apart. Both errors take units as independent, but not the ratings within one.
+        together); weight, in the mixture of models that predicts best (stacking); units, number of units left out;
+        pareto_k_max and pareto_k_high, the largest Pareto k and how many exceed what the draws allow; unfinished, how
+        many refits did not converge; converged, whether the run itself had; model, its distinguishing features. Both
+        errors treat units as independent, but not the ratings within one.
     leave
-        The kind of unit that was left out; of ratings that are places in lists, the list.
+        The kind of unit that was left out; for places in lists, the list.
     interior
         Probability of an interior maximum under each load, averaged over the models with their weights.
     """
@@ -62,7 +62,7 @@ class Comparison:
 
     @property
     def sentence(self) -> str:
-        """Say whether the data distinguish the best two models."""
+        """Statement of whether the data distinguish the best two models."""
         best, second = self.table.iloc[0], self.table.iloc[1]
         gap = -float(second["elpd_diff"])
         errors = {"": float(second["se_diff"])}
@@ -78,7 +78,7 @@ class Comparison:
 
     @property
     def warnings(self) -> list[str]:
-        """Return the reasons why numbers of the table are unreliable, a line each."""
+        """Return the reasons why numbers of the table are unreliable, one per line."""
         found = []
         for label, row in self.table.iterrows():
             if row["pareto_k_high"]:
@@ -101,30 +101,29 @@ def compare(
     progress: Callable[[str], None] = lambda _: None,
     executor: Executor | None = None,
 ) -> Comparison:
-    """Rank models that were fitted to the same ratings by their predictions of left-out ratings.
+    """Rank models fitted to the same ratings by their predictions of left-out ratings.
 
     Ratings and participants are left out by Pareto-smoothed importance weights on the closed-form densities
-    given all others that each result stores, fabrics by sampling the model anew without each.
+    given all others that each result stores, fabrics by refitting the model without each.
 
     Parameters
     ----------
     results
-        Results by the names that the table gives them, at least two.
+        At least two results, by their names in the table.
     leave
-        Name of what is left out, one of `LEAVE`; or a way to leave something out.
+        Name of the unit to leave out, one of `LEAVE`, or a custom `Leave`.
     settings
-        How a model is sampled anew.
+        Settings of refits.
     progress
-        Told what was sampled.
+        Function called after each refit.
     executor
-        An executor that samples models anew instead of `settings.processes` processes, one as one task, with the same
-        draws.
+        Executor that runs refits instead of `settings.processes` processes, one task per refit, with the same draws.
 
     Raises
     ------
     InputError
-        If there are fewer than two results, one has no ratings, or they are of different data or scales; or there is
-        nothing of that name to leave out.
+        If there are fewer than two results, one has no ratings, or they are of different data or scales; or the unit to
+        leave out is unknown.
     """
     import pandas as pd
 
@@ -161,7 +160,7 @@ def compare(
 
 
 def _differences(log_density: Array, best: Array, clusters: Mapping[str, NDArray[np.intp]]) -> dict[str, float]:
-    """Return the columns about a model's predictions and their differences from the best one's."""
+    """Return the columns for a model's predictions and their differences from those of the best model."""
     behind = log_density - best
     return {
         "elpd": log_density.sum(),
@@ -173,7 +172,7 @@ def _differences(log_density: Array, best: Array, clusters: Mapping[str, NDArray
 
 
 def _reliability(left: LeftOut) -> dict[str, float]:
-    """Return the columns about the units, their importance weights and the refits."""
+    """Return the columns for the units, their importance weights and the refits."""
     return {
         "units": left.log_density.size,
         "pareto_k_max": np.nanmax(left.pareto_k, initial=-np.inf) if np.isfinite(left.pareto_k).any() else np.nan,
@@ -191,7 +190,7 @@ def _leave(leave: str | Leave) -> Leave:
 
 
 def _clusters(result: Result, leave: Leave) -> dict[str, NDArray[np.intp]]:
-    """Return the clusters of single ratings or conditions, by what is common to them."""
+    """Return the clusters of ratings or conditions, by the shared property."""
     if leave.name not in ("rating", "condition"):
         return {}
     ratings = experiment_of(result).ratings

@@ -1,4 +1,4 @@
-"""Figures of a run, drawn by its workers beside what else follows the walk."""
+"""Figures of a run, drawn by its workers in parallel with other work after sampling."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ if TYPE_CHECKING:
     import xarray as xr
 
 RUN_FORMATS = ("png", "csv")
-"""Formats of the figures of a run; the fonts of a PDF take as long as all else about it."""
+"""Formats of the figures of a run; no PDF by default, as embedding its fonts doubles the time."""
 
 FIRST_FIGURES = ("response", "rating", "inflection", "trace", "compression")
 """Figures of a first look; ``plot`` draws the others."""
 
 OF_THE_WALK = ("corner", "trace", "rank")
-"""Figures of the posterior's draws alone, which are known before anything is computed from them."""
+"""Figures that need only the posterior draws, which are available before anything is computed from them."""
 
 LARGE = (
     "posterior",
@@ -36,19 +36,19 @@ LARGE = (
     "log_likelihood",
     "log_likelihood_loo",
 )
-"""Groups with many numbers, which are sent only for figures that name them as needed; `posterior` for those that name
-none."""
+"""Large groups, which are sent only for figures that declare them as needed; `posterior` is sent for figures that
+declare none."""
 
 
 class FiguresUnderWay:
-    """Figures that workers draw, each as soon as what it shows is known.
+    """Figures drawn by workers, each as soon as its data are available.
 
     Parameters
     ----------
     workers
-        Who draws; without other processes, figures are drawn when they are written.
+        Processes that draw; without other processes, figures are drawn when they are written.
     directory
-        Where they will be written.
+        Directory to which they will be written.
     """
 
     def __init__(self, workers: Workers, directory: Path) -> None:
@@ -56,28 +56,28 @@ class FiguresUnderWay:
         self._begun: dict[str, Callable[[], dict[str, bytes]]] = {}
 
     def begin_walk(self, tree: xr.DataTree) -> None:
-        """Begin the figures of the posterior's draws; the tree holds these alone."""
+        """Start the figures of the posterior draws; the tree contains only these."""
         self._begin(_result(tree), [name for name in OF_THE_WALK if name in every_figure()])
 
     def begin_usual(self, tree: xr.DataTree) -> None:
-        """Begin the toolkit's own figures of all groups of a result, whose tables are not made yet."""
+        """Start the built-in figures of all groups of a result, before its tables are available."""
         result = _result(tree)
         self._begin(result, [name for name in figures_of(result) if name in FIGURES])
 
     def write(self, result: Result, own: Sequence[str]) -> list[Path]:
-        """Draw what is not begun, such as a user's own figures, wait for all figures and write them.
+        """Draw figures not yet started, such as custom ones, wait for all figures and write them.
 
         Raises
         ------
         InputError
-            If a figure of the user's own fails, or another file is in the way.
+            If a custom figure fails, or another file is in the way.
         """
         self._begin(result, [*figures_of(result), *own])
         return write_outputs(self._directory, _finished(self._begun.values()), PLOT)
 
     @cached_property
     def _formats(self) -> tuple[str, ...]:
-        """Formats, found when the first figure begins: by then files of a run that is replaced are gone."""
+        """Formats, determined when the first figure is started, after files of a replaced run have been removed."""
         return formats_in(self._directory)
 
     def _begin(self, result: Result, names: Iterable[str]) -> None:
@@ -95,14 +95,14 @@ def formats_in(directory: Path) -> tuple[str, ...]:
 
 
 def _result(tree: xr.DataTree) -> Result:
-    """Return groups as a result that has no tables yet."""
+    """Return groups as a result without tables."""
     import pandas as pd
 
     return Result(tree, pd.DataFrame())
 
 
 def _needed(tree: xr.DataTree, name: str) -> xr.DataTree:
-    """Return the groups of a result without the large ones that a figure does not show."""
+    """Return the groups of a result without the large ones that a figure does not need."""
     import xarray as xr
 
     named = {source.place.partition("/")[0] for source in FIGURES[name].needs} or {"posterior"}

@@ -1,4 +1,4 @@
-"""Evaluation of a model at one point, for models whose parameters are all held."""
+"""Evaluation of a model at one point, for models whose parameters are all fixed."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from softness_bayes.touch.scene import Scene
 
 
 class Evaluation(NamedTuple):
-    """The model at the values of its held parameters."""
+    """The model at the values of its fixed parameters."""
 
     values: Mapping[str, float]
     """Every parameter in natural units."""
@@ -24,10 +24,10 @@ class Evaluation(NamedTuple):
     loads: tuple[Load | LoadGroup, ...]
     """The loads, or groups of many, each evaluated at its middle load."""
     inflection: Inflection | None
-    """Where the response turns over, fields of shape (1, loads); None without ratings."""
+    """Turning points of the response, with fields of shape (1, loads); None without ratings."""
 
     def sentences(self) -> tuple[str, ...]:
-        """Return the evaluation in words, a line each."""
+        """Return the evaluation as lines of text."""
         held = ", ".join(f"{name} {value:g}" for name, value in self.values.items())
         said = [f"all parameters are fixed, so there is nothing to sample: {held}"]
         said.append(f"log-likelihood of the data at this point: {self.log_likelihood:.10g}")
@@ -49,7 +49,7 @@ class Evaluation(NamedTuple):
 
 
 def evaluate(density: Density, error: float = 0.0) -> Evaluation:
-    """Evaluate a model at the values of its held parameters.
+    """Evaluate a model at the values of its fixed parameters.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""A run in its own directory: sampled from wherever its checkpoint is, then its files and figures."""
+"""A run in its directory: sampling from the state of its checkpoint, then files and figures."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def sample_kept(
     progress: Callable[[Progress], None] | None = None,
     listener: Listener = unheard,
 ) -> Result:
-    """Sample a model to the goal or to a limit, from wherever a checkpoint is, and leave its files beside that.
+    """Sample a model until convergence or a limit, from the state of a checkpoint, and write its files next to it.
 
     Parameters
     ----------
@@ -49,16 +49,16 @@ def sample_kept(
     model, run
         The model, and how long to run.
     own_figures
-        Figures of the user's own that are drawn beside the others; None draws none at all.
+        Custom figures to draw in addition to the others; None to draw no figures at all.
     progress
-        Called every few seconds at the latest.
+        Function called at least every few seconds.
     listener
-        Called when a stage after the walk begins.
+        Function called at the start of each stage after sampling.
 
     Raises
     ------
     InputError, NumericalError
-        As `runs.run.sample`.
+        As for `runs.run.sample`.
     """
     with run.settings.workers(model.posterior) as workers:
         figures = None if own_figures is None else _figures(workers, checkpoint)
@@ -76,6 +76,6 @@ def sample_kept(
 
 
 def _figures(workers: Workers, checkpoint: Checkpoint) -> FiguresUnderWay:
-    from softness_bayes.runs.drawing import FiguresUnderWay  # a run without figures does without its libraries
+    from softness_bayes.runs.drawing import FiguresUnderWay  # imports the plotting libraries
 
     return FiguresUnderWay(workers, checkpoint.directory / "figures")

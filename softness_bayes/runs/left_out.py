@@ -25,21 +25,21 @@ from softness_bayes.sampler.workers import Workers, available_processors
 
 Array = NDArray[np.float64]
 
-_WEIGHTED = 1000  # draws of the posterior that are weighted to leave out a condition
-_DRAWS = 100  # of each walker, of a refit
+_WEIGHTED = 1000  # posterior draws that are weighted to leave out a condition
+_DRAWS = 100  # draws of each walker in a refit
 
 
 class LeftOut(NamedTuple):
-    """Predictions of each unit from the others by one model, arrays of shape (units,)."""
+    """Predictions of each unit from all others by one model, arrays of shape (units,)."""
 
     log_density: Array
-    """log p(y_unit | other ratings), the parameters integrated out; a density of ratings as filed."""
+    """log p(y_unit | other ratings), with the parameters integrated out; a density of ratings as in the file."""
     pareto_k: Array
-    """Pareto k of the importance weights; NaN where the model was refitted instead."""
+    """Pareto k of the importance weights; NaN if the model was refitted instead."""
     draws: int
-    """Draws behind each importance-weighted mean; 0 where the model was refitted."""
+    """Number of draws in each importance-weighted mean; 0 if the model was refitted."""
     unfinished: int = 0
-    """Refits that ended without having converged."""
+    """Number of refits that did not converge."""
 
 
 @dataclass(frozen=True)
@@ -51,7 +51,7 @@ class Leave:
 
 
 def leave_by_weights(log_density: Array) -> LeftOut:
-    """Weight draws of the posterior by 1 / p(unit | others, theta), which makes them draws without the unit.
+    """Weight posterior draws by 1 / p(unit | others, theta), to represent the posterior without the unit.
 
     Parameters
     ----------
@@ -75,7 +75,7 @@ def _stored(group: str, name: str) -> Callable[[Result, Settings, Callable[[str]
 def _by_rating(
     result: Result, settings: Settings, progress: Callable[[str], None], executor: Executor | None = None
 ) -> LeftOut:
-    """Leave out each rating; of lists and pairs, whose rows depend on one another, each one as a whole."""
+    """Leave out each rating; lists and pairs, whose rows depend on one another, are left out as a whole."""
     if not result.scale.answer:
         return _stored("log_likelihood_loo", "rating")(result, settings, progress, executor)
     posterior = build(experiment_of(result), options_of(result)).posterior
@@ -83,7 +83,7 @@ def _by_rating(
 
 
 def _at_draws(posterior: Posterior, result: Result) -> tuple[Array, Any]:
-    """Return mean rates and rating parameters at the draws that are weighted, in a batch."""
+    """Return mean rates and rating parameters at the draws to be weighted, in one batch."""
     values = result.values(_WEIGHTED)
     theta = np.stack([values[name] for name in posterior.names], axis=-1)
     return posterior.response(theta), posterior.rating_parameters(theta)
@@ -92,7 +92,7 @@ def _at_draws(posterior: Posterior, result: Result) -> tuple[Array, Any]:
 def _refit(
     result: Result, settings: Settings, progress: Callable[[str], None], executor: Executor | None = None
 ) -> LeftOut:
-    """Refit the model without each fabric, because one fabric changes the posterior too much for weights."""
+    """Refit the model without each fabric, because a fabric changes the posterior too much for importance weights."""
     experiment = experiment_of(result)
     posterior, fabric = build(experiment, options_of(result)).posterior, experiment.ratings.fabric
     if (fabric == fabric[0]).all():
@@ -108,7 +108,7 @@ def _refit(
 def _by_condition(
     result: Result, settings: Settings, progress: Callable[[str], None], executor: Executor | None = None
 ) -> LeftOut:
-    """Leave out each fabric under each load by weights, or by refits where these fail."""
+    """Leave out each fabric under each load by importance weights, or by refits if these fail."""
     experiment = experiment_of(result)
     posterior, conditions = build(experiment, options_of(result)).posterior, experiment.ratings.conditions
     if len(conditions.fabric) < 2:
@@ -132,21 +132,21 @@ def _by_condition(
 
 
 class Without(NamedTuple):
-    """A unit that a model is sampled anew without."""
+    """A unit without which a model is refitted."""
 
     unit: int
     name: str
     rows: NDArray[np.bool_]
-    """Which ratings are its."""
+    """Mask of the ratings in the unit."""
     seed: tuple[int, int, int]
 
 
 class Anew(NamedTuple):
-    """Prediction of a unit by a model that was sampled without it."""
+    """Prediction of a unit by a model that was refitted without it."""
 
     unit: int
     log_density: float
-    """Of the unit's ratings given all others."""
+    """Log density of the unit's ratings given all others."""
     converged: bool
 
 
@@ -157,7 +157,7 @@ def _each_anew(
     progress: Callable[[str], None],
     executor: Executor | None,
 ) -> dict[int, Anew]:
-    """Sample a model without each of some units, each a task of its own; by index."""
+    """Refit a model without each of some units, one task per unit; return predictions by index."""
     found: dict[int, Anew] = {}
     processes = min(settings.processes or available_processors(), max(len(without), 1))
     names = {one.unit: one.name for one in without}
@@ -169,7 +169,7 @@ def _each_anew(
 
 
 def _anew(posterior: Posterior, left: Without, settings: Settings) -> Anew:
-    """Sample a model without a unit, and predict that."""
+    """Refit a model without a unit, and predict the unit."""
     observation, rows = posterior.observation, left.rows
     rest = posterior.with_term(observation.without(rows))
     sampled = sample_until(rest, settings, np.random.SeedSequence(left.seed[0], spawn_key=left.seed[1:]))

@@ -1,4 +1,4 @@
-"""Runs on compression data: what they add to a result, and the run on such data alone."""
+"""Runs on compression data alone."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ from softness_bayes.sampler.workers import Workers
 Array = NDArray[np.float64]
 
 WIDE = ModelOptions(prior_set="wide")
-"""Options of a model of compression data alone: priors that say little of the skin beforehand."""
+"""Options of a model of compression data alone, with weakly informative priors of the skin."""
 
 
 def sample_skin(
@@ -43,8 +43,8 @@ def sample_skin(
 ) -> Result:
     """Sample the skin's modulus and stiffening from compression data alone.
 
-    There are no ratings, hence no response curves and no turning point in the result; the forces that the
-    fitted skin replicates are there, and how these grow with indentation.
+    Without ratings, the result has no response curves and no turning point; it contains replicated forces of the fitted
+    skin, and their exponent against indentation.
 
     Parameters
     ----------
@@ -53,12 +53,12 @@ def sample_skin(
     model
         Choices of the model; those about ratings are not used.
     run, progress, checkpoint, **options
-        As `sample` takes them.
+        As for `sample`.
 
     Raises
     ------
     InputError
-        If data and options do not make a model, or the result's file could not hold a name or an option.
+        If data and options do not make a model, or the result file cannot store a name or an option.
     NumericalError
         If the log-likelihood is not a number somewhere.
     """
@@ -75,9 +75,9 @@ def sample_skin_model(
     listener: Listener = unheard,
     workers: Workers | None = None,
 ) -> Result:
-    """Sample a model of compression data that was built; arguments, and what raises, as `sample_skin`.
+    """Sample a given model of compression data; arguments and errors as for `sample_skin`.
 
-    The listener is told of later stages; the workers, by default new ones, hold the posterior and stay open.
+    The listener is called at later stages; the workers (by default new ones) have the posterior and are not closed.
     """
     compression, posterior, request = model.compression, model.posterior, Request(model.options, run)
     asked = requested(posterior, request)

@@ -22,13 +22,13 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 USUAL = ("b", "m", "sigma_0")
-"""Parameters that are pooled where none are named: those of the finger, of these the ones that are sampled."""
+"""Parameters that are pooled by default, if sampled: those of the finger."""
 
 DRAWS = 2000
-"""Most draws of each table that are weighted, evenly spaced."""
+"""Largest number of evenly spaced draws per table that are weighted."""
 
 HARDLY = 0.8
-"""Share of its prior's standard deviation from which on the spread is said to be hardly informed."""
+"""Ratio of posterior to prior standard deviation above which the spread is called weakly identified."""
 
 
 @dataclass(frozen=True)
@@ -42,7 +42,7 @@ class PooledParameter:
     prior
         Prior of the population.
     pooled
-        What was found, on the unconstrained scale.
+        The pooled result, on the unconstrained scale.
     """
 
     parameter: Parameter
@@ -51,13 +51,13 @@ class PooledParameter:
 
     @property
     def scale(self) -> str:
-        """The unconstrained scale in words, as in 'ln b'."""
+        """Name of the unconstrained scale, such as 'ln b'."""
         name, kind = self.parameter.name, type(self.prior.scale)
         return {HalfLine: f"ln {name}", Interval: f"the log odds of {name}"}.get(kind, name)
 
     @property
     def spread_share(self) -> float:
-        """Standard deviation of the spread, as a share of its prior's."""
+        """Posterior standard deviation of the spread, relative to that of its prior."""
         every = self.prior.spread.quantile((np.arange(2000) + 0.5) / 2000)
         return self.pooled.spread_sd / float(np.std(every))
 
@@ -66,7 +66,7 @@ class PooledParameter:
         return self.prior.scale.natural(np.asarray(values, float))
 
     def sentence(self) -> str:
-        """Say what was found, each number with its interval and Monte-Carlo error; or why nothing is said."""
+        """Describe the result, each number with its interval and Monte-Carlo error, or the reason why there is none."""
         name, found = self.parameter.name, self.pooled
         if found.fault:
             return f"{name}: not pooled: {found.fault}"
@@ -90,10 +90,10 @@ class PooledParameter:
 def pool_results(
     results: Mapping[str, Result], parameters: Sequence[str] = (), spreads: Mapping[str, Prior] | None = None
 ) -> dict[str, PooledParameter]:
-    """Pool parameters of separate results, each by itself: the others keep their separate priors.
+    """Pool parameters of separate results one at a time, with separate priors for all other parameters.
 
     The population of a parameter is normal on the scale on which it is unconstrained (ln b of a positive one). Its mean
-    has the parameter's own prior.
+    has the prior of the parameter.
 
     Parameters
     ----------
@@ -102,7 +102,7 @@ def pool_results(
     parameters
         Names; by default those of `USUAL` that are sampled in all.
     spreads
-        Priors of the population's spreads, by name; by default half-normal with the width of the parameter's own prior.
+        Priors of the population's spreads, by name; by default half-normal with the width of the parameter's prior.
 
     Raises
     ------
@@ -127,19 +127,19 @@ def pool_results(
 
 
 def require_parameters(names: Sequence[str]) -> None:
-    """Raise an error for a name that no parameter has.
+    """Raise an error for a name that is not a parameter.
 
     Raises
     ------
     InputError
-        Naming it.
+        For an unknown name.
     """
     if unknown := [name for name in names if name not in EVERY_PARAMETER]:
         raise InputError(f"no parameter {unknown[0]!r}; expected some of {', '.join(EVERY_PARAMETER)}")
 
 
 def population_of(name: str, prior: Prior, spread: Prior | None = None) -> Population:
-    """Return the prior of the population of a parameter whose separate prior is given.
+    """Return the population prior of a parameter, given its separate prior.
 
     Raises
     ------
@@ -159,7 +159,7 @@ def population_of(name: str, prior: Prior, spread: Prior | None = None) -> Popul
 
 
 def _prior(results: Mapping[str, Result], name: str) -> Prior:
-    """Return the prior that a parameter has in all results."""
+    """Return the prior of a parameter, which must be the same in all results."""
     priors = {table: result.provenance.priors[name] for table, result in results.items()}
     first, *others = priors
     for other in others:

@@ -1,9 +1,9 @@
 """Ranked quantities of a calibration: functions of parameters, participants and ratings.
 
-Any such quantity has uniform ranks if the inference is right. Without a turning point its place is set to zero, below
-all others, and ties are broken at random, so that no replicate is left out and ranks stay uniform. The presence of a
-turning point is ranked as 0 or 1 with random ties, which compares its probability with its frequency. Participants are
-exchangeable, so that one represents all.
+Any such quantity has uniform ranks if the inference is correct. Without a turning point, its position is set to zero,
+below all others, and ties are broken at random, so that no replicate is left out and ranks remain uniform. The presence
+of a turning point is ranked as 0 or 1 with random ties, which compares its probability with its frequency. Participants
+are exchangeable, so that one represents all.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ def turns(load: object) -> str:
 
 
 def turning_point(load: object) -> str:
-    """Return the name of the place of the turning point, E_fab [kPa], 0 without one."""
+    """Return the name of the position of the turning point, E_fab [kPa], 0 without one."""
     return f"turning_point_kpa[{load}]"
 
 
@@ -46,7 +46,7 @@ def quantities(posterior: Posterior, theta: FloatArray, effects: Effects) -> dic
     theta
         Points in natural units, shape (points, dimension).
     effects
-        Effects of each point, as the likelihood of the ratings draws them.
+        Effects of each point, in the form drawn by the likelihood of the ratings.
 
     Returns
     -------

@@ -1,8 +1,8 @@
 """One replicate of simulation-based calibration: parameters drawn, ratings simulated, fitted, ranked.
 
-Parameters are drawn from the prior, or from the posterior of a run; then the fit is of that run's data and the
-simulated ones together, of which the parameters are a posterior draw too (Säilynoja, Schmitt, Bürkner and Vehtari,
-arXiv:2502.03279, 2025).
+Parameters are drawn from the prior, or from the posterior of a run. In the latter case, the model is fitted to the data
+of that run and the simulated data together, and the parameters are also a draw from the joint posterior (Säilynoja,
+Schmitt, Bürkner and Vehtari, arXiv:2502.03279, 2025).
 
 The log-likelihood is among the ranked quantities, because it detects a posterior that ignores the data and equals
 the prior (Modrák et al., Bayesian Analysis 20, 461, 2025).
@@ -28,11 +28,11 @@ FloatArray = NDArray[np.float64]
 IndexArray = NDArray[np.intp]
 
 ROUNDING = 1e-12
-"""Relative difference up to which two values of a quantity are ties."""
+"""Relative difference up to which two values of a quantity are treated as tied."""
 
 
 def right(observation: Likelihood) -> Likelihood:
-    """Return the likelihood itself, with which the ratings were made: the fit assumes the right model."""
+    """Return the likelihood unchanged, so that the fit assumes the correct model."""
     return observation
 
 
@@ -56,12 +56,12 @@ def replicate(
     settings
         How to sample.
     seed, index
-        Seeds of the draw, the ratings and the walk.
+        Seeds of the parameters, the ratings and the sampler.
     assume
-        Function from the right observation to the one of the fit.
+        Function that turns the correct observation model into the one assumed in the fit.
     truths
-        Draws of the posterior in natural units, shape (draws, dimension), one of which is taken in place of one of the
-        prior. The raters of the simulated ratings are others than those of the posterior's own.
+        Draws of the posterior in natural units, shape (draws, dimension), one of which is used instead of a prior draw.
+        The raters of the simulated ratings are new.
     """
     made, walk = (np.random.SeedSequence(seed, spawn_key=(index, part)) for part in (0, 1))
     rng = np.random.default_rng(made)
@@ -84,9 +84,9 @@ def replicate(
 def simulate(
     observation: RatingsLikelihood, posterior: Posterior, theta: FloatArray, rng: np.random.Generator
 ) -> tuple[Likelihood, Effects]:
-    """Return ratings made at a point of the prior, and their effects as a batch of one."""
+    """Return ratings simulated at a point, and their effects as a batch of one."""
     parameters, rate = posterior.rating_parameters(theta), posterior.response(theta)
-    observation = observation.of_strangers()  # nobody has pressed these raters
+    observation = observation.of_strangers()  # there are no plate forces for these raters
     effects = observation.new_effects(rng, parameters, ())
     ratings = observation.replicate(rng, observation.drive(rate, parameters), parameters, effects, rate)
     return observation.with_values(ratings), type(effects)(*(each[None] for each in effects))
@@ -95,8 +95,8 @@ def simulate(
 def independent(sampled: Sampled, count: int, rng: np.random.Generator) -> FloatArray:
     """Return nearly independent draws, in sampler coordinates, shape (count, dimension).
 
-    They are taken at random from all walkers at times the longest autocorrelation time apart. A run with too few
-    of these gives some repeatedly.
+    They are chosen at random from all walkers at steps separated by the longest autocorrelation time. If there are too
+    few of these, some are repeated.
     """
     chains, verdict = sampled
     kept = chains.kept(verdict.burn_in)
@@ -110,8 +110,8 @@ def independent(sampled: Sampled, count: int, rng: np.random.Generator) -> Float
 def ranks(truth: FloatArray, draws: FloatArray, rng: np.random.Generator) -> IndexArray:
     """Return the number of draws below each true value; ties, values within `ROUNDING`, are broken at random.
 
-    Where no receptor fires, a likelihood of orders or answers is the same number at every point, up to its last digits,
-    which depend on how many points are evaluated together.
+    If no receptor fires, a likelihood of orders or answers is the same at every point, up to rounding errors that
+    depend on the number of points evaluated together.
 
     Parameters
     ----------
@@ -120,7 +120,7 @@ def ranks(truth: FloatArray, draws: FloatArray, rng: np.random.Generator) -> Ind
     draws
         Shape (draws, quantities).
     rng
-        Source of the broken ties.
+        Random generator for breaking ties.
     """
     truth, draws = np.asarray(truth, float), np.asarray(draws, float)
     equal = np.abs(draws - truth) <= ROUNDING * np.abs(truth)

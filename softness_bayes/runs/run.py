@@ -1,4 +1,4 @@
-"""One run from data to result: model, sampling, and everything that is predicted from the draws."""
+"""One run from data to result: model, sampling, and all predictions from the draws."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ def walked(
     checkpoint: Checkpoint | None,
     workers: Workers | None = None,
 ) -> RunState:
-    """Walk to the goal or to a limit, from the start or from where the checkpoint is; arguments as `sample`'s."""
+    """Sample until convergence or a limit, from the start or from a checkpoint; arguments as for `sample`."""
     density.space.require_sampled()
     settings, begin = request.run.settings, None
     if checkpoint is not None:
@@ -74,7 +74,7 @@ def walked(
 
 
 def rng_after(run: RunOptions) -> np.random.Generator:
-    """Return the generator of everything drawn after a run; a key of its own keeps it apart from the ensembles'."""
+    """Return the random generator for all draws after sampling; a separate key makes it independent of ensembles."""
     return np.random.default_rng(np.random.SeedSequence(run.seed, spawn_key=(1 << 20,)))
 
 
@@ -87,12 +87,12 @@ def labels_of(data: Experiment | Compression) -> dict[str, Sequence[str]]:
 
 
 def requested(density: Density, request: Request) -> dict[str, Any]:
-    """Return the part of the provenance that is known before the first step: what was asked for.
+    """Return the part of the provenance known before the first step: the requested settings.
 
     Raises
     ------
     InputError
-        If JSON cannot hold an option.
+        If an option cannot be stored as JSON.
     """
     model, run = request
     model.require_storable()
@@ -133,7 +133,7 @@ def sample(
 ) -> Result:
     """Sample the posterior of an experiment and predict from it.
 
-    The same data, options and seed give the draws that ``softness-bayes sample`` gives.
+    The same data, options and seed give the same draws as ``softness-bayes sample``.
 
     Parameters
     ----------
@@ -142,22 +142,23 @@ def sample(
     model, run
         Choices of the model, and how long to run.
     progress
-        Called every few seconds at the latest.
+        Function called at least every few seconds.
     checkpoint
-        Where the run is kept, and continued from if it holds one: an uninterrupted run with the same seed has
-        the same draws. Its lock must be held (``with Checkpoint.create(directory) as checkpoint``).
+        Checkpoint in which the run is saved, and from which it is continued if it contains one, with the same draws as
+        an uninterrupted run with the same seed. Its lock must be held (``with Checkpoint.create(directory) as
+        checkpoint``).
     **options
-        Single options in place of those of `model` and `run`, by name: ``sample(experiment, fix={"m": 2}, seed=1)``.
+        Single options that replace those of `model` and `run`, by name: ``sample(experiment, fix={"m": 2}, seed=1)``.
 
     Raises
     ------
     TypeError
         If there is no option of a name.
     InputError
-        If data and options do not make a model, the prior hardly ever fires, the result's file could not hold a
-        name or an option, or the checkpoint is of another run.
+        If data and options do not make a model, prior draws almost never fire, the result file cannot store a name or
+        an option, or the checkpoint belongs to another run.
     NumericalError
-        If no start has a finite density, or too many points have none.
+        If no starting point has a finite density, or too many points have none.
     """
     model, run = Request(model, run).with_options(**options)
     model.require_storable()
@@ -167,7 +168,7 @@ def sample(
 
 
 def _as_begun(options: ModelOptions, checkpoint: Checkpoint) -> ModelOptions:
-    """Return options with the direction that a checkpoint's run has, where none is asked for."""
+    """Return options with the direction of the run in a checkpoint, unless one is requested."""
     kept = checkpoint.description.get("direction")
     if options.direction is not None or kept is None:
         return options
@@ -183,16 +184,16 @@ def sample_model(
     workers: Workers | None = None,
     figures: Beginning | None = None,
 ) -> Result:
-    """Sample a model that was built; other arguments, and what raises, as `sample`.
+    """Sample a given model; other arguments and errors as for `sample`.
 
     Parameters
     ----------
     listener
-        Told of the stages after the walk.
+        Function called at the start of each stage after sampling.
     workers
-        Processes that hold the posterior, and stay open; by default new ones.
+        Processes with the posterior, which are not closed; by default new ones.
     figures
-        Begun as soon as what they show is known.
+        Figures, started as soon as their data are available.
     """
     experiment, posterior, options, chosen = model.experiment, model.posterior, model.options, model.direction
     request = Request(options, run)

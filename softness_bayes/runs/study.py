@@ -1,4 +1,4 @@
-"""Studies: many tables fitted separately, each in an ordinary run directory, and parameters pooled over them."""
+"""Studies: many tables fitted separately, each in an ordinary run directory, with parameters pooled over tables."""
 
 from __future__ import annotations
 
@@ -44,21 +44,21 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 STUDY = "study"
-"""The verb that the files are listed under."""
+"""Command under which the files are listed."""
 
 LOCK = "lock"
-"""Lock of a study under way."""
+"""Name of the lock of a running study."""
 
 TABLES, INDIVIDUAL, POPULATION, REPORT, FIGURE = "tables.csv", "individual.csv", "population.csv", "study.md", "forest"
 MADE = (TABLES, INDIVIDUAL, POPULATION, REPORT, f"{FIGURE}.png", f"{FIGURE}.pdf")
-"""Files of a study beside its runs."""
+"""Files of a study in addition to its runs."""
 
 CONVERGED, UNCONVERGED, REFUSED = "converged", "not converged", "refused"
-"""Outcomes of a table."""
+"""Possible outcomes of a table."""
 
 
 WAIT = 1.0
-"""Time [s] between two looks at a directory that another process holds."""
+"""Time [s] between two checks of a directory in use by another process."""
 
 
 class Outcome(NamedTuple):
@@ -67,7 +67,7 @@ class Outcome(NamedTuple):
     table: str
     outcome: str
     said: str
-    """The verdict on convergence, or why the table was refused."""
+    """The verdict on convergence, or the reason why the table was rejected."""
 
 
 class Kept(NamedTuple):
@@ -79,7 +79,7 @@ class Kept(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Study:
-    """A study: the outcome of every table, and populations of those that have converged.
+    """A study: the outcome of every table, and populations of the converged ones.
 
     Parameters
     ----------
@@ -88,7 +88,7 @@ class Study:
     populations
         By parameter; empty if fewer than two tables have converged.
     directory
-        Where it is.
+        Directory of the study.
     """
 
     outcomes: tuple[Outcome, ...]
@@ -113,11 +113,11 @@ class Study:
 
     @property
     def failed(self) -> list[str]:
-        """Names of the parameters whose populations are refused."""
+        """Names of the parameters with rejected populations."""
         return [name for name, one in self.populations.items() if one.pooled.fault]
 
     def sentences(self) -> list[str]:
-        """Say what became of the tables, then what was found, a sentence each."""
+        """Describe the outcomes of the tables, then the populations, one sentence each."""
         good = self.named(CONVERGED)
         said = [f"{len(good)} of {len(self.outcomes)} tables are fitted and converged."]
         said += [f"{one.table}: {one.outcome}: {one.said}" for one in self.outcomes if one.outcome != CONVERGED]
@@ -155,7 +155,7 @@ class Study:
         return forest_figure([_forest(name, one) for name, one in self.populations.items()], style)
 
     def save(self) -> list[Path]:
-        """Write tables, report and figure into the directory, all or none; those of an earlier study are replaced."""
+        """Write tables, report and figure to the directory, all or none; those of an earlier study are replaced."""
         contents: dict[str, bytes | str] = {TABLES: csv_of(self.tables, index=False)}
         if self.populations:
             contents |= {
@@ -179,44 +179,43 @@ def study(
     executor: Executor | None = None,
     **options: Any,
 ) -> Study:
-    """Fit many tables separately, and pool chosen parameters of those that have converged.
+    """Fit many tables separately, and pool selected parameters over those that have converged.
 
-    Each fit is an ordinary run in a directory of its own, ``runs/NAME``, and depends on nothing but its table, the
-    options and the seed. A study that was interrupted goes on where it was; a table that is refused is named, and the
-    others go on.
+    Each fit is an ordinary run in a separate directory, ``runs/NAME``, and depends only on its table, the options and
+    the seed. An interrupted study continues where it stopped; rejected tables are reported, and the others continue.
 
     Parameters
     ----------
     tables
         Data by name.
     directory
-        Where the runs are, and what is made of them.
+        Directory of the runs and of the files of the study.
     model, run
-        Choices of the model, and how long each table is run; `run.processes` is the number of fits side by side.
+        Choices of the model, and how long each table is run; `run.processes` is the number of parallel fits.
     pool
         Names of the parameters; by default those of the finger that are sampled.
     spreads
         Priors of the populations' spreads (see `pool_results`).
     progress
-        Called with the number of finished tables and the last of them.
+        Function called with the number of finished tables and the last of them.
     refused
         Names of tables that could not be read, with the reason.
     kept
-        How the command line records each run.
+        Record of the command line for each run.
     executor
-        An executor that runs the fits instead of processes of this machine, one as one task, with the same draws; its
-        workers share the directory (see `runs.cluster`).
+        Executor that runs the fits instead of local processes, one task per fit, with the same draws; its workers must
+        share the directory (see `runs.cluster`).
     **options
-        Single options in place of those of `model` and `run`, by name.
+        Single options that replace those of `model` and `run`, by name.
 
     Raises
     ------
     InputError
-        If there is no table, or the directory holds something else.
+        If there is no table, or the directory contains something else.
     LockedError
-        If another process is at the same study.
+        If another process runs the same study.
     ResourceError
-        If memory ran out, or worker processes died again and again.
+        If memory ran out, or worker processes died repeatedly.
     """
     request, refused, directory = Request(model, run).with_options(**options), refused or {}, Path(directory)
     require_parameters((*pool, *(spreads or {})))
@@ -244,10 +243,10 @@ def study(
 def fit_table(
     request: Request, name: str, data: Experiment | Compression, directory: str, kept: Kept | None, patient: bool
 ) -> Outcome:
-    """Fit one table in its own directory, from wherever its run is; an error of the table is its outcome.
+    """Fit one table in its directory, continuing an existing run; errors of the table become its outcome.
 
-    If `patient`, the end of another process in that directory is waited for: on a cluster it may be the task of a
-    client that was killed, which goes on to its end.
+    If `patient`, wait for another process in that directory to end: on a cluster it may be a task that is still running
+    although its client was killed.
     """
     while True:
         try:
@@ -283,7 +282,7 @@ def _fit(request: Request, name: str, data: Experiment | Compression, directory:
 
 
 def seed_of(seed: int, table: str) -> int:
-    """Return the seed of one table's run, which depends on the study's seed and the table's name alone."""
+    """Return the seed of one table's run, which depends only on the study's seed and the table's name."""
     return int(np.random.SeedSequence((seed, zlib.crc32(table.encode()))).generate_state(1)[0])
 
 
@@ -309,7 +308,7 @@ def _pooled(
 
 
 def _forest(name: str, one: PooledParameter) -> Forest:
-    """Return what the figure shows of one parameter."""
+    """Return the data of the figure for one parameter."""
     found = one.pooled
     separate, shrunken = (
         one.natural(np.column_stack([getattr(table, kind) for table in found.tables.values()]))
