@@ -1,4 +1,4 @@
-"""Ratings and fabrics: read from tables, checked, converted to SI units, and written again."""
+"""Reading of ratings and fabrics from tables, with checks and conversion to SI units, and writing of tables."""
 
 from __future__ import annotations
 
@@ -80,9 +80,9 @@ class Experiment(NamedTuple):
     ratings: Ratings
     fabrics: Fabrics
     notes: tuple[str, ...]
-    """Assumptions, omissions and findings of reading."""
+    """Assumptions, omissions and findings made while reading."""
     compression: Compression | None = None
-    """Forces of a rigid plate on fingerpads, possibly of other people."""
+    """Rigid-plate forces on fingerpads, possibly of other people."""
 
 
 def read_experiment(
@@ -100,9 +100,9 @@ def read_experiment(
 ) -> Experiment:
     """Read ratings and their fabrics.
 
-    The fabrics come from `fabrics_path`, or from columns of the ratings table itself, or from another sheet of its
-    workbook, or from a `fabrics.csv` beside it. Only rated fabrics are kept, in the order of their table (of their
-    names, if that is the table of ratings).
+    The fabrics are read from `fabrics_path`, from columns of the ratings table itself, from another sheet of its
+    workbook, or from a `fabrics.csv` next to it. Only rated fabrics are kept, in the order of their table (sorted by
+    name if that is the table of ratings).
 
     Parameters
     ----------
@@ -110,21 +110,21 @@ def read_experiment(
         Text files, Excel workbooks, Parquet files, or DataFrames; their columns are those of `Ratings.read` and
         `Fabrics.read`.
     columns
-        Name of a column here -> name in either file, where they differ.
+        Names of columns in the files, by standard name, where they differ.
     indentation_mm, force_n
         The load of every row [mm] or [N], if the table of ratings has no column for it.
     compression_path
         Table of compression data, whose columns are those of `Compression.read`.
     decimal
-        Decimal mark of all files, "," or ".", or table -> mark, as {"fabrics": ","}; tables are ratings, fabrics and
-        compression. By default it is found in each file; an ambiguous file raises an error.
+        Decimal mark of all files, "," or ".", or marks by table, such as {"fabrics": ","}, for ratings, fabrics and
+        compression. By default it is inferred from each file; an ambiguous file raises an error.
     drop_zeros
         Whether to leave out ratings of 0.
     wide
-        Whether the table of ratings has one column for each fabric, or for each fabric under each load. By default the
-        titles tell.
+        Whether the table of ratings has one column for each fabric, or for each fabric under each load. By default this
+        is inferred from the titles.
     round_load
-        Step to whose multiples loads are rounded, in N and mm; by default they are used as measured.
+        Step to which loads are rounded, in N and mm; by default loads are used as measured.
 
     Raises
     ------
@@ -181,7 +181,7 @@ def read_experiment(
 
 
 def _tried(faults: list[TableError], read: Callable[[], Read]) -> Read | None:
-    """Return what is read, or None and add what is wrong with the table to others' faults."""
+    """Return the result of reading, or None after adding the faults of the table to the list."""
     try:
         return read()
     except TableError as error:
@@ -190,25 +190,25 @@ def _tried(faults: list[TableError], read: Callable[[], Read]) -> Read | None:
 
 
 def _unmeasured(table: Table) -> Fabrics | None:
-    """Return the fabrics of a table by their names alone, None if it has none; their moduli mean nothing."""
+    """Return the fabrics of a table with names only and placeholder moduli; None if it has no fabrics."""
     names = tuple(dict.fromkeys(table.cells.get("fabric", ())))
     return Fabrics(names, effective_modulus=np.ones(len(names)), source=table.place) if names else None
 
 
 class _Elsewhere(NamedTuple):
-    """A table of fabrics that is not that of the ratings."""
+    """A table of fabrics separate from that of the ratings."""
 
     source: TableSource
     found: str = ""
-    """Where it was found, if nobody named it."""
+    """Place where it was found, unless given by the user."""
 
     def notes(self, table: Table) -> list[str]:
-        """Return the note that says where the fabrics are from."""
+        """Return the note about the source of the fabrics."""
         return [f"properties of fabrics are read from {table.place}, found {self.found}"] if self.found else []
 
 
 def _elsewhere(ratings: TableSource, fabrics: TableSource | None, columns: Mapping[str, str]) -> _Elsewhere | None:
-    """Return the table of fabrics that was named, or is in another sheet of the ratings' workbook, or beside them."""
+    """Return the given table of fabrics, or one in another sheet of the ratings' workbook or next to their file."""
     if fabrics is not None:
         return _Elsewhere(fabrics)
     if not isinstance(ratings, (str, Path)):
@@ -220,12 +220,12 @@ def _elsewhere(ratings: TableSource, fabrics: TableSource | None, columns: Mappi
 
 
 def fabrics_csv(fabrics: Fabrics) -> str:
-    """Return a fabric table that reads back to exactly the same values."""
+    """Return a fabric table from which exactly the same values are read."""
     return _csv({"fabric": fabrics.names, **fabrics.cells()})
 
 
 def ratings_csv(ratings: Ratings, fabrics: Fabrics | None = None) -> str:
-    """Return a table of ratings that reads back to exactly the same values, with the columns of `fabrics` if given."""
+    """Return a table of ratings from which exactly the same values are read, with the columns of `fabrics` if given."""
     touches = [ratings.loads[i] for i in ratings.load]
     names = [ratings.fabrics[i] for i in ratings.fabric]
     columns: dict[str, Sequence[str]] = {
@@ -257,7 +257,7 @@ def ratings_csv(ratings: Ratings, fabrics: Fabrics | None = None) -> str:
 
 
 def compression_csv(compression: Compression) -> str:
-    """Return a table of compression data that reads back to exactly the same values."""
+    """Return a table of compression data from which exactly the same values are read."""
     columns = {
         "participant": [compression.participants[i] for i in compression.participant],
         INDENTATION.name: [INDENTATION.write(value) for value in compression.indentation],
@@ -272,7 +272,7 @@ def write_fabrics(path: str | Path, fabrics: Fabrics) -> None:
 
 
 def write_ratings(path: str | Path, ratings: Ratings, fabrics: Fabrics | None = None) -> None:
-    """Write `ratings_csv` to a file, which appears whole or not at all and replaces only files written here.
+    """Write `ratings_csv` to a file atomically, replacing only files written by these functions.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Tables of cells: means over n raters who each rated every fabric under every load, as papers print them."""
+"""Tables of cell means over n raters who each rated every fabric under every load, as published in papers."""
 
 from __future__ import annotations
 
@@ -20,30 +20,30 @@ PANEL = "raters"
 """Name of the panel in a table without a column of participants."""
 
 MOST_SCATTERED = 1.0
-"""Largest median of standard deviation over mean for which arithmetic means are converted."""
+"""Largest median ratio of standard deviation to mean for which arithmetic means are converted."""
 
 SIMULATED_CELLS = 4000
-"""Cells of simulated raters with which the error of a conversion is measured."""
+"""Number of simulated cells from which the error of a conversion is measured."""
 
 
 class Cells(NamedTuple):
-    """Further numbers of cells whose geometric means are the ratings."""
+    """Numbers of raters and standard deviations of cells whose geometric means are the ratings."""
 
     raters: int
     """Number of raters of each cell."""
     geometric_sd: FloatArray | None
-    """Geometric standard deviation of the raters' ratings, (n,), NaN where a cell has none; None if no cell has one."""
+    """Geometric standard deviation of the raters' ratings, (n,), NaN for cells without one; None if no cell has one."""
 
     def take(self, rows: NDArray[np.intp]) -> Cells:
-        """Return some of the cells."""
+        """Return a selection of the cells."""
         kept = None if self.geometric_sd is None else self.geometric_sd[rows]
         return self._replace(geometric_sd=None if kept is None or np.isnan(kept).all() else kept)
 
 
 def cells_of(table: Table) -> tuple[Table, Cells | None]:
-    """Return a table of cells with geometric means as its ratings, and their further numbers; another one as it is.
+    """Return a table of cells with geometric means as ratings, and their `Cells`; other tables are returned unchanged.
 
-    Arithmetic means are converted as if a cell's ratings were log-normal. What is wrong is a fault of the table.
+    Arithmetic means are converted as if a cell's ratings were log-normal. Errors are recorded as faults of the table.
     """
     if not holds_cells(table.cells):
         return table, None
@@ -63,7 +63,7 @@ def cells_of(table: Table) -> tuple[Table, Cells | None]:
     if GEOMETRIC_MEAN.name in table:
         name, note = GEOMETRIC_MEAN.name, ""
         filed = table.cells[name]
-        table.numbers(GEOMETRIC_MEAN)  # texts that are not numbers above 0 are faults
+        table.numbers(GEOMETRIC_MEAN)  # text that is not a number above 0 is a fault
         geometric_sd = table.numbers(GEOMETRIC_SD)
     else:
         name = MEAN.name
@@ -115,20 +115,20 @@ def _converted(table: Table, raters: int) -> tuple[FloatArray, FloatArray]:
 
 
 class ConversionError(NamedTuple):
-    """Errors of the converted numbers of a cell, measured on simulated raters."""
+    """Errors of the converted values of a cell, measured on simulated raters."""
 
     mean: float
-    """Of the geometric mean, relative (root mean square)."""
+    """Relative error of the geometric mean (root mean square)."""
     of_standard_error: float
-    """That of its standard error."""
+    """Relative error of its standard error."""
     spread: float
-    """Of the standard deviation of log ratings, relative (root mean square)."""
+    """Relative error of the standard deviation of log ratings (root mean square)."""
     bias: float
-    """Its mean error, relative."""
+    """Relative bias of the standard deviation of log ratings."""
 
 
 def conversion_error(raters: int, log_sd: float) -> ConversionError:
-    """Return the error of converted means and standard deviations of as many log-normal raters, thus scattered."""
+    """Return the error of converted means and standard deviations for log-normal raters of given number and scatter."""
     log = log_sd * np.random.default_rng(0).standard_normal((SIMULATED_CELLS, min(raters, 1000)))
     rating = np.exp(log)
     mean, spread = rating.mean(axis=1), log.std(axis=1, ddof=1)
@@ -142,7 +142,7 @@ def conversion_error(raters: int, log_sd: float) -> ConversionError:
 
 
 def conversion_note(raters: int, log_sd: float) -> str:
-    """Return what is said of a conversion: that it is an approximation, with its measured error."""
+    """Return the note that a conversion is an approximation, with its measured error."""
     found = conversion_error(raters, log_sd)
     return (
         "arithmetic means and standard deviations are converted as if ratings were log-normal, an approximation: for "

@@ -1,4 +1,4 @@
-"""Columns of files: names, units, bounds, and the conversion between their units and SI."""
+"""Columns of files: names, units, bounds, and conversion between their units and SI."""
 
 from __future__ import annotations
 
@@ -26,14 +26,14 @@ class Column:
     name
         Name in a CSV header; the unit is part of it.
     label, unit
-        Words for axes and tables.
+        Text for axes and tables.
     power
-        The unit is 10^power SI units. Reading and writing shift the decimal point of the digits instead of
-        multiplying, so that a value written and read again keeps every bit.
+        The unit is 10^power SI units. Reading and writing shift the decimal point instead of multiplying, so that a
+        value written and read again is bitwise identical.
     range
         Allowed values [SI].
     reason
-        Why there are no larger ones.
+        Reason for the upper limit.
     """
 
     name: str
@@ -76,9 +76,9 @@ class Column:
         text
             The number.
         filed
-            The text in the file, which messages quote.
+            The text in the file, for messages.
         unit
-            Unit of the number, if it is not the column's own.
+            Unit of the number, if different from that of the column.
 
         Raises
         ------
@@ -97,7 +97,7 @@ class Column:
         return value
 
     def write(self, value: float) -> str:
-        """Return the text that `parse` turns into exactly `value` [SI]; NaN is an empty cell."""
+        """Return the text from which `parse` gives exactly `value` [SI]; NaN gives an empty cell."""
         if math.isnan(value):
             return ""
         number = Decimal(repr(float(value))).scaleb(-self.power).normalize()
@@ -108,11 +108,11 @@ _POSITIVE = Range(0.0, above=True)
 _NOT_NEGATIVE = Range(0.0)
 
 SOLID = Range(1e-15, 1e21, "Pa")
-"""Effective moduli that are computed with; far within them a note says that they look wrong."""
+"""Range of valid effective moduli; implausible values within this range cause a note."""
 FINGERTIP = Range(INDENTATIONS.low, 8e-3, "m")
 """Indentations of a fingertip, whose radius is 8 mm."""
 BEARABLE = Range(FORCES.low, 1e2, "N")
-"""Forces that a finger bears."""
+"""Forces that a finger can bear."""
 
 INDENTATION = Column(
     "indentation_mm", "indentation", "mm", power=-3, range=FINGERTIP, reason="a fingertip's radius is 8 mm"
@@ -185,7 +185,7 @@ NUMBERS: Mapping[str, Column] = {
 }
 """The columns of numbers, by name."""
 OF_CELLS = frozenset({MEAN.name, GEOMETRIC_MEAN.name, SD.name, SE.name, GEOMETRIC_SD.name, RATERS.name})
-"""Columns of cells of several raters, which stand in place of ratings."""
+"""Columns of cells of several raters, used instead of ratings."""
 MODULUS_SOURCES = (EFFECTIVE_MODULUS, EFFECTIVE_MODULUS_LOW, BENDING_RIGIDITY, TENSILE_MODULUS)
-"""Sources of a fabric's modulus; the first available one is used. A least modulus needs a largest one, and a tensile
-modulus a thickness."""
+"""Sources of a fabric's modulus; the first available one is used. A lower limit requires an upper limit, and a tensile
+modulus requires a thickness."""

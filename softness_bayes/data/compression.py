@@ -16,16 +16,16 @@ from softness_bayes.data.workbooks import TableSource
 from softness_bayes.errors import InputError
 
 FLAT_PLATE = ("flat_plate", "flat plate", "plate", "flat")
-"""Names of a rigid flat plate in a column `indentor`, in any case; without the column every row is of a plate."""
+"""Names of a rigid flat plate in a column `indentor`, ignoring case; without the column, all rows refer to a plate."""
 
-# in this file 0 means that the plate does not yet touch the finger
+# here 0 means that the plate does not yet touch the finger
 _INDENTATION = Column(INDENTATION.name, INDENTATION.label, INDENTATION.unit, power=INDENTATION.power)
 _FORCE = Column(FORCE.name, FORCE.label, FORCE.unit)
 
 
 @dataclass(frozen=True, eq=False)
 class Compression:
-    """Forces of a rigid flat plate on some fingerpads at held indentations; rows without a force are left out.
+    """Forces of a rigid flat plate on fingerpads at given indentations; rows without a force are left out.
 
     Parameters
     ----------
@@ -38,7 +38,7 @@ class Compression:
     rows
         Line (n,) of each row in its file.
     n_zero
-        Rows dropped because a force of 0 has no logarithm.
+        Number of rows dropped because a force of 0 has no logarithm.
     source, digest, notes
         File, SHA-256 of its bytes, and notes for the user.
     """
@@ -70,17 +70,17 @@ class Compression:
     def read(cls, path: TableSource, *, columns: Mapping[str, str] | None = None, decimal: Marks = None) -> Compression:
         """Read a table of forces, one row each.
 
-        Columns: `participant`, `indentation_mm`, `force_n`. If there is a column `indentor`, rows that are not of
-        a flat plate are left out, with a note, as are rows without a force or with a force of 0.
+        Columns: `participant`, `indentation_mm`, `force_n`. If there is a column `indentor`, rows for other indentors
+        than a flat plate are left out with a note, as are rows without a force or with a force of 0.
 
         Parameters
         ----------
         path
             Text file, Excel workbook, Parquet file, or DataFrame.
         columns
-            Name above -> name in the file, where they differ.
+            Names of columns in the file, by the names above, where they differ.
         decimal
-            What stands before the decimals, "," or "."; left out, the file tells or is refused.
+            Decimal mark, "," or "."; by default inferred from the file, which is rejected if ambiguous.
 
         Raises
         ------

@@ -1,4 +1,4 @@
-"""Bytes of a table's file, of bounded size; pipes are waited for, but not for ever."""
+"""Content of a table's file, of limited size, with a time limit for pipes."""
 
 from __future__ import annotations
 
@@ -11,28 +11,28 @@ from pathlib import Path
 from softness_bayes.errors import InputError, quoted
 
 LARGEST = 2**28
-"""Largest file of a table [bytes]: some ten million ratings."""
+"""Largest size of a table's file [bytes]: about ten million ratings."""
 
 PATIENCE = 2.0
-"""Time [s] that a pipe has until somebody writes to it."""
+"""Time [s] to wait for the first data in a pipe."""
 
 _OPENED = os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)
 
 
 def content_of(path: Path) -> bytes:
-    """Return the bytes of a file, or of a pipe or device as far as they end.
+    """Return the bytes of a file, or of a pipe or device up to its end.
 
     Raises
     ------
     InputError
-        If it cannot be read, is larger than `LARGEST`, or is a pipe to which nobody writes.
+        If it cannot be read, is larger than `LARGEST`, or is a pipe without a writer.
     """
     try:
         with os.fdopen(os.open(path, _OPENED), "rb", 0) as file:
             return _all_of(file, path)
     except OSError as error:
         raise InputError(f"{path}: {error.strerror}") from None
-    except ValueError as error:  # a path with a NUL
+    except ValueError as error:  # a path with a NUL character
         raise InputError(f"{quoted(str(path))}: {error}") from None
 
 
@@ -51,7 +51,7 @@ def _all_of(file: io.FileIO, path: Path) -> bytes:
 
 
 def _beginning(pipe: io.FileIO, path: Path) -> bytes:
-    """Return what is in a pipe, nothing if its writer has not begun."""
+    """Return the available content of a pipe, empty if its writer has not started."""
     end = time.monotonic() + PATIENCE
     while (found := pipe.read(2**16)) == b"":
         if time.monotonic() > end:

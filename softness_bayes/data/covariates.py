@@ -1,4 +1,4 @@
-"""Participants' covariates: further columns of a table of ratings that are constant within each participant."""
+"""Covariates of participants: further columns of a table of ratings that are constant within each participant."""
 
 from __future__ import annotations
 
@@ -14,22 +14,22 @@ OWN_COLUMNS = frozenset(
     {*LABELS, *NUMBERS, "finger", "ratings", "effect", "effect_low", "effect_high", "quantity", "median", "low", "high"}
     | {"ratio"}
 )
-"""Names that columns have in the tables of a run that stand beside covariates, and in tables of ratings."""
+"""Names of columns next to covariates in the tables of a run, and names of columns in tables of ratings."""
 
 
 def covariates_in(table: Table, participants: Sequence[str]) -> tuple[dict[str, tuple[str, ...]], list[str]]:
-    """Return the covariates of a table by name, each with a text for each participant, and the table's notes.
+    """Return the covariates of a table by name, each with one text per participant, and the notes of the table.
 
-    A column is one if no participant has two different texts in it, empty cells and those for missing numbers aside,
-    and some participant has several rows: where everybody has one, any column is constant. A participant's text is as
-    written, empty where all cells are. Notes say which columns are covariates, and which by another name.
+    A column is a covariate if no participant has two different texts in it (ignoring empty cells and codes for missing
+    numbers) and some participant has several rows; with one row each, any column would be constant. Texts are as
+    written, and empty if all cells are. Notes list the columns that are covariates, and those that were renamed.
 
     Parameters
     ----------
     table
-        All rows of the table, also those without a rating.
+        All rows of the table, including those without a rating.
     participants
-        Names of those who are kept.
+        Names of the participants to keep.
     """
     if "participant" not in table or not table.others:
         return {}, [*table.notes]
@@ -57,7 +57,7 @@ def _named(found: Mapping[str, tuple[str, ...]], titles: Mapping[str, Sequence[s
 
 
 def kept_name(title: str, titles: Mapping[str, Sequence[str]]) -> str:
-    """Return the name by which a covariate is kept: its own, unless a table of a run has a column of that name."""
+    """Return the name under which a covariate is stored, changed only if a table of a run has a column of that name."""
     own = name = unescaped(title)
     others = {other.casefold() for other in titles}
     while name.casefold() in OWN_COLUMNS or (name != own and name.casefold() in others):
@@ -66,7 +66,7 @@ def kept_name(title: str, titles: Mapping[str, Sequence[str]]) -> str:
 
 
 def _noted(table: Table, found: Mapping[str, tuple[str, ...]], varying: Sequence[tuple[str, str]]) -> list[str]:
-    """Return the notes of a table, in which covariates do not count as unused columns."""
+    """Return the notes of a table, without covariates among the unused columns."""
     left = unused_note([title for title in table.others if title not in found])
     notes = [note for note in table.notes if note not in unused_note([*table.others])] + left
     if found:

@@ -1,4 +1,4 @@
-"""Decimal marks: recognition of the mark of a table, and its conversion to a point."""
+"""Decimal marks: recognition in a table, and conversion to a point."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ MARKS = (",", ".")
 """The possible decimal marks."""
 
 MARKED = ("ratings", "fabrics", "compression")
-"""Tables that may each have a mark of their own."""
+"""Tables that may have different marks."""
 
 Marks: TypeAlias = str | Mapping[str, str] | None
-"""The mark of all tables, or table -> its mark; None, or a table without one, where the numbers tell."""
+"""The mark of all tables, or marks by table; None, or a missing table, to infer it from the numbers."""
 
 
 def mark_of(marks: Marks, table: str) -> str | None:
-    """Return the mark that was given for a table, None if there is none.
+    """Return the mark given for a table; None if there is none.
 
     Raises
     ------
@@ -55,31 +55,31 @@ class Cell(NamedTuple):
 
 
 class Reading(NamedTuple):
-    """Evidence of a table's numbers about its decimal mark."""
+    """Evidence in a table's numbers about its decimal mark."""
 
     mark: str
     note: str = ""
     """Assumption about an ambiguous number."""
     unclear: Cell | None = None
-    """A number that may have decimals or grouped thousands, if no other number decides."""
+    """An ambiguous number, with decimals or grouped thousands, if no other number decides."""
     grouped: bool = False
-    """Whether the other mark groups thousands, as a number shows that cannot be read otherwise."""
+    """Whether the other mark groups thousands, as shown by an unambiguous number."""
 
 
 def decimal_mark(columns: Iterable[Sequence[Cell]], between_commas: bool = False) -> Reading:
     """Find the decimal mark of a table, and whether the other mark groups thousands.
 
-    Three digits behind a comma may be decimals or thousands, as in 1,234. A number that can only have
-    decimals, such as 0,82, decides for the whole table, as does one that can only have grouped thousands, such as
-    1,234.5 or 1,234,567. So does a column in which every number has a point and three digits, as programs write
-    them; a column that mixes these with whole numbers does not decide.
+    Three digits after a comma may be decimals or thousands, as in 1,234. A number that can only have decimals, such as
+    0,82, determines the mark of the whole table, as does one that can only have grouped thousands, such as 1,234.5 or
+    1,234,567. The same holds for a column in which every number has a point and three digits, as written by programs; a
+    column that mixes these with whole numbers is ambiguous.
 
     Parameters
     ----------
     columns
         The columns of numbers, without their missing cells.
     between_commas
-        Whether commas separate the cells, so that decimals have a point.
+        Whether commas separate the cells, so that the decimal mark is a point.
     """
     columns = [[_set_close(cell) for cell in cells] for cells in columns]
     every = [cell for cells in columns for cell in cells]
@@ -111,7 +111,7 @@ def decimal_mark(columns: Iterable[Sequence[Cell]], between_commas: bool = False
 
 
 def _thousands_shown(cells: Sequence[Cell], mark: str) -> Reading | None:
-    """Return the reading of `mark` if a number has thousands grouped by the other mark and none contradicts."""
+    """Return the reading for `mark` if a number has thousands grouped by the other mark and none contradicts it."""
     other = MARKS[mark == ","]
     shows = next((cell for cell in cells if _thousands(mark).fullmatch(cell.text)), None)
     if shows is None or any(

@@ -1,4 +1,4 @@
-"""Measured properties of fabrics, and the modulus that follows from them."""
+"""Measured properties of fabrics, and the modulus derived from them."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def _unmeasured() -> FloatArray:
 
 @dataclass(frozen=True, eq=False)
 class Fabrics:
-    """Measured properties of some fabrics: arrays (n,) over the fabrics, NaN for a property that was not measured.
+    """Measured properties of some fabrics: arrays (n,) over the fabrics, NaN for properties that were not measured.
 
     Parameters
     ----------
@@ -61,17 +61,17 @@ class Fabrics:
     effective_modulus
         E_fab [Pa]; takes precedence over all others.
     tensile_modulus_cv, thickness_cv, bending_rigidity_cv, effective_modulus_cv
-        Standard errors relative to the values; 0 for an exact one.
+        Standard errors relative to the values; 0 for exact values.
     effective_modulus_low, effective_modulus_high
-        Bracket of an E_fab that was not measured [Pa].
+        Limits of an E_fab that was not measured [Pa].
     source, rows, digest, notes
         File, line of each fabric in it, SHA-256 of its bytes, and notes for the user.
 
     Raises
     ------
     InputError
-        If names repeat, a value is out of range, a bracket is not one, or no fabric has the properties for a modulus.
-        A fabric without them beside others that have them has an unknown modulus.
+        If names repeat, a value is out of range, limits are invalid, or no fabric has the properties for a modulus. If
+        only some fabrics lack them, their moduli are unknown.
     """
 
     names: tuple[str, ...]
@@ -111,7 +111,7 @@ class Fabrics:
             raise TableError(self.source, problems)
 
     def _wrong(self, i: int, basis: Sequence[str]) -> str:
-        """Return what is wrong with the properties of a fabric: a bracket, or too little for a modulus."""
+        """Describe the fault in the properties of a fabric: invalid limits, or too few properties for a modulus."""
         half = not (np.isnan(self.tensile_modulus[i]) and np.isnan(self.thickness[i]))
         low, high = self.effective_modulus_low[i], self.effective_modulus_high[i]
         if not (np.isnan(low) and np.isnan(high)):
@@ -128,7 +128,7 @@ class Fabrics:
 
     @property
     def basis(self) -> tuple[str, ...]:
-        """The column that each fabric's modulus comes from, empty if there is none."""
+        """Source column of each fabric's modulus, empty if there is none."""
         return bases({name: getattr(self, name) for name in PROPERTIES})
 
     def modulus(
@@ -136,7 +136,7 @@ class Fabrics:
     ) -> FloatArray:
         """Return the effective modulus E_fab = D / l³ (n,) [Pa], or as measured (model.md 1).
 
-        Of a bracket it is the geometric mean.
+        For limits, it is their geometric mean.
 
         Parameters
         ----------
@@ -145,12 +145,12 @@ class Fabrics:
         length
             l [m].
         unknown
-            Value of fabrics without a modulus [Pa].
+            Value for fabrics without a modulus [Pa].
 
         Raises
         ------
         InputError
-            If a modulus is beyond that of any solid, or is unknown and there is no value for it.
+            If a modulus exceeds that of any solid, or is unknown and no value is given for it.
         """
         with np.errstate(over="ignore", under="ignore"):
             computed = reading.rigidity(self.tensile_modulus, self.thickness, self.poisson_ratio)
@@ -171,7 +171,7 @@ class Fabrics:
         return modulus
 
     def modulus_cv(self) -> FloatArray:
-        """Return the relative standard error of each fabric's E_fab (n,), NaN where none is given or none applies.
+        """Return the relative standard error of each fabric's E_fab (n,), NaN if none is given or applicable.
 
         A rigidity from E_ten h³ has that of E_ten and three times that of h, taken as independent errors of the
         logarithms: sd(log E_fab)² = sd(log E_ten)² + 9 sd(log h)² (model.md 1).
@@ -196,7 +196,7 @@ class Fabrics:
         return replace(self, names=names, rows=rows, **properties)
 
     def cells(self) -> dict[str, list[str]]:
-        """Return the columns that are not empty, as text for a file."""
+        """Return the nonempty columns as text for a file."""
         columns = {
             column.name: [column.write(value) for value in getattr(self, name)] for name, column in PROPERTIES.items()
         }
@@ -223,9 +223,9 @@ class Fabrics:
         path
             Text file, Excel workbook, Parquet file, or DataFrame.
         columns
-            Name above -> name in the file, where they differ.
+            Names of columns in the file, by the names above, where they differ.
         decimal
-            What stands before the decimals, "," or "."; left out, the file tells or is refused.
+            Decimal mark, "," or "."; by default inferred from the file, which is rejected if ambiguous.
 
         Raises
         ------
@@ -280,7 +280,7 @@ class Fabrics:
         return replace(found, notes=tuple(notes))
 
     def _implausible(self) -> list[str]:
-        """Return notes on values that look wrong for cloth; refuse moduli that cannot be computed with."""
+        """Return notes on values that are implausible for cloth; raise an error for moduli outside the valid range."""
         modulus = self.modulus(unknown=1.0)
         known = np.array([bool(basis) for basis in self.basis])
         modulus = np.where(known, modulus, np.nan)
@@ -300,7 +300,7 @@ class Fabrics:
 def _find_more_faults(
     table: Table, rows: Mapping[str, list[int]], properties: Mapping[str, Any], first: Sequence[int]
 ) -> None:
-    """Add what is wrong with the fabrics of a table in whose cells nothing is wrong."""
+    """Add faults of whole fabrics in a table whose single cells are valid."""
     faulty = table.faults.rows
     sound = [k for k, own in enumerate(rows.values()) if faulty.isdisjoint(table.rows[own].tolist())]
     some = {name: values[sound] for name, values in properties.items()}

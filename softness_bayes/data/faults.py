@@ -1,4 +1,4 @@
-"""Problems of tables, collected so that one message names them all."""
+"""Problems of tables, collected to be reported in one message."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ from typing import NamedTuple
 from softness_bayes.errors import InputError
 
 SHOWN = 20
-"""Largest number of lines of problems of a table that a message lists."""
+"""Largest number of problem lines per table in a message."""
 
 SHARED = 4
-"""Number of rows from which one line stands for a problem that they share."""
+"""Number of rows from which a common problem is summarised in one line."""
 
 NAMED = 3
-"""Rows, and different values, of such a line that are named."""
+"""Number of rows, and of different values, listed in such a line."""
 
 _GOT = re.compile(r"(.*, got )('(?:[^'\\]|\\.)*'|\"(?:[^\"\\]|\\.)*\")(.*)", re.DOTALL)
 
@@ -24,9 +24,9 @@ class Fault(NamedTuple):
     """A problem of a cell, or of a table."""
 
     row: int
-    """Its row; -1 if it is not that of one cell."""
+    """Row of the cell; -1 for problems of the whole table."""
     title: str
-    """Its column."""
+    """Column of the cell."""
     problem: str
 
     def __str__(self) -> str:
@@ -34,20 +34,20 @@ class Fault(NamedTuple):
 
     @property
     def parts(self) -> tuple[str, str, str]:
-        """The problem in three parts, of which the second is the value of the cell."""
+        """The problem in three parts, with the value of the cell as the second."""
         match = None if self.row == -1 else _GOT.fullmatch(self.problem)
         return (self.problem, "", "") if match is None else (match[1], match[2], match[3])
 
 
 class TableError(InputError):
-    """A table has problems; the message names its place and lists them.
+    """Problems of a table; the message gives its location and lists them.
 
     Parameters
     ----------
     place
         The file, and its sheet if it has several.
     problems
-        What is wrong, with row and column where it has them.
+        Descriptions of the problems, with row and column if applicable.
     """
 
     def __init__(self, place: str, problems: Sequence[Fault | str]) -> None:
@@ -57,10 +57,10 @@ class TableError(InputError):
 
 
 def together(errors: Iterable[TableError]) -> InputError:
-    """Return one error for those of several tables, each problem of a table once."""
+    """Combine the errors of several tables into one, with each problem of a table listed once."""
     by_place: dict[str, dict[Fault, None]] = {}
     for error in errors:
-        # of two readings of one table the later one has found more, and has it in order
+        # if a table was read twice, the later attempt found more problems, in order
         by_place[error.place] = dict.fromkeys(error.problems) | by_place.get(error.place, {})
     return InputError("\n".join(_message(place, tuple(problems)) for place, problems in by_place.items()))
 
@@ -76,7 +76,7 @@ def _message(place: str, problems: Sequence[Fault]) -> str:
 
 
 def _lines(problems: Sequence[Fault]) -> list[str]:
-    """Return a line for each problem, one for those that many rows of a column share but for the value."""
+    """Return a line for each problem; problems of many rows of a column that differ only in value share a line."""
     shared: dict[tuple[str, str, str], list[Fault]] = {}
     for one in problems:
         head, _, tail = one.parts
@@ -85,7 +85,7 @@ def _lines(problems: Sequence[Fault]) -> list[str]:
     said: set[str] = set()
     for (title, head, tail), members in shared.items():
         if len(members) < SHARED or members[0].row == -1:
-            # what to do about it is said once
+            # the advice is given once
             lines += [(one.row, _without(str(one), tail, said)) for one in members]
             continue
         rows = _named([str(one.row) for one in members], len(members))
@@ -96,7 +96,7 @@ def _lines(problems: Sequence[Fault]) -> list[str]:
 
 
 def _without(text: str, tail: str, said: set[str]) -> str:
-    """Return a line without its end if a line before has the same one."""
+    """Return a line without its ending if an earlier line has the same ending."""
     if not tail or tail not in said:
         said.add(tail)
         return text
@@ -104,24 +104,24 @@ def _without(text: str, tail: str, said: set[str]) -> str:
 
 
 def _named(texts: Sequence[str], count: int) -> str:
-    """Return the first few of some texts, and how many more there are."""
+    """Return the first few texts, and the number of further ones."""
     if count <= NAMED:
         return ", ".join(texts)
     return f"{', '.join(texts[:NAMED])}, … and {count - NAMED} more"
 
 
 class Faults:
-    """The problems that have been found in a table."""
+    """The problems found in a table."""
 
     def __init__(self) -> None:
         self._found: dict[tuple[int, str], Fault] = {}
 
     def add(self, row: int, title: str, problem: str) -> None:
-        """Add the problem of a cell; the first one of a cell counts."""
+        """Add the problem of a cell, unless the cell already has one."""
         self._found.setdefault((row, title), Fault(row, title, problem))
 
     def add_general(self, problem: str) -> None:
-        """Add a problem that is not of one cell."""
+        """Add a problem of the whole table."""
         self._found.setdefault((-1, problem), Fault(-1, "", problem))
 
     def __bool__(self) -> bool:

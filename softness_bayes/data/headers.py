@@ -1,4 +1,4 @@
-"""Headers of tables: which column holds what, and in which unit."""
+"""Headers of tables: recognition of columns and their units."""
 
 from __future__ import annotations
 
@@ -39,39 +39,39 @@ from softness_bayes.errors import InputError, quoted
 
 
 class Enough(NamedTuple):
-    """Sets of columns of which one is enough."""
+    """Alternative sets of columns, any one of which is sufficient."""
 
     sets: tuple[frozenset[str], ...]
     others: frozenset[str]
-    """Columns that are not sought then."""
+    """Columns that are then not searched for."""
 
 
 class Sought(NamedTuple):
-    """The columns that a table may have by other names.
+    """The columns that a table may have under other names.
 
-    A column by its own name, or by that of `--column`, comes first. Tables that have all they need by these names
-    are read as if nothing else were in them.
+    Standard names and those given by `--column` take precedence. If a table has all required columns under these names,
+    other columns are ignored.
     """
 
     names: frozenset[str]
     either: tuple[Enough, ...] = ()
     sheet: str = "ratings"
-    """Name of the sheet in a workbook of several."""
+    """Name of the sheet in a workbook with several sheets."""
     marks: tuple[frozenset[str], ...] = (frozenset({RATING.name}),)
-    """Sets of columns of which one marks the sheet if none has its name."""
+    """Alternative sets of columns that identify the sheet if none has that name."""
     otherwise: tuple[frozenset[str], ...] = ()
-    """The same, if no sheet is marked by these: a wide table has no column of ratings."""
+    """The same for sheets not identified by these: a wide table has no column of ratings."""
     given: frozenset[str] = frozenset()
-    """Columns whose value is given beside the table: others that may hold it are named, and not read."""
+    """Columns whose values are given separately: columns that may contain them are reported but not read."""
 
     def without(self, present: Mapping[str, int]) -> list[str]:
-        """Return the columns to look for beside those that are there, in the order of declaration."""
+        """Return the columns to search for besides those present, in the order of declaration."""
         enough = [one for one in self.either if any(names <= present.keys() for names in one.sets)]
         done = {name for one in enough for name in one.others}
         return [n for n in (*LABELS, *NUMBERS) if n in self.names and n not in present and n not in done]
 
     def lacking(self, present: Container[str]) -> set[str]:
-        """Return the columns that would make what is still needed."""
+        """Return the columns that are still required."""
         unmet = [one for one in self.either if not any(all(n in present for n in names) for names in one.sets)]
         return {name for one in unmet for name in one.others}
 
@@ -85,7 +85,7 @@ _MODULI = (
     frozenset({TENSILE_MODULUS.name, THICKNESS.name}),
 )
 _SCALES = frozenset({RATING.name, RESOLUTION.name, RANK.name}) | OF_CELLS
-"""Columns of numbers without a unit of their own."""
+"""Numerical columns without units."""
 _OF_RATINGS = frozenset(
     {"participant", "fabric", SECOND_FABRIC, "trial", "list", RATING.name, RESOLUTION.name, LOAD_CV.name}
 )
@@ -93,13 +93,13 @@ _OF_FABRICS = frozenset(NUMBERS) - _SCALES - {LOAD_CV.name, INDENTATION.name, FO
 
 _WIDE = (frozenset({"participant"}),)
 LOADED = Sought(_OF_RATINGS, given=_HELD, otherwise=_WIDE)
-"""Ratings whose load is given beside the table."""
+"""Columns of ratings with a separately given load."""
 RATED = Sought(_OF_RATINGS | _HELD, (Enough(_LOADS, _HELD),), otherwise=_WIDE)
-"""Ratings, with a load in each row."""
+"""Columns of ratings with a load in each row."""
 FABRICS = Sought(
     _OF_FABRICS | {"fabric"},
     (
-        # a measured rigidity goes before a tensile modulus and a thickness, and is compared with them
+        # a measured rigidity takes precedence over tensile modulus and thickness, and is compared with them
         Enough(_MODULI, frozenset().union(*_MODULI) - {BENDING_RIGIDITY.name}),
         Enough(_MODULI[:2], frozenset({BENDING_RIGIDITY.name})),
     ),
@@ -118,38 +118,38 @@ RANKED = Sought(frozenset({"fabric"}))
 
 
 def either(one: Sought, other: Sought) -> Sought:
-    """Return the columns of the first table if it may hold those of the second too."""
+    """Return the columns of the first table, allowing also those of the second."""
     return one._replace(names=one.names | other.names, either=one.either + other.either)
 
 
 class Header(NamedTuple):
-    """The columns of a table that are known, and their units."""
+    """The recognised columns of a table, and their units."""
 
     at: dict[str, int]
-    """Standard name -> index of the column."""
+    """Indices of columns by standard name."""
     units: dict[str, Unit]
-    """Standard name -> unit of the column, where it is not the one in the standard name."""
+    """Units of columns by standard name, where they differ from the standard unit."""
     notes: list[str]
 
 
 def understood(titles: Sequence[str], renames: Mapping[str, str], sought: Sought, where: str) -> Header:
-    """Find the columns of a table by their own names, those that the user gave, and those in `synonyms.SYNONYMS`.
+    """Find the columns of a table by standard names, names given by the user, and those in `synonyms.SYNONYMS`.
 
     Parameters
     ----------
     titles
-        The header's cells; distinct, in any case, where they are not empty.
+        Cells of the header; nonempty ones are distinct, ignoring case.
     renames
-        Name of a column here -> its name in the file; those that the file lacks are ignored.
+        Names in the file by standard name; names missing in the file are ignored.
     sought
-        What is looked for by other names.
+        Columns to search for under other names.
     where
-        The header's place, for messages.
+        Location of the header, for messages.
 
     Raises
     ------
     InputError
-        If two columns may be the same one, or a unit is not one of the column's quantity.
+        If two columns match the same name, or a unit does not fit the quantity of its column.
     """
     found = Header(_places(titles, renames), {}, [])
     for name, j in found.at.items():
@@ -161,7 +161,7 @@ def understood(titles: Sequence[str], renames: Mapping[str, str], sought: Sought
 
 
 def _places(titles: Sequence[str], renames: Mapping[str, str]) -> dict[str, int]:
-    """Return where columns are by their own names or the user's, of which a user's comes first."""
+    """Return the indices of columns by standard names or those of the user, which take precedence."""
     where = {title.casefold(): j for j, title in enumerate(titles) if title}
     at: dict[str, int] = {}
     for name in (*LABELS, *NUMBERS):
@@ -172,24 +172,24 @@ def _places(titles: Sequence[str], renames: Mapping[str, str]) -> dict[str, int]
 
 
 def holds_cells(at: Container[str]) -> bool:
-    """Return whether a table of these columns has means of cells in place of ratings."""
+    """Return whether a table with these columns has cell means instead of ratings."""
     return RATING.name not in at and (GEOMETRIC_MEAN.name in at or (MEAN.name in at and RATERS.name in at))
 
 
 def _quantity(name: str) -> str:
-    """Return what a column measures, empty for names and ratings: what stands in their brackets is a remark."""
+    """Return the quantity of a column; empty for names and ratings, whose brackets contain remarks."""
     return "" if name in LABELS or name in _SCALES else NUMBERS[name].quantity
 
 
 def _take_unit(found: Header, name: str, title: str, spelt: Spelt, where: str) -> None:
-    """Note the unit of a column that the user named, or refuse one of another quantity."""
+    """Record the unit of a column named by the user; raise an error for a unit of another quantity."""
     quantity, text = _quantity(name), spelt.text
     if not quantity or not text:
         return
     if unit := unit_named(text, quantity):
         _convert(found, NUMBERS[name], title, unit, f"column {quoted(title)}: ")
     elif not spelt.bracketed and len(text) < 2:
-        return  # a word of one letter need not be a unit
+        return  # a one-letter word may not be a unit
     elif is_unit(text) or not text.replace(" ", "").isalpha() or "[" in title:
         raise InputError(
             f"{where}, column {quoted(title)}: {name} has the unit {quoted(text)} in the header, expected one of "
@@ -202,7 +202,7 @@ def _take_unit(found: Header, name: str, title: str, spelt: Spelt, where: str) -
 
 
 def _convert(found: Header, column: Column, title: str, unit: Unit, lead: str) -> None:
-    """Note that a column is in another unit."""
+    """Record that a column is in another unit."""
     own = unit_named(column.unit or "1", column.quantity)
     assert own is not None
     if unit.factor != own.factor:
@@ -212,12 +212,12 @@ def _convert(found: Header, column: Column, title: str, unit: Unit, lead: str) -
 
 
 def _seek(found: Header, titles: Sequence[str], sought: Sought, where: str) -> None:
-    """Add the columns that have other names, one for each that is missing.
+    """Add columns with other names, one for each missing column.
 
     Raises
     ------
     InputError
-        If there are several for one.
+        If there are several candidates for one column.
     """
     if RATING.name in sought.names:
         _seek_cells(found, titles)
@@ -237,7 +237,7 @@ def _seek(found: Header, titles: Sequence[str], sought: Sought, where: str) -> N
             )
             if name != "trial":
                 raise InputError(f"{where}: {several}")
-            found.notes.append(several)  # no number depends on it
+            found.notes.append(several)  # the results do not depend on it
             continue
         for j in fitting:
             found.at[name] = j
@@ -261,7 +261,7 @@ def _seek(found: Header, titles: Sequence[str], sought: Sought, where: str) -> N
             if j not in found.at.values()
         )
 
-    # a letter stands for many things: it is named where what it may stand for is lacking
+    # a letter is ambiguous: it is reported if a column that it may mean is missing
     lacking = sought.lacking(found.at)
     found.notes.extend(
         f"column {quoted(titles[j])} is not read, because a single letter is ambiguous; with a unit it is read "
@@ -273,9 +273,9 @@ def _seek(found: Header, titles: Sequence[str], sought: Sought, where: str) -> N
 
 
 def _seek_cells(found: Header, titles: Sequence[str]) -> None:
-    """Add the columns of cells of several raters by other names, if there are means and numbers of raters.
+    """Add columns of cell means under other names, if there are means and numbers of raters.
 
-    Single ratings, by any name, come first; columns that go with means are named then.
+    Single ratings, under any name, take precedence; columns that belong to means are then reported.
     """
     free = {j: key(title_and_unit(title)[0]) for j, title in enumerate(titles) if title and j not in found.at.values()}
     ratings = RATING.name in found.at or any(stem in _keys(RATING.name) for stem in free.values())
@@ -305,12 +305,12 @@ def _seek_cells(found: Header, titles: Sequence[str]) -> None:
 
 
 def _keys(name: str) -> set[str]:
-    """Return the keys of a column's own name, with and without its unit, and of its synonyms."""
+    """Return the keys of a column's standard name, with and without its unit, and of its synonyms."""
     return {key(title) for title in (title_and_unit(name)[0], name, *SYNONYMS.get(name, ()))}
 
 
 def _pass_over(found: Header, titles: Sequence[str], given: frozenset[str]) -> None:
-    """Name the columns that may hold what is given beside the table."""
+    """Report the columns that may contain the separately given values."""
     for name in sorted(given - found.at.keys()):
         names = _keys(name)
         for j, title in enumerate(titles):
@@ -322,14 +322,14 @@ def _pass_over(found: Header, titles: Sequence[str], given: frozenset[str]) -> N
 
 
 def _misspelt(names: set[str], parts: Mapping[int, tuple[str, Spelt | None]]) -> list[int]:
-    """Return the column whose title is close to a name, if there is one; of short names any is close to some word."""
+    """Return the column with a title close to a name, if any; short names, which resemble many words, are skipped."""
     stems = {key(stem): j for j, (stem, _) in parts.items() if len(stem) <= LONGEST_TITLE}
     close = (difflib.get_close_matches(name, stems, 1, 0.8) for name in sorted(names) if len(name) > 4)
     return list(dict.fromkeys(stems[stem] for found in close for stem in found))[:1]
 
 
 def _fits(name: str, stem: str, spelt: Spelt | None, *, title: str, names: set[str]) -> bool:
-    """Return whether a title is a name of a column, with a unit that the column may have."""
+    """Return whether a title is a name of a column, with an allowed unit."""
     quantity = _quantity(name)
     if spelt is None and quantity in ("", "ratio"):
         return True

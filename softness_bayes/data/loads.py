@@ -1,4 +1,4 @@
-"""Loads of a table of ratings: their columns, and the load of each row."""
+"""Loads of a table of ratings: columns, and the load of each row."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ LOAD_COLUMNS = (
 
 
 def loads_of(indentation_mm: Iterable[float] = (), force_n: Iterable[float] = ()) -> tuple[Load, ...]:
-    """Return the distinct loads of some indentations [mm] and forces [N]: indentations first, each in rising order.
+    """Return the distinct loads of some indentations [mm] and forces [N]: indentations first, each in increasing order.
 
     Raises
     ------
@@ -46,12 +46,12 @@ def loads_of(indentation_mm: Iterable[float] = (), force_n: Iterable[float] = ()
 
 
 def rank(load: Load) -> tuple[int, float]:
-    """Return the sort key of a load: indentations first, each in rising order."""
+    """Return the sort key of a load: indentations first, each in increasing order."""
     return next((k, entry.value(load)) for k, entry in enumerate(LOAD_COLUMNS) if isinstance(load, entry.kind))
 
 
 def given_load(table: Table, indentation_mm: float | None, force_n: float | None) -> Load | None:
-    """Return the load that is given for all rows, None if a column has them; neither, or both, is a fault."""
+    """Return the load given for all rows, or None if there is a column; having neither or both is a fault."""
     filed = [entry.column.name for entry in LOAD_COLUMNS if entry.column.name in table]
     given = loads_of(*([] if value is None else [value] for value in (indentation_mm, force_n)))
     if not filed and len(given) != 1:
@@ -78,7 +78,7 @@ def given_load(table: Table, indentation_mm: float | None, force_n: float | None
 
 
 def loads_in(table: Table, given: Load | None) -> list[Load | None]:
-    """Return each row's load, from its columns or the one given; a row without is a fault."""
+    """Return each row's load, from its columns or the given one; rows without a load are faults."""
     filed = {entry: table.numbers(entry.column) for entry in LOAD_COLUMNS if entry.column.name in table}
     if not filed:
         return [given] * len(table)

@@ -1,4 +1,4 @@
-"""Names of people and fabrics: their order, corrections of misspelt ones, and names that look alike."""
+"""Names of people and fabrics: sorting, suggestions for misspelt ones, and detection of similar names."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ def natural(names: Iterable[str]) -> list[str]:
 
 
 def listing(names: Sequence[str], most: int = 8) -> str:
-    """Return names for a message, the first few of many."""
+    """Return names for a message, limited to the first few."""
     shown = [name if len(name) <= _LONGEST_GUESSED else f"{name[:_LONGEST_GUESSED]}…" for name in names[:most]]
     return ", ".join(shown) + (f", … ({len(names)} in all)" if len(names) > most else "")
 
 
 def guess(name: str, known: Iterable[str]) -> str:
-    """Return ' (did you mean ...?)' if a known name is similar or looks the same, otherwise an empty text."""
+    """Return ' (did you mean ...?)' if a known name is similar or looks identical, otherwise an empty text."""
     known = list(known)
     if alike := [other for other in known if _look(other) == _look(name)]:
         return f" (which has {_shown(alike[0])} for {_shown(name)}: they differ in {_DIFFERENCE} only)"
@@ -37,12 +37,12 @@ def guess(name: str, known: Iterable[str]) -> str:
 
 
 def alike_notes(kind: str, names: Iterable[str]) -> list[str]:
-    """Return notes on names that differ so little that they may be the same; names are kept as written.
+    """Return notes on names so similar that they may be the same; names are kept as written.
 
     Parameters
     ----------
     kind
-        Column of the names, as in 'participant'.
+        Column of the names, such as 'participant'.
     names
         All of them.
     """
@@ -59,7 +59,7 @@ _DIFFERENCE = "case, Unicode form or invisible characters"
 
 
 def _look(name: str) -> str:
-    """Return a key that is the same for names that look alike to a reader."""
+    """Return a key that is equal for names that look alike."""
     folded = unicodedata.normalize("NFKC", unicodedata.normalize("NFKC", name).casefold())
     return " ".join("".join(c for c in folded if c.isspace() or unicodedata.category(c) not in ("Cf", "Cc")).split())
 

@@ -13,14 +13,14 @@ from softness_bayes.errors import InputError
 
 
 def read_order(path: TableSource, decimal: Marks = None) -> dict[str, float]:
-    """Return the rank of each fabric of a table, small for a soft one; of several rows their mean.
+    """Return a rank for each fabric in a table, smaller for softer ones; several rows are averaged.
 
     Parameters
     ----------
     path
         Table with the columns `fabric`, and `rank` (1 for the softest) or `rating` (higher for softer).
     decimal
-        What stands before the decimals, "," or "."; left out, the file tells or is refused.
+        Decimal mark, "," or "."; by default inferred from the file, which is rejected if ambiguous.
 
     Raises
     ------

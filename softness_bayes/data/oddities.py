@@ -1,4 +1,4 @@
-"""Oddities of a table of ratings: values that pile up at an end, ties, loads a hair apart."""
+"""Oddities in a table of ratings: floor and ceiling effects, ties, nearly equal loads."""
 
 from __future__ import annotations
 
@@ -10,24 +10,24 @@ from softness_bayes.ranges import CATEGORIES_RANGE
 from softness_bayes.readable import percent
 
 CLOSE = 0.02
-"""Relative distance of two loads that may have been meant to be one."""
+"""Relative difference below which two loads may have been intended to be equal."""
 
 AT_AN_END = 0.1
 """Share of all ratings at the largest (smallest) number above which it is a ceiling (floor)."""
 
 TIED = 0.5
-"""Share of equal pairs among one rater's ratings of different fabrics under one load that is remarked."""
+"""Share of equal pairs among a rater's ratings of different fabrics under one load that causes a note."""
 
 
 def oddities(ratings: Ratings, numbers: bool = True) -> list[str]:
-    """Return notes on what is odd in a table of ratings, empty if nothing is.
+    """Return notes on oddities in a table of ratings, empty if there are none.
 
     Parameters
     ----------
     ratings
         The table.
     numbers
-        False for categories and ranks, which have ends and ties by their nature.
+        False for categories and ranks, in which ends and ties are normal.
     """
     of_numbers = [*_ends(ratings), *_ties(ratings), *_categories(ratings)] if numbers else []
     return [*_close_loads(ratings), *of_numbers]

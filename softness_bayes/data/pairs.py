@@ -1,4 +1,4 @@
-"""Tables of pairs, in which each row names two fabrics and the answer which of them was softer."""
+"""Tables of pairs, in which each row names two fabrics and the answer as to which was softer."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from softness_bayes.data.tables import MISSING, Table
 from softness_bayes.errors import quoted
 
 _OTHER = {"0": "1", "1": "0", "0.5": "0.5", "1.0": "0", "0.0": "1", "": ""}
-"""Answer for the second fabric of a pair, by that for the first."""
+"""Answer for the second fabric of a pair, by the answer for the first."""
 
 
 def unpaired(table: Table) -> Table:
-    """Return a table of pairs of fabrics with two rows for each, a list of its own; any other as it is."""
+    """Return a table of pairs with two rows per pair, which form a list; other tables are returned unchanged."""
     if SECOND_FABRIC not in table:
         return table
     if "list" in table:

@@ -1,4 +1,4 @@
-"""Values that can be written but hardly measured: what looks wrong in ratings and in fabrics."""
+"""Plausibility checks: values of ratings and fabrics that are valid but unlikely to have been measured."""
 
 from __future__ import annotations
 
@@ -22,18 +22,18 @@ CLOTH = {
     "tensile_modulus": (TENSILE_MODULUS, Range(1e4, 2e9), "in kPa or Pa"),
     "thickness": (THICKNESS, Range(2e-5, 2.5e-2), "in µm or m"),
 }
-"""Property of fabrics -> its column, values that cloth has [SI], and what may be wrong beyond."""
+"""Column, plausible range for cloth [SI] and likely mistake outside it, by property of fabrics."""
 MODULI = Range(1e1, 3e7)
-"""E_fab of cloth [Pa]: 618 measured fabrics have 0.3 to 300 kPa, stiff ones of the paper's kind some thousand."""
+"""E_fab of cloth [Pa]: 618 measured fabrics have 0.3 to 300 kPa, stiff ones like those in the paper some thousand."""
 USUAL_MODULI = Range(1e2, 5e6)
 """Median E_fab of a set of fabrics [Pa]."""
 AGREEMENT = 1.1
-"""Largest ratio of two moduli of one fabric that is not remarked."""
+"""Largest ratio of two moduli of one fabric without a note."""
 MISSING_CODES = frozenset({"99", "999", "9999", "99999", "-9", "-99", "-999", "-9999", "-99999"})
-"""Numbers that stand for a missing rating in many laboratories."""
+"""Numbers commonly used as codes for missing ratings."""
 FAR = 9.0
-"""Distance of such a number from 0, in that of the largest other rating, from which it is one: 99 beside ratings up to
-10 is."""
+"""Ratio of the absolute value of such a number to the largest other rating above which it is a code, as for 99 among
+ratings up to 10."""
 
 _UNITS = {
     EFFECTIVE_MODULUS.name: "in Pa or MPa",
@@ -46,7 +46,7 @@ _UNITS = {
 def cloth_notes(
     names: Sequence[str], properties: Mapping[str, FloatArray], modulus: FloatArray, basis: Sequence[str]
 ) -> list[str]:
-    """Return notes on properties that no cloth has, and on moduli far from those of any.
+    """Return notes on properties and moduli outside the range of any cloth.
 
     Parameters
     ----------
@@ -55,9 +55,9 @@ def cloth_notes(
     properties
         Measured properties [SI], by their names in `CLOTH`; NaN where missing.
     modulus
-        E_fab [Pa], NaN where it is unknown.
+        E_fab [Pa], NaN if unknown.
     basis
-        The column that each modulus is from.
+        Source column of each modulus.
     """
     notes = []
     for name, (column, usual, remedy) in CLOTH.items():
@@ -76,14 +76,14 @@ def cloth_notes(
 def other_moduli(
     names: Sequence[str], basis: Sequence[str], modulus: FloatArray, others: Mapping[str, FloatArray]
 ) -> list[str]:
-    """Return notes on fabrics whose other properties give another modulus than the one that is taken.
+    """Return notes on fabrics whose other properties imply a different modulus from the one used.
 
     Parameters
     ----------
     names, basis, modulus
-        The fabrics, the column that each E_fab is from, and E_fab [Pa].
+        The fabrics, the source column of each E_fab, and E_fab [Pa].
     others
-        Column -> E_fab by it [Pa], NaN where a fabric has none.
+        E_fab [Pa] implied by other columns, by column; NaN if not available.
     """
     notes = []
     for column, other in others.items():
@@ -98,7 +98,7 @@ def other_moduli(
 
 
 def _beyond(names: Sequence[str], values: FloatArray, what: str, column: Column, usual: Range) -> str:
-    """Return a note on the values that lie beyond the usual ones, empty if there are none."""
+    """Return a note on the values outside the usual range, empty if there are none."""
     strange = [i for i, value in enumerate(values) if not np.isnan(value) and not usual.holds(value)]
     if not strange:
         return ""
@@ -108,19 +108,19 @@ def _beyond(names: Sequence[str], values: FloatArray, what: str, column: Column,
 
 
 def missing_codes(texts: Sequence[str], values: FloatArray) -> list[int]:
-    """Return the ratings that are codes for missing ones, such as 999 or -99.
+    """Return the ratings that are codes for missing values, such as 999 or -99.
 
-    A code is `FAR` times as far from 0 as every other rating, or the only negative number beside positive ones.
+    A code is `FAR` times as far from 0 as every other rating, or the only negative number among positive ones.
 
     Parameters
     ----------
     texts, values
-        The ratings as written, and as numbers, NaN where there is none.
+        The ratings as written, and as numbers, NaN if missing.
     """
     codes = [i for i, text in enumerate(texts) if text in MISSING_CODES and not np.isnan(values[i])]
     others = np.delete(values, codes)
     others = others[~np.isnan(others)]
     if not others.size:
         return []
-    largest = np.abs(others).max()  # it may be too large to be multiplied
+    largest = np.abs(others).max()  # it may be too large for a multiplication
     return [i for i in codes if abs(values[i]) / FAR >= largest or (values[i] < 0 <= others.min())]

@@ -1,4 +1,4 @@
-"""Properties of fabrics: their columns, their standard errors, and each fabric's value in the rows of a table."""
+"""Properties of fabrics: columns, standard errors, and the value of each fabric in the rows of a table."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ PROPERTIES: Mapping[str, Column] = {
     "effective_modulus_low": EFFECTIVE_MODULUS_LOW,
     "effective_modulus_high": EFFECTIVE_MODULUS_HIGH,
 }
-"""Field of `Fabrics` -> its column."""
+"""Columns by field of `Fabrics`."""
 
 
 STANDARD_ERRORS: Mapping[str, Column] = {
@@ -51,11 +51,11 @@ STANDARD_ERRORS: Mapping[str, Column] = {
     "bending_rigidity": BENDING_RIGIDITY_SD,
     "effective_modulus": EFFECTIVE_MODULUS_SD,
 }
-"""Property of `Fabrics` -> the column of its standard error in the property's unit; NAME_cv is the relative one."""
+"""Columns of standard errors, in the unit of the property, by property of `Fabrics`; NAME_cv is relative."""
 
 
 def bases(properties: Mapping[str, FloatArray]) -> tuple[str, ...]:
-    """Return the column that each fabric's modulus comes from, empty if there is none."""
+    """Return the source column of each fabric's modulus, empty if there is none."""
     given = {name: ~np.isnan(values) for name, values in properties.items()}
     measured = (
         given["effective_modulus"],
@@ -69,7 +69,7 @@ def bases(properties: Mapping[str, FloatArray]) -> tuple[str, ...]:
 def relative_errors(
     table: Table, rows: Mapping[str, list[int]], name: str, value: FloatArray, cv: FloatArray
 ) -> FloatArray:
-    """Return the relative errors of a property by its name, each given as that (`cv`) or in the property's unit.
+    """Return the relative errors of a property, each given as relative (`cv`) or in the unit of the property.
 
     A row with both, an error without a value, or an error that is too large is a fault.
     """
@@ -96,7 +96,7 @@ def relative_errors(
 
 
 def agreed(table: Table, column: Column, filed: FloatArray, own: list[int]) -> float:
-    """Return a fabric's value of a property, the same in all its rows; NaN if no row has one."""
+    """Return a fabric's value of a property, which must agree in all its rows; NaN if no row has one."""
     given = [i for i in own if not np.isnan(filed[i])]
     for i in given:
         if filed[i] != filed[given[0]]:

@@ -43,29 +43,29 @@ class Conditions(NamedTuple):
     """The distinct pairs of fabric and load that were rated, sorted by fabric and load."""
 
     fabric: IntArray
-    """Index (n_c,) of each condition's fabric."""
+    """Fabric index (n_c,) of each condition."""
     load: IntArray
-    """Index (n_c,) of each condition's load."""
+    """Load index (n_c,) of each condition."""
     of_rating: IntArray
-    """Index (n,) of each rating's condition."""
+    """Condition index (n,) of each rating."""
 
 
 @dataclass(frozen=True, eq=False)
 class Ratings:
-    """A long table of ratings, missing ones left out.
+    """Ratings in long form, without missing ones.
 
     Parameters
     ----------
     participants, fabrics, loads
-        Names and loads that the indices refer to; loads are distinct, indentations first, each in rising order.
+        Names and loads that the indices refer to; loads are distinct, indentations first, each in increasing order.
     participant, fabric, load
         Indices (n,) of each rating.
     rating
-        Ratings (n,) as filed.
+        Ratings (n,) as in the file.
     rows
         Line (n,) of each rating in its file.
     n_missing
-        Rows without a rating.
+        Number of rows without a rating.
     source, rating_column, digest, notes
         File, name of the ratings' column in it, SHA-256 of its bytes, and notes for the user.
     """
@@ -86,15 +86,17 @@ class Ratings:
     not_positive: str = ""
     """The first negative rating, as written in the file."""
     load_cv: FloatArray | None = None
-    """Relative standard error (n,) of each rating's load, NaN where a row has none; None if the table has none."""
+    """Relative standard error (n,) of each rating's load, NaN for rows without one; None if the table has no such
+    column."""
     resolution: FloatArray | None = None
-    """Step (n,) of the grid of numbers that the rater uses, NaN where a row has none; None if the table has none."""
+    """Grid step (n,) of the rater's numbers, NaN for rows without one; None if the table has no such column."""
     lists: IntArray | None = None
-    """Index (n,) of the list that each rating is a place in; None if the table names none."""
+    """Index (n,) of the list in which each rating is a place; None if the table has no such column."""
     covariates: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
-    """Covariates by name: a text for each participant, as written, which no model uses."""
+    """Covariates by name, with one text per participant, as written; not used in any model."""
     cells: Cells | None = None
-    """Further numbers of cells, if the ratings are geometric means of several raters, who are a participant then."""
+    """Numbers of raters and standard deviations, if ratings are geometric means of cells; a panel is then a
+    participant."""
 
     def __post_init__(self) -> None:
         arrays = {"participant": int, "fabric": int, "load": int, "rating": float, "rows": int}
@@ -131,14 +133,14 @@ class Ratings:
         Parameters
         ----------
         cv
-            Relative standard error of the loads that have none of their own; None or 0 if these are exact.
+            Relative standard error of loads that state none; None or 0 if these are exact.
         """
         own = np.full(len(self), np.nan) if self.load_cv is None else self.load_cv
         return log_sd(np.where(np.isnan(own), cv or 0.0, own))
 
     @property
     def conditions(self) -> Conditions:
-        """The rated pairs of fabric and load, and the pair of each rating."""
+        """The rated pairs of fabric and load, and the index of each rating's pair."""
         pairs, of_rating = np.unique(self.fabric * len(self.loads) + self.load, return_inverse=True)
         return Conditions(*np.divmod(pairs, len(self.loads)), of_rating)
 
@@ -193,15 +195,15 @@ class Ratings:
         path
             Text file, Excel workbook, Parquet file, or DataFrame.
         fabrics
-            The known fabrics; by default all in the table.
+            The known fabrics; by default all fabrics in the table.
         columns
-            Name above -> name in the file, where they differ.
+            Names of columns in the file, by the names above, where they differ.
         indentation_mm, force_n
             The load of every row [mm] or [N], if the table has no column for it.
         decimal
-            What stands before the decimals, "," or "."; left out, the file tells or is refused.
+            Decimal mark, "," or "."; by default inferred from the file, which is rejected if ambiguous.
         wide
-            Whether the table has one column for each fabric; left out, the titles tell.
+            Whether the table has one column per fabric; by default inferred from the titles.
 
         Raises
         ------
@@ -223,7 +225,7 @@ class Ratings:
         force_n: float | None = None,
         drop_zeros: bool = False,
     ) -> Ratings:
-        """Return the ratings of a table, without those of 0 if asked for; other arguments as of `read`."""
+        """Return the ratings of a table, optionally without those of 0; other arguments as for `read`."""
         given = given_load(table, indentation_mm, force_n)
         table, cells = cells_of(table)
         table.require("fabric", RATING.name)
@@ -286,9 +288,9 @@ def _index(values: Sequence[object], distinct: Sequence[object]) -> IntArray:
 
 
 def _rated_rows(table: Table, filed: FloatArray, drop_zeros: bool) -> tuple[IntArray, IntArray, list[str]]:
-    """Return the rows that are rated, those and the faulty ones, and notes on the others.
+    """Return the rated rows, the rated and faulty rows, and notes on the others.
 
-    A code for a missing rating is a fault, and so is a table without a rating.
+    Codes for missing ratings are faults, and so are tables without ratings.
     """
     texts = table.cells[RATING.name]
     for i in missing_codes(texts, filed):
@@ -310,12 +312,12 @@ def _rated_rows(table: Table, filed: FloatArray, drop_zeros: bool) -> tuple[IntA
         notes.append(f"{missing} of {len(table)} ratings are missing")
     if zeros:
         notes.append(f"{zeros} ratings of 0 are left out, which biases the result towards higher ratings")
-    used = np.sort(np.concatenate([rated, np.flatnonzero(faulty & ~kept)]))  # the same rows, if nothing is wrong
+    used = np.sort(np.concatenate([rated, np.flatnonzero(faulty & ~kept)]))  # the same rows, if there are no faults
     return rated, used, notes
 
 
 def _require_loads(table: Table, rows: IntArray) -> None:
-    """Find words in the place of loads in rows without a rating, such as a unit in a second row of titles."""
+    """Find text instead of loads in rows without a rating, such as a unit in a second row of titles."""
     for entry in LOAD_COLUMNS:
         name = entry.column.name
         for i in rows if name in table else ():
@@ -329,7 +331,7 @@ def _require_loads(table: Table, rows: IntArray) -> None:
 
 
 def _fabrics_in(table: Table, fabrics: Fabrics | None) -> Sequence[str]:
-    """Return each row's fabric; an unknown one is a fault of the first row that has it."""
+    """Return each row's fabric; an unknown one is a fault of its first row."""
     labels = table.labels("fabric")
     if fabrics is not None:
         known = set(fabrics.names)
@@ -342,7 +344,7 @@ def _fabrics_in(table: Table, fabrics: Fabrics | None) -> Sequence[str]:
 
 
 def _lists_in(table: Table, by: Sequence[str]) -> IntArray | None:
-    """Return the index of each row's list; lists of the same name are different ones if their participants are."""
+    """Return the index of each row's list; lists with equal names but different participants are different."""
     if "list" not in table:
         return None
     own = list(zip(by, table.labels("list"), strict=True))
@@ -352,7 +354,7 @@ def _lists_in(table: Table, by: Sequence[str]) -> IntArray | None:
 def _repeats(table: Table, *keys: Sequence[object]) -> list[str]:
     """Return a note on ratings that repeat a participant, fabric and load (and trial, if there is such a column).
 
-    It names the unused columns in which all of them differ.
+    It lists the unused columns that distinguish all of them.
     """
     trials = "trial" in table
     told = [table.cells[name] for name in ("trial", "list") if name in table]
