@@ -125,7 +125,7 @@ def _explanation(trials: Sequence[Trial]) -> str:
     drawn = next((len(trial.draws.largest) for trial in trials if trial.draws is not None), 0)
     share = f", in brackets the share of {drawn} draws of the prior for which the claim holds" if drawn else ""
     return (
-        f"Verdicts at the medians of the priors{share}; then the numbers behind them, in the order of the "
+        f"Verdicts at the priors' medians{share}; then the numbers behind them in the order of the "
         f"loads ({held}): – where no receptor fires or there is no turning point (maximum), † where the "
         "contact radius at the maximum exceeds R/2 and Hertz's geometry is questionable."
     )
