@@ -1,1 +1,1 @@
-"""Files that are written whole or not at all, never replace other files, and are safe to open in a spreadsheet."""
+"""Atomic writing of files that never replaces files of others, and CSV files that are safe in a spreadsheet."""

@@ -1,4 +1,4 @@
-"""An advisory lock on a directory: held by a living process, so that a dead one never blocks anybody."""
+"""Advisory lock on a directory, released when its process ends, so that a dead process never blocks others."""
 
 from __future__ import annotations
 
@@ -19,17 +19,17 @@ _LOCKED = re.compile(rb"(?:[0-9]+\n)?")
 # neither through a symbolic link, nor waiting for a pipe's other end, nor changing the ends of lines; as far as a
 # system has these
 _PLAIN = sum(getattr(os, name, 0) for name in ("O_NOFOLLOW", "O_NONBLOCK", "O_BINARY"))
-_TRIES, _WAIT = 10, 0.05  # somebody who only asks whether it is held holds it for an instant
-_ASKED, _INSTANT = 3, 2e-3  # as does another who asks at the same time
+_TRIES, _WAIT = 10, 0.05  # a process that only checks the lock holds it for an instant
+_ASKED, _INSTANT = 3, 2e-3  # as does another process that checks at the same time
 
 
 class Lock:
-    """A file that one process at a time may hold; a context manager.
+    """Context manager for a lock file that one process at a time can hold.
 
     Parameters
     ----------
     path
-        The file; it is made if it is not there, and stays unless `vanish` is called.
+        The file; it is created if missing, and remains unless `vanish` is called.
     """
 
     def __init__(self, path: Path) -> None:
@@ -56,7 +56,7 @@ class Lock:
                 os.write(handle, f"{os.getpid()}\n".encode())
                 self._handle = handle
                 return self
-            os.close(handle)  # its last holder removed the file meanwhile
+            os.close(handle)  # its last holder removed the file in the meantime
         raise _refusal(self._path)
 
     def vanish(self) -> None:
@@ -70,21 +70,21 @@ class Lock:
 
 
 def require_free(path: Path) -> None:
-    """Refuse a lock that a process holds.
+    """Raise an error for a lock held by a process.
 
     Raises
     ------
     LockedError
-        If one does; the message has its number.
+        If it is held; the message gives the process number.
     """
     if is_held(path):
         raise _refusal(path)
 
 
 def is_held(path: Path) -> bool:
-    """Return whether a process holds a lock; nothing is written, and no more than milliseconds are waited.
+    """Return whether a process holds a lock, without writing anything and within milliseconds.
 
-    Where that cannot be asked, as on a network's disk without permission to write, no process counts as holding it.
+    If this cannot be determined, as on a network drive without write permission, the lock counts as free.
     """
     try:
         handle = _opened(path)
@@ -103,7 +103,7 @@ def is_held(path: Path) -> bool:
 
 
 def _opened(path: Path) -> int:
-    """Open a file as a lock needs it; as it may be read at least."""
+    """Open a file for locking, if necessary read-only."""
     try:
         return os.open(path, os.O_RDWR | _PLAIN)
     except OSError as error:

@@ -1,4 +1,4 @@
-"""Output files of a command: its own earlier files may be replaced, other files never.
+"""Output files of a command, which may replace earlier files of the command but never other files.
 
 `require_outputs` checks before anything is computed, `write_outputs` writes. Both use the directory's `Listing`.
 """
@@ -52,9 +52,9 @@ def require_outputs(
 
 
 def write_outputs(directory: Path, contents: Mapping[str, bytes | str], by: str) -> list[Path]:
-    """Write files to a directory, which is made if needed, and list them there.
+    """Write files to a directory, created if necessary, and list them there.
 
-    No file changes before all of them are on the disk.
+    No file is changed before all of them are on the disk.
 
     Parameters
     ----------
@@ -75,7 +75,7 @@ def write_outputs(directory: Path, contents: Mapping[str, bytes | str], by: str)
     InputError
         If another file is in the way.
     OSError
-        If there is no room or no permission; every file is then unchanged, or whole and new.
+        If there is no space or permission; every file is then either unchanged or complete and new.
     """
     data = {directory / name: text.encode() if isinstance(text, str) else text for name, text in contents.items()}
     made = _make(directory)
@@ -98,7 +98,7 @@ def _write(directory: Path, data: Mapping[Path, bytes], listing: Listing, by: st
     try:
         for path, content in data.items():
             parts[path] = staged(path, content)
-        # from here on the list contains old and new digests, so that an interruption leaves known files
+        # from here on the list contains old and new digests, so that files are known even after an interruption
         either = {
             name: Entry(by, (*listing.files[name].digests, *entry.digests)) if name in listing.files else entry
             for name, entry in new.items()
@@ -118,7 +118,7 @@ class Survey(NamedTuple):
     ours: tuple[Path, ...]
     """Unchanged files of some commands, then the directories that they made."""
     others: Mapping[Path, str]
-    """All other files, each with the reason why it is not ours."""
+    """All other files, each with the reason why it is not one of ours."""
 
 
 def survey(directory: Path, by: Collection[str], inputs: Iterable[Path] = (), but: Collection[str] = ()) -> Survey:
@@ -172,7 +172,7 @@ def remove(found: Survey) -> None:
 
 
 def told(others: Mapping[Path, str], most: int = 5) -> str:
-    """Return the files in the way in words, the first few of many."""
+    """Describe the files in the way, limited to the first few."""
     shown = [f"{path} {why}" for path, why in list(others.items())[:most]]
     return "; ".join(shown) + (f"; and {len(others) - most} more" if len(others) > most else "")
 
@@ -242,8 +242,8 @@ def _unmake(made: Iterable[Path]) -> None:
 
 @contextmanager
 def _held(directory: Path) -> Iterator[bool]:
-    """Keep other processes from writing outputs to a directory; whether that is so, for not every disk can lock."""
-    if os.name == "nt":  # where no directory can be opened
+    """Keep other processes from writing outputs to a directory; yield whether the disk supports this."""
+    if os.name == "nt":  # on systems where directories cannot be opened
         yield False
         return
     handle = os.open(directory, os.O_RDONLY)

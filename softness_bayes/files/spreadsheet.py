@@ -1,7 +1,7 @@
-"""Cells of CSV files that a spreadsheet shows and does not run.
+"""Cells of CSV files that a spreadsheet does not run as formulas.
 
-A spreadsheet takes a text that begins with one of ``= + - @``, a tab or a carriage return for a formula. It is
-written behind an apostrophe, which `unescaped` removes; numbers stay unchanged.
+A spreadsheet treats text that begins with one of ``= + - @``, a tab or a carriage return as a formula. Such text is
+prefixed with an apostrophe, which `unescaped` removes; numbers are unchanged.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ PRINTED = 5
 """Significant digits of numbers that are printed; files have all."""
 
 _NUMBER = re.compile(r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?")
-_FORMULA = "[=+@\\t\\r\\n\uff1d\uff0b\uff0d\uff20-]"  # the last but one are the full-width forms
+_FORMULA = "[=+@\\t\\r\\n\uff1d\uff0b\uff0d\uff20-]"  # including the full-width forms
 _RUN, _ESCAPED = re.compile(f"'*{_FORMULA}"), re.compile(f"'+{_FORMULA}")
 
 
@@ -40,7 +40,7 @@ def csv_of(table: pd.DataFrame, index: bool = True, digits: int | None = None) -
     index
         Whether the index is among the columns.
     digits
-        Significant digits of numbers that are no whole ones; by default all.
+        Significant digits of numbers that are not whole; by default all.
     """
     named = _mapped(table.reset_index() if index else table, escaped)
     written = None if digits is None else f"%.{digits}g"

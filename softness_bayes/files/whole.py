@@ -1,4 +1,4 @@
-"""Files that appear whole or not at all, whatever kills the process or fills the disk."""
+"""Atomic writing of files, even if the process is killed or the disk is full."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _PART = re.compile(r"\.softness-bayes-[0-9a-f]{32}\.part")
 
 
 def write_whole(path: Path, content: bytes) -> None:
-    """Write a file so that it appears whole: to another name, synced to the disk, then renamed.
+    """Write a file atomically: under another name, synced to the disk, then renamed.
 
     Raises
     ------
@@ -30,7 +30,7 @@ def write_whole(path: Path, content: bytes) -> None:
 
 
 def staged(path: Path, content: bytes) -> Path:
-    """Write content to the disk beside a path, under a new random name, and return that name.
+    """Write content to the disk next to a path, under a random name, and return that name.
 
     Raises
     ------
@@ -58,7 +58,7 @@ def put(parts: Mapping[Path, Path]) -> None:
     Parameters
     ----------
     parts
-        A file's own path -> where it was staged, all in one directory.
+        Paths of the staged files by final path, all in one directory.
 
     Raises
     ------
@@ -100,7 +100,7 @@ def is_part(path: Path) -> bool:
 
 def _sync_directory(directory: Path) -> None:
     """Sync the names in a directory to the disk; otherwise a whole file could lack its name after a crash."""
-    if os.name == "nt":  # where no directory can be opened
+    if os.name == "nt":  # on systems where directories cannot be opened
         return
     handle = os.open(directory, os.O_RDONLY)
     try:

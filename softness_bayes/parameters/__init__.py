@@ -1,1 +1,1 @@
-"""Parameters of the model: their priors, the space of those that are sampled, and its coordinates."""
+"""Parameters of the model: priors, the space of sampled parameters, and its coordinates."""

@@ -1,4 +1,4 @@
-"""Choice of the sampled parameters: those held at a value, those with other priors, those that are absent."""
+"""Choice of the sampled parameters: fixed values, other priors, and absent parameters."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ from softness_bayes.touch.skin import STRAIN, SkinDisplacement
 _ROUNDING = 1e-9
 
 CUT_OFF = 1e-3
-"""Largest share of a prior that may lie outside the range of a parameter whose priors are cut at both ends."""
+"""Largest share of a prior allowed outside the range of a parameter whose priors are truncated at both ends."""
 
 
 def parameter_space(
@@ -49,43 +49,43 @@ def parameter_space(
     of_errors: Collection[str] = (),
     signed: Collection[str] = (),
 ) -> ParameterSpace:
-    """Return the space of the sampled parameters with their priors, and the values of the held ones.
+    """Return the space of the sampled parameters with their priors, and the values of the fixed ones.
 
     Parameters
     ----------
     free
-        Parameters to sample that are `HELD` by default, and `SHAPE_PARAMETERS`.
+        Parameters to sample that are fixed by default (`HELD`), and `SHAPE_PARAMETERS`.
     fix
-        Parameters to hold, with their values in natural units.
+        Parameters to fix, with their values in natural units.
     priors
-        Priors in place of the declared ones; a `HELD` parameter with a prior is freed, and so is one of
-        `SHAPE_PARAMETERS`. Otherwise these are absent: they have the finger's values.
+        Priors that replace the declared ones. A prior for a `HELD` parameter or one of `SHAPE_PARAMETERS` makes it
+        sampled; otherwise the latter have the values of the finger.
     prior_set
         A name of `PRIOR_SETS`.
     skin_displacement
-        Reading of the skin's displacement, which decides unit and prior of m.
+        Reading of the skin's displacement, which determines unit and prior of m.
     n_participants
-        With one participant, tau is not identifiable beside mu and is held at 0.
+        Number of participants. With one, tau is not identifiable in addition to mu and is fixed at 0.
     absent
-        Parameters that the model at hand does not have: neither sampled nor held.
+        Parameters that are not in the present model: neither sampled nor fixed.
     n_fingers
-        Fingers of the compression data; without any there are no `PLATE_PARAMETERS`. With one finger, the
-        spreads between fingers are not identifiable beside b and m and are held at 0.
+        Number of fingers in the compression data; without any there are no `PLATE_PARAMETERS`. With one finger, the
+        spreads between fingers are not identifiable in addition to b and m and are fixed at 0.
     membrane
-        Reading of the membrane, whose firing-rate surface limits alpha and the channel multipliers. The multiplier of
-        a channel that it does not have is held.
+        Reading of the membrane, whose firing-rate surface limits alpha and the channel multipliers. The multiplier of a
+        channel absent from the membrane is fixed.
     spreads
-        The `FINGER_PARAMETERS` of ratings: spreads of raters' own fingers; or `ANSWER_PARAMETERS`.
+        The `FINGER_PARAMETERS` of ratings (spreads of individual fingers), or `ANSWER_PARAMETERS`.
     of_errors
-        The `ERROR_PARAMETERS` of the law of ratings' errors.
+        The `ERROR_PARAMETERS` of the error law of ratings.
     signed
         Parameters that have either sign with probability 1/2; their priors are those of their magnitudes.
 
     Raises
     ------
     InputError
-        If a name is unknown or absent, a parameter is both held and sampled, or a value or a prior's support
-        is outside the parameter's range.
+        If a name is unknown or absent, a parameter is both fixed and sampled, or a value or a prior's support is
+        outside the parameter's range.
     """
     require_mapping("fix", fix or {}, "{'m': 2.0}")
     fix, priors = dict(fix or {}), as_priors(priors or {})
@@ -102,7 +102,7 @@ def parameter_space(
     chosen = {**_of_set(prior_set, skin_displacement, {*held, *priors}), **priors}
     sampled = _sampled({*held, *absent}, {name: magnitude(prior) for name, prior in chosen.items()}, skin_displacement)
     sampled = tuple(replace(p, prior=Signed(p.prior)) if p.name in signed else p for p in sampled)
-    # a membrane without a firing-rate surface still has usual values; computing its rates raises a clear error
+    # a membrane without a firing-rate surface still has default values; computing its rates raises a clear error
     if membrane.name not in DESIGNS or not any(p.name in Channels._fields for p in sampled):
         return ParameterSpace(sampled, held, None)
     firing = FiringSurface.load(membrane)
@@ -110,7 +110,7 @@ def parameter_space(
 
 
 def _of_set(prior_set: str, skin_displacement: SkinDisplacement, others: Collection[str]) -> Mapping[str, Prior]:
-    """Return the priors of a set; a user's own reading of the skin, which has none, needs others for m and b."""
+    """Return the priors of a set; a custom reading of the skin has none and requires priors of m and b."""
     found = PRIOR_SETS[prior_set]
     if skin_displacement in found:
         return found[skin_displacement]
@@ -125,7 +125,7 @@ def _of_set(prior_set: str, skin_displacement: SkinDisplacement, others: Collect
 def _sampled(
     others: Collection[str], priors: Mapping[str, Prior], skin_displacement: SkinDisplacement
 ) -> tuple[Parameter, ...]:
-    """Return all parameters but some others, with the priors and units that were chosen."""
+    """Return all parameters except some, with the chosen priors and units."""
     units = dict.fromkeys(("m", "tau_m"), skin_displacement.exponent_unit)
     return tuple(
         replace(p, prior=_suitable(p, priors.get(name, p.prior)), unit=units.get(name, p.unit))
@@ -135,7 +135,7 @@ def _sampled(
 
 
 def _require_free_to_choose(freed: Set[str], fix: Mapping[str, float], absent: Collection[str], prior_set: str) -> None:
-    """Refuse parameters that the model does not have, those both held and sampled, and an unknown set of priors."""
+    """Raise an error for parameters not in the model or both fixed and sampled, and for an unknown set of priors."""
     for name in (*fix, *freed):
         _declared(name)
         if name in fix and name in SHAPE_PARAMETERS:
@@ -154,7 +154,7 @@ def _require_free_to_choose(freed: Set[str], fix: Mapping[str, float], absent: C
 def _not_identifiable(
     freed: Collection[str], n_participants: int | None, n_fingers: int | None, membrane: Membrane
 ) -> dict[str, float]:
-    """Return the parameters that these data or this membrane cannot inform, with the values that hold them."""
+    """Return the parameters not identifiable from these data or for this membrane, with their fixed values."""
     held: dict[str, float] = {}
     if n_participants == 1:
         if "tau" in freed:
@@ -178,7 +178,7 @@ def require_values(values: Mapping[str, float]) -> None:
     Raises
     ------
     InputError
-        Naming a parameter that does not exist, or the range of one.
+        For an unknown parameter, or a value outside its range.
     """
     for name, value in values.items():
         _require_value(_declared(name), value)
@@ -214,7 +214,7 @@ def _within_surface(
     Raises
     ------
     InputError
-        If the prior of a multiplier, or alpha held at a value, reaches beyond what the surface covers.
+        If the prior of a multiplier, or a fixed alpha, is outside the range of the surface.
     """
     channels = [p for p in sampled if p.name in Channels._fields]
     for p in channels:

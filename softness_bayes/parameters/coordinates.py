@@ -1,4 +1,4 @@
-"""Coordinates in which walkers move: each maps the support of a parameter to the whole line."""
+"""Coordinates of the sampler, each of which maps the support of a parameter to the whole real line."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ Numbers = float | FloatArray
 
 
 class Coordinate(Protocol):
-    """A smooth rising map from the line z to the open support of a parameter x, element by element."""
+    """A smooth increasing map from the real line z to the open support of a parameter x, element by element."""
 
     def natural(self, z: FloatArray) -> FloatArray:
         """Return the parameter value x at ``z``."""
@@ -75,7 +75,7 @@ class HalfLine:
     low: Numbers = 0.0
 
     def natural(self, z: FloatArray) -> FloatArray:
-        """Return x = low + exp z; infinite where exp overflows, where every prior has density zero."""
+        """Return x = low + exp z; infinite if exp overflows, where every prior has zero density."""
         with np.errstate(over="ignore"):
             return self.low + np.exp(z)
 
@@ -175,17 +175,17 @@ def coordinate_for(support: tuple[float, float]) -> Coordinate:
 
 
 def walked(prior: Prior) -> Coordinate:
-    """Return the coordinate in which a parameter with this prior is walked."""
+    """Return the sampler coordinate of a parameter with this prior."""
     return LogScore(*prior.support) if isinstance(prior, LogUniform) else coordinate_for(prior.support)
 
 
 class Coordinates:
-    """Coordinates of the last axis of an array, those of one kind in one call.
+    """Coordinates along the last axis of an array, evaluated in one call for each kind.
 
     Parameters
     ----------
     every
-        One for each place.
+        One coordinate for each element of the last axis.
     """
 
     def __init__(self, every: Sequence[Coordinate]) -> None:
@@ -214,6 +214,6 @@ class Coordinates:
 
 
 def _stacked(every: Sequence[Coordinate], places: Sequence[int]) -> Coordinate:
-    """Return one coordinate of array-valued constants that stands for several of one kind."""
+    """Combine several coordinates of one kind into one with array-valued constants."""
     kind: Any = type(every[places[0]])
     return kind(*(np.array([getattr(every[k], f.name) for k in places]) for f in fields(kind)))

@@ -1,4 +1,4 @@
-"""The parameters, each declared once, and the named sets of their priors (model.md 10)."""
+"""Declarations of all parameters, and named sets of their priors (model.md 10)."""
 
 from __future__ import annotations
 
@@ -15,26 +15,26 @@ _POSITIVE = Range(1e-6, 1e6)
 _MULTIPLIER = Range(0.1, 10.0)
 _FROM_ZERO = Range(1e-6, 1e6, zero=True)
 _SPREAD = Range(1e-6, 100.0, zero=True)
-# with less noise the posterior is nearly a surface, on which a walk does not converge
+# with less noise the posterior is nearly a surface, on which sampling does not converge
 _NOISE = Range(1e-4, 100.0)
 
 
 @dataclass(frozen=True)
 class Parameter:
-    """One parameter of the model, as every chain, file, plot, table and help text names it.
+    """One parameter of the model, with the names used in chains, files, plots, tables and help.
 
     Parameters
     ----------
     name, symbol, unit, meaning
         Name in files and options, LaTeX symbol, natural unit, and meaning in words.
     si
-        SI units (or the neuron's own) in one natural unit.
+        Number of SI units (or units of the neuron model) in one natural unit.
     prior
         Default prior, in natural units.
     range
-        Values at which it may be held, in natural units; every prior is cut at the upper end.
+        Allowed fixed values, in natural units; every prior is truncated at the upper end.
     cut_below
-        Whether every prior is cut at the lower end too, so that laws with values below 0 may be given.
+        Whether every prior is also truncated at the lower end, so that laws with values below 0 may be given.
     """
 
     name: str
@@ -48,11 +48,11 @@ class Parameter:
 
     @property
     def largest(self) -> float:
-        """Largest value that the model accepts, at which every prior is cut."""
+        """Largest value allowed in the model, at which every prior is truncated."""
         return self.range.high
 
     def cut(self, prior: Prior) -> Prior:
-        """Return a prior cut at both ends of the range, if it is to be cut below."""
+        """Return a prior truncated at both ends of the range, if `cut_below`."""
         return Truncated(prior, self.range.low, self.range.high) if self.cut_below else prior
 
     def up_to(self, largest: float) -> Parameter:
@@ -103,7 +103,7 @@ PARAMETERS: Mapping[str, Parameter] = MappingProxyType(
         )
     }
 )
-"""Every parameter by name, in the order of files and tables."""
+"""Parameters by name, in the order of files and tables."""
 
 SHAPE_PARAMETERS: Mapping[str, Parameter] = MappingProxyType(
     {
@@ -125,7 +125,7 @@ SHAPE_PARAMETERS: Mapping[str, Parameter] = MappingProxyType(
         )
     }
 )
-"""Parameters of the fingertip, which have the finger's values unless they are freed or given a prior."""
+"""Parameters of the fingertip, fixed at the finger's values unless they are freed or given a prior."""
 
 FINGER_PARAMETERS: Mapping[str, Parameter] = MappingProxyType(
     {
@@ -142,10 +142,10 @@ FINGER_PARAMETERS: Mapping[str, Parameter] = MappingProxyType(
         )
     }
 )
-"""Parameters of fingers that differ, and of compression data: spreads of fingers and of single forces."""
+"""Parameters of individual fingers and of compression data: spreads between fingers and of single forces."""
 
 PLATE_PARAMETERS = ("tau_b", "tau_m", "varsigma_f")
-"""Those of them that compression data have."""
+"""Those used for compression data."""
 
 ANSWER_PARAMETERS: Mapping[str, Parameter] = MappingProxyType(
     {
@@ -165,7 +165,7 @@ ANSWER_PARAMETERS: Mapping[str, Parameter] = MappingProxyType(
         )
     }
 )
-"""Spreads of raters' own exponents and noise."""
+"""Spreads of individual exponents and noise."""
 
 ERROR_PARAMETERS: Mapping[str, Parameter] = MappingProxyType(
     {
@@ -189,7 +189,7 @@ ERROR_PARAMETERS: Mapping[str, Parameter] = MappingProxyType(
         )
     }
 )
-"""Parameters of the laws of errors that are not normal, and of the ends of categories."""
+"""Parameters of error laws other than normal, and of the thresholds of categories."""
 
 EVERY_PARAMETER: Mapping[str, Parameter] = MappingProxyType(
     {**PARAMETERS, **SHAPE_PARAMETERS, **ERROR_PARAMETERS, **ANSWER_PARAMETERS, **FINGER_PARAMETERS}
@@ -197,7 +197,7 @@ EVERY_PARAMETER: Mapping[str, Parameter] = MappingProxyType(
 """All parameters that a run may sample, by name."""
 
 HELD: Mapping[str, float] = MappingProxyType({"omega": 0.0})
-"""Parameters that are held at a value unless they are freed or given a prior."""
+"""Parameters that are fixed unless they are freed or given a prior."""
 
 PRIOR_SETS: Mapping[str, Mapping[SkinDisplacement, Mapping[str, Prior]]] = MappingProxyType(
     {
@@ -213,4 +213,4 @@ PRIOR_SETS: Mapping[str, Mapping[SkinDisplacement, Mapping[str, Prior]]] = Mappi
         },
     }
 )
-"""Named prior sets: differences from the parameters' own priors, for each reading of the skin."""
+"""Named prior sets: differences from the default priors, for each reading of the skin."""

@@ -1,4 +1,4 @@
-"""Effective moduli of fabrics that are not known exactly: the law of each, as a sampled parameter (model.md 1)."""
+"""Uncertain effective moduli of fabrics, as sampled parameters with prior laws (model.md 1)."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from softness_bayes.parameters.priors import LogNormal, Prior
 FloatArray = NDArray[np.float64]
 
 UNKNOWN_MODULUS = LogNormal(100, 2)
-"""Law of a modulus of which nothing is known [kPa]: 90 % of it lies from 4 to 2700 kPa, which holds most cloth."""
+"""Prior law of a modulus about which nothing is known [kPa]: 90 % within 4 to 2700 kPa, which includes most cloth."""
 
 KPA = 1e3
-"""Pascals in the unit of the laws."""
+"""Number of pascals in the unit of the laws."""
 
 FABRIC_MODULUS = "fabric_modulus"
 """Name of the sampled moduli in files; one of them is `FABRIC_MODULUS`[fabric]."""
@@ -24,7 +24,7 @@ FABRIC_MODULUS = "fabric_modulus"
 
 @dataclass(frozen=True)
 class FabricModuli:
-    """Effective modulus of every fabric: its middle, and its law where it is not known exactly.
+    """Effective modulus of every fabric: central value, and prior law if uncertain.
 
     Parameters
     ----------
@@ -33,7 +33,7 @@ class FabricModuli:
     middle
         Measured modulus, or the median of the law [Pa], of each fabric.
     laws
-        Law of each modulus [kPa]; None where it is known exactly.
+        Law of each modulus [kPa]; None if it is known exactly.
     """
 
     names: tuple[str, ...]
@@ -42,7 +42,7 @@ class FabricModuli:
 
     @property
     def uncertain(self) -> tuple[int, ...]:
-        """Indices of the fabrics whose modulus is not known exactly."""
+        """Indices of the fabrics with uncertain moduli."""
         return tuple(k for k, law in enumerate(self.laws) if law is not None)
 
     @property
@@ -52,7 +52,7 @@ class FabricModuli:
 
     @property
     def extent(self) -> tuple[float, float]:
-        """Smallest and largest modulus [Pa] that a run usually meets, four standard deviations of each law away."""
+        """Range of moduli [Pa] to cover in a run: four standard deviations of each law."""
         ends = [(middle, middle) for middle in self.middle]
         for k in self.uncertain:
             law = self.laws[k]
@@ -70,12 +70,12 @@ class FabricModuli:
 
 
 def require_law(name: str, law: Prior) -> None:
-    """Refuse a law of a modulus that allows negative values.
+    """Raise an error for a law of a modulus that allows negative values.
 
     Raises
     ------
     InputError
-        Naming the law.
+        With the law.
     """
     if law.support[0] < 0 or not law.median > 0:
         raise InputError(

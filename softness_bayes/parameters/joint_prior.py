@@ -1,4 +1,4 @@
-"""Joint density of independent priors, their log-normal ones in one call."""
+"""Joint density of independent priors, with all log-normal ones evaluated in one call."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ FloatArray = NDArray[np.float64]
 
 
 class Laws:
-    """Independent laws of the last axis of an array, their log-normal ones in one call.
+    """Independent laws along the last axis of an array, with all log-normal ones evaluated in one call.
 
     Parameters
     ----------
     priors
-        One law for each place.
+        One law for each element of the last axis.
     largest
-        Largest value of each place, at which its law is cut.
+        Largest value of each element, at which its law is truncated.
     """
 
     def __init__(self, priors: Sequence[Prior], largest: Sequence[float]) -> None:

@@ -1,4 +1,4 @@
-"""The base of all prior laws: their members, their written form, and checks of their constants."""
+"""Base of all prior laws: members, written form, and checks of constants."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ FloatArray = NDArray[np.float64]
 NUMBERS = Range(-1e100, 1e100)
 """Range of the constants of a law, within which no computation overflows."""
 LEAST_WIDTH = 1e-6
-"""Smallest width of a law relative to its location; narrower laws are lost in rounding."""
+"""Smallest width of a law relative to its location; narrower laws would be lost to rounding errors."""
 
 
 class Prior(Protocol):
@@ -26,7 +26,7 @@ class Prior(Protocol):
 
     @property
     def median(self) -> float:
-        """Median of the law; of a truncated one, the median before truncation."""
+        """Median of the law, before any truncation."""
 
     @property
     def support(self) -> tuple[float, float]:
@@ -70,7 +70,7 @@ def in_short(prior: Prior) -> str:
 
 
 def name_of(law: type) -> str:
-    """Return the written name of a kind of law: of a user's own law, its importable name if it has one."""
+    """Return the name of a kind of law in written forms; for a custom law, its importable name if it has one."""
     own = law.__module__.partition(".")[0] != PACKAGE
     return (reference(law) if own else None) or law.__name__.lower()
 
@@ -88,6 +88,6 @@ def require_finite(prior: Law) -> None:
 
 
 def require(prior: Law, name: str, holds: bool, expected: str) -> None:
-    """Raise an error that names a constant, unless what is required of it holds."""
+    """Raise an error that names a constant, unless its requirement holds."""
     if not holds:
         raise InputError(f"{name_of(type(prior))}: {name} is {getattr(prior, name)!s:.60}, expected {expected}")

@@ -1,4 +1,4 @@
-"""Every prior law by its written name, written forms of priors, and users' own laws."""
+"""Prior laws by name, written forms of priors, and custom laws."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ from softness_bayes.parameters.signed import Signed, magnitude
 from softness_bayes.supplied import FORM, installed, is_supplied, require_reference, supplied
 
 PRIORS = "priors"
-"""Group of the laws that installed packages supply."""
+"""Entry-point group of laws in installed packages."""
 MEMBERS = ("median", "support", "log_density", "cumulative", "quantile", "draw")
-"""Members of a prior."""
+"""Required members of a prior."""
 
 LAWS: Mapping[str, type] = MappingProxyType(
     {"lognormal": LogNormal, "halfnormal": HalfNormal, "normal": Normal, "uniform": Uniform, "loguniform": LogUniform}
 )
-"""Every law by its written name."""
+"""Laws by name."""
 
 
 def parse_prior(text: str) -> Prior:
@@ -60,7 +60,7 @@ def parse_prior(text: str) -> Prior:
 
 
 def law_named(name: str) -> type | None:
-    """Return a kind of law by its name, that of an installed package, or its importable name; None if there is none.
+    """Return a kind of law by its name, entry point or importable name; None if there is none.
 
     Raises
     ------
@@ -84,7 +84,7 @@ def form_of(law: type) -> str:
 
 
 def as_prior(name: str, given: Prior | str) -> Prior:
-    """Return the prior of a parameter, which may be written as `parse_prior` reads it.
+    """Return the prior of a parameter, given as a law or in written form (`parse_prior`).
 
     Raises
     ------
@@ -98,7 +98,7 @@ def as_prior(name: str, given: Prior | str) -> Prior:
 
 
 def as_priors(given: Mapping[str, Prior | str]) -> dict[str, Prior]:
-    """Return priors by parameter, each of which may be written as `parse_prior` reads it.
+    """Return priors by parameter, each given as a law or in written form (`parse_prior`).
 
     Raises
     ------
@@ -111,12 +111,12 @@ def as_priors(given: Mapping[str, Prior | str]) -> dict[str, Prior]:
 
 
 def require_prior(what: str, prior: Any) -> None:
-    """Raise an error for a value that is not a prior, and for a user's own law that contradicts itself.
+    """Raise an error for a value that is not a prior, and for an inconsistent custom law.
 
     Raises
     ------
     InputError
-        Naming the member that is missing or wrong.
+        Names the missing or wrong member.
     """
     kind = type(prior)
     if kind in (*LAWS.values(), Truncated, Signed):
@@ -142,7 +142,7 @@ def require_prior(what: str, prior: Any) -> None:
 
 
 def require_storable(what: str, prior: Prior) -> None:
-    """Raise an error for a prior that a stored run could not read again from its written form.
+    """Raise an error for a prior that could not be restored from its written form.
 
     Raises
     ------

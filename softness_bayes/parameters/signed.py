@@ -1,4 +1,4 @@
-"""A positive law whose quantity has either sign with the same probability."""
+"""Symmetric law of a signed quantity, from the positive law of its magnitude."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class Signed:
     def log_density(self, x: ArrayLike) -> FloatArray:
         """Return the log density at ``x``; -inf at 0."""
         size = np.abs(np.asarray(x, float))
-        # a law that begins at 0 may have no density there; a point at 0 has none
+        # laws with support from 0 may have no density there; a point at 0 is given none
         with np.errstate(divide="ignore", invalid="ignore"):
             found = self.law.log_density(np.where(size > 0, size, 1.0)) - math.log(2.0)
         return np.where(size > 0, found, -np.inf)
@@ -58,5 +58,5 @@ class Signed:
 
 
 def magnitude(prior: Prior) -> Prior:
-    """Return the law of a quantity's magnitude: its prior, or that behind a `Signed` one."""
+    """Return the law of a quantity's magnitude: its prior, or the one inside a `Signed` law."""
     return prior.law if isinstance(prior, Signed) else prior

@@ -1,4 +1,4 @@
-"""Space of the sampled parameters: their prior, and the walkers' coordinates (model.md 10)."""
+"""Space of the sampled parameters: prior, and coordinates of the sampler (model.md 10)."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ LEAST_ODDS = 0.01
 
 @dataclass(frozen=True)
 class ParameterSpace:
-    """The sampled parameters, in order, and the values of the held ones.
+    """The sampled parameters, in order, and the values of the fixed ones.
 
     A point theta is an array in natural units whose last axis runs over `sampled`; z is the same
     point in the coordinates of the sampler, unbounded on every axis.
@@ -43,13 +43,13 @@ class ParameterSpace:
     sampled: tuple[Parameter, ...]
     held: Mapping[str, float]
     firing: FiringSurface | None = field(default=None, repr=False, compare=False)
-    """The firing-rate surface, if channel multipliers are sampled. Every prior is cut at the border of its corner,
-    where firing begins at a jump: less than 1e-4 of the default prior lies beyond."""
+    """The firing-rate surface, if channel multipliers are sampled. Every prior is truncated at the border of its
+    corner, where firing starts with a jump: less than 1e-4 of the default prior lies beyond."""
     bent: Mapping[str, Coordinate] = field(default_factory=dict)
-    """Coordinates of sampled parameters that do not follow from their priors' supports."""
+    """Coordinates of sampled parameters that are not determined by the supports of their priors."""
     rheobase: float | None = None
-    """Rheobase at the centre of the channels' box, or of the held channels [µA/cm²]. If it is known, the coordinate of
-    sigma_0 is the stress at which receptors begin to fire, which the data determine best."""
+    """Rheobase at the centre of the channels' box, or of the fixed channels [µA/cm²]. If given, the coordinate of
+    sigma_0 is the stress at which receptors start to fire, which the data determine best."""
     moduli: FabricModuli | None = None
     """The fabrics' moduli, if some are sampled; their parameters are the last of `sampled`."""
     _coordinates: Coordinates = field(init=False, repr=False, compare=False)
@@ -63,7 +63,7 @@ class ParameterSpace:
         object.__setattr__(self, "_laws", Laws([p.prior for p in self.sampled], [p.largest for p in self.sampled]))
 
     def __reduce__(self) -> tuple[type, tuple[Any, ...]]:
-        # a mapping proxy cannot travel to a worker
+        # a mapping proxy cannot be pickled for a worker
         return type(self), (self.sampled, dict(self.held), self.firing, dict(self.bent), self.rheobase, self.moduli)
 
     @property
@@ -112,18 +112,18 @@ class ParameterSpace:
         return self._coordinates.coordinate(theta)
 
     def _walks_along(self, name: str, other: object) -> bool:
-        """Return whether a parameter's coordinate is shifted by a function of others, which keeps volumes."""
+        """Return whether a parameter's coordinate is shifted by a function of others, which preserves volume."""
         return other is not None and name in self.bent and name in self._place
 
     def _beyond_threshold(self, theta: FloatArray, shift: FloatArray) -> FloatArray:
-        """Return sigma_0 minus the stress at which receptors begin to fire [kPa], approximately ln(odds) / beta.
+        """Return sigma_0 minus the stress at which receptors start to fire [kPa], approximately ln(odds) / beta.
 
-        The odds of the current at the rheobase are kept above `LEAST_ODDS`, which affects the coordinate only.
+        The odds of the current at the rheobase are kept above `LEAST_ODDS`, which affects only the coordinate.
         """
         if self.rheobase is None:
             return np.zeros(theta.shape[:-1])
         odds = self.value("alpha", theta) / (self.rheobase + shift) - 1.0
-        # points at which other coordinates overflow have no prior density; they must not give NaN
+        # points at which other coordinates overflow have zero prior density and must not give NaN
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
             beyond = np.log(np.maximum(odds, 0.0) + LEAST_ODDS) / self.value("beta", theta)
         return np.where(np.isnan(beyond), 0.0, beyond)
@@ -142,7 +142,7 @@ class ParameterSpace:
         """Return the log prior density of each parameter [1/natural unit], shape (..., dimension).
 
         It is -inf outside the open interval of a support, whose ends the sampler's coordinates reach only by rounding,
-        and for channel multipliers with which firing begins at a jump.
+        and for channel multipliers for which firing starts with a jump.
         """
         density = self._laws.log_density(theta)
         if self.firing is not None:
@@ -185,12 +185,12 @@ class ParameterSpace:
         return np.array([p.prior.median for p in self.sampled])
 
     def values(self, theta: FloatArray) -> dict[str, FloatArray | float]:
-        """Return all parameters by name in natural units: sampled ones of shape (...), held ones as floats."""
+        """Return all parameters by name in natural units: sampled ones of shape (...), fixed ones as floats."""
         known = self.held.keys() | self._place.keys()
         return {name: self.value(name, theta) for name in EVERY_PARAMETER if name in known}
 
     def value(self, name: str, theta: FloatArray) -> FloatArray | float:
-        """Return one parameter in natural units: a sampled one of shape (...), a held one as a float."""
+        """Return one parameter in natural units: a sampled one of shape (...), a fixed one as a float."""
         return self.held[name] if name in self.held else theta[..., self._place[name]]
 
     def touch(self, theta: FloatArray) -> TouchParameters:
@@ -213,7 +213,7 @@ class ParameterSpace:
         return None if self.moduli is None else self.moduli.at(theta[..., self.n_chain :])
 
     def with_moduli(self, moduli: FabricModuli) -> ParameterSpace:
-        """Return the space with the moduli that are not known exactly among the sampled parameters."""
+        """Return the space with uncertain moduli among the sampled parameters."""
         if moduli.known:
             return self
         extra = tuple(_modulus_parameter(moduli.names[k], moduli.laws[k]) for k in moduli.uncertain)
