@@ -1,6 +1,6 @@
-"""One page about a finished run: verdict, figures, tables, provenance, and the command that repeats it.
+"""Report page of a finished run: verdict, figures, tables, provenance, and the command to repeat it.
 
-Everything is read from the result; nothing runs the model. The page is a single HTML file that needs no network.
+Everything is read from the result, without evaluating the model. The page is a single HTML file that works offline.
 """
 
 from softness_bayes.report.anonymity import anonymous

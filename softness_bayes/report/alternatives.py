@@ -1,4 +1,4 @@
-"""Texts that stand for the figures of the page where these are not seen."""
+"""Alternative texts for the figures of the page."""
 
 from __future__ import annotations
 
@@ -18,16 +18,16 @@ PARAMETERS = ("corner", "corner_all", "prior", "trace", "rank")
 
 
 def alternative_text(result: Result, name: str, caption: str) -> str:
-    """Return the caption of a figure and its content in words.
+    """Return the caption of a figure and a description of its content.
 
     Parameters
     ----------
     result
         The run.
     name
-        Name of the figure; of a user's own one there is the caption alone.
+        Name of the figure; custom figures have only the caption.
     caption
-        What it shows.
+        Caption of the figure.
     """
     return " ".join([caption, *_content(result, name)])
 

@@ -1,4 +1,4 @@
-"""Anonymous results, without the names of participants, for pages that may be shown to anybody."""
+"""Anonymous results, without names of participants, for pages that may be shown to anyone."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ if TYPE_CHECKING:
     import xarray as xr
 
 PEOPLE = ("participant", "finger")
-"""Axes and columns that hold names of people."""
+"""Axes and columns with names of people."""
 
 
 def anonymous(result: Result) -> Result:
     """Return a result in which participants are called P1, P2 and so on, in their order.
 
-    Whoever rated and had a finger pressed has one name for both. Names of fabrics and files stay.
+    A person with both ratings and plate forces has the same name in both. Names of fabrics and files are kept.
     """
     groups = [group.to_dataset() for group in result.tree.children.values()]
     stored = [group[what].values for what in PEOPLE for group in groups if what in group.coords]
@@ -27,14 +27,14 @@ def anonymous(result: Result) -> Result:
 
 
 def renamed(result: Result, names: Mapping[str, str]) -> Result:
-    """Return a result with other names of people, wherever it names them.
+    """Return a result with all names of people replaced.
 
     Parameters
     ----------
     result
         A finished run.
     names
-        Name of a participant -> the one to put in its place.
+        New names of participants, by present name.
     """
     import xarray as xr
 

@@ -1,4 +1,4 @@
-"""Findings in words: a question, an answer and some sentences each."""
+"""Findings as text: a question, an answer and some sentences each."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ QUESTIONS: Mapping[type[Finding], str] = MappingProxyType(
         PlateForces: "Does the skin model reproduce the forces of the plate?",
     }
 )
-"""The question that each kind of finding answers."""
+"""Questions answered by each kind of finding."""
 
 DOUBTS: Mapping[Doubt, str] = MappingProxyType(
     {
@@ -57,7 +57,7 @@ NO_RATINGS = "Only compression data were fitted: the run has no receptors, respo
 
 
 class Card(NamedTuple):
-    """A finding as the page shows it."""
+    """A finding in the form shown on the page."""
 
     question: str
     answer: str
@@ -66,12 +66,12 @@ class Card(NamedTuple):
 
 
 def cards(findings: Iterable[Finding]) -> list[Card]:
-    """Return findings in words."""
+    """Return findings as text."""
     return [card(finding) for finding in findings]
 
 
 def card(finding: Finding) -> Card:
-    """Return one finding in words."""
+    """Return one finding as text."""
     asked = finding.of if isinstance(finding, NeedsRatings) else type(finding)
     answer, details = _told(finding)
     doubt = [DOUBTS[finding.doubt]] if finding.doubt is not None and finding.shaken else []
@@ -79,7 +79,7 @@ def card(finding: Finding) -> Card:
 
 
 def _told(finding: Finding) -> tuple[str, list[str]]:
-    """Return the answer and the sentences behind it."""
+    """Return the answer and its supporting sentences."""
     good = finding.outcome is Standing.GOOD
     match finding:
         case Convergence():

@@ -1,4 +1,4 @@
-"""Interactive charts of response and rating with credible bands; a script on the page changes what they show."""
+"""Interactive charts of response and rating with credible bands, whose contents are switched by a script."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ INK, LINES = "#1f2933", "#d9dee3"
 
 
 class Charts(NamedTuple):
-    """Elements that the page embeds."""
+    """HTML elements embedded in the page."""
 
     library: str
     """Element with the whole JavaScript library of the charts."""
@@ -43,9 +43,9 @@ def charts(first: Shown, every: list[Shown], scale: Scale) -> Charts:
     Parameters
     ----------
     first
-        What is shown before anything is switched.
+        Initial contents.
     every
-        What may be shown; the axes of values hold all of it, so that loads can be compared.
+        All possible contents, which determine common axes so that loads can be compared.
     scale
         Scale of the ratings.
     """

@@ -1,4 +1,4 @@
-"""The three lines that end what a run prints and open its report: trust, findings, next step."""
+"""The three-line conclusion at the end of a run's output and at the top of its report: trust, findings, next step."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ from softness_bayes.report.words import with_error
 from softness_bayes.results.result import Result
 
 LIKELY = 0.9
-"""Probability from which the response is said to turn over, and one minus that up to which it is said not to."""
+"""Probability above which a turning point is reported; below one minus this, its absence is reported."""
 
 _AGREE, _ENOUGH = 1.05, 200.0
-"""Largest R-hat and smallest bulk effective sample size at which the findings of a first look are told."""
+"""Largest R-hat and smallest bulk effective sample size at which the findings of a first look are reported."""
 
 
 class Turn(NamedTuple):
@@ -32,13 +32,13 @@ class Turn(NamedTuple):
 
     load: str
     probability: float
-    """Of a maximum inside the range of the response curve."""
+    """Probability of a maximum inside the range of the response curve."""
     low: float
     middle: float
     high: float
     """5 %, 50 % and 95 % quantiles of E_fab at the maximum [kPa]; NaN without one."""
     reproduced: bool | None
-    """Result of the predictive check; None where the ratings of this load cannot tell."""
+    """Result of the predictive check; None if the ratings under this load do not decide."""
 
 
 class Skin(NamedTuple):
@@ -58,9 +58,9 @@ class Facts(NamedTuple):
     converged: bool
     steps: int
     other_direction: str | None = None
-    """The direction that the data speak for, if the run took the other one."""
+    """The direction supported by the data, if the run used the other one."""
     flat: bool = False
-    """Whether the prediction is flat where ratings differ between fabrics."""
+    """Whether the prediction is flat although ratings differ between fabrics."""
     silent: bool = False
     """Whether most of the posterior predicts no firing."""
     differ: bool = True
@@ -68,7 +68,7 @@ class Facts(NamedTuple):
     exact: bool = True
     """Effect of the fast forward model on the posterior."""
     unreproduced: tuple[str, ...] = ()
-    """Predictive checks that failed, beside the turning point."""
+    """Failed predictive checks other than the turning point."""
     turns: tuple[Turn, ...] = ()
     skin: tuple[Skin, ...] = ()
     """Parameters of a run without ratings; empty for one with ratings."""
@@ -77,11 +77,11 @@ class Facts(NamedTuple):
     softest: tuple[Softest, ...] = ()
     """The fabric under each load that is most probably the softest."""
     moved: MovedMost | None = None
-    """What errors of moduli that are merely assumed to be exact would move most, if it matters."""
+    """Largest shift due to errors of moduli assumed to be exact, if relevant."""
     quick: bool = False
     """Whether this is a first look, which ended before the chains had converged."""
     settled: bool = False
-    """Whether the ensembles of a first look agree so far that its findings may be told."""
+    """Whether the ensembles of a first look agree well enough to report its findings."""
 
     @property
     def failed(self) -> bool:
@@ -95,7 +95,7 @@ class Facts(NamedTuple):
 
 
 class Conclusion(NamedTuple):
-    """Three sentences for somebody who does not know R-hat."""
+    """Three sentences for readers who do not know R-hat."""
 
     trust: str
     learnt: str
@@ -103,12 +103,12 @@ class Conclusion(NamedTuple):
 
     @property
     def lines(self) -> tuple[str, str, str]:
-        """The sentences behind their labels, as they are printed."""
+        """The sentences with their labels, as printed."""
         return (f"Trust it?  {self.trust}", f"Learnt:    {self.learnt}", f"Next:      {self.next_step}")
 
 
 def facts_of(result: Result) -> Facts:
-    """Return the values that a conclusion about a result rests on."""
+    """Return the values on which the conclusion about a result is based."""
     facts = _facts(result)
     if not result.provenance.ending.quick:
         return facts

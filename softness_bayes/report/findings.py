@@ -1,4 +1,4 @@
-"""Findings, which make up the verdict on a run: values from its result, and the outcome that follows from them."""
+"""Findings of the verdict on a run: values from its result, and the outcome derived from them."""
 
 from __future__ import annotations
 
@@ -64,16 +64,16 @@ class Finding(ABC):
     @property
     @abstractmethod
     def outcome(self) -> Standing:
-        """The standing that its own values give it."""
+        """Standing according to its own values."""
 
     @property
     def shaken(self) -> bool:
-        """True if the finding would be good but for a doubt."""
+        """True if the finding would be good without its doubt."""
         return self.outcome is Standing.GOOD and self.doubt is not None
 
     @property
     def standing(self) -> Standing:
-        """Consequence for the conclusions: no finding is good in a run that is in doubt."""
+        """Consequence for the conclusions; no finding of a doubtful run is good."""
         return Standing.DOUBTFUL if self.shaken else self.outcome
 
 

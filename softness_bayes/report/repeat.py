@@ -1,4 +1,4 @@
-"""Commands that repeat a run, made from the provenance of its result."""
+"""Commands to repeat a run, derived from the provenance of its result."""
 
 from __future__ import annotations
 
@@ -44,9 +44,9 @@ class Repetition(NamedTuple):
     """Commands that draw the same posterior again."""
 
     commands: tuple[str, ...]
-    """In the order in which to type them."""
+    """Commands in order of execution."""
     notes: tuple[str, ...]
-    """Conditions under which they draw the same."""
+    """Conditions for identical draws."""
 
 
 def repetition(result: Result) -> Repetition:

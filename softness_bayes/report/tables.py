@@ -1,4 +1,4 @@
-"""Tables of the page, in words: estimates, predictive checks, and how the run was made."""
+"""Tables of the page as text: estimates, predictive checks, and provenance."""
 
 from __future__ import annotations
 
@@ -97,7 +97,7 @@ def of_directions(result: Result) -> Table:
 
 
 def of_turning_points(result: Result) -> Table:
-    """Return where the response turns over under each load."""
+    """Return the turning points of the response under each load."""
     head = ["Load", "Turns over", "under the prior", "Does not", "Silent", "Among the fabrics"]
     head += ["E_fab [kPa]", "E_fab / E_skin", "Force [N]", "Drop beyond"]
     rows = []
@@ -129,7 +129,7 @@ MOST_FABRICS = 60
 """Rows of the table of fabrics beyond which only those with the largest differences are shown."""
 
 NOTABLE = 2.0
-"""Standard deviations from which a difference is marked."""
+"""Number of standard deviations above which a difference is marked."""
 
 
 def of_fabrics(result: Result) -> Table:
@@ -187,7 +187,7 @@ def of_checks(result: Result) -> Table:
 
 
 def of_provenance(result: Result) -> list[Table]:
-    """Return how the run was made: data, model, sampling, numerical errors, versions."""
+    """Return the provenance of the run: data, model, sampling, numerical errors, versions."""
     found, options = result.provenance, Request.of(result).model
     ending = found.ending
     held = result.group("constant_data")

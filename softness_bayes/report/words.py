@@ -1,4 +1,4 @@
-"""Numbers and sentences as the page writes them."""
+"""Formatting of numbers and sentences on the page."""
 
 from __future__ import annotations
 
