@@ -142,7 +142,7 @@ def test_a_rater_who_always_says_the_same_is_named(tmp_path):
         rating[table.participant == 2] = 5.0
 
     found = notes(tmp_path, with_rating(experiment(), stay))
-    assert any("all ratings of P2 are the same" in note for note in found)
+    assert any("all ratings of P2 are equal" in note for note in found)
 
 
 def test_ceilings_and_ties_are_remarked(tmp_path):
@@ -165,7 +165,7 @@ FORCES = tuple(Force(x) for x in (0.495, 0.5, 0.505, 0.99, 1.0, 1.03))
 def test_loads_a_hair_apart_are_remarked_and_rounded_on_request(tmp_path):
     given = experiment(loads=FORCES)
     found = notes(tmp_path, given)
-    assert any("6 different forces make 3 groups" in note for note in found)
+    assert any("6 different forces form 3 groups" in note for note in found)
     done = check(tmp_path, given, "--round-load", "0.25")
     assert "loads         0.5 N (108 ratings), 1 N (108 ratings)" in done.stdout
     assert "loads rounded to multiples of 0.25: 6 became 2: 0.5 N from 0.495 N, 0.5 N, 0.505 N; 1 N from" in done.stdout
