@@ -119,9 +119,9 @@ def own_drawing(name: str, given: Any) -> Drawing:
         try:
             figure = drawing.draw(result, style)
         except Exception as error:
-            raise InputError(f"figures: the custom figure {name} fails: {type(error).__name__}: {error}") from error
+            raise InputError(f"figures: {name} (custom) fails: {type(error).__name__}: {error}") from error
         if not isinstance(figure, Figure):
-            raise InputError(f"figures: the custom figure {name} returns {figure!r:.60}, expected a matplotlib Figure")
+            raise InputError(f"figures: {name} (custom) returns {figure!r:.60}, expected a matplotlib Figure")
         return figure
 
     return replace(drawing, draw=draw)

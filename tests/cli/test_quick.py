@@ -64,7 +64,7 @@ def test_its_report_is_labelled_and_repeats_it(result):
 
 def test_its_findings_are_told_only_where_the_ensembles_agree(result):
     facts = facts_of(result)._replace(settled=True)
-    assert conclude(facts).learnt.startswith("at first look, to be confirmed: ")
+    assert conclude(facts).learnt.startswith("preliminary: ")
     assert conclude(facts._replace(settled=False)).learnt.startswith("nothing yet")
     # negative control: a run that merely has not converged has no findings
     assert conclude(facts._replace(quick=False, settled=False)).learnt.startswith("nothing yet")

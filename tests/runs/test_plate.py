@@ -68,7 +68,7 @@ def test_rows_are_read_and_those_of_no_force_dropped(table):
     assert_array_equal(read.rows, [3, 4])
     assert (read.n_zero, len(read)) == (2, 2)
     assert len(read.digest) == 64
-    assert any("2 rows with a force of 0 dropped" in note for note in read.notes)
+    assert any("2 rows with a force of 0 are left out" in note for note in read.notes)
     assert any("1 forces are missing" in note for note in read.notes)
 
 
@@ -313,7 +313,7 @@ def test_a_run_from_the_command_line(tmp_path):
     assert names == {"corner", "prior", "trace", "rank", "compression"}
     refused(
         call("predict", "--fabrics", DATA / "fabrics.csv", "--force-n", "1", "--posterior", tmp_path / "skin"),
-        "without ratings",
+        "this run has no ratings",
     )
 
 
