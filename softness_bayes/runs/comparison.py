@@ -64,7 +64,7 @@ class Comparison:
     def sentence(self) -> str:
         """Statement of whether the data distinguish the best two models."""
         best, second = self.table.iloc[0], self.table.iloc[1]
-        gap = -float(second["elpd_diff"])
+        gap = abs(float(second["elpd_diff"]))
         errors = {"": float(second["se_diff"])}
         errors |= {f" by {by}": float(second[f"se_by_{by}"]) for by in CLUSTERS if f"se_by_{by}" in second}
         known = {by: error for by, error in errors.items() if np.isfinite(error)}

@@ -82,7 +82,7 @@ def test_touches_and_the_loads_beside_them():
             assert touched.fabric[k] == conditions.fabric[condition]
             stated = experiment.ratings.loads[conditions.load[condition]]
             assert touched.loads[touched.load[k]] == scaled(stated, float(np.exp((side - 1) * NODE * sd)))
-    with pytest.raises(InputError, match="from 0 on"):
+    with pytest.raises(InputError, match="0 or above"):
         LoadErrors.of(posterior.observation.design, -log_sd)
 
 

@@ -91,7 +91,7 @@ def test_tables_of_cells_go_from_simulate_to_check(tmp_path):
     assert done.returncode == 0, done.stderr
     assert "tau           several raters: the spread of their rating scales (tau) can be estimated" in done.stdout
     refused(call("check", "--data", tmp_path / "cells.csv"), "add --ratings aggregated")
-    refused(call("check", "--data", tmp_path / "cells.csv", "--ratings", "aggregated", "--design"), "alone")
+    refused(call("check", "--data", tmp_path / "cells.csv", "--ratings", "aggregated", "--design"), "without errors")
 
 
 @pytest.mark.parametrize(

@@ -94,7 +94,7 @@ def test_orders_go_through_a_run(given, tmp_path):
     compared = compare({"run": result, "again": loaded})
     assert (compared.table["units"] == np.unique(lists).size).all()
     assert compared.table["elpd_diff"].abs().max() < 1e-6
-    assert "each list left out" in compared.sentence
+    assert "holding out each list" in compared.sentence
     again = experiment_of(loaded).ratings
     assert (again.lists == lists).all()
     assert (again.rating == ratings.rating).all()

@@ -216,6 +216,6 @@ def test_plan_prints_stages_errors_cost_and_the_ladder():
 
 
 def test_plan_refuses_what_is_out_of_reach_or_range():
-    refused(call("plan", "--data", RATINGS, "--accuracy", "1e-5"), "accuracy 1e-05 is out of", "fix c_Na")
+    refused(call("plan", "--data", RATINGS, "--accuracy", "1e-5"), "accuracy 1e-05 cannot be reached", "fix c_Na")
     assert call("plan", "--data", RATINGS, "--accuracy", "0.5").returncode == 2
     refused(call("plan", "--compression", RATINGS.parent / "compression.csv"), "give --data")
