@@ -1,4 +1,4 @@
-"""Plausibility checks: values of ratings and fabrics that are valid but unlikely to have been measured."""
+"""Plausibility checks: codes for missing ratings, and values that are valid but unlikely to have been measured."""
 
 from __future__ import annotations
 

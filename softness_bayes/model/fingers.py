@@ -1,4 +1,4 @@
-"""The finger of a run as named values, in the units used on the command line."""
+"""Values of a run's finger by name (`radius_mm`, …), in the units of the command line."""
 
 from __future__ import annotations
 
