@@ -163,7 +163,7 @@ def test_rows_left_out_are_those_of_the_rest(law):
 
 
 @pytest.mark.parametrize("law", LAWS, ids=lambda law: law.name)
-@pytest.mark.parametrize("repeats", [1, 4])
+@pytest.mark.parametrize("repeats", [pytest.param(1, marks=pytest.mark.slow), 4])
 def test_effects_are_drawn_from_their_law(law, repeats):
     """Geweke's test, with grids: effects of the prior, and effects given ratings made of them, have one law."""
     observed, rate, points = table(9, 4, repeats, law, 1.0)
