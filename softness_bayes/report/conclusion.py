@@ -178,8 +178,8 @@ def _trust(facts: Facts) -> str:
     if facts.moved is not None:
         return (
             "With care: the chains have converged and no check found a difference between model and data, but "
-            f"the fabrics' moduli are treated as exact. Errors of 10 % would move {facts.moved.name} by "
-            f"{_by(facts.moved.shift)}."
+            "the fabrics' moduli are treated as exact. The largest shift that errors of 10 % would cause "
+            f"({facts.moved.name}) is {_by(facts.moved.shift)}."
         )
     return "Yes: the chains have converged and no check found a difference between model and data."
 
